@@ -1,0 +1,11 @@
+"""Maps the repository root to the package `kfmocap`: pip sees the same tree that Blender sees."""
+
+from setuptools import find_packages, setup
+
+PARTS = ["core", "core.*", "kfmocap_addon", "kfmocap_addon.*"]
+
+setup(
+    package_dir={"kfmocap": "."},
+    packages=["kfmocap"] + [f"kfmocap.{name}" for name in find_packages(".", include=PARTS)],
+    package_data={"kfmocap": ["blender_manifest.toml"]},
+)
