@@ -1,0 +1,1 @@
+"""Keyframe tracking without Blender: footage to evidence to solver to motion."""

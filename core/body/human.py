@@ -1,0 +1,209 @@
+"""The default body: a human of tapered convex parts, scaled from a height or from measured lengths.
+
+The rest pose is a T pose, facing -Y, left hand towards +X, feet on z = 0. Segment lengths as fractions of the height
+follow R. Drillis and R. Contini, Body Segment Parameters (1966), as given in D. A. Winter, Biomechanics and Motor
+Control of Human Movement, fig. 4.1; hip and shoulder widths are those of the joint centres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import BodyError
+from .model import Body, Part
+
+Array = NDArray[np.float64]
+
+FRACTIONS: dict[str, float] = {
+    "hip_width": 0.115,
+    "shoulder_width": 0.215,
+    "torso": 0.288,
+    "head": 0.182,
+    "nose_up": 0.085,
+    "nose_forward": 0.065,
+    "upper_arm": 0.172,
+    "forearm": 0.150,
+    "hand": 0.108,
+    "thigh": 0.245,
+    "shin": 0.246,
+    "foot_forward": 0.105,
+    "foot_down": 0.030,
+    "heel_back": 0.035,
+}
+"""Measures of the body as fractions of its height. All but the last seven of the list of parts are symmetric."""
+
+MEASURES = tuple(FRACTIONS)
+_SYMMETRIC = {"torso": "spine", "head": "head", "nose_up": "head", "nose_forward": "head"}
+
+_DEG = np.pi / 180
+
+
+def _limits(x: tuple[float, float], y: tuple[float, float], z: tuple[float, float]) -> Array:
+    return np.array([x, y, z]) * _DEG
+
+
+_LIMITS: dict[str, Array] = {
+    "spine": _limits((-40, 40), (-30, 30), (-30, 30)),
+    "chest": _limits((-40, 40), (-30, 30), (-30, 30)),
+    "head": _limits((-60, 60), (-80, 80), (-45, 45)),
+    "upper_arm": _limits((-120, 120), (-100, 100), (-120, 120)),
+    "forearm": _limits((-5, 150), (-80, 80), (-8, 8)),
+    "hand": _limits((-70, 70), (-30, 30), (-70, 70)),
+    "thigh": _limits((-60, 140), (-60, 60), (-70, 70)),
+    "shin": _limits((-150, 5), (-25, 25), (-8, 8)),
+    "foot": _limits((-50, 50), (-30, 30), (-30, 30)),
+}
+
+# Rings of each part: (place along the bone as a fraction of its length, half width, half depth, shift in depth), the
+# last three in metres for a height of 1.75 m; width along the bone's x axis, depth along its z axis.
+_RINGS: dict[str, list[tuple[float, float, float, float]]] = {
+    "pelvis": [(-0.9, 0.09, 0.07, 0.0), (-0.2, 0.165, 0.11, 0.0), (1.0, 0.145, 0.095, 0.0)],
+    "spine": [(0.0, 0.145, 0.095, 0.0), (1.0, 0.15, 0.105, 0.0)],
+    "chest": [(0.0, 0.15, 0.105, 0.0), (0.6, 0.165, 0.11, 0.0), (0.95, 0.13, 0.08, 0.0), (1.1, 0.06, 0.05, 0.0)],
+    "head": [(0.0, 0.055, 0.055, 0.0), (0.35, 0.065, 0.08, 0.02), (0.7, 0.075, 0.095, 0.02), (1.0, 0.04, 0.05, 0.0)],
+    "upper_arm": [(-0.1, 0.035, 0.035, 0.0), (0.15, 0.052, 0.052, 0.0), (1.0, 0.042, 0.042, 0.0)],
+    "forearm": [(0.0, 0.042, 0.042, 0.0), (0.25, 0.044, 0.042, 0.0), (1.0, 0.027, 0.027, 0.0)],
+    "hand": [(0.0, 0.02, 0.028, 0.0), (0.45, 0.016, 0.042, 0.0), (0.95, 0.008, 0.03, 0.0)],
+    "thigh": [(-0.1, 0.06, 0.065, 0.0), (0.12, 0.085, 0.085, 0.0), (1.0, 0.053, 0.055, 0.0)],
+    "shin": [(0.0, 0.052, 0.055, 0.0), (0.3, 0.056, 0.06, -0.012), (1.0, 0.034, 0.036, 0.0)],
+}
+_SIDES = 10
+
+
+def default_measures(height: float) -> dict[str, float]:
+    """Measures in metres of a person of that height; limbs are named per side (`thigh.L`)."""
+    if not np.isfinite(height) or not 0.3 <= height <= 3.0:
+        raise BodyError(f"a height of {height} m is not a person's", todo="give it in metres, 0.3 to 3.0")
+    measures: dict[str, float] = {}
+    for name, fraction in FRACTIONS.items():
+        for key in measure_names(name):
+            measures[key] = fraction * height
+    return measures
+
+
+def measure_names(name: str) -> tuple[str, ...]:
+    """Names of a measure on the sides of the body: one for the trunk and widths, two for the limbs."""
+    central = name in _SYMMETRIC or name.endswith("width")
+    return (name,) if central else (f"{name}.L", f"{name}.R")
+
+
+def human(height: float = 1.75, measures: Mapping[str, float] | None = None) -> Body:
+    """Build the default body.
+
+    Parameters
+    ----------
+    height : float
+        Metres. Gives what `measures` leaves open, and all widths of the parts.
+    measures : mapping, optional
+        Measures in metres by the names of `default_measures`; a name without its side sets both.
+
+    Returns
+    -------
+    Body
+        Parts pelvis (root), spine, chest, head, and on each side upper_arm, forearm, hand, thigh, shin, foot; landmarks
+        named as Pose2Sim's.
+    """
+    m = default_measures(height)
+    for name, value in (measures or {}).items():
+        keys = [name] if name in m else [k for k in (f"{name}.L", f"{name}.R") if k in m]
+        if not keys:
+            raise BodyError(f"unknown measure '{name}'", todo=f"the measures are {', '.join(MEASURES)}")
+        if not (np.isfinite(value) and value > 0):
+            raise BodyError(f"measure '{name}' is {value}", todo="give a positive number of metres")
+        for key in keys:
+            m[key] = value
+    return _assemble(m, height / 1.75)
+
+
+def _assemble(m: Mapping[str, float], girth: float) -> Body:
+    parts: list[Part] = []
+    landmarks: dict[str, tuple[int, Array]] = {}
+    forward, up = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+
+    def add(name: str, parent: str | None, head: Array, tail: Array, z_hint: Array, vertices: Array) -> int:
+        index = next((i for i, part in enumerate(parts) if part.name == parent), -1)
+        limits = _LIMITS.get(name.split(".")[0], _limits((-180, 180), (-180, 180), (-180, 180)))
+        if name.endswith(".R"):  # mirrored across x = 0: turns about y and z change sign
+            limits = np.stack([limits[0], -limits[1, ::-1], -limits[2, ::-1]])
+        parts.append(Part(name, index, head, tail, bone_axes(tail - head, z_hint), vertices, limits))
+        return len(parts) - 1
+
+    def ringed(name: str, length: float) -> Array:
+        return tapered([(y * length, *(girth * r for r in ring)) for y, *ring in _RINGS[name.split(".")[0]]], _SIDES)
+
+    hip_height = max(m[f"thigh.{s}"] + m[f"shin.{s}"] + m[f"foot_down.{s}"] for s in "LR") + 0.02
+    hip = np.array([0.0, 0.0, hip_height])
+    trunk = np.array([0.25, 0.55, 1.0]) * m["torso"]  # tops of pelvis, spine and chest above the hips
+    waist, breast, neck = (hip + h * up for h in trunk)
+    pelvis = add("pelvis", None, hip, waist, forward, ringed("pelvis", trunk[0]))
+    add("spine", "pelvis", waist, breast, forward, ringed("spine", trunk[1] - trunk[0]))
+    chest = add("chest", "spine", breast, neck, forward, ringed("chest", trunk[2] - trunk[1]))
+    head = add("head", "chest", neck, neck + m["head"] * up, forward, ringed("head", m["head"]))
+    landmarks["Hip"] = (pelvis, np.zeros(3))
+    landmarks["Neck"] = (head, np.zeros(3))
+    landmarks["Head"] = (head, np.array([0.0, m["head"], 0.0]))
+    landmarks["Nose"] = (head, np.array([0.0, m["nose_up"], m["nose_forward"]]))
+
+    for side, sign in (("L", 1.0), ("R", -1.0)):
+        out = np.array([sign, 0.0, 0.0])
+        joint = neck + out * m["shoulder_width"] / 2
+        parent = "chest"
+        for bone, landmark in (("upper_arm", "Shoulder"), ("forearm", "Elbow"), ("hand", "Wrist")):
+            length = m[f"{bone}.{side}"]
+            index = add(f"{bone}.{side}", parent, joint, joint + out * length, forward, ringed(bone, length))
+            landmarks[side + landmark] = (index, np.zeros(3))
+            joint, parent = joint + out * length, f"{bone}.{side}"
+        landmarks[side + "Hand"] = (index, np.array([0.0, length, 0.0]))
+
+        joint = hip + out * m["hip_width"] / 2
+        parent = "pelvis"
+        for bone, landmark in (("thigh", "Hip"), ("shin", "Knee")):
+            length = m[f"{bone}.{side}"]
+            index = add(f"{bone}.{side}", parent, joint, joint - up * length, forward, ringed(bone, length))
+            landmarks[side + landmark] = (index, np.zeros(3))
+            joint, parent = joint - up * length, f"{bone}.{side}"
+        toe = joint + forward * m[f"foot_forward.{side}"] - up * m[f"foot_down.{side}"]
+        heel = joint - forward * m[f"heel_back.{side}"] - up * m[f"foot_down.{side}"]
+        axes = bone_axes(toe - joint, up)
+        index = add(f"foot.{side}", parent, joint, toe, up, (_foot(joint, toe, heel, girth) - joint) @ axes)
+        landmarks[side + "Ankle"] = (index, np.zeros(3))
+        landmarks[side + "BigToe"] = (index, axes.T @ (toe - joint))
+        landmarks[side + "Heel"] = (index, axes.T @ (heel - joint))
+    return Body(tuple(parts), landmarks)
+
+
+def bone_axes(direction: Array, z_hint: Array) -> Array:
+    """Rest orientation with y along `direction` and z as near `z_hint` as can be, shape (3, 3)."""
+    y = direction / np.linalg.norm(direction)
+    z = z_hint - y * (y @ z_hint)
+    z /= np.linalg.norm(z)
+    return np.stack([np.cross(y, z), y, z], axis=1)
+
+
+def tapered(rings: Sequence[tuple[float, ...]], sides: int) -> Array:
+    """Vertices of a solid of elliptic rings (y, half width, half depth, shift in depth), shape (rings * sides, 3)."""
+    angle = np.arange(sides) * 2 * np.pi / sides
+    return np.concatenate(
+        [np.stack([rx * np.cos(angle), np.full(sides, y), rz * np.sin(angle) + z], 1) for y, rx, rz, z in rings]
+    )
+
+
+def _foot(ankle: Array, toe: Array, heel: Array, girth: float) -> Array:
+    """Vertices of a wedge-shaped foot in the world's rest pose: sole, instep, and a cuff at the ankle."""
+    side = np.array([1.0, 0.0, 0.0]) * girth
+    tip = toe + (toe - heel) * 0.12
+    ground = np.array([0.0, 0.0, min(toe[2], heel[2]) - 0.015])
+    profile = [(heel, 0.030), (0.35 * heel + 0.65 * toe, 0.045), (tip, 0.030)]
+    vertices = []
+    for point, half in profile:
+        sole = np.array([point[0], point[1], ground[2]])
+        rise = 0.045 if point is heel else 0.055 if point is not tip else 0.025
+        for sign in (-1.0, 1.0):
+            vertices += [sole + sign * half * side, sole + sign * 0.85 * half * side + [0, 0, rise * girth]]
+    cuff = 0.033 * girth
+    corners = [(1, 1), (1, -1), (-1, 1), (-1, -1)]
+    vertices += [ankle + [cuff * sx, cuff * sy, 0.015] for sx, sy in corners]
+    return np.array(vertices)

@@ -1,0 +1,141 @@
+"""The body: a tree of rigid polyhedral parts (paper 000, section 2.2).
+
+World pose of part i with parent p: R_i = R_p R0_i Q_i, T_i = T_p + R_p o_i, where R0 is the rest orientation of the
+bone relative to its parent and Q is Blender's pose-bone rotation. The root has no parent: R_1 = R0_1 Q_1, and T_1 is
+free. A part's frame has its origin at the joint and its y axis along the bone, as Blender's bones have.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
+
+from ..errors import BodyError
+
+Array = NDArray[np.float64]
+UNLIMITED = ((-np.pi, np.pi),) * 3
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A rigid part: a bone and the closed convex polyhedron that it carries.
+
+    Attributes
+    ----------
+    name : str
+        The bone's name, as Blender names bones (`upper_arm.L`).
+    parent : int
+        Index of the parent part, -1 for the root. Parents come before their children.
+    head_world, tail_world : ndarray, shape (3,)
+        The bone in the rest pose, metres; the head is the joint.
+    R_world_rest : ndarray, shape (3, 3)
+        Rest orientation: the columns are the bone's x, y (head to tail) and z axes in the world.
+    vertices : ndarray, shape (V, 3)
+        The polyhedron's vertices in the part's frame, metres. Their convex hull is what is projected.
+    limits : ndarray, shape (3, 2)
+        Smallest and largest value of each component of Q's rotation vector, radians.
+    """
+
+    name: str
+    parent: int
+    head_world: Array
+    tail_world: Array
+    R_world_rest: Array
+    vertices: Array
+    limits: Array = field(default_factory=lambda: np.array(UNLIMITED))
+
+    @cached_property
+    def faces(self) -> NDArray[np.int64]:
+        """Triangles of the hull as vertex indices, shape (N, 3), counter-clockwise seen from outside."""
+        hull = ConvexHull(self.vertices)
+        triangles = hull.simplices.astype(np.int64)
+        a, b, c = (self.vertices[triangles[:, k]] for k in range(3))
+        inward = np.einsum("nk,nk->n", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
+        triangles[inward] = triangles[inward][:, ::-1]
+        return triangles
+
+    @cached_property
+    def planes(self) -> Array:
+        """Outward unit normal n and offset d of each face in the part's frame, n.x + d <= 0 inside, shape (N, 4)."""
+        return ConvexHull(self.vertices).equations
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A tree of parts and the landmarks on them.
+
+    Attributes
+    ----------
+    parts : tuple of Part
+    landmarks : mapping of str to (int, ndarray of shape (3,))
+        Landmark name to the index of the part that carries it and its place in that part's frame, metres. Joint
+        centres are landmarks too.
+    """
+
+    parts: tuple[Part, ...]
+    landmarks: Mapping[str, tuple[int, Array]]
+
+    def __post_init__(self) -> None:
+        for i, part in enumerate(self.parts):
+            if (part.parent >= i) or (i == 0) != (part.parent < 0):
+                raise BodyError("parts must form one tree, parents before children", where=f"part {part.name}")
+
+    def __len__(self) -> int:
+        return len(self.parts)
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom: three of the root's translation, then three of each part's rotation."""
+        return 3 + 3 * len(self.parts)
+
+    @cached_property
+    def names(self) -> list[str]:
+        return [part.name for part in self.parts]
+
+    def index(self, name: str) -> int:
+        """Index of the part of that name."""
+        if name not in self.names:
+            raise BodyError(f"the body has no part '{name}'", todo=f"its parts are {', '.join(self.names)}")
+        return self.names.index(name)
+
+    @cached_property
+    def parents(self) -> list[int]:
+        return [part.parent for part in self.parts]
+
+    @cached_property
+    def R_parent_rest(self) -> Array:
+        """R0: rest orientation of each part relative to its parent (the root: to the world), shape (P, 3, 3)."""
+        R = np.stack([part.R_world_rest for part in self.parts])
+        return np.stack([R[i] if p < 0 else R[p].T @ R[i] for i, p in enumerate(self.parents)])
+
+    @cached_property
+    def offsets(self) -> Array:
+        """o: place of each part's joint in its parent's frame (the root: in the world), metres, shape (P, 3)."""
+        heads = [part.head_world for part in self.parts]
+        R = [part.R_world_rest for part in self.parts]
+        return np.stack([heads[i] if p < 0 else R[p].T @ (heads[i] - heads[p]) for i, p in enumerate(self.parents)])
+
+    @cached_property
+    def ancestry(self) -> NDArray[np.bool_]:
+        """ancestry[i, k] is true where part k is part i or an ancestor of it, shape (P, P)."""
+        A = np.eye(len(self), dtype=bool)
+        for i, p in enumerate(self.parents):
+            if p >= 0:
+                A[i] |= A[p]
+        return A
+
+    @cached_property
+    def limits(self) -> Array:
+        """Limits of all rotation vectors, radians, shape (P, 3, 2)."""
+        return np.stack([part.limits for part in self.parts])
+
+    def landmark_arrays(self, names: list[str]) -> tuple[NDArray[np.int64], Array]:
+        """Part indices (L,) and places in the part frames (L, 3) of the named landmarks."""
+        parts = np.array([self.landmarks[n][0] for n in names], dtype=np.int64)
+        points = np.array([self.landmarks[n][1] for n in names], dtype=float).reshape(-1, 3)
+        return parts, points

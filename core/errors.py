@@ -1,0 +1,53 @@
+"""Errors that a user can cause or cure: each says what is wrong, where, and what to do."""
+
+from __future__ import annotations
+
+
+class KFMocapError(Exception):
+    """Base of every error that a user can cause.
+
+    Parameters
+    ----------
+    what : str
+        What is wrong, in one sentence.
+    where : str, optional
+        File, field, camera or frame.
+    todo : str, optional
+        What the user can do about it.
+    """
+
+    def __init__(self, what: str, *, where: str | None = None, todo: str | None = None) -> None:
+        self.what, self.where, self.todo = what, where, todo
+        message = f"{where}: {what}" if where else what
+        super().__init__(f"{message} ({todo})" if todo else message)
+
+
+class ShotError(KFMocapError):
+    """The shot file, or what it asks for, does not hold together."""
+
+
+class CalibrationError(KFMocapError):
+    """A calibration cannot be read or does not fit the footage."""
+
+
+class FootageError(KFMocapError):
+    """Footage is missing, unreadable, too short, or of the wrong size."""
+
+
+class LandmarkError(KFMocapError):
+    """Landmarks are missing or not finite where a key pose needs them."""
+
+
+class BodyError(KFMocapError):
+    """A body cannot be built or a pose does not fit it."""
+
+
+class OutputError(KFMocapError):
+    """A result cannot be written."""
+
+
+class CancelledError(KFMocapError):
+    """The user cancelled a running job; nothing was changed."""
+
+    def __init__(self) -> None:
+        super().__init__("cancelled")

@@ -1,0 +1,64 @@
+"""Rotations as the solvers need them: exponential, logarithm and their Jacobians, vectorised over leading axes.
+
+Rotation vectors are radians. Conversions beyond these (Euler angles, quaternions, means) are scipy's `Rotation`.
+References: G. S. Chirikjian, Stochastic Models, Information Theory, and Lie Groups, vol. 2, ch. 10.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+
+
+def skew(v: Array) -> Array:
+    """Matrix [v]x with [v]x w = v x w, shape (..., 3, 3)."""
+    S = np.zeros((*v.shape, 3))
+    S[..., 0, 1], S[..., 0, 2], S[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    S[..., 1, 0], S[..., 2, 0], S[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
+    return S
+
+
+def exp(v: Array) -> Array:
+    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3)."""
+    return Rotation.from_rotvec(np.reshape(v, (-1, 3))).as_matrix().reshape(*v.shape, 3)
+
+
+def log(R: Array) -> Array:
+    """Rotation vectors (..., 3), of length at most pi, of rotation matrices (..., 3, 3)."""
+    return Rotation.from_matrix(np.reshape(R, (-1, 3, 3))).as_rotvec().reshape(R.shape[:-1])
+
+
+def orthonormal(R: Array) -> Array:
+    """The nearest rotation matrices: takes away the rounding of long products."""
+    return Rotation.from_matrix(np.reshape(R, (-1, 3, 3))).as_matrix().reshape(R.shape)
+
+
+def right_jacobian(v: Array) -> Array:
+    """Jr with exp(v + d) = exp(v) exp(Jr(v) d) to first order, shape (..., 3, 3)."""
+    angle2 = np.sum(v * v, axis=-1)[..., None, None]
+    S = skew(v)
+    small = angle2 < 1e-6
+    safe = np.where(small, 1.0, angle2)
+    angle = np.sqrt(safe)
+    a = np.where(small, 0.5 - angle2 / 24, (1 - np.cos(angle)) / safe)
+    b = np.where(small, 1 / 6 - angle2 / 120, (angle - np.sin(angle)) / (safe * angle))
+    return np.eye(3) - a * S + b * (S @ S)
+
+
+def right_jacobian_inverse(v: Array) -> Array:
+    """Inverse of `right_jacobian`: log(exp(v) exp(d)) = v + Jr^-1(v) d to first order, shape (..., 3, 3)."""
+    angle2 = np.sum(v * v, axis=-1)[..., None, None]
+    S = skew(v)
+    small = angle2 < 1e-6
+    safe = np.where(small, 1.0, angle2)
+    half = np.sqrt(safe) / 2
+    c = np.where(small, 1 / 12 + angle2 / 720, (1 - half / np.tan(half)) / safe)
+    return np.eye(3) + 0.5 * S + c * (S @ S)
+
+
+def left_jacobian_inverse(v: Array) -> Array:
+    """log(exp(d) exp(v)) = v + Jl^-1(v) d to first order, shape (..., 3, 3)."""
+    return np.swapaxes(right_jacobian_inverse(v), -1, -2)

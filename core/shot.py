@@ -1,0 +1,116 @@
+"""The shot: what is tracked (views, performers, key poses) and how (settings). Plain values, however they came."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .body import Body
+from .cameras import Camera
+from .errors import CancelledError, ShotError
+from .motion import Motion
+
+FIELD_ORDERS = ("progressive", "top-first", "bottom-first")
+SOLVERS = ("gauss-newton", "relaxation")
+
+Progress = Callable[[str, float], bool]
+"""progress(what, fraction) is called as a job goes on; it returns False to cancel."""
+
+
+def report_progress(progress: Progress | None, what: str, fraction: float) -> None:
+    """Tell how far a job is; raises CancelledError when the caller wants it to end."""
+    if progress is not None and progress(what, fraction) is False:
+        raise CancelledError
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A camera and its footage: shot frame f is the footage's frame f + offset."""
+
+    camera: Camera
+    footage: Path
+    offset: float = 0.0
+    fields: str = "progressive"
+    keypoints: Path | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class KeyPoses:
+    """Poses that the animator set.
+
+    Attributes
+    ----------
+    frames : ndarray of int, shape (K,)
+        Shot frames, increasing.
+    poses : Motion
+        K poses.
+    fixed : ndarray of bool, shape (K, D)
+        Which degrees of freedom each key pose fixes, in the order of `Motion.moved`.
+    """
+
+    frames: NDArray[np.int64]
+    poses: Motion
+    fixed: NDArray[np.bool_]
+
+    @classmethod
+    def whole(cls, frames: NDArray[np.int64] | list[int], poses: Motion) -> KeyPoses:
+        """Key poses that fix every degree of freedom."""
+        D = 3 + 3 * poses.rotations.shape[1]
+        return cls(np.asarray(frames, dtype=np.int64), poses, np.ones((len(poses), D), dtype=bool))
+
+    def full(self) -> NDArray[np.int64]:
+        """Frames whose key pose fixes the whole body: the ends of segments."""
+        return self.frames[self.fixed.all(axis=1)]
+
+
+@dataclass(frozen=True, eq=False)
+class Performer:
+    """Somebody to track: a body and its key poses."""
+
+    name: str
+    body: Body
+    key_poses: KeyPoses
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to track. The defaults serve every shot; see each field for its unit.
+
+    Attributes
+    ----------
+    solver : str
+        "gauss-newton" (the whole segment at once) or "relaxation" (the papers').
+    """
+
+    solver: str = "gauss-newton"
+
+    def __post_init__(self) -> None:
+        if self.solver not in SOLVERS:
+            raise ShotError(f"unknown solver '{self.solver}'", where="[track] solver", todo=f"use {' or '.join(SOLVERS)}")
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """Everything that one tracking job needs.
+
+    Attributes
+    ----------
+    frames : tuple of int
+        First and last frame of the shot in the footage's count, inclusive; shot frame 0 is the first.
+    """
+
+    name: str
+    fps: float
+    frames: tuple[int, int]
+    views: tuple[View, ...]
+    performers: tuple[Performer, ...]
+    settings: Settings = field(default_factory=Settings)
+
+    @property
+    def length(self) -> int:
+        """Number of frames."""
+        return self.frames[1] - self.frames[0] + 1
