@@ -21,8 +21,7 @@ bare: $(BARE)
 $(BARE): pyproject.toml
 	@$(PYTHON) tools/check_libraries.py
 	@$(call make_venv,.venv-bare)
-	.venv-bare/bin/python -m pip install --quiet \
-		$$($(PYTHON) -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["blender"])')
+	.venv-bare/bin/python -m pip install --quiet $$(sed -n 's/^blender = \["\(.*\)"\]/\1/p' pyproject.toml)
 	@touch $@
 
 # Debian's Python has no ensurepip before python3-venv is installed, but it may have a pip to lend.

@@ -7,5 +7,5 @@ PARTS = ["core", "core.*", "kfmocap_addon", "kfmocap_addon.*"]
 setup(
     package_dir={"kfmocap": "."},
     packages=["kfmocap"] + [f"kfmocap.{name}" for name in find_packages(".", include=PARTS)],
-    package_data={"kfmocap": ["blender_manifest.toml"]},
+    package_data={"kfmocap": ["blender_manifest.toml", "examples/**/*"]},
 )

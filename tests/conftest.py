@@ -1,0 +1,91 @@
+"""What the tests share: markers that skip by themselves, and the extension installed in a bare Blender."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+import textwrap
+from dataclasses import dataclass
+from pathlib import Path
+
+import hypothesis
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+hypothesis.settings.register_profile("kfmocap", deadline=None, max_examples=50)
+hypothesis.settings.load_profile("kfmocap")
+
+# Read by bpy when it is first imported: no test may touch the user's own Blender settings.
+os.environ["BLENDER_USER_RESOURCES"] = tempfile.mkdtemp(prefix="kfmocap-blender-")
+
+
+def pytest_sessionfinish() -> None:
+    shutil.rmtree(os.environ["BLENDER_USER_RESOURCES"], ignore_errors=True)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    needs = {
+        "blender": (importlib.util.find_spec("bpy"), "the bpy module is not installed"),
+        "application": (shutil.which("blender"), "no Blender application on the PATH"),
+    }
+    for item in items:
+        for marker, (found, reason) in needs.items():
+            if found is None and item.get_closest_marker(marker):
+                item.add_marker(pytest.mark.skip(reason=reason))
+
+
+@dataclass(frozen=True)
+class InstalledExtension:
+    """The built zip, installed in an environment that holds Blender and nothing of ours."""
+
+    python: Path
+    resources: Path
+    module: str = "bl_ext.user_default.kfmocap"
+
+    def run(self, code: str) -> str:
+        """Run code in a new Blender with the extension enabled; return what it printed last."""
+        enable = f"import addon_utils; addon_utils.enable({self.module!r}, default_set=True)\n"
+        return self.run_bare("import bpy\n" + enable + textwrap.dedent(code))
+
+    def run_bare(self, code: str) -> str:
+        environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
+        environment |= {"BLENDER_USER_RESOURCES": str(self.resources), "PYTHONNOUSERSITE": "1"}
+        process = subprocess.run(
+            [self.python, "-c", code], env=environment, cwd=self.resources, capture_output=True, text=True
+        )
+        assert process.returncode == 0, process.stdout + process.stderr
+        return (process.stdout.strip().splitlines() or [""])[-1]
+
+
+@pytest.fixture(scope="session")
+def extension_zip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The extension as `make extension` builds it, for this machine."""
+    import build_extension
+
+    here = {
+        ("Linux", "x86_64"): "linux-x64",
+        ("Windows", "AMD64"): "windows-x64",
+        ("Darwin", "arm64"): "macos-arm64",
+        ("Darwin", "x86_64"): "macos-x64",
+    }
+    [zip_path] = build_extension.build(
+        [here[platform.system(), platform.machine()]], tmp_path_factory.mktemp("dist")
+    )
+    return zip_path
+
+
+@pytest.fixture(scope="session")
+def extension(extension_zip: Path, tmp_path_factory: pytest.TempPathFactory) -> InstalledExtension:
+    subprocess.run(["make", "--silent", "bare", f"PYTHON={sys.executable}"], cwd=ROOT, check=True)
+    installed = InstalledExtension(ROOT / ".venv-bare/bin/python", tmp_path_factory.mktemp("blender"))
+    installed.run_bare(
+        "import bpy\n"
+        f"bpy.ops.extensions.package_install_files(filepath={str(extension_zip)!r}, repo='user_default')\n"
+    )
+    return installed
