@@ -11,6 +11,7 @@ from conftest import ROOT
 pytestmark = pytest.mark.blender
 
 SHOT = ROOT / "examples" / "walk" / "shot.toml"
+OPERATORS = ROOT / "kfmocap_addon" / "operators"
 COMMAND_LINE = ROOT / "kfmocap_addon" / "command_line.py"
 BUNDLED = ("scipy", "cv2", "filterpy")
 
@@ -48,6 +49,16 @@ def test_the_extension_uses_its_own_wheels(extension):
         assert path.startswith(str(extension.resources / "extensions")), f"{name} comes from {path}"
 
 
+def test_every_module_of_the_core_imports(extension):
+    extension.run(f"""
+        import importlib, pkgutil
+        core = importlib.import_module({extension.module!r} + ".core")
+        for module in pkgutil.walk_packages(core.__path__, core.__name__ + "."):
+            importlib.import_module(module.name)
+    """)
+
+
+@pytest.mark.skipif(not OPERATORS.exists(), reason="kfmocap_addon/operators is not there")
 def test_operators_are_registered_and_unregistered(extension):
     printed = extension.run(f"""
         import json
