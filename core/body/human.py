@@ -32,11 +32,15 @@ FRACTIONS: dict[str, float] = {
     "foot_forward": 0.105,
     "foot_down": 0.030,
     "heel_back": 0.035,
+    "neck_rise": 0.015,
+    "shoulders_forward": 0.0,
+    "hips_rise": 0.0,
 }
-"""Measures of the body as fractions of its height. All but the last seven of the list of parts are symmetric."""
+"""Measures of the body as fractions of its height: lengths, and (the last three) shifts of the neck above the line of
+the shoulders, of the shoulders before the spine, and of the hip joints above the root."""
 
-MEASURES = tuple(FRACTIONS)
-_SYMMETRIC = {"torso": "spine", "head": "head", "nose_up": "head", "nose_forward": "head"}
+SHIFTS = ("neck_rise", "shoulders_forward", "hips_rise")
+_CENTRAL = {"hip_width", "shoulder_width", "torso", "head", "nose_up", "nose_forward", *SHIFTS}
 
 _DEG = np.pi / 180
 
@@ -86,8 +90,7 @@ def default_measures(height: float) -> dict[str, float]:
 
 def measure_names(name: str) -> tuple[str, ...]:
     """Names of a measure on the sides of the body: one for the trunk and widths, two for the limbs."""
-    central = name in _SYMMETRIC or name.endswith("width")
-    return (name,) if central else (f"{name}.L", f"{name}.R")
+    return (name,) if name in _CENTRAL else (f"{name}.L", f"{name}.R")
 
 
 def human(height: float = 1.75, measures: Mapping[str, float] | None = None) -> Body:
@@ -110,8 +113,8 @@ def human(height: float = 1.75, measures: Mapping[str, float] | None = None) -> 
     for name, value in (measures or {}).items():
         keys = [name] if name in m else [k for k in (f"{name}.L", f"{name}.R") if k in m]
         if not keys:
-            raise BodyError(f"unknown measure '{name}'", todo=f"the measures are {', '.join(MEASURES)}")
-        if not (np.isfinite(value) and value > 0):
+            raise BodyError(f"unknown measure '{name}'", todo=f"the measures are {', '.join(FRACTIONS)}")
+        if not np.isfinite(value) or (value <= 0 and name not in SHIFTS):
             raise BodyError(f"measure '{name}' is {value}", todo="give a positive number of metres")
         for key in keys:
             m[key] = value
@@ -134,9 +137,9 @@ def _assemble(m: Mapping[str, float], girth: float) -> Body:
     def ringed(name: str, length: float) -> Array:
         return tapered([(y * length, *(girth * r for r in ring)) for y, *ring in _RINGS[name.split(".")[0]]], _SIDES)
 
-    hip_height = max(m[f"thigh.{s}"] + m[f"shin.{s}"] + m[f"foot_down.{s}"] for s in "LR") + 0.02
+    hip_height = -m["hips_rise"] + max(m[f"thigh.{s}"] + m[f"shin.{s}"] + m[f"foot_down.{s}"] for s in "LR") + 0.02
     hip = np.array([0.0, 0.0, hip_height])
-    trunk = np.array([0.25, 0.55, 1.0]) * m["torso"]  # tops of pelvis, spine and chest above the hips
+    trunk = np.array([0.25, 0.55, 1.0]) * (m["torso"] + m["neck_rise"])  # tops of pelvis, spine and chest
     waist, breast, neck = (hip + h * up for h in trunk)
     pelvis = add("pelvis", None, hip, waist, forward, ringed("pelvis", trunk[0]))
     add("spine", "pelvis", waist, breast, forward, ringed("spine", trunk[1] - trunk[0]))
@@ -149,7 +152,7 @@ def _assemble(m: Mapping[str, float], girth: float) -> Body:
 
     for side, sign in (("L", 1.0), ("R", -1.0)):
         out = np.array([sign, 0.0, 0.0])
-        joint = neck + out * m["shoulder_width"] / 2
+        joint = neck + out * m["shoulder_width"] / 2 + forward * m["shoulders_forward"] - up * m["neck_rise"]
         parent = "chest"
         for bone, landmark in (("upper_arm", "Shoulder"), ("forearm", "Elbow"), ("hand", "Wrist")):
             length = m[f"{bone}.{side}"]
@@ -158,7 +161,7 @@ def _assemble(m: Mapping[str, float], girth: float) -> Body:
             joint, parent = joint + out * length, f"{bone}.{side}"
         landmarks[side + "Hand"] = (index, np.array([0.0, length, 0.0]))
 
-        joint = hip + out * m["hip_width"] / 2
+        joint = hip + out * m["hip_width"] / 2 + up * m["hips_rise"]
         parent = "pelvis"
         for bone, landmark in (("thigh", "Hip"), ("shin", "Knee")):
             length = m[f"{bone}.{side}"]
