@@ -1,0 +1,338 @@
+"""Footage: videos and image sequences, decoded once, reduced, rectified and streamed; never held at full size."""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .cameras import reduced_size
+from .errors import FootageError, ShotError
+from .shot import Progress, View, report_progress
+
+Image = NDArray[np.uint8]
+
+IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
+_ROTATIONS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
+_WORKERS = 2
+
+
+@dataclass(frozen=True)
+class Footage:
+    """What is known of footage without decoding it.
+
+    Attributes
+    ----------
+    path : Path
+        The video, or the pattern of an image sequence.
+    size : tuple of int
+        Width and height as the footage is to be seen, after the rotation in its metadata, pixels.
+    count : int
+        Number of frames. A video's is the container's claim.
+    fps : float
+        Frames per second, 0 for an image sequence.
+    """
+
+    path: Path
+    size: tuple[int, int]
+    count: int
+    fps: float
+
+
+def probe(path: Path | str) -> Footage:
+    """Look at footage without decoding it.
+
+    Raises
+    ------
+    FootageError
+        The footage is missing or cannot be read; names the file.
+    """
+    path = Path(path)
+    images = image_files(path)
+    if images is not None:
+        height, width = _read_image(images[min(images)]).shape[:2]
+        return Footage(path, (width, height), max(images) + 1, 0.0)
+    with _opened(path) as video:
+        size = int(video.get(cv2.CAP_PROP_FRAME_WIDTH)), int(video.get(cv2.CAP_PROP_FRAME_HEIGHT))
+        if _quarter_turns(video) in (90, 270):
+            size = size[::-1]
+        return Footage(path, size, int(video.get(cv2.CAP_PROP_FRAME_COUNT)), video.get(cv2.CAP_PROP_FPS))
+
+
+def footage_index(view: View, frame: int) -> int:
+    """The footage's frame that shows a frame of the shot: the nearest one where the offset is fractional.
+
+    Parameters
+    ----------
+    frame : int
+        In the count of the shot's first and last frame.
+    """
+    return int(np.floor(frame + view.offset + 0.5))
+
+
+def check_view(view: View, first: int, length: int) -> Footage:
+    """See that a view's footage can serve a shot.
+
+    Raises
+    ------
+    FootageError
+        The footage is missing or unreadable, of another size than its camera's, begins after the shot or ends before it.
+    ShotError
+        The footage is interlaced, which is not supported yet.
+    """
+    _require_progressive(view)
+    footage, camera = probe(view.footage), view.camera
+    if footage.size != camera.size:
+        raise FootageError(
+            f"the footage is {_by(footage.size)} but the calibration of camera '{camera.name}' is for {_by(camera.size)}",
+            where=str(view.footage),
+            todo="sizes are width x height after the rotation that the file asks for",
+        )
+    _check_range(view, footage, first, length)
+    return footage
+
+
+def _require_progressive(view: View) -> None:
+    if view.fields != "progressive":
+        raise ShotError(
+            f'fields = "{view.fields}": interlaced footage is not supported yet',
+            where=f"[[view]] camera '{view.camera.name}'",
+            todo='deinterlace it and use fields = "progressive"',
+        )
+
+
+def _check_range(view: View, footage: Footage, first: int, length: int) -> None:
+    start, end = footage_index(view, first), footage_index(view, first + length - 1)
+    asked = f"frames {first} to {first + length - 1} with offset {view.offset:g} are the footage's {start} to {end}"
+    where = f"{view.footage} (camera '{view.camera.name}')"
+    if start < 0:
+        raise FootageError(f"the shot begins before the footage: {asked}", where=where)
+    if end < footage.count:
+        return
+    # Some containers understate their length; only decoding tells.
+    count = footage.count if image_files(view.footage) is not None else _decodable(view.footage, end + 1)
+    if end >= count:
+        raise FootageError(f"the footage has only {count} frames: {asked}", where=where)
+
+
+def _by(size: tuple[int, int]) -> str:
+    return f"{size[0]}x{size[1]}"
+
+
+def stream(
+    view: View, first: int, length: int, factor: float, *, grey: bool = True, step: int = 1
+) -> Iterator[Image]:
+    """Stream a view's frames, reduced and rectified, in order.
+
+    Parameters
+    ----------
+    view : View
+    first : int
+        The first frame, in the count of the shot's first and last frame.
+    length : int
+        Number of frames of the shot to go through.
+    factor : float
+        Reduction: the images have the size of `view.camera.reduced(factor)`.
+    grey : bool
+        Grey levels rather than colour.
+    step : int
+        Give every step-th frame only.
+
+    Yields
+    ------
+    ndarray of uint8, shape (h, w) or (h, w, 3)
+        Grey levels, or blue, green and red.
+
+    Raises
+    ------
+    FootageError
+        As `check_view`, or the footage ends or breaks early; names the file and the frame.
+    """
+    check_view(view, first, length)
+    camera = view.camera.reduced(factor)
+    maps = camera.rectify_maps()
+    indices = [footage_index(view, frame) for frame in range(first, first + length, step)]
+    for image in _reduced(view.footage, indices, view.camera.size, factor, grey):
+        if maps is not None:
+            # A black border would be an edge that moves with nothing.
+            image = cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        yield image
+
+
+def read_views(
+    views: Sequence[View], first: int, length: int, factor: float, progress: Progress | None = None
+) -> list[NDArray[np.uint8]]:
+    """Read all views' reduced and rectified grey levels, two views at a time.
+
+    Parameters
+    ----------
+    first, length, factor
+        As in `stream`.
+    progress : callable, optional
+        Called from the calling thread alone; may cancel.
+
+    Returns
+    -------
+    list of ndarray of uint8, shape (length, h, w)
+        One per view.
+
+    Raises
+    ------
+    FootageError
+        As `stream`.
+    CancelledError
+        `progress` returned False.
+    """
+    stop, done = threading.Event(), [0] * len(views)
+
+    def read(v: int) -> NDArray[np.uint8]:
+        width, height = reduced_size(views[v].camera.size, factor)
+        images = np.empty((length, height, width), np.uint8)
+        for f, image in enumerate(stream(views[v], first, length, factor)):
+            if stop.is_set():
+                break
+            images[f] = image
+            done[v] = f + 1
+        return images
+
+    with ThreadPoolExecutor(_WORKERS) as pool:
+        jobs = [pool.submit(read, v) for v in range(len(views))]
+        try:
+            unfinished, failed = set(jobs), False
+            while unfinished and not failed:
+                finished, unfinished = wait(jobs, timeout=0.1, return_when=FIRST_EXCEPTION)
+                failed = any(job.exception() is not None for job in finished)
+                report_progress(progress, "footage", sum(done) / max(1, length * len(views)))
+        finally:
+            stop.set()
+        return [job.result() for job in jobs]
+
+
+def image_files(path: Path) -> dict[int, Path] | None:
+    """Files of an image sequence by frame from 0, or None where the path is a video's.
+
+    A sequence is named by a pattern in the file's name: printf's %04d or ####, whose lowest number is frame 0, or a glob
+    with *, whose files are taken in natural order. A single image is a sequence of one.
+    """
+    if path.is_file():
+        return {0: path} if path.suffix.lower() in IMAGE_SUFFIXES else None
+    number = re.search(r"%0?(\d*)d|#+", path.name)
+    if number is None and "*" not in path.name:
+        return None
+    if number is not None:
+        digits = int(number[1] or 1) if number[0].startswith("%") else len(number[0])
+        before, after = re.escape(path.name[: number.start()]), re.escape(path.name[number.end() :])
+        regex = re.compile(f"{before}(\\d{{{digits},}}){after}")
+        hits = [(int(hit[1]), file) for file in _listed(path.parent) if (hit := regex.fullmatch(file.name))]
+        lowest = min((n for n, _ in hits), default=0)
+        files = {n - lowest: file for n, file in hits}
+    else:
+        regex = re.compile(re.escape(path.name).replace(r"\*", ".*"))
+        files = dict(
+            enumerate(sorted(filter(lambda f: regex.fullmatch(f.name), _listed(path.parent)), key=_natural))
+        )
+    if not files:
+        raise FootageError("no image fits this pattern", where=str(path))
+    return files
+
+
+def _listed(folder: Path) -> list[Path]:
+    return list(folder.iterdir()) if folder.is_dir() else []
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """Sorts frame2 before frame10."""
+    return [(int(part or 0), text) for text, part in re.findall(r"(\D*)(\d*)", path.name)]
+
+
+def _read_image(path: Path) -> Image:
+    """An image in colour. `cv2.imread` itself cannot open every file name on Windows."""
+    try:
+        image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_COLOR)
+    except (OSError, cv2.error):
+        image = None
+    if image is None:
+        raise FootageError("the image cannot be read", where=str(path))
+    return image
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[cv2.VideoCapture]:
+    """An open video whose frames come as they are stored; `_quarter_turns` tells how they are to be seen."""
+    if not path.is_file():
+        todo = "a video, or a pattern of images such as frame_%04d.png, frame_####.png or frame_*.png"
+        raise FootageError("there is no such footage", where=str(path), todo=todo)
+    video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    try:
+        if not video.isOpened() or video.get(cv2.CAP_PROP_FRAME_WIDTH) <= 0:
+            raise FootageError("the footage cannot be read as a video", where=str(path))
+        # OpenCV's builds differ in whether they turn frames themselves; turning them small is cheaper, too.
+        video.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
+        yield video
+    finally:
+        video.release()
+
+
+def _quarter_turns(video: cv2.VideoCapture) -> int:
+    """How far the metadata turns the frames clockwise, degrees: 0, 90, 180 or 270."""
+    return round(video.get(cv2.CAP_PROP_ORIENTATION_META) / 90) * 90 % 360
+
+
+def _decodable(path: Path, limit: int) -> int:
+    """How many frames, up to `limit`, a video really gives."""
+    with _opened(path) as video:
+        count = 0
+        while count < limit and video.grab():
+            count += 1
+    return count
+
+
+def _reduced(
+    path: Path, indices: Sequence[int], size: tuple[int, int], factor: float, grey: bool
+) -> Iterator[Image]:
+    """The frames of those increasing indices, reduced, as they are to be seen; `size` is that of the full frames."""
+    target = reduced_size(size, factor)
+    images = image_files(path)
+    if images is not None:
+        for index in indices:
+            yield _shrunk(_sequence_image(path, images, index, size), target, grey)
+        return
+    with _opened(path) as video:
+        turn = _quarter_turns(video)
+        stored = target[::-1] if turn in (90, 270) else target
+        position = 0
+        for index in indices:
+            # Seeking is not exact in every container: go through the frames.
+            while position < index and video.grab():
+                position += 1
+            read, frame = video.read() if position == index else (False, None)
+            if not read:
+                raise FootageError(f"the footage ends or breaks at frame {position}", where=str(path))
+            position += 1
+            image = _shrunk(frame, stored, grey)
+            yield cv2.rotate(image, _ROTATIONS[turn]) if turn else image
+
+
+def _sequence_image(path: Path, images: dict[int, Path], index: int, size: tuple[int, int]) -> Image:
+    if index not in images:
+        raise FootageError(f"the image of frame {index} is missing in the sequence", where=str(path))
+    image = _read_image(images[index])
+    if image.shape[1::-1] != size:
+        raise FootageError(
+            f"the image is {_by(image.shape[1::-1])}, not {_by(size)}", where=str(images[index])
+        )
+    return image
+
+
+def _shrunk(image: Image, size: tuple[int, int], grey: bool) -> Image:
+    if grey:
+        image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    return image if image.shape[1::-1] == size else cv2.resize(image, size, interpolation=cv2.INTER_AREA)

@@ -1,0 +1,140 @@
+"""Calibrations that OpenCV's FileStorage writes (.yml, .yaml, .json), among them EasyMocap's intri.yml and extri.yml.
+
+Two layouts are read. EasyMocap's: a list `names`, and for each name K_name, dist_name, H_name and W_name (its size) with
+R_name (Rodrigues) or Rot_name (matrix), and T_name, in one file or in extri.yml beside intri.yml. The other: one node per
+camera, or one camera alone in the file, with the fields of OpenCV's calibration sample: camera_matrix,
+distortion_coefficients, image_width, image_height, and its pose as rotation or R, and translation or T.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import rotations
+from ..cameras import Camera
+from ..errors import CalibrationError
+
+Array = NDArray[np.float64]
+
+_MATRIX = ("camera_matrix", "matrix", "K", "intrinsics", "cameraMatrix")
+_DISTORTIONS = ("distortion_coefficients", "distortions", "dist", "distCoeffs", "D")
+_ROTATION = ("rotation", "R", "Rot", "rvec", "rotation_matrix")
+_TRANSLATION = ("translation", "T", "t", "tvec")
+
+
+def read_opencv_cameras(path: Path) -> list[Camera]:
+    """Read the cameras of an OpenCV file.
+
+    Raises
+    ------
+    CalibrationError
+        The file cannot be read or a camera lacks a field; names the file, the camera and the field.
+    """
+    document = _document(path)
+    if "names" in document:
+        return [_camera(name, _easymocap(document, name), path) for name in _easymocap_names(document, path)]
+    if any(key in document for key in _MATRIX):
+        name = str(document.get("name", path.name.split(".")[0]))
+        return [_camera(name, document, path)]
+    tables = {k: v for k, v in document.items() if isinstance(v, dict) and any(m in v for m in _MATRIX)}
+    return [_camera(str(table.get("name", key)), table, path) for key, table in tables.items()]
+
+
+def _document(path: Path) -> dict[str, Any]:
+    """The whole file as plain values: dict, list, str, numbers and arrays."""
+    if not path.is_file():
+        raise CalibrationError("the calibration cannot be read: there is no such file", where=str(path))
+    storage = cv2.FileStorage()
+    try:
+        opened = storage.open(str(path), cv2.FILE_STORAGE_READ)
+        document = _value(storage.root()) if opened else None
+    except cv2.error as error:
+        raise CalibrationError(f"is not an OpenCV file: {error.err}", where=str(path)) from error
+    finally:
+        storage.release()
+    if not isinstance(document, dict):
+        raise CalibrationError("is not an OpenCV file", where=str(path))
+    return document
+
+
+def _value(node: Any) -> Any:
+    if node.isMap():
+        keys = node.keys()
+        if "dt" in keys and "data" in keys:
+            return node.mat()
+        return {key: _value(node.getNode(key)) for key in keys}
+    if node.isSeq():
+        return [_value(node.at(i)) for i in range(node.size())]
+    if node.isString():
+        return node.string()
+    return node.real() if node.isReal() or node.isInt() else None
+
+
+def _easymocap_names(document: dict[str, Any], path: Path) -> list[str]:
+    """The names in the file, the poses from extri.yml taken into `document` where the file is intri.yml."""
+    extrinsics = path.with_name(path.name.replace("intri", "extri").replace("Intri", "Extri"))
+    if extrinsics != path and extrinsics.is_file():
+        for key, value in _document(extrinsics).items():
+            document.setdefault(key, value)
+    return [str(int(n)) if isinstance(n, float) else str(n) for n in document["names"]]
+
+
+def _easymocap(document: Mapping[str, Any], name: str) -> dict[str, Any]:
+    keys = {"K": "K", "dist": "dist", "Rot": "R", "T": "T", "W": "image_width", "H": "image_height"}
+    if f"Rot_{name}" not in document:
+        keys["R"] = keys.pop("Rot")
+    return {ours: document[f"{key}_{name}"] for key, ours in keys.items() if f"{key}_{name}" in document}
+
+
+def _camera(name: str, table: Mapping[str, Any], path: Path) -> Camera:
+    where = f"{path} camera {name}"
+    R = _field(table, _ROTATION, where)
+    distortions = (
+        _field(table, _DISTORTIONS, where)[:14] if any(k in table for k in _DISTORTIONS) else np.zeros(4)
+    )
+    if R.size not in (3, 9):
+        raise CalibrationError(f"the rotation has {R.size} numbers, not 3 or 9", where=where)
+    return Camera.create(
+        name,
+        _size(table, where),
+        _shaped(_field(table, _MATRIX, where), (3, 3), "the matrix", where),
+        R.reshape(3, 3) if R.size == 9 else rotations.exp(R),
+        _shaped(_field(table, _TRANSLATION, where), (3,), "the translation", where),
+        distortions,
+        bool(table.get("fisheye", False)),
+    )
+
+
+def _field(table: Mapping[str, Any], names: tuple[str, ...], where: str) -> Array:
+    for name in names:
+        if name in table:
+            try:
+                return np.asarray(table[name], dtype=float).ravel()
+            except (TypeError, ValueError) as error:
+                raise CalibrationError(f"'{name}' must be numbers", where=where) from error
+    raise CalibrationError(
+        f"'{names[0]}' is missing", where=where, todo=f"also known as {', '.join(names[1:])}"
+    )
+
+
+def _shaped(values: Array, shape: tuple[int, ...], what: str, where: str) -> Array:
+    if values.size != np.prod(shape):
+        raise CalibrationError(f"{what} has {values.size} numbers, not {np.prod(shape)}", where=where)
+    return values.reshape(shape)
+
+
+def _size(table: Mapping[str, Any], where: str) -> tuple[int, int]:
+    if "image_width" in table and "image_height" in table:
+        return int(table["image_width"]), int(table["image_height"])
+    for key in ("size", "image_size", "imageSize"):
+        if key in table:
+            values = _shaped(_field(table, (key,), where), (2,), "the size", where)
+            return int(values[0]), int(values[1])
+    todo = "add image_width and image_height, or W_name and H_name in EasyMocap's layout"
+    raise CalibrationError("the size of its footage is missing", where=where, todo=todo)

@@ -1,0 +1,77 @@
+"""Qualisys' calibration files (.qca.txt, an XML document).
+
+The transform holds the camera's place (mm) and its rotation by columns, object centred, with the camera looking along
+-z: its inverse, turned by pi about x, is OpenCV's. Lengths on the sensor are in 1/64 pixel.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from ..cameras import Camera
+from ..errors import CalibrationError
+
+_SUBPIXELS = 64.0
+_FLIP = np.diag([1.0, -1.0, -1.0])
+
+
+def read_qualisys_cameras(path: Path) -> list[Camera]:
+    """Read the video cameras of a .qca.txt file, named by their serial.
+
+    Raises
+    ------
+    CalibrationError
+        The file cannot be read or lacks a value; names the file, the camera and the value.
+    """
+    try:
+        root = ElementTree.fromstring(path.read_bytes())
+    except OSError as error:
+        raise CalibrationError(
+            f"the calibration cannot be read: {error.strerror}", where=str(path)
+        ) from error
+    except ElementTree.ParseError as error:
+        raise CalibrationError(f"is not a Qualisys calibration: {error}", where=str(path)) from error
+    return [_camera(element, path) for element in root.iter("camera") if _films(element)]
+
+
+def _films(element: ElementTree.Element) -> bool:
+    """Marker cameras of the same system are in the file too."""
+    model = element.get("model", "none").lower()
+    return element.get("active", "1") != "0" and ("video" in model or model == "none")
+
+
+def _camera(element: ElementTree.Element, path: Path) -> Camera:
+    name = element.get("serial", "")
+    where = f"{path} camera {name}"
+
+    def value(tag: str, key: str) -> float:
+        child = element.find(tag)
+        text = None if child is None else child.get(key)
+        try:
+            return float(text or "")
+        except ValueError as error:
+            found = "is missing" if text is None else f"is '{text}', not a number"
+            raise CalibrationError(f"{tag} {key} {found}", where=where) from error
+
+    if element.get("viewrotation", "0") != "0":
+        raise CalibrationError(
+            "a rotated view is not supported", where=where, todo="export it with viewrotation 0"
+        )
+    left, top = value("fov_video", "left"), value("fov_video", "top")
+    size = (round(value("fov_video", "right") - left) + 1, round(value("fov_video", "bottom") - top) + 1)
+    fu, fv, cu, cv, skew = (
+        value("intrinsic", key) / _SUBPIXELS
+        for key in ("focalLengthU", "focalLengthV", "centerPointU", "centerPointV", "skew")
+    )
+    K = np.array([[fu, skew, cu - left], [0.0, fv, cv - top], [0.0, 0.0, 1.0]])
+    # Unlike the lengths these belong to normalised coordinates: no 1/64. Qualisys spells it "tangental".
+    radial, tangential = "radialDistortion", "tangentalDistortion"
+    keys = (f"{radial}1", f"{radial}2", f"{tangential}1", f"{tangential}2", f"{radial}3")
+    distortions = [value("intrinsic", key) for key in keys]
+    rows = [[value("transform", f"r{i}{j}") for j in (1, 2, 3)] for i in (1, 2, 3)]
+    centre = np.array([value("transform", key) for key in "xyz"]) / 1000
+    R = _FLIP @ np.array(rows)
+    return Camera.create(name, size, K, R, -R @ centre, distortions)

@@ -1,0 +1,237 @@
+"""The shot file: a shot for batches and other programs. See the README for its keys; paths are relative to it."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import numpy as np
+
+from ..cameras import Camera
+from ..errors import LandmarkError, ShotError
+from ..footage import check_view
+from ..inverse_kinematics import fit_body, fit_poses
+from ..shot import FIELD_ORDERS, KeyPoses, Performer, Settings, Shot, View
+from .calibration import load_cameras
+from .tables import Table
+from .trc import Landmarks, read_trc
+
+_TABLES = ("shot", "calibration", "view", "performer", "track")
+_VIEW = ("camera", "footage", "offset", "fields", "keypoints")
+_PERFORMER = ("name", "height", "landmarks", "keyframes", "keyposes")
+NEEDED_LANDMARKS = tuple(
+    side + joint for joint in ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle") for side in "LR"
+)
+"""Landmarks that a key pose cannot do without: the main joints."""
+_RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")
+
+
+def load_shot(
+    path: Path | str,
+    *,
+    views: Sequence[str] | None = None,
+    keyframes: Sequence[int] | None = None,
+    solver: str | None = None,
+) -> Shot:
+    """Read a shot file and all that it names but the footage's pictures.
+
+    Parameters
+    ----------
+    path : path
+    views : sequence of str, optional
+        Use the views of these cameras only.
+    keyframes : sequence of int, optional
+        Use these key frames for every performer, in the footage's count, instead of the file's.
+    solver : str, optional
+        Use this solver instead of the file's.
+
+    Returns
+    -------
+    Shot
+        Of landmarks only the key frames were seen.
+
+    Raises
+    ------
+    ShotError, CalibrationError, FootageError, LandmarkError, BodyError
+        One message that names the file and the field.
+    """
+    path = Path(path)
+    document = Table(_parsed(path), str(path), _TABLES)
+    head = Table(document.value("shot"), f"{path} [shot]", ("name", "fps", "frames"))
+    frames = _frames(head)
+    calibration = Table(document.value("calibration"), f"{path} [calibration]", ("file",))
+    cameras = load_cameras(calibration.path("file", path.parent))
+    shot_views = _views(document, path, cameras, views)
+    for view in shot_views:
+        check_view(view, frames[0], frames[1] - frames[0] + 1)
+    performers = [
+        _performer(table, path, frames, keyframes)
+        for table in _tables(document, "performer", path, _PERFORMER)
+    ]
+    _distinct([p.name for p in performers], f"{path} [[performer]] name")
+    return Shot(
+        name=shot_name(head.text("name"), head.where),
+        fps=_positive(head, "fps"),
+        frames=frames,
+        views=shot_views,
+        performers=tuple(performers),
+        settings=_settings(document, path, solver),
+    )
+
+
+def _parsed(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ShotError(f"the shot file cannot be read: {error.strerror}", where=str(path)) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ShotError(f"is not a TOML file: {error}", where=str(path)) from error
+
+
+def shot_name(name: str, where: str) -> str:
+    """The name, if it can be a file's name on every system."""
+    unsafe = re.search(r'[<>:"/\\|?*\x00-\x1f]', name) or name.startswith(".") or name.endswith((".", " "))
+    if not name or unsafe or _RESERVED.fullmatch(name):
+        todo = 'leave out < > : " / \\ | ? * and dots at the ends'
+        raise ShotError(f"'{name}' cannot be a file's name", where=f"{where} name", todo=todo)
+    return name
+
+
+def _frames(head: Table) -> tuple[int, int]:
+    frames = head.integers("frames")
+    if len(frames) != 2 or not 0 <= frames[0] <= frames[1]:
+        raise head.error("frames", f"must be [first, last] with 0 <= first <= last, not {frames}")
+    return frames[0], frames[1]
+
+
+def _positive(table: Table, key: str) -> float:
+    value = table.number(key)
+    if value <= 0:
+        raise table.error(key, f"must be greater than 0, not {value}")
+    return float(value)
+
+
+def _tables(document: Table, key: str, path: Path, keys: Sequence[str]) -> list[Table]:
+    values = document.value(key)
+    if not isinstance(values, list) or not values:
+        raise ShotError(f"there must be at least one [[{key}]]", where=str(path))
+    return [Table(v, f"{path} [[{key}]] {i}", keys) for i, v in enumerate(values, 1)]
+
+
+def _distinct(names: list[str], where: str) -> None:
+    for name in names:
+        if names.count(name) > 1:
+            raise ShotError(f"'{name}' is there twice", where=where)
+
+
+def _views(
+    document: Table, path: Path, cameras: dict[str, Camera], chosen: Sequence[str] | None
+) -> tuple[View, ...]:
+    tables = _tables(document, "view", path, _VIEW)
+    names = [table.text("camera") for table in tables]
+    _distinct(names, f"{path} [[view]] camera")
+    for name in chosen or ():
+        if name not in names:
+            raise ShotError(
+                f"no view has the camera '{name}'", where="--views", todo=f"there are {', '.join(names)}"
+            )
+    if chosen is not None and not chosen:
+        raise ShotError("no view is named", where="--views", todo=f"there are {', '.join(names)}")
+    views = [_view(table, path.parent, cameras) for table in tables]
+    return tuple(view for view in views if chosen is None or view.camera.name in chosen)
+
+
+def _view(table: Table, folder: Path, cameras: dict[str, Camera]) -> View:
+    name, fields = table.text("camera"), table.text("fields", "progressive")
+    if name not in cameras:
+        known = ", ".join(cameras)
+        raise table.error("camera", f"the calibration has no camera '{name}'", f"its cameras are {known}")
+    if fields not in FIELD_ORDERS:
+        raise table.error("fields", f"unknown value '{fields}'", f"use {', '.join(FIELD_ORDERS)}")
+    keypoints = table.path("keypoints", folder, None)
+    if keypoints is not None and not keypoints.exists():
+        raise table.error("keypoints", f"there is no such file or folder: {keypoints}")
+    return View(
+        cameras[name], table.path("footage", folder), float(table.number("offset", 0.0)), fields, keypoints
+    )
+
+
+def _settings(document: Table, path: Path, solver: str | None) -> Settings:
+    kinds = get_type_hints(Settings)
+    names = [field.name for field in dataclasses.fields(Settings)]
+    table = Table(document.value("track", {}), f"{path} [track]", names)
+    values = {name: _setting(table, name, kinds[name]) for name in names if name in table}
+    if solver is not None:
+        values["solver"] = solver
+    try:
+        return Settings(**values)
+    except ShotError as error:
+        raise ShotError(error.what, where=f"{path} {error.where}", todo=error.todo) from error
+
+
+def _setting(table: Table, name: str, kind: Any) -> Any:
+    """A setting's value, of the type that `Settings` declares for it."""
+    value = table.value(name)
+    if kind is float:
+        return float(table.number(name))
+    if kind in (bool, int, str) and type(value) is not kind:
+        meant = {bool: "true or false", int: "a whole number", str: "a text in quotes"}[kind]
+        raise table.error(name, f"must be {meant}, not {value!r}")
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _performer(
+    table: Table, path: Path, frames: tuple[int, int], keyframes: Sequence[int] | None
+) -> Performer:
+    name = table.text("name")
+    height = table.number("height", None)
+    keys = _keyframes(table, frames, keyframes)
+    if "keyposes" in table:
+        raise table.error("keyposes", "key poses from a BVH are not supported yet", "use landmarks")
+    if "landmarks" not in table:
+        raise table.error("landmarks", "there is nothing to take the key poses from", "name a TRC file")
+    file = table.path("landmarks", path.parent)
+    names, points = _at_keys(read_trc(file), file, keys, frames[0])
+    body = fit_body(names, points, height)
+    return Performer(name, body, KeyPoses.whole(keys - frames[0], fit_poses(body, names, points)))
+
+
+def _keyframes(table: Table, frames: tuple[int, int], override: Sequence[int] | None) -> np.ndarray:
+    """Key frames in the footage's count, increasing."""
+    where = "--keyframes" if override is not None else f"{table.where} keyframes"
+    if override is None and table.value("keyframes") == "auto":
+        raise ShotError(
+            "choosing key frames automatically is not supported yet", where=where, todo="list the frames"
+        )
+    keys = sorted(set(override if override is not None else table.integers("keyframes")))
+    if not keys:
+        raise ShotError("at least one key frame is needed", where=where)
+    for key in keys:
+        if not frames[0] <= key <= frames[1]:
+            raise ShotError(
+                f"key frame {key} lies outside the shot's frames {frames[0]} to {frames[1]}", where=where
+            )
+    return np.array(keys, dtype=np.int64)
+
+
+def _at_keys(landmarks: Landmarks, file: Path, keys: np.ndarray, first: int) -> tuple[list[str], np.ndarray]:
+    """The landmarks at the key frames and nothing else, shape (K, L, 3): more the tracker may not see."""
+    for name in NEEDED_LANDMARKS:
+        if name not in landmarks.names:
+            raise LandmarkError(f"landmark '{name}' is missing", where=str(file))
+    for key in keys:
+        if key - first >= len(landmarks):
+            last = first + len(landmarks) - 1
+            raise LandmarkError(
+                f"there are no landmarks at key frame {key}: they end at {last}", where=str(file)
+            )
+    points = landmarks.points_world[keys - first]
+    for k, key in enumerate(keys):
+        for name in NEEDED_LANDMARKS:
+            if not np.isfinite(points[k, landmarks.names.index(name)]).all():
+                raise LandmarkError(f"landmark '{name}' is not known at key frame {key}", where=str(file))
+    return list(landmarks.names), points

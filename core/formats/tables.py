@@ -1,0 +1,90 @@
+"""Strict reading of TOML tables: every mistake is one message with the file, the table and the key."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from ..errors import ShotError
+
+_REQUIRED: Any = object()
+
+
+class Table:
+    """One table of a TOML file, read key by key.
+
+    Parameters
+    ----------
+    values : mapping
+    where : str
+        File and table, for messages.
+    keys : iterable of str
+        The keys that the table may have.
+
+    Raises
+    ------
+    ShotError
+        A key is unknown; so do the readers below when a key is missing or of the wrong kind.
+    """
+
+    def __init__(self, values: Any, where: str, keys: Iterable[str]) -> None:
+        if not isinstance(values, Mapping):
+            raise ShotError("must be a table", where=where)
+        self._values, self.where = values, where
+        allowed = list(keys)
+        for key in values:
+            if key not in allowed:
+                near = difflib.get_close_matches(key, allowed, n=1, cutoff=0.5)
+                todo = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(allowed)}"
+                raise ShotError(f"unknown key '{key}'", where=where, todo=todo)
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._values
+
+    def error(self, key: str, what: str, todo: str | None = None) -> ShotError:
+        """An error about one key."""
+        return ShotError(what, where=f"{self.where} {key}", todo=todo)
+
+    def value(self, key: str, default: Any = _REQUIRED) -> Any:
+        """The value as it stands."""
+        if key in self._values:
+            return self._values[key]
+        if default is _REQUIRED:
+            raise ShotError(f"'{key}' is missing", where=self.where)
+        return default
+
+    def text(self, key: str, default: Any = _REQUIRED) -> str:
+        """A string that is not empty."""
+        value = self.value(key, default)
+        if key in self._values and not (isinstance(value, str) and value.strip()):
+            raise self.error(key, f"must be a text in quotes, not {value!r}")
+        return value
+
+    def number(self, key: str, default: Any = _REQUIRED) -> float:
+        """A finite number."""
+        value = self.value(key, default)
+        if key in self._values and not _is_number(value):
+            raise self.error(key, f"must be a number, not {value!r}")
+        return value
+
+    def integers(self, key: str, default: Any = _REQUIRED) -> list[int]:
+        """A list of whole numbers."""
+        value = self.value(key, default)
+        if key in self._values and not (isinstance(value, list) and all(_is_integer(v) for v in value)):
+            raise self.error(key, f"must be a list of whole numbers, not {value!r}")
+        return value
+
+    def path(self, key: str, folder: Path, default: Any = _REQUIRED) -> Path | Any:
+        """A path, relative to the folder of the file."""
+        return folder / self.text(key) if key in self._values or default is _REQUIRED else default
+
+
+def _is_integer(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _is_number(value: Any) -> bool:
+    return _is_integer(value) or (isinstance(value, float) and math.isfinite(value))

@@ -1,0 +1,124 @@
+"""TRC files: landmarks over time, as Pose2Sim and OpenSim write them.
+
+A TRC's axes are Y up, (X, Y, Z) = (y, z, x) of our Z-up world; blanks and "nan" are landmarks that were not seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import LandmarkError
+from .files import replacing
+
+Array = NDArray[np.float64]
+
+METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+_WORLD_OF_TRC = [2, 0, 1]
+_TRC_OF_WORLD = [1, 2, 0]
+_HEADER_LINES = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Landmarks:
+    """Landmarks over time.
+
+    Attributes
+    ----------
+    names : tuple of str, length L
+    points_world : ndarray, shape (F, L, 3)
+        Metres, Z up; NaN where a landmark was not seen.
+    fps : float
+        Frames per second, 0 when the file does not tell.
+    """
+
+    names: tuple[str, ...]
+    points_world: Array
+    fps: float
+
+    def __len__(self) -> int:
+        return len(self.points_world)
+
+
+def read_trc(path: Path | str) -> Landmarks:
+    """Read a TRC file.
+
+    Raises
+    ------
+    LandmarkError
+        The file cannot be read or is not a TRC; names the file and the line.
+    """
+    path = Path(path)
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "it is not a text file"
+        raise LandmarkError(f"landmarks cannot be read: {reason}", where=str(path)) from error
+    if len(lines) < _HEADER_LINES or not lines[0].startswith("PathFileType"):
+        raise LandmarkError(
+            "is not a TRC file", where=str(path), todo="its first line must begin with PathFileType"
+        )
+    header = dict(zip(lines[1].split("\t"), (v.strip() for v in lines[2].split("\t")), strict=False))
+    unit = header.get("Units", "m").lower()
+    if unit not in METRES:
+        raise LandmarkError(f"unknown unit '{unit}'", where=f"{path} line 3", todo=f"use {', '.join(METRES)}")
+    names = tuple(n.strip() for n in lines[3].split("\t")[2:] if n.strip())
+    if len(set(names)) != len(names):
+        twice = next(n for n in names if names.count(n) > 1)
+        raise LandmarkError(f"landmark '{twice}' is named twice", where=f"{path} line 4")
+    rows = [
+        _row(line, len(names), f"{path} line {number}")
+        for number, line in enumerate(lines[_HEADER_LINES:], _HEADER_LINES + 1)
+        if line.strip()
+    ]
+    points = np.array(rows).reshape(len(rows), len(names), 3)[..., _WORLD_OF_TRC] * METRES[unit]
+    return Landmarks(names, points, _rate(header, path))
+
+
+def _rate(header: dict[str, str], path: Path) -> float:
+    text = header.get("DataRate") or "0"
+    try:
+        return float(text)
+    except ValueError as error:
+        raise LandmarkError(f"DataRate '{text}' is not a number", where=f"{path} line 3") from error
+
+
+def _row(line: str, count: int, where: str) -> list[float]:
+    """The coordinates of one frame; what a line lacks at its end was not seen."""
+    fields = line.split("\t")[2 : 2 + 3 * count]
+    try:
+        values = [float(f) if f.strip() else np.nan for f in fields]
+    except ValueError as error:
+        raise LandmarkError(f"not a number: {error}", where=where) from error
+    return values + [np.nan] * (3 * count - len(values))
+
+
+def write_trc(path: Path | str, names: Sequence[str], points_world: Array, fps: float) -> None:
+    """Write landmarks, shape (F, L, 3), metres, NaN where not seen, as a TRC file.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
+    path = Path(path)
+    points = np.asarray(points_world, float)
+    F, L = len(points), len(names)
+    rate = f"{fps:.10g}"
+    keys = "DataRate CameraRate NumFrames NumMarkers Units OrigDataRate OrigDataStartFrame OrigNumFrames"
+    lines = [
+        f"PathFileType\t4\t(X/Y/Z)\t{path.name}",
+        "\t".join(keys.split()),
+        f"{rate}\t{rate}\t{F}\t{L}\tm\t{rate}\t1\t{F}",
+        "Frame#\tTime\t" + "\t\t\t".join(names) + "\t\t",
+        "\t\t" + "\t".join(f"X{i}\tY{i}\tZ{i}" for i in range(1, L + 1)),
+    ]
+    for f, values in enumerate(points[..., _TRC_OF_WORLD].reshape(F, -1)):
+        cells = ("" if np.isnan(v) else f"{v:.7f}" for v in values)
+        lines.append(f"{f + 1}\t{f / fps:.6f}\t" + "\t".join(cells))
+    with replacing(path) as temporary:
+        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
