@@ -1,9 +1,16 @@
-"""The Blender side: scenes become core values, results become Blender data."""
+"""The Blender side: scenes become core values, results become Blender data.
+
+Importing it pulls in no bpy; `register` does.
+"""
 
 
 def register() -> None:
-    pass
+    from . import registration
+
+    registration.register()
 
 
 def unregister() -> None:
-    pass
+    from . import registration
+
+    registration.unregister()

@@ -1,0 +1,111 @@
+"""Keys of layered actions as arrays: the one path that holds from Blender 4.5 on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import bpy
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Keys = NDArray[np.void]
+"""Keys of one F-curve, shape (K,), with a field for every property of a Blender key."""
+
+KEY_TYPE = np.dtype(
+    [
+        ("co", np.float32, 2),
+        ("handle_left", np.float32, 2),
+        ("handle_right", np.float32, 2),
+        ("handle_left_type", np.int32),
+        ("handle_right_type", np.int32),
+        ("interpolation", np.int32),
+        ("type", np.int32),
+        ("easing", np.int32),
+        ("back", np.float32),
+        ("amplitude", np.float32),
+        ("period", np.float32),
+        ("select_control_point", np.bool_),
+        ("select_left_handle", np.bool_),
+        ("select_right_handle", np.bool_),
+    ]
+)
+
+
+def enum_value(field: str, name: str) -> int:
+    """Number of an enum item of a key's property, as `foreach_set` takes it."""
+    return bpy.types.Keyframe.bl_rna.properties[field].enum_items[name].value
+
+
+def ensure_action(owner: bpy.types.Object, name: str) -> bpy.types.Action:
+    """The object's action with a slot for the object, made where it is missing."""
+    data = owner.animation_data or owner.animation_data_create()
+    if data.action is None:
+        data.action = bpy.data.actions.new(name)
+    if data.action_slot is None:
+        suitable = next(iter(data.action_suitable_slots), None)
+        data.action_slot = suitable or data.action.slots.new(owner.id_type, owner.name)
+    return data.action
+
+
+def ensure_channelbag(owner: bpy.types.Object, name: str) -> bpy.types.ActionChannelbag:
+    """The bag of F-curves of the object's slot, made where it is missing."""
+    action = ensure_action(owner, name)
+    layer = action.layers[0] if action.layers else action.layers.new("Layer")
+    strip = layer.strips[0] if layer.strips else layer.strips.new(type="KEYFRAME")
+    return strip.channelbag(owner.animation_data.action_slot, ensure=True)
+
+
+def find_channelbag(owner: bpy.types.Object) -> bpy.types.ActionChannelbag | None:
+    """The bag of F-curves of the object's slot, or None where it has no animation."""
+    data = owner.animation_data
+    if data is None or data.action is None or data.action_slot is None or not data.action.layers:
+        return None
+    strips = data.action.layers[0].strips
+    return strips[0].channelbag(data.action_slot) if strips else None
+
+
+def ensure_fcurve(bag: bpy.types.ActionChannelbag, path: str, index: int, group: str) -> bpy.types.FCurve:
+    """The F-curve of a property's component, made in the named group where it is missing."""
+    curve = bag.fcurves.find(path, index=index)
+    if curve is None:
+        curve = bag.fcurves.new(path, index=index)
+        curve.group = bag.groups.get(group) or bag.groups.new(group)
+    return curve
+
+
+def new_keys(frames: ArrayLike, values: ArrayLike, type: str, interpolation: str) -> Keys:
+    """Keys at scene frames (K,) with values (K,), of one key type and interpolation."""
+    frames = np.asarray(frames)
+    keys = np.zeros(len(frames), KEY_TYPE)
+    keys["co"] = np.stack([frames, np.asarray(values)], axis=1)
+    keys["handle_left"] = keys["co"] - np.float32([1 / 3, 0])
+    keys["handle_right"] = keys["co"] + np.float32([1 / 3, 0])
+    for side in ("handle_left_type", "handle_right_type"):
+        keys[side] = enum_value(side, "AUTO_CLAMPED")
+    keys["type"], keys["interpolation"] = enum_value("type", type), enum_value("interpolation", interpolation)
+    keys["easing"] = enum_value("easing", "AUTO")
+    keys["back"], keys["amplitude"], keys["period"] = 1.70158, 0.8, 4.1  # what Blender gives a new key
+    return keys
+
+
+def get_keys(curve: bpy.types.FCurve) -> Keys:
+    """All keys of an F-curve."""
+    points = curve.keyframe_points
+    keys = np.zeros(len(points), KEY_TYPE)
+    for field in KEY_TYPE.names or ():
+        column = np.empty(keys[field].size, KEY_TYPE[field].base)
+        points.foreach_get(field, column)
+        keys[field] = column.reshape(keys[field].shape)
+    return keys
+
+
+def set_keys(curve: bpy.types.FCurve, groups: Sequence[Keys]) -> None:
+    """Replace all keys of an F-curve by those of the groups, in the order of their frames."""
+    keys = np.concatenate(list(groups))
+    keys = keys[np.argsort(keys["co"][:, 0], kind="stable")]
+    points = curve.keyframe_points
+    points.clear()
+    points.add(len(keys))
+    for field in KEY_TYPE.names or ():
+        points.foreach_set(field, np.ascontiguousarray(keys[field]).ravel())
+    curve.update()

@@ -1,0 +1,277 @@
+"""Motion as F-curves, and the animator's keys as key poses.
+
+The body's channels are the rotation of every bone and the location of the root. Keys of the type GENERATED, with the
+value that the tracker wrote, belong to the tracker; every other key on these channels is the animator's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ..core.errors import BodyError, ShotError
+from ..core.motion import Motion
+from ..core.shot import KeyPoses
+from . import actions, rig, written
+
+Array = NDArray[np.float64]
+FrameNumbers = NDArray[np.int64]
+
+_SAME_FRAME = 0.01  # Blender's own threshold for keys on the same frame
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One animated component: the root's location or a bone's quaternion."""
+
+    bone: str
+    property: str
+    index: int
+
+    @property
+    def path(self) -> str:
+        return f'pose.bones["{bpy.utils.escape_identifier(self.bone)}"].{self.property}'
+
+    @property
+    def key(self) -> str:
+        """Its name in the record of what was written."""
+        return f"{self.path}[{self.index}]"
+
+
+def body_channels(armature: bpy.types.Object) -> list[Channel]:
+    """The root's location (3), then the quaternion (w, x, y, z) of every part in the body's order."""
+    bones = rig.body_bones(armature)
+    for bone in bones:
+        mode = armature.pose.bones[bone.name].rotation_mode
+        if mode != "QUATERNION":
+            raise BodyError(
+                f"the bone's rotation mode is {mode}",
+                where=f"armature {armature.name}, bone {bone.name}",
+                todo="set it to Quaternion (WXYZ)",
+            )
+    root = [Channel(bones[0].name, "location", k) for k in range(3)]
+    return root + [Channel(bone.name, "rotation_quaternion", k) for bone in bones for k in range(4)]
+
+
+def write_key_poses(armature: bpy.types.Object, key_poses: KeyPoses, frame_start: int) -> None:
+    """Key the degrees of freedom that key poses fix, as an animator would: type KEYFRAME, Bezier.
+
+    Parameters
+    ----------
+    frame_start : int
+        Scene frame of shot frame 0.
+    """
+    channels = body_channels(armature)
+    bag = actions.ensure_channelbag(armature, armature.name)
+    frames = np.asarray(key_poses.frames) + frame_start
+    values = _values(armature, key_poses.poses)
+    fixed = _fixed_channels(armature, key_poses.fixed)
+    for c, channel in enumerate(channels):
+        keyed = fixed[:, c]
+        if not keyed.any():
+            continue
+        curve = actions.ensure_fcurve(bag, channel.path, channel.index, channel.bone)
+        old = actions.get_keys(curve)
+        kept = old[~_on_frames(old, frames[keyed])]
+        new = actions.new_keys(frames[keyed], values[keyed, c], "KEYFRAME", "BEZIER")
+        actions.set_keys(curve, [kept, new])
+
+
+def write_motion(armature: bpy.types.Object, motion: Motion, frame_start: int) -> None:
+    """Write tracked frames as keys of type GENERATED, in place of those of an earlier tracking.
+
+    The animator's keys stay as they are, and nothing is written on them. Earlier tracked keys outside the motion's
+    frames stay too.
+
+    Parameters
+    ----------
+    frame_start : int
+        Scene frame of the motion's first pose.
+    """
+    channels = body_channels(armature)
+    if len(channels) != 3 + 4 * motion.rotations.shape[1]:
+        raise BodyError(
+            f"the motion has {motion.rotations.shape[1]} parts, the armature {len(rig.body_bones(armature))}",
+            where=f"armature {armature.name}",
+        )
+    bag = actions.ensure_channelbag(armature, armature.name)
+    record = written.load(armature)
+    frames = frame_start + np.arange(len(motion))
+    before = _evaluate(armature, channels, frames)
+    curves = [actions.ensure_fcurve(bag, c.path, c.index, c.bone) for c in channels]
+    keys = [actions.get_keys(curve) for curve in curves]
+    own = [_animators(k, record, c) for k, c in zip(keys, channels, strict=True)]
+    held = np.stack([np.isin(frames, _frames(k[o])) for k, o in zip(keys, own, strict=True)], axis=1)
+    values, breaks = _beside_keys(_values(armature, motion), before, held)
+
+    recorded = {}
+    for c, channel in enumerate(channels):
+        free = ~held[:, c]
+        new = actions.new_keys(frames[free], values[free, c], "GENERATED", "LINEAR")
+        new["interpolation"][breaks[free, c]] = actions.enum_value("interpolation", "CONSTANT")
+        kept = keys[c][own[c] | ~_on_frames(keys[c], frames)]
+        actions.set_keys(curves[c], [kept, new])
+        recorded[channel.key] = np.where(free, values[:, c], np.nan).astype(np.float32)
+    written.store(armature, record.updated(frame_start, recorded))
+
+
+def read_key_poses(armature: bpy.types.Object, frame_start: int, length: int) -> KeyPoses:
+    """The animator's keys as key poses: every shot frame with a key that the tracker did not write.
+
+    A bone with any of its rotation keyed fixes its rotation; the root's location is fixed per axis.
+
+    Parameters
+    ----------
+    frame_start : int
+        Scene frame of shot frame 0.
+    length : int
+        Frames of the shot; keys outside are left out.
+
+    Raises
+    ------
+    ShotError
+        If one of the keys lies between frames.
+    """
+    channels = body_channels(armature)
+    held = np.zeros((length, len(channels)), bool)
+    bag = actions.find_channelbag(armature)
+    record = written.load(armature) if bag else None
+    for c, channel in enumerate(channels):
+        curve = bag.fcurves.find(channel.path, index=channel.index) if bag else None
+        if curve is None or record is None:
+            continue
+        keys = actions.get_keys(curve)
+        keys = keys[_animators(keys, record, channel)]
+        _refuse_subframes(armature, channel, keys)
+        index = _frames(keys) - frame_start
+        held[index[(index >= 0) & (index < length)], c] = True
+    frames = np.flatnonzero(held.any(axis=1))
+    values = _evaluate(armature, channels, frame_start + frames)
+    return KeyPoses(frames, _motion(armature, values), _fixed_dofs(armature, held[frames]))
+
+
+def _animators(keys: actions.Keys, record: written.Written, channel: Channel) -> NDArray[np.bool_]:
+    """Which keys are the animator's, shape (K,): another type than GENERATED, or another place than was written."""
+    other = keys["type"] != actions.enum_value("type", "GENERATED")
+    values = record.at(channel.key, _frames(keys))
+    if values is None:
+        return other
+    between = np.abs(keys["co"][:, 0] - _frames(keys)) > _SAME_FRAME
+    return other | between | (keys["co"][:, 1] != values)
+
+
+def _frames(keys: actions.Keys) -> FrameNumbers:
+    return np.rint(keys["co"][:, 0]).astype(np.int64)
+
+
+def _on_frames(keys: actions.Keys, frames: FrameNumbers) -> NDArray[np.bool_]:
+    """Which keys lie on one of the scene frames, shape (K,)."""
+    return np.isin(_frames(keys), frames) & (np.abs(keys["co"][:, 0] - _frames(keys)) <= _SAME_FRAME)
+
+
+def _refuse_subframes(armature: bpy.types.Object, channel: Channel, keys: actions.Keys) -> None:
+    between = np.abs(keys["co"][:, 0] - _frames(keys)) > _SAME_FRAME
+    if between.any():
+        frame = float(keys["co"][between, 0][0])
+        raise ShotError(
+            f"a key at frame {frame:.2f} lies between frames",
+            where=f"armature {armature.name}, bone {channel.bone}",
+            todo="snap the keys to whole frames",
+        )
+
+
+def _evaluate(armature: bpy.types.Object, channels: list[Channel], frames: FrameNumbers) -> Array:
+    """Values of the channels at scene frames, shape (K, C); a channel without keys has its present value."""
+    bag = actions.find_channelbag(armature)
+    values = np.empty((len(frames), len(channels)))
+    for c, channel in enumerate(channels):
+        curve = bag.fcurves.find(channel.path, index=channel.index) if bag else None
+        if curve is not None and len(curve.keyframe_points):
+            values[:, c] = [curve.evaluate(float(frame)) for frame in frames]
+        else:
+            values[:, c] = getattr(armature.pose.bones[channel.bone], channel.property)[channel.index]
+    return values
+
+
+def _values(armature: bpy.types.Object, motion: Motion) -> Array:
+    """Channel values of a motion, shape (F, 3 + 4 P)."""
+    A, place = _root_frame(armature)
+    return np.concatenate(
+        [(motion.translations - place) @ A, motion.quaternions().reshape(len(motion), -1)], axis=1
+    )
+
+
+def _motion(armature: bpy.types.Object, values: Array) -> Motion:
+    """The motion of channel values (F, 3 + 4 P); inverse of `_values`."""
+    A, place = _root_frame(armature)
+    wxyz = values[:, 3:].reshape(-1, 4)
+    Q = Rotation.from_quat(wxyz[:, [1, 2, 3, 0]]).as_matrix() if len(wxyz) else np.empty((0, 3, 3))
+    return Motion(values[:, :3] @ A.T + place, Q.reshape(len(values), (values.shape[1] - 3) // 4, 3, 3))
+
+
+def _root_frame(armature: bpy.types.Object) -> tuple[Array, Array]:
+    """Axes (3, 3) and origin (3,) in the world of the root bone's location channels."""
+    R_object, place = rig.object_pose(armature)
+    root = rig.body_bones(armature)[0]
+    return R_object @ rig.rest_rotation(root), R_object @ np.array(root.head_local) + place
+
+
+def _beside_keys(values: Array, before: Array, held: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+    """Fit tracked quaternions to the animator's: q and -q are one rotation, but not to a curve.
+
+    Parameters
+    ----------
+    values, before : ndarray, shape (F, C)
+        Tracked values, signs continuous; values of the curves as they were.
+    held : ndarray of bool, shape (F, C)
+        Where the animator has a key.
+
+    Returns
+    -------
+    values : ndarray, shape (F, C)
+        Signs as the animator's last key has them, and where a bone is keyed in part, the curves' own values.
+    breaks : ndarray of bool, shape (F, C)
+        Keys that must hold until the next frame, because the animator's signs change there.
+    """
+    F = len(values)
+    q, old = values[:, 3:].reshape(F, -1, 4).copy(), before[:, 3:].reshape(F, -1, 4)
+    keyed = held[:, 3:].reshape(F, -1, 4).any(axis=2)
+    same = np.where(np.sum(q * old, axis=2) < 0, -1.0, 1.0)
+    # Each frame's sign is that of the last keyed frame; those before the first take the first's.
+    frames = np.arange(F)[:, None]
+    last = np.maximum.accumulate(np.where(keyed, frames, -1), axis=0)
+    last = np.where(last < 0, np.argmax(keyed, axis=0), last)
+    signs = np.where(keyed.any(axis=0), np.take_along_axis(same, last, axis=0), 1.0)
+    q *= signs[..., None]
+    q[keyed] = old[keyed]
+    breaks = np.zeros(values.shape, bool)
+    breaks[:-1, 3:] = np.repeat(signs[1:] != signs[:-1], 4, axis=1)
+    return np.concatenate([values[:, :3], q.reshape(F, -1)], axis=1), breaks
+
+
+def _fixed_dofs(armature: bpy.types.Object, held: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Degrees of freedom (K, D) fixed by keyed channels (K, C)."""
+    axes = _aligned_axes(armature)
+    turns = held[:, 3:].reshape(len(held), -1, 4).any(axis=2)
+    moves = np.repeat(held[:, :3].any(axis=1)[:, None], 3, axis=1) if axes is None else held[:, axes]
+    return np.concatenate([moves, np.repeat(turns, 3, axis=1)], axis=1)
+
+
+def _fixed_channels(armature: bpy.types.Object, fixed: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Channels (K, C) to key for fixed degrees of freedom (K, D): a bone's quaternion is keyed as a whole."""
+    axes = _aligned_axes(armature)
+    turns = fixed[:, 3:].reshape(len(fixed), -1, 3).any(axis=2)
+    moves = np.repeat(fixed[:, :3].any(axis=1)[:, None], 3, axis=1)
+    if axes is not None:
+        moves = fixed[:, np.argsort(axes)]
+    return np.concatenate([moves, np.repeat(turns, 4, axis=1)], axis=1)
+
+
+def _aligned_axes(armature: bpy.types.Object) -> NDArray[np.int64] | None:
+    """Location channel of each world axis, or None where the root bone's rest is askew: then all three go together."""
+    A = np.abs(_root_frame(armature)[0])
+    return np.argmax(A, axis=1) if np.allclose(A.max(axis=1), 1.0, atol=1e-5) else None

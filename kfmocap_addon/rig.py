@@ -1,0 +1,206 @@
+"""The body in Blender: an armature, and the parts' polyhedra as meshes parented to its bones."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import bpy
+import numpy as np
+from mathutils import Matrix, Vector
+from numpy.typing import NDArray
+
+from ..core import rotations
+from ..core.body import Body, Part
+from ..core.body.model import UNLIMITED
+from ..core.errors import BodyError
+
+Array = NDArray[np.float64]
+
+PART, LIMITS, LANDMARKS = "kfmocap_part", "kfmocap_limits", "kfmocap_landmarks"
+"""Custom properties of a bone: its place in the body; limits as JSON; landmarks as JSON, name: [rank, x, y, z].
+
+They sit on the bones and not in a table of names, so that renaming a bone loses nothing.
+"""
+
+
+def build_armature(body: Body, name: str, collection: bpy.types.Collection) -> bpy.types.Object:
+    """Build a body's armature and meshes in a collection.
+
+    Every bone's rest matrix holds the part's joint and rest orientation, so a pose bone's rotation is the part's Q.
+
+    Returns
+    -------
+    bpy.types.Object
+        The armature, at the world's origin; its meshes are its children, unselectable, drawn as wire in front.
+    """
+    armature = bpy.data.objects.new(name, bpy.data.armatures.new(name))
+    with _edit_bones(armature) as bones:
+        for part in body.parts:
+            bone = bones.new(part.name)
+            bone.head, bone.tail = part.head_world, part.tail_world
+            bone.align_roll(Vector(part.R_world_rest[:, 2]))
+            bone.use_connect = False
+            bone.parent = bones[part.parent] if part.parent >= 0 else None
+    _describe(armature, body)
+    collection.objects.link(armature)
+    armature.show_in_front = True
+    armature.data.display_type = "STICK"
+    for pose_bone in armature.pose.bones:
+        pose_bone.rotation_mode = "QUATERNION"
+        pose_bone.lock_location = (pose_bone.parent is not None,) * 3
+        pose_bone.lock_scale = (True,) * 3
+    for part in body.parts:
+        _build_mesh(part, armature, collection)
+    return armature
+
+
+@contextmanager
+def _edit_bones(armature: bpy.types.Object) -> Iterator[bpy.types.ArmatureEditBones]:
+    """Edit mode needs the object in the active view layer: there for the time of the edit, then taken out."""
+    layer, home = bpy.context.view_layer, bpy.context.scene.collection
+    before = layer.objects.active
+    if before is not None and before.mode != "OBJECT":
+        bpy.ops.object.mode_set(mode="OBJECT")
+    home.objects.link(armature)
+    layer.objects.active = armature
+    bpy.ops.object.mode_set(mode="EDIT")
+    try:
+        yield armature.data.edit_bones
+    finally:
+        bpy.ops.object.mode_set(mode="OBJECT")
+        home.objects.unlink(armature)
+        layer.objects.active = before
+
+
+def _describe(armature: bpy.types.Object, body: Body) -> None:
+    """Keep on each bone what Blender has no place for."""
+    for rank, part in enumerate(body.parts):
+        bone = armature.data.bones[part.name]
+        bone[PART] = rank
+        bone[LIMITS] = json.dumps(np.asarray(part.limits).tolist())
+        bone[LANDMARKS] = json.dumps(
+            {
+                name: [place, *np.asarray(point).tolist()]
+                for place, (name, (owner, point)) in enumerate(body.landmarks.items())
+                if owner == rank
+            }
+        )
+
+
+def _build_mesh(part: Part, armature: bpy.types.Object, collection: bpy.types.Collection) -> None:
+    name = f"{armature.name} {part.name}"
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(part.vertices.tolist(), [], part.faces.tolist())
+    child = bpy.data.objects.new(name, mesh)
+    collection.objects.link(child)
+    child.parent, child.parent_type, child.parent_bone = armature, "BONE", part.name
+    # Blender hangs children on the bone's tail; the part's frame is at its head.
+    child.matrix_parent_inverse = Matrix.Translation((0.0, -armature.data.bones[part.name].length, 0.0))
+    child.hide_select = child.show_in_front = True
+    child.display_type = "WIRE"
+
+
+def object_pose(armature: bpy.types.Object) -> tuple[Array, Array]:
+    """Rotation (3, 3) and place (3,) of the armature object in the world, metres.
+
+    Raises
+    ------
+    BodyError
+        If the object is scaled: the bones' lengths would not be the body's.
+    """
+    matrix = np.array(armature.matrix_world)
+    if not np.allclose(matrix[:3, :3].T @ matrix[:3, :3], np.eye(3), atol=1e-5):
+        raise BodyError(
+            "the armature object is scaled",
+            where=f"armature {armature.name}",
+            todo="apply its scale (Ctrl A)",
+        )
+    return rotations.orthonormal(matrix[:3, :3]), matrix[:3, 3]
+
+
+def body_bones(armature: bpy.types.Object) -> list[bpy.types.Bone]:
+    """The bones that are parts of the body, in the body's order: parents before children."""
+    carried = {child.parent_bone for child in _meshes(armature)}
+    bones = [bone for bone in armature.data.bones if bone.name in carried or PART in bone]
+    if all(PART in bone for bone in bones):
+        bones.sort(key=lambda bone: bone[PART])
+    if not bones:
+        raise BodyError(
+            "no bone carries a mesh", where=f"armature {armature.name}", todo="parent meshes to bones"
+        )
+    return bones
+
+
+def _meshes(armature: bpy.types.Object) -> list[bpy.types.Object]:
+    return [c for c in armature.children if c.type == "MESH" and c.parent_type == "BONE"]
+
+
+def body_from_armature(armature: bpy.types.Object) -> Body:
+    """Read a body back from an armature and the meshes parented to its bones.
+
+    Raises
+    ------
+    BodyError
+        If a bone of the tree carries no mesh, or the bones are not one tree.
+    """
+    R_object, place = object_pose(armature)
+    bones = body_bones(armature)
+    index = {bone.name: i for i, bone in enumerate(bones)}
+    parts = []
+    for bone in bones:
+        if bone.parent is not None and bone.parent.name not in index:
+            raise BodyError(
+                "the bone carries no mesh, but a bone below it does",
+                where=f"armature {armature.name}, bone {bone.parent.name}",
+                todo="parent a mesh to it",
+            )
+        head, tail = (R_object @ np.array(point) + place for point in (bone.head_local, bone.tail_local))
+        parts.append(
+            Part(
+                name=bone.name,
+                parent=index[bone.parent.name] if bone.parent else -1,
+                head_world=head,
+                tail_world=tail,
+                R_world_rest=R_object @ rest_rotation(bone),
+                vertices=_vertices(armature, bone),
+                limits=np.array(json.loads(bone[LIMITS]) if LIMITS in bone else UNLIMITED, float),
+            )
+        )
+    return Body(tuple(parts), _landmarks(bones))
+
+
+def rest_rotation(bone: bpy.types.Bone) -> Array:
+    """Rest orientation of a bone in its armature, shape (3, 3)."""
+    return rotations.orthonormal(np.array(bone.matrix_local)[:3, :3])
+
+
+def _vertices(armature: bpy.types.Object, bone: bpy.types.Bone) -> Array:
+    """Vertices of all meshes on a bone, in the part's frame, shape (V, 3)."""
+    clouds = []
+    for child in _meshes(armature):
+        if child.parent_bone == bone.name:
+            local = np.array(child.matrix_parent_inverse) @ np.array(child.matrix_basis)
+            points = np.empty(3 * len(child.data.vertices), np.float32)
+            child.data.vertices.foreach_get("co", points)
+            clouds.append(points.reshape(-1, 3) @ local[:3, :3].T + local[:3, 3] + [0.0, bone.length, 0.0])
+    if not clouds:
+        raise BodyError(
+            "the bone carries no mesh",
+            where=f"armature {armature.name}, bone {bone.name}",
+            todo="parent one to it",
+        )
+    return np.concatenate(clouds)
+
+
+def _landmarks(bones: list[bpy.types.Bone]) -> dict[str, tuple[int, Array]]:
+    """Landmarks in the order they were defined in; an armature of another origin has its joints."""
+    found = [
+        (rank, name, i, np.array(point))
+        for i, bone in enumerate(bones)
+        for name, (rank, *point) in json.loads(bone.get(LANDMARKS, "{}")).items()
+    ]
+    if not found:
+        return {bone.name: (i, np.zeros(3)) for i, bone in enumerate(bones)}
+    return {name: (i, point) for _, name, i, point in sorted(found, key=lambda row: row[0])}

@@ -1,0 +1,78 @@
+"""What the tracker wrote: remembered in the action, so that an animator's edit of a tracked key is recognised.
+
+Blender keeps the type GENERATED when a key is inserted over one, or when one is dragged: only the value tells.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+PROPERTY = "kfmocap_written"
+
+
+@dataclass(frozen=True, eq=False)
+class Written:
+    """Values that the tracker wrote into the F-curves of one slot.
+
+    Attributes
+    ----------
+    first : int
+        Scene frame of the first value.
+    values : mapping of str to ndarray of float32, shape (F,)
+        By channel ("data path[index]"); NaN where nothing was written.
+    """
+
+    first: int
+    values: Mapping[str, NDArray[np.float32]]
+
+    def at(self, channel: str, frames: NDArray[np.int64]) -> NDArray[np.float32] | None:
+        """Values written at scene frames (K,), NaN where none was; None for a channel never written."""
+        values = self.values.get(channel)
+        if values is None:
+            return None
+        index = frames - self.first
+        inside = (index >= 0) & (index < len(values))
+        return np.where(inside, values[np.where(inside, index, 0)], np.float32(np.nan))
+
+    def updated(self, first: int, values: Mapping[str, NDArray[np.float32]]) -> Written:
+        """A record with the values of a later tracking, shape (F,) per channel, put over this one's."""
+        lengths = [len(v) for v in self.values.values()]
+        start = min(first, self.first) if lengths else first
+        stop = max([first + len(v) for v in values.values()] + [self.first + n for n in lengths])
+        merged = {}
+        for channel in {**self.values, **values}:
+            row = np.full(stop - start, np.nan, np.float32)
+            for begin, source in ((self.first, self.values.get(channel)), (first, values.get(channel))):
+                if source is not None:
+                    row[begin - start : begin - start + len(source)] = source
+            merged[channel] = row
+        return Written(start, merged)
+
+
+def load(owner: bpy.types.Object) -> Written:
+    """The record for the object's action and slot; empty where the tracker wrote nothing yet."""
+    action, slot = owner.animation_data.action, owner.animation_data.action_slot
+    record = action.get(PROPERTY, {}).get(str(slot.handle))
+    if record is None:
+        return Written(0, {})
+    channels = json.loads(record["channels"])
+    values = np.array(record["values"], np.float32).reshape(len(channels), -1)
+    return Written(record["first"], dict(zip(channels, values, strict=True)))
+
+
+def store(owner: bpy.types.Object, record: Written) -> None:
+    """Keep the record in the object's action."""
+    action, slot = owner.animation_data.action, owner.animation_data.action_slot
+    if PROPERTY not in action:
+        action[PROPERTY] = {}
+    action[PROPERTY][str(slot.handle)] = {
+        "first": record.first,
+        "channels": json.dumps(list(record.values)),
+        "values": np.concatenate(list(record.values.values())),
+    }
