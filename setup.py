@@ -5,6 +5,7 @@ from setuptools import find_packages, setup
 PARTS = ["core", "core.*", "kfmocap_addon", "kfmocap_addon.*"]
 
 setup(
+    script_name="setup.py",  # keeps this file out of the package, beside which it lies
     package_dir={"kfmocap": "."},
     packages=["kfmocap"] + [f"kfmocap.{name}" for name in find_packages(".", include=PARTS)],
     package_data={"kfmocap": ["blender_manifest.toml", "examples/**/*"]},
