@@ -1,4 +1,4 @@
-"""Footage: videos and image sequences, decoded once, reduced, rectified and streamed; never held at full size."""
+"""Footage: videos and image sequences, decoded once, reduced, rectified and streamed."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,7 +19,7 @@ from .cameras import reduced_size
 from .errors import FootageError, ShotError
 from .shot import Progress, View, report_progress
 
-Image = NDArray[np.uint8]
+Image = NDArray[Any]
 
 IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
 _ROTATIONS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
@@ -84,7 +85,8 @@ def check_view(view: View, first: int, length: int) -> Footage:
     Raises
     ------
     FootageError
-        The footage is missing or unreadable, of another size than its camera's, begins after the shot or ends before it.
+        The footage is missing or unreadable, of another size than its camera's, begins after the shot or ends
+        before it.
     ShotError
         The footage is interlaced, which is not supported yet.
     """
@@ -92,7 +94,7 @@ def check_view(view: View, first: int, length: int) -> Footage:
     footage, camera = probe(view.footage), view.camera
     if footage.size != camera.size:
         raise FootageError(
-            f"the footage is {_by(footage.size)} but the calibration of camera '{camera.name}' is for {_by(camera.size)}",
+            f"the footage is {_by(footage.size)}, the calibration of '{camera.name}' {_by(camera.size)}",
             where=str(view.footage),
             todo="sizes are width x height after the rotation that the file asks for",
         )
@@ -111,7 +113,8 @@ def _require_progressive(view: View) -> None:
 
 def _check_range(view: View, footage: Footage, first: int, length: int) -> None:
     start, end = footage_index(view, first), footage_index(view, first + length - 1)
-    asked = f"frames {first} to {first + length - 1} with offset {view.offset:g} are the footage's {start} to {end}"
+    last, offset = first + length - 1, view.offset
+    asked = f"the shot's frames {first} to {last} with offset {offset:g} are its frames {start} to {end}"
     where = f"{view.footage} (camera '{view.camera.name}')"
     if start < 0:
         raise FootageError(f"the shot begins before the footage: {asked}", where=where)
@@ -169,7 +172,7 @@ def stream(
 
 def read_views(
     views: Sequence[View], first: int, length: int, factor: float, progress: Progress | None = None
-) -> list[NDArray[np.uint8]]:
+) -> list[Image]:
     """Read all views' reduced and rectified grey levels, two views at a time.
 
     Parameters
@@ -193,7 +196,7 @@ def read_views(
     """
     stop, done = threading.Event(), [0] * len(views)
 
-    def read(v: int) -> NDArray[np.uint8]:
+    def read(v: int) -> Image:
         width, height = reduced_size(views[v].camera.size, factor)
         images = np.empty((length, height, width), np.uint8)
         for f, image in enumerate(stream(views[v], first, length, factor)):
@@ -219,8 +222,8 @@ def read_views(
 def image_files(path: Path) -> dict[int, Path] | None:
     """Files of an image sequence by frame from 0, or None where the path is a video's.
 
-    A sequence is named by a pattern in the file's name: printf's %04d or ####, whose lowest number is frame 0, or a glob
-    with *, whose files are taken in natural order. A single image is a sequence of one.
+    A sequence is named by a pattern in the file's name: printf's %04d or ####, whose lowest number is frame 0,
+    or a glob with *, whose files are taken in natural order. A single image is a sequence of one.
     """
     if path.is_file():
         return {0: path} if path.suffix.lower() in IMAGE_SUFFIXES else None
@@ -298,7 +301,7 @@ def _decodable(path: Path, limit: int) -> int:
 def _reduced(
     path: Path, indices: Sequence[int], size: tuple[int, int], factor: float, grey: bool
 ) -> Iterator[Image]:
-    """The frames of those increasing indices, reduced, as they are to be seen; `size` is that of the full frames."""
+    """The frames of those increasing indices, reduced, as they are to be seen; `size` is the full frames'."""
     target = reduced_size(size, factor)
     images = image_files(path)
     if images is not None:
@@ -314,7 +317,7 @@ def _reduced(
             while position < index and video.grab():
                 position += 1
             read, frame = video.read() if position == index else (False, None)
-            if not read:
+            if not read or frame is None:
                 raise FootageError(f"the footage ends or breaks at frame {position}", where=str(path))
             position += 1
             image = _shrunk(frame, stored, grey)
@@ -325,10 +328,9 @@ def _sequence_image(path: Path, images: dict[int, Path], index: int, size: tuple
     if index not in images:
         raise FootageError(f"the image of frame {index} is missing in the sequence", where=str(path))
     image = _read_image(images[index])
-    if image.shape[1::-1] != size:
-        raise FootageError(
-            f"the image is {_by(image.shape[1::-1])}, not {_by(size)}", where=str(images[index])
-        )
+    found = (image.shape[1], image.shape[0])
+    if found != size:
+        raise FootageError(f"the image is {_by(found)}, not {_by(size)}", where=str(images[index]))
     return image
 
 

@@ -1,7 +1,7 @@
-"""Calibrations: our own TOML (which is aniposelib's and Pose2Sim's), Caliscope's, Qualisys', OpenCV's and EasyMocap's.
+"""Calibrations: our own TOML (aniposelib's and Pose2Sim's too), Caliscope's, Qualisys', OpenCV's.
 
-A camera of our TOML is a table with name, size, matrix, distortions, rotation (Rodrigues) and translation (metres). A
-moving camera's rotation and translation are lists of such vectors, one per frame of the shot.
+A camera of our TOML is a table with name, size, matrix, distortions, rotation (Rodrigues) and translation
+(metres). A moving camera's rotation and translation are lists of such vectors, one per frame of the shot.
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ def save_cameras(path: Path | str, cameras: Mapping[str, Camera] | Sequence[Came
     values = list(cameras.values()) if isinstance(cameras, Mapping) else list(cameras)
     head = (
         "# OpenCV convention: x_cam = R x_world + t, metres, Z-up world, pixel centres at integers;\n"
-        "# rotation is a Rodrigues vector; lists of vectors are the poses of a moving camera, one per frame.\n"
+        "# rotation is a Rodrigues vector; lists of vectors are the poses of a moving camera, one a frame.\n"
     )
     with replacing(Path(path)) as temporary:
         temporary.write_text("\n".join([head, *map(_toml_table, values)]), encoding="utf-8")

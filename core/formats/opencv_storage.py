@@ -1,9 +1,10 @@
-"""Calibrations that OpenCV's FileStorage writes (.yml, .yaml, .json), among them EasyMocap's intri.yml and extri.yml.
+"""Calibrations that OpenCV's FileStorage writes (.yml, .yaml, .json).
 
-Two layouts are read. EasyMocap's: a list `names`, and for each name K_name, dist_name, H_name and W_name (its size) with
-R_name (Rodrigues) or Rot_name (matrix), and T_name, in one file or in extri.yml beside intri.yml. The other: one node per
-camera, or one camera alone in the file, with the fields of OpenCV's calibration sample: camera_matrix,
-distortion_coefficients, image_width, image_height, and its pose as rotation or R, and translation or T.
+Two layouts are read. EasyMocap's: a list `names`, and for each name K_name, dist_name, H_name and W_name (its
+size), R_name (Rodrigues) or Rot_name (matrix), and T_name, in one file or in extri.yml beside intri.yml. The
+other: one node per camera, or one camera alone in the file, with the fields of OpenCV's calibration sample,
+camera_matrix, distortion_coefficients, image_width and image_height, and its pose as rotation or R and
+translation or T.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Qualisys' calibration files (.qca.txt, an XML document).
 
-The transform holds the camera's place (mm) and its rotation by columns, object centred, with the camera looking along
--z: its inverse, turned by pi about x, is OpenCV's. Lengths on the sensor are in 1/64 pixel.
+The transform holds the camera's place (mm) and its rotation by columns, with the camera looking along -z: its
+inverse, turned by pi about x, is OpenCV's. Lengths on the sensor are in 1/64 pixel.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def _camera(element: ElementTree.Element, path: Path) -> Camera:
 
     if element.get("viewrotation", "0") != "0":
         raise CalibrationError(
-            "a rotated view is not supported", where=where, todo="export it with viewrotation 0"
+            "a rotated view is not supported", where=where, todo="export with viewrotation 0"
         )
     left, top = value("fov_video", "left"), value("fov_video", "top")
     size = (round(value("fov_video", "right") - left) + 1, round(value("fov_video", "bottom") - top) + 1)

@@ -1,4 +1,4 @@
-"""The shot file: a shot for batches and other programs. See the README for its keys; paths are relative to it."""
+"""The shot file: a shot for batches and other programs. Paths in it are relative to it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..footage import check_view
 from ..inverse_kinematics import fit_body, fit_poses
 from ..shot import FIELD_ORDERS, KeyPoses, Performer, Settings, Shot, View
 from .calibration import load_cameras
-from .tables import Table
+from .tables import Table, named
 from .trc import Landmarks, read_trc
 
 _TABLES = ("shot", "calibration", "view", "performer", "track")
@@ -62,25 +62,19 @@ def load_shot(
     path = Path(path)
     document = Table(_parsed(path), str(path), _TABLES)
     head = Table(document.value("shot"), f"{path} [shot]", ("name", "fps", "frames"))
-    frames = _frames(head)
+    name, fps, frames = shot_name(head.text("name"), head.where), _positive(head, "fps"), _frames(head)
+    settings = _settings(document, path, solver)
     calibration = Table(document.value("calibration"), f"{path} [calibration]", ("file",))
-    cameras = load_cameras(calibration.path("file", path.parent))
+    with named(f"{calibration.where} file"):
+        cameras = load_cameras(calibration.path("file", path.parent))
     shot_views = _views(document, path, cameras, views)
     for view in shot_views:
-        check_view(view, frames[0], frames[1] - frames[0] + 1)
-    performers = [
-        _performer(table, path, frames, keyframes)
-        for table in _tables(document, "performer", path, _PERFORMER)
-    ]
-    _distinct([p.name for p in performers], f"{path} [[performer]] name")
-    return Shot(
-        name=shot_name(head.text("name"), head.where),
-        fps=_positive(head, "fps"),
-        frames=frames,
-        views=shot_views,
-        performers=tuple(performers),
-        settings=_settings(document, path, solver),
-    )
+        with named(f"{path} [[view]] '{view.camera.name}' footage"):
+            check_view(view, frames[0], frames[1] - frames[0] + 1)
+    tables = _tables(document, "performer", path, _PERFORMER)
+    _distinct([table.text("name") for table in tables], f"{path} [[performer]] name")
+    performers = [_performer(table, path.parent, frames, keyframes) for table in tables]
+    return Shot(name, fps, frames, shot_views, tuple(performers), settings)
 
 
 def _parsed(path: Path) -> dict[str, Any]:
@@ -167,10 +161,8 @@ def _settings(document: Table, path: Path, solver: str | None) -> Settings:
     values = {name: _setting(table, name, kinds[name]) for name in names if name in table}
     if solver is not None:
         values["solver"] = solver
-    try:
+    with named(str(path)):
         return Settings(**values)
-    except ShotError as error:
-        raise ShotError(error.what, where=f"{path} {error.where}", todo=error.todo) from error
 
 
 def _setting(table: Table, name: str, kind: Any) -> Any:
@@ -185,7 +177,7 @@ def _setting(table: Table, name: str, kind: Any) -> Any:
 
 
 def _performer(
-    table: Table, path: Path, frames: tuple[int, int], keyframes: Sequence[int] | None
+    table: Table, folder: Path, frames: tuple[int, int], keyframes: Sequence[int] | None
 ) -> Performer:
     name = table.text("name")
     height = table.number("height", None)
@@ -194,8 +186,9 @@ def _performer(
         raise table.error("keyposes", "key poses from a BVH are not supported yet", "use landmarks")
     if "landmarks" not in table:
         raise table.error("landmarks", "there is nothing to take the key poses from", "name a TRC file")
-    file = table.path("landmarks", path.parent)
-    names, points = _at_keys(read_trc(file), file, keys, frames[0])
+    file = table.path("landmarks", folder)
+    with named(f"{table.where} landmarks"):
+        names, points = _at_keys(read_trc(file), file, keys, frames[0])
     body = fit_body(names, points, height)
     return Performer(name, body, KeyPoses.whole(keys - frames[0], fit_poses(body, names, points)))
 
@@ -204,17 +197,15 @@ def _keyframes(table: Table, frames: tuple[int, int], override: Sequence[int] | 
     """Key frames in the footage's count, increasing."""
     where = "--keyframes" if override is not None else f"{table.where} keyframes"
     if override is None and table.value("keyframes") == "auto":
-        raise ShotError(
-            "choosing key frames automatically is not supported yet", where=where, todo="list the frames"
-        )
+        todo = "list the frames"
+        raise ShotError("choosing key frames automatically is not supported yet", where=where, todo=todo)
     keys = sorted(set(override if override is not None else table.integers("keyframes")))
     if not keys:
         raise ShotError("at least one key frame is needed", where=where)
     for key in keys:
         if not frames[0] <= key <= frames[1]:
-            raise ShotError(
-                f"key frame {key} lies outside the shot's frames {frames[0]} to {frames[1]}", where=where
-            )
+            what = f"key frame {key} lies outside the shot's frames {frames[0]} to {frames[1]}"
+            raise ShotError(what, where=where)
     return np.array(keys, dtype=np.int64)
 
 

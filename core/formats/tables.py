@@ -4,13 +4,24 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from ..errors import ShotError
+from ..errors import KFMocapError, ShotError
 
 _REQUIRED: Any = object()
+
+
+@contextmanager
+def named(where: str) -> Iterator[None]:
+    """Put before an error's place the file and field that led there."""
+    try:
+        yield
+    except KFMocapError as error:
+        place = f"{where}: {error.where}" if error.where else where
+        raise type(error)(error.what, where=place, todo=error.todo) from error
 
 
 class Table:

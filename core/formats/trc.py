@@ -1,6 +1,6 @@
 """TRC files: landmarks over time, as Pose2Sim and OpenSim write them.
 
-A TRC's axes are Y up, (X, Y, Z) = (y, z, x) of our Z-up world; blanks and "nan" are landmarks that were not seen.
+Its axes are Y up, (X, Y, Z) = (y, z, x) of our Z-up world; blanks and "nan" are landmarks that were not seen.
 """
 
 from __future__ import annotations

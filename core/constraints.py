@@ -1,0 +1,113 @@
+"""Constraints on motion beside the images: smoothness in time and key poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import rotations
+from .motion import Motion
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class BandedBlocks:
+    """A symmetric block-banded system over F frames of D degrees of freedom.
+
+    Attributes
+    ----------
+    diagonal : ndarray, shape (F, D, D)
+    first : ndarray, shape (F - 1, D, D)
+        Block of frame j + 1 (rows) against frame j (columns).
+    second : ndarray, shape (max(F - 2, 0), D, D)
+        Block of frame j + 2 against frame j.
+    gradient : ndarray, shape (F, D)
+        Gradient of half the energy.
+    energy : float
+        Sum of squared weighted residuals.
+    """
+
+    diagonal: Array
+    first: Array
+    second: Array
+    gradient: Array
+    energy: float
+
+    @classmethod
+    def zeros(cls, frames: int, dof: int) -> BandedBlocks:
+        return cls(
+            np.zeros((frames, dof, dof)),
+            np.zeros((max(frames - 1, 0), dof, dof)),
+            np.zeros((max(frames - 2, 0), dof, dof)),
+            np.zeros((frames, dof)),
+            0.0,
+        )
+
+    def __add__(self, other: BandedBlocks) -> BandedBlocks:
+        return BandedBlocks(
+            self.diagonal + other.diagonal,
+            self.first + other.first,
+            self.second + other.second,
+            self.gradient + other.gradient,
+            self.energy + other.energy,
+        )
+
+
+def acceleration(motion: Motion) -> Array:
+    """Second differences along time at frames 1 .. F - 2, shape (F - 2, D).
+
+    Of a rotation it is log(Q_j^T Q_{j+1}) + log(Q_j^T Q_{j-1}): zero for a constant turn, and in the frame of Q_j.
+    """
+    T, Q = motion.translations, motion.rotations
+    ahead, behind = _turns(Q)
+    return np.concatenate([T[2:] - 2 * T[1:-1] + T[:-2], (ahead + behind).reshape(len(T) - 2, -1)], axis=1)
+
+
+def _turns(Q: Array) -> tuple[Array, Array]:
+    middle = np.swapaxes(Q[1:-1], -1, -2)
+    return rotations.log(middle @ Q[2:]), rotations.log(middle @ Q[:-2])
+
+
+def smoothness(motion: Motion, weights: Array) -> BandedBlocks:
+    """Normal equations of the weighted squared accelerations.
+
+    Parameters
+    ----------
+    motion : Motion
+        F poses.
+    weights : ndarray, shape (D,)
+        Inverse variance of the acceleration of each degree of freedom, 1/(m/frame^2)^2 and 1/(rad/frame^2)^2.
+    """
+    F, D = len(motion), len(weights)
+    blocks = BandedBlocks.zeros(F, D)
+    if F < 3:
+        return blocks
+    residual = acceleration(motion)
+    ahead, behind = _turns(motion.rotations)
+    J_next = _block_diagonal(rotations.right_jacobian_inverse(ahead))
+    J_last = _block_diagonal(rotations.right_jacobian_inverse(behind))
+    J_here = -np.swapaxes(J_next + J_last, -1, -2)  # Jl^-1 is the transpose of Jr^-1
+    J = (J_last, J_here, J_next)
+    weighted = [weights[:, None] * x for x in J]
+    for a in range(3):
+        blocks.gradient[a : F - 2 + a] += np.einsum("frd,fr->fd", weighted[a], residual)
+        blocks.diagonal[a : F - 2 + a] += np.swapaxes(J[a], 1, 2) @ weighted[a]
+    blocks.first[:-1] += np.swapaxes(J_here, 1, 2) @ weighted[0]
+    blocks.first[1:] += np.swapaxes(J_next, 1, 2) @ weighted[1]
+    blocks.second[:] = np.swapaxes(J_next, 1, 2) @ weighted[0]
+    energy = float(np.sum(weights * residual**2))
+    return BandedBlocks(blocks.diagonal, blocks.first, blocks.second, blocks.gradient, energy)
+
+
+def _block_diagonal(J: Array) -> Array:
+    """The Jacobians of all parts (N, P, 3, 3), and one for the translation, as (N, D, D)."""
+    N, P = J.shape[:2]
+    out = np.zeros((N, 3 + 3 * P, 3 + 3 * P))
+    out[:, :3, :3] = np.eye(3)
+    for p in range(P):
+        s = slice(3 + 3 * p, 6 + 3 * p)
+        out[:, s, s] = J[:, p]
+    return out

@@ -1,0 +1,63 @@
+"""Block-banded systems over the frames of a segment, degrees of freedom fixed one by one."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve_banded, cholesky_banded
+
+from ..constraints import BandedBlocks
+
+Array = NDArray[np.float64]
+
+
+class BandedFactor:
+    """Cholesky factor of a block-banded matrix with some unknowns taken out.
+
+    Parameters
+    ----------
+    blocks : BandedBlocks
+        F frames of D degrees of freedom.
+    fixed : ndarray of bool, shape (F, D)
+        Unknowns that do not move: their rows and columns are taken out.
+    damping : float
+        Levenberg's: this share of the diagonal is added to it.
+    """
+
+    def __init__(self, blocks: BandedBlocks, fixed: NDArray[np.bool_], damping: float = 0.0) -> None:
+        self.free = ~fixed
+        self._factor = cholesky_banded(banded(blocks, fixed, damping), lower=True, check_finite=False)
+
+    def solve(self, right: Array) -> Array:
+        """Solve for a right-hand side of shape (F, D) or (F, D, n); fixed unknowns come out zero."""
+        free = self.free.reshape(self.free.shape + (1,) * (right.ndim - 2))
+        masked = np.where(free, right, 0.0).reshape(self.free.size, *right.shape[2:])
+        return cho_solve_banded((self._factor, True), masked, check_finite=False).reshape(right.shape)
+
+    def covariance(self, frame: int) -> Array:
+        """Block of the inverse at one frame, shape (D, D): the uncertainty of that pose."""
+        F, D = self.free.shape
+        unit = np.zeros((F, D, D))
+        unit[frame] = np.eye(D)
+        return self.solve(unit)[frame]
+
+
+def banded(blocks: BandedBlocks, fixed: NDArray[np.bool_], damping: float = 0.0) -> Array:
+    """Lower banded storage (3 D, F D) as `scipy.linalg.cholesky_banded` takes it; fixed unknowns become identity."""
+    F, D = fixed.shape
+    free = (~fixed).astype(float)
+    out = np.zeros((3 * D, F, D))
+    rows, columns = np.indices((D, D))
+    lower = rows >= columns
+    diagonal = blocks.diagonal * free[:, :, None] * free[:, None, :]
+    # Directions that nothing measures keep the matrix positive definite by the smallest of ridges.
+    ridge = 1e-9 * np.maximum(np.einsum("fdd->fd", blocks.diagonal), 1.0)
+    d = np.arange(D)
+    diagonal[:, d, d] += np.where(fixed, 1.0, ridge + damping * np.einsum("fdd->fd", diagonal))
+    out[(rows - columns)[lower], :, columns[lower]] = diagonal[:, rows[lower], columns[lower]].T
+    for k, block in ((1, blocks.first), (2, blocks.second)):
+        n = len(block)
+        if n:
+            kept = block * free[k:, :, None] * free[:n, None, :]
+            out[(k * D + rows - columns).ravel(), :n, columns.ravel()] = kept.reshape(n, -1).T
+    return out.reshape(3 * D, F * D)
