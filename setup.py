@@ -8,5 +8,6 @@ setup(
     script_name="setup.py",  # keeps this file out of the package, beside which it lies
     package_dir={"kfmocap": "."},
     packages=["kfmocap"] + [f"kfmocap.{name}" for name in find_packages(".", include=PARTS)],
+    include_package_data=False,
     package_data={"kfmocap": ["blender_manifest.toml", "examples/**/*"]},
 )
