@@ -1,7 +1,7 @@
 """Motion as F-curves, and the animator's keys as key poses.
 
-The body's channels are the rotation of every bone and the location of the root. Keys of the type GENERATED, with the
-value that the tracker wrote, belong to the tracker; every other key on these channels is the animator's.
+The body's channels are the rotation of every bone and the location of the root. Keys of the type GENERATED,
+with the value that the tracker wrote, are the tracker's; every other key on them is the animator's.
 """
 
 from __future__ import annotations
@@ -84,8 +84,8 @@ def write_key_poses(armature: bpy.types.Object, key_poses: KeyPoses, frame_start
 def write_motion(armature: bpy.types.Object, motion: Motion, frame_start: int) -> None:
     """Write tracked frames as keys of type GENERATED, in place of those of an earlier tracking.
 
-    The animator's keys stay as they are, and nothing is written on them. Earlier tracked keys outside the motion's
-    frames stay too.
+    The animator's keys stay as they are, and nothing is written on them. Earlier tracked keys outside the
+    motion's frames stay too.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def read_key_poses(armature: bpy.types.Object, frame_start: int, length: int) ->
 
 
 def _animators(keys: actions.Keys, record: written.Written, channel: Channel) -> NDArray[np.bool_]:
-    """Which keys are the animator's, shape (K,): another type than GENERATED, or another place than was written."""
+    """Which keys are the animator's, shape (K,): not of the type GENERATED, or not where one was written."""
     other = keys["type"] != actions.enum_value("type", "GENERATED")
     values = record.at(channel.key, _frames(keys))
     if values is None:
@@ -272,6 +272,6 @@ def _fixed_channels(armature: bpy.types.Object, fixed: NDArray[np.bool_]) -> NDA
 
 
 def _aligned_axes(armature: bpy.types.Object) -> NDArray[np.int64] | None:
-    """Location channel of each world axis, or None where the root bone's rest is askew: then all three go together."""
+    """Location channel of each world axis, or None where the root's rest is askew: then all go together."""
     A = np.abs(_root_frame(armature)[0])
     return np.argmax(A, axis=1) if np.allclose(A.max(axis=1), 1.0, atol=1e-5) else None

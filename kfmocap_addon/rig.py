@@ -19,7 +19,7 @@ from ..core.errors import BodyError
 Array = NDArray[np.float64]
 
 PART, LIMITS, LANDMARKS = "kfmocap_part", "kfmocap_limits", "kfmocap_landmarks"
-"""Custom properties of a bone: its place in the body; limits as JSON; landmarks as JSON, name: [rank, x, y, z].
+"""Custom properties of a bone: its rank in the body; limits and landmarks as JSON, name: [rank, x, y, z].
 
 They sit on the bones and not in a table of names, so that renaming a bone loses nothing.
 """
@@ -28,12 +28,12 @@ They sit on the bones and not in a table of names, so that renaming a bone loses
 def build_armature(body: Body, name: str, collection: bpy.types.Collection) -> bpy.types.Object:
     """Build a body's armature and meshes in a collection.
 
-    Every bone's rest matrix holds the part's joint and rest orientation, so a pose bone's rotation is the part's Q.
+    Every bone's rest matrix is the part's joint and rest orientation, so a pose bone's rotation is Q.
 
     Returns
     -------
     bpy.types.Object
-        The armature, at the world's origin; its meshes are its children, unselectable, drawn as wire in front.
+        The armature, at the world's origin; its meshes are its children, unselectable, drawn as wire.
     """
     armature = bpy.data.objects.new(name, bpy.data.armatures.new(name))
     with _edit_bones(armature) as bones:

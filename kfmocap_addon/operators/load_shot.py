@@ -1,0 +1,32 @@
+"""Load Shot: a shot file becomes a scene."""
+
+import bpy
+
+from .. import scene as scenes
+from .reporting import reported
+
+
+class LoadShot(bpy.types.Operator):
+    """Show a shot file in a new scene: cameras with their footage, bodies, and key poses"""
+
+    bl_idname = "kfmocap.load_shot"
+    bl_label = "Load Shot"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filepath: bpy.props.StringProperty(subtype="FILE_PATH", name="Shot", description="The shot file (.toml)")
+    filter_glob: bpy.props.StringProperty(default="*.toml", options={"HIDDEN"})
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ...core.formats.shot_toml import load_shot
+
+        with reported(self) as outcome:
+            shot = load_shot(bpy.path.abspath(self.filepath))
+            scene = scenes.build_scene(shot)
+            if context.window is not None:
+                context.window.scene = scene
+            self.report({"INFO"}, f"{shot.name}: {len(shot.views)} views, {shot.length} frames")
+        return outcome.value

@@ -1,0 +1,40 @@
+"""What the tools share: errors a user can cause become Blender's reports."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import bpy
+
+from ...core.errors import CancelledError, KFMocapError
+
+
+class Outcome:
+    """How a tool ended, as Blender's operators return it."""
+
+    def __init__(self) -> None:
+        self.value = {"FINISHED"}
+
+
+@contextmanager
+def reported(operator: bpy.types.Operator) -> Iterator[Outcome]:
+    """Run a tool's body; an error of ours is reported and makes the outcome CANCELLED."""
+    outcome = Outcome()
+    try:
+        yield outcome
+    except CancelledError as error:
+        operator.report({"WARNING"}, str(error))
+        outcome.value = {"CANCELLED"}
+    except KFMocapError as error:
+        operator.report({"ERROR"}, str(error))
+        outcome.value = {"CANCELLED"}
+
+
+def explained(operator: type[bpy.types.Operator], context: bpy.types.Context) -> bool:
+    """Whether the scene holds a shot; if not, the disabled button says so."""
+    properties = context.scene.kfmocap
+    if properties.views and properties.performers:
+        return True
+    operator.poll_message_set("This scene holds no shot yet: use Load Shot")
+    return False

@@ -1,0 +1,39 @@
+"""Track: the frames between the key poses, from the footage."""
+
+import bpy
+
+from .. import scene as scenes
+from .reporting import explained, reported
+
+
+class Track(bpy.types.Operator):
+    """Fill in every frame between the key poses from the footage. Keys you set stay as they are; those of an
+    earlier tracking are replaced"""
+
+    bl_idname = "kfmocap.track"
+    bl_label = "Track"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return explained(cls, context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ...core import tracking
+
+        manager = context.window_manager
+
+        def progress(_what: str, fraction: float) -> bool:
+            manager.progress_update(fraction)
+            return True
+
+        manager.progress_begin(0.0, 1.0)
+        try:
+            with reported(self) as outcome:
+                shot = scenes.shot_from_scene(context.scene)
+                result = tracking.track(shot, progress)
+                scenes.write_motions(context.scene, result.motions)
+                self.report({"INFO"}, f"Tracked {shot.length} frames in {sum(result.seconds.values()):.1f} s")
+        finally:
+            manager.progress_end()
+        return outcome.value

@@ -1,0 +1,79 @@
+"""The sidebar tab "KF Mocap" of the 3D view."""
+
+import bpy
+
+from .operators.export import Export
+from .operators.load_shot import LoadShot
+from .operators.look_through import LookThrough
+from .operators.track import Track
+
+
+class _Panel:
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "KF Mocap"
+
+
+class ShotPanel(_Panel, bpy.types.Panel):
+    bl_idname = "KFMOCAP_PT_shot"
+    bl_label = "Shot"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, properties = self.layout, context.scene.kfmocap
+        layout.operator(LoadShot.bl_idname, icon="FILE_FOLDER")
+        if not properties.views:
+            return
+        layout.use_property_split, layout.use_property_decorate = True, False
+        column = layout.column(align=True)
+        column.prop(properties, "shot", text="Name")
+        column.prop(properties, "first")
+        column.prop(properties, "last")
+        for performer in properties.performers:
+            layout.prop(performer, "armature", text=performer.name)
+
+
+class ViewsPanel(_Panel, bpy.types.Panel):
+    bl_idname = "KFMOCAP_PT_views"
+    bl_label = "Views"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return bool(context.scene.kfmocap.views)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        column = self.layout.column(align=True)
+        for index, view in enumerate(context.scene.kfmocap.views):
+            shown = view.camera is not None and view.camera == context.scene.camera
+            row = column.row(align=True)
+            button = row.operator(
+                LookThrough.bl_idname,
+                text=view.name,
+                icon="VIEW_CAMERA" if shown else "CAMERA_DATA",
+                depress=shown,
+            )
+            button.view = index
+            background = _background(view)
+            if background is not None:
+                row.prop(background, "alpha", text="Opacity", slider=True)
+
+
+class TrackPanel(_Panel, bpy.types.Panel):
+    bl_idname = "KFMOCAP_PT_track"
+    bl_label = "Track"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        self.layout.prop(context.scene.kfmocap, "solver", text="")
+        self.layout.operator(Track.bl_idname, icon="TRACKING_FORWARDS")
+
+
+class ExportPanel(_Panel, bpy.types.Panel):
+    bl_idname = "KFMOCAP_PT_export"
+    bl_label = "Export"
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        self.layout.operator(Export.bl_idname, icon="EXPORT")
+
+
+def _background(view: bpy.types.PropertyGroup) -> bpy.types.CameraBackgroundImage | None:
+    images = view.camera.data.background_images if view.camera is not None else ()
+    return images[0] if len(images) else None

@@ -1,0 +1,86 @@
+"""What a scene knows of its shot beyond Blender's own data."""
+
+import bpy
+
+from ..core.shot import FIELD_ORDERS
+
+
+def _is_camera(_self: bpy.types.PropertyGroup, candidate: bpy.types.Object) -> bool:
+    return candidate.type == "CAMERA"
+
+
+def _is_armature(_self: bpy.types.PropertyGroup, candidate: bpy.types.Object) -> bool:
+    return candidate.type == "ARMATURE"
+
+
+def _items(names: tuple[str, ...]) -> list[tuple[str, str, str]]:
+    return [(name, name.replace("-", " ").capitalize(), "") for name in names]
+
+
+class KFMocapView(bpy.types.PropertyGroup):
+    """A view; its name is the camera's in the calibration. The footage is the camera's background clip."""
+
+    camera: bpy.props.PointerProperty(
+        type=bpy.types.Object,
+        poll=_is_camera,
+        name="Camera",
+        description="Camera object with the footage behind it",
+    )
+    size: bpy.props.IntVectorProperty(
+        size=2,
+        min=1,
+        default=(1920, 1080),
+        name="Size",
+        description="Width and height of the footage, pixels",
+    )
+    aspect: bpy.props.FloatVectorProperty(
+        size=2, min=1.0, default=(1.0, 1.0), name="Pixel Aspect", description="Width and height of a pixel"
+    )
+    offset: bpy.props.FloatProperty(
+        name="Offset",
+        description="Frame f of the shot is this footage's frame f + offset, frames",
+        precision=3,
+    )
+    fields: bpy.props.EnumProperty(
+        items=_items(FIELD_ORDERS), name="Fields", description="Order of the fields of interlaced footage"
+    )
+    sequence: bpy.props.StringProperty(
+        name="Sequence", description="Pattern of the file names, where the footage is an image sequence"
+    )
+    keypoints: bpy.props.StringProperty(
+        name="Keypoints", description="2D keypoints of this view, relative to the footage's folder"
+    )
+    distortions: bpy.props.StringProperty(
+        name="Distortion",
+        description="OpenCV's distortion as JSON, where Blender's movie clip has no model for it",
+    )
+
+
+class KFMocapPerformer(bpy.types.PropertyGroup):
+    """Somebody to track, by name; the armature is the body, its keys are the key poses."""
+
+    armature: bpy.props.PointerProperty(
+        type=bpy.types.Object, poll=_is_armature, name="Armature", description="The performer's body"
+    )
+
+
+class KFMocapScene(bpy.types.PropertyGroup):
+    """The shot that a scene shows."""
+
+    shot: bpy.props.StringProperty(name="Shot", description="Name of the shot, and of the files exported")
+    first: bpy.props.IntProperty(name="First", description="First frame to track, in the footage's count")
+    last: bpy.props.IntProperty(name="Last", description="Last frame to track, in the footage's count")
+    frame_start: bpy.props.IntProperty(
+        default=1, name="Scene Start", description="Scene frame that shows the first frame of the shot"
+    )
+    views: bpy.props.CollectionProperty(type=KFMocapView)
+    performers: bpy.props.CollectionProperty(type=KFMocapPerformer)
+    solver: bpy.props.EnumProperty(
+        items=[
+            ("gauss-newton", "Gauss-Newton", "All frames between two key poses at once: the best results"),
+            ("relaxation", "Relaxation", "Frame by frame in sweeps, as first published: for comparison"),
+        ],
+        name="Solver",
+        description="How the frames between the key poses are found",
+    )
+    settings: bpy.props.StringProperty(name="Settings", description="Further settings of the tracker as JSON")

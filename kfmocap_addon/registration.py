@@ -1,0 +1,50 @@
+"""What Blender is told of: classes, the scene's properties, the command."""
+
+from __future__ import annotations
+
+import bpy
+
+from . import panels, properties
+from .operators import export, load_shot, look_through, track
+
+CLASSES = (
+    properties.KFMocapView,
+    properties.KFMocapPerformer,
+    properties.KFMocapScene,
+    load_shot.LoadShot,
+    look_through.LookThrough,
+    track.Track,
+    export.Export,
+    panels.ShotPanel,
+    panels.ViewsPanel,
+    panels.TrackPanel,
+    panels.ExportPanel,
+)
+COMMAND = "kfmocap"
+
+_register_classes, _unregister_classes = bpy.utils.register_classes_factory(CLASSES)
+_commands: list[object] = []
+
+
+def register() -> None:
+    _register_classes()
+    bpy.types.Scene.kfmocap = bpy.props.PointerProperty(type=properties.KFMocapScene)
+    if hasattr(bpy.utils, "register_cli_command"):
+        _commands.append(bpy.utils.register_cli_command(COMMAND, _command))
+
+
+def unregister() -> None:
+    while _commands:
+        bpy.utils.unregister_cli_command(_commands.pop())
+    del bpy.types.Scene.kfmocap
+    _unregister_classes()
+
+
+def is_registered() -> bool:
+    return hasattr(bpy.types.Scene, "kfmocap")
+
+
+def _command(argv: list[str]) -> int:
+    from . import command_line
+
+    return command_line.main(argv)

@@ -1,0 +1,153 @@
+"""A Blender scene as a shot, and a shot as a Blender scene.
+
+Blender shows shot frame f at scene frame f + frame_start. Files count video frames: there shot frame 0 is the
+first frame of the shot.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Sequence
+
+import bpy
+
+from ..core.errors import ShotError
+from ..core.motion import Motion
+from ..core.shot import Performer, Settings, Shot
+from . import curves, rig, views
+
+FRAME_START = 1
+"""Scene frame of shot frame 0 in the scenes that we build, as Blender's own scenes start."""
+
+
+def build_scene(
+    shot: Shot, motions: Sequence[Motion] | None = None, scene: bpy.types.Scene | None = None
+) -> bpy.types.Scene:
+    """Show a shot in a scene: cameras with footage, armatures, key poses and, if given, tracked motions.
+
+    Parameters
+    ----------
+    shot : Shot
+    motions : sequence of Motion, optional
+        One per performer, `shot.length` poses each; written as keys of type GENERATED.
+    scene : bpy.types.Scene, optional
+        Where to build; by default a new scene.
+
+    Returns
+    -------
+    bpy.types.Scene
+
+    Raises
+    ------
+    FootageError
+        If Blender cannot read some footage. Nothing was built then.
+    """
+    clips = _load_clips(shot)
+    scene = scene or bpy.data.scenes.new(shot.name)
+    _set_time(scene, shot)
+    _describe(scene, shot)
+    _build_views(scene, shot, clips)
+    bodies = _collection(scene, "Performers")
+    for performer in shot.performers:
+        slot = scene.kfmocap.performers.add()
+        slot.name = performer.name
+        slot.armature = rig.build_armature(performer.body, performer.name, bodies)
+        curves.write_key_poses(slot.armature, performer.key_poses, FRAME_START)
+    if motions is not None:
+        write_motions(scene, motions)
+    return scene
+
+
+def write_motions(scene: bpy.types.Scene, motions: Sequence[Motion]) -> None:
+    """Write tracked motions, one per performer, into the scene's armatures beside the animator's keys."""
+    performers = scene.kfmocap.performers
+    for slot, motion in zip(performers, motions, strict=True):
+        curves.write_motion(slot.armature, motion, scene.kfmocap.frame_start)
+
+
+def shot_from_scene(scene: bpy.types.Scene) -> Shot:
+    """Read the shot that a scene shows, as it stands now: cameras, bodies and the animator's keys.
+
+    Raises
+    ------
+    KFMocapError
+        If the scene holds no shot, or some of it is gone or cannot be tracked; says what and where.
+    """
+    properties = scene.kfmocap
+    if not properties.views or not properties.performers:
+        raise ShotError("the scene holds no shot", where=f"scene {scene.name}", todo="load a shot first")
+    length = properties.last - properties.first + 1
+    if length < 1:
+        raise ShotError(
+            f"the last frame ({properties.last}) is before the first ({properties.first})",
+            where=f"scene {scene.name}",
+        )
+    render = scene.render
+    return Shot(
+        name=properties.shot,
+        fps=round(render.fps / render.fps_base, 5),
+        frames=(properties.first, properties.last),
+        views=views.read_views(scene, properties.frame_start, length),
+        performers=tuple(_read_performer(scene, slot, length) for slot in properties.performers),
+        settings=_read_settings(properties),
+    )
+
+
+def _read_performer(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, length: int) -> Performer:
+    if slot.armature is None or slot.armature.name not in scene.objects:
+        raise ShotError("the armature is gone from the scene", where=f"performer {slot.name}")
+    return Performer(
+        slot.name,
+        rig.body_from_armature(slot.armature),
+        curves.read_key_poses(slot.armature, scene.kfmocap.frame_start, length),
+    )
+
+
+def _load_clips(shot: Shot) -> list[bpy.types.MovieClip]:
+    clips: list[bpy.types.MovieClip] = []
+    try:
+        for view in shot.views:
+            clips.append(views.load_clip(view.footage))
+    except Exception:
+        bpy.data.batch_remove(clips)
+        raise
+    return clips
+
+
+def _set_time(scene: bpy.types.Scene, shot: Shot) -> None:
+    render = scene.render
+    render.fps = max(1, round(shot.fps))
+    render.fps_base = render.fps / shot.fps
+    scene.frame_start, scene.frame_end = FRAME_START, FRAME_START + shot.length - 1
+    scene.frame_set(FRAME_START)
+
+
+def _describe(scene: bpy.types.Scene, shot: Shot) -> None:
+    properties = scene.kfmocap
+    properties.shot, (properties.first, properties.last) = shot.name, shot.frames
+    properties.frame_start = FRAME_START
+    settings = dataclasses.asdict(shot.settings)
+    properties.solver = settings.pop("solver")
+    properties.settings = json.dumps(settings)
+
+
+def _build_views(scene: bpy.types.Scene, shot: Shot, clips: list[bpy.types.MovieClip]) -> None:
+    cameras = _collection(scene, "Views")
+    for view, clip in zip(shot.views, clips, strict=True):
+        slot = scene.kfmocap.views.add()
+        views.build_view(view, clip, slot, cameras, first=shot.frames[0], frame_start=FRAME_START)
+    views.look_through(scene, scene.kfmocap.views[0])
+
+
+def _read_settings(properties: bpy.types.PropertyGroup) -> Settings:
+    """Settings as the scene has them; defaults for what it does not say, without what this version lacks."""
+    stored = json.loads(properties.settings or "{}") | {"solver": properties.solver}
+    known = {f.name: stored[f.name] for f in dataclasses.fields(Settings) if f.name in stored}
+    return Settings(**{name: tuple(v) if isinstance(v, list) else v for name, v in known.items()})
+
+
+def _collection(scene: bpy.types.Scene, name: str) -> bpy.types.Collection:
+    collection = bpy.data.collections.new(name)
+    scene.collection.children.link(collection)
+    return collection

@@ -1,0 +1,226 @@
+"""Views in Blender: camera objects with the footage as their background, and back."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+from pathlib import Path
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ..core import rotations
+from ..core.cameras import Camera
+from ..core.errors import CalibrationError, FootageError
+from ..core.footage import footage_index, image_files
+from ..core.shot import View
+from . import actions, lens
+
+Array = NDArray[np.float64]
+
+_FLIP = np.diag([1.0, -1.0, -1.0])  # Blender's cameras look along -z with y up, OpenCV's along z with y down
+_SAME = 1e-6  # metres, and differences of rotations: a camera that moves by less is fixed
+
+
+def load_clip(path: Path) -> bpy.types.MovieClip:
+    """Load footage as a movie clip.
+
+    Raises
+    ------
+    FootageError
+        If Blender cannot read it.
+    """
+    images = image_files(path)
+    first = path if images is None else images[min(images)]
+    try:
+        return bpy.data.movieclips.load(str(first.resolve()))
+    except RuntimeError as error:
+        raise FootageError("Blender cannot read the footage", where=str(path)) from error
+
+
+def build_view(
+    view: View,
+    clip: bpy.types.MovieClip,
+    slot: bpy.types.PropertyGroup,
+    collection: bpy.types.Collection,
+    *,
+    first: int,
+    frame_start: int,
+) -> bpy.types.Object:
+    """Build a camera object with its footage, and describe the view in its slot of the scene's properties.
+
+    Parameters
+    ----------
+    clip : bpy.types.MovieClip
+        The view's footage.
+    slot : KFMocapView
+    first : int
+        First frame of the shot in the footage's count.
+    frame_start : int
+        Scene frame of shot frame 0.
+    """
+    camera = view.camera
+    data = bpy.data.cameras.new(camera.name)
+    frame = lens.set_lens(data, camera)
+    owner = bpy.data.objects.new(camera.name, data)
+    collection.objects.link(owner)
+    _place(owner, camera, frame_start)
+    clip.frame_start = frame_start - footage_index(view, first)
+    lens.set_clip_lens(clip, camera)
+    _show_behind(data, clip)
+
+    slot.name, slot.camera = camera.name, owner
+    slot.size, slot.aspect = frame.size, frame.aspect
+    slot.offset, slot.fields = view.offset, view.fields
+    slot.sequence = view.footage.name if image_files(view.footage) is not None else ""
+    slot.keypoints = "" if view.keypoints is None else _relative(view.keypoints, view.footage.parent)
+    slot.distortions = "" if lens.has_brown_model(camera) else _packed_distortions(camera)
+    return owner
+
+
+def _place(owner: bpy.types.Object, camera: Camera, frame_start: int) -> None:
+    """Give an object a camera's pose: fixed, or keyed on every frame."""
+    R = np.swapaxes(camera.R_cam_world, -1, -2) @ _FLIP
+    centres = np.stack([camera.centre_world(i) for i in range(len(R))])
+    quaternions = Rotation.from_matrix(R).as_quat()[:, [3, 0, 1, 2]]
+    for i in range(1, len(R)):
+        if quaternions[i] @ quaternions[i - 1] < 0:
+            quaternions[i] = -quaternions[i]
+    owner.rotation_mode = "QUATERNION"
+    owner.location, owner.rotation_quaternion = centres[0], quaternions[0]
+    if camera.moving:
+        bag = actions.ensure_channelbag(owner, owner.name)
+        frames = frame_start + np.arange(len(R))
+        for path, values in (("location", centres), ("rotation_quaternion", quaternions)):
+            for k in range(values.shape[1]):
+                curve = actions.ensure_fcurve(bag, path, k, "Object Transforms")
+                actions.set_keys(curve, [actions.new_keys(frames, values[:, k], "KEYFRAME", "LINEAR")])
+
+
+def _show_behind(data: bpy.types.Camera, clip: bpy.types.MovieClip) -> None:
+    background = data.background_images.new()
+    background.source, background.clip = "MOVIE_CLIP", clip
+    background.alpha, background.frame_method = 1.0, "STRETCH"
+    # A Blender camera has no distortion: the footage is shown as such a camera would have seen it.
+    background.clip_user.use_render_undistorted = True
+    data.show_background_images = True
+
+
+def look_through(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> None:
+    """Make a view the scene's camera, with the resolution and pixel aspect of its footage."""
+    scene.camera = slot.camera
+    render = scene.render
+    render.resolution_x, render.resolution_y = slot.size
+    render.resolution_percentage = 100
+    render.pixel_aspect_x, render.pixel_aspect_y = slot.aspect
+
+
+def read_views(scene: bpy.types.Scene, frame_start: int, length: int) -> tuple[View, ...]:
+    """The views of a scene, in the order of its properties.
+
+    Raises
+    ------
+    CalibrationError, FootageError
+        If a camera or its footage is missing or cannot be one of ours.
+    """
+    slots = scene.kfmocap.views
+    for slot in slots:
+        if slot.camera is None or slot.camera.name not in scene.objects:
+            raise CalibrationError("the camera object is gone from the scene", where=f"view {slot.name}")
+    poses = _camera_poses(scene, [slot.camera for slot in slots], frame_start, length)
+    return tuple(_read_view(slot, *pose) for slot, pose in zip(slots, poses, strict=True))
+
+
+def _read_view(slot: bpy.types.PropertyGroup, R_cam_world: Array, t_cam_world: Array) -> View:
+    clip = _background_clip(slot)
+    frame = lens.Frame(tuple(slot.size), tuple(slot.aspect))
+    packed = json.loads(slot.distortions) if slot.distortions else {"fisheye": False}
+    camera = Camera.create(
+        slot.name,
+        frame.size,
+        lens.intrinsic_matrix(slot.camera.data, frame),
+        R_cam_world,
+        t_cam_world,
+        packed.get("coefficients") or lens.clip_distortions(clip),
+        packed["fisheye"],
+    )
+    path = Path(bpy.path.abspath(clip.filepath, library=clip.library))
+    footage = path.with_name(slot.sequence) if slot.sequence else path
+    keypoints = Path(os.path.normpath(footage.parent / slot.keypoints)) if slot.keypoints else None
+    return View(camera, footage, round(slot.offset, 5), slot.fields, keypoints)
+
+
+def _background_clip(slot: bpy.types.PropertyGroup) -> bpy.types.MovieClip:
+    for background in slot.camera.data.background_images:
+        if background.source == "MOVIE_CLIP" and background.clip is not None:
+            return background.clip
+    raise FootageError(
+        "the camera has no footage",
+        where=f"camera {slot.camera.name}",
+        todo="give it a movie clip as background image",
+    )
+
+
+def _camera_poses(
+    scene: bpy.types.Scene, cameras: list[bpy.types.Object], frame_start: int, length: int
+) -> list[tuple[Array, Array]]:
+    """World to camera rotations (N, 3, 3) and translations (N, 3) of every camera; N is 1 where it is fixed.
+
+    However a camera is moved (keys, constraints, Blender's camera solver), it is evaluated on every frame.
+    """
+    if all(_stands_still(camera) for camera in cameras):
+        frames = [scene.frame_current]
+    else:
+        frames = list(range(frame_start, frame_start + length))
+    before = scene.frame_current, scene.frame_subframe
+    matrices = np.empty((len(frames), len(cameras), 4, 4))
+    layer = _view_layer(scene, cameras)
+    try:
+        for i, frame in enumerate(frames):
+            if len(frames) > 1:
+                scene.frame_set(frame)
+            layer.update()
+            for c, camera in enumerate(cameras):
+                matrices[i, c] = np.array(camera.evaluated_get(layer.depsgraph).matrix_world)
+    finally:
+        if len(frames) > 1:
+            scene.frame_set(before[0], subframe=before[1])
+    return [_cv_poses(matrices[:, c]) for c in range(len(cameras))]
+
+
+def _stands_still(camera: bpy.types.Object) -> bool:
+    return camera.animation_data is None and camera.parent is None and not camera.constraints
+
+
+def _view_layer(scene: bpy.types.Scene, cameras: list[bpy.types.Object]) -> bpy.types.ViewLayer:
+    """A view layer that evaluates all the cameras."""
+    for layer in scene.view_layers:
+        if all(camera.name in layer.objects for camera in cameras):
+            return layer
+    raise CalibrationError(
+        "no view layer holds all the cameras of the shot",
+        where=f"scene {scene.name}",
+        todo="switch the cameras' collection on",
+    )
+
+
+def _cv_poses(matrices: Array) -> tuple[Array, Array]:
+    """OpenCV's poses of Blender's camera matrices (N, 4, 4); one where they are all the same."""
+    spread = np.abs(matrices - matrices[:1]).max()
+    matrices = matrices[:1] if spread < _SAME else matrices
+    R = np.swapaxes(rotations.orthonormal(matrices[:, :3, :3]) @ _FLIP, -1, -2)
+    return R, -np.einsum("nij,nj->ni", R, matrices[:, :3, 3])
+
+
+def _packed_distortions(camera: Camera) -> str:
+    return json.dumps({"coefficients": camera.distortions.tolist(), "fisheye": camera.fisheye})
+
+
+def _relative(path: Path, folder: Path) -> str:
+    """The path as seen from the folder; as it is where there is no way, as between drives."""
+    with contextlib.suppress(ValueError):
+        return os.path.relpath(path, folder)
+    return str(path)
