@@ -160,9 +160,14 @@ def stream(
         As `check_view`, or the footage ends or breaks early; names the file and the frame.
     """
     check_view(view, first, length)
+    yield from frames_at(view, range(first, first + length, step), factor, grey=grey)
+
+
+def frames_at(view: View, frames: Sequence[int], factor: float, *, grey: bool = True) -> Iterator[Image]:
+    """As `stream`, for any increasing frames, in the same count, of a view that was checked."""
     camera = view.camera.reduced(factor)
     maps = camera.rectify_maps()
-    indices = [footage_index(view, frame) for frame in range(first, first + length, step)]
+    indices = [footage_index(view, frame) for frame in frames]
     for image in _reduced(view.footage, indices, view.camera.size, factor, grey):
         if maps is not None:
             # A black border would be an edge that moves with nothing.
@@ -222,8 +227,8 @@ def read_views(
 def image_files(path: Path) -> dict[int, Path] | None:
     """Files of an image sequence by frame from 0, or None where the path is a video's.
 
-    A sequence is named by a pattern in the file's name: printf's %04d or ####, whose lowest number is frame 0,
-    or a glob with *, whose files are taken in natural order. A single image is a sequence of one.
+    A sequence is named by a pattern in the file's name: printf's %04d or ####, whose lowest number is frame
+    0, or a glob with *, whose files are taken in natural order. A single image is a sequence of one.
     """
     if path.is_file():
         return {0: path} if path.suffix.lower() in IMAGE_SUFFIXES else None

@@ -1,0 +1,135 @@
+"""report.json: what a tracking job did, how long it took, and where to doubt it."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import platform
+from collections.abc import Mapping
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from .formats.files import replacing
+from .shot import Performer, Shot
+
+if TYPE_CHECKING:
+    from .tracking import TrackResult
+
+OCCLUDED_BELOW = 0.3
+"""A part is occluded in a view where less than this share of its area is seen (paper 000, section 5.3)."""
+WORST_FRAMES = 10
+
+
+def report(shot: Shot, result: TrackResult, seconds: Mapping[str, float] | None = None) -> dict[str, Any]:
+    """Summarise a tracking job as plain values for JSON.
+
+    Parameters
+    ----------
+    shot : Shot
+    result : TrackResult
+    seconds : mapping, optional
+        Seconds of further stages, beside those of `result`.
+
+    Returns
+    -------
+    dict
+        Frames in it are in the footage's count, as in the shot file.
+    """
+    stages = {**result.seconds, **(seconds or {})}
+    tracking = sum(result.seconds.values())
+    return {
+        "shot": shot.name,
+        "frames": list(shot.frames),
+        "fps": shot.fps,
+        "seconds": {stage: round(value, 3) for stage, value in stages.items()},
+        "seconds_total": round(sum(stages.values()), 3),
+        "camera_frames": result.camera_frames,
+        "camera_frames_per_second": round(result.camera_frames / tracking, 2) if tracking > 0 else None,
+        "segments": [
+            {
+                "performer": segment.performer,
+                "frames": [shot.frames[0] + segment.first, shot.frames[0] + segment.last],
+                "iterations": segment.iterations,
+                "energy": [float(e) for e in segment.energy],
+            }
+            for segment in result.segments
+        ],
+        "performers": [
+            _performer(shot, p, visible, residual)
+            for p, visible, residual in zip(shot.performers, result.visible, result.residual, strict=True)
+        ],
+        "settings": dataclasses.asdict(shot.settings),
+        "views": [
+            {
+                "camera": view.camera.name,
+                "footage": str(view.footage),
+                "size": list(view.camera.size),
+                "offset": view.offset,
+                "fields": view.fields,
+                "keypoints": str(view.keypoints) if view.keypoints else None,
+            }
+            for view in shot.views
+        ],
+        "versions": _versions(),
+    }
+
+
+def write_report(path: Path, values: Mapping[str, Any]) -> None:
+    """Write a report as JSON.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(values, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _performer(
+    shot: Shot, performer: Performer, visible: NDArray[np.float64], residual: NDArray[np.float64]
+) -> dict[str, Any]:
+    first = shot.frames[0]
+    worst = [
+        int(f) for f in np.argsort(-np.nan_to_num(residual, nan=-1.0), kind="stable") if residual[f] >= 0
+    ]
+    return {
+        "name": performer.name,
+        "keyframes": [first + int(f) for f in performer.key_poses.frames],
+        "occluded_below": OCCLUDED_BELOW,
+        "occluded": {
+            view.camera.name: {
+                part.name: spans
+                for i, part in enumerate(performer.body.parts)
+                if (spans := intervals(visible[v, :, i] < OCCLUDED_BELOW, first))
+            }
+            for v, view in enumerate(shot.views)
+        },
+        "worst_frames": [{"frame": first + f, "residual": float(residual[f])} for f in worst[:WORST_FRAMES]],
+    }
+
+
+def intervals(mask: NDArray[np.bool_], first: int = 0) -> list[list[int]]:
+    """First and last frame of each run of true values; the mask's frame 0 is frame `first`."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    return [[first + int(a), first + int(b) - 1] for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _versions() -> dict[str, str]:
+    try:
+        ours = metadata.version("kfmocap")
+    except metadata.PackageNotFoundError:  # inside Blender there is the extension, but no distribution
+        ours = "extension"
+    return {
+        "kfmocap": ours,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        "opencv": cv2.__version__,
+    }

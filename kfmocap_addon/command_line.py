@@ -1,0 +1,184 @@
+"""The command line: one parser for `kfmocap ...` and for `blender ... --command kfmocap ...`.
+
+Importing it pulls in neither Blender nor the core.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ..core.shot import Progress, Shot
+
+_REDRAW_SECONDS = 0.1
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        The arguments; by default the process's.
+
+    Returns
+    -------
+    int
+        Exit code: 0 when everything asked for was written, 1 after an error, 130 when interrupted.
+    """
+    _quiet_libraries()
+    args = _parser().parse_args(argv)
+    from ..core.errors import KFMocapError
+
+    try:
+        return args.run(args)
+    except KFMocapError as error:
+        message = " ".join(str(error).split())
+        print(f"kfmocap: error: {message}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("kfmocap: interrupted, nothing was written", file=sys.stderr)
+        return 130
+
+
+def _quiet_libraries() -> None:
+    """Our own messages say what is wrong with footage; and threads inside small matrix products cost time.
+
+    Both are read when the libraries are first loaded.
+    """
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+    for library in ("OMP", "OPENBLAS", "MKL"):
+        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="kfmocap", description="Keyframe motion tracking of performers.")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    track = commands.add_parser("track", help="track a shot and write motion, pictures and a report")
+    track.add_argument(
+        "shot", nargs="?", type=Path, metavar="SHOT.toml", help="inside Blender: the open scene"
+    )
+    track.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder for the results")
+    track.add_argument("--views", metavar="CAM,CAM", help="use the views of these cameras only")
+    track.add_argument("--keyframes", metavar="N,N | auto", help="use these key frames instead of the shot's")
+    _add_tracking(track)
+    track.set_defaults(run=_track)
+
+    demo = commands.add_parser("demo", help="track real footage of four cameras, fetched once")
+    demo.add_argument(
+        "--out", type=Path, default=Path("kfmocap-demo"), metavar="DIR", help="default: %(default)s"
+    )
+    _add_tracking(demo)
+    demo.set_defaults(run=_demo)
+
+    bench = commands.add_parser("bench", help="measure the tracker's errors and times on the examples")
+    bench.add_argument("--out", type=Path, metavar="DIR", help="also write the tables there")
+    bench.set_defaults(run=_bench)
+    return parser
+
+
+def _add_tracking(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--solver", metavar="NAME", help="gauss-newton or relaxation")
+    parser.add_argument("--no-blender", action="store_true", help="write only what needs no Blender")
+
+
+def _track(args: argparse.Namespace) -> int:
+    from .results import check_output, require_blender, run_track
+
+    check_output(args.out)
+    if not args.no_blender:
+        require_blender()
+    begin = time.perf_counter()
+    shot = _shot(args)
+    seconds = {"shot": time.perf_counter() - begin}
+    with progress_bar() as progress:
+        files = run_track(shot, args.out, not args.no_blender, progress, seconds)
+    print(*files, sep="\n")
+    return 0
+
+
+def _shot(args: argparse.Namespace) -> Shot:
+    views = None if args.views is None else [name for name in args.views.split(",") if name]
+    keyframes = _keyframes(args.keyframes)
+    if args.shot is not None:
+        from ..core.formats import load_shot
+
+        return load_shot(args.shot, views=views, keyframes=keyframes, solver=args.solver)
+    from ..core.errors import ShotError
+    from ..core.selection import selected
+
+    if "bpy" not in sys.modules:
+        raise ShotError(
+            "no shot file is named", where="kfmocap track", todo="kfmocap track SHOT.toml --out DIR"
+        )
+    import bpy
+
+    from . import batch
+
+    return selected(batch.shot_from_scene(bpy.context.scene), views, keyframes, args.solver)
+
+
+@contextmanager
+def progress_bar() -> Iterator[Progress | None]:
+    """A progress callback that draws a bar on standard error, or None where that is no terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    last = 0.0
+
+    def draw(what: str, fraction: float) -> bool:
+        nonlocal last
+        now = time.monotonic()
+        if now - last > _REDRAW_SECONDS or fraction >= 1:
+            last = now
+            width = max(10, shutil.get_terminal_size().columns - 30)
+            done = round(width * min(max(fraction, 0.0), 1.0))
+            bar = "#" * done + "." * (width - done)
+            print(f"\r\x1b[K{what[:18]:18} [{bar}] {fraction:4.0%}", end="", file=sys.stderr, flush=True)
+        return True
+
+    try:
+        yield draw
+    finally:
+        print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+
+
+def _keyframes(text: str | None) -> list[int] | None:
+    from ..core.errors import ShotError
+
+    if text is None:
+        return None
+    if text == "auto":
+        raise ShotError("choosing key frames automatically is not supported yet", where="--keyframes")
+    try:
+        return [int(number) for number in text.split(",")]
+    except ValueError as error:
+        todo = "whole numbers with commas between, such as 0,33,66,99"
+        raise ShotError(f"'{text}' is no list of frames", where="--keyframes", todo=todo) from error
+
+
+def _demo(args: argparse.Namespace) -> int:
+    from .demo import run
+
+    return run(args.out, not args.no_blender, args.solver)
+
+
+def _bench(args: argparse.Namespace) -> int:
+    from ..core.errors import KFMocapError
+
+    try:
+        from ..benchmarks import bench
+    except ImportError as error:
+        todo = "run it from a checkout of the project"
+        raise KFMocapError(f"the benchmark is not installed: {error}", todo=todo) from error
+    return bench.run(args)
