@@ -35,10 +35,13 @@ def load_clip(path: Path) -> bpy.types.MovieClip:
     """
     images = image_files(path)
     first = path if images is None else images[min(images)]
-    try:
-        return bpy.data.movieclips.load(str(first.resolve()))
-    except RuntimeError as error:
-        raise FootageError("Blender cannot read the footage", where=str(path)) from error
+    if not first.is_file():
+        raise FootageError("there is no such footage", where=str(path))
+    clip = bpy.data.movieclips.load(str(first.resolve()))
+    if clip.source == "MOVIE" and clip.frame_duration < 1:
+        bpy.data.movieclips.remove(clip)
+        raise FootageError("Blender cannot read the footage", where=str(path))
+    return clip
 
 
 def build_view(
@@ -198,6 +201,7 @@ def _stands_still(camera: bpy.types.Object) -> bool:
 def _view_layer(scene: bpy.types.Scene, cameras: list[bpy.types.Object]) -> bpy.types.ViewLayer:
     """A view layer that evaluates all the cameras."""
     for layer in scene.view_layers:
+        layer.update()  # an object linked just now is not in `layer.objects` before
         if all(camera.name in layer.objects for camera in cameras):
             return layer
     raise CalibrationError(

@@ -1,0 +1,88 @@
+"""Shots and Blender for the tests of the add-on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import bpy
+import cv2
+import numpy as np
+import pytest
+from kfmocap import kfmocap_addon
+from kfmocap.core import rotations
+from kfmocap.core.body import Body, human, part_poses
+from kfmocap.core.cameras import Camera
+from kfmocap.core.motion import Motion
+from kfmocap.core.shot import KeyPoses, Performer, Shot, View
+
+SIZE = (320, 240)
+LENS = (0.1, -0.05, 0.002, -0.003, 0.01)
+
+
+@pytest.fixture
+def blender() -> Iterator[SimpleNamespace]:
+    """An empty file in Blender with the add-on registered."""
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    kfmocap_addon.register()
+    yield bpy
+    kfmocap_addon.unregister()
+
+
+def video(path: Path, frames: int = 30, size: tuple[int, int] = SIZE) -> Path:
+    """A small video whose frame i is grey of level 8 i."""
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 25.0, size)
+    for i in range(frames):
+        writer.write(np.full((size[1], size[0], 3), 8 * i, np.uint8))
+    writer.release()
+    return path
+
+
+def camera(seed: int, poses: int = 1, distortions: tuple[float, ...] = LENS, fisheye: bool = False) -> Camera:
+    """A camera some 5 m from the origin that sees it; its pixels are not square."""
+    rng = np.random.default_rng(seed)
+    turn = rotations.exp(np.array([np.pi / 2, 0.0, 0.0]) + rng.normal(0, 0.2, (poses, 3)))
+    matrix = [[410.3, 0, 155.2], [0, 402.1 + 10 * seed, 125.7], [0, 0, 1]]
+    place = np.array([0, 0, 5.0]) + rng.normal(0, 0.3, (poses, 3))
+    return Camera.create(f"cam{seed:02d}", SIZE, matrix, turn, place, distortions, fisheye)
+
+
+def motion(frames: int, seed: int = 0, parts: int = 16) -> Motion:
+    """A wild motion with big rotations, several metres long, around 5 m from the origin."""
+    rng = np.random.default_rng(seed)
+    path = np.cumsum(rng.normal(0, 0.3, (frames, 3)), axis=0) + [4.0, 3.0, 1.0]
+    return Motion(path, rotations.exp(np.cumsum(rng.normal(0, 0.4, (frames, parts, 3)), axis=0)))
+
+
+def shot(folder: Path, performers: tuple[str, ...] = ("man",), fps: float = 60.0, frames: int = 12) -> Shot:
+    """A fixed and a moving camera, key poses at the first, sixth and last frame."""
+    views = (
+        View(camera(1), video(folder / "cam01.mp4"), 2.0, keypoints=folder / "pose" / "cam01_json"),
+        View(camera(2, frames), video(folder / "cam02.mp4")),
+    )
+    people = []
+    for seed, name in enumerate(performers):
+        keys = [0, 5, frames - 1]
+        people.append(
+            Performer(name, human(1.7 + 0.1 * seed), KeyPoses.whole(keys, motion(frames, seed)[keys]))
+        )
+    return Shot("walk", fps, (5, 4 + frames), views, tuple(people))
+
+
+def joint_error(
+    armature: bpy.types.Object, body: Body, truth: Motion, first: float = 1, step: float = 1
+) -> float:
+    """Largest distance in mm between joints as Blender evaluates them and as the core does.
+
+    The truth's frame f is compared with scene frame first + step f.
+    """
+    scene, joints = bpy.context.scene, part_poses(body, truth)[1]
+    worst = 0.0
+    for f in range(len(truth)):
+        whole, part = divmod(first + step * f, 1)
+        scene.frame_set(int(whole), subframe=part)
+        posed = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
+        heads = [posed.matrix_world @ posed.pose.bones[name].head for name in body.names]
+        worst = max(worst, np.linalg.norm(np.array(heads) - joints[f], axis=1).max())
+    return 1000 * worst
