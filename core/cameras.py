@@ -112,7 +112,8 @@ class Camera:
 
     def rectify_maps(self) -> tuple[NDArray, NDArray] | None:
         """Maps for `cv2.remap` that take an image of this camera to `rectified()`, or None if it has no distortion."""
-        if not self.distortions.any():
+        # OpenCV's fisheye model is no pinhole even without coefficients.
+        if not self.fisheye and not self.distortions.any():
             return None
         init = cv2.fisheye.initUndistortRectifyMap if self.fisheye else cv2.initUndistortRectifyMap
         map1, map2 = init(self.matrix, self.distortions, np.eye(3), self.matrix, self.size, cv2.CV_16SC2)

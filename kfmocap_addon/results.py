@@ -27,7 +27,7 @@ def run_track(
     progress: Progress | None = None,
     seconds: dict[str, float] | None = None,
 ) -> list[Path]:
-    """Track a shot and write NAME.trc, overlay.png and report.json, and with Blender NAME.bvh, NAME.fbx, shot.blend.
+    """Track a shot; write NAME.trc, overlay.png and report.json, with Blender NAME.bvh, NAME.fbx and shot.blend.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def check_output(out_dir: Path) -> None:
 
 @contextmanager
 def staged(out_dir: Path) -> Iterator[Path]:
-    """Give an empty folder whose files are moved into `out_dir` when the block ends well, and dropped otherwise.
+    """Give an empty folder whose files are moved into `out_dir` when the block ends well, else dropped.
 
     Raises
     ------

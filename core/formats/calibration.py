@@ -157,4 +157,4 @@ def _toml_table(camera: Camera) -> str:
 
 def _quoted(text: str) -> str:
     """A TOML basic string: JSON's escapes are a part of TOML's."""
-    return json.dumps(text)
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
