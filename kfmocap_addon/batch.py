@@ -22,10 +22,21 @@ if TYPE_CHECKING:
 _STEPS_UP = 3  # footage further away than that is found by its absolute path
 
 
+def shot_from_scene(scene: bpy.types.Scene) -> Shot:
+    """The shot that a scene shows, also where no add-on was switched on; see `scene.shot_from_scene`."""
+    with _registered():
+        return scenes.shot_from_scene(scene)
+
+
 def write_blender_outputs(
-    shot: Shot, result: TrackResult, out_dir: Path | str, scene: bpy.types.Scene | None = None
+    shot: Shot,
+    result: TrackResult,
+    out_dir: Path | str,
+    scene: bpy.types.Scene | None = None,
+    *,
+    home: Path | str | None = None,
 ) -> list[Path]:
-    """Write NAME.bvh, NAME.fbx (NAME_performer.* for several performers) and shot.blend.
+    """Write NAME.bvh, NAME.fbx (NAME_PERFORMER.* for several performers) and shot.blend.
 
     Parameters
     ----------
@@ -38,6 +49,8 @@ def write_blender_outputs(
         The scene that the shot was read from: its armatures get the motion, and shot.blend is a copy of the
         open file. By default a new scene shows the shot; that closes the open file, so it needs a process
         without a user.
+    home : path, optional
+        Folder that the files will be moved to: footage near it is named relative to it. By default `out_dir`.
 
     Returns
     -------
@@ -55,13 +68,14 @@ def write_blender_outputs(
             scene = _fresh_scene()
             scenes.build_scene(shot, result.motions, scene)
             _open_on_footage(scene)
-            remap = False
-            _point_to_footage(folder)
         else:
             scenes.write_motions(scene, result.motions)
-            remap = True
         paths = export.export_performers(scene, folder)
-        paths.append(_save(folder / "shot.blend", remap))
+        with export.writing(folder / "shot.blend") as target, _portable_paths(Path(home or folder).resolve()):
+            bpy.ops.wm.save_as_mainfile(
+                filepath=str(target), copy=True, check_existing=False, relative_remap=False
+            )
+        paths.append(folder / "shot.blend")
     return paths
 
 
@@ -97,20 +111,38 @@ def _open_on_footage(scene: bpy.types.Scene) -> None:
                 area.spaces.active.show_region_ui = True
 
 
-def _point_to_footage(folder: Path) -> None:
-    """Footage near the folder is named relative to it, so that both can be moved together."""
-    for clip in bpy.data.movieclips:
-        path = bpy.path.abspath(clip.filepath)
-        with contextlib.suppress(ValueError):
-            relative = os.path.relpath(path, folder)
-            if relative.split(os.sep)[: _STEPS_UP + 1] != [os.pardir] * (_STEPS_UP + 1):
-                clip.filepath = "//" + relative.replace(os.sep, "/")
+@contextmanager
+def _portable_paths(folder: Path) -> Iterator[None]:
+    """Paths as a file in that folder needs them, for the time of a save; the open file's own come back."""
+    data = bpy.data
+    kinds = (
+        data.movieclips,
+        data.images,
+        data.sounds,
+        data.fonts,
+        data.volumes,
+        data.cache_files,
+        data.libraries,
+    )
+    before = [(item, item.filepath) for kind in kinds for item in kind if _is_path(item.filepath)]
+    try:
+        for item, path in before:
+            item.filepath = _portable(bpy.path.abspath(path, library=item.library), folder)
+        yield
+    finally:
+        for item, path in before:
+            item.filepath = path
 
 
-def _save(path: Path, remap: bool) -> Path:
-    """Save a copy of the open file at the path; the open file stays what it is."""
-    with export.writing(path) as target:
-        bpy.ops.wm.save_as_mainfile(
-            filepath=str(target), copy=True, check_existing=False, relative_remap=remap
-        )
+def _is_path(path: str) -> bool:
+    """Not empty, and not the name of something built in, such as a font's `<builtin>`."""
+    return bool(path) and not path.startswith("<")
+
+
+def _portable(path: str, folder: Path) -> str:
+    """Relative to the folder where it is near, so that both can be moved together; else absolute."""
+    with contextlib.suppress(ValueError):  # no way leads from one drive of Windows to another
+        steps = os.path.relpath(path, folder).split(os.sep)
+        if steps[: _STEPS_UP + 1] != [os.pardir] * (_STEPS_UP + 1):
+            return "//" + "/".join(steps)
     return path

@@ -16,6 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    import bpy
+
     from ..core.shot import Progress, Shot
 
 _REDRAW_SECONDS = 0.1
@@ -102,9 +104,18 @@ def _track(args: argparse.Namespace) -> int:
     shot = _shot(args)
     seconds = {"shot": time.perf_counter() - begin}
     with progress_bar() as progress:
-        files = run_track(shot, args.out, not args.no_blender, progress, seconds)
+        files = run_track(shot, args.out, not args.no_blender, progress, seconds, _open_scene(args))
     print(*files, sep="\n")
     return 0
+
+
+def _open_scene(args: argparse.Namespace) -> bpy.types.Scene | None:
+    """Blender's open scene where it is the shot, so that the results go into it."""
+    if args.shot is not None:
+        return None
+    import bpy
+
+    return bpy.context.scene
 
 
 def _shot(args: argparse.Namespace) -> Shot:

@@ -18,6 +18,7 @@ from mathutils import Matrix
 
 from ..core.errors import OutputError, ShotError
 from ..core.formats.files import replacing
+from ..core.formats.shot_toml import shot_name
 from . import rig
 
 _Y_UP = Matrix(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)))
@@ -33,13 +34,14 @@ def export_performers(
     OutputError
         If a file cannot be written.
     """
-    properties = scene.kfmocap
+    performers = scene.kfmocap.performers
     writers = [(".bvh", export_bvh)] * bvh + [(".fbx", export_fbx)] * fbx
     paths = []
-    for slot in properties.performers:
+    for slot in performers:
         if slot.armature is None:
             raise ShotError("the armature is gone from the scene", where=f"performer {slot.name}")
-        name = properties.shot if len(properties.performers) == 1 else f"{properties.shot}_{slot.name}"
+        name = scene.kfmocap.shot if len(performers) == 1 else f"{scene.kfmocap.shot}_{slot.name}"
+        name = shot_name(name, f"scene {scene.name}")
         for suffix, writer in writers:
             paths.append(folder / f"{name}{suffix}")
             writer(paths[-1], slot.armature, scene)

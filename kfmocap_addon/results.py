@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..core.body import landmark_positions
 from ..core.errors import OutputError
@@ -19,6 +20,9 @@ from ..core.report import report, write_report
 from ..core.shot import Progress, Shot
 from ..core.tracking import TrackResult, track
 
+if TYPE_CHECKING:
+    import bpy
+
 
 def run_track(
     shot: Shot,
@@ -26,8 +30,9 @@ def run_track(
     blender: bool = True,
     progress: Progress | None = None,
     seconds: dict[str, float] | None = None,
+    scene: bpy.types.Scene | None = None,
 ) -> list[Path]:
-    """Track a shot; write NAME.trc, overlay.png and report.json, with Blender NAME.bvh, NAME.fbx and shot.blend.
+    """Track a shot; write NAME.trc, overlay.png, report.json, and with Blender NAME.bvh, NAME.fbx, shot.blend.
 
     Parameters
     ----------
@@ -39,6 +44,8 @@ def run_track(
     progress : callable, optional
     seconds : dict, optional
         Seconds of earlier stages, for the report.
+    scene : bpy.types.Scene, optional
+        The scene that the shot was read from: shot.blend is then a copy of the open file with the motion.
 
     Returns
     -------
@@ -67,7 +74,7 @@ def run_track(
         if blender:
             from . import batch
 
-            batch.write_blender_outputs(shot, result, stage)
+            batch.write_blender_outputs(shot, result, stage, scene, home=out_dir)
             clock.lap("Blender")
         write_report(stage / "report.json", report(shot, result, clock.seconds))
         names = sorted(file.name for file in stage.iterdir())

@@ -200,7 +200,7 @@ def test_partial_key_poses_are_written_and_read_alike(axes):
 
 
 def test_quaternions_do_not_flip_between_tracked_frames_and_keys():
-    """Where the animator's quaternion is -q, its neighbours follow; a flip that stays is held, not blended."""
+    """Where the animator's quaternion is -q, its neighbours follow; a flip that stays is held."""
     armature = build()
     bag = actions.find_channelbag(armature)
     for index in range(4):

@@ -165,5 +165,5 @@ def test_a_view_that_lost_its_camera_or_footage_is_named(tmp_path):
     with pytest.raises(FootageError, match=r"camera cam01.*no footage"):
         views.read_views(bpy.context.scene, 1, 5)
     bpy.data.objects.remove(slot.camera)
-    with pytest.raises(CalibrationError, match="view cam01.*gone"):
+    with pytest.raises(CalibrationError, match=r"view cam01.*gone"):
         views.read_views(bpy.context.scene, 1, 5)
