@@ -2,6 +2,8 @@
 
 from setuptools import find_packages, setup
 
+# Of the beam, the footage is fetched and stays out.
+EXAMPLES = ["examples/walk/**/*", "examples/beam/*.t*", "examples/beam/SHA256SUMS"]
 PARTS = ["core", "core.*", "kfmocap_addon", "kfmocap_addon.*"]
 
 setup(
@@ -9,5 +11,5 @@ setup(
     package_dir={"kfmocap": "."},
     packages=["kfmocap"] + [f"kfmocap.{name}" for name in find_packages(".", include=PARTS)],
     include_package_data=False,
-    package_data={"kfmocap": ["blender_manifest.toml", "examples/**/*"]},
+    package_data={"kfmocap": ["blender_manifest.toml", *EXAMPLES]},
 )
