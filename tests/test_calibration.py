@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-
 from kfmocap.core import rotations
 from kfmocap.core.cameras import Camera
 from kfmocap.core.errors import CalibrationError
@@ -109,7 +108,7 @@ def qualisys(R: np.ndarray, centre_mm: np.ndarray, **changes: str) -> str:
 
 
 def test_qualisys_cameras_look_along_their_own_minus_z(tmp_path: Path) -> None:
-    # Straight down on the floor from 3 m: no rotation at all in Qualisys' terms, x to the right, y up the picture.
+    # Straight down on the floor from 3 m: no rotation at all in Qualisys' terms, x right and y up in the picture.
     path = tmp_path / "session.qca.txt"
     path.write_text(qualisys(np.eye(3), np.array([100.0, 200.0, 3000.0])))
     camera = load_cameras(path)["cam01"]

@@ -8,7 +8,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-
 from kfmocap.core.cameras import Camera
 from kfmocap.core.errors import CancelledError, FootageError, ShotError
 from kfmocap.core.footage import check_view, footage_index, frames_at, probe, read_views, stream
@@ -130,7 +129,7 @@ def test_footage_that_breaks_off_names_the_frame(tmp_path: Path) -> None:
 
 
 def test_interlaced_footage_is_refused_until_it_is_supported(video: Path) -> None:
-    with pytest.raises(ShotError, match="top-first.*not supported"):
+    with pytest.raises(ShotError, match=r"top-first.*not supported"):
         check_view(View(camera(), video, fields="top-first"), 0, 4)
 
 

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-
 from kfmocap.core.errors import LandmarkError, OutputError
 from kfmocap.core.formats.trc import read_trc, write_trc
 

@@ -189,8 +189,9 @@ def _performer(
     file = table.path("landmarks", folder)
     with named(f"{table.where} landmarks"):
         names, points = _at_keys(read_trc(file), file, keys, frames[0])
-    body = fit_body(names, points, height)
-    return Performer(name, body, KeyPoses.whole(keys - frames[0], fit_poses(body, names, points)))
+    with named(table.where):
+        body = fit_body(names, points, height)
+        return Performer(name, body, KeyPoses.whole(keys - frames[0], fit_poses(body, names, points)))
 
 
 def _keyframes(table: Table, frames: tuple[int, int], override: Sequence[int] | None) -> np.ndarray:
@@ -216,10 +217,8 @@ def _at_keys(landmarks: Landmarks, file: Path, keys: np.ndarray, first: int) -> 
             raise LandmarkError(f"landmark '{name}' is missing", where=str(file))
     for key in keys:
         if key - first >= len(landmarks):
-            last = first + len(landmarks) - 1
-            raise LandmarkError(
-                f"there are no landmarks at key frame {key}: they end at {last}", where=str(file)
-            )
+            what = f"key frame {key} has no landmarks: they end at frame {first + len(landmarks) - 1}"
+            raise LandmarkError(what, where=str(file))
     points = landmarks.points_world[keys - first]
     for k, key in enumerate(keys):
         for name in NEEDED_LANDMARKS:
