@@ -32,7 +32,7 @@ def run_track(
     seconds: dict[str, float] | None = None,
     scene: bpy.types.Scene | None = None,
 ) -> list[Path]:
-    """Track a shot; write NAME.trc, overlay.png, report.json, and with Blender NAME.bvh, NAME.fbx, shot.blend.
+    """Track a shot; write NAME.trc, overlay.png, report.json; with Blender NAME.bvh, NAME.fbx, shot.blend.
 
     Parameters
     ----------

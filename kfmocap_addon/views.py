@@ -150,7 +150,7 @@ def _read_view(slot: bpy.types.PropertyGroup, R_cam_world: Array, t_cam_world: A
         packed.get("coefficients") or lens.clip_distortions(clip),
         packed["fisheye"],
     )
-    path = Path(bpy.path.abspath(clip.filepath, library=clip.library))
+    path = Path(os.path.normpath(bpy.path.abspath(clip.filepath, library=clip.library)))
     footage = path.with_name(slot.sequence) if slot.sequence else path
     keypoints = Path(os.path.normpath(footage.parent / slot.keypoints)) if slot.keypoints else None
     return View(camera, footage, round(slot.offset, 5), slot.fields, keypoints)

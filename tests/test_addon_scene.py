@@ -1,0 +1,188 @@
+"""A shot becomes a scene and comes back; the tools work; nothing is left behind."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from addon_shots import blender, joint_error, motion, shot  # noqa: E402, F401
+from kfmocap import core, kfmocap_addon  # noqa: E402
+from kfmocap.core.body import human  # noqa: E402
+from kfmocap.core.errors import CancelledError, FootageError, ShotError  # noqa: E402
+from kfmocap.core.shot import Settings, View  # noqa: E402
+from kfmocap.kfmocap_addon import actions, registration, scene  # noqa: E402
+from test_addon_views import largest_difference  # noqa: E402
+
+pytestmark = pytest.mark.blender
+
+
+@pytest.fixture
+def tracker(monkeypatch):
+    """Stands in for the tracker: gives the true motion of every performer, or what a test sets instead."""
+
+    def track(given, progress=None):
+        stand_in.shots.append(given)
+        if progress is not None:
+            progress("solve", 0.5)
+        if stand_in.error is not None:
+            raise stand_in.error
+        motions = tuple(motion(given.length, seed) for seed in range(len(given.performers)))
+        return SimpleNamespace(motions=motions, seconds={"solve": 1.0})
+
+    stand_in = ModuleType("kfmocap.core.tracking")
+    stand_in.track, stand_in.shots, stand_in.error = track, [], None
+    monkeypatch.setitem(sys.modules, "kfmocap.core.tracking", stand_in)
+    monkeypatch.setattr(core, "tracking", stand_in, raising=False)
+    return stand_in
+
+
+def keys_of(armature):
+    return {
+        (curve.data_path, curve.array_index): actions.get_keys(curve).tobytes()
+        for curve in actions.find_channelbag(armature).fcurves
+    }
+
+
+@pytest.mark.parametrize("fps", [60.0, 29.97, 30000 / 1001, 12.5])
+@pytest.mark.parametrize("performers", [("man",), ("man", "woman")])
+def test_a_shot_comes_back_from_its_scene(blender, tmp_path, fps, performers):  # noqa: F811
+    original = replace(shot(tmp_path, performers, fps), settings=Settings(solver="relaxation"))
+    read = scene.shot_from_scene(scene.build_scene(original))
+    assert (read.name, read.frames, read.settings) == (original.name, original.frames, original.settings)
+    assert read.fps == pytest.approx(fps, rel=1e-6)
+    for got, view in zip(read.views, original.views, strict=True):
+        assert (got.footage, got.keypoints) == (view.footage.resolve(), view.keypoints)
+        assert (got.camera.name, got.offset, got.fields) == (view.camera.name, view.offset, view.fields)
+        for frame in range(original.length):
+            assert largest_difference(view.camera, got.camera, frame) < 1e-4
+    for got, performer in zip(read.performers, original.performers, strict=True):
+        assert got.name == performer.name and got.body.names == performer.body.names
+        assert np.array_equal(got.key_poses.frames, performer.key_poses.frames)
+        assert np.array_equal(got.key_poses.fixed, performer.key_poses.fixed)
+        assert np.abs(got.key_poses.poses.difference(performer.key_poses.poses)).max() < 1e-5
+
+
+def test_a_shot_comes_back_from_a_saved_file(blender, tmp_path):  # noqa: F811
+    original = shot(tmp_path)
+    scene.build_scene(original, [motion(original.length)], bpy.context.scene)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"))
+    read = scene.shot_from_scene(bpy.context.scene)
+    assert [view.footage for view in read.views] == [view.footage for view in original.views]
+    assert (
+        np.abs(read.performers[0].key_poses.poses.difference(original.performers[0].key_poses.poses)).max()
+        < 1e-5
+    )
+
+
+def test_the_scene_runs_over_the_shot_at_its_rate(blender, tmp_path):  # noqa: F811
+    built = scene.build_scene(shot(tmp_path, fps=29.97))
+    assert (built.frame_start, built.frame_end) == (1, 12)
+    assert built.render.fps / built.render.fps_base == pytest.approx(29.97)
+    assert built.camera == built.kfmocap.views[0].camera
+
+
+def test_footage_that_blender_cannot_read_leaves_nothing_behind(blender, tmp_path):  # noqa: F811
+    original = shot(tmp_path)
+    (tmp_path / "cam02.mp4").write_bytes(b"no video")
+    with pytest.raises(FootageError, match=r"cam02\.mp4"):
+        scene.build_scene(original)
+    assert not bpy.data.objects and not bpy.data.movieclips and len(bpy.data.scenes) == 1
+
+
+def test_an_incomplete_scene_is_refused_by_name(blender, tmp_path):  # noqa: F811
+    with pytest.raises(ShotError, match="holds no shot"):
+        scene.shot_from_scene(bpy.context.scene)
+    built = scene.build_scene(shot(tmp_path))
+    bpy.data.objects.remove(built.kfmocap.performers[0].armature)
+    with pytest.raises(ShotError, match=r"performer man.*gone"):
+        scene.shot_from_scene(built)
+
+
+def test_load_shot_shows_a_shot_file(blender, tmp_path, monkeypatch):  # noqa: F811
+    from kfmocap.core.formats import shot_toml
+
+    monkeypatch.setattr(shot_toml, "load_shot", lambda path: shot(tmp_path))
+    assert bpy.ops.kfmocap.load_shot(filepath=str(tmp_path / "shot.toml")) == {"FINISHED"}
+    assert bpy.context.scene.kfmocap.shot == "walk"
+
+
+def test_a_shot_file_that_is_wrong_is_reported_and_changes_nothing(blender, tmp_path):  # noqa: F811
+    with pytest.raises(RuntimeError, match=r"Error: .*missing\.toml"):
+        bpy.ops.kfmocap.load_shot(filepath=str(tmp_path / "missing.toml"))
+    assert len(bpy.data.scenes) == 1 and not bpy.data.objects
+
+
+def test_track_writes_what_the_tracker_finds_in_the_scene(blender, tmp_path, tracker):  # noqa: F811
+    original = shot(tmp_path, ("man", "woman"))
+    built = scene.build_scene(original, scene=bpy.context.scene)
+    assert bpy.ops.kfmocap.track() == {"FINISHED"}
+    [seen] = tracker.shots
+    assert seen.performers[1].key_poses.frames.tolist() == [0, 5, 11]
+    for seed, slot in enumerate(built.kfmocap.performers):
+        body = human(1.7 + 0.1 * seed)
+        assert joint_error(slot.armature, body, motion(original.length, seed)) < 0.05
+
+
+@pytest.mark.parametrize("error", [FootageError("broken", where="cam01.mp4"), CancelledError()])
+def test_tracking_that_fails_leaves_the_scene_as_it_was(blender, tmp_path, tracker, error):  # noqa: F811
+    built = scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    before, tracker.error = keys_of(built.kfmocap.performers[0].armature), error
+    if isinstance(error, FootageError):
+        with pytest.raises(RuntimeError, match=r"cam01\.mp4: broken"):
+            bpy.ops.kfmocap.track()
+    else:
+        assert bpy.ops.kfmocap.track() == {"CANCELLED"}
+    assert keys_of(built.kfmocap.performers[0].armature) == before
+
+
+def test_tools_without_a_shot_are_disabled(blender):  # noqa: F811
+    assert not bpy.ops.kfmocap.track.poll()
+    assert not bpy.ops.kfmocap.export.poll()
+    assert bpy.ops.kfmocap.load_shot.poll()
+
+
+def test_looking_through_a_view_shows_it_at_its_size(blender, tmp_path):  # noqa: F811
+    original = shot(tmp_path)
+    tall = replace(original.views[1].camera, size=(240, 320))
+    views = (original.views[0], View(tall, original.views[1].footage))
+    built = scene.build_scene(replace(original, views=views), scene=bpy.context.scene)
+    assert bpy.ops.kfmocap.look_through(view=1) == {"FINISHED"}
+    assert built.camera == built.kfmocap.views[1].camera
+    assert (built.render.resolution_x, built.render.resolution_y) == (240, 320)
+
+
+def test_registering_again_works_and_unregistering_leaves_nothing():
+    def traces():
+        kinds = (bpy.types.Operator, bpy.types.Panel, bpy.types.PropertyGroup)
+        names = [
+            c.__name__ for kind in kinds for c in kind.__subclasses__() if c.__module__.startswith("kfmocap.")
+        ]
+        return [n for n in names if getattr(bpy.types, n, None)], "kfmocap" in dir(bpy.ops) and dir(
+            bpy.ops.kfmocap
+        )
+
+    before = set(dir(bpy.types))
+    for _ in range(2):
+        kfmocap_addon.register()
+        assert registration.is_registered() and set(dir(bpy.types)) > before
+        kfmocap_addon.unregister()
+        assert not registration.is_registered() and set(dir(bpy.types)) == before
+        assert not traces()[0] and not traces()[1]
+
+
+def test_every_tool_and_property_explains_itself(blender):  # noqa: F811
+    for cls in registration.CLASSES:
+        for prop in cls.bl_rna.properties:
+            if prop.identifier in getattr(cls, "__annotations__", {}) and not prop.is_hidden:
+                collection = prop.type == "COLLECTION"
+                assert collection or prop.description, f"{cls.__name__}.{prop.identifier}"
+        if issubclass(cls, bpy.types.Operator):
+            tool = getattr(bpy.ops.kfmocap, cls.bl_idname.split(".")[1])
+            assert tool.get_rna_type().description
