@@ -102,13 +102,12 @@ def _fresh_scene() -> bpy.types.Scene:
 
 
 def _open_on_footage(scene: bpy.types.Scene) -> None:
-    """Let the 3D views of the file look through the scene's camera, with our tab at hand."""
+    """Let the 3D views of the file look through the scene's camera."""
     scene.name = scene.kfmocap.shot
     for screen in bpy.data.screens:
         for area in screen.areas:
             if area.type == "VIEW_3D":
                 area.spaces.active.region_3d.view_perspective = "CAMERA"
-                area.spaces.active.show_region_ui = True
 
 
 @contextmanager
