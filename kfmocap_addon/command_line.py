@@ -101,30 +101,22 @@ def _track(args: argparse.Namespace) -> int:
     if not args.no_blender:
         require_blender()
     begin = time.perf_counter()
-    shot = _shot(args)
+    shot, scene = _shot(args)
     seconds = {"shot": time.perf_counter() - begin}
     with progress_bar() as progress:
-        files = run_track(shot, args.out, not args.no_blender, progress, seconds, _open_scene(args))
+        files = run_track(shot, args.out, not args.no_blender, progress, seconds, scene)
     print(*files, sep="\n")
     return 0
 
 
-def _open_scene(args: argparse.Namespace) -> bpy.types.Scene | None:
-    """Blender's open scene where it is the shot, so that the results go into it."""
-    if args.shot is not None:
-        return None
-    import bpy
-
-    return bpy.context.scene
-
-
-def _shot(args: argparse.Namespace) -> Shot:
+def _shot(args: argparse.Namespace) -> tuple[Shot, bpy.types.Scene | None]:
+    """The shot of the file, or of the open scene, and that scene."""
     views = None if args.views is None else [name for name in args.views.split(",") if name]
     keyframes = _keyframes(args.keyframes)
     if args.shot is not None:
         from ..core.formats import load_shot
 
-        return load_shot(args.shot, views=views, keyframes=keyframes, solver=args.solver)
+        return load_shot(args.shot, views=views, keyframes=keyframes, solver=args.solver), None
     from ..core.errors import ShotError
     from ..core.selection import selected
 
@@ -136,7 +128,8 @@ def _shot(args: argparse.Namespace) -> Shot:
 
     from . import batch
 
-    return selected(batch.shot_from_scene(bpy.context.scene), views, keyframes, args.solver)
+    scene = bpy.context.scene
+    return selected(batch.shot_from_scene(scene), views, keyframes, args.solver), scene
 
 
 @contextmanager

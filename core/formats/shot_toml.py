@@ -16,6 +16,7 @@ from ..errors import LandmarkError, ShotError
 from ..footage import check_view
 from ..inverse_kinematics import fit_body, fit_poses
 from ..shot import FIELD_ORDERS, KeyPoses, Performer, Settings, Shot, View
+from .bvh import body_of_bvh, poses_of_bvh, read_bvh
 from .calibration import load_cameras
 from .tables import Table, named
 from .trc import Landmarks, read_trc
@@ -183,15 +184,34 @@ def _performer(
     height = table.number("height", None)
     keys = _keyframes(table, frames, keyframes)
     if "keyposes" in table:
-        raise table.error("keyposes", "key poses from a BVH are not supported yet", "use landmarks")
+        return _posed_performer(table, folder, keys, frames[0])
     if "landmarks" not in table:
-        raise table.error("landmarks", "there is nothing to take the key poses from", "name a TRC file")
+        todo = "name a TRC file, or a BVH file as keyposes"
+        raise table.error("landmarks", "there is nothing to take the key poses from", todo)
     file = table.path("landmarks", folder)
     with named(f"{table.where} landmarks"):
         names, points = _at_keys(read_trc(file), file, keys, frames[0])
     with named(table.where):
         body = fit_body(names, points, height)
         return Performer(name, body, KeyPoses.whole(keys - frames[0], fit_poses(body, names, points)))
+
+
+def _posed_performer(table: Table, folder: Path, keys: np.ndarray, first: int) -> Performer:
+    """A performer whose key poses stand in a BVH file, of which row r is frame first + r."""
+    if "landmarks" in table:
+        raise table.error("keyposes", "key poses come from a BVH or from landmarks, not from both")
+    file = table.path("keyposes", folder)
+    with named(f"{table.where} keyposes"):
+        skeleton = read_bvh(file)
+        count = len(skeleton.positions_world)
+        for key in keys:
+            if key - first >= count:
+                what = f"key frame {key} has no pose: they end at frame {first + count - 1}"
+                raise ShotError(what, where=str(file))
+        with named(str(file)):
+            body = body_of_bvh(skeleton, table.number("height", None))
+        poses = poses_of_bvh(skeleton, body, keys - first)
+    return Performer(table.text("name"), body, KeyPoses.whole(keys - first, poses))
 
 
 def _keyframes(table: Table, frames: tuple[int, int], override: Sequence[int] | None) -> np.ndarray:

@@ -1,0 +1,209 @@
+"""Key poses from BVH files as our exporter writes them: Y up, metres, joints named as the body's parts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ..body import Body, human
+from ..body.human import FRACTIONS
+from ..errors import BodyError, ShotError
+from ..motion import Motion
+
+Array = NDArray[np.float64]
+
+_WORLD_OF_BVH = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+_TOLERANCE = 2e-3  # metres
+
+
+@dataclass(frozen=True, eq=False)
+class Skeleton:
+    """A BVH file.
+
+    Attributes
+    ----------
+    names : tuple of str, length J
+    parents : tuple of int
+        -1 for the root.
+    offsets_world : ndarray, shape (J, 3)
+        Each joint from its parent in the rest pose, metres, Z up.
+    tips_world : ndarray, shape (J, 3)
+        The end site from its joint; NaN where there is none.
+    positions_world : ndarray, shape (F, 3)
+        The root.
+    rotations_world : ndarray, shape (F, J, 3, 3)
+        Each joint's turn from its rest pose, in the world's axes.
+    """
+
+    names: tuple[str, ...]
+    parents: tuple[int, ...]
+    offsets_world: Array
+    tips_world: Array
+    positions_world: Array
+    rotations_world: Array
+
+
+def read_bvh(path: Path) -> Skeleton:
+    """Read a BVH file.
+
+    Raises
+    ------
+    ShotError
+        The file cannot be read or is no BVH; names the file.
+    """
+    try:
+        words = iter(path.read_text(encoding="utf-8").split())
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "it is not a text file"
+        raise ShotError(f"the BVH cannot be read: {reason}", where=str(path)) from error
+    try:
+        return _parsed(words)
+    except (ValueError, IndexError, StopIteration) as error:
+        raise ShotError("is not a BVH file, or is cut off", where=str(path)) from error
+
+
+def _parsed(words: Iterator[str]) -> Skeleton:
+    names: list[str] = []
+    parents: list[int] = []
+    offsets: list[list[float]] = []
+    tips: list[list[float]] = []
+    channels: list[list[str]] = []
+    branch: list[int] = []
+    at_tip = False
+    _expect(next(words), "HIERARCHY")
+    for word in words:
+        if word in ("ROOT", "JOINT"):
+            names.append(next(words))
+            parents.append(branch[-1] if branch else -1)
+            branch.append(len(names) - 1)
+            offsets.append([0.0] * 3)
+            tips.append([np.nan] * 3)
+            channels.append([])
+        elif word == "End":
+            branch.append(branch[-1])
+            at_tip = True
+        elif word == "OFFSET":
+            (tips if at_tip else offsets)[branch[-1]] = [float(next(words)) for _ in range(3)]
+        elif word == "CHANNELS":
+            channels[branch[-1]] = [next(words) for _ in range(int(next(words)))]
+        elif word == "}":
+            branch.pop()
+            at_tip = False
+        elif word == "MOTION":
+            break
+    _expect(next(words), "Frames:")
+    count = int(next(words))
+    _expect(next(words) + next(words), "FrameTime:")
+    next(words)
+    values = np.array([float(word) for word in words]).reshape(count, sum(map(len, channels)))
+    positions, turns = _motion(values, channels, parents)
+    C = _WORLD_OF_BVH
+    return Skeleton(
+        tuple(names),
+        tuple(parents),
+        np.array(offsets) @ C.T,
+        np.array(tips) @ C.T,
+        positions @ C.T,
+        C @ turns @ C.T,
+    )
+
+
+def _expect(word: str, wanted: str) -> None:
+    if word != wanted:
+        raise ValueError(wanted)
+
+
+def _motion(values: Array, channels: list[list[str]], parents: list[int]) -> tuple[Array, Array]:
+    """The root's position (F, 3) and every joint's global turn (F, J, 3, 3), in the file's axes."""
+    positions = np.zeros((len(values), 3))
+    turns = np.empty((len(values), len(channels), 3, 3))
+    column = 0
+    for j, names in enumerate(channels):
+        block = values[:, column : column + len(names)]
+        column += len(names)
+        axes = "".join(name[0].upper() for name in names if name.endswith("rotation"))
+        angles = block[:, [i for i, name in enumerate(names) if name.endswith("rotation")]]
+        local = Rotation.from_euler(axes, angles, degrees=True).as_matrix()  # capitals: about the turned axes
+        turns[:, j] = local if parents[j] < 0 else turns[:, parents[j]] @ local
+        if parents[j] < 0:
+            for i, name in enumerate(names):
+                if name.endswith("position"):
+                    positions[:, "XYZ".index(name[0].upper())] = block[:, i]
+    return positions, turns
+
+
+def body_of_bvh(skeleton: Skeleton, height: float | None = None) -> Body:
+    """The default human with the lengths of a BVH's bones.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+    height : float, optional
+        Metres; judged from the bones where it is not given.
+
+    Raises
+    ------
+    BodyError
+        The skeleton is not that of our default human.
+    """
+    index = {name: i for i, name in enumerate(skeleton.names)}
+    model = human(1.75)
+    strange = sorted(set(model.names) ^ set(index))
+    if strange:
+        todo = f"the joints must be {', '.join(model.names)}"
+        raise BodyError(f"its joints are not the default body's: {', '.join(strange[:4])}", todo=todo)
+    measures = _measures(skeleton, index)
+    if height is None:
+        height = float(np.median([value / FRACTIONS[name.split(".")[0]] for name, value in measures.items()]))
+    body = human(height, measures)
+    rest = np.stack([skeleton.offsets_world[index[name]] for name in body.names])
+    heads = np.stack([part.head_world for part in body.parts])
+    expected = np.stack([heads[i] - heads[p] for i, p in enumerate(body.parents)])
+    if np.abs(rest - expected)[1:].max() > _TOLERANCE:
+        worst = body.names[1 + int(np.abs(rest - expected)[1:].max(axis=1).argmax())]
+        raise BodyError(f"joint '{worst}' does not lie where the default body has it in its rest pose")
+    return body
+
+
+def _measures(skeleton: Skeleton, index: dict[str, int]) -> dict[str, float]:
+    def offset(name: str) -> Array:
+        return skeleton.offsets_world[index[name]]
+
+    def tip(name: str) -> Array:
+        return skeleton.tips_world[index[name]]
+
+    measures = {
+        "torso": float(sum(np.linalg.norm(offset(name)) for name in ("spine", "chest", "head"))),
+        "hip_width": float(np.linalg.norm(offset("thigh.L") - offset("thigh.R"))),
+        "shoulder_width": float(np.linalg.norm(offset("upper_arm.L") - offset("upper_arm.R"))),
+        "head": float(np.linalg.norm(tip("head"))),
+    }
+    for side in "LR":
+        for bone, child in (
+            ("upper_arm", "forearm"),
+            ("forearm", "hand"),
+            ("thigh", "shin"),
+            ("shin", "foot"),
+        ):
+            measures[f"{bone}.{side}"] = float(np.linalg.norm(offset(f"{child}.{side}")))
+        measures[f"hand.{side}"] = float(np.linalg.norm(tip(f"hand.{side}")))
+        measures[f"foot_forward.{side}"] = float(-tip(f"foot.{side}")[1])
+        measures[f"foot_down.{side}"] = float(-tip(f"foot.{side}")[2])
+    return {name: value for name, value in measures.items() if np.isfinite(value) and value > 0}
+
+
+def poses_of_bvh(skeleton: Skeleton, body: Body, rows: NDArray[np.int64]) -> Motion:
+    """A BVH's poses at some of its rows as poses of a body whose parts have the joints' names."""
+    order = [skeleton.names.index(name) for name in body.names]
+    rest = np.stack([part.R_world_rest for part in body.parts])
+    R = skeleton.rotations_world[rows][:, order] @ rest
+    Q = np.empty_like(R)
+    for i, p in enumerate(body.parents):
+        before = body.R_parent_rest[i] if p < 0 else R[:, p] @ body.R_parent_rest[i]
+        Q[:, i] = np.swapaxes(before, -1, -2) @ R[:, i]
+    return Motion(skeleton.positions_world[rows], Q)
