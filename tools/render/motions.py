@@ -1,0 +1,16 @@
+"""The motions of the rendered figure by name.
+
+A motion is a function of the body, the number of frames and the frame rate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from kfmocap.core.body import Body
+from kfmocap.core.motion import Motion
+
+from .gait import walk
+from .gestures import throw, whirl
+
+MOTIONS: dict[str, Callable[[Body, int, float], Motion]] = {"walk": walk, "throw": throw, "whirl": whirl}

@@ -1,0 +1,35 @@
+"""Turns of a body's parts from angles, as the motions use them; no Blender here."""
+
+from __future__ import annotations
+
+import numpy as np
+from kfmocap.core.body import Body
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+
+HEADING = np.pi / 2
+"""The body's rest pose faces -Y; turned by this it faces +X."""
+
+
+def turn(axes: str, *angles: Array) -> Rotation:
+    """Turns about the part's own axes, first axis outermost; angles in radians, shape (F,) each."""
+    return Rotation.from_euler(axes.upper(), np.stack(angles, axis=-1))
+
+
+def hanging_arm(sign: float, swing: Array, drop: Array) -> Rotation:
+    """Upper arm dropped from the T pose and swung forward; sign is 1 on the left, -1 on the right.
+
+    The bone's y axis points outwards and its z axis forwards: the drop is a turn about z, the swing one about
+    the line through both shoulders, which is y of the undropped arm.
+    """
+    return turn("yz", -sign * swing, -sign * drop)
+
+
+def posed_rotations(body: Body, turns: dict[str, Rotation], frames: int) -> Array:
+    """Q of all parts, shape (F, P, 3, 3)."""
+    Q = np.broadcast_to(np.eye(3), (frames, len(body), 3, 3)).copy()
+    for name, turn in turns.items():
+        Q[:, body.index(name)] = turn.as_matrix()
+    return Q
