@@ -240,3 +240,39 @@ def test_a_missing_shot_file_is_named(tmp_path: Path) -> None:
 def test_bad_overrides_are_named(folder: Path, arguments: dict, message: str) -> None:
     with pytest.raises(KFMocapError, match=message):
         load_shot(folder / "shot.toml", **arguments)
+
+
+def test_key_poses_can_come_from_a_bvh(folder: Path) -> None:
+    from test_bvh import bvh_text, wild
+
+    body = human(1.7)
+    motion = wild(body, LAST - FIRST + 1)
+    (folder / "poses.bvh").write_text(bvh_text(body, motion))
+    text = TEXT.replace('landmarks = "landmarks.trc"', 'height = 1.7\nkeyposes = "poses.bvh"')
+    (folder / "shot.toml").write_text(text)
+    (performer,) = load_shot(folder / "shot.toml").performers
+    assert performer.key_poses.frames.tolist() == [1, 4, 7]
+    assert np.abs(performer.key_poses.poses.difference(motion[[1, 4, 7]])).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ('keyposes = "no.bvh"', r"\[\[performer\]\] 1 keyposes: .*no\.bvh"),
+        ('keyposes = "poses.bvh"', r"1 keyposes: .*poses\.bvh: key frame 6 has no pose: they end at frame 5"),
+        (
+            'keyposes = "other.bvh"',
+            r"1 keyposes: .*other\.bvh: its joints are not the default body's: LeftLeg",
+        ),
+        ('keyposes = "poses.bvh"\nlandmarks = "landmarks.trc"', "not from both"),
+    ],
+)
+def test_bad_key_poses_are_named(folder: Path, line: str, message: str) -> None:
+    from test_bvh import bvh_text, wild
+
+    short = bvh_text(human(), wild(human(), 4))
+    (folder / "poses.bvh").write_text(short)
+    (folder / "other.bvh").write_text(bvh_text(human(), wild(human(), 8)).replace("shin.L", "LeftLeg"))
+    (folder / "shot.toml").write_text(TEXT.replace('landmarks = "landmarks.trc"', line))
+    with pytest.raises(KFMocapError, match=message):
+        load_shot(folder / "shot.toml")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ..body import Body, human
+from ..body import Body, default_measures, human
 from ..body.human import FRACTIONS
 from ..errors import BodyError, ShotError
 from ..motion import Motion
@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 
 _WORLD_OF_BVH = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 _TOLERANCE = 2e-3  # metres
+_LIMBS = ("upper_arm", "forearm", "thigh", "shin")
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,57 +145,65 @@ def body_of_bvh(skeleton: Skeleton, height: float | None = None) -> Body:
     ----------
     skeleton : Skeleton
     height : float, optional
-        Metres; judged from the bones where it is not given.
+        Metres; judged from the limbs where it is not given.
 
     Raises
     ------
     BodyError
         The skeleton is not that of our default human.
     """
-    index = {name: i for i, name in enumerate(skeleton.names)}
-    model = human(1.75)
-    strange = sorted(set(model.names) ^ set(index))
+    strange = sorted(set(human().names) ^ set(skeleton.names))
     if strange:
-        todo = f"the joints must be {', '.join(model.names)}"
+        todo = f"the joints must be {', '.join(human().names)}"
         raise BodyError(f"its joints are not the default body's: {', '.join(strange[:4])}", todo=todo)
-    measures = _measures(skeleton, index)
     if height is None:
-        height = float(np.median([value / FRACTIONS[name.split(".")[0]] for name, value in measures.items()]))
-    body = human(height, measures)
-    rest = np.stack([skeleton.offsets_world[index[name]] for name in body.names])
-    heads = np.stack([part.head_world for part in body.parts])
-    expected = np.stack([heads[i] - heads[p] for i, p in enumerate(body.parents)])
-    if np.abs(rest - expected)[1:].max() > _TOLERANCE:
-        worst = body.names[1 + int(np.abs(rest - expected)[1:].max(axis=1).argmax())]
+        measures = _fitted_measures(skeleton, 1.75)
+        ratios = [measures[f"{limb}.{side}"] / FRACTIONS[limb] for limb in _LIMBS for side in "LR"]
+        height = float(np.median(ratios))
+    body = human(height, _fitted_measures(skeleton, height))
+    apart = np.nan_to_num(np.abs(_rest(body) - _rest_of_bvh(skeleton, body))).max(axis=(1, 2))
+    if apart.max() > _TOLERANCE:
+        worst = body.names[int(apart.argmax())]
         raise BodyError(f"joint '{worst}' does not lie where the default body has it in its rest pose")
     return body
 
 
-def _measures(skeleton: Skeleton, index: dict[str, int]) -> dict[str, float]:
-    def offset(name: str) -> Array:
-        return skeleton.offsets_world[index[name]]
+def _fitted_measures(skeleton: Skeleton, height: float) -> dict[str, float]:
+    """The measures whose rest pose is the BVH's; where it shows nothing, an average person's."""
+    average = default_measures(height)
+    start = np.array(list(average.values()))
+    target = _rest_of_bvh(skeleton, human())
+    seen = np.isfinite(target)
 
-    def tip(name: str) -> Array:
-        return skeleton.tips_world[index[name]]
+    def residuals(x: Array) -> Array:
+        body = human(height, dict(zip(average, x.tolist(), strict=True)))
+        return np.concatenate([(_rest(body) - target)[seen], 1e-4 * (x - start)])
 
-    measures = {
-        "torso": float(sum(np.linalg.norm(offset(name)) for name in ("spine", "chest", "head"))),
-        "hip_width": float(np.linalg.norm(offset("thigh.L") - offset("thigh.R"))),
-        "shoulder_width": float(np.linalg.norm(offset("upper_arm.L") - offset("upper_arm.R"))),
-        "head": float(np.linalg.norm(tip("head"))),
-    }
-    for side in "LR":
-        for bone, child in (
-            ("upper_arm", "forearm"),
-            ("forearm", "hand"),
-            ("thigh", "shin"),
-            ("shin", "foot"),
-        ):
-            measures[f"{bone}.{side}"] = float(np.linalg.norm(offset(f"{child}.{side}")))
-        measures[f"hand.{side}"] = float(np.linalg.norm(tip(f"hand.{side}")))
-        measures[f"foot_forward.{side}"] = float(-tip(f"foot.{side}")[1])
-        measures[f"foot_down.{side}"] = float(-tip(f"foot.{side}")[2])
-    return {name: value for name, value in measures.items() if np.isfinite(value) and value > 0}
+    # The rest pose is linear in the measures: one step of any length leads there.
+    step = 1e-3
+    before = residuals(start)
+    J = np.stack([(residuals(start + step * e) - before) / step for e in np.eye(len(start))], axis=1)
+    measures = start - np.linalg.lstsq(J, before, rcond=None)[0]
+    return dict(zip(average, measures.tolist(), strict=True))
+
+
+def _rest(body: Body) -> Array:
+    """Each joint from its parent, and from its joint the tip of each bone without children, (P, 2, 3)."""
+    rest = np.full((len(body), 2, 3), np.nan)
+    for i, part in enumerate(body.parts):
+        if part.parent >= 0:
+            rest[i, 0] = part.head_world - body.parts[part.parent].head_world
+        if i not in body.parents:
+            rest[i, 1] = part.tail_world - part.head_world
+    return rest
+
+
+def _rest_of_bvh(skeleton: Skeleton, body: Body) -> Array:
+    """As `_rest`, in the order of the body's parts."""
+    order = [skeleton.names.index(name) for name in body.names]
+    rest = np.stack([skeleton.offsets_world[order], skeleton.tips_world[order]], axis=1)
+    rest[np.isnan(_rest(body))] = np.nan
+    return rest
 
 
 def poses_of_bvh(skeleton: Skeleton, body: Body, rows: NDArray[np.int64]) -> Motion:
