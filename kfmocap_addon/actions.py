@@ -109,3 +109,13 @@ def set_keys(curve: bpy.types.FCurve, groups: Sequence[Keys]) -> None:
     for field in KEY_TYPE.names or ():
         points.foreach_set(field, np.ascontiguousarray(keys[field]).ravel())
     curve.update()
+    _restore_handles(curve, keys)
+
+
+def _restore_handles(curve: bpy.types.FCurve, keys: Keys) -> None:
+    """Handles that somebody placed by hand stay to the last bit: Blender's update rounds them anew."""
+    updated = get_keys(curve)
+    for side in ("handle_left", "handle_right"):
+        placed = np.isin(keys[f"{side}_type"], [enum_value(f"{side}_type", n) for n in ("FREE", "ALIGNED")])
+        updated[side][placed] = keys[side][placed]
+        curve.keyframe_points.foreach_set(side, updated[side].ravel())

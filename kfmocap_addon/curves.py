@@ -6,6 +6,7 @@ with the value that the tracker wrote, are the tracker's; every other key on the
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import bpy
@@ -152,6 +153,26 @@ def read_key_poses(armature: bpy.types.Object, frame_start: int, length: int) ->
     frames = np.flatnonzero(held.any(axis=1))
     values = _evaluate(armature, channels, frame_start + frames)
     return KeyPoses(frames, _motion(armature, values), _fixed_dofs(armature, held[frames]))
+
+
+def key_current_pose(armature: bpy.types.Object, frame: int, bones: Collection[str] | None = None) -> None:
+    """Key the pose that an armature shows now, as the animator's own: type KEYFRAME also over tracked keys.
+
+    Parameters
+    ----------
+    frame : int
+        Scene frame.
+    bones : collection of str, optional
+        These bones alone; by default the whole body.
+    """
+    bag = actions.ensure_channelbag(armature, armature.name)
+    for channel in body_channels(armature):
+        if bones is None or channel.bone in bones:
+            value = getattr(armature.pose.bones[channel.bone], channel.property)[channel.index]
+            curve = actions.ensure_fcurve(bag, channel.path, channel.index, channel.bone)
+            key = curve.keyframe_points.insert(frame, value)
+            key.type, key.interpolation = "KEYFRAME", "BEZIER"
+            curve.update()
 
 
 def _animators(keys: actions.Keys, record: written.Written, channel: Channel) -> NDArray[np.bool_]:

@@ -5,6 +5,7 @@ import bpy
 from .operators.export import Export
 from .operators.load_shot import LoadShot
 from .operators.look_through import LookThrough
+from .operators.set_key_pose import SetKeyPose
 from .operators.track import Track
 
 
@@ -62,6 +63,7 @@ class TrackPanel(_Panel, bpy.types.Panel):
     bl_label = "Track"
 
     def draw(self, context: bpy.types.Context) -> None:
+        self.layout.operator(SetKeyPose.bl_idname, icon="KEY_HLT")
         self.layout.prop(context.scene.kfmocap, "solver", text="")
         self.layout.operator(Track.bl_idname, icon="TRACKING_FORWARDS")
 

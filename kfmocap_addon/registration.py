@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from . import panels, properties
-from .operators import export, load_shot, look_through, track
+from .operators import export, load_shot, look_through, set_key_pose, track
 
 CLASSES = (
     properties.KFMocapView,
@@ -13,6 +13,7 @@ CLASSES = (
     properties.KFMocapScene,
     load_shot.LoadShot,
     look_through.LookThrough,
+    set_key_pose.SetKeyPose,
     track.Track,
     export.Export,
     panels.ShotPanel,

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import bmesh
 import bpy
 import numpy as np
 from mathutils import Matrix, Vector
@@ -23,6 +24,9 @@ PART, LIMITS, LANDMARKS = "kfmocap_part", "kfmocap_limits", "kfmocap_landmarks"
 
 They sit on the bones and not in a table of names, so that renaming a bone loses nothing.
 """
+
+
+_FLAT = np.radians(20)
 
 
 def build_armature(body: Body, name: str, collection: bpy.types.Collection) -> bpy.types.Object:
@@ -93,6 +97,7 @@ def _build_mesh(part: Part, armature: bpy.types.Object, collection: bpy.types.Co
     name = f"{armature.name} {part.name}"
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata(part.vertices.tolist(), [], part.faces.tolist())
+    _join_triangles(mesh)
     child = bpy.data.objects.new(name, mesh)
     collection.objects.link(child)
     child.parent, child.parent_type, child.parent_bone = armature, "BONE", part.name
@@ -100,6 +105,17 @@ def _build_mesh(part: Part, armature: bpy.types.Object, collection: bpy.types.Co
     child.matrix_parent_inverse = Matrix.Translation((0.0, -armature.data.bones[part.name].length, 0.0))
     child.hide_select = child.show_in_front = True
     child.display_type = "WIRE"
+
+
+def _join_triangles(mesh: bpy.types.Mesh) -> None:
+    """Take out edges between triangles that are nearly in one plane: the wire shall not hide the footage."""
+    bm = bmesh.new()
+    bm.from_mesh(mesh)
+    bmesh.ops.join_triangles(
+        bm, faces=bm.faces, angle_face_threshold=_FLAT, angle_shape_threshold=np.pi, cmp_uvs=False
+    )
+    bm.to_mesh(mesh)
+    bm.free()
 
 
 def object_pose(armature: bpy.types.Object) -> tuple[Array, Array]:

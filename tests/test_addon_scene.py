@@ -148,6 +148,33 @@ def test_tools_without_a_shot_are_disabled(blender):  # noqa: F811
     assert bpy.ops.kfmocap.load_shot.poll()
 
 
+def test_set_key_pose_makes_a_tracked_pose_the_animators(blender, tmp_path):  # noqa: F811
+    original = shot(tmp_path)
+    built = scene.build_scene(original, [motion(original.length)], bpy.context.scene)
+    built.frame_set(1 + 3)
+    assert bpy.ops.kfmocap.set_key_pose() == {"FINISHED"}
+    keys = scene.shot_from_scene(built).performers[0].key_poses
+    assert keys.frames.tolist() == [0, 3, 5, 11] and keys.fixed.all()
+    assert np.abs(keys.poses[[1]].difference(motion(original.length)[[3]])).max() < 1e-5
+
+
+def test_set_key_pose_keys_the_selected_bones_alone(blender, tmp_path):  # noqa: F811
+    built = scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    armature = built.kfmocap.performers[0].armature
+    built.frame_set(1 + 8)
+    bpy.context.view_layer.objects.active = armature
+    bpy.ops.object.mode_set(mode="POSE")
+    for bone in armature.pose.bones:
+        # From 5.0 on the pose bone is what is selected, before it was the bone.
+        (bone if bpy.app.version >= (5, 0) else bone.bone).select = bone.name == "hand.R"
+    assert bpy.ops.kfmocap.set_key_pose() == {"FINISHED"}
+    bpy.ops.object.mode_set(mode="OBJECT")
+    keys = scene.shot_from_scene(built).performers[0].key_poses
+    part = human().index("hand.R")
+    assert keys.frames.tolist() == [0, 5, 8, 11]
+    assert np.flatnonzero(keys.fixed[2]).tolist() == list(range(3 + 3 * part, 6 + 3 * part))
+
+
 def test_looking_through_a_view_shows_it_at_its_size(blender, tmp_path):  # noqa: F811
     original = shot(tmp_path)
     tall = replace(original.views[1].camera, size=(240, 320))
