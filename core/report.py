@@ -56,7 +56,7 @@ def report(shot: Shot, result: TrackResult, seconds: Mapping[str, float] | None 
                 "performer": segment.performer,
                 "frames": [shot.frames[0] + segment.first, shot.frames[0] + segment.last],
                 "iterations": segment.iterations,
-                "energy": [float(e) for e in segment.energy],
+                "energy": [float(e) if np.isfinite(e) else None for e in segment.energy],
             }
             for segment in result.segments
         ],

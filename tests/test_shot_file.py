@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -11,7 +12,7 @@ from kfmocap.core import rotations
 from kfmocap.core.body import human, landmark_positions
 from kfmocap.core.cameras import Camera
 from kfmocap.core.errors import KFMocapError
-from kfmocap.core.formats import load_shot, save_cameras, write_trc
+from kfmocap.core.formats import load_shot, save_cameras, shot_toml, write_trc
 from kfmocap.core.motion import Motion
 from kfmocap.core.selection import selected
 
@@ -253,6 +254,51 @@ def test_key_poses_can_come_from_a_bvh(folder: Path) -> None:
     (performer,) = load_shot(folder / "shot.toml").performers
     assert performer.key_poses.frames.tolist() == [1, 4, 7]
     assert np.abs(performer.key_poses.poses.difference(motion[[1, 4, 7]])).max() < 1e-6
+
+
+@dataclass(frozen=True)
+class ManySettings:
+    solver: str = "relaxation"
+    smoothness: float = 1.0
+    sweeps: int = 5
+    robust: bool = True
+    limit: float | None = None
+    factors: tuple[float, ...] = (4, 2)
+
+
+@pytest.mark.parametrize(
+    ("line", "key", "value"),
+    [
+        ("smoothness = 2", "smoothness", 2.0),
+        ("sweeps = 7", "sweeps", 7),
+        ("robust = false", "robust", False),
+        ("limit = 0.5", "limit", 0.5),
+        ("factors = [8, 4]", "factors", (8, 4)),
+    ],
+)
+def test_every_setting_is_a_key_of_its_own_type(
+    folder: Path, monkeypatch, line: str, key: str, value
+) -> None:
+    monkeypatch.setattr(shot_toml, "Settings", ManySettings)
+    (folder / "shot.toml").write_text(TEXT + line)
+    assert getattr(load_shot(folder / "shot.toml").settings, key) == value
+
+
+@pytest.mark.parametrize(
+    ("line", "meant"),
+    [
+        ("smoothness = true", "a number"),
+        ("sweeps = 7.5", "a whole number"),
+        ("robust = 1", "true or false"),
+        ('limit = "far"', "a number"),
+        ("factors = 4", "a list of numbers"),
+    ],
+)
+def test_a_setting_of_another_type_is_refused(folder: Path, monkeypatch, line: str, meant: str) -> None:
+    monkeypatch.setattr(shot_toml, "Settings", ManySettings)
+    (folder / "shot.toml").write_text(TEXT + line)
+    with pytest.raises(KFMocapError, match=rf"\[track\] {line.split()[0]}: must be {meant}"):
+        load_shot(folder / "shot.toml")
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,8 @@ import re
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, get_type_hints
+from types import UnionType
+from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -168,13 +169,18 @@ def _settings(document: Table, path: Path, solver: str | None) -> Settings:
 
 def _setting(table: Table, name: str, kind: Any) -> Any:
     """A setting's value, of the type that `Settings` declares for it."""
+    kinds = [k for k in get_args(kind) if k is not type(None)] if isinstance(kind, UnionType) else [kind]
     value = table.value(name)
-    if kind is float:
+    if float in kinds:
         return float(table.number(name))
-    if kind in (bool, int, str) and type(value) is not kind:
-        meant = {bool: "true or false", int: "a whole number", str: "a text in quotes"}[kind]
+    if get_origin(kinds[0]) is tuple:
+        if not isinstance(value, list) or any(type(v) not in (int, float) for v in value):
+            raise table.error(name, f"must be a list of numbers, not {value!r}")
+        return tuple(value)
+    if type(value) not in kinds:
+        meant = {bool: "true or false", int: "a whole number", str: "a text in quotes"}[kinds[0]]
         raise table.error(name, f"must be {meant}, not {value!r}")
-    return tuple(value) if isinstance(value, list) else value
+    return value
 
 
 def _performer(
