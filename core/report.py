@@ -53,7 +53,6 @@ def report(shot: Shot, result: TrackResult, seconds: Mapping[str, float] | None 
         "camera_frames_per_second": round(result.camera_frames / tracking, 2) if tracking > 0 else None,
         "segments": [
             {
-                "performer": segment.performer,
                 "frames": [shot.frames[0] + segment.first, shot.frames[0] + segment.last],
                 "iterations": segment.iterations,
                 "energy": [float(e) if np.isfinite(e) else None for e in segment.energy],

@@ -31,7 +31,6 @@ def test_intervals_cover_the_true_frames_and_no_others(mask: list[bool], first: 
 
 @dataclass
 class Segment:
-    performer: str
     first: int
     last: int
     iterations: int
@@ -53,15 +52,13 @@ def test_the_report_counts_frames_as_the_footage_does(tmp_path: Path) -> None:
     class Result:
         seconds = {"footage": 1.0, "solve": 3.0}
         camera_frames = F
-        segments = (Segment("man", 0, 7, 3, (5.0, 2.0, 1.5)),)
+        segments = (Segment(0, 7, 3, (5.0, 2.0, 1.5)),)
 
     Result.visible, Result.residual = (visible,), (residual,)
     values = report(shot, Result(), {"overlay": 0.5})
     assert values["camera_frames_per_second"] == 2.0
     assert values["seconds_total"] == 4.5
-    assert values["segments"] == [
-        {"performer": "man", "frames": [100, 107], "iterations": 3, "energy": [5.0, 2.0, 1.5]}
-    ]
+    assert values["segments"] == [{"frames": [100, 107], "iterations": 3, "energy": [5.0, 2.0, 1.5]}]
     (man,) = values["performers"]
     assert man["keyframes"] == [100, 107]
     assert man["occluded"] == {"cam01": {"forearm.R": [[102, 104]]}}
