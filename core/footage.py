@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import re
-import threading
-from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,13 +15,12 @@ from numpy.typing import NDArray
 
 from .cameras import reduced_size
 from .errors import FootageError, ShotError
-from .shot import Progress, View, report_progress
+from .shot import View
 
 Image = NDArray[Any]
 
 IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
 _ROTATIONS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
-_WORKERS = 2
 
 
 @dataclass(frozen=True)
@@ -130,24 +127,19 @@ def _by(size: tuple[int, int]) -> str:
     return f"{size[0]}x{size[1]}"
 
 
-def stream(
-    view: View, first: int, length: int, factor: float, *, grey: bool = True, step: int = 1
-) -> Iterator[Image]:
-    """Stream a view's frames, reduced and rectified, in order.
+def frames_at(view: View, frames: Iterable[int], factor: float, *, grey: bool = True) -> Iterator[Image]:
+    """Stream frames of a view, reduced and rectified; the footage is decoded once, one frame at a time.
 
     Parameters
     ----------
     view : View
-    first : int
-        The first frame, in the count of the shot's first and last frame.
-    length : int
-        Number of frames of the shot to go through.
+        One that `check_view` has passed.
+    frames : iterable of int
+        Increasing, in the count of the shot's first and last frame.
     factor : float
         Reduction: the images have the size of `view.camera.reduced(factor)`.
     grey : bool
         Grey levels rather than colour.
-    step : int
-        Give every step-th frame only.
 
     Yields
     ------
@@ -157,14 +149,8 @@ def stream(
     Raises
     ------
     FootageError
-        As `check_view`, or the footage ends or breaks early; names the file and the frame.
+        The footage ends or breaks early; names the file and the frame.
     """
-    check_view(view, first, length)
-    yield from frames_at(view, range(first, first + length, step), factor, grey=grey)
-
-
-def frames_at(view: View, frames: Sequence[int], factor: float, *, grey: bool = True) -> Iterator[Image]:
-    """As `stream`, for any increasing frames, in the same count, of a view that was checked."""
     camera = view.camera.reduced(factor)
     maps = camera.rectify_maps()
     indices = [footage_index(view, frame) for frame in frames]
@@ -173,55 +159,6 @@ def frames_at(view: View, frames: Sequence[int], factor: float, *, grey: bool = 
             # A black border would be an edge that moves with nothing.
             image = cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         yield image
-
-
-def read_views(
-    views: Sequence[View], first: int, length: int, factor: float, progress: Progress | None = None
-) -> list[Image]:
-    """Read all views' reduced and rectified grey levels, two views at a time.
-
-    Parameters
-    ----------
-    first, length, factor
-        As in `stream`.
-    progress : callable, optional
-        Called from the calling thread alone; may cancel.
-
-    Returns
-    -------
-    list of ndarray of uint8, shape (length, h, w)
-        One per view.
-
-    Raises
-    ------
-    FootageError
-        As `stream`.
-    CancelledError
-        `progress` returned False.
-    """
-    stop, done = threading.Event(), [0] * len(views)
-
-    def read(v: int) -> Image:
-        width, height = reduced_size(views[v].camera.size, factor)
-        images = np.empty((length, height, width), np.uint8)
-        for f, image in enumerate(stream(views[v], first, length, factor)):
-            if stop.is_set():
-                break
-            images[f] = image
-            done[v] = f + 1
-        return images
-
-    with ThreadPoolExecutor(_WORKERS) as pool:
-        jobs = [pool.submit(read, v) for v in range(len(views))]
-        try:
-            unfinished, failed = set(jobs), False
-            while unfinished and not failed:
-                finished, unfinished = wait(jobs, timeout=0.1, return_when=FIRST_EXCEPTION)
-                failed = any(job.exception() is not None for job in finished)
-                report_progress(progress, "footage", sum(done) / max(1, length * len(views)))
-        finally:
-            stop.set()
-        return [job.result() for job in jobs]
 
 
 def image_files(path: Path) -> dict[int, Path] | None:

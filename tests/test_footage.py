@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pytest
 from kfmocap.core.cameras import Camera
-from kfmocap.core.errors import CancelledError, FootageError, ShotError
-from kfmocap.core.footage import check_view, footage_index, frames_at, probe, read_views, stream
+from kfmocap.core.errors import FootageError, ShotError
+from kfmocap.core.footage import check_view, footage_index, frames_at, probe
 from kfmocap.core.shot import View
 
 SIZE = (64, 48)
@@ -62,11 +62,14 @@ def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_frames_come_in_order_from_the_asked_one(video: Path) -> None:
-    assert [frame_of(image) for image in stream(View(camera(), video), 3, 6, 1)] == [3, 4, 5, 6, 7, 8]
-
-
-def test_every_stepth_frame_is_given(video: Path) -> None:
-    assert [frame_of(image) for image in stream(View(camera(), video), 1, 9, 1, step=4)] == [1, 5, 9]
+    assert [frame_of(image) for image in frames_at(View(camera(), video), range(3, 9), 1)] == [
+        3,
+        4,
+        5,
+        6,
+        7,
+        8,
+    ]
 
 
 def test_any_increasing_frames_can_be_had(video: Path) -> None:
@@ -77,7 +80,7 @@ def test_any_increasing_frames_can_be_had(video: Path) -> None:
 def test_offset_leads_to_the_nearest_frame_of_the_footage(video: Path, offset: float, index: int) -> None:
     view = View(camera(), video, offset)
     assert footage_index(view, 4) == index
-    assert frame_of(next(iter(stream(view, 4, 1, 1)))) == index
+    assert frame_of(next(frames_at(view, [4], 1))) == index
 
 
 @pytest.mark.parametrize("degrees", TURNS)
@@ -87,7 +90,7 @@ def test_rotation_metadata_is_obeyed(tmp_path: Path, degrees: int) -> None:
     expected = np.rot90(picture(2)[..., 0], -degrees // 90)
     size = expected.shape[::-1]
     assert probe(path).size == size
-    image = next(iter(stream(View(camera(size), path), 2, 1, 1)))
+    image = next(frames_at(View(camera(size), path), [2], 1))
     assert image.shape == expected.shape
     assert np.abs(image.astype(int) - expected).mean() < 6
 
@@ -125,7 +128,7 @@ def test_footage_that_breaks_off_names_the_frame(tmp_path: Path) -> None:
     for f in (0, 1, 3):
         cv2.imwrite(str(tmp_path / f"f{f}.png"), picture(f))
     with pytest.raises(FootageError, match="frame 2 is missing"):
-        list(stream(View(camera(), tmp_path / "f#.png"), 0, 4, 1))
+        list(frames_at(View(camera(), tmp_path / "f#.png"), range(4), 1))
 
 
 def test_interlaced_footage_is_refused_until_it_is_supported(video: Path) -> None:
@@ -140,13 +143,13 @@ def test_numbered_images_start_at_their_lowest_number(tmp_path: Path, pattern: s
     (tmp_path / "img_notes.txt").touch()
     view = View(camera(), tmp_path / pattern)
     assert probe(view.footage).count == COUNT
-    assert [frame_of(image) for image in stream(view, 2, 3, 1)] == [2, 3, 4]
+    assert [frame_of(image) for image in frames_at(view, range(2, 5), 1)] == [2, 3, 4]
 
 
 def test_globbed_images_are_taken_in_natural_order(tmp_path: Path) -> None:
     for f in range(COUNT):
         cv2.imwrite(str(tmp_path / f"shot{f}.png"), picture(f))
-    images = stream(View(camera(), tmp_path / "shot*.png"), 0, COUNT, 1)
+    images = frames_at(View(camera(), tmp_path / "shot*.png"), range(COUNT), 1)
     assert [frame_of(image) for image in images] == list(range(COUNT))
 
 
@@ -154,7 +157,7 @@ def test_images_of_differing_size_are_refused(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "a1.png"), picture(0))
     cv2.imwrite(str(tmp_path / "a2.png"), picture(1)[:-8])
     with pytest.raises(FootageError, match=r"a2\.png.*64x40, not 64x48"):
-        list(stream(View(camera(), tmp_path / "a#.png"), 0, 2, 1))
+        list(frames_at(View(camera(), tmp_path / "a#.png"), range(2), 1))
 
 
 @pytest.mark.parametrize("factor", [1, 2, 3.3])
@@ -167,27 +170,9 @@ def test_reduced_frames_fit_the_reduced_camera(tmp_path: Path, factor: float) ->
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
     image[...] = (255 * np.exp(-((x - u) ** 2 + (y - v) ** 2) / 5))[..., None]
     cv2.imwrite(str(tmp_path / "disc.png"), image)
-    reduced = next(iter(stream(View(cam, tmp_path / "disc.png"), 0, 1, factor))).astype(float)
+    reduced = next(frames_at(View(cam, tmp_path / "disc.png"), [0], factor)).astype(float)
     expected = cam.rectified().reduced(factor).project(ray)
     assert reduced.shape[::-1] == cam.reduced(factor).size
     y, x = np.mgrid[: reduced.shape[0], : reduced.shape[1]]
     centre = np.array([(x * reduced).sum(), (y * reduced).sum()]) / reduced.sum()
     assert np.allclose(centre, expected, atol=0.12)
-
-
-def test_views_read_together_are_those_read_alone(video: Path) -> None:
-    views = [View(camera(), video), View(camera(), video, 1.0), View(camera(), video, 2.0)]
-    together = read_views(views, 1, 8, 2)
-    for view, images in zip(views, together, strict=True):
-        assert np.array_equal(images, np.stack(list(stream(view, 1, 8, 2))))
-
-
-def test_reading_can_be_cancelled(video: Path) -> None:
-    with pytest.raises(CancelledError):
-        read_views([View(camera(), video)] * 3, 0, COUNT, 1, progress=lambda what, fraction: False)
-
-
-def test_reading_reports_the_view_that_fails(video: Path, tmp_path: Path) -> None:
-    views = [View(camera(), video), View(camera(), tmp_path / "none.mp4")]
-    with pytest.raises(FootageError, match=r"none\.mp4"):
-        read_views(views, 0, COUNT, 1)
