@@ -110,6 +110,13 @@ class Camera:
         K[1, 2] += (sy - 1) / 2
         return replace(self, size=(width, height), matrix=K)
 
+    def subsampled(self, stride: int) -> Camera:
+        """The camera of every stride-th pixel each way, beginning with the first."""
+        K = self.matrix.copy()
+        K[:2] /= stride
+        width, height = (-(-n // stride) for n in self.size)
+        return replace(self, size=(width, height), matrix=K)
+
     def rectify_maps(self) -> tuple[NDArray, NDArray] | None:
         """Maps for `cv2.remap` that take an image of this camera to `rectified()`, or None if it has no distortion."""
         # OpenCV's fisheye model is no pinhole even without coefficients.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
@@ -84,13 +84,32 @@ class Settings:
     ----------
     solver : str
         "gauss-newton" (the whole segment at once) or "relaxation" (the papers').
+    sweeps : int
+        Sweeps of the relaxation.
+    working_size : int
+        The longer side of the reduced frames that are worked on is at most about this, pixels.
+    pixel_correlation : float
+        How many of the pixels used say the same thing: the evidence is divided by it.
+    joint_acceleration : float
+        Usual angular acceleration of a joint, rad/s^2.
+    root_acceleration : float
+        Usual acceleration of the root, m/s^2.
     """
 
     solver: str = "gauss-newton"
+    sweeps: int = 500
+    working_size: int = 480
+    pixel_correlation: float = 160.0
+    joint_acceleration: float = 20.0
+    root_acceleration: float = 2.0
 
     def __post_init__(self) -> None:
         if self.solver not in SOLVERS:
             raise ShotError(f"unknown solver '{self.solver}'", where="[track] solver", todo=f"use {' or '.join(SOLVERS)}")
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if item.name != "solver" and not (isinstance(value, (int, float)) and np.isfinite(value) and value > 0):
+                raise ShotError(f"it is {value!r}", where=f"[track] {item.name}", todo="give a positive number")
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,8 +1,8 @@
 """Label and depth images: which part, and how far, every pixel of a posed scene shows (paper 000, section 2.3).
 
-A convex polyhedron is entered through the farthest of the planes of its faces that look at the camera. In the image
-the inverse depth of a plane is linear, so the depth of a part is the minimum of a few linear functions of the pixel:
-exact, and without drawing a single triangle. OpenCV fills the parts' outlines; a depth buffer decides between parts.
+OpenCV fills the convex outlines of the parts, painted far to near. A convex polyhedron is entered through the farthest
+of the planes of its faces that look at the camera, and in the image the inverse depth of a plane is linear, so the
+depth of a pixel is the minimum of a few linear functions: exact, and without drawing a single triangle.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 NEAR = 0.05
 """Parts with a vertex nearer than this (metres before the camera) are not drawn."""
 _SHIFT = 4  # fractional bits of the outlines given to OpenCV
+_FARTHEST = 1 << 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,25 +37,35 @@ class Geometry:
         The part that each vertex belongs to, counted over all performers.
     spans : tuple of slice
         The vertices of each part.
-    planes : tuple of ndarray, shape (N, 4)
-        Each part's face planes, see `Part.planes`; faces in one plane are listed once.
+    planes : ndarray, shape (N, 4)
+        The parts' face planes, see `Part.planes`; faces in one plane are listed once.
+    face_owner : ndarray of int, shape (N,)
+    face_spans : tuple of slice
+        The planes of each part.
     """
 
     vertices: Array
     owner: NDArray[np.int64]
     spans: tuple[slice, ...]
-    planes: tuple[Array, ...]
+    planes: Array
+    face_owner: NDArray[np.int64]
+    face_spans: tuple[slice, ...]
 
     @classmethod
     def of(cls, bodies: Sequence[Body]) -> Geometry:
         parts = [part for body in bodies for part in body.parts]
-        ends = np.cumsum([0] + [len(part.vertices) for part in parts])
+        vertices = [part.vertices for part in parts]
+        planes = [np.unique(part.planes.round(9), axis=0) for part in parts]
         return cls(
-            np.concatenate([part.vertices for part in parts]),
-            np.repeat(np.arange(len(parts)), np.diff(ends)),
-            tuple(slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)),
-            tuple(np.unique(part.planes.round(9), axis=0) for part in parts),
+            np.concatenate(vertices), *_grouped(vertices), np.concatenate(planes), *_grouped(planes)
         )
+
+
+def _grouped(arrays: Sequence[Array]) -> tuple[NDArray[np.int64], tuple[slice, ...]]:
+    """Which array each row of a concatenation comes from, and each array's rows."""
+    ends = np.cumsum([0] + [len(array) for array in arrays])
+    spans = tuple(slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
+    return np.repeat(np.arange(len(arrays)), np.diff(ends)), spans
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,17 +75,33 @@ class LabelImage:
     Attributes
     ----------
     part : ndarray of int16, shape (h, w)
-        The part seen, counted over all performers; -1 where there is none.
-    inverse_depth : ndarray of float32, shape (h, w)
-        1/z of the surface, 1/metres; 0 where there is none.
+        The part seen, counted over all P parts of all performers; -1 where there is none.
+    spans : tuple of slice
+        Which of the N pixels that show a part belong to each of the P parts.
+    index : ndarray of int, shape (N,)
+        Those pixels in the flattened image, sorted by part.
+    inverse_depth : ndarray of float32, shape (N,)
+        1/z of the surface there, 1/metres.
     share : ndarray, shape (P,)
         Visible area of each part over its whole projected area, 0 to 1 (section 5.3). Hidden by itself, by others, and
         beyond the picture's edge count alike.
     """
 
     part: NDArray[np.int16]
+    spans: tuple[slice, ...]
+    index: NDArray[np.intp]
     inverse_depth: NDArray[np.float32]
     share: Array
+
+    def box(self) -> tuple[int, int, int, int]:
+        """Left, top, right and bottom of the pixels that show a part, the latter two exclusive; all 0 if none does."""
+        return _box(self.index, self.part.shape[1])
+
+    def depth_image(self) -> NDArray[np.float32]:
+        """z in metres, infinite where there is no part, shape (h, w)."""
+        image = np.full(self.part.size, np.inf, dtype=np.float32)
+        image[self.index] = 1 / self.inverse_depth
+        return image.reshape(self.part.shape)
 
 
 def render_labels(geometry: Geometry, camera: Camera, frame: int, R: Array, T: Array) -> LabelImage:
@@ -92,48 +119,61 @@ def render_labels(geometry: Geometry, camera: Camera, frame: int, R: Array, T: A
     """
     Rc, tc = camera.pose(frame)
     R_cam, T_cam = Rc @ R, T @ Rc.T + tc
-    points = np.einsum("vab,vb->va", R_cam[geometry.owner], geometry.vertices) + T_cam[geometry.owner]
+    points = (R_cam[geometry.owner] @ geometry.vertices[..., None])[..., 0] + T_cam[geometry.owner]
     K = camera.matrix
-    with np.errstate(divide="ignore", invalid="ignore"):
-        pixels = (points[:, :2] / points[:, 2:]) @ K[:2, :2].T + K[:2, 2]
-    K_inv = np.linalg.inv(K)
+    z = np.maximum(points[:, 2:], NEAR)
+    pixels = (points[:, :2] / z) @ K[:2, :2].T + K[:2, 2]
+    corners = np.clip(np.round(pixels * (1 << _SHIFT)), -_FARTHEST, _FARTHEST).astype(np.int32)
+    starts = [span.start for span in geometry.spans]
+    before = np.minimum.reduceat(points[:, 2], starts) >= NEAR
+    middle = np.add.reduceat(points[:, 2], starts) / [span.stop - span.start for span in geometry.spans]
 
-    width, height = camera.size
-    label = np.full((height, width), -1, dtype=np.int16)
-    buffer = np.zeros((height, width), dtype=np.float32)
-    whole = np.zeros(len(geometry.spans))
-    for i, span in enumerate(geometry.spans):
-        if points[span, 2].min() < NEAR:
-            continue
-        outline = cv2.convexHull(pixels[span].astype(np.float32))[:, 0]
-        x0, y0 = np.floor(outline.min(axis=0)).astype(int)
-        x1, y1 = np.ceil(outline.max(axis=0)).astype(int) + 1
-        left, top, right, bottom = max(x0, 0), max(y0, 0), min(x1, width), min(y1, height)
-        if left >= right or top >= bottom:
-            whole[i] = max(cv2.contourArea(outline), 1.0)
-            continue
-        mask = np.zeros((bottom - top, right - left), dtype=np.uint8)
-        corners = np.round((outline - [left, top]) * (1 << _SHIFT)).astype(np.int32)
-        cv2.fillConvexPoly(mask, corners, 1, shift=_SHIFT)
-        clipped = left > x0 or top > y0 or right < x1 or bottom < y1
-        whole[i] = max(cv2.countNonZero(mask), cv2.contourArea(outline) if clipped else 0.0, 1.0)
-        window = (slice(top, bottom), slice(left, right))
-        inverse = _inverse_depth(geometry.planes[i], R_cam[i], T_cam[i], K_inv, window)
-        nearer = (inverse > buffer[window]) & mask.view(bool)
-        np.copyto(buffer[window], inverse, where=nearer)
-        np.copyto(label[window], np.int16(i), where=nearer)
-    visible = np.bincount(label.ravel() + 1, minlength=len(whole) + 1)[1:]
-    return LabelImage(label, buffer, np.divide(visible, whole, out=np.zeros_like(whole), where=whole > 0))
+    label = np.full((camera.size[1], camera.size[0]), -1, dtype=np.int16)
+    whole = np.ones(len(starts))
+    for i in np.argsort(-middle):
+        if before[i]:
+            outline = cv2.convexHull(corners[geometry.spans[i]])
+            cv2.fillConvexPoly(label, outline, int(i), shift=_SHIFT)
+            # A filled outline also covers the pixels that it runs through: half its length more than its area.
+            area = cv2.contourArea(outline) / 4**_SHIFT
+            whole[i] = max(area + cv2.arcLength(outline, True) / 2 ** (_SHIFT + 1), 1.0)
+
+    flat = label.ravel()
+    index = np.flatnonzero(flat >= 0)
+    index = index[np.argsort(flat[index], kind="stable")]
+    ends = np.searchsorted(flat[index], np.arange(len(starts) + 1))
+    spans = tuple(slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True))
+    inverse_depth = _inverse_depths(geometry, R_cam, T_cam, np.linalg.inv(K), index, spans, camera.size[0])
+    return LabelImage(label, spans, index, inverse_depth, np.minimum(np.diff(ends) / whole, 1.0))
 
 
-def _inverse_depth(
-    planes: Array, R_cam: Array, T_cam: Array, K_inv: Array, window: tuple[slice, slice]
+def _inverse_depths(
+    geometry: Geometry,
+    R_cam: Array,
+    T_cam: Array,
+    K_inv: Array,
+    index: NDArray[np.intp],
+    spans: tuple[slice, ...],
+    width: int,
 ) -> NDArray[np.float32]:
-    """1/z where the rays of a window's pixels enter a convex part, shape of the window."""
-    normals = planes[:, :3] @ R_cam.T
-    distance = planes[:, 3] - normals @ T_cam  # of the camera before each plane
-    facing = distance > 1e-6
-    a, b, c = (-(normals[facing] / distance[facing, None]) @ K_inv).astype(np.float32).T
-    v, u = (np.arange(w.start, w.stop, dtype=np.float32) for w in window)
-    along_u, along_v = np.outer(a, u) + c[:, None], np.outer(b, v)
-    return (along_v[:, :, None] + along_u[:, None, :]).min(axis=0)
+    """1/z where the rays of pixels enter the parts that they show, shape (N,)."""
+    normals = (R_cam[geometry.face_owner] @ geometry.planes[:, :3, None])[..., 0]
+    distance = geometry.planes[:, 3] - np.einsum("na,na->n", normals, T_cam[geometry.face_owner])
+    facing = distance > 1e-6  # the camera is before the face
+    linear = -(normals / np.where(facing, distance, np.inf)[:, None]) @ K_inv
+    linear[~facing] = 0.0, 0.0, 1 / NEAR**2  # farther in than any other
+    linear = linear.astype(np.float32)
+    rays = np.ones((3, len(index)), dtype=np.float32)
+    rays[1], rays[0] = np.divmod(index, width)
+    out = np.empty(len(index), dtype=np.float32)
+    for faces, span in zip(geometry.face_spans, spans, strict=True):
+        if span.stop > span.start:
+            np.min(linear[faces] @ rays[:, span], axis=0, out=out[span])
+    return out
+
+
+def _box(index: NDArray[np.intp], width: int) -> tuple[int, int, int, int]:
+    if not len(index):
+        return 0, 0, 0, 0
+    v, u = np.divmod(index, width)
+    return int(u.min()), int(v.min()), int(u.max()) + 1, int(v.max()) + 1

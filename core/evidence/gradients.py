@@ -1,50 +1,62 @@
 """Spatio-temporal gradient evidence by wrench accumulation (paper 000, equations (8) to (12)).
 
 A pixel that shows a part in frame a is a fixed point of that part and looks the same in frame b (brightness
-constancy). With m = (dE/du)(du/dx), the gradient of the brightness against the point, the pixel's row against the
-part's twist is its wrench (m, x cross m). Products of wrenches are summed per part, twelve by twelve (six for frame a,
-six for frame b), so the cost per pixel does not depend on the number of joints, and cameras simply add.
+constancy). With m = (dE/du)(du/dx), the derivative of the brightness by the point, the pixel's row against the part's
+twist is its wrench (m, x cross m). Products of wrenches are summed per part, twelve by twelve (six for frame a, six
+for frame b), so the cost per pixel does not depend on the number of joints, and cameras simply add.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import rotations
 from ..cameras import Camera
 from ..visibility import LabelImage
+from .images import GradientImage, Image
 
 Array = NDArray[np.float64]
-Image = NDArray[np.float32]
+Poses = tuple[Array, Array]
+
+HUBER = 1.345
+"""Where Huber's error turns from square to linear, in standard deviations (95 % efficiency under normal noise)."""
+_LEAST_NOISE = 2e-4
 
 
 @dataclass(frozen=True, eq=False)
-class GradientImage:
-    """A frame as the evidence needs it: brightness 0 to 1 and its derivatives per pixel, each (h, w)."""
+class Pixels:
+    """The pixels of a label image that show a part, sorted by part.
 
-    brightness: Image
-    du: Image
-    dv: Image
+    Attributes
+    ----------
+    part : ndarray of int16, shape (N,)
+    spans : tuple of slice
+        The pixels of each of the P parts.
+    uv : ndarray of float32, shape (N, 2)
+        Their places in the view's frame, pixels.
+    points_cam : ndarray of float32, shape (N, 3)
+        What they show, in camera axes, metres.
+    """
+
+    part: NDArray[np.int16]
+    spans: tuple[slice, ...]
+    uv: Image
+    points_cam: Image
 
     @classmethod
-    def of(cls, grey: NDArray[np.uint8], sigma: float) -> GradientImage:
-        """From an 8-bit frame, smoothed by a Gaussian of `sigma` pixels."""
-        smooth = cv2.GaussianBlur(grey.astype(np.float32) * (1 / 255), (0, 0), sigma)
-        return cls(
-            smooth,
-            cv2.Scharr(smooth, cv2.CV_32F, 1, 0, scale=1 / 32),
-            cv2.Scharr(smooth, cv2.CV_32F, 0, 1, scale=1 / 32),
-        )
-
-    def sample(self, pixels: NDArray[np.float32]) -> tuple[Image, Image, Image]:
-        """Brightness and derivatives at sub-pixel places, shape (N, 2), bilinear."""
-        places = np.ascontiguousarray(pixels, dtype=np.float32)[:, None]
-        out = [cv2.remap(c, places, None, cv2.INTER_LINEAR)[:, 0] for c in (self.brightness, self.du, self.dv)]
-        return out[0], out[1], out[2]
+    def of(cls, labels: LabelImage, camera: Camera, stride: int) -> Pixels:
+        """Of a label image that has every stride-th pixel of the camera's frame."""
+        v, u = np.divmod(labels.index, labels.part.shape[1])
+        uv = np.stack([u, v], axis=1).astype(np.float32) * np.float32(stride)
+        K = camera.matrix.astype(np.float32)
+        z = 1 / labels.inverse_depth
+        points = np.empty((len(z), 3), np.float32)
+        points[:, :2] = (uv - K[:2, 2]) / K[[0, 1], [0, 1]] * z[:, None]
+        points[:, 2] = z
+        return cls(labels.part.ravel()[labels.index], labels.spans, uv, points)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,111 +66,131 @@ class WrenchSums:
     Attributes
     ----------
     H : ndarray, shape (P, 12, 12)
-        Sums of products of wrenches, frame a's six before frame b's, about the world's origin.
+        Weighted sums of products of wrenches about the world's origin, frame a's six before frame b's.
     g : ndarray, shape (P, 12)
-        Sums of wrenches times residuals: the gradient of half the energy.
+        Weighted sums of wrenches times residuals: the gradient of half the energy.
     energy : float
-        Weighted sum of squared residuals.
-    count : float
-        Sum of weights.
+        Weighted sum of squared residuals, (grey level 0 to 1)^2.
+    weight : float
+        Sum of the weights.
+    noise : float
+        Robust standard deviation of the residuals, grey level 0 to 1.
     """
 
     H: Array
     g: Array
     energy: float
-    count: float
-
-    def __add__(self, other: WrenchSums) -> WrenchSums:
-        return WrenchSums(
-            self.H + other.H, self.g + other.g, self.energy + other.energy, self.count + other.count
-        )
+    weight: float
+    noise: float
 
 
-def huber_weights(residual: Image, scale: float) -> Image:
-    """Weights of Huber's robust error: one up to 1.345 scales, then falling as 1/|r|."""
-    limit = np.float32(1.345 * scale)
-    return np.minimum(np.float32(1), limit / np.maximum(np.abs(residual), 1e-12))
-
-
-def gradient_wrenches(
+def brightness_constancy(
     camera: Camera,
-    image_a: GradientImage,
-    image_b: GradientImage,
-    labels_a: LabelImage,
-    labels_b: LabelImage,
-    poses_a: tuple[Array, Array],
-    poses_b: tuple[Array, Array],
-    stride: int,
     frames: tuple[int, int],
-    scale: float | None = None,
-):
-    R_a, T_a = poses_a
-    R_b, T_b = poses_b
-    P = len(T_a)
-    flat = labels_a.part.ravel()
-    index = np.flatnonzero(flat >= 0)
-    part = flat[index]
-    order = np.argsort(part, kind="stable")
-    index, part = index[order], part[order]
-    width = labels_a.part.shape[1]
-    u = (index % width * stride).astype(np.float32)
-    v = (index // width * stride).astype(np.float32)
+    images: tuple[GradientImage, GradientImage],
+    pixels: Pixels,
+    labels_b: LabelImage | None,
+    poses: tuple[Poses, Poses],
+    stride: int,
+    tolerance: float,
+) -> WrenchSums:
+    """Sum the gradient constraint between two frames of one view.
+
+    Parameters
+    ----------
+    camera : Camera
+        Of the view's reduced, rectified frames.
+    frames : tuple of int
+        Shot frames a and b.
+    images : tuple of GradientImage
+        Of frames a and b.
+    pixels : Pixels
+        Of frame a.
+    labels_b : LabelImage or None
+        Of frame b, with every stride-th pixel: a point that it does not show is left out. None leaves none out.
+    poses : tuple
+        (R, T) of all parts, (P, 3, 3) and (P, 3), in frames a and b.
+    tolerance : float
+        Huber's limit in units of `HUBER` standard deviations: 1 near the solution, more far from it.
+    """
+    image_a, image_b = images
+    to_a, to_b = (camera.pose(f) for f in frames)
+    x_a = pixels.points_cam
+    x_b = _carried(pixels, to_a, to_b, *poses)
     K = camera.matrix.astype(np.float32)
-    z = 1 / labels_a.inverse_depth.ravel()[index]
-    x_a = np.stack([(u - K[0, 2]) / K[0, 0] * z, (v - K[1, 2]) / K[1, 1] * z, z], axis=1)
+    uv_b = x_b[:, :2] / x_b[:, 2:] * K[[0, 1], [0, 1]] + K[:2, 2]
+    here, there = image_a.at(pixels.uv), image_b.sample(uv_b)
+    residual = there[0] - here[0]
+    du, dv = 0.5 * (here[1:] + there[1:])
+    seen = _still_seen(pixels.part, uv_b, labels_b, stride)
+    noise = 1.4826 * float(np.median(np.abs(residual[seen]))) if seen.any() else 0.0
+    weight = huber_weights(residual, tolerance * max(noise, _LEAST_NOISE)) * seen
 
-    Rc_a, tc_a = camera.pose(frames[0])
-    Rc_b, tc_b = camera.pose(frames[1])
-    M = R_b @ np.swapaxes(R_a, -1, -2)
-    G = Rc_b @ M @ Rc_a.T
-    s = (T_b - np.einsum("pab,pb->pa", M, T_a)) @ Rc_b.T + tc_b - np.einsum("pab,b->pa", Rc_b @ M @ Rc_a.T, tc_a)
-    # s: x_b = Rc_b (M (Rc_a^T (x_a - tc_a)) + T_b - M T_a) + tc_b
-    starts = np.searchsorted(part, np.arange(P + 1))
-    x_b = np.empty_like(x_a)
-    for p in range(P):
-        w = slice(starts[p], starts[p + 1])
-        if w.stop > w.start:
-            x_b[w] = x_a[w] @ G[p].T.astype(np.float32) + s[p].astype(np.float32)
-    zi = 1 / x_b[:, 2]
-    ub = np.stack([x_b[:, 0] * zi * K[0, 0] + K[0, 2], x_b[:, 1] * zi * K[1, 1] + K[1, 2]], axis=1)
-    E_b, du_b, dv_b = image_b.sample(ub)
-    ui, vi = u.astype(np.intp), v.astype(np.intp)
-    residual = E_b - image_a.brightness[vi, ui]
-    gu = 0.5 * (du_b + image_a.du[vi, ui])
-    gv = 0.5 * (dv_b + image_a.dv[vi, ui])
-    # still seen in b?
-    hb, wb = labels_b.part.shape
-    ib = np.round(ub / stride).astype(np.intp)
-    inside = (ib[:, 0] >= 0) & (ib[:, 0] < wb) & (ib[:, 1] >= 0) & (ib[:, 1] < hb)
-    ib[~inside] = 0
-    seen = inside & (labels_b.part[ib[:, 1], ib[:, 0]] == part)
-    if scale is None:
-        scale = 1.4826 * float(np.median(np.abs(residual[seen]))) + 1e-4
-    weight = huber_weights(residual, scale) * seen
-    def wrench(x):
-        zi = 1 / x[:, 2]
-        mx, my = gu * K[0, 0] * zi, gv * K[1, 1] * zi
-        mz = -(mx * x[:, 0] + my * x[:, 1]) * zi
-        return np.stack([mx, my, mz, x[:, 1] * mz - x[:, 2] * my, x[:, 2] * mx - x[:, 0] * mz, x[:, 0] * my - x[:, 1] * mx], axis=1)
-    rows = np.concatenate([-wrench(x_a), wrench(x_b), residual[:, None]], axis=1)
+    focal = K[[0, 1], [0, 1]]
+    rows = np.concatenate(
+        [-_wrenches(x_a, du, dv, focal), _wrenches(x_b, du, dv, focal), residual[:, None]], axis=1
+    )
     weighted = rows * weight[:, None]
-    S = np.zeros((P, 13, 13))
-    for p in range(P):
-        w = slice(starts[p], starts[p + 1])
-        if w.stop > w.start:
-            S[p] = rows[w].T @ weighted[w]
+    sums = np.zeros((len(pixels.spans), 13, 13))
+    for i, span in enumerate(pixels.spans):
+        if span.stop > span.start:
+            sums[i] = rows[span].T @ weighted[span]
     A = np.zeros((12, 12))
-    for k, (Rc, tc) in enumerate(((Rc_a, tc_a), (Rc_b, tc_b))):
-        A[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] = camera_twist(Rc, tc)
-    H = A.T @ S[:, :12, :12] @ A
-    g = S[:, :12, 12] @ A
-    return WrenchSums(H, g, float(S[:, 12, 12].sum()), float(weight.sum())), scale
+    A[:6, :6], A[6:, 6:] = camera_twist(*to_a), camera_twist(*to_b)
+    return WrenchSums(
+        A.T @ sums[:, :12, :12] @ A,
+        sums[:, :12, 12] @ A,
+        float(sums[:, 12, 12].sum()),
+        float(weight.sum()),
+        noise,
+    )
 
 
-def camera_twist(Rc: Array, tc: Array) -> Array:
-    """Takes a world twist (v, omega) about the world's origin to camera axes about the camera's centre, (6, 6)."""
+def _carried(pixels: Pixels, to_a: Poses, to_b: Poses, poses_a: Poses, poses_b: Poses) -> Image:
+    """The pixels' points, moved with their parts from frame a to frame b, in camera axes, shape (N, 3)."""
+    (Rc_a, tc_a), (Rc_b, tc_b) = to_a, to_b
+    (R_a, T_a), (R_b, T_b) = poses_a, poses_b
+    turn = Rc_b @ (R_b @ np.swapaxes(R_a, -1, -2)) @ Rc_a.T
+    joint_a, joint_b = T_a @ Rc_a.T + tc_a, T_b @ Rc_b.T + tc_b
+    turn, shift = turn.astype(np.float32), (joint_b - np.einsum("pab,pb->pa", turn, joint_a)).astype(np.float32)
+    points = np.empty_like(pixels.points_cam)
+    for i, span in enumerate(pixels.spans):
+        np.matmul(pixels.points_cam[span], turn[i].T, out=points[span])
+        points[span] += shift[i]
+    return points
+
+
+def _still_seen(
+    part: NDArray[np.int16], uv: Image, labels: LabelImage | None, stride: int
+) -> NDArray[np.bool_]:
+    """Which points at (N, 2) pixels of a frame show there the part that they belong to."""
+    if labels is None:
+        return np.ones(len(part), dtype=bool)
+    height, width = labels.part.shape
+    column, row = np.round(uv.T / stride).astype(np.intp)
+    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    return inside & (labels.part[row * inside, column * inside] == part)
+
+
+def _wrenches(points: Image, du: Image, dv: Image, focal: Image) -> Image:
+    """(m, x cross m) of brightness derivatives at points in camera axes, shape (N, 6)."""
+    x, y, z = points.T
+    out = np.empty((len(points), 6), np.float32)
+    mx, my = du * focal[0] / z, dv * focal[1] / z
+    mz = -(mx * x + my * y) / z
+    out[:, 0], out[:, 1], out[:, 2] = mx, my, mz
+    out[:, 3], out[:, 4], out[:, 5] = y * mz - z * my, z * mx - x * mz, x * my - y * mx
+    return out
+
+
+def huber_weights(residual: Image, deviation: float) -> Image:
+    """Weights of Huber's error: one up to `HUBER` deviations, then falling as 1/|r|."""
+    return np.minimum(np.float32(1), np.float32(HUBER * deviation) / np.maximum(np.abs(residual), np.float32(1e-12)))
+
+
+def camera_twist(R_cam_world: Array, t_cam_world: Array) -> Array:
+    """Takes a twist (v, omega) about the world's origin to camera axes and the camera's centre, shape (6, 6)."""
     A = np.zeros((6, 6))
-    A[:3, :3] = Rc
-    A[3:, 3:] = Rc
-    A[:3, 3:] = rotations.skew(tc) @ Rc
+    A[:3, :3] = A[3:, 3:] = R_cam_world
+    A[:3, 3:] = rotations.skew(t_cam_world) @ R_cam_world
     return A

@@ -50,8 +50,8 @@ def banded(blocks: BandedBlocks, fixed: NDArray[np.bool_], damping: float = 0.0)
     rows, columns = np.indices((D, D))
     lower = rows >= columns
     diagonal = blocks.diagonal * free[:, :, None] * free[:, None, :]
-    # Directions that nothing measures keep the matrix positive definite by the smallest of ridges.
-    ridge = 1e-9 * np.maximum(np.einsum("fdd->fd", blocks.diagonal), 1.0)
+    # Directions that nothing measures keep the matrix positive definite by a ridge above the rounding of the sums.
+    ridge = 1e-6 * np.maximum(np.einsum("fdd->fd", blocks.diagonal), 1.0)
     d = np.arange(D)
     diagonal[:, d, d] += np.where(fixed, 1.0, ridge + damping * np.einsum("fdd->fd", diagonal))
     out[(rows - columns)[lower], :, columns[lower]] = diagonal[:, rows[lower], columns[lower]].T

@@ -1,0 +1,139 @@
+"""Gauss-Newton over a whole segment: all its poses are unknown at once.
+
+The energy is that of a model of the errors: residuals of brightness constancy have a robust standard deviation per
+view, found from themselves, and neighbouring pixels repeat one another; accelerations of joints and of the root have
+the spread of human motion. Gradients couple neighbouring frames and smoothness the next but one, so the normal matrix
+is block-pentadiagonal and solved by a banded Cholesky factorisation; key poses are met exactly, as their degrees of
+freedom are not among the unknowns.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..constraints import BandedBlocks, smoothness
+from ..evidence.collect import Evidence, joint_blocks
+from ..motion import Motion
+from ..shot import Settings
+from .banded import BandedFactor
+from .problem import Problem, Solution, Step, frame_residual
+
+Array = NDArray[np.float64]
+
+SMALLEST_STEP = 5e-3
+"""A stage ends when no joint moves more than this, radians (and metres)."""
+LONGEST_STEP = 0.5
+"""No joint turns farther than this in one iteration, radians: beyond it the images' gradients say nothing."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One step from coarse to fine.
+
+    Attributes
+    ----------
+    sigma : float
+        Smoothing of the images, pixels of the reduced frames.
+    tolerance : float
+        Of Huber's limit: far from the solution large residuals still have to pull.
+    iterations : int
+        At most.
+    """
+
+    sigma: float
+    tolerance: float
+    iterations: int
+
+
+STAGES = (Stage(2.0, 8.0, 3), Stage(1.0, 4.0, 3), Stage(1.0, 1.0, 5))
+
+
+def solve(
+    problem: Problem, start: Sequence[Motion], settings: Settings, on_step: Step | None = None
+) -> Solution:
+    """Fit the motion of all performers between their key poses.
+
+    Parameters
+    ----------
+    problem : Problem
+    start : sequence of Motion
+        F poses per performer; their fixed degrees of freedom are kept.
+    settings : Settings
+    on_step : callable, optional
+        Called before each iteration with the share of the work done and the motions; may raise to end the job.
+    """
+    geometry, motions = problem.geometry(), list(start)
+    seconds: Counter[str] = Counter()
+    energies: list[float] = []
+    planned = sum(stage.iterations for stage in STAGES)
+    for s, stage in enumerate(STAGES):
+        before = sum(earlier.iterations for earlier in STAGES[:s])
+        for i in range(stage.iterations):
+            if on_step is not None:
+                on_step((before + i) / planned, motions)
+            poses, evidence = problem.evidence(geometry, motions, stage.sigma, stage.tolerance)
+            seconds.update(evidence.seconds)
+            begin = time.perf_counter()
+            systems = normal_equations(problem, motions, poses, evidence, settings)
+            factors = [BandedFactor(n, fixed) for n, fixed in zip(systems, problem.fixed, strict=True)]
+            steps = [limited(-f.solve(n.gradient)) for f, n in zip(factors, systems, strict=True)]
+            motions = [motion.moved(step) for motion, step in zip(motions, steps, strict=True)]
+            energies.append(sum(n.energy for n in systems))
+            seconds["solve"] += time.perf_counter() - begin
+            if max(float(np.abs(step).max()) for step in steps) < SMALLEST_STEP:
+                break
+    return Solution(
+        tuple(motions),
+        len(energies),
+        tuple(energies),
+        tuple(factors),
+        evidence.share,
+        frame_residual(evidence),
+        dict(seconds),
+    )
+
+
+def normal_equations(
+    problem: Problem,
+    motions: Sequence[Motion],
+    poses: tuple[Array, Array],
+    evidence: Evidence,
+    settings: Settings,
+) -> list[BandedBlocks]:
+    """The normal equations of every performer: gradients of all views, and smoothness."""
+    R, T = poses
+    precision = view_precision(evidence, settings)
+    H = np.einsum("v,vfpij->fpij", precision, evidence.H)
+    g = np.einsum("v,vfpi->fpi", precision, evidence.g)
+    energy = float(precision @ evidence.energy.sum(axis=1)) / len(problem.bodies)
+    systems = []
+    for body, motion, span in zip(problem.bodies, motions, problem.spans(), strict=True):
+        gradients = joint_blocks(body, (R[:, span], T[:, span]), H[:, span], g[:, span], energy)
+        systems.append(gradients + smoothness(motion, acceleration_precision(body.dof, problem.fps, settings)))
+    return systems
+
+
+def view_precision(evidence: Evidence, settings: Settings) -> Array:
+    """Inverse variance of a residual of each view, with the pixels that repeat one another counted once, shape (V,)."""
+    noise = np.maximum(np.median(evidence.noise, axis=1), 1e-3)
+    return 1 / (noise**2 * settings.pixel_correlation)
+
+
+def acceleration_precision(dof: int, fps: float, settings: Settings) -> Array:
+    """Inverse variance of the acceleration of each degree of freedom, per frame squared, shape (D,)."""
+    deviation = np.full(dof, settings.joint_acceleration)
+    deviation[:3] = settings.root_acceleration
+    return (fps * fps / deviation) ** 2
+
+
+def limited(step: Array) -> Array:
+    """A step with every joint's part of it cut to `LONGEST_STEP`."""
+    turns = step.reshape(len(step), -1, 3)
+    length = np.linalg.norm(turns, axis=-1, keepdims=True)
+    return (turns * np.minimum(1.0, LONGEST_STEP / np.maximum(length, 1e-12))).reshape(step.shape)

@@ -1,0 +1,99 @@
+"""What a solver is given: one stretch of frames with its evidence, its bodies, and what is fixed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body import Body
+from ..evidence.collect import Evidence, gradient_evidence, scene_poses
+from ..evidence.images import ViewFrames
+from ..motion import Motion
+from ..visibility import Geometry
+from .banded import BandedFactor
+
+Array = NDArray[np.float64]
+Step = Callable[[float, Sequence[Motion]], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """F consecutive frames of all performers.
+
+    Attributes
+    ----------
+    views : tuple of ViewFrames
+    bodies : tuple of Body
+        One per performer.
+    first : int
+        Shot frame of the first of the F frames.
+    fps : float
+    fixed : tuple of ndarray of bool, shape (F, D)
+        Per performer: the degrees of freedom that key poses hold.
+    """
+
+    views: tuple[ViewFrames, ...]
+    bodies: tuple[Body, ...]
+    first: int
+    fps: float
+    fixed: tuple[NDArray[np.bool_], ...]
+
+    @property
+    def length(self) -> int:
+        return len(self.fixed[0])
+
+    def geometry(self) -> Geometry:
+        return Geometry.of(self.bodies)
+
+    def spans(self) -> list[slice]:
+        """The parts of each performer in arrays over all performers' parts."""
+        ends = np.cumsum([0] + [len(body) for body in self.bodies])
+        return [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+
+    def evidence(
+        self, geometry: Geometry, motions: Sequence[Motion], sigma: float, tolerance: float
+    ) -> tuple[tuple[Array, Array], Evidence]:
+        """World poses of all parts, and the gradient evidence around them."""
+        poses = scene_poses(self.bodies, motions)
+        return poses, gradient_evidence(self.views, geometry, poses, self.first, sigma, tolerance)
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What a solver returns.
+
+    Attributes
+    ----------
+    motions : tuple of Motion
+        F poses per performer.
+    iterations : int
+    energy : tuple of float
+        Before each iteration; comparable within a stage of the solver, see there.
+    factors : tuple of BandedFactor
+        Per performer: the factor of the last normal matrix, whose inverse is the motion's covariance. Empty where the
+        solver has none.
+    share : ndarray, shape (V, F, P)
+        Visible share of every part at the last iteration.
+    residual : ndarray, shape (F,)
+        Root mean square grey-level difference of the pairs of frames at each frame, 0 to 1.
+    seconds : dict
+        Time spent, by what.
+    """
+
+    motions: tuple[Motion, ...]
+    iterations: int
+    energy: tuple[float, ...]
+    factors: tuple[BandedFactor, ...]
+    share: Array
+    residual: Array
+    seconds: dict[str, float]
+
+
+def frame_residual(evidence: Evidence) -> Array:
+    """Root mean square residual of the pairs on both sides of each frame, shape (F,)."""
+    energy, weight = evidence.energy.sum(axis=0), evidence.weight.sum(axis=0)
+    both = [np.append(x, 0.0) + np.insert(x, 0, 0.0) for x in (energy, weight)]
+    return np.sqrt(both[0] / np.maximum(both[1], 1e-12))

@@ -1,0 +1,211 @@
+"""Relaxation as published (paper 000, section 4 and appendix).
+
+Unknown are the motion parameters x_j between frames j - 1 and j: the root's translation S_j in the world and each
+part's turn Q_j about its own axes. An initial solution follows the gradients alone, frame after frame; sweeps of
+equation (30) then solve one frame after the other for x_j, with the terminal terms (A.1) to (A.4) and the smoothness
+terms (A.5) and (A.6). Grey levels count 0 to 1.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import rotations
+from ..body import Body
+from ..evidence.collect import joint_blocks
+from ..motion import Motion, stacked
+from ..shot import Settings
+from .problem import Problem, Solution, Step, frame_residual
+
+Array = NDArray[np.float64]
+
+LAMBDA = 10.0
+"""Weight of the rotations' terminal constraint."""
+NU = 20.0
+"""Weight of the root's terminal constraint."""
+SMOOTHNESS = 1.0
+"""Weight of the smoothness of every motion parameter."""
+RELINEARISE = 10
+"""Sweeps between two measurements of the gradients around the current motion."""
+INITIAL = ((2.0, 8.0), (1.0, 4.0), (1.0, 4.0))
+"""Smoothing and tolerance of the steps from one frame to the next that make the initial solution."""
+FINE = (1.0, 1.0)
+"""Smoothing and tolerance of the gradients of the sweeps."""
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """Motion parameters x_j of one performer, j = 1 .. n.
+
+    Attributes
+    ----------
+    shifts : ndarray, shape (n, 3)
+        S_j, metres.
+    turns : ndarray, shape (n, P, 3)
+        Rotation vectors of Q_j, radians.
+    """
+
+    shifts: Array
+    turns: Array
+
+    @classmethod
+    def of(cls, motion: Motion) -> Steps:
+        T, Q = motion.translations, motion.rotations
+        return cls(np.diff(T, axis=0), rotations.log(np.swapaxes(Q[:-1], -1, -2) @ Q[1:]))
+
+    def accumulated(self, start: Motion) -> Motion:
+        """The poses that follow from a first pose, equations (6) and (7), shape F = n + 1."""
+        turned = [start.rotations[0]]
+        for Q in rotations.exp(self.turns):
+            turned.append(turned[-1] @ Q)
+        T = start.translations[0] + np.concatenate([np.zeros((1, 3)), np.cumsum(self.shifts, axis=0)])
+        return Motion(T, rotations.orthonormal(np.stack(turned)))
+
+    def vectors(self) -> Array:
+        """x_j as equation (5) has them, shape (n, D)."""
+        return np.concatenate([self.shifts, self.turns.reshape(len(self.turns), -1)], axis=1)
+
+
+def solve(
+    problem: Problem, start: Sequence[Motion], settings: Settings, on_step: Step | None = None
+) -> Solution:
+    """Fit the motion of all performers by relaxation; parameters as of `gauss_newton.solve`.
+
+    A stretch that ends without a key pose has no terminal constraint. Key poses of some degrees of freedom within
+    the stretch are held as they are.
+    """
+    geometry, seconds = problem.geometry(), Counter[str]()
+    begin = time.perf_counter()
+    motions = follow_gradients(problem, start, on_step)
+    seconds["initial solution"] += time.perf_counter() - begin
+    energies: list[float] = []
+    for sweep in range(0, settings.sweeps, RELINEARISE):
+        if on_step is not None:
+            on_step(0.2 + 0.8 * sweep / settings.sweeps, motions)
+        poses, evidence = problem.evidence(geometry, motions, *FINE)
+        seconds.update(evidence.seconds)
+        energies.append(float(evidence.energy.sum()))
+        begin = time.perf_counter()
+        H, g = evidence.H.sum(axis=0), evidence.g.sum(axis=0)
+        count = min(RELINEARISE, settings.sweeps - sweep)
+        relaxed = []
+        for i, (body, span) in enumerate(zip(problem.bodies, problem.spans(), strict=True)):
+            A, b = spatio_temporal(
+                body, (poses[0][:, span], poses[1][:, span]), H[:, span], g[:, span], motions[i]
+            )
+            relaxed.append(relax(motions[i], start[i], problem.fixed[i], A, b, count))
+        motions = relaxed
+        seconds["solve"] += time.perf_counter() - begin
+    return Solution(
+        tuple(_held(m, s, fixed) for m, s, fixed in zip(motions, start, problem.fixed, strict=True)),
+        settings.sweeps,
+        tuple(energies),
+        (),
+        evidence.share,
+        frame_residual(evidence),
+        dict(seconds),
+    )
+
+
+def follow_gradients(problem: Problem, start: Sequence[Motion], on_step: Step | None = None) -> list[Motion]:
+    """Initial solution: from the first pose on, each frame from the one before by its gradients alone, equation (12).
+
+    A direction that no pixel measures does not move. The first frame is that of `start`.
+    """
+    geometry = problem.geometry()
+    poses = [[motion[:1]] for motion in start]
+    for j in range(1, problem.length):
+        if on_step is not None:
+            on_step(0.2 * j / problem.length, start)
+        here = [stacked([p[-1], p[-1]]) for p in poses]
+        pair = Problem(problem.views, problem.bodies, problem.first + j - 1, problem.fps, problem.fixed)
+        for sigma, tolerance in INITIAL:
+            world, evidence = pair.evidence(geometry, here, sigma, tolerance)
+            H, g = evidence.H.sum(axis=0), evidence.g.sum(axis=0)
+            for i, (body, span) in enumerate(zip(problem.bodies, problem.spans(), strict=True)):
+                blocks = joint_blocks(body, (world[0][:, span], world[1][:, span]), H[:, span], g[:, span], 0.0)
+                A = blocks.diagonal[1] + SMOOTHNESS * np.eye(body.dof)
+                step = np.linalg.solve(A, -blocks.gradient[1])
+                here[i] = here[i].moved(np.stack([np.zeros_like(step), step]))
+        for i, motion in enumerate(here):
+            poses[i].append(motion[1:])
+    return [stacked(p) for p in poses]
+
+
+def spatio_temporal(
+    body: Body, poses: tuple[Array, Array], H: Array, g: Array, motion: Motion
+) -> tuple[Array, Array]:
+    """A_t,j and b_t,j of equation (23) around the current motion, shapes (n, D, D) and (n, D).
+
+    The rows of frame pair (j - 1, j) count for x_j alone, as in equation (12).
+    """
+    late = np.zeros_like(H), np.zeros_like(g)
+    late[0][..., 6:, 6:], late[1][..., 6:] = H[..., 6:, 6:], g[..., 6:]
+    blocks = joint_blocks(body, poses, *late, 0.0)
+    A, gradient = blocks.diagonal[1:], blocks.gradient[1:]
+    x = Steps.of(motion).vectors()
+    return A, (A @ x[..., None])[..., 0] - gradient
+
+
+def relax(motion: Motion, keyed: Motion, fixed: NDArray[np.bool_], A: Array, b: Array, sweeps: int) -> Motion:
+    """Sweeps of equation (30) over one performer's frames.
+
+    Parameters
+    ----------
+    motion : Motion
+        F = n + 1 poses; the first one stays.
+    keyed : Motion
+        F poses that are right where `fixed` is true; the last one gives the terminal constraint.
+    fixed : ndarray of bool, shape (F, D)
+    A, b : ndarray, shape (n, D, D) and (n, D)
+        From `spatio_temporal`.
+    """
+    n, D = b.shape
+    terminal = fixed[-1].astype(float)
+    weight = terminal * np.concatenate([np.full(3, NU), np.full(D - 3, LAMBDA)])
+    inverse = np.linalg.inv(A + np.eye(D) * (SMOOTHNESS + weight[:, None]))
+    u = 1.0 / n
+    R_last, T_last = keyed.rotations[-1], keyed.translations[-1]
+    x = Steps.of(motion).vectors()
+    for _ in range(sweeps):
+        Q = rotations.exp(x[:, 3:].reshape(n, -1, 3))
+        after = _products_after(Q)
+        before = motion.rotations[0]
+        T_error = T_last - motion.translations[0] - x[:, :3].sum(axis=0)
+        for j in range(n):
+            P = np.swapaxes(before, -1, -2) @ R_last @ np.swapaxes(after[j], -1, -2)
+            x_e = np.concatenate([T_error + x[j, :3], axis_vector(P).ravel()])  # equation (25)
+            x_e = u * (x_e - x[j]) + x[j]  # equation (27)
+            ends = x[max(j - 1, 0)] + x[min(j + 1, n - 1)]  # x_0 = x_1, x_n+1 = x_n
+            new = inverse[j] @ (b[j] + weight * x_e + SMOOTHNESS * ends / 2)
+            T_error -= new[:3] - x[j, :3]
+            x[j] = new
+            before = before @ rotations.exp(new[3:].reshape(-1, 3))
+    return Steps(x[:, :3], x[:, 3:].reshape(n, -1, 3)).accumulated(motion)
+
+
+def axis_vector(P: Array) -> Array:
+    """Axis vector of (P - P^T) / 2, equation (A.2), shape (..., 3)."""
+    return 0.5 * np.stack(
+        [P[..., 2, 1] - P[..., 1, 2], P[..., 0, 2] - P[..., 2, 0], P[..., 1, 0] - P[..., 0, 1]], axis=-1
+    )
+
+
+def _products_after(Q: Array) -> Array:
+    """Products Q_{j+1} ... Q_n of the frames after each, shape as Q (n, P, 3, 3)."""
+    out = np.empty_like(Q)
+    out[-1] = np.eye(3)
+    for j in range(len(Q) - 1, 0, -1):
+        out[j - 1] = Q[j] @ out[j]
+    return out
+
+
+def _held(motion: Motion, keyed: Motion, fixed: NDArray[np.bool_]) -> Motion:
+    """The motion with the fixed degrees of freedom of key poses put in: they are met in the limit only."""
+    return motion.moved(np.where(fixed, motion.difference(keyed), 0.0))
