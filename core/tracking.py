@@ -13,6 +13,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
+from .blas import one_blas_thread
 from .evidence.images import ViewFrames
 from .footage import check_view, frames_at
 from .interpolation import spline
@@ -77,6 +78,7 @@ class TrackResult:
     residual: tuple[Array, ...]
 
 
+@one_blas_thread()
 def track(shot: Shot, progress: Progress | None = None) -> TrackResult:
     """Track every performer of a shot.
 

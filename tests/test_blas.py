@@ -1,0 +1,23 @@
+"""BLAS uses one thread inside the block, and what it used before after it."""
+
+from __future__ import annotations
+
+import pytest
+from kfmocap.core import blas
+
+
+def test_threads_are_one_inside_and_restored_after() -> None:
+    libraries = blas._openblas()
+    if not libraries:
+        pytest.skip("numpy and scipy bring no OpenBLAS here")
+    before = [get() for get, _ in libraries]
+    for _, set_threads in libraries:
+        set_threads(2)
+    try:
+        with pytest.raises(ZeroDivisionError), blas.one_blas_thread():
+            assert [get() for get, _ in libraries] == [1] * len(libraries)
+            raise ZeroDivisionError
+        assert [get() for get, _ in libraries] == [2] * len(libraries)
+    finally:
+        for (_, set_threads), count in zip(libraries, before, strict=True):
+            set_threads(count)
