@@ -64,9 +64,7 @@ def test_walk_files_are_what_the_script_writes(take):
     np.testing.assert_allclose(truth.points_world, take.truth(), atol=1e-5)
     stored = load_cameras(WALK / "calibration.toml")
     for camera in cameras():
-        np.testing.assert_allclose(
-            stored[camera.name].project(take.truth()), camera.project(take.truth()), atol=1e-3
-        )
+        np.testing.assert_allclose(stored[camera.name].project(take.truth()), camera.project(take.truth()), atol=1e-3)
 
 
 def test_walk_footage_shows_the_person_where_the_truth_says(take):

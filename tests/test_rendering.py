@@ -18,9 +18,7 @@ def figure():
 
 
 def test_surface_nets_close_a_sphere_and_face_outwards():
-    vertices, quads = surface_nets(
-        lambda p: np.linalg.norm(p, axis=1) - 0.5, np.full(3, -0.7), np.full(3, 0.7), 0.05
-    )
+    vertices, quads = surface_nets(lambda p: np.linalg.norm(p, axis=1) - 0.5, np.full(3, -0.7), np.full(3, 0.7), 0.05)
     np.testing.assert_allclose(np.linalg.norm(vertices, axis=1), 0.5, atol=1e-3)
     a, b, c, _ = (vertices[quads[:, k]] for k in range(4))
     assert (np.sum(np.cross(b - a, c - a) * a, axis=1) > 0).all()

@@ -36,9 +36,7 @@ def plaster(width: float, height: float, seed: int, pixel: float = 0.01) -> Arra
         left, low = left + rng.uniform(0, 0.5), rng.uniform(0.7, 1.5)
         wide, high = rng.uniform(0.4, 0.8), rng.uniform(0.4, 0.8)
         frame = (x > left) & (x < left + wide) & (y > low) & (y < low + high)
-        inner = (np.abs(x - left - wide / 2) < wide / 2 - 0.03) & (
-            np.abs(y - low - high / 2) < high / 2 - 0.03
-        )
+        inner = (np.abs(x - left - wide / 2) < wide / 2 - 0.03) & (np.abs(y - low - high / 2) < high / 2 - 0.03)
         image[frame] = rng.uniform(0.2, 0.35)
         hue = rng.uniform(0.35, 0.7, 3)
         blots = _noise_plane(x, y, rng.uniform(0.08, 0.2), int(rng.integers(1000)))
