@@ -33,7 +33,7 @@ fi
 endef
 
 demo: install
-	$(BIN)/kfmocap demo
+	$(BIN)/kfmocap demo --out build/demo
 
 test: install
 	$(BIN)/python -m pytest
