@@ -181,9 +181,8 @@ def image_files(path: Path) -> dict[int, Path] | None:
         files = {n - lowest: file for n, file in hits}
     else:
         regex = re.compile(re.escape(path.name).replace(r"\*", ".*"))
-        files = dict(
-            enumerate(sorted(filter(lambda f: regex.fullmatch(f.name), _listed(path.parent)), key=_natural))
-        )
+        fitting = [file for file in _listed(path.parent) if regex.fullmatch(file.name)]
+        files = dict(enumerate(sorted(fitting, key=_natural)))
     if not files:
         raise FootageError("no image fits this pattern", where=str(path))
     return files
@@ -240,9 +239,7 @@ def _decodable(path: Path, limit: int) -> int:
     return count
 
 
-def _reduced(
-    path: Path, indices: Sequence[int], size: tuple[int, int], factor: float, grey: bool
-) -> Iterator[Image]:
+def _reduced(path: Path, indices: Sequence[int], size: tuple[int, int], factor: float, grey: bool) -> Iterator[Image]:
     """The frames of those increasing indices, reduced, as they are to be seen; `size` is the full frames'."""
     target = reduced_size(size, factor)
     images = image_files(path)

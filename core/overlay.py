@@ -101,9 +101,7 @@ def write_contact_sheet(path: Path, sheet: Image) -> None:
         temporary.write_bytes(data.tobytes())
 
 
-def _row(
-    shot: Shot, view: View, frames: list[int], geometry: Geometry, R: Array, T: Array, width: int
-) -> Image:
+def _row(shot: Shot, view: View, frames: list[int], geometry: Geometry, R: Array, T: Array, width: int) -> Image:
     """The frames of one view, side by side, each as large as the performers allow."""
     camera = view.camera.rectified()
     boxes = [_framing(camera, f, geometry, R[k], T[k]) for k, f in enumerate(frames)]

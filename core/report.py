@@ -95,9 +95,7 @@ def _performer(
     shot: Shot, performer: Performer, visible: NDArray[np.float64], residual: NDArray[np.float64]
 ) -> dict[str, Any]:
     first = shot.frames[0]
-    worst = [
-        int(f) for f in np.argsort(-np.nan_to_num(residual, nan=-1.0), kind="stable") if residual[f] >= 0
-    ]
+    worst = [int(f) for f in np.argsort(-np.nan_to_num(residual, nan=-1.0), kind="stable") if residual[f] >= 0]
     return {
         "name": performer.name,
         "keyframes": [first + int(f) for f in performer.key_poses.frames],

@@ -33,9 +33,7 @@ def selected(
         There is no such view, key pose or solver.
     """
     if views is not None:
-        shot = replace(
-            shot, views=tuple(view for view in shot.views if view.camera.name in _known(shot, views))
-        )
+        shot = replace(shot, views=tuple(view for view in shot.views if view.camera.name in _known(shot, views)))
     if keyframes is not None:
         performers = tuple(_at(performer, keyframes, shot.frames[0]) for performer in shot.performers)
         shot = replace(shot, performers=performers)
@@ -48,9 +46,7 @@ def _known(shot: Shot, names: Sequence[str]) -> Sequence[str]:
     known = [view.camera.name for view in shot.views]
     for name in names or ("",):
         if name not in known:
-            raise ShotError(
-                f"no view has the camera '{name}'", where="--views", todo=f"there are {', '.join(known)}"
-            )
+            raise ShotError(f"no view has the camera '{name}'", where="--views", todo=f"there are {', '.join(known)}")
     return names
 
 
@@ -60,9 +56,7 @@ def _at(performer: Performer, keyframes: Sequence[int], first: int) -> Performer
     for frame in keyframes:
         if frame not in known:
             todo = f"there are {', '.join(map(str, known))}"
-            raise ShotError(
-                f"{performer.name} has no key pose at frame {frame}", where="--keyframes", todo=todo
-            )
+            raise ShotError(f"{performer.name} has no key pose at frame {frame}", where="--keyframes", todo=todo)
     rows = np.flatnonzero(np.isin(known, keyframes))
     if not len(rows):
         raise ShotError("at least one key frame is needed", where="--keyframes")

@@ -67,9 +67,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
     track = commands.add_parser("track", help="track a shot and write motion, pictures and a report")
-    track.add_argument(
-        "shot", nargs="?", type=Path, metavar="SHOT.toml", help="inside Blender: the open scene"
-    )
+    track.add_argument("shot", nargs="?", type=Path, metavar="SHOT.toml", help="inside Blender: the open scene")
     track.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder for the results")
     track.add_argument("--views", metavar="CAM,CAM", help="use the views of these cameras only")
     track.add_argument("--keyframes", metavar="N,N | auto", help="use these key frames instead of the shot's")
@@ -77,9 +75,7 @@ def _parser() -> argparse.ArgumentParser:
     track.set_defaults(run=_track)
 
     demo = commands.add_parser("demo", help="track real footage of four cameras, fetched once")
-    demo.add_argument(
-        "--out", type=Path, default=Path("kfmocap-demo"), metavar="DIR", help="default: %(default)s"
-    )
+    demo.add_argument("--out", type=Path, default=Path("kfmocap-demo"), metavar="DIR", help="default: %(default)s")
     _add_tracking(demo)
     demo.set_defaults(run=_demo)
 
@@ -121,9 +117,7 @@ def _shot(args: argparse.Namespace) -> tuple[Shot, bpy.types.Scene | None]:
     from ..core.selection import selected
 
     if "bpy" not in sys.modules:
-        raise ShotError(
-            "no shot file is named", where="kfmocap track", todo="kfmocap track SHOT.toml --out DIR"
-        )
+        raise ShotError("no shot file is named", where="kfmocap track", todo="kfmocap track SHOT.toml --out DIR")
     import bpy
 
     from . import batch

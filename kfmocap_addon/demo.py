@@ -53,9 +53,7 @@ def _summary(shot: Shot, out_dir: Path, folder: Path, seconds: float) -> str:
 def _shot_folder() -> Path:
     """A folder with shot.toml and all that it names."""
     if not (_EXAMPLES / "beam" / "shot.toml").is_file():
-        raise FootageError(
-            "the examples are not installed", where=str(_EXAMPLES), todo="run it from a checkout"
-        )
+        raise FootageError("the examples are not installed", where=str(_EXAMPLES), todo="run it from a checkout")
     try:
         return _beam_folder()
     except (FootageError, OSError) as error:

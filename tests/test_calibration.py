@@ -63,9 +63,7 @@ def toml_table(head: str, more: str = "") -> str:
 
 def test_aniposelib_and_pose2sim_toml(tmp_path: Path) -> None:
     path = tmp_path / "Calib.toml"
-    path.write_text(
-        toml_table('[cam_1]\nname = "cam01"', "fisheye = false") + "[metadata]\nadjusted = false\n"
-    )
+    path.write_text(toml_table('[cam_1]\nname = "cam01"', "fisheye = false") + "[metadata]\nadjusted = false\n")
     assert_same(load_cameras(path)["cam01"], one_camera())
 
 
@@ -131,9 +129,7 @@ def test_qualisys_gives_the_same_camera_as_toml(tmp_path: Path) -> None:
 def test_qualisys_errors_name_the_value(tmp_path: Path) -> None:
     path = tmp_path / "session.qca.txt"
     path.write_text(qualisys(np.eye(3), np.zeros(3), focalLengthU="long"))
-    with pytest.raises(
-        CalibrationError, match=r"session\.qca\.txt camera cam01: intrinsic focalLengthU is 'long'"
-    ):
+    with pytest.raises(CalibrationError, match=r"session\.qca\.txt camera cam01: intrinsic focalLengthU is 'long'"):
         load_cameras(path)
 
 

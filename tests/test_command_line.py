@@ -252,9 +252,7 @@ def test_an_error_while_tracking_leaves_nothing(
     assert_refused(folder, capsys, track(folder), "cancelled")
 
 
-def test_an_interrupt_exits_with_130_and_leaves_nothing(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_interrupt_exits_with_130_and_leaves_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(results, "track", broken(KeyboardInterrupt()))
     assert track(folder) == 130
     assert [file.name for file in (folder / "out").iterdir()] == ["notes.txt"]

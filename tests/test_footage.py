@@ -109,9 +109,7 @@ def test_footage_of_another_size_than_the_calibration_names_both(video: Path) ->
         (0, 4, -1, "-1 to 2"),
     ],
 )
-def test_too_short_footage_names_the_numbers(
-    video: Path, first: int, length: int, offset: float, message: str
-) -> None:
+def test_too_short_footage_names_the_numbers(video: Path, first: int, length: int, offset: float, message: str) -> None:
     with pytest.raises(FootageError, match=rf"clip\.mp4.*cam01.*{message}"):
         check_view(View(camera(), video, offset), first, length)
 

@@ -31,9 +31,7 @@ def shot(folder: Path, motion: Motion, keys: tuple[int, ...] = (0, 6, 12), camer
         cv2.imwrite(str(folder / f"f{f:02d}.png"), np.zeros((SIZE[1], SIZE[0], 3), np.uint8))
     K = [[300, 0, 99.5], [0, 300, 149.5], [0, 0, 1]]
     R = rotations.exp(np.array([np.pi / 2, 0, 0]))
-    views = tuple(
-        View(Camera.create(f"cam{v}", SIZE, K, R, [0, 1, 4]), folder / "f%02d.png") for v in range(cameras)
-    )
+    views = tuple(View(Camera.create(f"cam{v}", SIZE, K, R, [0, 1, 4]), folder / "f%02d.png") for v in range(cameras))
     poses = KeyPoses.whole(list(keys), motion[list(keys)])
     return Shot("sheet", 30, (2, FRAMES + 1), views, (Performer("man", human(), poses),))
 
@@ -74,9 +72,7 @@ def test_a_performer_out_of_sight_leaves_the_whole_picture(tmp_path: Path) -> No
 def test_what_another_body_hides_is_not_drawn_white(tmp_path: Path) -> None:
     """Behind a far wider body the narrow one's outlines are grey."""
     wide = human()
-    wide = replace(
-        wide, parts=tuple(replace(part, vertices=part.vertices * [4, 1, 4]) for part in wide.parts)
-    )
+    wide = replace(wide, parts=tuple(replace(part, vertices=part.vertices * [4, 1, 4]) for part in wide.parts))
     one = shot(tmp_path, standing(), cameras=1)
     front = replace(one.performers[0], body=wide)
     behind = standing()

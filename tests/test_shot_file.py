@@ -63,8 +63,7 @@ def folder(tmp_path: Path) -> Path:
     write_trc(tmp_path / "landmarks.trc", names, points, 30)
     K = [[60, 0, 31.5], [0, 60, 23.5], [0, 0, 1]]
     cameras = [
-        Camera.create(n, SIZE, K, rotations.exp(np.array([np.pi / 2, 0, 0])), [0, 1, 4])
-        for n in ("cam01", "cam02")
+        Camera.create(n, SIZE, K, rotations.exp(np.array([np.pi / 2, 0, 0])), [0, 1, 4]) for n in ("cam01", "cam02")
     ]
     save_cameras(tmp_path / "calibration.toml", cameras)
     for camera in ("cam01", "cam02"):
@@ -276,9 +275,7 @@ class ManySettings:
         ("factors = [8, 4]", "factors", (8, 4)),
     ],
 )
-def test_every_setting_is_a_key_of_its_own_type(
-    folder: Path, monkeypatch, line: str, key: str, value
-) -> None:
+def test_every_setting_is_a_key_of_its_own_type(folder: Path, monkeypatch, line: str, key: str, value) -> None:
     monkeypatch.setattr(shot_toml, "Settings", ManySettings)
     (folder / "shot.toml").write_text(TEXT + line)
     assert getattr(load_shot(folder / "shot.toml").settings, key) == value

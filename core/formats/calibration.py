@@ -48,6 +48,8 @@ def load_cameras(path: Path | str) -> dict[str, Camera]:
         raise CalibrationError("unknown kind of calibration", where=str(path), todo=f"known are {_FORMATS}")
     if not cameras:
         raise CalibrationError("the calibration holds no camera with a pose", where=str(path))
+    for camera in cameras:
+        _check_distortions(camera, f"{path} camera {camera.name}")
     by_name = {camera.name: camera for camera in cameras}
     if len(by_name) < len(cameras):
         names = [camera.name for camera in cameras]
@@ -60,9 +62,7 @@ def _read_toml(path: Path) -> list[Camera]:
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise CalibrationError(
-            f"the calibration cannot be read: {error.strerror}", where=str(path)
-        ) from error
+        raise CalibrationError(f"the calibration cannot be read: {error.strerror}", where=str(path)) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise CalibrationError(f"is not a TOML file: {error}", where=str(path)) from error
     tables = {k: v for k, v in document.items() if isinstance(v, dict) and "matrix" in v}
@@ -83,7 +83,7 @@ def _toml_camera(key: str, table: Mapping[str, Any], path: Path) -> Camera:
     size = _numbers(table, "size", where, (2,))
     if not (size == size.round()).all() or not (size > 0).all():
         raise CalibrationError("size must be two whole numbers of pixels", where=where)
-    camera = Camera.create(
+    return Camera.create(
         name,
         (int(size[0]), int(size[1])),
         _numbers(table, "matrix", where, (3, 3)),
@@ -92,7 +92,6 @@ def _toml_camera(key: str, table: Mapping[str, Any], path: Path) -> Camera:
         _numbers(table, "distortions", where, None) if "distortions" in table else (0.0, 0.0, 0.0, 0.0),
         bool(table.get("fisheye", False)),
     )
-    return checked_distortions(camera, where)
 
 
 def _numbers(
@@ -106,9 +105,8 @@ def _numbers(
     except (TypeError, ValueError) as error:
         raise CalibrationError(f"'{key}' must be numbers", where=where) from error
     fits = values.ndim == 1 if shape is None else values.shape == shape
-    if not fits and not (
-        per_frame and shape and values.ndim == 2 and len(values) and values.shape[1:] == shape
-    ):
+    moving = per_frame and values.ndim == 2 and len(values) > 0 and values.shape[1:] == shape
+    if not fits and not moving:
         wanted = "a list" if shape is None else " x ".join(map(str, shape))
         raise CalibrationError(f"'{key}' has shape {values.shape}, not {wanted}", where=where)
     if not np.isfinite(values).all():
@@ -116,13 +114,12 @@ def _numbers(
     return values
 
 
-def checked_distortions(camera: Camera, where: str) -> Camera:
-    """The camera, if OpenCV takes that many distortion coefficients."""
+def _check_distortions(camera: Camera, where: str) -> None:
+    """OpenCV takes only some numbers of coefficients."""
     counts = (4,) if camera.fisheye else (4, 5, 8, 12, 14)
     if len(camera.distortions) not in counts:
         wanted = " or ".join(map(str, counts))
         raise CalibrationError(f"{len(camera.distortions)} distortions, not {wanted}", where=where)
-    return camera
 
 
 def save_cameras(path: Path | str, cameras: Mapping[str, Camera] | Sequence[Camera]) -> None:

@@ -96,9 +96,8 @@ def _easymocap(document: Mapping[str, Any], name: str) -> dict[str, Any]:
 def _camera(name: str, table: Mapping[str, Any], path: Path) -> Camera:
     where = f"{path} camera {name}"
     R = _field(table, _ROTATION, where)
-    distortions = (
-        _field(table, _DISTORTIONS, where)[:14] if any(k in table for k in _DISTORTIONS) else np.zeros(4)
-    )
+    known = any(key in table for key in _DISTORTIONS)
+    distortions = _field(table, _DISTORTIONS, where) if known else np.zeros(4)
     if R.size not in (3, 9):
         raise CalibrationError(f"the rotation has {R.size} numbers, not 3 or 9", where=where)
     return Camera.create(
@@ -119,9 +118,7 @@ def _field(table: Mapping[str, Any], names: tuple[str, ...], where: str) -> Arra
                 return np.asarray(table[name], dtype=float).ravel()
             except (TypeError, ValueError) as error:
                 raise CalibrationError(f"'{name}' must be numbers", where=where) from error
-    raise CalibrationError(
-        f"'{names[0]}' is missing", where=where, todo=f"also known as {', '.join(names[1:])}"
-    )
+    raise CalibrationError(f"'{names[0]}' is missing", where=where, todo=f"also known as {', '.join(names[1:])}")
 
 
 def _shaped(values: Array, shape: tuple[int, ...], what: str, where: str) -> Array:

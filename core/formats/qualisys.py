@@ -29,9 +29,7 @@ def read_qualisys_cameras(path: Path) -> list[Camera]:
     try:
         root = ElementTree.fromstring(path.read_bytes())
     except OSError as error:
-        raise CalibrationError(
-            f"the calibration cannot be read: {error.strerror}", where=str(path)
-        ) from error
+        raise CalibrationError(f"the calibration cannot be read: {error.strerror}", where=str(path)) from error
     except ElementTree.ParseError as error:
         raise CalibrationError(f"is not a Qualisys calibration: {error}", where=str(path)) from error
     return [_camera(element, path) for element in root.iter("camera") if _films(element)]
@@ -57,9 +55,7 @@ def _camera(element: ElementTree.Element, path: Path) -> Camera:
             raise CalibrationError(f"{tag} {key} {found}", where=where) from error
 
     if element.get("viewrotation", "0") != "0":
-        raise CalibrationError(
-            "a rotated view is not supported", where=where, todo="export with viewrotation 0"
-        )
+        raise CalibrationError("a rotated view is not supported", where=where, todo="export with viewrotation 0")
     left, top = value("fov_video", "left"), value("fov_video", "top")
     size = (round(value("fov_video", "right") - left) + 1, round(value("fov_video", "bottom") - top) + 1)
     fu, fv, cu, cv, skew = (

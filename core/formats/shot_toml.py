@@ -124,17 +124,13 @@ def _distinct(names: list[str], where: str) -> None:
             raise ShotError(f"'{name}' is there twice", where=where)
 
 
-def _views(
-    document: Table, path: Path, cameras: dict[str, Camera], chosen: Sequence[str] | None
-) -> tuple[View, ...]:
+def _views(document: Table, path: Path, cameras: dict[str, Camera], chosen: Sequence[str] | None) -> tuple[View, ...]:
     tables = _tables(document, "view", path, _VIEW)
     names = [table.text("camera") for table in tables]
     _distinct(names, f"{path} [[view]] camera")
     for name in chosen or ():
         if name not in names:
-            raise ShotError(
-                f"no view has the camera '{name}'", where="--views", todo=f"there are {', '.join(names)}"
-            )
+            raise ShotError(f"no view has the camera '{name}'", where="--views", todo=f"there are {', '.join(names)}")
     if chosen is not None and not chosen:
         raise ShotError("no view is named", where="--views", todo=f"there are {', '.join(names)}")
     views = [_view(table, path.parent, cameras) for table in tables]
@@ -151,9 +147,7 @@ def _view(table: Table, folder: Path, cameras: dict[str, Camera]) -> View:
     keypoints = table.path("keypoints", folder, None)
     if keypoints is not None and not keypoints.exists():
         raise table.error("keypoints", f"there is no such file or folder: {keypoints}")
-    return View(
-        cameras[name], table.path("footage", folder), float(table.number("offset", 0.0)), fields, keypoints
-    )
+    return View(cameras[name], table.path("footage", folder), float(table.number("offset", 0.0)), fields, keypoints)
 
 
 def _settings(document: Table, path: Path, solver: str | None) -> Settings:
@@ -183,9 +177,7 @@ def _setting(table: Table, name: str, kind: Any) -> Any:
     return value
 
 
-def _performer(
-    table: Table, folder: Path, frames: tuple[int, int], keyframes: Sequence[int] | None
-) -> Performer:
+def _performer(table: Table, folder: Path, frames: tuple[int, int], keyframes: Sequence[int] | None) -> Performer:
     name = table.text("name")
     height = table.number("height", None)
     keys = _keyframes(table, frames, keyframes)

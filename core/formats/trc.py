@@ -59,9 +59,7 @@ def read_trc(path: Path | str) -> Landmarks:
         reason = getattr(error, "strerror", None) or "it is not a text file"
         raise LandmarkError(f"landmarks cannot be read: {reason}", where=str(path)) from error
     if len(lines) < _HEADER_LINES or not lines[0].startswith("PathFileType"):
-        raise LandmarkError(
-            "is not a TRC file", where=str(path), todo="its first line must begin with PathFileType"
-        )
+        raise LandmarkError("is not a TRC file", where=str(path), todo="its first line must begin with PathFileType")
     header = dict(zip(lines[1].split("\t"), (v.strip() for v in lines[2].split("\t")), strict=False))
     unit = header.get("Units", "m").lower()
     if unit not in METRES:
