@@ -6,6 +6,7 @@ with the value that the tracker wrote, are the tracker's; every other key on the
 
 from __future__ import annotations
 
+import json
 from collections.abc import Collection
 from dataclasses import dataclass
 
@@ -17,11 +18,16 @@ from scipy.spatial.transform import Rotation
 from ..core.errors import BodyError, ShotError
 from ..core.motion import Motion
 from ..core.shot import KeyPoses
-from . import actions, rig, written
+from . import actions, exact, rig, written
 
 Array = NDArray[np.float64]
 FrameNumbers = NDArray[np.int64]
 
+KEY_FRAMES, KEY_TRANSLATIONS, KEY_ROTATIONS = (
+    "kfmocap_key_frames",
+    "kfmocap_key_translations",
+    "kfmocap_key_rotations",
+)
 _SAME_FRAME = 0.01  # Blender's own threshold for keys on the same frame
 
 
@@ -80,6 +86,10 @@ def write_key_poses(armature: bpy.types.Object, key_poses: KeyPoses, frame_start
         kept = old[~_on_frames(old, frames[keyed])]
         new = actions.new_keys(frames[keyed], values[keyed, c], "KEYFRAME", "BEZIER")
         actions.set_keys(curve, [kept, new])
+    poses = key_poses.poses
+    exact.keep(armature, KEY_FRAMES, frames)
+    exact.keep(armature, KEY_TRANSLATIONS, poses.translations)
+    exact.keep(armature, KEY_ROTATIONS, poses.rotations)
 
 
 def write_motion(armature: bpy.types.Object, motion: Motion, frame_start: int) -> None:
@@ -152,7 +162,8 @@ def read_key_poses(armature: bpy.types.Object, frame_start: int, length: int) ->
         held[index[(index >= 0) & (index < length)], c] = True
     frames = np.flatnonzero(held.any(axis=1))
     values = _evaluate(armature, channels, frame_start + frames)
-    return KeyPoses(frames, _motion(armature, values), _fixed_dofs(armature, held[frames]))
+    poses = _unrounded(armature, frame_start + frames, _motion(armature, values))
+    return KeyPoses(frames, poses, _fixed_dofs(armature, held[frames]))
 
 
 def key_current_pose(armature: bpy.types.Object, frame: int, bones: Collection[str] | None = None) -> None:
@@ -173,6 +184,22 @@ def key_current_pose(armature: bpy.types.Object, frame: int, bones: Collection[s
             key = curve.keyframe_points.insert(frame, value)
             key.type, key.interpolation = "KEYFRAME", "BEZIER"
             curve.update()
+
+
+def _unrounded(armature: bpy.types.Object, frames: FrameNumbers, read: Motion) -> Motion:
+    """The poses that `write_key_poses` was given, where the keys still have them; else those read."""
+    if KEY_FRAMES not in armature:
+        return read
+    first, T0, Q0 = (np.array(json.loads(armature[name])) for name in (KEY_FRAMES, KEY_TRANSLATIONS, KEY_ROTATIONS))
+    T, Q = read.translations.copy(), read.rotations.copy()
+    for i, frame in enumerate(frames):
+        for k in np.flatnonzero(first == frame):
+            if exact.same(T0[k], T[i]):
+                T[i] = T0[k]
+            for p in range(min(len(Q[i]), len(Q0[k]))):
+                if exact.same(Q0[k, p], Q[i, p]):
+                    Q[i, p] = Q0[k, p]
+    return Motion(T, Q)
 
 
 def _animators(keys: actions.Keys, record: written.Written, channel: Channel) -> NDArray[np.bool_]:
@@ -221,9 +248,7 @@ def _evaluate(armature: bpy.types.Object, channels: list[Channel], frames: Frame
 def _values(armature: bpy.types.Object, motion: Motion) -> Array:
     """Channel values of a motion, shape (F, 3 + 4 P)."""
     A, place = _root_frame(armature)
-    return np.concatenate(
-        [(motion.translations - place) @ A, motion.quaternions().reshape(len(motion), -1)], axis=1
-    )
+    return np.concatenate([(motion.translations - place) @ A, motion.quaternions().reshape(len(motion), -1)], axis=1)
 
 
 def _motion(armature: bpy.types.Object, values: Array) -> Motion:

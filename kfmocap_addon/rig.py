@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 import bmesh
 import bpy
@@ -16,10 +17,11 @@ from ..core import rotations
 from ..core.body import Body, Part
 from ..core.body.model import UNLIMITED
 from ..core.errors import BodyError
+from . import exact
 
 Array = NDArray[np.float64]
 
-PART, LIMITS, LANDMARKS = "kfmocap_part", "kfmocap_limits", "kfmocap_landmarks"
+PART, LIMITS, LANDMARKS, REST = "kfmocap_part", "kfmocap_limits", "kfmocap_landmarks", "kfmocap_rest"
 """Custom properties of a bone: its rank in the body; limits and landmarks as JSON, name: [rank, x, y, z].
 
 They sit on the bones and not in a table of names, so that renaming a bone loses nothing.
@@ -83,6 +85,7 @@ def _describe(armature: bpy.types.Object, body: Body) -> None:
     for rank, part in enumerate(body.parts):
         bone = armature.data.bones[part.name]
         bone[PART] = rank
+        exact.keep(bone, REST, _rest(part))
         bone[LIMITS] = json.dumps(np.asarray(part.limits).tolist())
         bone[LANDMARKS] = json.dumps(
             {
@@ -111,9 +114,7 @@ def _join_triangles(mesh: bpy.types.Mesh) -> None:
     """Take out edges between triangles that are nearly in one plane: the wire shall not hide the footage."""
     bm = bmesh.new()
     bm.from_mesh(mesh)
-    bmesh.ops.join_triangles(
-        bm, faces=bm.faces, angle_face_threshold=_FLAT, angle_shape_threshold=np.pi, cmp_uvs=False
-    )
+    bmesh.ops.join_triangles(bm, faces=bm.faces, angle_face_threshold=_FLAT, angle_shape_threshold=np.pi, cmp_uvs=False)
     bm.to_mesh(mesh)
     bm.free()
 
@@ -143,9 +144,7 @@ def body_bones(armature: bpy.types.Object) -> list[bpy.types.Bone]:
     if all(PART in bone for bone in bones):
         bones.sort(key=lambda bone: bone[PART])
     if not bones:
-        raise BodyError(
-            "no bone carries a mesh", where=f"armature {armature.name}", todo="parent meshes to bones"
-        )
+        raise BodyError("no bone carries a mesh", where=f"armature {armature.name}", todo="parent meshes to bones")
     return bones
 
 
@@ -173,18 +172,31 @@ def body_from_armature(armature: bpy.types.Object) -> Body:
                 todo="parent a mesh to it",
             )
         head, tail = (R_object @ np.array(point) + place for point in (bone.head_local, bone.tail_local))
+        read = Part(
+            name=bone.name,
+            parent=index[bone.parent.name] if bone.parent else -1,
+            head_world=head,
+            tail_world=tail,
+            R_world_rest=R_object @ rest_rotation(bone),
+            vertices=_vertices(armature, bone),
+            limits=np.array(json.loads(bone[LIMITS]) if LIMITS in bone else UNLIMITED, float),
+        )
+        rest = exact.recall(bone, REST, _rest(read), 1.0 + float(np.abs(head).max()))
         parts.append(
-            Part(
-                name=bone.name,
-                parent=index[bone.parent.name] if bone.parent else -1,
-                head_world=head,
-                tail_world=tail,
-                R_world_rest=R_object @ rest_rotation(bone),
-                vertices=_vertices(armature, bone),
-                limits=np.array(json.loads(bone[LIMITS]) if LIMITS in bone else UNLIMITED, float),
+            replace(
+                read,
+                head_world=rest[0],
+                tail_world=rest[1],
+                R_world_rest=rest[2:5],
+                vertices=rest[5:],
             )
         )
     return Body(tuple(parts), _landmarks(bones))
+
+
+def _rest(part: Part) -> Array:
+    """All that Blender rounds of a part, shape (5 + V, 3): head, tail, rest orientation, vertices."""
+    return np.concatenate([[part.head_world, part.tail_world], part.R_world_rest, part.vertices])
 
 
 def rest_rotation(bone: bpy.types.Bone) -> Array:

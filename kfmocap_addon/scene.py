@@ -15,10 +15,13 @@ import bpy
 from ..core.errors import ShotError
 from ..core.motion import Motion
 from ..core.shot import Performer, Settings, Shot
-from . import curves, rig, views
+from . import curves, exact, rig, views
 
 FRAME_START = 1
 """Scene frame of shot frame 0 in the scenes that we build, as Blender's own scenes start."""
+
+
+_FPS = "kfmocap_fps"
 
 
 def build_scene(
@@ -86,7 +89,7 @@ def shot_from_scene(scene: bpy.types.Scene) -> Shot:
     render = scene.render
     return Shot(
         name=properties.shot,
-        fps=round(render.fps / render.fps_base, 5),
+        fps=float(exact.recall(scene, _FPS, render.fps / render.fps_base)),
         frames=(properties.first, properties.last),
         views=views.read_views(scene, properties.frame_start, length),
         performers=tuple(_read_performer(scene, slot, length) for slot in properties.performers),
@@ -119,6 +122,7 @@ def _set_time(scene: bpy.types.Scene, shot: Shot) -> None:
     render = scene.render
     render.fps = max(1, round(shot.fps))
     render.fps_base = render.fps / shot.fps
+    exact.keep(scene, _FPS, shot.fps)
     scene.frame_start, scene.frame_end = FRAME_START, FRAME_START + shot.length - 1
     scene.frame_set(FRAME_START)
 

@@ -17,7 +17,7 @@ from ..core.cameras import Camera
 from ..core.errors import CalibrationError, FootageError
 from ..core.footage import footage_index, image_files
 from ..core.shot import View
-from . import actions, lens
+from . import actions, exact, lens
 
 Array = NDArray[np.float64]
 
@@ -74,6 +74,8 @@ def build_view(
     clip.frame_start = frame_start - footage_index(view, first)
     lens.set_clip_lens(clip, camera)
     _show_behind(data, clip)
+    for name in ("matrix", "distortions", "R_cam_world", "t_cam_world"):
+        exact.keep(owner, f"kfmocap_{name}", getattr(camera, name))
 
     slot.name, slot.camera = camera.name, owner
     slot.size, slot.aspect = frame.size, frame.aspect
@@ -141,13 +143,15 @@ def _read_view(slot: bpy.types.PropertyGroup, R_cam_world: Array, t_cam_world: A
     clip = _background_clip(slot)
     frame = lens.Frame(tuple(slot.size), tuple(slot.aspect))
     packed = json.loads(slot.distortions) if slot.distortions else {"fisheye": False}
+    owner, distance = slot.camera, 1.0 + float(np.abs(t_cam_world).max())
+    distortions = packed.get("coefficients") or lens.clip_distortions(clip)
     camera = Camera.create(
         slot.name,
         frame.size,
-        lens.intrinsic_matrix(slot.camera.data, frame),
-        R_cam_world,
-        t_cam_world,
-        packed.get("coefficients") or lens.clip_distortions(clip),
+        exact.recall(owner, "kfmocap_matrix", lens.intrinsic_matrix(owner.data, frame), max(frame.size)),
+        exact.recall(owner, "kfmocap_R_cam_world", R_cam_world),
+        exact.recall(owner, "kfmocap_t_cam_world", t_cam_world, distance),
+        exact.recall(owner, "kfmocap_distortions", distortions, 1e-3),
         packed["fisheye"],
     )
     path = Path(os.path.normpath(bpy.path.abspath(clip.filepath, library=clip.library)))

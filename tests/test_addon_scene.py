@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 from dataclasses import replace
 from types import ModuleType, SimpleNamespace
@@ -75,10 +76,51 @@ def test_a_shot_comes_back_from_a_saved_file(blender, tmp_path):  # noqa: F811
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"))
     read = scene.shot_from_scene(bpy.context.scene)
     assert [view.footage for view in read.views] == [view.footage for view in original.views]
-    assert (
-        np.abs(read.performers[0].key_poses.poses.difference(original.performers[0].key_poses.poses)).max()
-        < 1e-5
-    )
+    assert np.abs(read.performers[0].key_poses.poses.difference(original.performers[0].key_poses.poses)).max() < 1e-5
+
+
+def flat(value):
+    """Every number and word of a shot."""
+    if dataclasses.is_dataclass(value):
+        return {f.name: flat(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, dict):
+        return {key: flat(item) for key, item in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [flat(item) for item in value]
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+@pytest.mark.parametrize("tracked", [False, True])
+def test_a_scene_that_nobody_changed_is_its_shot_to_the_last_bit(blender, tmp_path, tracked):  # noqa: F811
+    original = shot(tmp_path, ("man", "woman"), 30000 / 1001)
+    motions = [motion(original.length), motion(original.length, 1)] if tracked else None
+    scene.build_scene(original, motions, bpy.context.scene)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"))
+    read = flat(scene.shot_from_scene(bpy.context.scene))
+    assert read == flat(original)
+
+
+def test_what_was_changed_in_blender_is_taken_from_blender(blender, tmp_path):  # noqa: F811
+    original = shot(tmp_path)
+    built = scene.build_scene(original, scene=bpy.context.scene)
+    slot, armature = built.kfmocap.views[0], built.kfmocap.performers[0].armature
+    slot.camera.location.x += 1e-4
+    slot.camera.data.lens *= 1.0001
+    bpy.data.objects["man shin.L"].data.vertices[0].co.x += 1e-4
+    armature.pose.bones["head"].rotation_quaternion = (1, 0, 0, 0)
+    armature.pose.bones["head"].keyframe_insert("rotation_quaternion", frame=1 + 5)
+    read = scene.shot_from_scene(built)
+    was, now = original.views[0].camera, read.views[0].camera
+    assert now.centre_world()[0] - was.centre_world()[0] == pytest.approx(1e-4, rel=1e-2)
+    assert now.matrix[0, 0] / was.matrix[0, 0] == pytest.approx(1.0001, abs=1e-6)
+    body, part = read.performers[0].body, original.performers[0].body.index("shin.L")
+    moved = body.parts[part].vertices - original.performers[0].body.parts[part].vertices
+    assert moved[0, 0] == pytest.approx(1e-4, rel=1e-2)
+    poses, head = read.performers[0].key_poses.poses, body.index("head")
+    assert np.allclose(poses.rotations[1, head], np.eye(3), atol=1e-6)
+    before = original.performers[0].key_poses.poses.rotations[1]
+    assert np.array_equal(np.delete(poses.rotations[1], head, 0), np.delete(before, head, 0))
 
 
 def test_the_scene_runs_over_the_shot_at_its_rate(blender, tmp_path):  # noqa: F811
@@ -188,12 +230,8 @@ def test_looking_through_a_view_shows_it_at_its_size(blender, tmp_path):  # noqa
 def test_registering_again_works_and_unregistering_leaves_nothing():
     def traces():
         kinds = (bpy.types.Operator, bpy.types.Panel, bpy.types.PropertyGroup)
-        names = [
-            c.__name__ for kind in kinds for c in kind.__subclasses__() if c.__module__.startswith("kfmocap.")
-        ]
-        return [n for n in names if getattr(bpy.types, n, None)], "kfmocap" in dir(bpy.ops) and dir(
-            bpy.ops.kfmocap
-        )
+        names = [c.__name__ for kind in kinds for c in kind.__subclasses__() if c.__module__.startswith("kfmocap.")]
+        return [n for n in names if getattr(bpy.types, n, None)], "kfmocap" in dir(bpy.ops) and dir(bpy.ops.kfmocap)
 
     before = set(dir(bpy.types))
     for _ in range(2):

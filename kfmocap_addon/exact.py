@@ -1,0 +1,45 @@
+"""Values as they were before Blender rounded them to single precision.
+
+A scene that nobody has changed is then the shot that it shows to the last bit, and gives the same motion as the shot
+file does. What was changed in Blender is taken from Blender.
+"""
+
+from __future__ import annotations
+
+import json
+
+import bpy
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+Owner = bpy.types.ID | bpy.types.Bone
+
+_ROUNDING = 1e-6  # single precision after a few operations, relative
+
+
+def keep(owner: Owner, name: str, values: ArrayLike) -> None:
+    """Store values as a custom property of the object that holds them rounded."""
+    owner[name] = json.dumps(np.asarray(values, float).tolist())
+
+
+def recall(owner: Owner, name: str, read: ArrayLike, scale: float = 1.0) -> Array:
+    """The values that were stored, if those read from Blender are the same but for rounding; else those read.
+
+    Parameters
+    ----------
+    read : array-like
+        As they are in Blender now.
+    scale : float
+        Size of the numbers that went into the values, in their unit: it sets what rounding can have done.
+    """
+    read = np.asarray(read, float)
+    stored = np.array(json.loads(owner[name]), float) if name in owner else None
+    if stored is not None and stored.shape == read.shape and same(stored, read, scale):
+        return stored
+    return read
+
+
+def same(a: Array, b: Array, scale: float = 1.0) -> bool:
+    """Whether values differ by rounding alone."""
+    return bool(np.allclose(a, b, rtol=_ROUNDING, atol=_ROUNDING * scale))
