@@ -24,9 +24,7 @@ from . import rig
 _Y_UP = Matrix(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)))
 
 
-def export_performers(
-    scene: bpy.types.Scene, folder: Path, *, bvh: bool = True, fbx: bool = True
-) -> list[Path]:
+def export_performers(scene: bpy.types.Scene, folder: Path, *, bvh: bool = True, fbx: bool = True) -> list[Path]:
     """Write every performer of a scene's shot: NAME.bvh and NAME.fbx, or NAME_performer.* for several.
 
     Raises
@@ -106,7 +104,7 @@ def _stage(armature: bpy.types.Object, scene: bpy.types.Scene, turn: Matrix) -> 
     properties = scene.kfmocap
     stage.render.fps, stage.render.fps_base = scene.render.fps, scene.render.fps_base
     stage.frame_start = properties.frame_start
-    stage.frame_end = properties.frame_start + properties.last - properties.first
+    stage.frame_end = properties.frame_start + properties.length - 1
     copy = armature.copy()
     copy.data = armature.data.copy()
     try:

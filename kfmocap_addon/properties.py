@@ -13,6 +13,12 @@ def _is_armature(_self: bpy.types.PropertyGroup, candidate: bpy.types.Object) ->
     return candidate.type == "ARMATURE"
 
 
+def _show_range(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
+    """The scene runs over the frames of the shot."""
+    self.id_data.frame_start = self.frame_start
+    self.id_data.frame_end = self.frame_start + max(self.length, 1) - 1
+
+
 def _items(names: tuple[str, ...]) -> list[tuple[str, str, str]]:
     return [(name, name.replace("-", " ").capitalize(), "") for name in names]
 
@@ -68,10 +74,14 @@ class KFMocapScene(bpy.types.PropertyGroup):
     """The shot that a scene shows."""
 
     shot: bpy.props.StringProperty(name="Shot", description="Name of the shot, and of the files exported")
-    first: bpy.props.IntProperty(name="First", description="First frame to track, in the footage's count")
-    last: bpy.props.IntProperty(name="Last", description="Last frame to track, in the footage's count")
-    frame_start: bpy.props.IntProperty(
-        default=1, name="Scene Start", description="Scene frame that shows the first frame of the shot"
+    zero: bpy.props.IntProperty(
+        default=1, name="Zero", description="Scene frame that shows frame 0 in the footage's count"
+    )
+    first: bpy.props.IntProperty(
+        min=0, update=_show_range, name="First", description="First frame to track, in the footage's count"
+    )
+    last: bpy.props.IntProperty(
+        min=0, update=_show_range, name="Last", description="Last frame to track, in the footage's count"
     )
     views: bpy.props.CollectionProperty(type=KFMocapView)
     performers: bpy.props.CollectionProperty(type=KFMocapPerformer)
@@ -84,3 +94,13 @@ class KFMocapScene(bpy.types.PropertyGroup):
         description="How the frames between the key poses are found",
     )
     settings: bpy.props.StringProperty(name="Settings", description="Further settings of the tracker as JSON")
+
+    @property
+    def frame_start(self) -> int:
+        """Scene frame of shot frame 0."""
+        return self.zero + self.first
+
+    @property
+    def length(self) -> int:
+        """Number of frames; not positive where the last is before the first."""
+        return self.last - self.first + 1

@@ -80,8 +80,7 @@ def shot_from_scene(scene: bpy.types.Scene) -> Shot:
     properties = scene.kfmocap
     if not properties.views or not properties.performers:
         raise ShotError("the scene holds no shot", where=f"scene {scene.name}", todo="load a shot first")
-    length = properties.last - properties.first + 1
-    if length < 1:
+    if properties.length < 1:
         raise ShotError(
             f"the last frame ({properties.last}) is before the first ({properties.first})",
             where=f"scene {scene.name}",
@@ -91,19 +90,19 @@ def shot_from_scene(scene: bpy.types.Scene) -> Shot:
         name=properties.shot,
         fps=float(exact.recall(scene, _FPS, render.fps / render.fps_base)),
         frames=(properties.first, properties.last),
-        views=views.read_views(scene, properties.frame_start, length),
-        performers=tuple(_read_performer(scene, slot, length) for slot in properties.performers),
+        views=views.read_views(scene, properties.frame_start, properties.length),
+        performers=tuple(_read_performer(scene, slot) for slot in properties.performers),
         settings=_read_settings(properties),
     )
 
 
-def _read_performer(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, length: int) -> Performer:
+def _read_performer(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> Performer:
     if slot.armature is None or slot.armature.name not in scene.objects:
         raise ShotError("the armature is gone from the scene", where=f"performer {slot.name}")
     return Performer(
         slot.name,
         rig.body_from_armature(slot.armature),
-        curves.read_key_poses(slot.armature, scene.kfmocap.frame_start, length),
+        curves.read_key_poses(slot.armature, scene.kfmocap.frame_start, scene.kfmocap.length),
     )
 
 
@@ -123,14 +122,13 @@ def _set_time(scene: bpy.types.Scene, shot: Shot) -> None:
     render.fps = max(1, round(shot.fps))
     render.fps_base = render.fps / shot.fps
     exact.keep(scene, _FPS, shot.fps)
-    scene.frame_start, scene.frame_end = FRAME_START, FRAME_START + shot.length - 1
     scene.frame_set(FRAME_START)
 
 
 def _describe(scene: bpy.types.Scene, shot: Shot) -> None:
     properties = scene.kfmocap
-    properties.shot, (properties.first, properties.last) = shot.name, shot.frames
-    properties.frame_start = FRAME_START
+    properties.shot, properties.zero = shot.name, FRAME_START - shot.frames[0]
+    properties.first, properties.last = shot.frames
     settings = dataclasses.asdict(shot.settings)
     properties.solver = settings.pop("solver")
     properties.settings = json.dumps(settings)

@@ -130,6 +130,25 @@ def test_the_scene_runs_over_the_shot_at_its_rate(blender, tmp_path):  # noqa: F
     assert built.camera == built.kfmocap.views[0].camera
 
 
+def test_a_shot_trimmed_in_the_panel_keeps_its_footage_and_key_poses_in_step(blender, tmp_path):  # noqa: F811
+    original = shot(tmp_path)  # frames 5 to 16, key poses at shot frames 0, 5 and 11
+    built = scene.build_scene(original, [motion(original.length)], bpy.context.scene)
+    built.kfmocap.first, built.kfmocap.last = 8, 14
+    assert (built.frame_start, built.frame_end) == (4, 10)
+    trimmed = scene.shot_from_scene(built)
+    assert trimmed.frames == (8, 14)
+    [performer] = trimmed.performers
+    assert performer.key_poses.frames.tolist() == [2]
+    assert np.abs(performer.key_poses.poses.difference(motion(original.length)[[5]])).max() < 1e-5
+    moving = original.views[1].camera
+    assert np.abs(trimmed.views[1].camera.centre_world(0) - moving.centre_world(3)).max() < 1e-5
+    scene.write_motions(built, [motion(original.length)[3:10]])
+    assert joint_error(built.kfmocap.performers[0].armature, human(1.7), motion(original.length)) < 0.05
+    built.kfmocap.last = 7
+    with pytest.raises(ShotError, match="before the first"):
+        scene.shot_from_scene(built)
+
+
 def test_footage_that_blender_cannot_read_leaves_nothing_behind(blender, tmp_path):  # noqa: F811
     original = shot(tmp_path)
     (tmp_path / "cam02.mp4").write_bytes(b"no video")
