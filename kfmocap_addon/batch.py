@@ -72,9 +72,7 @@ def write_blender_outputs(
             scenes.write_motions(scene, result.motions)
         paths = export.export_performers(scene, folder)
         with export.writing(folder / "shot.blend") as target, _portable_paths(Path(home or folder).resolve()):
-            bpy.ops.wm.save_as_mainfile(
-                filepath=str(target), copy=True, check_existing=False, relative_remap=False
-            )
+            bpy.ops.wm.save_as_mainfile(filepath=str(target), copy=True, check_existing=False, relative_remap=False)
         paths.append(folder / "shot.blend")
     return paths
 
@@ -94,9 +92,7 @@ def _registered() -> Iterator[None]:
 
 def _fresh_scene() -> bpy.types.Scene:
     if not bpy.app.background:
-        raise OutputError(
-            "a batch would close the open file", todo="give the open scene, or run in background"
-        )
+        raise OutputError("a batch would close the open file", todo="give the open scene, or run in background")
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     return bpy.context.scene
 

@@ -64,15 +64,11 @@ def shot(folder: Path, performers: tuple[str, ...] = ("man",), fps: float = 60.0
     people = []
     for seed, name in enumerate(performers):
         keys = [0, 5, frames - 1]
-        people.append(
-            Performer(name, human(1.7 + 0.1 * seed), KeyPoses.whole(keys, motion(frames, seed)[keys]))
-        )
+        people.append(Performer(name, human(1.7 + 0.1 * seed), KeyPoses.whole(keys, motion(frames, seed)[keys])))
     return Shot("walk", fps, (5, 4 + frames), views, tuple(people))
 
 
-def joint_error(
-    armature: bpy.types.Object, body: Body, truth: Motion, first: float = 1, step: float = 1
-) -> float:
+def joint_error(armature: bpy.types.Object, body: Body, truth: Motion, first: float = 1, step: float = 1) -> float:
     """Largest distance in mm between joints as Blender evaluates them and as the core does.
 
     The truth's frame f is compared with scene frame first + step f.

@@ -212,10 +212,7 @@ def test_quaternions_do_not_flip_between_tracked_frames_and_keys():
     assert joint_error(armature, human(), truth, first=START) < 0.05
     q = np.array(
         [
-            [
-                bag.fcurves.find('pose.bones["chest"].rotation_quaternion', index=k).evaluate(t)
-                for k in range(4)
-            ]
+            [bag.fcurves.find('pose.bones["chest"].rotation_quaternion', index=k).evaluate(t) for k in range(4)]
             for t in np.arange(START, START + FRAMES - 1, 0.25)
         ]
     )

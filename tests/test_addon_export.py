@@ -53,9 +53,7 @@ def test_the_motion_read_back_is_the_cores(tmp_path, suffix):
     first, last = armature.animation_data.action.frame_range
     assert (round(first), round(last)) == (1, 12)
     assert [o.type for o in bpy.data.objects] == ["ARMATURE"]
-    assert armature.name == (
-        "walk" if suffix == ".bvh" else "man"
-    )  # Blender names a BVH's armature by its file
+    assert armature.name == ("walk" if suffix == ".bvh" else "man")  # Blender names a BVH's armature by its file
 
 
 def test_at_a_broken_rate_the_exports_keep_time(tmp_path):

@@ -69,9 +69,7 @@ def test_a_camera_comes_back_within_a_ten_thousandth_of_a_pixel(tmp_path, moving
 
 @pytest.mark.parametrize("fisheye", [False, True])
 def test_a_lens_that_blender_has_no_model_for_comes_back(tmp_path, fisheye):
-    distortions = (
-        (0.05, 0.01, -0.002, 0.001) if fisheye else (0.1, 0.02, 0.001, 0.002, 0.003, 0.1, 0.02, 0.004)
-    )
+    distortions = (0.05, 0.01, -0.002, 0.001) if fisheye else (0.1, 0.02, 0.001, 0.002, 0.003, 0.1, 0.02, 0.004)
     cam = camera(1, distortions=distortions, fisheye=fisheye)
     built(cam, tmp_path)
     [view] = views.read_views(bpy.context.scene, 1, 5)

@@ -19,9 +19,7 @@ class Export(bpy.types.Operator):
         subtype="DIR_PATH", name="Folder", description="Where the files go; they take the shot's name"
     )
     bvh: bpy.props.BoolProperty(default=True, name="BVH", description="Skeleton and motion as text, Y up")
-    fbx: bpy.props.BoolProperty(
-        default=True, name="FBX", description="Skeleton and motion for other programs, Y up"
-    )
+    fbx: bpy.props.BoolProperty(default=True, name="FBX", description="Skeleton and motion for other programs, Y up")
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
