@@ -77,6 +77,11 @@ class Camera:
         i = min(frame, len(self.R_cam_world) - 1) if self.moving else 0
         return self.R_cam_world[i], self.t_cam_world[i]
 
+    def poses(self, first: int, count: int) -> tuple[Array, Array]:
+        """World to camera rotations (n, 3, 3) and translations (n, 3) of consecutive shot frames."""
+        R, t = zip(*(self.pose(first + j) for j in range(count)), strict=True)
+        return np.stack(R), np.stack(t)
+
     def centre_world(self, frame: int = 0) -> Array:
         """Optical centre in the world, shape (3,), metres."""
         R, t = self.pose(frame)

@@ -46,6 +46,16 @@ class BandedBlocks:
             0.0,
         )
 
+    def cut(self, start: int, stop: int) -> BandedBlocks:
+        """The system of frames start to stop alone, the others held."""
+        return BandedBlocks(
+            self.diagonal[start:stop],
+            self.first[start : stop - 1],
+            self.second[start : max(stop - 2, start)],
+            self.gradient[start:stop],
+            self.energy,
+        )
+
     def __add__(self, other: BandedBlocks) -> BandedBlocks:
         return BandedBlocks(
             self.diagonal + other.diagonal,

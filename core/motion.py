@@ -69,6 +69,4 @@ class Motion:
 
 def stacked(motions: list[Motion]) -> Motion:
     """Motions one after the other."""
-    return Motion(
-        np.concatenate([m.translations for m in motions]), np.concatenate([m.rotations for m in motions])
-    )
+    return Motion(np.concatenate([m.translations for m in motions]), np.concatenate([m.rotations for m in motions]))

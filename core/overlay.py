@@ -138,7 +138,7 @@ def _framing(camera: Camera, frame: int, geometry: Geometry, R: Array, T: Array)
 
 def _draw_outlines(image: Image, geometry: Geometry, camera: Camera, frame: int, R: Array, T: Array) -> None:
     """Outline every part: white where it is seen, thin and grey where another part hides it."""
-    label = render_labels(geometry, camera, frame, R, T).part
+    label = render_labels(geometry, camera, frame, R[None], T[None]).part[0]
     outlines = []
     for i, span in enumerate(geometry.spans):
         pixels = camera.project(geometry.vertices[span] @ R[i].T + T[i], frame)

@@ -89,7 +89,7 @@ class Settings:
     working_size : int
         The longer side of the reduced frames that are worked on is at most about this, pixels.
     pixel_correlation : float
-        How many of the pixels used say the same thing: the evidence is divided by it.
+        How many neighbouring pixels of the reduced frames, also over time, say the same: evidence is divided by it.
     joint_acceleration : float
         Usual angular acceleration of a joint, rad/s^2.
     root_acceleration : float
@@ -99,13 +99,15 @@ class Settings:
     solver: str = "gauss-newton"
     sweeps: int = 500
     working_size: int = 480
-    pixel_correlation: float = 160.0
+    pixel_correlation: float = 640.0
     joint_acceleration: float = 20.0
     root_acceleration: float = 2.0
 
     def __post_init__(self) -> None:
         if self.solver not in SOLVERS:
-            raise ShotError(f"unknown solver '{self.solver}'", where="[track] solver", todo=f"use {' or '.join(SOLVERS)}")
+            raise ShotError(
+                f"unknown solver '{self.solver}'", where="[track] solver", todo=f"use {' or '.join(SOLVERS)}"
+            )
         for item in fields(self):
             value = getattr(self, item.name)
             if item.name != "solver" and not (isinstance(value, (int, float)) and np.isfinite(value) and value > 0):

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import reduce
-from itertools import islice
+from itertools import count, islice, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +24,14 @@ from .solvers.banded import BandedFactor
 from .solvers.problem import Problem, Solution
 
 Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
 
-SOLVE = {"gauss-newton": gauss_newton.solve, "relaxation": relaxation.solve}
+Stretch = tuple[int, int]
+"""First and last shot frame of frames that are solved together."""
+Observer = Callable[[Stretch, int, Sequence[Motion]], None]
+
+SOLVE: dict[str, Callable[..., Solution]] = {"gauss-newton": gauss_newton.solve, "relaxation": relaxation.solve}
+REFINE: dict[str, Callable[..., Solution]] = {"gauss-newton": gauss_newton.refine}
 _WORKERS = 2
 
 
@@ -79,7 +85,7 @@ class TrackResult:
 
 
 @one_blas_thread()
-def track(shot: Shot, progress: Progress | None = None) -> TrackResult:
+def track(shot: Shot, progress: Progress | None = None, observe: Observer | None = None) -> TrackResult:
     """Track every performer of a shot.
 
     Parameters
@@ -87,6 +93,8 @@ def track(shot: Shot, progress: Progress | None = None) -> TrackResult:
     shot : Shot
     progress : callable, optional
         See `core.shot.Progress`; returning False cancels.
+    observe : callable, optional
+        Called with a stretch, the number of its iteration, and the motions of its frames before that iteration.
 
     Raises
     ------
@@ -96,32 +104,84 @@ def track(shot: Shot, progress: Progress | None = None) -> TrackResult:
     """
     for view in shot.views:
         check_view(view, shot.frames[0], shot.length)
-    motions = [spline(performer.key_poses, shot.length) for performer in shot.performers]
-    seconds: Counter[str] = Counter()
-    results: list[SegmentResult] = []
-    parts = sum(len(performer.body) for performer in shot.performers)
-    share = np.ones((len(shot.views), shot.length, parts))
-    residual = np.zeros(shot.length)
-    for (first, last), views in _footage_by_segment(shot, segments(shot), seconds):
-        solution = _solve_segment(shot, (first, last), views, motions, progress)
-        motions = [m.replaced(first, part) for m, part in zip(motions, solution.motions, strict=True)]
-        seconds.update(solution.seconds)
-        share[:, first : last + 1] = solution.share
-        residual[first : last + 1] = np.maximum(residual[first : last + 1], solution.residual)
-        results.append(SegmentResult(first, last, solution.iterations, solution.energy, solution.factors))
+    job = _Job(shot, progress, observe)
+    stretches = segments(shot)
+    waiting: tuple[Stretch, tuple[ViewFrames, ...]] | None = None
+    for stretch, views in _footage_by_segment(shot, stretches, job.seconds):
+        job.solve(stretch, views)
+        if waiting is not None:
+            job.refine(*waiting)
+        waiting = (stretch, views)
+    if waiting is not None and len(stretches) > 1:
+        job.refine(*waiting)
     report_progress(progress, "tracking", 1.0)
-    ends = np.cumsum([0] + [len(performer.body) for performer in shot.performers])
-    return TrackResult(
-        tuple(_with_keys(m, p) for m, p in zip(motions, shot.performers, strict=True)),
-        dict(seconds),
-        len(shot.views) * shot.length,
-        tuple(results),
-        tuple(share[:, :, a:b] for a, b in zip(ends[:-1], ends[1:], strict=True)),
-        tuple(residual for _ in shot.performers),
-    )
+    return job.result()
 
 
-def segments(shot: Shot) -> list[tuple[int, int]]:
+class _Job:
+    """A track in the making: the motion so far, and how every stretch of it was solved."""
+
+    def __init__(self, shot: Shot, progress: Progress | None, observe: Observer | None) -> None:
+        self.shot, self.progress, self.observe = shot, progress, observe
+        self.motions = [spline(performer.key_poses, shot.length) for performer in shot.performers]
+        self.seconds: Counter[str] = Counter()
+        self._results: dict[Stretch, SegmentResult] = {}
+        self._share = np.ones((len(shot.views), shot.length, sum(len(p.body) for p in shot.performers)))
+        self._residual = np.zeros(shot.length)
+        self._begun = 0.0
+
+    def solve(self, stretch: Stretch, views: tuple[ViewFrames, ...]) -> None:
+        """Solve a stretch that follows what is solved already."""
+        before = self._context(stretch[0] - 1)
+        self._run(SOLVE[self.shot.settings.solver], _problem(self.shot, stretch, views, before, None), 0.7)
+
+    def refine(self, stretch: Stretch, views: tuple[ViewFrames, ...]) -> None:
+        """Solve a stretch once more, now that the motion on both sides is known; not every solver looks there."""
+        if (again := REFINE.get(self.shot.settings.solver)) is not None:
+            before, after = self._context(stretch[0] - 1), self._context(stretch[1] + 1)
+            self._run(again, _problem(self.shot, stretch, views, before, after), 0.3)
+
+    def _context(self, frame: int) -> tuple[Motion, ...] | None:
+        return tuple(m[[frame]] for m in self.motions) if 0 <= frame < self.shot.length else None
+
+    def _run(self, solver: Callable[..., Solution], problem: Problem, work: float) -> None:
+        frames = slice(problem.first, problem.first + problem.length)
+        part = work * (problem.length - 1) / max(1, self.shot.length - 1)
+
+        stretch = (problem.first, problem.first + problem.length - 1)
+        earlier = self._results.get(stretch)
+        iterations, energy = (earlier.iterations, earlier.energy) if earlier else (0, ())
+        number = count(iterations)
+
+        def on_step(done: float, motions: Sequence[Motion]) -> None:
+            report_progress(self.progress, "tracking", min(self._begun + done * part, 1.0))
+            if self.observe is not None:
+                self.observe(stretch, next(number), motions)
+
+        solution = solver(problem, [m[frames] for m in self.motions], self.shot.settings, on_step)
+        self._begun += part
+        self.motions = [m.replaced(problem.first, new) for m, new in zip(self.motions, solution.motions, strict=True)]
+        self.seconds.update(solution.seconds)
+        self._share[:, frames] = solution.share
+        self._residual[frames] = solution.residual
+        self._results[stretch] = SegmentResult(
+            *stretch, iterations + solution.iterations, energy + solution.energy, solution.factors
+        )
+
+    def result(self) -> TrackResult:
+        performers = self.shot.performers
+        ends = np.cumsum([0] + [len(performer.body) for performer in performers])
+        return TrackResult(
+            tuple(_with_keys(m, p) for m, p in zip(self.motions, performers, strict=True)),
+            dict(self.seconds),
+            len(self.shot.views) * self.shot.length,
+            tuple(self._results.values()),
+            tuple(self._share[:, :, a:b] for a, b in pairwise(ends)),
+            tuple(self._residual for _ in performers),
+        )
+
+
+def segments(shot: Shot) -> list[Stretch]:
     """First and last frames of the stretches that are solved on their own.
 
     They meet where every performer has a key pose of the whole body; before the first and after the last of these
@@ -129,7 +189,7 @@ def segments(shot: Shot) -> list[tuple[int, int]]:
     """
     whole = [set(performer.key_poses.full().tolist()) for performer in shot.performers]
     cuts = sorted(reduce(set.intersection, whole) | {0, shot.length - 1})
-    return list(zip(cuts[:-1], cuts[1:], strict=True)) or [(0, 0)]
+    return list(pairwise(cuts)) or [(0, 0)]
 
 
 def working_factor(view: View, working_size: int) -> float:
@@ -138,49 +198,40 @@ def working_factor(view: View, working_size: int) -> float:
 
 
 def _footage_by_segment(
-    shot: Shot, stretches: Sequence[tuple[int, int]], seconds: Counter[str]
-) -> Iterator[tuple[tuple[int, int], tuple[ViewFrames, ...]]]:
-    """Every stretch with its frames, decoded once and in order; only one stretch is held at a time."""
+    shot: Shot, stretches: Sequence[Stretch], seconds: Counter[str]
+) -> Iterator[tuple[Stretch, tuple[ViewFrames, ...]]]:
+    """Every stretch with its frames, decoded once and in order."""
     factors = [working_factor(view, shot.settings.working_size) for view in shot.views]
     frames = range(shot.frames[0], shot.frames[1] + 1)
     streams = [frames_at(view, frames, factor) for view, factor in zip(shot.views, factors, strict=True)]
     cameras = [v.camera.reduced(f).rectified() for v, f in zip(shot.views, factors, strict=True)]
-    held: list[list[NDArray[np.uint8]]] = [[] for _ in streams]
+    held: list[Sequence[Image]] = [() for _ in streams]
     with ThreadPoolExecutor(_WORKERS) as pool:
         for first, last in stretches:
             begin = time.perf_counter()
-            count = last + 1 - first
-            read = pool.map(lambda s, h, n=count: h + list(islice(s, n - len(h))), streams, held)  # type: ignore[misc]
-            stacks = [np.stack(images) for images in read]
+            length = last + 1 - first
+            jobs = [pool.submit(_read, s, h, length) for s, h in zip(streams, held, strict=True)]
+            stacks = [job.result() for job in jobs]
             seconds["footage"] += time.perf_counter() - begin
-            yield (
-                (first, last),
-                tuple(ViewFrames(c, grey, first) for c, grey in zip(cameras, stacks, strict=True)),
-            )
-            held = [[grey[-1]] for grey in stacks]
+            yield (first, last), tuple(ViewFrames(c, grey, first) for c, grey in zip(cameras, stacks, strict=True))
+            held = [grey[-1:] for grey in stacks]
 
 
-def _solve_segment(
+def _read(stream: Iterator[Image], held: Sequence[Image], count: int) -> Image:
+    """Frames of a stream up to a count, those that are held already first."""
+    return np.stack([*held, *islice(stream, count - len(held))])
+
+
+def _problem(
     shot: Shot,
-    stretch: tuple[int, int],
+    stretch: Stretch,
     views: tuple[ViewFrames, ...],
-    motions: Sequence[Motion],
-    progress: Progress | None,
-) -> Solution:
-    first, last = stretch
-    frames = slice(first, last + 1)
-    problem = Problem(
-        views,
-        tuple(performer.body for performer in shot.performers),
-        first,
-        shot.fps,
-        tuple(fixed_degrees(performer, first, last) for performer in shot.performers),
-    )
-
-    def on_step(done: float, _: Sequence[Motion]) -> None:
-        report_progress(progress, "tracking", (first + done * (last - first)) / max(1, shot.length - 1))
-
-    return SOLVE[shot.settings.solver](problem, [m[frames] for m in motions], shot.settings, on_step)
+    before: tuple[Motion, ...] | None,
+    after: tuple[Motion, ...] | None,
+) -> Problem:
+    bodies = tuple(performer.body for performer in shot.performers)
+    fixed = tuple(fixed_degrees(performer, *stretch) for performer in shot.performers)
+    return Problem(views, bodies, stretch[0], shot.fps, fixed, before, after)
 
 
 def fixed_degrees(performer: Performer, first: int, last: int) -> NDArray[np.bool_]:

@@ -7,6 +7,7 @@ depth of a pixel is the minimum of a few linear functions: exact, and without dr
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -40,8 +41,7 @@ class Geometry:
     planes : ndarray, shape (N, 4)
         The parts' face planes, see `Part.planes`; faces in one plane are listed once.
     face_owner : ndarray of int, shape (N,)
-    face_spans : tuple of slice
-        The planes of each part.
+        The part that each plane belongs to.
     """
 
     vertices: Array
@@ -49,102 +49,111 @@ class Geometry:
     spans: tuple[slice, ...]
     planes: Array
     face_owner: NDArray[np.int64]
-    face_spans: tuple[slice, ...]
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """Number of vertices of each part, shape (P,)."""
+        return np.array([span.stop - span.start for span in self.spans])
 
     @classmethod
     def of(cls, bodies: Sequence[Body]) -> Geometry:
         parts = [part for body in bodies for part in body.parts]
         vertices = [part.vertices for part in parts]
         planes = [np.unique(part.planes.round(9), axis=0) for part in parts]
+        count = np.arange(len(parts))
+        ends = np.cumsum([0] + [len(v) for v in vertices])
         return cls(
-            np.concatenate(vertices), *_grouped(vertices), np.concatenate(planes), *_grouped(planes)
+            np.concatenate(vertices),
+            np.repeat(count, [len(v) for v in vertices]),
+            tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(ends)),
+            np.concatenate(planes),
+            np.repeat(count, [len(p) for p in planes]),
         )
 
 
-def _grouped(arrays: Sequence[Array]) -> tuple[NDArray[np.int64], tuple[slice, ...]]:
-    """Which array each row of a concatenation comes from, and each array's rows."""
-    ends = np.cumsum([0] + [len(array) for array in arrays])
-    spans = tuple(slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
-    return np.repeat(np.arange(len(arrays)), np.diff(ends)), spans
-
-
 @dataclass(frozen=True, eq=False)
-class LabelImage:
-    """What a camera sees of the posed parts.
+class LabelImages:
+    """What a camera sees of the posed parts in n frames.
 
     Attributes
     ----------
-    part : ndarray of int16, shape (h, w)
+    part : ndarray of int16, shape (n, h, w)
         The part seen, counted over all P parts of all performers; -1 where there is none.
-    spans : tuple of slice
-        Which of the N pixels that show a part belong to each of the P parts.
     index : ndarray of int, shape (N,)
-        Those pixels in the flattened image, sorted by part.
+        The pixels of the flattened images that show a part, sorted by frame and part.
+    ends : ndarray of int, shape (n P + 1,)
+        Pixels ends[k] to ends[k + 1] of these show part k % P of frame k // P.
     inverse_depth : ndarray of float32, shape (N,)
         1/z of the surface there, 1/metres.
-    share : ndarray, shape (P,)
+    share : ndarray, shape (n, P)
         Visible area of each part over its whole projected area, 0 to 1 (section 5.3). Hidden by itself, by others, and
         beyond the picture's edge count alike.
     """
 
     part: NDArray[np.int16]
-    spans: tuple[slice, ...]
     index: NDArray[np.intp]
+    ends: NDArray[np.intp]
     inverse_depth: NDArray[np.float32]
     share: Array
 
     def box(self) -> tuple[int, int, int, int]:
-        """Left, top, right and bottom of the pixels that show a part, the latter two exclusive; all 0 if none does."""
-        return _box(self.index, self.part.shape[1])
+        """Left, top, right and bottom of the pixels that show a part in any frame, the latter two exclusive."""
+        seen = self.part.max(axis=0) >= 0
+        u, v = np.flatnonzero(seen.any(axis=0)), np.flatnonzero(seen.any(axis=1))
+        return (int(u[0]), int(v[0]), int(u[-1]) + 1, int(v[-1]) + 1) if len(u) else (0, 0, 0, 0)
 
-    def depth_image(self) -> NDArray[np.float32]:
-        """z in metres, infinite where there is no part, shape (h, w)."""
-        image = np.full(self.part.size, np.inf, dtype=np.float32)
-        image[self.index] = 1 / self.inverse_depth
-        return image.reshape(self.part.shape)
+    def depth_images(self) -> NDArray[np.float32]:
+        """z in metres, infinite where there is no part, shape (n, h, w)."""
+        images = np.full(self.part.size, np.inf, dtype=np.float32)
+        images[self.index] = 1 / self.inverse_depth
+        return images.reshape(self.part.shape)
 
 
-def render_labels(geometry: Geometry, camera: Camera, frame: int, R: Array, T: Array) -> LabelImage:
-    """Label and depth image of posed parts.
+def render_labels(geometry: Geometry, camera: Camera, first: int, R: Array, T: Array) -> LabelImages:
+    """Label and depth images of posed parts in n consecutive frames.
 
     Parameters
     ----------
     geometry : Geometry
     camera : Camera
-        Without lens distortion, of the size of the image wanted.
-    frame : int
-        Shot frame, for the pose of a moving camera.
-    R, T : ndarray, shape (P, 3, 3) and (P, 3)
+        Without lens distortion, of the size of the images wanted.
+    first : int
+        Shot frame of the first of them, for the pose of a moving camera.
+    R, T : ndarray, shape (n, P, 3, 3) and (n, P, 3)
         World pose of every part, counted over all performers.
     """
-    Rc, tc = camera.pose(frame)
-    R_cam, T_cam = Rc @ R, T @ Rc.T + tc
-    points = (R_cam[geometry.owner] @ geometry.vertices[..., None])[..., 0] + T_cam[geometry.owner]
-    K = camera.matrix
-    z = np.maximum(points[:, 2:], NEAR)
-    pixels = (points[:, :2] / z) @ K[:2, :2].T + K[:2, 2]
+    n, P = T.shape[:2]
+    Rc, tc = camera.poses(first, n)
+    R_cam, T_cam = Rc[:, None] @ R, T @ np.swapaxes(Rc, 1, 2) + tc[:, None]
+    points = np.einsum("nvab,vb->nva", R_cam[:, geometry.owner], geometry.vertices) + T_cam[:, geometry.owner]
+    depth = np.maximum(points[..., 2], NEAR)
+    pixels = points[..., :2] / depth[..., None] @ camera.matrix[:2, :2].T + camera.matrix[:2, 2]
     corners = np.clip(np.round(pixels * (1 << _SHIFT)), -_FARTHEST, _FARTHEST).astype(np.int32)
     starts = [span.start for span in geometry.spans]
-    before = np.minimum.reduceat(points[:, 2], starts) >= NEAR
-    middle = np.add.reduceat(points[:, 2], starts) / [span.stop - span.start for span in geometry.spans]
+    drawn = np.minimum.reduceat(points[..., 2], starts, axis=1) >= NEAR
+    far_to_near = np.argsort(-np.add.reduceat(points[..., 2], starts, axis=1) / geometry.counts, axis=1)
 
-    label = np.full((camera.size[1], camera.size[0]), -1, dtype=np.int16)
-    whole = np.ones(len(starts))
-    for i in np.argsort(-middle):
-        if before[i]:
-            outline = cv2.convexHull(corners[geometry.spans[i]])
-            cv2.fillConvexPoly(label, outline, int(i), shift=_SHIFT)
-            # A filled outline also covers the pixels that it runs through: half its length more than its area.
-            area = cv2.contourArea(outline) / 4**_SHIFT
-            whole[i] = max(area + cv2.arcLength(outline, True) / 2 ** (_SHIFT + 1), 1.0)
+    label = np.full((n, camera.size[1], camera.size[0]), -1, dtype=np.int16)
+    whole = np.ones((n, P))
+    for j in range(n):
+        for i in far_to_near[j]:
+            if drawn[j, i]:
+                outline = cv2.convexHull(corners[j, geometry.spans[i]])
+                cv2.fillConvexPoly(label[j], outline, int(i), shift=_SHIFT)
+                # A filled outline also covers the pixels that it runs through: half its length more than its area.
+                area = cv2.contourArea(outline) / 4**_SHIFT
+                whole[j, i] = max(area + cv2.arcLength(outline, True) / 2 ** (_SHIFT + 1), 1.0)
 
     flat = label.ravel()
     index = np.flatnonzero(flat >= 0)
-    index = index[np.argsort(flat[index], kind="stable")]
-    ends = np.searchsorted(flat[index], np.arange(len(starts) + 1))
-    spans = tuple(slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True))
-    inverse_depth = _inverse_depths(geometry, R_cam, T_cam, np.linalg.inv(K), index, spans, camera.size[0])
-    return LabelImage(label, spans, index, inverse_depth, np.minimum(np.diff(ends) / whole, 1.0))
+    group = index // label[0].size * P + flat[index]
+    order = np.argsort(group.astype(np.int16) if n * P < 1 << 15 else group, kind="stable")
+    index, ends = index[order], np.searchsorted(group[order], np.arange(n * P + 1))
+    inverse_depth = _inverse_depths(geometry, R_cam, T_cam, np.linalg.inv(camera.matrix), index, ends, label.shape)
+    # A filled outline's rim lies just outside the part, where its planes may meet far behind it.
+    farthest = 1 / np.maximum.reduceat(depth, starts, axis=1)
+    inverse_depth = np.maximum(inverse_depth, np.repeat(farthest.ravel(), np.diff(ends)).astype(np.float32))
+    return LabelImages(label, index, ends, inverse_depth, np.minimum(np.diff(ends).reshape(n, P) / whole, 1.0))
 
 
 def _inverse_depths(
@@ -153,27 +162,21 @@ def _inverse_depths(
     T_cam: Array,
     K_inv: Array,
     index: NDArray[np.intp],
-    spans: tuple[slice, ...],
-    width: int,
+    ends: NDArray[np.intp],
+    shape: tuple[int, ...],
 ) -> NDArray[np.float32]:
     """1/z where the rays of pixels enter the parts that they show, shape (N,)."""
-    normals = (R_cam[geometry.face_owner] @ geometry.planes[:, :3, None])[..., 0]
-    distance = geometry.planes[:, 3] - np.einsum("na,na->n", normals, T_cam[geometry.face_owner])
-    facing = distance > 1e-6  # the camera is before the face
-    linear = -(normals / np.where(facing, distance, np.inf)[:, None]) @ K_inv
-    linear[~facing] = 0.0, 0.0, 1 / NEAR**2  # farther in than any other
-    linear = linear.astype(np.float32)
+    owner, P = geometry.face_owner, len(geometry.spans)
+    normals = np.einsum("nfab,fb->nfa", R_cam[:, owner], geometry.planes[:, :3])
+    distance = geometry.planes[:, 3] - np.einsum("nfa,nfa->nf", normals, T_cam[:, owner])
+    frame, face = np.nonzero(distance > 1e-6)  # the camera is before these faces
+    linear = (-(normals[frame, face] / distance[frame, face, None]) @ K_inv).astype(np.float32)
+    faces = np.searchsorted(frame * P + owner[face], np.arange(len(ends)))
     rays = np.ones((3, len(index)), dtype=np.float32)
-    rays[1], rays[0] = np.divmod(index, width)
+    row, rays[0] = np.divmod(index, shape[2])
+    rays[1] = row % shape[1]
     out = np.empty(len(index), dtype=np.float32)
-    for faces, span in zip(geometry.face_spans, spans, strict=True):
-        if span.stop > span.start:
-            np.min(linear[faces] @ rays[:, span], axis=0, out=out[span])
+    for k in np.flatnonzero(np.diff(ends)):
+        pixels = slice(ends[k], ends[k + 1])
+        np.min(linear[faces[k] : faces[k + 1]] @ rays[:, pixels], axis=0, out=out[pixels])
     return out
-
-
-def _box(index: NDArray[np.intp], width: int) -> tuple[int, int, int, int]:
-    if not len(index):
-        return 0, 0, 0, 0
-    v, u = np.divmod(index, width)
-    return int(u.min()), int(v.min()), int(u.max()) + 1, int(v.max()) + 1

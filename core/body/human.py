@@ -143,7 +143,7 @@ def _assemble(m: Mapping[str, float], girth: float) -> Body:
     waist, breast, neck = (hip + h * up for h in trunk)
     pelvis = add("pelvis", None, hip, waist, forward, ringed("pelvis", trunk[0]))
     add("spine", "pelvis", waist, breast, forward, ringed("spine", trunk[1] - trunk[0]))
-    chest = add("chest", "spine", breast, neck, forward, ringed("chest", trunk[2] - trunk[1]))
+    add("chest", "spine", breast, neck, forward, ringed("chest", trunk[2] - trunk[1]))
     head = add("head", "chest", neck, neck + m["head"] * up, forward, ringed("head", m["head"]))
     landmarks["Hip"] = (pelvis, np.zeros(3))
     landmarks["Neck"] = (head, np.zeros(3))

@@ -14,13 +14,13 @@ from ..body import Body, part_poses, twist_jacobian
 from ..constraints import BandedBlocks
 from ..motion import Motion
 from ..visibility import Geometry, render_labels
-from .gradients import Pixels, Poses, WrenchSums, brightness_constancy
+from .gradients import Poses, WrenchSums, brightness_constancy
 from .images import ViewFrames
 
 Array = NDArray[np.float64]
 
-STRIDE = 2
-"""Every how many pixels of the reduced frames, each way, the evidence is taken: neighbours say nearly the same."""
+RUN = 16
+"""How many pairs of frames are worked on at a time: enough to keep NumPy busy, few enough to stay in the cache."""
 _WORKERS = 2
 
 
@@ -35,7 +35,9 @@ class Evidence:
         See `WrenchSums`; P counts the parts of all performers.
     energy, weight, noise : ndarray, shape (V, F - 1)
     share : ndarray, shape (V, F, P)
-        Visible share of every part, see `LabelImage`.
+        Visible share of every part, see `LabelImages`.
+    stride : int
+        Every how many pixels, each way, the evidence was taken.
     seconds : dict
         Time spent, by what.
     """
@@ -46,6 +48,7 @@ class Evidence:
     weight: Array
     noise: Array
     share: Array
+    stride: int
     seconds: dict[str, float]
 
 
@@ -62,7 +65,7 @@ def gradient_evidence(
     first: int,
     sigma: float,
     tolerance: float,
-    stride: int = STRIDE,
+    stride: int,
 ) -> Evidence:
     """Collect the evidence of F frames.
 
@@ -79,28 +82,37 @@ def gradient_evidence(
         Smoothing of the images, pixels of the reduced frames.
     tolerance : float
         See `brightness_constancy`.
+    stride : int
+        Every how many pixels, each way, the evidence is taken: neighbours say nearly the same.
     """
     F = len(poses[0])
-    middle = F // 2 if F > 3 else F - 1  # halves, so that one view alone keeps two threads busy
-    tasks = [(view, a, b) for view in views for a, b in ((0, middle), (middle, F - 1)) if b > a]
+    starts = range(0, max(F - 1, 1), RUN)
+    tasks = [(view, a, min(a + RUN, F - 1)) for view in views for a in starts]
     with ThreadPoolExecutor(_WORKERS) as pool:
         jobs = [pool.submit(_run, *task, geometry, poses, first, sigma, tolerance, stride) for task in tasks]
         done = [job.result() for job in jobs]
-    per_view = len(tasks) // len(views)
-    rows = [done[i : i + per_view] for i in range(0, len(done), per_view)]
-    sums = [[s for run in row for s in run[0]] for row in rows]
-    # The frame where the halves meet was drawn twice.
-    share = [np.concatenate([row[0][1]] + [run[1][1:] for run in row[1:]]) for row in rows]
-    seconds = {k: sum(run[2][k] for run in done) / min(_WORKERS, len(tasks)) for k in done[0][2]}
-    return Evidence(
-        np.array([[s.H for s in row] for row in sums]),
-        np.array([[s.g for s in row] for row in sums]),
-        np.array([[s.energy for s in row] for row in sums]),
-        np.array([[s.weight for s in row] for row in sums]),
-        np.array([[s.noise for s in row] for row in sums]),
-        np.array(share),
-        seconds,
-    )
+    rows = [done[i : i + len(starts)] for i in range(0, len(done), len(starts))]
+
+    def joined(name: str) -> Array:
+        return np.stack([np.concatenate([getattr(run.sums, name) for run in row]) for row in rows])
+
+    # The frame where two runs meet was drawn twice.
+    share = np.stack([np.concatenate([row[0].share[:1]] + [run.share[1:] for run in row]) for row in rows])
+    workers = min(_WORKERS, len(tasks))
+    seconds = {
+        "label images": sum(run.seconds[0] for run in done) / workers,
+        "gradients": sum(run.seconds[1] for run in done) / workers,
+    }
+    return Evidence(*(joined(name) for name in ("H", "g", "energy", "weight", "noise")), share, stride, seconds)
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """Evidence of a few frames of one view, and the seconds for its label images and its gradients."""
+
+    sums: WrenchSums
+    share: Array
+    seconds: tuple[float, float]
 
 
 def _run(
@@ -113,30 +125,16 @@ def _run(
     sigma: float,
     tolerance: float,
     stride: int,
-) -> tuple[list[WrenchSums], Array, dict[str, float]]:
-    """Evidence of the pairs (j, j + 1), start <= j < stop, of one view."""
-    R, T = poses
-    seconds = {"label images": 0.0, "gradients": 0.0}
-    grid = view.camera.subsampled(stride)
-    sums: list[WrenchSums] = []
-    shares = []
-    for j in range(start, stop + 1):
-        begin = time.perf_counter()
-        labels = render_labels(geometry, grid, first + j, R[j], T[j])
-        drawn = time.perf_counter()
-        box = tuple(stride * edge for edge in labels.box())
-        image = view.image(first + j, sigma, box)
-        if j > start:
-            pair = (first + j - 1, first + j)
-            both = ((R[j - 1], T[j - 1]), (R[j], T[j]))
-            sums.append(
-                brightness_constancy(view.camera, pair, (last, image), pixels, labels, both, stride, tolerance)
-            )
-        last, pixels = image, Pixels.of(labels, view.camera, stride)
-        shares.append(labels.share)
-        seconds["label images"] += drawn - begin
-        seconds["gradients"] += time.perf_counter() - drawn
-    return sums, np.array(shares), seconds
+) -> _Run:
+    """Evidence of frames start to stop, inclusive, of one view."""
+    begin = time.perf_counter()
+    R, T = (a[start : stop + 1] for a in poses)
+    labels = render_labels(geometry, view.camera.subsampled(stride), first + start, R, T)
+    drawn = time.perf_counter()
+    left, top, right, bottom = (stride * edge for edge in labels.box())
+    images = view.images(first + start, len(R), sigma, (left, top, right, bottom))
+    sums = brightness_constancy(view.camera, first + start, images, labels, (R, T), stride, tolerance)
+    return _Run(sums, labels.share, (drawn - begin, time.perf_counter() - drawn))
 
 
 def joint_blocks(body: Body, poses: Poses, H: Array, g: Array, energy: float) -> BandedBlocks:

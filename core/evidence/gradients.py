@@ -9,14 +9,15 @@ for frame b), so the cost per pixel does not depend on the number of joints, and
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import rotations
 from ..cameras import Camera
-from ..visibility import LabelImage
-from .images import GradientImage, Image
+from ..visibility import LabelImages
+from .images import GradientImages, Image
 
 Array = NDArray[np.float64]
 Poses = tuple[Array, Array]
@@ -27,170 +28,183 @@ _LEAST_NOISE = 2e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Pixels:
-    """The pixels of a label image that show a part, sorted by part.
-
-    Attributes
-    ----------
-    part : ndarray of int16, shape (N,)
-    spans : tuple of slice
-        The pixels of each of the P parts.
-    uv : ndarray of float32, shape (N, 2)
-        Their places in the view's frame, pixels.
-    points_cam : ndarray of float32, shape (N, 3)
-        What they show, in camera axes, metres.
-    """
-
-    part: NDArray[np.int16]
-    spans: tuple[slice, ...]
-    uv: Image
-    points_cam: Image
-
-    @classmethod
-    def of(cls, labels: LabelImage, camera: Camera, stride: int) -> Pixels:
-        """Of a label image that has every stride-th pixel of the camera's frame."""
-        v, u = np.divmod(labels.index, labels.part.shape[1])
-        uv = np.stack([u, v], axis=1).astype(np.float32) * np.float32(stride)
-        K = camera.matrix.astype(np.float32)
-        z = 1 / labels.inverse_depth
-        points = np.empty((len(z), 3), np.float32)
-        points[:, :2] = (uv - K[:2, 2]) / K[[0, 1], [0, 1]] * z[:, None]
-        points[:, 2] = z
-        return cls(labels.part.ravel()[labels.index], labels.spans, uv, points)
-
-
-@dataclass(frozen=True, eq=False)
 class WrenchSums:
-    """Normal equations of the twists of P parts in two frames.
+    """Normal equations of the twists of P parts in m pairs of frames.
 
     Attributes
     ----------
-    H : ndarray, shape (P, 12, 12)
-        Weighted sums of products of wrenches about the world's origin, frame a's six before frame b's.
-    g : ndarray, shape (P, 12)
+    H : ndarray, shape (m, P, 12, 12)
+        Weighted sums of products of wrenches about the world's origin, the earlier frame's six before the later's.
+    g : ndarray, shape (m, P, 12)
         Weighted sums of wrenches times residuals: the gradient of half the energy.
-    energy : float
+    energy : ndarray, shape (m,)
         Weighted sum of squared residuals, (grey level 0 to 1)^2.
-    weight : float
+    weight : ndarray, shape (m,)
         Sum of the weights.
-    noise : float
+    noise : ndarray, shape (m,)
         Robust standard deviation of the residuals, grey level 0 to 1.
     """
 
     H: Array
     g: Array
-    energy: float
-    weight: float
-    noise: float
+    energy: Array
+    weight: Array
+    noise: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Pixels:
+    """The pixels of n label images that show a part.
+
+    Attributes
+    ----------
+    frame, part : ndarray of int, shape (N,)
+    ends : ndarray of int
+        See `LabelImages`.
+    uv : ndarray of int, shape (N, 2)
+        Their places in the view's frames, pixels.
+    points_cam : ndarray of float32, shape (N, 3)
+        What they show, in camera axes, metres.
+    """
+
+    frame: NDArray[np.intp]
+    part: NDArray[np.intp]
+    ends: NDArray[np.intp]
+    uv: NDArray[np.intp]
+    points_cam: Image
+
+    @classmethod
+    def of(cls, labels: LabelImages, camera: Camera, stride: int, frames: int) -> Pixels:
+        """Of the first label images, which have every stride-th pixel of the camera's frames."""
+        P, (_, height, width) = labels.share.shape[1], labels.part.shape
+        ends = labels.ends[: frames * P + 1]
+        index = labels.index[: ends[-1]]
+        row, u = np.divmod(index, width)
+        frame, v = np.divmod(row, height)
+        uv = np.stack([u, v], axis=1) * stride
+        K = camera.matrix
+        points = np.empty((len(index), 3), np.float32)
+        points[:, 2] = 1 / labels.inverse_depth[: len(index)]
+        points[:, :2] = (uv - K[:2, 2]) / K[[0, 1], [0, 1]] * points[:, 2:]
+        return cls(frame, labels.part.ravel()[index].astype(np.intp), ends, uv, points)
 
 
 def brightness_constancy(
     camera: Camera,
-    frames: tuple[int, int],
-    images: tuple[GradientImage, GradientImage],
-    pixels: Pixels,
-    labels_b: LabelImage | None,
-    poses: tuple[Poses, Poses],
+    first: int,
+    images: GradientImages,
+    labels: LabelImages,
+    poses: Poses,
     stride: int,
     tolerance: float,
 ) -> WrenchSums:
-    """Sum the gradient constraint between two frames of one view.
+    """Sum the gradient constraint between neighbouring frames of one view.
 
     Parameters
     ----------
     camera : Camera
         Of the view's reduced, rectified frames.
-    frames : tuple of int
-        Shot frames a and b.
-    images : tuple of GradientImage
-        Of frames a and b.
-    pixels : Pixels
-        Of frame a.
-    labels_b : LabelImage or None
-        Of frame b, with every stride-th pixel: a point that it does not show is left out. None leaves none out.
+    first : int
+        Shot frame of the first of the n frames.
+    images : GradientImages
+        Of the n frames.
+    labels : LabelImages
+        Of the n frames, with every stride-th pixel. A pixel of a frame counts if the next frame still shows its point.
     poses : tuple
-        (R, T) of all parts, (P, 3, 3) and (P, 3), in frames a and b.
+        (R, T) of all parts, (n, P, 3, 3) and (n, P, 3).
     tolerance : float
         Huber's limit in units of `HUBER` standard deviations: 1 near the solution, more far from it.
-    """
-    image_a, image_b = images
-    to_a, to_b = (camera.pose(f) for f in frames)
-    x_a = pixels.points_cam
-    x_b = _carried(pixels, to_a, to_b, *poses)
-    K = camera.matrix.astype(np.float32)
-    uv_b = x_b[:, :2] / x_b[:, 2:] * K[[0, 1], [0, 1]] + K[:2, 2]
-    here, there = image_a.at(pixels.uv), image_b.sample(uv_b)
-    residual = there[0] - here[0]
-    du, dv = 0.5 * (here[1:] + there[1:])
-    seen = _still_seen(pixels.part, uv_b, labels_b, stride)
-    noise = 1.4826 * float(np.median(np.abs(residual[seen]))) if seen.any() else 0.0
-    weight = huber_weights(residual, tolerance * max(noise, _LEAST_NOISE)) * seen
 
-    focal = K[[0, 1], [0, 1]]
-    rows = np.concatenate(
-        [-_wrenches(x_a, du, dv, focal), _wrenches(x_b, du, dv, focal), residual[:, None]], axis=1
-    )
+    Returns
+    -------
+    WrenchSums
+        Of the m = n - 1 pairs.
+    """
+    m, P = len(poses[0]) - 1, labels.share.shape[1]
+    to_camera = camera.poses(first, m + 1)
+    pixels = Pixels.of(labels, camera, stride, m)
+    x_a, x_b = pixels.points_cam, _carried(pixels, to_camera, poses)
+    focal, centre = (a.astype(np.float32) for a in (camera.matrix[[0, 1], [0, 1]], camera.matrix[:2, 2]))
+    uv_b = x_b[:, :2] / x_b[:, 2:] * focal + centre
+    here, there = images.at(pixels.frame, pixels.uv), images.sample(pixels.frame + 1, uv_b)
+    residual = there[0] - here[0]
+    slope = 0.5 * (here[1:] + there[1:])
+    seen = _still_seen(pixels, uv_b, labels, stride)
+    bounds = pixels.ends[::P]
+    noise = np.array([_robust_deviation(residual[a:b][seen[a:b]]) for a, b in pairwise(bounds)])
+    deviation = np.repeat(tolerance * np.maximum(noise, _LEAST_NOISE), np.diff(bounds)).astype(np.float32)
+    weight = huber_weights(residual, deviation) * seen
+
+    rows = np.empty((len(residual), 13), np.float32)
+    rows[:, :6], rows[:, 6:12] = -_wrenches(x_a, slope, focal), _wrenches(x_b, slope, focal)
+    rows[:, 12] = residual
     weighted = rows * weight[:, None]
-    sums = np.zeros((len(pixels.spans), 13, 13))
-    for i, span in enumerate(pixels.spans):
-        if span.stop > span.start:
-            sums[i] = rows[span].T @ weighted[span]
-    A = np.zeros((12, 12))
-    A[:6, :6], A[6:, 6:] = camera_twist(*to_a), camera_twist(*to_b)
+    sums = np.zeros((m * P, 13, 13))
+    for k in np.flatnonzero(np.diff(pixels.ends)):
+        span = slice(pixels.ends[k], pixels.ends[k + 1])
+        sums[k] = rows[span].T @ weighted[span]
+    sums = sums.reshape(m, P, 13, 13)
+    A = _pair_twists(*to_camera)[:, None]
+    A_t = np.swapaxes(A, -1, -2)
     return WrenchSums(
-        A.T @ sums[:, :12, :12] @ A,
-        sums[:, :12, 12] @ A,
-        float(sums[:, 12, 12].sum()),
-        float(weight.sum()),
+        A_t @ sums[..., :12, :12] @ A,
+        (A_t @ sums[..., :12, 12:])[..., 0],
+        sums[..., 12, 12].sum(axis=1),
+        np.add.reduceat(np.append(weight, 0.0), bounds[:-1]) * (np.diff(bounds) > 0),
         noise,
     )
 
 
-def _carried(pixels: Pixels, to_a: Poses, to_b: Poses, poses_a: Poses, poses_b: Poses) -> Image:
-    """The pixels' points, moved with their parts from frame a to frame b, in camera axes, shape (N, 3)."""
-    (Rc_a, tc_a), (Rc_b, tc_b) = to_a, to_b
-    (R_a, T_a), (R_b, T_b) = poses_a, poses_b
-    turn = Rc_b @ (R_b @ np.swapaxes(R_a, -1, -2)) @ Rc_a.T
-    joint_a, joint_b = T_a @ Rc_a.T + tc_a, T_b @ Rc_b.T + tc_b
-    turn, shift = turn.astype(np.float32), (joint_b - np.einsum("pab,pb->pa", turn, joint_a)).astype(np.float32)
-    points = np.empty_like(pixels.points_cam)
-    for i, span in enumerate(pixels.spans):
-        np.matmul(pixels.points_cam[span], turn[i].T, out=points[span])
-        points[span] += shift[i]
-    return points
+def _carried(pixels: Pixels, to_camera: Poses, poses: Poses) -> Image:
+    """The pixels' points, moved with their parts to the next frame, in its camera's axes, shape (N, 3)."""
+    (Rc, tc), (R, T) = to_camera, poses
+    R_cam, T_cam = Rc[:, None] @ R, T @ np.swapaxes(Rc, 1, 2) + tc[:, None]
+    turn = R_cam[1:] @ np.swapaxes(R_cam[:-1], -1, -2)
+    shift = T_cam[1:] - (turn @ T_cam[:-1, :, :, None])[..., 0]
+    turns, shifts = (a.astype(np.float32)[pixels.frame, pixels.part] for a in (turn, shift))
+    return np.einsum("nab,nb->na", turns, pixels.points_cam) + shifts
 
 
-def _still_seen(
-    part: NDArray[np.int16], uv: Image, labels: LabelImage | None, stride: int
-) -> NDArray[np.bool_]:
-    """Which points at (N, 2) pixels of a frame show there the part that they belong to."""
-    if labels is None:
-        return np.ones(len(part), dtype=bool)
-    height, width = labels.part.shape
+def _still_seen(pixels: Pixels, uv: Image, labels: LabelImages, stride: int) -> NDArray[np.bool_]:
+    """Which points, now at (N, 2) pixels of the next frame, show there the part that they belong to."""
+    _, height, width = labels.part.shape
     column, row = np.round(uv.T / stride).astype(np.intp)
     inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    return inside & (labels.part[row * inside, column * inside] == part)
+    return inside & (labels.part[pixels.frame + 1, row * inside, column * inside] == pixels.part)
 
 
-def _wrenches(points: Image, du: Image, dv: Image, focal: Image) -> Image:
-    """(m, x cross m) of brightness derivatives at points in camera axes, shape (N, 6)."""
+def _robust_deviation(residual: Image) -> float:
+    """Standard deviation from the median of absolute values; 0 of nothing."""
+    return 1.4826 * float(np.median(np.abs(residual))) if len(residual) else 0.0
+
+
+def _wrenches(points: Image, slope: Image, focal: Image) -> Image:
+    """(m, x cross m) of brightness derivatives (2, N) at points in camera axes, shape (N, 6)."""
     x, y, z = points.T
     out = np.empty((len(points), 6), np.float32)
-    mx, my = du * focal[0] / z, dv * focal[1] / z
+    mx, my = slope[0] * focal[0] / z, slope[1] * focal[1] / z
     mz = -(mx * x + my * y) / z
     out[:, 0], out[:, 1], out[:, 2] = mx, my, mz
     out[:, 3], out[:, 4], out[:, 5] = y * mz - z * my, z * mx - x * mz, x * my - y * mx
     return out
 
 
-def huber_weights(residual: Image, deviation: float) -> Image:
+def huber_weights(residual: Image, deviation: Image) -> Image:
     """Weights of Huber's error: one up to `HUBER` deviations, then falling as 1/|r|."""
-    return np.minimum(np.float32(1), np.float32(HUBER * deviation) / np.maximum(np.abs(residual), np.float32(1e-12)))
+    return np.minimum(np.float32(1), np.float32(HUBER) * deviation / np.maximum(np.abs(residual), np.float32(1e-12)))
+
+
+def _pair_twists(Rc: Array, tc: Array) -> Array:
+    """Takes the world twists of a pair of frames to their cameras' axes and centres, shape (m, 12, 12)."""
+    twist = camera_twist(Rc, tc)
+    A = np.zeros((len(Rc) - 1, 12, 12))
+    A[:, :6, :6], A[:, 6:, 6:] = twist[:-1], twist[1:]
+    return A
 
 
 def camera_twist(R_cam_world: Array, t_cam_world: Array) -> Array:
-    """Takes a twist (v, omega) about the world's origin to camera axes and the camera's centre, shape (6, 6)."""
-    A = np.zeros((6, 6))
-    A[:3, :3] = A[3:, 3:] = R_cam_world
-    A[:3, 3:] = rotations.skew(t_cam_world) @ R_cam_world
+    """Takes twists (v, omega) about the world's origin to camera axes and the camera's centre, shape (..., 6, 6)."""
+    A = np.zeros((*t_cam_world.shape[:-1], 6, 6))
+    A[..., :3, :3] = A[..., 3:, 3:] = R_cam_world
+    A[..., :3, 3:] = rotations.skew(t_cam_world) @ R_cam_world
     return A

@@ -14,46 +14,70 @@ Image = NDArray[np.float32]
 
 MARGIN = 6
 """How far around what is looked for a frame is looked at, pixels."""
+_ROW = 256
 
 
 @dataclass(frozen=True, eq=False)
-class GradientImage:
-    """A window of a frame as the evidence needs it: brightness 0 to 1 and its derivatives per pixel, each (h, w).
+class GradientImages:
+    """One window of n frames as the evidence needs it: brightness 0 to 1 and its derivatives per pixel.
 
     Attributes
     ----------
+    channels : tuple of ndarray, shape (n h, w)
+        Brightness and its derivatives by u and v, the windows one below the other.
+    count : int
+        n.
     origin : tuple of int
-        The frame's pixel (u, v) that is the window's first.
+        The frames' pixel (u, v) that is the window's first.
     """
 
-    brightness: Image
-    du: Image
-    dv: Image
+    channels: tuple[Image, Image, Image]
+    count: int
     origin: tuple[int, int] = (0, 0)
 
     @classmethod
-    def of(cls, grey: NDArray[np.uint8], sigma: float, origin: tuple[int, int] = (0, 0)) -> GradientImage:
-        """From 8 bits, smoothed by a Gaussian of `sigma` pixels."""
-        smooth = cv2.GaussianBlur(grey.astype(np.float32) * np.float32(1 / 255), (0, 0), sigma)
+    def of(cls, grey: NDArray[np.uint8], sigma: float, origin: tuple[int, int] = (0, 0)) -> GradientImages:
+        """From windows of 8 bits (n, h, w), smoothed by a Gaussian of `sigma` pixels."""
+        stack = grey.reshape(-1, grey.shape[2]).astype(np.float32) * np.float32(1 / 255)
+        smooth = cv2.GaussianBlur(stack, (0, 0), sigma)
         du, dv = (cv2.Scharr(smooth, cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1)))
-        return cls(smooth, du, dv, origin)
+        return cls((smooth, du, dv), len(grey), origin)
 
-    def sample(self, pixels: Image) -> Image:
-        """Brightness and derivatives at sub-pixel places (N, 2) of the frame, bilinear, shape (3, N).
+    @property
+    def height(self) -> int:
+        return self.channels[0].shape[0] // self.count
 
-        Beyond the window it is the window's edge.
+    def sample(self, image: NDArray[np.intp], pixels: Image) -> Image:
+        """Brightness and derivatives at sub-pixel places, bilinear.
+
+        Parameters
+        ----------
+        image : ndarray of int, shape (N,)
+            Which of the n frames.
+        pixels : ndarray of float32, shape (N, 2)
+            Places in the frame; beyond the window, the window's edge is taken.
+
+        Returns
+        -------
+        ndarray of float32, shape (3, N)
         """
-        places = (pixels - np.array(self.origin, np.float32))[:, None]
-        out = np.empty((3, len(pixels), 1), np.float32)
-        for channel, target in zip((self.brightness, self.du, self.dv), out, strict=True):
-            cv2.remap(channel, places, None, cv2.INTER_LINEAR, dst=target, borderMode=cv2.BORDER_REPLICATE)
-        return out[..., 0]
+        N = len(pixels)
+        places = np.zeros((-(-N // _ROW) * _ROW, 2), np.float32)  # OpenCV takes no more than 32767 rows
+        places[:N, 0] = pixels[:, 0] - self.origin[0]
+        places[:N, 1] = np.clip(pixels[:, 1] - self.origin[1], 0, self.height - 1) + image * self.height
+        grid = places.reshape(-1, _ROW, 2)
+        return np.stack(
+            [
+                cv2.remap(channel, grid, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).ravel()[:N]
+                for channel in self.channels
+            ]
+        )
 
-    def at(self, pixels: Image) -> Image:
-        """Brightness and derivatives at whole pixels (N, 2) of the frame, shape (3, N)."""
-        u, v = (pixels.T - np.array(self.origin, np.float32)[:, None]).astype(np.intp)
-        index = v * self.brightness.shape[1] + u
-        return np.stack([channel.ravel()[index] for channel in (self.brightness, self.du, self.dv)])
+    def at(self, image: NDArray[np.intp], pixels: NDArray[np.intp]) -> Image:
+        """Brightness and derivatives at whole pixels (N, 2) within the window, shape (3, N)."""
+        rows = pixels[:, 1] - self.origin[1] + image * self.height
+        index = rows * self.channels[0].shape[1] + pixels[:, 0] - self.origin[0]
+        return np.stack([channel.ravel()[index] for channel in self.channels])
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,9 +97,10 @@ class ViewFrames:
     grey: NDArray[np.uint8]
     first: int
 
-    def image(self, frame: int, sigma: float, box: tuple[int, int, int, int]) -> GradientImage:
-        """The gradient image of a shot frame within a box (left, top, right, bottom) and a little around it."""
+    def images(self, first: int, count: int, sigma: float, box: tuple[int, int, int, int]) -> GradientImages:
+        """The gradient images of consecutive shot frames within a box (left, top, right, bottom) and around it."""
         margin = MARGIN + int(np.ceil(2 * sigma))
         left, top = max(box[0] - margin, 0), max(box[1] - margin, 0)
-        window = self.grey[frame - self.first, top : box[3] + margin, left : box[2] + margin]
-        return GradientImage.of(window, sigma, (left, top))
+        start = first - self.first
+        window = self.grey[start : start + count, top : box[3] + margin, left : box[2] + margin]
+        return GradientImages.of(window, sigma, (left, top))

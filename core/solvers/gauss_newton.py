@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..constraints import BandedBlocks, smoothness
+from ..constraints import BandedBlocks
 from ..evidence.collect import Evidence, joint_blocks
 from ..motion import Motion
 from ..shot import Settings
@@ -42,20 +42,30 @@ class Stage:
         Smoothing of the images, pixels of the reduced frames.
     tolerance : float
         Of Huber's limit: far from the solution large residuals still have to pull.
+    stride : int
+        Every how many pixels, each way, the evidence is taken.
     iterations : int
         At most.
     """
 
     sigma: float
     tolerance: float
+    stride: int
     iterations: int
 
 
-STAGES = (Stage(2.0, 8.0, 3), Stage(1.0, 4.0, 3), Stage(1.0, 1.0, 5))
+STAGES = (Stage(2.0, 8.0, 4, 2), Stage(1.0, 4.0, 3, 3), Stage(1.0, 1.0, 2, 3))
+"""From the curve through the key poses to the solution."""
+REFINEMENT = (Stage(1.0, 1.0, 2, 3),)
+"""From a solution to the better one that motion known on both sides allows."""
 
 
 def solve(
-    problem: Problem, start: Sequence[Motion], settings: Settings, on_step: Step | None = None
+    problem: Problem,
+    start: Sequence[Motion],
+    settings: Settings,
+    on_step: Step | None = None,
+    stages: Sequence[Stage] = STAGES,
 ) -> Solution:
     """Fit the motion of all performers between their key poses.
 
@@ -71,13 +81,13 @@ def solve(
     geometry, motions = problem.geometry(), list(start)
     seconds: Counter[str] = Counter()
     energies: list[float] = []
-    planned = sum(stage.iterations for stage in STAGES)
-    for s, stage in enumerate(STAGES):
-        before = sum(earlier.iterations for earlier in STAGES[:s])
+    planned = sum(stage.iterations for stage in stages)
+    for s, stage in enumerate(stages):
+        before = sum(earlier.iterations for earlier in stages[:s])
         for i in range(stage.iterations):
             if on_step is not None:
                 on_step((before + i) / planned, motions)
-            poses, evidence = problem.evidence(geometry, motions, stage.sigma, stage.tolerance)
+            poses, evidence = problem.evidence(geometry, motions, stage.sigma, stage.tolerance, stage.stride)
             seconds.update(evidence.seconds)
             begin = time.perf_counter()
             systems = normal_equations(problem, motions, poses, evidence, settings)
@@ -99,6 +109,11 @@ def solve(
     )
 
 
+def refine(problem: Problem, start: Sequence[Motion], settings: Settings, on_step: Step | None = None) -> Solution:
+    """Go on from a solution of `solve`, when more is known of the motion around it."""
+    return solve(problem, start, settings, on_step, REFINEMENT)
+
+
 def normal_equations(
     problem: Problem,
     motions: Sequence[Motion],
@@ -113,16 +128,17 @@ def normal_equations(
     g = np.einsum("v,vfpi->fpi", precision, evidence.g)
     energy = float(precision @ evidence.energy.sum(axis=1)) / len(problem.bodies)
     systems = []
-    for body, motion, span in zip(problem.bodies, motions, problem.spans(), strict=True):
+    for i, (body, span) in enumerate(zip(problem.bodies, problem.spans(), strict=True)):
         gradients = joint_blocks(body, (R[:, span], T[:, span]), H[:, span], g[:, span], energy)
-        systems.append(gradients + smoothness(motion, acceleration_precision(body.dof, problem.fps, settings)))
+        smooth = problem.smoothness(i, motions[i], acceleration_precision(body.dof, problem.fps, settings))
+        systems.append(gradients + smooth)
     return systems
 
 
 def view_precision(evidence: Evidence, settings: Settings) -> Array:
     """Inverse variance of a residual of each view, with the pixels that repeat one another counted once, shape (V,)."""
     noise = np.maximum(np.median(evidence.noise, axis=1), 1e-3)
-    return 1 / (noise**2 * settings.pixel_correlation)
+    return evidence.stride**2 / (noise**2 * settings.pixel_correlation)
 
 
 def acceleration_precision(dof: int, fps: float, settings: Settings) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -9,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body import Body
+from ..constraints import BandedBlocks, smoothness
 from ..evidence.collect import Evidence, gradient_evidence, scene_poses
 from ..evidence.images import ViewFrames
-from ..motion import Motion
+from ..motion import Motion, stacked
 from ..visibility import Geometry
 from .banded import BandedFactor
 
@@ -33,6 +35,9 @@ class Problem:
     fps : float
     fixed : tuple of ndarray of bool, shape (F, D)
         Per performer: the degrees of freedom that key poses hold.
+    before, after : tuple of Motion or None
+        Per performer: the pose on the frame before the first and after the last, where it is known. It is held, and the
+        motion passes smoothly from and to it.
     """
 
     views: tuple[ViewFrames, ...]
@@ -40,6 +45,8 @@ class Problem:
     first: int
     fps: float
     fixed: tuple[NDArray[np.bool_], ...]
+    before: tuple[Motion, ...] | None = None
+    after: tuple[Motion, ...] | None = None
 
     @property
     def length(self) -> int:
@@ -51,14 +58,22 @@ class Problem:
     def spans(self) -> list[slice]:
         """The parts of each performer in arrays over all performers' parts."""
         ends = np.cumsum([0] + [len(body) for body in self.bodies])
-        return [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        return [slice(a, b) for a, b in itertools.pairwise(ends)]
+
+    def smoothness(self, performer: int, motion: Motion, precision: Array) -> BandedBlocks:
+        """Smoothness of one performer's F poses, with those that are known around them."""
+        around = [side[performer] if side else None for side in (self.before, self.after)]
+        known = stacked([m for m in (around[0], motion, around[1]) if m is not None])
+        blocks = smoothness(known, precision)
+        start = 0 if around[0] is None else 1
+        return blocks.cut(start, start + self.length)
 
     def evidence(
-        self, geometry: Geometry, motions: Sequence[Motion], sigma: float, tolerance: float
+        self, geometry: Geometry, motions: Sequence[Motion], sigma: float, tolerance: float, stride: int
     ) -> tuple[tuple[Array, Array], Evidence]:
         """World poses of all parts, and the gradient evidence around them."""
         poses = scene_poses(self.bodies, motions)
-        return poses, gradient_evidence(self.views, geometry, poses, self.first, sigma, tolerance)
+        return poses, gradient_evidence(self.views, geometry, poses, self.first, sigma, tolerance, stride)
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,6 +37,8 @@ INITIAL = ((2.0, 8.0), (1.0, 4.0), (1.0, 4.0))
 """Smoothing and tolerance of the steps from one frame to the next that make the initial solution."""
 FINE = (1.0, 1.0)
 """Smoothing and tolerance of the gradients of the sweeps."""
+STRIDE = 2
+"""Every how many pixels, each way, the gradients are taken."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,9 +74,7 @@ class Steps:
         return np.concatenate([self.shifts, self.turns.reshape(len(self.turns), -1)], axis=1)
 
 
-def solve(
-    problem: Problem, start: Sequence[Motion], settings: Settings, on_step: Step | None = None
-) -> Solution:
+def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step: Step | None = None) -> Solution:
     """Fit the motion of all performers by relaxation; parameters as of `gauss_newton.solve`.
 
     A stretch that ends without a key pose has no terminal constraint. Key poses of some degrees of freedom within
@@ -88,7 +88,7 @@ def solve(
     for sweep in range(0, settings.sweeps, RELINEARISE):
         if on_step is not None:
             on_step(0.2 + 0.8 * sweep / settings.sweeps, motions)
-        poses, evidence = problem.evidence(geometry, motions, *FINE)
+        poses, evidence = problem.evidence(geometry, motions, *FINE, STRIDE)
         seconds.update(evidence.seconds)
         energies.append(float(evidence.energy.sum()))
         begin = time.perf_counter()
@@ -96,9 +96,7 @@ def solve(
         count = min(RELINEARISE, settings.sweeps - sweep)
         relaxed = []
         for i, (body, span) in enumerate(zip(problem.bodies, problem.spans(), strict=True)):
-            A, b = spatio_temporal(
-                body, (poses[0][:, span], poses[1][:, span]), H[:, span], g[:, span], motions[i]
-            )
+            A, b = spatio_temporal(body, (poses[0][:, span], poses[1][:, span]), H[:, span], g[:, span], motions[i])
             relaxed.append(relax(motions[i], start[i], problem.fixed[i], A, b, count))
         motions = relaxed
         seconds["solve"] += time.perf_counter() - begin
@@ -126,7 +124,7 @@ def follow_gradients(problem: Problem, start: Sequence[Motion], on_step: Step | 
         here = [stacked([p[-1], p[-1]]) for p in poses]
         pair = Problem(problem.views, problem.bodies, problem.first + j - 1, problem.fps, problem.fixed)
         for sigma, tolerance in INITIAL:
-            world, evidence = pair.evidence(geometry, here, sigma, tolerance)
+            world, evidence = pair.evidence(geometry, here, sigma, tolerance, STRIDE)
             H, g = evidence.H.sum(axis=0), evidence.g.sum(axis=0)
             for i, (body, span) in enumerate(zip(problem.bodies, problem.spans(), strict=True)):
                 blocks = joint_blocks(body, (world[0][:, span], world[1][:, span]), H[:, span], g[:, span], 0.0)
@@ -138,9 +136,7 @@ def follow_gradients(problem: Problem, start: Sequence[Motion], on_step: Step | 
     return [stacked(p) for p in poses]
 
 
-def spatio_temporal(
-    body: Body, poses: tuple[Array, Array], H: Array, g: Array, motion: Motion
-) -> tuple[Array, Array]:
+def spatio_temporal(body: Body, poses: tuple[Array, Array], H: Array, g: Array, motion: Motion) -> tuple[Array, Array]:
     """A_t,j and b_t,j of equation (23) around the current motion, shapes (n, D, D) and (n, D).
 
     The rows of frame pair (j - 1, j) count for x_j alone, as in equation (12).
