@@ -5,12 +5,12 @@ Importing it pulls in neither Blender nor the core: each is loaded when asked fo
 
 
 def register() -> None:
-    from . import kfmocap_addon
+    from .kfmocap_addon import register as register_addon
 
-    kfmocap_addon.register()
+    register_addon()
 
 
 def unregister() -> None:
-    from . import kfmocap_addon
+    from .kfmocap_addon import unregister as unregister_addon
 
-    kfmocap_addon.unregister()
+    unregister_addon()

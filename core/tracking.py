@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import time
-from collections import Counter
+import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import reduce
-from itertools import count, islice, pairwise
+from itertools import count, pairwise, zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +21,7 @@ from .shot import Performer, Progress, Shot, View, report_progress
 from .solvers import gauss_newton, relaxation
 from .solvers.banded import BandedFactor
 from .solvers.problem import Problem, Solution
+from .timing import Seconds
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -124,7 +124,7 @@ class _Job:
     def __init__(self, shot: Shot, progress: Progress | None, observe: Observer | None) -> None:
         self.shot, self.progress, self.observe = shot, progress, observe
         self.motions = [spline(performer.key_poses, shot.length) for performer in shot.performers]
-        self.seconds: Counter[str] = Counter()
+        self.seconds = Seconds()
         self._results: dict[Stretch, SegmentResult] = {}
         self._share = np.ones((len(shot.views), shot.length, sum(len(p.body) for p in shot.performers)))
         self._residual = np.zeros(shot.length)
@@ -161,7 +161,7 @@ class _Job:
         solution = solver(problem, [m[frames] for m in self.motions], self.shot.settings, on_step)
         self._begun += part
         self.motions = [m.replaced(problem.first, new) for m, new in zip(self.motions, solution.motions, strict=True)]
-        self.seconds.update(solution.seconds)
+        self.seconds.add(solution.seconds)
         self._share[:, frames] = solution.share
         self._residual[frames] = solution.residual
         self._results[stretch] = SegmentResult(
@@ -173,7 +173,7 @@ class _Job:
         ends = np.cumsum([0] + [len(performer.body) for performer in performers])
         return TrackResult(
             tuple(_with_keys(m, p) for m, p in zip(self.motions, performers, strict=True)),
-            dict(self.seconds),
+            self.seconds,
             len(self.shot.views) * self.shot.length,
             tuple(self._results.values()),
             tuple(self._share[:, :, a:b] for a, b in pairwise(ends)),
@@ -198,28 +198,38 @@ def working_factor(view: View, working_size: int) -> float:
 
 
 def _footage_by_segment(
-    shot: Shot, stretches: Sequence[Stretch], seconds: Counter[str]
+    shot: Shot, stretches: Sequence[Stretch], seconds: Seconds
 ) -> Iterator[tuple[Stretch, tuple[ViewFrames, ...]]]:
-    """Every stretch with its frames, decoded once and in order."""
+    """Every stretch with its frames, decoded once and in order; three stretches are held at most."""
     factors = [working_factor(view, shot.settings.working_size) for view in shot.views]
     frames = range(shot.frames[0], shot.frames[1] + 1)
     streams = [frames_at(view, frames, factor) for view, factor in zip(shot.views, factors, strict=True)]
     cameras = [v.camera.reduced(f).rectified() for v, f in zip(shot.views, factors, strict=True)]
-    held: list[Sequence[Image]] = [() for _ in streams]
+    stop = threading.Event()
     with ThreadPoolExecutor(_WORKERS) as pool:
-        for first, last in stretches:
-            begin = time.perf_counter()
-            length = last + 1 - first
-            jobs = [pool.submit(_read, s, h, length) for s, h in zip(streams, held, strict=True)]
-            stacks = [job.result() for job in jobs]
-            seconds["footage"] += time.perf_counter() - begin
-            yield (first, last), tuple(ViewFrames(c, grey, first) for c, grey in zip(cameras, stacks, strict=True))
-            held = [grey[-1:] for grey in stacks]
+
+        def read(stretch: Stretch, held: Sequence[Image]) -> list[Future[Image]]:
+            length = stretch[1] + 1 - stretch[0]
+            return [pool.submit(_read, s, h, length, stop) for s, h in zip(streams, held, strict=True)]
+
+        coming = read(stretches[0], [np.empty(0, np.uint8)] * len(streams))
+        try:
+            for stretch, following in zip_longest(stretches, stretches[1:]):
+                with seconds.measure("footage"):
+                    stacks = [job.result() for job in coming]
+                if following is not None:  # it is decoded while this one is solved
+                    coming = read(following, [grey[-1:] for grey in stacks])
+                yield stretch, tuple(ViewFrames(c, grey, stretch[0]) for c, grey in zip(cameras, stacks, strict=True))
+        finally:
+            stop.set()
 
 
-def _read(stream: Iterator[Image], held: Sequence[Image], count: int) -> Image:
-    """Frames of a stream up to a count, those that are held already first."""
-    return np.stack([*held, *islice(stream, count - len(held))])
+def _read(stream: Iterator[Image], held: Image, count: int, stop: threading.Event) -> Image:
+    """Frames of a stream up to a count, those that are held already first; fewer when told to stop."""
+    frames = list(held)
+    while len(frames) < count and not stop.is_set():
+        frames.append(next(stream))
+    return np.stack(frames)
 
 
 def _problem(

@@ -87,9 +87,7 @@ def fetch(platform: str) -> list[str]:
     for name, digest in lock.items():
         path = CACHE / name
         if not path.exists():
-            raise BuildError(
-                f"{name} is in {LOCK.name}, but the registry offers another file: --update-lock?"
-            )
+            raise BuildError(f"{name} is in {LOCK.name}, but the registry offers another file: --update-lock?")
         if sha256(path) != digest:
             raise BuildError(f"{path} does not have the SHA-256 in {LOCK.name}; delete it and try again")
     return list(lock)
@@ -119,9 +117,7 @@ def update_lock() -> None:
             shutil.copy(path, CACHE / path.name)
     LOCK.write_text("# Written by `python tools/build_extension.py --update-lock`.\n[sha256]\n" + lines)
     manifest = ROOT / MANIFEST
-    manifest.write_text(
-        with_list(manifest.read_text(), "wheels", [f"./wheels/{path.name}" for path in wheels])
-    )
+    manifest.write_text(with_list(manifest.read_text(), "wheels", [f"./wheels/{path.name}" for path in wheels]))
 
 
 def with_list(toml: str, key: str, values: Iterable[str]) -> str:
@@ -139,9 +135,7 @@ def stage(folder: Path, platforms: Iterable[str], wheels: Iterable[str]) -> None
     excluded = tomllib.loads(toml)["build"]["paths_exclude_pattern"]
     at_root = shutil.ignore_patterns(*(pattern.strip("/") for pattern in excluded))
     below = shutil.ignore_patterns(*(pattern.strip("/") for pattern in excluded if pattern[0] != "/"))
-    shutil.copytree(
-        ROOT, folder, ignore=lambda path, names: (at_root if Path(path) == ROOT else below)(path, names)
-    )
+    shutil.copytree(ROOT, folder, ignore=lambda path, names: (at_root if Path(path) == ROOT else below)(path, names))
     (folder / "wheels").symlink_to(CACHE)
     toml = with_list(toml, "platforms", platforms)
     toml = with_list(toml, "wheels", [f"./wheels/{name}" for name in wheels])

@@ -67,9 +67,7 @@ def main() -> int:
 
     if sys.version_info[:2] != BPY_PYTHON:
         wanted, found = (".".join(map(str, version)) for version in (BPY_PYTHON, sys.version_info[:3]))
-        print(
-            f"bpy 5.0.1 needs Python {wanted}, this is {found}: make install PYTHON=/path/to/python{wanted}"
-        )
+        print(f"bpy 5.0.1 needs Python {wanted}, this is {found}: make install PYTHON=/path/to/python{wanted}")
         return 1
     if packages := missing_packages():
         print("Some Debian packages are missing on this machine. Install them, then run make again:\n")

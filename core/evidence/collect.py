@@ -103,7 +103,8 @@ def gradient_evidence(
         "label images": sum(run.seconds[0] for run in done) / workers,
         "gradients": sum(run.seconds[1] for run in done) / workers,
     }
-    return Evidence(*(joined(name) for name in ("H", "g", "energy", "weight", "noise")), share, stride, seconds)
+    H, g, energy, weight, noise = (joined(name) for name in ("H", "g", "energy", "weight", "noise"))
+    return Evidence(H, g, energy, weight, noise, share, stride, seconds)
 
 
 @dataclass(frozen=True, eq=False)

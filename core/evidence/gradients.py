@@ -150,7 +150,7 @@ def brightness_constancy(
         A_t @ sums[..., :12, :12] @ A,
         (A_t @ sums[..., :12, 12:])[..., 0],
         sums[..., 12, 12].sum(axis=1),
-        np.add.reduceat(np.append(weight, 0.0), bounds[:-1]) * (np.diff(bounds) > 0),
+        np.bincount(pixels.frame, weight, minlength=m).astype(float),
         noise,
     )
 

@@ -9,8 +9,6 @@ freedom are not among the unknowns.
 
 from __future__ import annotations
 
-import time
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -21,6 +19,7 @@ from ..constraints import BandedBlocks
 from ..evidence.collect import Evidence, joint_blocks
 from ..motion import Motion
 from ..shot import Settings
+from ..timing import Seconds
 from .banded import BandedFactor
 from .problem import Problem, Solution, Step, frame_residual
 
@@ -79,7 +78,7 @@ def solve(
         Called before each iteration with the share of the work done and the motions; may raise to end the job.
     """
     geometry, motions = problem.geometry(), list(start)
-    seconds: Counter[str] = Counter()
+    seconds = Seconds()
     energies: list[float] = []
     planned = sum(stage.iterations for stage in stages)
     for s, stage in enumerate(stages):
@@ -88,14 +87,13 @@ def solve(
             if on_step is not None:
                 on_step((before + i) / planned, motions)
             poses, evidence = problem.evidence(geometry, motions, stage.sigma, stage.tolerance, stage.stride)
-            seconds.update(evidence.seconds)
-            begin = time.perf_counter()
-            systems = normal_equations(problem, motions, poses, evidence, settings)
-            factors = [BandedFactor(n, fixed) for n, fixed in zip(systems, problem.fixed, strict=True)]
-            steps = [limited(-f.solve(n.gradient)) for f, n in zip(factors, systems, strict=True)]
-            motions = [motion.moved(step) for motion, step in zip(motions, steps, strict=True)]
-            energies.append(sum(n.energy for n in systems))
-            seconds["solve"] += time.perf_counter() - begin
+            seconds.add(evidence.seconds)
+            with seconds.measure("solve"):
+                systems = normal_equations(problem, motions, poses, evidence, settings)
+                factors = [BandedFactor(n, fixed) for n, fixed in zip(systems, problem.fixed, strict=True)]
+                steps = [limited(-f.solve(n.gradient)) for f, n in zip(factors, systems, strict=True)]
+                motions = [motion.moved(step) for motion, step in zip(motions, steps, strict=True)]
+                energies.append(sum(n.energy for n in systems))
             if max(float(np.abs(step).max()) for step in steps) < SMALLEST_STEP:
                 break
     return Solution(
@@ -105,7 +103,7 @@ def solve(
         tuple(factors),
         evidence.share,
         frame_residual(evidence),
-        dict(seconds),
+        seconds,
     )
 
 

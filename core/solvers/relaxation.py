@@ -8,8 +8,6 @@ terms (A.5) and (A.6). Grey levels count 0 to 1.
 
 from __future__ import annotations
 
-import time
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -21,6 +19,7 @@ from ..body import Body
 from ..evidence.collect import joint_blocks
 from ..motion import Motion, stacked
 from ..shot import Settings
+from ..timing import Seconds
 from .problem import Problem, Solution, Step, frame_residual
 
 Array = NDArray[np.float64]
@@ -80,26 +79,24 @@ def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step
     A stretch that ends without a key pose has no terminal constraint. Key poses of some degrees of freedom within
     the stretch are held as they are.
     """
-    geometry, seconds = problem.geometry(), Counter[str]()
-    begin = time.perf_counter()
-    motions = follow_gradients(problem, start, on_step)
-    seconds["initial solution"] += time.perf_counter() - begin
+    geometry, seconds = problem.geometry(), Seconds()
+    with seconds.measure("initial solution"):
+        motions = follow_gradients(problem, start, on_step)
     energies: list[float] = []
     for sweep in range(0, settings.sweeps, RELINEARISE):
         if on_step is not None:
             on_step(0.2 + 0.8 * sweep / settings.sweeps, motions)
         poses, evidence = problem.evidence(geometry, motions, *FINE, STRIDE)
-        seconds.update(evidence.seconds)
+        seconds.add(evidence.seconds)
         energies.append(float(evidence.energy.sum()))
-        begin = time.perf_counter()
         H, g = evidence.H.sum(axis=0), evidence.g.sum(axis=0)
         count = min(RELINEARISE, settings.sweeps - sweep)
-        relaxed = []
-        for i, (body, span) in enumerate(zip(problem.bodies, problem.spans(), strict=True)):
-            A, b = spatio_temporal(body, (poses[0][:, span], poses[1][:, span]), H[:, span], g[:, span], motions[i])
-            relaxed.append(relax(motions[i], start[i], problem.fixed[i], A, b, count))
+        with seconds.measure("solve"):
+            relaxed = []
+            for i, (body, span) in enumerate(zip(problem.bodies, problem.spans(), strict=True)):
+                A, b = spatio_temporal(body, (poses[0][:, span], poses[1][:, span]), H[:, span], g[:, span], motions[i])
+                relaxed.append(relax(motions[i], start[i], problem.fixed[i], A, b, count))
         motions = relaxed
-        seconds["solve"] += time.perf_counter() - begin
     return Solution(
         tuple(_held(m, s, fixed) for m, s, fixed in zip(motions, start, problem.fixed, strict=True)),
         settings.sweeps,
@@ -107,7 +104,7 @@ def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step
         (),
         evidence.share,
         frame_residual(evidence),
-        dict(seconds),
+        seconds,
     )
 
 
