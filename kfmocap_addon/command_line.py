@@ -80,7 +80,10 @@ def _parser() -> argparse.ArgumentParser:
     demo.set_defaults(run=_demo)
 
     bench = commands.add_parser("bench", help="measure the tracker's errors and times on the examples")
-    bench.add_argument("--out", type=Path, metavar="DIR", help="also write the tables there")
+    bench.add_argument("--out", type=Path, metavar="DIR", help="also write bench.md and bench.json there")
+    bench.add_argument("--shot", metavar="NAME", help="of one example only: beam or walk")
+    bench.add_argument("--quick", action="store_true", help="a few rows only")
+    bench.add_argument("--repeat", type=int, default=1, metavar="N", help="times are medians of N runs (default: 1)")
     bench.set_defaults(run=_bench)
     return parser
 

@@ -166,6 +166,12 @@ def read_key_poses(armature: bpy.types.Object, frame_start: int, length: int) ->
     return KeyPoses(frames, poses, _fixed_dofs(armature, held[frames]))
 
 
+def read_motion(armature: bpy.types.Object, frame_start: int, length: int) -> Motion:
+    """The motion that the F-curves show, whoever set their keys, on scene frames from `frame_start` on."""
+    channels = body_channels(armature)
+    return _motion(armature, _evaluate(armature, channels, frame_start + np.arange(length)))
+
+
 def key_current_pose(armature: bpy.types.Object, frame: int, bones: Collection[str] | None = None) -> None:
     """Key the pose that an armature shows now, as the animator's own: type KEYFRAME also over tracked keys.
 

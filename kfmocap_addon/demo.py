@@ -29,7 +29,7 @@ def run(out_dir: Path, blender: bool, solver: str | None) -> int:
     check_output(out_dir)
     if blender:
         require_blender()
-    folder = _shot_folder()
+    folder = _demo_folder()
     begin = time.perf_counter()
     shot = load_shot(folder / "shot.toml", solver=solver)
     seconds = {"shot": time.perf_counter() - begin}
@@ -50,19 +50,34 @@ def _summary(shot: Shot, out_dir: Path, folder: Path, seconds: float) -> str:
     )
 
 
-def _shot_folder() -> Path:
-    """A folder with shot.toml and all that it names."""
-    if not (_EXAMPLES / "beam" / "shot.toml").is_file():
+def example_folder(name: str) -> Path:
+    """The folder of an example, with shot.toml and all that it names; the footage of "beam" is fetched once.
+
+    Raises
+    ------
+    FootageError
+        The example is not installed, or its footage cannot be had.
+    """
+    if not (_EXAMPLES / name / "shot.toml").is_file():
         raise FootageError("the examples are not installed", where=str(_EXAMPLES), todo="run it from a checkout")
+    if name != "beam":
+        return _EXAMPLES / name
     try:
         return _beam_folder()
-    except (FootageError, OSError) as error:
+    except OSError as error:
+        raise FootageError(f"the cache cannot be written: {error}", where=PACKAGE) from error
+
+
+def _demo_folder() -> Path:
+    try:
+        return example_folder("beam")
+    except FootageError as error:
         print(
             f"kfmocap: the demo's footage could not be fetched: {' '.join(str(error).split())}",
             file=sys.stderr,
         )
         print("kfmocap: tracking the small rendered example instead", file=sys.stderr)
-        return _EXAMPLES / "walk"
+        return example_folder("walk")
 
 
 def _beam_folder() -> Path:

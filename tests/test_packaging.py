@@ -17,7 +17,7 @@ from conftest import ROOT
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 MANIFEST = tomllib.loads((ROOT / "blender_manifest.toml").read_text())
-SOURCES = sorted(path for part in ("core", "kfmocap_addon") for path in (ROOT / part).rglob("*.py"))
+SOURCES = sorted(path for part in ("benchmarks", "core", "kfmocap_addon") for path in (ROOT / part).rglob("*.py"))
 
 
 def run_python(code: str, cwd: Path) -> subprocess.CompletedProcess:

@@ -1,0 +1,1 @@
+"""How far from the truth the tracker ends, and how long it takes."""

@@ -1,0 +1,20 @@
+"""What an animator would have without the tracker: Blender's own curves through the key poses."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..core.motion import Motion
+from ..core.shot import Performer
+from ..kfmocap_addon import curves, rig
+
+
+def interpolated(performer: Performer, length: int) -> Motion:
+    """The key poses as Bezier keys with auto-clamped handles, Blender's default, evaluated on every frame.
+
+    It closes the open file.
+    """
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    armature = rig.build_armature(performer.body, performer.name, bpy.context.scene.collection)
+    curves.write_key_poses(armature, performer.key_poses, 0)
+    return curves.read_motion(armature, 0, length)

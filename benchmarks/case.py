@@ -1,0 +1,104 @@
+"""One case, measured in a process of its own: `python -m kfmocap.benchmarks.case CASE FOLDER` prints JSON."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+from ..core.body import landmark_positions
+from ..core.formats import Landmarks, load_shot, read_trc
+from ..core.interpolation import spline
+from ..core.motion import Motion
+from ..core.scoring import Score, joint_error
+from ..core.shot import Shot
+from ..core.tracking import Stretch, track
+
+
+class Reference:
+    """The landmarks that a shot's motion is compared with."""
+
+    def __init__(self, shot: Shot, file: Path) -> None:
+        self.performer, self.fps, self._landmarks = shot.performers[0], shot.fps, read_trc(file)
+
+    def score(self, motion: Motion) -> Score:
+        body = self.performer.body
+        names = tuple(body.landmarks)
+        found = Landmarks(names, landmark_positions(body, motion, names), self.fps)
+        return joint_error(found, self._landmarks, self.performer.key_poses.frames.tolist())
+
+
+class Watch:
+    """Motions on the way to a solution, as `track` shows them."""
+
+    def __init__(self) -> None:
+        self.seen: dict[Stretch, list[Motion]] = {}
+
+    def __call__(self, stretch: Stretch, _number: int, motions: Any) -> None:
+        self.seen.setdefault(stretch, []).append(motions[0])
+
+    def way(self, end: Motion) -> list[Motion]:
+        """The whole motion before each iteration and after the last; stretches that are done wait for the others."""
+        steps = max(len(motions) for motions in self.seen.values())
+        return [self._at(step, end) for step in range(steps)] + [end]
+
+    def before_last(self, end: Motion) -> Motion:
+        """The whole motion with every stretch as it was when last seen."""
+        return self._at(-1, end)
+
+    def _at(self, step: int, end: Motion) -> Motion:
+        for (first, _last), motions in self.seen.items():
+            if step < len(motions):
+                end = end.replaced(first, motions[step])
+        return end
+
+
+def measure(case: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Track a case of the shot in a folder; the errors are mean joint errors in millimetres."""
+    begin = time.perf_counter()
+    shot = load_shot(folder / "shot.toml", views=case["cameras"], keyframes=case["keyframes"], solver=case["solver"])
+    if case["sweeps"] is not None:
+        shot = replace(shot, settings=replace(shot.settings, sweeps=case["sweeps"]))
+    loaded = time.perf_counter()
+    watch = Watch() if case["watch"] else None
+    result = track(shot, observe=watch)
+    seconds = {"load": loaded - begin, **result.seconds, "total": time.perf_counter() - begin}
+    memory = peak_memory()
+    reference = Reference(shot, folder / "landmarks.trc")
+    return {
+        "score": asdict(reference.score(result.motions[0])),
+        "spline": reference.score(spline(reference.performer.key_poses, shot.length)).mean,
+        "blender": _blender_error(shot, reference),
+        "way": [reference.score(m).mean for m in watch.way(result.motions[0])] if watch else None,
+        "before_last": reference.score(watch.before_last(result.motions[0])).mean if watch else None,
+        "seconds": seconds,
+        "camera_frames": result.camera_frames,
+        "iterations": [segment.iterations for segment in result.segments],
+        "memory": memory,
+    }
+
+
+def _blender_error(shot: Shot, reference: Reference) -> float | None:
+    """Error of what Blender itself makes of the key poses; None where its module is not installed."""
+    try:
+        from .blender_curves import interpolated
+    except ImportError:
+        return None
+    return reference.score(interpolated(reference.performer, shot.length)).mean
+
+
+def peak_memory() -> int | None:
+    """Largest resident size of this process so far, bytes; None where the system does not tell."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak
+
+
+if __name__ == "__main__":
+    print(json.dumps(measure(json.loads(sys.argv[1]), Path(sys.argv[2]))))

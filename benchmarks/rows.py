@@ -1,0 +1,78 @@
+"""What is measured: sets of cameras and key frames of the example shots."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from ..core.shot import SOLVERS
+
+BEAM = ("cam01", "cam02", "cam03", "cam04")
+WALK = ("cam01", "cam02", "cam03")
+
+
+@dataclass(frozen=True)
+class Row:
+    """A shot with some of its cameras and with key poses at some frames.
+
+    Attributes
+    ----------
+    keyframes : tuple of int
+        In the footage's count.
+    quick : bool
+        Also measured when time is short.
+    """
+
+    shot: str
+    cameras: tuple[str, ...]
+    keyframes: tuple[int, ...]
+    quick: bool = False
+
+
+CONVERGENCE = Row("beam", BEAM, (0, 33, 66, 99), quick=True)
+"""Where both solvers are watched on their way."""
+ROWS = (
+    Row("beam", BEAM, (0, 20, 40, 60, 80, 99)),
+    CONVERGENCE,
+    Row("beam", BEAM, (0, 50, 99)),
+    Row("beam", BEAM, (0, 99)),
+    Row("beam", ("cam01", "cam03"), (0, 33, 66, 99)),
+    Row("beam", ("cam01",), (0, 20, 40, 60, 80, 99)),
+    Row("beam", ("cam01",), (0, 33, 66, 99), quick=True),
+    Row("walk", WALK, (0, 20, 39, 59), quick=True),
+    Row("walk", ("cam01", "cam02"), (0, 20, 39, 59)),
+    Row("walk", ("cam01",), (0, 20, 39, 59), quick=True),
+)
+SWEEPS = (5, 50, 500)
+"""Sweeps of the relaxation on that row; the last are the default's."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A row and how it is solved; `watch` also measures the error on the way."""
+
+    row: Row
+    solver: str
+    sweeps: int | None = None
+    watch: bool = False
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain values."""
+        row = self.row
+        return {
+            "shot": row.shot,
+            "cameras": list(row.cameras),
+            "keyframes": list(row.keyframes),
+            "solver": self.solver,
+            "sweeps": self.sweeps,
+            "watch": self.watch,
+        }
+
+
+def cases(shot: str | None = None, quick: bool = False) -> list[Case]:
+    """All cases, or those of one shot, or the quick ones."""
+    rows = [row for row in ROWS if shot in (None, row.shot) and (row.quick or not quick)]
+    found = [Case(row, solver, watch=row == CONVERGENCE) for row in rows for solver in SOLVERS]
+    if CONVERGENCE in rows and not quick:
+        found += [Case(CONVERGENCE, "relaxation", sweeps, watch=True) for sweeps in SWEEPS[:-1]]
+    return found

@@ -1,0 +1,94 @@
+"""Results as Markdown tables that read well on a terminal, too."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import zip_longest
+from typing import Any
+
+Result = dict[str, Any]
+"""A case's values and what was measured, as bench.json has them."""
+Row = tuple[str, ...]
+
+
+def markdown(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table; cells are padded to their column's width, numbers stand to the right."""
+    rows = [list(row) for row in rows]
+    numbers = [all(re.fullmatch(r"[0-9.]*|-", row[c]) for row in rows) for c in range(len(heads))]
+    widths = [max(len(row[c]) for row in [list(heads), *rows]) for c in range(len(heads))]
+
+    def line(cells: Sequence[str]) -> str:
+        padded = [c.rjust(w) if n else c.ljust(w) for c, w, n in zip(cells, widths, numbers, strict=True)]
+        return f"| {' | '.join(padded)} |"
+
+    rule = [f"{'-' * (w - 1)}:" if n else "-" * w for w, n in zip(widths, numbers, strict=True)]
+    return "\n".join([line(heads), f"| {' | '.join(rule)} |", *map(line, rows)])
+
+
+def errors(results: Sequence[Result]) -> str:
+    """Mean joint error in millimetres of both solvers beside curves through the key poses alone."""
+    by_row: dict[Row, dict[str, Result]] = {}
+    for result in defaults(results):
+        by_row.setdefault(_row(result), {})[result["solver"]] = result
+    heads = ("shot", "cameras", "key frames", "Gauss-Newton", "relaxation", "Blender's curves", "spline")
+    rows = []
+    for row, found in by_row.items():
+        either = next((r for r in found.values() if "error" not in r), None)
+        solved = [_number(found.get(s), lambda r: r["score"]["mean"]) for s in ("gauss-newton", "relaxation")]
+        rows.append([*row, *solved, *(_number(either, lambda r, c=c: r[c]) for c in ("blender", "spline"))])
+    return markdown(heads, rows)
+
+
+def times(results: Sequence[Result]) -> str:
+    """Seconds by stage, speed, memory and iterations of every case."""
+    stages = list(dict.fromkeys(s for r in defaults(results) for s in r.get("seconds", {}) if s != "total"))
+    heads = ("shot", "cameras", "key frames", "solver", *stages, "total", "camera-frames/s", "MB", "iterations")
+    rows = []
+    for result in defaults(results):
+        seconds = [_number(result, lambda r, s=s: r["seconds"].get(s)) for s in (*stages, "total")]
+        speed = _number(result, lambda r: r["camera_frames"] / r["seconds"]["total"])
+        memory = _number(result, lambda r: r["memory"] and r["memory"] / 1e6, 0)
+        iterations = _number(result, lambda r: sum(r["iterations"]) / len(r["iterations"]), 0)
+        rows.append([*_row(result), result["solver"], *seconds, speed, memory, iterations])
+    return markdown(heads, rows)
+
+
+def convergence(results: Sequence[Result]) -> str:
+    """The error on the way: after each iteration of Gauss-Newton, and after some sweeps of the relaxation."""
+    watched = [result for result in results if result.get("way")]
+    newton = [result["way"] for result in watched if result["solver"] == "gauss-newton"]
+    left = [(str(i), f"{error:.1f}") for way in newton[:1] for i, error in enumerate(way)]
+    right = _sweeps([result for result in watched if result["solver"] == "relaxation"])
+    heads = ("Gauss-Newton iterations", "error, mm", "relaxation sweeps", "error, mm", "seconds")
+    return markdown(heads, [[*a, *b] for a, b in _side_by_side(left, right)])
+
+
+def _sweeps(results: Sequence[Result]) -> list[Row]:
+    results = sorted(results, key=lambda r: r["iterations"][0])
+    lines = [(str(r["iterations"][0]), f"{r['score']['mean']:.1f}", f"{r['seconds']['total']:.1f}") for r in results]
+    # The run with the fewest sweeps measures the gradients once, around the initial solution.
+    return [("0", f"{results[0]['before_last']:.1f}", "-"), *lines] if results else []
+
+
+def _side_by_side(left: Sequence[Row], right: Sequence[Row]) -> Iterator[tuple[Row, Row]]:
+    """Rows of both, the shorter one filled up with empty cells."""
+    empty = ("",) * 2, ("",) * 3
+    return ((a or empty[0], b or empty[1]) for a, b in zip_longest(left, right))
+
+
+def defaults(results: Sequence[Result]) -> list[Result]:
+    """Those with the default settings."""
+    return [result for result in results if result["sweeps"] is None]
+
+
+def _row(result: Result) -> Row:
+    cameras = result["cameras"]
+    named = str(len(cameras)) if len(cameras) > 2 else "+".join(cameras)
+    return result["shot"], named, " ".join(map(str, result["keyframes"]))
+
+
+def _number(result: Result | None, value: Callable[[Result], float | None], digits: int = 1) -> str:
+    """A measured value as text; a dash where the case failed or has no such value."""
+    found = value(result) if result and "error" not in result else None
+    return "-" if found is None else f"{found:.{digits}f}"
