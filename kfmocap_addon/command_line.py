@@ -37,7 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         Exit code: 0 when everything asked for was written, 1 after an error, 130 when interrupted.
     """
     _quiet_libraries()
-    args = _parser().parse_args(argv)
+    args = parser().parse_args(argv)
     from ..core.errors import KFMocapError
 
     try:
@@ -62,7 +62,7 @@ def _quiet_libraries() -> None:
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="kfmocap", description="Keyframe motion tracking of performers.")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
