@@ -15,7 +15,11 @@ from kfmocap.kfmocap_addon import command_line
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = [ROOT / "README.md", *sorted(ROOT.glob("examples/*/README.md"))]
-COMMANDS = re.findall(r"(?:^ {4}|`|--command )kfmocap ([^`\n]+)", README, re.MULTILINE)
+COMMANDS = [
+    command
+    for page in PAGES
+    for command in re.findall(r"(?:^ {4}|`|--command )kfmocap ([^`\n]+)", page.read_text(), re.MULTILINE)
+]
 
 
 def block(language: str) -> str:
@@ -31,8 +35,8 @@ def test_commands_are_understood(command: str) -> None:
 
 
 def test_commands_were_found() -> None:
-    assert {command.split()[0] for command in COMMANDS} == {"track", "bench"}
-    assert len(COMMANDS) >= 5
+    assert {command.split()[0] for command in COMMANDS} == {"track", "demo", "bench"}
+    assert len(COMMANDS) >= 8
 
 
 def test_make_targets_exist() -> None:
