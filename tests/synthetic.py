@@ -140,20 +140,28 @@ def cast(
     rays = np.column_stack([uv, np.ones(len(uv))]) @ np.linalg.inv(camera.matrix).T
     part, depth, local = np.full(len(uv), -1), np.full(len(uv), np.inf), np.zeros((len(uv), 3))
     for i, solid in enumerate(p for body in bodies for p in body.parts):
+        at = _around(camera.project(solid.vertices @ R[i].T + T[i], frame), uv)
         turn = R[i].T @ Rc.T
         origin = -turn @ tc - R[i].T @ T[i]
-        direction = rays @ turn.T
-        near, far = np.zeros(len(uv)), np.full(len(uv), np.inf)
+        direction = rays[at] @ turn.T
+        near, far = np.zeros(len(at)), np.full(len(at), np.inf)
         for *n, d in solid.planes:
             speed, ahead = direction @ n, -(origin @ n + d)
             with np.errstate(divide="ignore", invalid="ignore"):
                 t = ahead / speed
             near = np.where(speed < 0, np.maximum(near, t), near)
             far = np.where(speed > 0, np.minimum(far, t), far)
-        hit = (near < far) & (near > 0) & (near < depth)
-        part[hit], depth[hit] = i, near[hit]
-        local[hit] = origin + near[hit, None] * direction[hit]
+        hit = (near < far) & (near > 0) & (near < depth[at])
+        part[at[hit]], depth[at[hit]] = i, near[hit]
+        local[at[hit]] = origin + near[hit, None] * direction[hit]
     return part, depth, local
+
+
+def _around(corners: Array, uv: Array) -> Array:
+    """Indices of the pixels in the box around projected corners; of all where a corner is behind the camera."""
+    if np.isnan(corners).any():
+        return np.arange(len(uv))
+    return np.flatnonzero(((uv >= corners.min(axis=0)) & (uv <= corners.max(axis=0))).all(axis=1))
 
 
 def pixel_grid(size: tuple[int, int]) -> Array:

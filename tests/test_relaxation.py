@@ -1,0 +1,200 @@
+"""The published relaxation: its terminal terms are derivatives, and it converges to the minimum it is meant to."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from kfmocap.core import rotations
+from kfmocap.core.motion import Motion
+from kfmocap.core.solvers.relaxation import LAMBDA, NU, SMOOTHNESS, Steps, axis_vector, relax
+from synthetic import at_rest, figure, numeric_jacobian, random_motion, swing
+
+BODY = figure()
+D, PARTS = BODY.dof, len(BODY)
+
+
+def held_at_the_ends(frames: int) -> np.ndarray:
+    fixed = np.zeros((frames, D), bool)
+    fixed[[0, -1]] = True
+    return fixed
+
+
+def no_gradients(n: int) -> tuple[np.ndarray, np.ndarray]:
+    return np.zeros((n, D, D)), np.zeros((n, D))
+
+
+def test_axis_vector_is_that_of_the_odd_half() -> None:
+    v = np.array([0.3, -0.7, 0.2])
+    angle = np.linalg.norm(v)
+    np.testing.assert_allclose(axis_vector(rotations.exp(v)), v / angle * np.sin(angle), atol=1e-12)
+    np.testing.assert_allclose(
+        rotations.skew(axis_vector(np.arange(9.0).reshape(3, 3))), [[0, -1, -2], [1, 0, -1], [2, 1, 0]]
+    )
+
+
+@pytest.mark.parametrize("j", [0, 3, 6])
+def test_terminal_terms_are_the_derivative_of_the_squared_error_of_the_last_pose(j: int) -> None:
+    """(A.1), (A.2): the derivative of ||R^ - R||^2 by a small turn x_j is 4 (x_j - c), c from the odd half of P."""
+    rng = np.random.default_rng(j)
+    Q = rotations.exp(rng.normal(0, 0.3, (7, 3)))
+    first, last = rotations.exp(rng.normal(0, 1, (2, 3)))
+
+    def product(matrices: np.ndarray) -> np.ndarray:
+        out = np.eye(3)
+        for M in matrices:
+            out = out @ M
+        return out
+
+    def error(x: np.ndarray) -> float:
+        return float(np.sum((first @ product(Q[:j]) @ rotations.exp(x) @ product(Q[j + 1 :]) - last) ** 2))
+
+    P = (first @ product(Q[:j])).T @ last @ product(Q[j + 1 :]).T
+    np.testing.assert_allclose(-4 * axis_vector(P), numeric_jacobian(error, np.zeros(3)), atol=1e-8)
+    # The factor of x_j is exact where P is near the identity: curvature 4.
+    near = rotations.exp(np.array([1e-3, -2e-3, 1e-3]))
+    x = np.array([0.02, 0.01, -0.03])
+    gradient = numeric_jacobian(lambda y: float(np.sum((rotations.exp(y) - near) ** 2)), x)
+    np.testing.assert_allclose(4 * (x - axis_vector(near)), gradient, atol=4 * np.linalg.norm(x) ** 3)
+
+
+def test_the_translations_terminal_term_is_a_derivative() -> None:
+    """(A.3), (A.4): half the derivative of ||T^ - T||^2 by S_j is S_j - (T - T^ + S_j)."""
+    shifts, T = np.random.default_rng(0).normal(0, 1, (5, 3)), np.array([1.0, 2.0, 3.0])
+
+    def error(x: np.ndarray) -> float:
+        return float(np.sum((shifts.sum(axis=0) - shifts[2] + x - T) ** 2))
+
+    b = T - shifts.sum(axis=0) + shifts[2]
+    np.testing.assert_allclose(2 * (shifts[2] - b), numeric_jacobian(error, shifts[2]), atol=1e-7)
+
+
+def test_steps_accumulate_to_the_motion_they_are_of() -> None:
+    motion = random_motion(BODY, 6)
+    again = Steps.of(motion).accumulated(motion)
+    np.testing.assert_allclose(again.difference(motion), 0, atol=1e-9)
+    assert Steps.of(motion).vectors().shape == (5, D)
+
+
+def test_without_gradients_the_last_pose_is_met_and_the_error_shared_evenly() -> None:
+    """The axis vector of (A.2) is the sine of a turn: a step stops short of it by a sixth of its cube."""
+    n = 5
+    keyed = at_rest(BODY, n + 1)
+    turn = np.array([[0.3, 0, 0], [0, 0.5, 0.2], [0, 0, -0.4], [0.1, 0.1, 0.1]])
+    keyed.rotations[-1] = rotations.exp(turn)
+    keyed.translations[-1] += [0.2, -0.1, 0.3]
+    found = relax(at_rest(BODY, n + 1), keyed, held_at_the_ends(n + 1), *no_gradients(n), 1000)
+    steps = Steps.of(found)
+    np.testing.assert_allclose(steps.shifts, np.tile(np.array([0.2, -0.1, 0.3]) / n, (n, 1)), atol=1e-6)
+    np.testing.assert_allclose(steps.turns, np.tile(turn / n, (n, 1, 1)), atol=0.11**3 / 6)
+
+
+def test_one_sweep_takes_a_part_of_the_error_and_never_all_of_it_in_one_frame() -> None:
+    """Equations (26) to (28): with u = 1/n every frame bears its share, whatever the weight."""
+    n = 8
+    keyed = at_rest(BODY, n + 1)
+    keyed.translations[-1] += [1.0, 0, 0]
+    found = relax(at_rest(BODY, n + 1), keyed, held_at_the_ends(n + 1), *no_gradients(n), 1)
+    steps = Steps.of(found).shifts[:, 0]
+    assert (steps > 0).all() and steps.max() <= 1 / n + 1e-9
+    assert 0.4 < steps.sum() < 1
+
+
+def test_the_first_pose_stays_and_smooth_steps_stay_smooth() -> None:
+    truth = swing(BODY, 9)
+    found = relax(truth, truth, held_at_the_ends(9), *no_gradients(8), 300)
+    np.testing.assert_array_equal(found.translations[0], truth.translations[0])
+    np.testing.assert_allclose(found.rotations[0], truth.rotations[0], atol=1e-12)
+    assert np.abs(found[[-1]].difference(truth[[-1]])).max() < 2e-2
+    roughness = [np.abs(np.diff(Steps.of(m).vectors(), axis=0)).max() for m in (found, truth)]
+    assert roughness[0] < roughness[1]
+
+
+def test_without_a_last_key_pose_nothing_pulls_to_it() -> None:
+    keyed = at_rest(BODY, 6)
+    keyed.translations[-1] += 1.0
+    fixed = np.zeros((6, D), bool)
+    fixed[0] = True
+    found = relax(at_rest(BODY, 6), keyed, fixed, *no_gradients(5), 50)
+    np.testing.assert_allclose(found.difference(at_rest(BODY, 6)), 0, atol=1e-12)
+
+
+def test_a_partial_last_key_pose_pulls_its_own_degrees_of_freedom() -> None:
+    keyed = at_rest(BODY, 6)
+    keyed.translations[-1] += [0.1, 0.2, 0.3]
+    keyed.rotations[-1] = rotations.exp(np.full((PARTS, 3), 0.2))
+    fixed = held_at_the_ends(6)
+    fixed[-1] = False
+    fixed[-1, [0, *range(9, 12)]] = True
+    found = relax(at_rest(BODY, 6), keyed, fixed, *no_gradients(5), 600)
+    delta = at_rest(BODY, 6).difference(found)[-1]
+    expected = np.zeros(D)
+    expected[0], expected[9:12] = 0.1, 0.2
+    np.testing.assert_allclose(delta[:3], expected[:3], atol=1e-6)
+    np.testing.assert_allclose(delta[3:], expected[3:], atol=0.07**3 / 6)  # see above, of a turn of 0.07 a step
+    assert not delta[expected == 0].any()
+
+
+def test_of_translations_alone_it_finds_the_minimum_of_the_energy_as_a_dense_solve_does() -> None:
+    """Equation (21) with quadratic evidence and no turns is convex: a dense solve has its minimum.
+
+    Where sweeps of equation (30) stand still, x' = x + u (x_e - x) leaves nu u (x - x_e) of the terminal term: it is
+    the minimum of (21) for nu / n. Written with x_j as unknowns: sum A_j x_j^2 - 2 b_j x_j + (nu / n) |sum x_j - T|^2
+    + 1/2 sum |x_j - x_{j-1}|^2.
+    """
+    n = 8
+    rng = np.random.default_rng(3)
+    A, b = no_gradients(n)
+    for j in range(n):
+        rows = rng.normal(0, 1.5, (3, 3))
+        A[j, :3, :3] = rows.T @ rows
+        b[j, :3] = A[j, :3, :3] @ rng.normal(0.05, 0.05, 3)
+    keyed, target = at_rest(BODY, n + 1), np.array([0.7, 0.4, -0.2])
+    keyed.translations[-1] += target
+    found = relax(at_rest(BODY, n + 1), keyed, held_at_the_ends(n + 1), A, b, 1500)
+
+    system = np.zeros((n, 3, n, 3))
+    right = b[:, :3].copy()
+    eye = np.eye(3)
+    for j in range(n):
+        system[j, :, j] += A[j, :3, :3]
+        for i in range(n):
+            system[j, :, i] += NU / n * eye
+        right[j] += NU / n * target
+        for i in (j - 1, j + 1):
+            if 0 <= i < n:
+                system[j, :, j] += SMOOTHNESS / 2 * eye
+                system[j, :, i] -= SMOOTHNESS / 2 * eye
+    expected = np.linalg.solve(system.reshape(3 * n, 3 * n), right.ravel()).reshape(n, 3)
+    np.testing.assert_allclose(Steps.of(found).shifts, expected, atol=1e-7)
+    np.testing.assert_allclose(found.rotations, at_rest(BODY, n + 1).rotations, atol=1e-12)
+
+
+def test_of_turns_about_one_axis_it_finds_the_minimum_too() -> None:
+    """Turns of one joint about one axis commute; for small ones sin x is x to a millionth."""
+    n, target = 6, 0.012
+    A, b = no_gradients(n)
+    rng = np.random.default_rng(1)
+    a, wanted = rng.uniform(1, 5, n), rng.normal(0.002, 0.001, n)
+    A[:, 6, 6], b[:, 6] = a, a * wanted
+    keyed = at_rest(BODY, n + 1)
+    keyed.rotations[-1, 1] = rotations.exp(np.array([target, 0, 0]))
+    found = relax(at_rest(BODY, n + 1), keyed, held_at_the_ends(n + 1), A, b, 2000)
+    D2 = np.diff(np.eye(n), axis=0)
+    system = np.diag(a) + LAMBDA / n * np.ones((n, n)) + SMOOTHNESS / 2 * D2.T @ D2
+    expected = np.linalg.solve(system, a * wanted + LAMBDA / n * target)
+    np.testing.assert_allclose(Steps.of(found).turns[:, 1, 0], expected, rtol=1e-3, atol=1e-8)
+
+
+def test_it_does_not_matter_where_the_world_is() -> None:
+    n = 6
+    rng = np.random.default_rng(5)
+    rows = rng.normal(0, 1, (n, 2 * D, D))
+    A = np.swapaxes(rows, 1, 2) @ rows
+    keyed = swing(BODY, n + 1)
+    b = (A @ Steps.of(keyed).vectors()[..., None])[..., 0] + rng.normal(0, 0.01, (n, D))
+    here = relax(keyed, keyed, held_at_the_ends(n + 1), A, b, 50)
+    shift = np.array([5.0, -3.0, 1.0])
+    moved = Motion(keyed.translations + shift, keyed.rotations)
+    there = relax(moved, moved, held_at_the_ends(n + 1), A, b, 50)
+    np.testing.assert_allclose(there.translations - shift, here.translations, atol=1e-9)
+    np.testing.assert_allclose(there.rotations, here.rotations, atol=1e-9)
