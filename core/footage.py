@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .cameras import reduced_size
 from .errors import FootageError, ShotError
 from .shot import View
 
@@ -127,19 +126,21 @@ def _by(size: tuple[int, int]) -> str:
     return f"{size[0]}x{size[1]}"
 
 
-def frames_at(view: View, frames: Iterable[int], factor: float, *, grey: bool = True) -> Iterator[Image]:
-    """Stream frames of a view, reduced and rectified; the footage is decoded once, one frame at a time.
+def frames_at(
+    view: View, frames: Sequence[int], factor: float, *, grey: bool = True, album: Album | None = None
+) -> Iterator[Image]:
+    """Stream frames of a view that was checked: decoded once, in order, reduced and rectified.
 
     Parameters
     ----------
-    view : View
-        One that `check_view` has passed.
-    frames : iterable of int
+    frames : sequence of int
         Increasing, in the count of the shot's first and last frame.
     factor : float
         Reduction: the images have the size of `view.camera.reduced(factor)`.
     grey : bool
         Grey levels rather than colour.
+    album : Album, optional
+        Pictures to keep on the way.
 
     Yields
     ------
@@ -154,11 +155,45 @@ def frames_at(view: View, frames: Iterable[int], factor: float, *, grey: bool = 
     camera = view.camera.reduced(factor)
     maps = camera.rectify_maps()
     indices = [footage_index(view, frame) for frame in frames]
-    for image in _reduced(view.footage, indices, view.camera.size, factor, grey):
-        if maps is not None:
-            # A black border would be an edge that moves with nothing.
-            image = cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        yield image
+    for frame, (image, turn) in zip(frames, _decoded(view.footage, indices, view.camera.size), strict=True):
+        if album is not None and frame in album.frames:
+            near = view.camera.reduced(album.factor)
+            album.pictures[frame] = _prepared(image, turn, near.size, near.rectify_maps(), grey=False)
+        yield _prepared(image, turn, camera.size, maps, grey)
+
+
+@dataclass(frozen=True, eq=False)
+class Album:
+    """Pictures in colour that are kept while footage is streamed.
+
+    Attributes
+    ----------
+    frames : frozenset of int
+        Which, in the count of the shot's first and last frame.
+    factor : float
+        How much they are reduced.
+    pictures : dict of int to ndarray of uint8, shape (h, w, 3)
+        Those that have come by, rectified; blue, green, red.
+    """
+
+    frames: frozenset[int]
+    factor: float
+    pictures: dict[int, Image] = field(default_factory=dict)
+
+
+def _prepared(
+    image: Image, turn: int, size: tuple[int, int], maps: tuple[NDArray[Any], NDArray[Any]] | None, grey: bool
+) -> Image:
+    """A decoded frame reduced to a size, turned as it is to be seen, and rectified."""
+    if grey:
+        image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    stored = size[::-1] if turn in (90, 270) else size
+    if image.shape[1::-1] != stored:
+        image = cv2.resize(image, stored, interpolation=cv2.INTER_AREA)
+    if turn:
+        image = cv2.rotate(image, _ROTATIONS[turn])
+    # A black border would be an edge that moves with nothing.
+    return image if maps is None else cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
 def image_files(path: Path) -> dict[int, Path] | None:
@@ -239,18 +274,18 @@ def _decodable(path: Path, limit: int) -> int:
     return count
 
 
-def _reduced(path: Path, indices: Sequence[int], size: tuple[int, int], factor: float, grey: bool) -> Iterator[Image]:
-    """The frames of those increasing indices, reduced, as they are to be seen; `size` is the full frames'."""
-    target = reduced_size(size, factor)
+def _decoded(path: Path, indices: Sequence[int], size: tuple[int, int]) -> Iterator[tuple[Image, int]]:
+    """The frames of those increasing indices as they are stored, and how far they are to be turned, degrees.
+
+    `size` is that of the frames as they are to be seen.
+    """
     images = image_files(path)
     if images is not None:
         for index in indices:
-            yield _shrunk(_sequence_image(path, images, index, size), target, grey)
+            yield _sequence_image(path, images, index, size), 0
         return
     with _opened(path) as video:
-        turn = _quarter_turns(video)
-        stored = target[::-1] if turn in (90, 270) else target
-        position = 0
+        turn, position = _quarter_turns(video), 0
         for index in indices:
             # Seeking is not exact in every container: go through the frames.
             while position < index and video.grab():
@@ -259,8 +294,7 @@ def _reduced(path: Path, indices: Sequence[int], size: tuple[int, int], factor: 
             if not read or frame is None:
                 raise FootageError(f"the footage ends or breaks at frame {position}", where=str(path))
             position += 1
-            image = _shrunk(frame, stored, grey)
-            yield cv2.rotate(image, _ROTATIONS[turn]) if turn else image
+            yield frame, turn
 
 
 def _sequence_image(path: Path, images: dict[int, Path], index: int, size: tuple[int, int]) -> Image:
@@ -271,9 +305,3 @@ def _sequence_image(path: Path, images: dict[int, Path], index: int, size: tuple
     if found != size:
         raise FootageError(f"the image is {_by(found)}, not {_by(size)}", where=str(images[index]))
     return image
-
-
-def _shrunk(image: Image, size: tuple[int, int], grey: bool) -> Image:
-    if grey:
-        image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-    return image if image.shape[1::-1] == size else cv2.resize(image, size, interpolation=cv2.INTER_AREA)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
@@ -51,6 +51,7 @@ def contact_sheet(
     motions: Sequence[Motion],
     frames: Sequence[int] | None = None,
     progress: Progress | None = None,
+    pictures: Sequence[Mapping[int, Image]] | None = None,
 ) -> Image:
     """Draw some frames of every view, a row each, cropped around the performers.
 
@@ -62,6 +63,8 @@ def contact_sheet(
     frames : sequence of int, optional
         Counted from the shot's first frame; by default `sheet_frames`.
     progress : callable, optional
+    pictures : sequence of mappings, optional
+        Per view, the rectified picture of each of these frames (`TrackResult.pictures`); else the footage is read.
 
     Returns
     -------
@@ -80,7 +83,8 @@ def contact_sheet(
     width = (SHEET_WIDTH + _GAP) // max(len(chosen), 3) - _GAP
     rows = []
     with ThreadPoolExecutor(_WORKERS) as pool:
-        for row in pool.map(lambda view: _row(shot, view, chosen, geometry, R, T, width), shot.views):
+        kept: Sequence[Mapping[int, Image] | None] = pictures or [None] * len(shot.views)
+        for row in pool.map(lambda view, own: _row(shot, view, own, chosen, geometry, R, T, width), shot.views, kept):
             rows.append(row)
             report_progress(progress, "overlay", len(rows) / len(shot.views))
     return _stacked(rows)
@@ -101,13 +105,26 @@ def write_contact_sheet(path: Path, sheet: Image) -> None:
         temporary.write_bytes(data.tobytes())
 
 
-def _row(shot: Shot, view: View, frames: list[int], geometry: Geometry, R: Array, T: Array, width: int) -> Image:
+def _row(
+    shot: Shot,
+    view: View,
+    pictures: Mapping[int, Image] | None,
+    frames: list[int],
+    geometry: Geometry,
+    R: Array,
+    T: Array,
+    width: int,
+) -> Image:
     """The frames of one view, side by side, each as large as the performers allow."""
     camera = view.camera.rectified()
     boxes = [_framing(camera, f, geometry, R[k], T[k]) for k, f in enumerate(frames)]
     height = round(np.clip(np.max([e[1] / e[0] for _, e in boxes]) * width, 0.7 * width, _CELL_HEIGHT))
     factors = [max(e[0] / width, e[1] / height, 1 / _LARGEST_ZOOM) for _, e in boxes]
-    images = frames_at(view, [shot.frames[0] + f for f in frames], max(min(factors), 1.0), grey=False)
+    images: Iterable[Image]
+    if pictures is None:
+        images = frames_at(view, [shot.frames[0] + f for f in frames], max(min(factors), 1.0), grey=False)
+    else:
+        images = [pictures[frame] for frame in frames]
     keys = {int(f) for performer in shot.performers for f in performer.key_poses.frames}
     cells = []
     for k, (frame, image) in enumerate(zip(frames, images, strict=True)):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from .blas import one_blas_thread
 from .evidence.images import ViewFrames
-from .footage import check_view, frames_at
+from .footage import Album, check_view, frames_at
 from .interpolation import spline
 from .motion import Motion
 from .shot import Performer, Progress, Shot, View, report_progress
@@ -32,6 +32,8 @@ Observer = Callable[[Stretch, int, Sequence[Motion]], None]
 
 SOLVE: dict[str, Callable[..., Solution]] = {"gauss-newton": gauss_newton.solve, "relaxation": relaxation.solve}
 REFINE: dict[str, Callable[..., Solution]] = {"gauss-newton": gauss_newton.refine}
+PICTURE_SIZE = 960
+"""The longer side of pictures that are kept to be looked at is at most about this, pixels."""
 _WORKERS = 2
 
 
@@ -74,6 +76,8 @@ class TrackResult:
         Per performer: visible share of each part's projected area, 0 to 1.
     residual : tuple of ndarray, shape (F,)
         Per performer: root mean square grey-level difference between neighbouring frames, 0 to 1.
+    pictures : tuple of dict of int to ndarray of uint8, shape (h, w, 3)
+        Per view: the pictures that were asked for, by shot frame; rectified; blue, green, red.
     """
 
     motions: tuple[Motion, ...]
@@ -82,10 +86,16 @@ class TrackResult:
     segments: tuple[SegmentResult, ...]
     visible: tuple[Array, ...]
     residual: tuple[Array, ...]
+    pictures: tuple[dict[int, Image], ...] = ()
 
 
 @one_blas_thread()
-def track(shot: Shot, progress: Progress | None = None, observe: Observer | None = None) -> TrackResult:
+def track(
+    shot: Shot,
+    progress: Progress | None = None,
+    observe: Observer | None = None,
+    pictures: Sequence[int] = (),
+) -> TrackResult:
     """Track every performer of a shot.
 
     Parameters
@@ -95,6 +105,8 @@ def track(shot: Shot, progress: Progress | None = None, observe: Observer | None
         See `core.shot.Progress`; returning False cancels.
     observe : callable, optional
         Called with a stretch, the number of its iteration, and the motions of its frames before that iteration.
+    pictures : sequence of int, optional
+        Shot frames of which to keep pictures in the result.
 
     Raises
     ------
@@ -105,9 +117,11 @@ def track(shot: Shot, progress: Progress | None = None, observe: Observer | None
     for view in shot.views:
         check_view(view, shot.frames[0], shot.length)
     job = _Job(shot, progress, observe)
+    kept = frozenset(shot.frames[0] + frame for frame in pictures)
+    albums = [Album(kept, working_factor(view, PICTURE_SIZE)) for view in shot.views]
     stretches = segments(shot)
     waiting: tuple[Stretch, tuple[ViewFrames, ...]] | None = None
-    for stretch, views in _footage_by_segment(shot, stretches, job.seconds):
+    for stretch, views in _footage_by_segment(shot, stretches, albums, job.seconds):
         job.solve(stretch, views)
         if waiting is not None:
             job.refine(*waiting)
@@ -115,7 +129,7 @@ def track(shot: Shot, progress: Progress | None = None, observe: Observer | None
     if waiting is not None and len(stretches) > 1:
         job.refine(*waiting)
     report_progress(progress, "tracking", 1.0)
-    return job.result()
+    return job.result(albums)
 
 
 class _Job:
@@ -168,7 +182,7 @@ class _Job:
             *stretch, iterations + solution.iterations, energy + solution.energy, solution.factors
         )
 
-    def result(self) -> TrackResult:
+    def result(self, albums: Sequence[Album]) -> TrackResult:
         performers = self.shot.performers
         ends = np.cumsum([0] + [len(performer.body) for performer in performers])
         return TrackResult(
@@ -178,6 +192,7 @@ class _Job:
             tuple(self._results.values()),
             tuple(self._share[:, :, a:b] for a, b in pairwise(ends)),
             tuple(self._residual for _ in performers),
+            tuple({f - self.shot.frames[0]: image for f, image in album.pictures.items()} for album in albums),
         )
 
 
@@ -198,12 +213,12 @@ def working_factor(view: View, working_size: int) -> float:
 
 
 def _footage_by_segment(
-    shot: Shot, stretches: Sequence[Stretch], seconds: Seconds
+    shot: Shot, stretches: Sequence[Stretch], albums: Sequence[Album], seconds: Seconds
 ) -> Iterator[tuple[Stretch, tuple[ViewFrames, ...]]]:
     """Every stretch with its frames, decoded once and in order; three stretches are held at most."""
     factors = [working_factor(view, shot.settings.working_size) for view in shot.views]
     frames = range(shot.frames[0], shot.frames[1] + 1)
-    streams = [frames_at(view, frames, factor) for view, factor in zip(shot.views, factors, strict=True)]
+    streams = [frames_at(v, frames, f, album=a) for v, f, a in zip(shot.views, factors, albums, strict=True)]
     cameras = [v.camera.reduced(f).rectified() for v, f in zip(shot.views, factors, strict=True)]
     stop = threading.Event()
     with ThreadPoolExecutor(_WORKERS) as pool:

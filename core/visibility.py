@@ -178,5 +178,5 @@ def _inverse_depths(
     out = np.empty(len(index), dtype=np.float32)
     for k in np.flatnonzero(np.diff(ends)):
         pixels = slice(ends[k], ends[k + 1])
-        np.min(linear[faces[k] : faces[k + 1]] @ rays[:, pixels], axis=0, out=out[pixels])
+        np.minimum.reduce(linear[faces[k] : faces[k + 1]] @ rays[:, pixels], axis=0, out=out[pixels])
     return out

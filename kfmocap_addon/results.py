@@ -15,7 +15,7 @@ from ..core.body import landmark_positions
 from ..core.errors import OutputError
 from ..core.formats.shot_toml import shot_name
 from ..core.formats.trc import write_trc
-from ..core.overlay import contact_sheet, write_contact_sheet
+from ..core.overlay import contact_sheet, sheet_frames, write_contact_sheet
 from ..core.report import report, write_report
 from ..core.shot import Progress, Shot
 from ..core.tracking import TrackResult, track
@@ -65,10 +65,11 @@ def run_track(
     if blender:
         require_blender()
     with staged(out_dir) as stage:
-        result = track(shot, progress)
+        shown = sheet_frames(shot)
+        result = track(shot, progress, pictures=shown)
         clock = _Clock(dict(seconds or {}))
         write_landmarks(shot, result, stage)
-        sheet = contact_sheet(shot, result.motions, progress=progress)
+        sheet = contact_sheet(shot, result.motions, shown, progress, result.pictures)
         write_contact_sheet(stage / "overlay.png", sheet)
         clock.lap("overlay")
         if blender:

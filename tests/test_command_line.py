@@ -75,7 +75,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "shot.toml").write_text(SHOT)
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "notes.txt").write_text("mine")
-    monkeypatch.setattr(results, "track", lambda shot, progress=None: Result(shot))
+    monkeypatch.setattr(results, "track", lambda shot, progress=None, pictures=(): Result(shot))
     return tmp_path
 
 
