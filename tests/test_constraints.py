@@ -103,6 +103,7 @@ def test_cut_holds_the_frames_around(start: int, stop: int) -> None:
     n = (stop - start) * D
     np.testing.assert_array_equal(dense(part), whole[start:stop, :, start:stop].reshape(n, n))
     np.testing.assert_array_equal(part.gradient, blocks.gradient[start:stop])
+    assert (len(part.first), len(part.second)) == (max(stop - start - 1, 0), max(stop - start - 2, 0))
     assert part.energy == blocks.energy
 
 

@@ -99,6 +99,19 @@ def test_one_sweep_takes_a_part_of_the_error_and_never_all_of_it_in_one_frame() 
     assert 0.4 < steps.sum() < 1
 
 
+def test_a_sweep_goes_frame_after_frame_and_each_sees_what_the_one_before_has_become() -> None:
+    n, target = 4, 0.6
+    keyed = at_rest(BODY, n + 1)
+    keyed.translations[-1, 0] += target
+    x = np.zeros(n)
+    for j in range(n):  # equation (30) by hand
+        x_e = x[j] + (target - x.sum()) / n
+        ends = x[max(j - 1, 0)] + x[min(j + 1, n - 1)]
+        x[j] = (NU * x_e + SMOOTHNESS * ends / 2) / (NU + SMOOTHNESS)
+    found = relax(at_rest(BODY, n + 1), keyed, held_at_the_ends(n + 1), *no_gradients(n), 1)
+    np.testing.assert_allclose(Steps.of(found).shifts[:, 0], x, rtol=1e-9)
+
+
 def test_the_first_pose_stays_and_smooth_steps_stay_smooth() -> None:
     truth = swing(BODY, 9)
     found = relax(truth, truth, held_at_the_ends(9), *no_gradients(8), 300)

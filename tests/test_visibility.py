@@ -135,6 +135,14 @@ def test_a_part_half_out_of_the_picture_is_half_visible(side: int, up: int) -> N
     assert seen(camera, solid((x, 0, z), 0.25, 0.05)).share[0, 0] == pytest.approx(0.5, abs=0.08)
 
 
+def test_the_rim_of_a_thin_part_is_not_counted_as_more_of_it() -> None:
+    """A filled outline of 4 pixels' width covers nearly 5; a part of that width is still half visible."""
+    x, z = 0.0, 1 - 3 * 60 / 190
+    thin = Body((part("thin", -1, (x, 0, z - 0.3), (x, 0, z + 0.3), 0.03, 0.03),), {})
+    share = seen(look_at("front", (0, -3, 1), (0, 0, 1)), (thin, at_rest(thin))).share[0, 0]
+    assert share == pytest.approx(0.5, abs=0.06)
+
+
 def test_a_part_behind_another_is_hidden_and_one_half_behind_is_half_visible() -> None:
     camera = look_at("front", (0, -3, 1), (0, 0, 1))
     front = solid((0, 0, 1), 0.4, 0.1)
