@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from .blas import one_blas_thread
 from .evidence.images import ViewFrames
+from .errors import ShotError
 from .footage import Album, check_view, frames_at
 from .interpolation import spline
 from .motion import Motion
@@ -110,10 +111,14 @@ def track(
 
     Raises
     ------
+    ShotError
+        The shot has one frame only.
     FootageError
         Footage is missing, unreadable, too short or of another size than the calibration's.
     CancelledError
     """
+    if shot.length < 2:
+        raise ShotError("a shot of one frame has nothing to track", where="[shot] frames")
     for view in shot.views:
         check_view(view, shot.frames[0], shot.length)
     job = _Job(shot, progress, observe)
@@ -204,7 +209,7 @@ def segments(shot: Shot) -> list[Stretch]:
     """
     whole = [set(performer.key_poses.full().tolist()) for performer in shot.performers]
     cuts = sorted(reduce(set.intersection, whole) | {0, shot.length - 1})
-    return list(pairwise(cuts)) or [(0, 0)]
+    return list(pairwise(cuts))
 
 
 def working_factor(view: View, working_size: int) -> float:

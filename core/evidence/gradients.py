@@ -135,7 +135,7 @@ def brightness_constancy(
     deviation = np.repeat(tolerance * np.maximum(noise, _LEAST_NOISE), np.diff(bounds)).astype(np.float32)
     weight = huber_weights(residual, deviation) * seen
 
-    rows = np.empty((len(residual), 13), np.float32)
+    rows = np.empty((len(residual), 13))  # summed in double precision, or the sums are not positive definite
     rows[:, :6], rows[:, 6:12] = -_wrenches(x_a, slope, focal), _wrenches(x_b, slope, focal)
     rows[:, 12] = residual
     weighted = rows * weight[:, None]

@@ -62,7 +62,7 @@ class GradientImages:
         ndarray of float32, shape (3, N)
         """
         N = len(pixels)
-        places = np.zeros((-(-N // _ROW) * _ROW, 2), np.float32)  # OpenCV takes no more than 32767 rows
+        places = np.zeros(((N // _ROW + 1) * _ROW, 2), np.float32)  # OpenCV takes no more than 32767 rows
         places[:N, 0] = pixels[:, 0] - self.origin[0]
         places[:N, 1] = np.clip(pixels[:, 1] - self.origin[1], 0, self.height - 1) + image * self.height
         grid = places.reshape(-1, _ROW, 2)

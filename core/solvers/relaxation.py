@@ -9,7 +9,7 @@ terms (A.5) and (A.6). Grey levels count 0 to 1.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,7 +119,7 @@ def follow_gradients(problem: Problem, start: Sequence[Motion], on_step: Step | 
         if on_step is not None:
             on_step(0.2 * j / problem.length, start)
         here = [stacked([p[-1], p[-1]]) for p in poses]
-        pair = Problem(problem.views, problem.bodies, problem.first + j - 1, problem.fps, problem.fixed)
+        pair = replace(problem, first=problem.first + j - 1)
         for sigma, tolerance in INITIAL:
             world, evidence = pair.evidence(geometry, here, sigma, tolerance, STRIDE)
             H, g = evidence.H.sum(axis=0), evidence.g.sum(axis=0)
