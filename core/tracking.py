@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .blas import one_blas_thread
-from .evidence.images import ViewFrames
 from .errors import ShotError
+from .evidence.images import ViewFrames
 from .footage import Album, check_view, frames_at
 from .interpolation import spline
 from .motion import Motion
