@@ -74,9 +74,7 @@ def extension_zip(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("Darwin", "arm64"): "macos-arm64",
         ("Darwin", "x86_64"): "macos-x64",
     }
-    [zip_path] = build_extension.build(
-        [here[platform.system(), platform.machine()]], tmp_path_factory.mktemp("dist")
-    )
+    [zip_path] = build_extension.build([here[platform.system(), platform.machine()]], tmp_path_factory.mktemp("dist"))
     return zip_path
 
 
@@ -85,7 +83,6 @@ def extension(extension_zip: Path, tmp_path_factory: pytest.TempPathFactory) -> 
     subprocess.run(["make", "--silent", "bare", f"PYTHON={sys.executable}"], cwd=ROOT, check=True)
     installed = InstalledExtension(ROOT / ".venv-bare/bin/python", tmp_path_factory.mktemp("blender"))
     installed.run_bare(
-        "import bpy\n"
-        f"bpy.ops.extensions.package_install_files(filepath={str(extension_zip)!r}, repo='user_default')\n"
+        f"import bpy\nbpy.ops.extensions.package_install_files(filepath={str(extension_zip)!r}, repo='user_default')\n"
     )
     return installed

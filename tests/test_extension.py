@@ -34,8 +34,7 @@ def test_the_zip_holds_the_package_and_no_more(extension_zip):
 
 def test_the_bare_environment_brings_no_wheel_of_ours(extension):
     found = extension.run_bare(
-        "import importlib.util, json\n"
-        f"print(json.dumps([n for n in {BUNDLED!r} if importlib.util.find_spec(n)]))"
+        f"import importlib.util, json\nprint(json.dumps([n for n in {BUNDLED!r} if importlib.util.find_spec(n)]))"
     )
     assert json.loads(found) == [], "the bare environment has these itself and would hide a missing wheel"
 

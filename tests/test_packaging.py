@@ -75,9 +75,7 @@ for module in pkgutil.walk_packages(kfmocap.core.__path__, "kfmocap.core."):
 
 
 def test_the_root_imports_nothing_heavy(tmp_path):
-    code = (
-        "import sys, kfmocap; print(*sys.modules.keys() & {'bpy', 'numpy', 'cv2', 'kfmocap.kfmocap_addon'})"
-    )
+    code = "import sys, kfmocap; print(*sys.modules.keys() & {'bpy', 'numpy', 'cv2', 'kfmocap.kfmocap_addon'})"
     process = run_python(code, tmp_path)
     assert process.returncode == 0, process.stderr
     assert process.stdout.split() == []
