@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 
 LANDMARK_SIGMA = 0.01
 """Expected error of a landmark, metres."""
+ACCEPTED_MISFIT = 0.02
+"""A landmark farther than this from its place, metres, is reason to look for another pose."""
 POSTURE_SIGMA = 2.0
 """Expected departure of a joint from its rest orientation, radians: only decides what no landmark shows."""
 LIMIT_SIGMA = 0.02
@@ -61,8 +63,28 @@ def fit_poses(body: Body, names: Sequence[str], targets_world: Array, start: Mot
             raise LandmarkError("fewer than three landmarks", where=f"pose {k}", todo="choose another key frame")
         labels, points = [n for n, s in zip(known, seen, strict=True) if s], target[seen]
         first = _placed(body, labels, points) if start is None else start[k : k + 1]
-        poses.append(_fit_pose(body, labels, points, first))
+        pose = _fit_pose(body, labels, points, first)
+        for side in "LR":
+            if _misfit(body, labels, points, pose) > ACCEPTED_MISFIT:
+                other = _fit_pose(body, labels, points, _elbow_turned(body, pose, side))
+                pose = min(pose, other, key=lambda p: _misfit(body, labels, points, p))
+        poses.append(pose)
     return stacked(poses)
+
+
+def _misfit(body: Body, names: list[str], points: Array, pose: Motion) -> float:
+    """The farthest that a landmark is from its place, metres."""
+    return float(np.linalg.norm(landmark_positions(body, pose, names)[0] - points, axis=1).max())
+
+
+def _elbow_turned(body: Body, pose: Motion, side: str) -> Motion:
+    """The pose with an elbow bent and turned to the other side: a fit may be caught with an arm twisted wrongly."""
+    Q = pose.rotations.copy()
+    if f"forearm.{side}" in body.names:
+        upper, lower = body.index(f"upper_arm.{side}"), body.index(f"forearm.{side}")
+        Q[0, upper] = Q[0, upper] @ rotations.exp(np.array([0.0, np.pi, 0.0]))
+        Q[0, lower] = rotations.exp(np.array([np.pi / 2, 0.0, 0.0]))
+    return Motion(pose.translations, Q)
 
 
 def _placed(body: Body, names: list[str], points: Array) -> Motion:

@@ -88,8 +88,9 @@ class Settings:
         Sweeps of the relaxation.
     working_size : int
         The longer side of the reduced frames that are worked on is at most about this, pixels.
-    pixel_correlation : float
-        How many neighbouring pixels of the reduced frames, also over time, say the same: evidence is divided by it.
+    correlation_length : float
+        How far apart, on the body, residuals say different things, metres: pixels within a square of that side count
+        as one.
     joint_acceleration : float
         Usual angular acceleration of a joint, rad/s^2.
     root_acceleration : float
@@ -99,7 +100,7 @@ class Settings:
     solver: str = "gauss-newton"
     sweeps: int = 500
     working_size: int = 480
-    pixel_correlation: float = 640.0
+    correlation_length: float = 0.2
     joint_acceleration: float = 20.0
     root_acceleration: float = 2.0
 

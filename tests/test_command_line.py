@@ -58,6 +58,7 @@ class Result:
         self.segments = ()
         self.visible = tuple(np.ones(count) for count in counts)
         self.residual = tuple(np.linspace(0, 0.1, shot.length) for _ in shot.performers)
+        self.pictures = None
 
 
 @pytest.fixture
@@ -237,7 +238,7 @@ def test_a_folder_in_the_way_of_a_result_is_refused(folder: Path, capsys: pytest
 
 
 def broken(error: BaseException):
-    def fail(shot, progress=None):
+    def fail(shot, progress=None, pictures=()):
         raise error
 
     return fail

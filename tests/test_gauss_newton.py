@@ -162,6 +162,7 @@ def test_residuals_of_frames_are_those_of_the_pairs_on_both_sides() -> None:
         energy=np.array([[4.0, 0.0], [12.0, 0.0]]),
         weight=np.array([[1.0, 2.0], [3.0, 2.0]]),
         noise=np.zeros(1),
+        density=np.zeros(1),
         share=np.zeros(1),
         stride=1,
         seconds={},

@@ -13,7 +13,7 @@ import pytest
 from kfmocap.core import rotations
 from kfmocap.core.body import Body, landmark_positions
 from kfmocap.core.constraints import acceleration
-from kfmocap.core.errors import CancelledError
+from kfmocap.core.errors import CancelledError, ShotError
 from kfmocap.core.interpolation import spline
 from kfmocap.core.motion import Motion, stacked
 from kfmocap.core.shot import KeyPoses, Settings, Shot, View
@@ -300,3 +300,8 @@ def test_key_poses_away_from_the_ends_hold_the_motion_before_and_after_them(view
     assert len(found) == LENGTH
     np.testing.assert_array_equal(found.rotations[[3, 7]], TRUTH.rotations[[3, 7]])
     assert apart_mm(found, TRUTH).mean() < 0.5 * spline_error(s, [TRUTH])
+
+
+def test_a_shot_of_one_frame_is_refused(views: list[View]) -> None:
+    with pytest.raises(ShotError, match="one frame"):
+        track(replace(shot(views), frames=(0, 0)))

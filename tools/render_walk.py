@@ -48,7 +48,7 @@ class Take:
 
 def make_take(name: str, frames: int, board: bool = False) -> Take:
     """The take of a motion by name; a board may pass between cam01 and the figure, against its way."""
-    body = human(1.78, {"shoulder_width": 0.375, "upper_arm": 0.298, "torso": 0.52})
+    body = human(1.78, {"shoulder_width": 0.375, "upper_arm": 0.298, "torso": 0.52, "head": 0.32396})
     x = np.linspace(1.2, -1.2, frames)
     path = np.stack([x, np.full(frames, -1.3), np.full(frames, 0.75)], axis=1) if board else None
     return Take(name, body, MOTIONS[name](body, frames, FPS), cameras(), path)

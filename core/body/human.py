@@ -21,7 +21,7 @@ FRACTIONS: dict[str, float] = {
     "hip_width": 0.115,
     "shoulder_width": 0.215,
     "torso": 0.288,
-    "head": 0.182,
+    "head": 0.167,
     "nose_up": 0.085,
     "nose_forward": 0.065,
     "upper_arm": 0.172,
@@ -75,6 +75,7 @@ _RINGS: dict[str, list[tuple[float, float, float, float]]] = {
     "shin": [(0.0, 0.052, 0.055, 0.0), (0.3, 0.056, 0.06, -0.012), (1.0, 0.034, 0.036, 0.0)],
 }
 _SIDES = 10
+_SOLE = 0.016  # below the heel and toe landmarks, metres for a height of 1.75 m
 
 
 def default_measures(height: float) -> dict[str, float]:
@@ -137,7 +138,8 @@ def _assemble(m: Mapping[str, float], girth: float) -> Body:
     def ringed(name: str, length: float) -> Array:
         return tapered([(y * length, *(girth * r for r in ring)) for y, *ring in _RINGS[name.split(".")[0]]], _SIDES)
 
-    hip_height = -m["hips_rise"] + max(m[f"thigh.{s}"] + m[f"shin.{s}"] + m[f"foot_down.{s}"] for s in "LR") + 0.02
+    legs = [m[f"thigh.{s}"] + m[f"shin.{s}"] + m[f"foot_down.{s}"] for s in "LR"]
+    hip_height = max(legs) + _SOLE * girth - m["hips_rise"]
     hip = np.array([0.0, 0.0, hip_height])
     trunk = np.array([0.25, 0.55, 1.0]) * (m["torso"] + m["neck_rise"])  # tops of pelvis, spine and chest
     waist, breast, neck = (hip + h * up for h in trunk)
@@ -198,11 +200,11 @@ def _foot(ankle: Array, toe: Array, heel: Array, girth: float) -> Array:
     """Vertices of a wedge-shaped foot in the world's rest pose: sole, instep, and a cuff at the ankle."""
     side = np.array([1.0, 0.0, 0.0]) * girth
     tip = toe + (toe - heel) * 0.12
-    ground = np.array([0.0, 0.0, min(toe[2], heel[2]) - 0.015])
+    ground = min(toe[2], heel[2]) - _SOLE * girth
     profile = [(heel, 0.030), (0.35 * heel + 0.65 * toe, 0.045), (tip, 0.030)]
     vertices = []
     for point, half in profile:
-        sole = np.array([point[0], point[1], ground[2]])
+        sole = np.array([point[0], point[1], ground])
         rise = 0.045 if point is heel else 0.055 if point is not tip else 0.025
         for sign in (-1.0, 1.0):
             vertices += [sole + sign * half * side, sole + sign * 0.85 * half * side + [0, 0, rise * girth]]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,7 @@ class Evidence:
     H : ndarray, shape (V, F - 1, P, 12, 12)
     g : ndarray, shape (V, F - 1, P, 12)
         See `WrenchSums`; P counts the parts of all performers.
-    energy, weight, noise : ndarray, shape (V, F - 1)
+    energy, weight, noise, density : ndarray, shape (V, F - 1)
     share : ndarray, shape (V, F, P)
         Visible share of every part, see `LabelImages`.
     stride : int
@@ -47,6 +47,7 @@ class Evidence:
     energy: Array
     weight: Array
     noise: Array
+    density: Array
     share: Array
     stride: int
     seconds: dict[str, float]
@@ -103,8 +104,8 @@ def gradient_evidence(
         "label images": sum(run.seconds[0] for run in done) / workers,
         "gradients": sum(run.seconds[1] for run in done) / workers,
     }
-    H, g, energy, weight, noise = (joined(name) for name in ("H", "g", "energy", "weight", "noise"))
-    return Evidence(H, g, energy, weight, noise, share, stride, seconds)
+    sums = {f.name: joined(f.name) for f in fields(WrenchSums)}
+    return Evidence(**sums, share=share, stride=stride, seconds=seconds)
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,6 +43,8 @@ class WrenchSums:
         Sum of the weights.
     noise : ndarray, shape (m,)
         Robust standard deviation of the residuals, grey level 0 to 1.
+    density : ndarray, shape (m,)
+        Mean number of the view's pixels that a square metre facing it covers; 0 where no part is seen.
     """
 
     H: Array
@@ -50,6 +52,7 @@ class WrenchSums:
     energy: Array
     weight: Array
     noise: Array
+    density: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +155,7 @@ def brightness_constancy(
         sums[..., 12, 12].sum(axis=1),
         np.bincount(pixels.frame, weight, minlength=m).astype(float),
         noise,
+        np.prod(focal) * np.bincount(pixels.frame, x_a[:, 2] ** -2.0, minlength=m) / np.maximum(np.diff(bounds), 1),
     )
 
 

@@ -28,8 +28,8 @@ Array = NDArray[np.float64]
 SMALLEST_STEP = 5e-3
 """A stage ends when no joint moves more than this, radians (and metres)."""
 OVERRELAXATION = 1.5
-"""Steps are taken this much longer: weights that follow the residuals, and slopes measured beside the solution, make
-every step too short by about the same share."""
+"""All steps of a stage but its last are taken this much longer: weights that follow the residuals, and slopes measured
+beside the solution, make every step too short by about the same share."""
 LONGEST_STEP = 0.5
 """No joint turns farther than this in one iteration, radians: beyond it the images' gradients say nothing."""
 
@@ -56,7 +56,7 @@ class Stage:
     iterations: int
 
 
-STAGES = (Stage(2.0, 8.0, 4, 2), Stage(1.0, 4.0, 3, 2), Stage(1.0, 1.0, 2, 2))
+STAGES = (Stage(2.0, 8.0, 4, 2), Stage(1.0, 4.0, 3, 3), Stage(1.0, 1.0, 2, 2))
 """From the curve through the key poses to the solution."""
 REFINEMENT = (Stage(1.0, 1.0, 2, 2),)
 """From a solution to the better one that motion known on both sides allows."""
@@ -91,10 +91,11 @@ def solve(
                 on_step((before + i) / planned, motions)
             poses, evidence = problem.evidence(geometry, motions, stage.sigma, stage.tolerance, stage.stride)
             seconds.add(evidence.seconds)
+            pace = OVERRELAXATION if i + 1 < stage.iterations else 1.0
             with seconds.measure("solve"):
                 systems = normal_equations(problem, motions, poses, evidence, settings)
                 factors = [BandedFactor(n, fixed) for n, fixed in zip(systems, problem.fixed, strict=True)]
-                steps = [limited(-OVERRELAXATION * f.solve(n.gradient)) for f, n in zip(factors, systems, strict=True)]
+                steps = [limited(-pace * f.solve(n.gradient)) for f, n in zip(factors, systems, strict=True)]
                 motions = [motion.moved(step) for motion, step in zip(motions, steps, strict=True)]
                 energies.append(sum(n.energy for n in systems))
             if max(float(np.abs(step).max()) for step in steps) < SMALLEST_STEP:
@@ -139,7 +140,8 @@ def normal_equations(
 def view_precision(evidence: Evidence, settings: Settings) -> Array:
     """Inverse variance of a residual of each view, with the pixels that repeat one another counted once, shape (V,)."""
     noise = np.maximum(np.median(evidence.noise, axis=1), 1e-3)
-    return evidence.stride**2 / (noise**2 * settings.pixel_correlation)
+    density = np.maximum(np.median(evidence.density, axis=1), 1.0)
+    return evidence.stride**2 / (noise**2 * density * settings.correlation_length**2)
 
 
 def acceleration_precision(dof: int, fps: float, settings: Settings) -> Array:

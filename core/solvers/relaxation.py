@@ -4,6 +4,10 @@ Unknown are the motion parameters x_j between frames j - 1 and j: the root's tra
 part's turn Q_j about its own axes. An initial solution follows the gradients alone, frame after frame; sweeps of
 equation (30) then solve one frame after the other for x_j, with the terminal terms (A.1) to (A.4) and the smoothness
 terms (A.5) and (A.6). Grey levels count 0 to 1.
+
+With u = 1/n of equation (27), the sweeps come to rest where equation (21) is least for lambda / n and nu / n. The
+axis vector (A.2) is the sine of a turn, so the terminal constraint is met in the limit of small turns only; the last
+pose is then set to the key pose.
 """
 
 from __future__ import annotations
