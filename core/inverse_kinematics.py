@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 LANDMARK_SIGMA = 0.01
 """Expected error of a landmark, metres."""
-ACCEPTED_MISFIT = 0.02
+ACCEPTED_MISFIT = 0.03
 """A landmark farther than this from its place, metres, is reason to look for another pose."""
 POSTURE_SIGMA = 2.0
 """Expected departure of a joint from its rest orientation, radians: only decides what no landmark shows."""
@@ -62,9 +62,8 @@ def fit_poses(body: Body, names: Sequence[str], targets_world: Array, start: Mot
         if seen.sum() < 3:
             raise LandmarkError("fewer than three landmarks", where=f"pose {k}", todo="choose another key frame")
         labels, points = [n for n, s in zip(known, seen, strict=True) if s], target[seen]
-        first = _placed(body, labels, points) if start is None else start[k : k + 1]
-        pose = _fit_pose(body, labels, points, first)
-        for side in "LR":
+        pose = _fit_pose(body, labels, points, _placed(body, labels, points) if start is None else start[[k]])
+        for side in "LR" if start is None else "":
             if _misfit(body, labels, points, pose) > ACCEPTED_MISFIT:
                 other = _fit_pose(body, labels, points, _elbow_turned(body, pose, side))
                 pose = min(pose, other, key=lambda p: _misfit(body, labels, points, p))
