@@ -54,6 +54,11 @@ def fit_poses(body: Body, names: Sequence[str], targets_world: Array, start: Mot
     LandmarkError
         If a pose has fewer than three landmarks.
     """
+    return _fit_poses(body, names, targets_world, start, search=True)
+
+
+def _fit_poses(body: Body, names: Sequence[str], targets_world: Array, start: Motion | None, search: bool) -> Motion:
+    """As `fit_poses`; with `search`, a pose that does not fit is tried with its arms turned."""
     used = [i for i, name in enumerate(names) if name in body.landmarks]
     known, targets = [names[i] for i in used], np.asarray(targets_world, float)[:, used]
     poses: list[Motion] = []
@@ -63,7 +68,7 @@ def fit_poses(body: Body, names: Sequence[str], targets_world: Array, start: Mot
             raise LandmarkError("fewer than three landmarks", where=f"pose {k}", todo="choose another key frame")
         labels, points = [n for n, s in zip(known, seen, strict=True) if s], target[seen]
         pose = _fit_pose(body, labels, points, _placed(body, labels, points) if start is None else start[[k]])
-        for side in "LR" if start is None else "":
+        for side in "LR" if search else "":
             if _misfit(body, labels, points, pose) > ACCEPTED_MISFIT:
                 other = _fit_pose(body, labels, points, _elbow_turned(body, pose, side))
                 pose = min(pose, other, key=lambda p: _misfit(body, labels, points, p))
@@ -145,8 +150,8 @@ def fit_body(names: Sequence[str], targets_world: Array, height: float | None = 
     stature = estimate_height(names, targets) if height is None else height
     measures = default_measures(stature)
     body, poses = human(stature, measures), None
-    for _ in range(rounds):
-        poses = fit_poses(body, names, targets, poses)
+    for i in range(rounds):
+        poses = _fit_poses(body, names, targets, poses, search=i == 1)  # by then the body nearly fits
         measures = _fit_measures(stature, measures, poses, names, targets)
         body = human(stature, measures)
     return body

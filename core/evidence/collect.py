@@ -19,7 +19,7 @@ from .images import ViewFrames
 
 Array = NDArray[np.float64]
 
-RUN = 16
+RUN = 32
 """How many pairs of frames are worked on at a time: enough to keep NumPy busy, few enough to stay in the cache."""
 _WORKERS = 2
 

@@ -56,7 +56,7 @@ class Stage:
     iterations: int
 
 
-STAGES = (Stage(2.0, 8.0, 4, 2), Stage(1.0, 4.0, 3, 3), Stage(1.0, 1.0, 2, 2))
+STAGES = (Stage(2.0, 8.0, 4, 2), Stage(1.0, 4.0, 4, 3), Stage(1.0, 1.0, 3, 2))
 """From the curve through the key poses to the solution."""
 REFINEMENT = (Stage(1.0, 1.0, 2, 2),)
 """From a solution to the better one that motion known on both sides allows."""
