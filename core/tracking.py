@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import count, pairwise, zip_longest
 
@@ -121,6 +121,9 @@ def track(
         raise ShotError("a shot of one frame has nothing to track", where="[shot] frames")
     for view in shot.views:
         check_view(view, shot.frames[0], shot.length)
+    # Sums are rounded by their order, and labels turn roundings into steps: the order of the views must not count.
+    order = sorted(range(len(shot.views)), key=lambda v: shot.views[v].camera.name)
+    shot = replace(shot, views=tuple(shot.views[v] for v in order))
     job = _Job(shot, progress, observe)
     kept = frozenset(shot.frames[0] + frame for frame in pictures)
     albums = [Album(kept, working_factor(view, PICTURE_SIZE)) for view in shot.views]
@@ -134,7 +137,7 @@ def track(
     if waiting is not None and len(stretches) > 1:
         job.refine(*waiting)
     report_progress(progress, "tracking", 1.0)
-    return job.result(albums)
+    return job.result(albums, [order.index(v) for v in range(len(order))])
 
 
 class _Job:
@@ -187,7 +190,8 @@ class _Job:
             *stretch, iterations + solution.iterations, energy + solution.energy, solution.factors
         )
 
-    def result(self, albums: Sequence[Album]) -> TrackResult:
+    def result(self, albums: Sequence[Album], views: list[int]) -> TrackResult:
+        """The result, with the views in that order."""
         performers = self.shot.performers
         ends = np.cumsum([0] + [len(performer.body) for performer in performers])
         return TrackResult(
@@ -195,9 +199,9 @@ class _Job:
             self.seconds,
             len(self.shot.views) * self.shot.length,
             tuple(self._results.values()),
-            tuple(self._share[:, :, a:b] for a, b in pairwise(ends)),
+            tuple(self._share[views, :, a:b] for a, b in pairwise(ends)),
             tuple(self._residual for _ in performers),
-            tuple({f - self.shot.frames[0]: image for f, image in album.pictures.items()} for album in albums),
+            tuple({f - self.shot.frames[0]: image for f, image in albums[v].pictures.items()} for v in views),
         )
 
 
