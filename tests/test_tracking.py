@@ -221,6 +221,8 @@ def test_progress_rises_to_one_and_changes_nothing(views: list[View], tracked: M
     found = track(shot(views), progress).motions[0]
     assert told == sorted(told) and 0 <= told[0] < 0.2 and told[-1] == 1
     np.testing.assert_array_equal(found.rotations, tracked.rotations)
+    # Not to the last bit: the processor may add in another order where arrays lie otherwise.
+    np.testing.assert_allclose(found.rotations, tracked.rotations, atol=5e-3)
 
 
 @solvers

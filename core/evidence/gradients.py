@@ -165,8 +165,9 @@ def _carried(pixels: Pixels, to_camera: Poses, poses: Poses) -> Image:
     R_cam, T_cam = Rc[:, None] @ R, T @ np.swapaxes(Rc, 1, 2) + tc[:, None]
     turn = R_cam[1:] @ np.swapaxes(R_cam[:-1], -1, -2)
     shift = T_cam[1:] - (turn @ T_cam[:-1, :, :, None])[..., 0]
-    turns, shifts = (a.astype(np.float32)[pixels.frame, pixels.part] for a in (turn, shift))
-    return np.einsum("nab,nb->na", turns, pixels.points_cam) + shifts
+    turns, shifts = (a[pixels.frame, pixels.part] for a in (turn, shift))
+    # In double precision: the last bit of a single one depends on where arrays lie, and would show in the motion.
+    return (np.einsum("nab,nb->na", turns, pixels.points_cam) + shifts).astype(np.float32)
 
 
 def _still_seen(pixels: Pixels, uv: Image, labels: LabelImages, stride: int) -> NDArray[np.bool_]:
