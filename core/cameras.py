@@ -122,6 +122,19 @@ class Camera:
         width, height = (-(-n // stride) for n in self.size)
         return replace(self, size=(width, height), matrix=K)
 
+    def field(self, parity: int) -> Camera:
+        """The camera of a field of interlaced footage: line i of the field is line 2 i + parity of the frame.
+
+        Distortion stays as it is: it bends rays, however the lines are counted.
+
+        Parameters
+        ----------
+        parity : int
+            0 for the field of lines 0, 2, 4 ..., 1 for that of lines 1, 3, 5 ...
+        """
+        size = self.size[0], len(range(parity, self.size[1], 2))
+        return replace(self, size=size, matrix=field_of_frame(parity) @ self.matrix)
+
     def rectify_maps(self) -> tuple[NDArray, NDArray] | None:
         """Maps for `cv2.remap` that take an image of this camera to `rectified()`, or None if it has no distortion."""
         # OpenCV's fisheye model is no pinhole even without coefficients.
@@ -135,3 +148,8 @@ class Camera:
 def reduced_size(size: tuple[int, int], factor: float) -> tuple[int, int]:
     """Width and height of an image reduced by `factor`, at least one pixel each."""
     return max(1, round(size[0] / factor)), max(1, round(size[1] / factor))
+
+
+def field_of_frame(parity: int) -> Array:
+    """Homography, shape (3, 3), from the pixels of a frame to those of its field: v goes to (v - parity) / 2."""
+    return np.array([[1, 0, 0], [0, 1 / 2, -parity / 2], [0, 0, 1]])

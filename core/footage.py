@@ -1,11 +1,16 @@
-"""Footage: videos and image sequences, decoded once, reduced, rectified and streamed."""
+"""Footage: videos and image sequences, decoded once, reduced, rectified and streamed.
+
+The frames of an interlaced view are its fields, two to a frame of the file: field k is the lines of one parity of the
+file's frame k // 2.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +18,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import FootageError, ShotError
+from .cameras import field_of_frame
+from .errors import FootageError
 from .shot import View
 
 Image = NDArray[Any]
 
 IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
+_FIRST_PARITY = {"top-first": 0, "bottom-first": 1}
+_LINE_BLUR = np.array([1, 2, 1]) / 4
 _ROTATIONS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
 
 
@@ -33,7 +41,7 @@ class Footage:
     size : tuple of int
         Width and height as the footage is to be seen, after the rotation in its metadata, pixels.
     count : int
-        Number of frames. A video's is the container's claim.
+        Number of frames, fields woven. A video's is the container's claim.
     fps : float
         Frames per second, 0 for an image sequence.
     """
@@ -64,8 +72,13 @@ def probe(path: Path | str) -> Footage:
         return Footage(path, size, int(video.get(cv2.CAP_PROP_FRAME_COUNT)), video.get(cv2.CAP_PROP_FPS))
 
 
+def is_interlaced(view: View) -> bool:
+    """Whether a view's footage frames are fields, two to a frame of the file."""
+    return view.fields in _FIRST_PARITY
+
+
 def footage_index(view: View, frame: int) -> int:
-    """The footage's frame that shows a frame of the shot: the nearest one where the offset is fractional.
+    """The footage's frame, or field, that shows a frame of the shot: the nearest where the offset is fractional.
 
     Parameters
     ----------
@@ -73,6 +86,22 @@ def footage_index(view: View, frame: int) -> int:
         In the count of the shot's first and last frame.
     """
     return int(np.floor(frame + view.offset + 0.5))
+
+
+def file_index(view: View, frame: int) -> int:
+    """The frame of the file that shows a frame of the shot; of interlaced footage the one with its field.
+
+    Parameters
+    ----------
+    frame : int
+        In the count of the shot's first and last frame.
+    """
+    return footage_index(view, frame) // _per_file_frame(view)
+
+
+def _per_file_frame(view: View) -> int:
+    """How many of the view's footage frames there are in a frame of its file."""
+    return 2 if is_interlaced(view) else 1
 
 
 def check_view(view: View, first: int, length: int) -> Footage:
@@ -83,10 +112,7 @@ def check_view(view: View, first: int, length: int) -> Footage:
     FootageError
         The footage is missing or unreadable, of another size than its camera's, begins after the shot or ends
         before it.
-    ShotError
-        The footage is interlaced, which is not supported yet.
     """
-    _require_progressive(view)
     footage, camera = probe(view.footage), view.camera
     if footage.size != camera.size:
         raise FootageError(
@@ -98,28 +124,20 @@ def check_view(view: View, first: int, length: int) -> Footage:
     return footage
 
 
-def _require_progressive(view: View) -> None:
-    if view.fields != "progressive":
-        raise ShotError(
-            f'fields = "{view.fields}": interlaced footage is not supported yet',
-            where=f"[[view]] camera '{view.camera.name}'",
-            todo='deinterlace it and use fields = "progressive"',
-        )
-
-
 def _check_range(view: View, footage: Footage, first: int, length: int) -> None:
     start, end = footage_index(view, first), footage_index(view, first + length - 1)
-    last, offset = first + length - 1, view.offset
-    asked = f"the shot's frames {first} to {last} with offset {offset:g} are its frames {start} to {end}"
+    last, offset, each = first + length - 1, view.offset, _per_file_frame(view)
+    unit = "fields" if is_interlaced(view) else "frames"
+    asked = f"the shot's frames {first} to {last} with offset {offset:g} are its {unit} {start} to {end}"
     where = f"{view.footage} (camera '{view.camera.name}')"
     if start < 0:
         raise FootageError(f"the shot begins before the footage: {asked}", where=where)
-    if end < footage.count:
-        return
-    # Some containers understate their length; only decoding tells.
-    count = footage.count if image_files(view.footage) is not None else _decodable(view.footage, end + 1)
+    count = each * footage.count
+    if end >= count and image_files(view.footage) is None:
+        # Some containers understate their length; only decoding tells.
+        count = each * _decodable(view.footage, end // each + 1)
     if end >= count:
-        raise FootageError(f"the footage has only {count} frames: {asked}", where=where)
+        raise FootageError(f"the footage has only {count} {unit}: {asked}", where=where)
 
 
 def _by(size: tuple[int, int]) -> str:
@@ -130,6 +148,8 @@ def frames_at(
     view: View, frames: Sequence[int], factor: float, *, grey: bool = True, album: Album | None = None
 ) -> Iterator[Image]:
     """Stream frames of a view that was checked: decoded once, in order, reduced and rectified.
+
+    A field comes as a whole picture, in the same place whatever its parity: see `_whole`.
 
     Parameters
     ----------
@@ -154,12 +174,11 @@ def frames_at(
     """
     camera = view.camera.reduced(factor)
     maps = camera.rectify_maps()
-    indices = [footage_index(view, frame) for frame in frames]
-    for frame, (image, turn) in zip(frames, _decoded(view.footage, indices, view.camera.size), strict=True):
+    for frame, decoded in zip(frames, _decoded(view, [footage_index(view, f) for f in frames]), strict=True):
         if album is not None and frame in album.frames:
             near = view.camera.reduced(album.factor)
-            album.pictures[frame] = _prepared(image, turn, near.size, near.rectify_maps(), grey=False)
-        yield _prepared(image, turn, camera.size, maps, grey)
+            album.pictures[frame] = _prepared(decoded, near.size, near.rectify_maps(), grey=False)
+        yield _prepared(decoded, camera.size, maps, grey)
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,19 +200,54 @@ class Album:
     pictures: dict[int, Image] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, eq=False)
+class _Decoded:
+    """A frame of a file as it is stored.
+
+    Attributes
+    ----------
+    image : ndarray of uint8, shape (h, w, 3)
+    turn : int
+        How far it is to be turned clockwise, degrees: 0, 90, 180 or 270.
+    parity : int or None
+        Which of its stored lines are the field that is meant: 0 even, 1 odd; None of progressive footage.
+    """
+
+    image: Image
+    turn: int
+    parity: int | None = None
+
+
 def _prepared(
-    image: Image, turn: int, size: tuple[int, int], maps: tuple[NDArray[Any], NDArray[Any]] | None, grey: bool
+    decoded: _Decoded, size: tuple[int, int], maps: tuple[NDArray[Any], NDArray[Any]] | None, grey: bool
 ) -> Image:
-    """A decoded frame reduced to a size, turned as it is to be seen, and rectified."""
+    """A decoded frame or field reduced to a size, turned as it is to be seen, and rectified."""
+    image, turn = decoded.image, decoded.turn
     if grey:
         image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     stored = size[::-1] if turn in (90, 270) else size
+    if decoded.parity is not None:
+        image = _whole(image, decoded.parity, stored[0])
     if image.shape[1::-1] != stored:
         image = cv2.resize(image, stored, interpolation=cv2.INTER_AREA)
     if turn:
         image = cv2.rotate(image, _ROTATIONS[turn])
     # A black border would be an edge that moves with nothing.
     return image if maps is None else cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+
+
+def _whole(frame: Image, parity: int, width: int) -> Image:
+    """A whole picture, reduced to a width, from the lines of one parity, each where it lies in the frame.
+
+    The lines are interpolated by the quadratic B-spline (linear, then 1 2 1): it blurs all lines by the same variance.
+    Linear alone would leave a field's own lines sharp, and what stands still would flicker from field to field.
+    """
+    lines = frame[parity::2]
+    lines = cv2.resize(lines, (width, len(lines)), interpolation=cv2.INTER_AREA)
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    size = width, len(frame)
+    spread = cv2.warpAffine(lines, field_of_frame(parity)[:2], size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+    return cv2.sepFilter2D(spread, -1, np.ones(1), _LINE_BLUR)
 
 
 def image_files(path: Path) -> dict[int, Path] | None:
@@ -274,27 +328,34 @@ def _decodable(path: Path, limit: int) -> int:
     return count
 
 
-def _decoded(path: Path, indices: Sequence[int], size: tuple[int, int]) -> Iterator[tuple[Image, int]]:
-    """The frames of those increasing indices as they are stored, and how far they are to be turned, degrees.
+def _decoded(view: View, indices: Sequence[int]) -> Iterator[_Decoded]:
+    """The footage's frames, or fields, of those increasing indices; each frame of the file is decoded once."""
+    each, first = _per_file_frame(view), _FIRST_PARITY.get(view.fields)
+    shared = [(number, list(same)) for number, same in groupby(indices, lambda index: index // each)]
+    stored = _stored(view.footage, [number for number, _ in shared], view.camera.size)
+    for decoded, (_, same) in zip(stored, shared, strict=True):
+        for index in same:
+            yield decoded if first is None else replace(decoded, parity=(index + first) % 2)
 
-    `size` is that of the frames as they are to be seen.
-    """
+
+def _stored(path: Path, numbers: Sequence[int], size: tuple[int, int]) -> Iterator[_Decoded]:
+    """The frames of a file of those increasing numbers; `size` is that of the frames as they are to be seen."""
     images = image_files(path)
     if images is not None:
-        for index in indices:
-            yield _sequence_image(path, images, index, size), 0
+        for number in numbers:
+            yield _Decoded(_sequence_image(path, images, number, size), 0)
         return
     with _opened(path) as video:
         turn, position = _quarter_turns(video), 0
-        for index in indices:
+        for number in numbers:
             # Seeking is not exact in every container: go through the frames.
-            while position < index and video.grab():
+            while position < number and video.grab():
                 position += 1
-            read, frame = video.read() if position == index else (False, None)
+            read, frame = video.read() if position == number else (False, None)
             if not read or frame is None:
-                raise FootageError(f"the footage ends or breaks at frame {position}", where=str(path))
+                raise FootageError(f"the footage ends or breaks at frame {position} of the file", where=str(path))
             position += 1
-            yield frame, turn
+            yield _Decoded(frame, turn)
 
 
 def _sequence_image(path: Path, images: dict[int, Path], index: int, size: tuple[int, int]) -> Image:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -112,6 +114,15 @@ def test_subsampled_camera_counts_every_nth_pixel(stride: int) -> None:
     cam = camera().subsampled(stride)
     assert cam.size == (len(range(0, SIZE[0], stride)), len(range(0, SIZE[1], stride)))
     np.testing.assert_allclose(cam.project(cloud()) * stride, camera().project(cloud()), atol=1e-9)
+
+
+@given(st.integers(0, 1), st.integers(2, 9))
+def test_a_fields_camera_has_the_lines_of_one_parity(parity: int, height: int) -> None:
+    points, lines = cloud(), list(range(height))[parity::2]
+    for cam in (camera(LENS), camera((0.05, -0.01, 0.003, -0.001), fisheye=True)):
+        assert replace(cam, size=(640, height)).field(parity).size == (640, len(lines))
+        uv = cam.field(parity).project(points)
+        np.testing.assert_allclose(uv * [1, 2] + [0, parity], cam.project(points), atol=1e-8)
 
 
 def blob(size: tuple[int, int], uv: np.ndarray, sigma: float) -> np.ndarray:

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from kfmocap.core.cameras import Camera
-from kfmocap.core.errors import FootageError, ShotError
+from kfmocap.core.errors import FootageError
 from kfmocap.core.footage import check_view, footage_index, frames_at, probe
 from kfmocap.core.shot import View
 
@@ -127,11 +127,6 @@ def test_footage_that_breaks_off_names_the_frame(tmp_path: Path) -> None:
         cv2.imwrite(str(tmp_path / f"f{f}.png"), picture(f))
     with pytest.raises(FootageError, match="frame 2 is missing"):
         list(frames_at(View(camera(), tmp_path / "f#.png"), range(4), 1))
-
-
-def test_interlaced_footage_is_refused_until_it_is_supported(video: Path) -> None:
-    with pytest.raises(ShotError, match=r"top-first.*not supported"):
-        check_view(View(camera(), video, fields="top-first"), 0, 4)
 
 
 @pytest.mark.parametrize("pattern", ["img_%04d.png", "img_####.png", "img_*.png"])

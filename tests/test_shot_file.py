@@ -115,6 +115,12 @@ def test_arguments_override_the_file(folder: Path) -> None:
     assert shot.settings.solver == "gauss-newton"
 
 
+def test_fields_of_interlaced_footage_are_frames(folder: Path) -> None:
+    (folder / "shot.toml").write_text(TEXT.replace("offset = 1.0", 'offset = 12\nfields = "bottom-first"'))
+    shot = load_shot(folder / "shot.toml")
+    assert [(view.fields, view.offset) for view in shot.views] == [("progressive", 0.0), ("bottom-first", 12.0)]
+
+
 def test_a_part_of_a_shot_can_be_selected(folder: Path) -> None:
     shot = selected(load_shot(folder / "shot.toml"), ["cam02"], [3, 9], "gauss-newton")
     assert [view.camera.name for view in shot.views] == ["cam02"]
@@ -171,7 +177,7 @@ BAD = [
     ("offset = 1.0", "offset = -3.0", r"'cam02' footage.*begins before the footage"),
     ("offset = 1.0", 'offset = "one"', r"\[\[view\]\] 2 offset: must be a number"),
     ("offset = 1.0", 'fields = "top"', r"\[\[view\]\] 2 fields: unknown value 'top'.*top-first"),
-    ("offset = 1.0", 'fields = "top-first"', "interlaced footage is not supported yet"),
+    ("offset = 1.0", 'offset = 15\nfields = "top-first"', "'cam02' footage.*only 22 fields: .*its fields 17 to 24"),
     ("offset = 1.0", 'keypoints = "pose"', r"\[\[view\]\] 2 keypoints: there is no such"),
     ("keyframes = [9, 3, 6]", "keyframes = []", r"\[\[performer\]\] 1 keyframes: at least one key frame"),
     ("keyframes = [9, 3, 6]", "keyframes = [1, 3]", r"1 keyframes: key frame 1 lies outside .* 2 to 9"),
