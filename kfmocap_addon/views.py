@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from ..core import rotations
 from ..core.cameras import Camera
 from ..core.errors import CalibrationError, FootageError
-from ..core.footage import footage_index, image_files
+from ..core.footage import file_index, footage_index, image_files, is_interlaced
 from ..core.shot import View
 from . import actions, exact, lens
 
@@ -71,7 +71,9 @@ def build_view(
     owner = bpy.data.objects.new(camera.name, data)
     collection.objects.link(owner)
     _place(owner, camera, frame_start)
-    clip.frame_start = frame_start - footage_index(view, first)
+    clip.frame_start = frame_start - file_index(view, first)
+    if is_interlaced(view):
+        _play_at_half_rate(clip, footage_index(view, first) - frame_start)
     lens.set_clip_lens(clip, camera)
     _show_behind(data, clip)
     for name in ("matrix", "distortions", "R_cam_world", "t_cam_world"):
@@ -84,6 +86,16 @@ def build_view(
     slot.keypoints = "" if view.keypoints is None else _relative(view.keypoints, view.footage.parent)
     slot.distortions = "" if lens.has_brown_model(camera) else _packed_distortions(camera)
     return owner
+
+
+def _play_at_half_rate(clip: bpy.types.MovieClip, ahead: int) -> None:
+    """Show each frame of interlaced footage, both fields woven, for the two scene frames that are its fields.
+
+    A movie clip knows no rate: its start is driven instead. `ahead` is how far fields count ahead of scene frames.
+    """
+    driver = clip.driver_add("frame_start").driver
+    # Of functions that Blender evaluates itself: a file may drive it where Python is not trusted.
+    driver.expression = f"frame - floor((frame {ahead:+d}) / 2)"
 
 
 def _place(owner: bpy.types.Object, camera: Camera, frame_start: int) -> None:

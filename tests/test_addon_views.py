@@ -119,6 +119,24 @@ def test_the_footage_stands_behind_its_camera_at_the_right_frame(tmp_path):
         assert 1 - background.clip.frame_start == original.frames[0] + view.offset
 
 
+@pytest.mark.parametrize("order", ["top-first", "bottom-first"])
+@pytest.mark.parametrize("offset", [0.0, 3.0])
+def test_interlaced_footage_shows_each_frame_for_its_two_fields(tmp_path, order, offset):
+    original = shot(tmp_path)
+    fixed, moving = original.views
+    fixed = replace(fixed, offset=offset, fields=order)
+    scene.build_scene(replace(original, views=(fixed, moving)), scene=bpy.context.scene)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"))
+    current = bpy.context.scene
+    clips = [slot.camera.data.background_images[0].clip for slot in current.kfmocap.views]
+    for f in range(original.length):
+        current.frame_set(1 + f)
+        shown = [1 + f - clip.frame_start for clip in clips]
+        assert shown == [(original.frames[0] + f + offset) // 2, original.frames[0] + f]
+    assert [view.fields for view in scene.shot_from_scene(current).views] == [order, "progressive"]
+
+
 def test_an_image_sequence_comes_back_as_its_pattern(tmp_path):
     import cv2
 
