@@ -16,13 +16,12 @@ import scipy
 from numpy.typing import NDArray
 
 from .formats.files import replacing
+from .occlusion import OCCLUDED_BELOW, intervals, occluded, suggested_keyframes, unseen
 from .shot import Performer, Shot
 
 if TYPE_CHECKING:
     from .tracking import TrackResult
 
-OCCLUDED_BELOW = 0.3
-"""A part is occluded in a view where less than this share of its area is seen (paper 000, section 5.3)."""
 WORST_FRAMES = 10
 
 
@@ -96,26 +95,48 @@ def _performer(
 ) -> dict[str, Any]:
     first = shot.frames[0]
     worst = [int(f) for f in np.argsort(-np.nan_to_num(residual, nan=-1.0), kind="stable") if residual[f] >= 0]
+    names, blind = performer.body.names, unseen(visible)
     return {
         "name": performer.name,
         "keyframes": [first + int(f) for f in performer.key_poses.frames],
         "occluded_below": OCCLUDED_BELOW,
         "occluded": {
-            view.camera.name: {
-                part.name: spans
-                for i, part in enumerate(performer.body.parts)
-                if (spans := intervals(visible[v, :, i] < OCCLUDED_BELOW, first))
-            }
-            for v, view in enumerate(shot.views)
+            view.camera.name: _spans(names, hidden, first)
+            for view, hidden in zip(shot.views, occluded(visible), strict=True)
         },
+        "unseen": _spans(names, blind, first),
+        "suggested_keyframes": [
+            {
+                "frame": first + suggestion.frame,
+                "parts": [names[p] for p in suggestion.parts],
+                "hidden": [first + f for f in suggestion.hidden],
+            }
+            for suggestion in suggested_keyframes(blind, performer.key_poses)
+        ],
         "worst_frames": [{"frame": first + f, "residual": float(residual[f])} for f in worst[:WORST_FRAMES]],
     }
 
 
-def intervals(mask: NDArray[np.bool_], first: int = 0) -> list[list[int]]:
-    """First and last frame of each run of true values; the mask's frame 0 is frame `first`."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
-    return [[first + int(a), first + int(b) - 1] for a, b in zip(edges[::2], edges[1::2], strict=True)]
+def _spans(names: list[str], hidden: NDArray[np.bool_], first: int) -> dict[str, list[list[int]]]:
+    """Intervals of the parts that are hidden on some frames (F, P); the shot's frame 0 is frame `first`."""
+    spans = {name: intervals(hidden[:, p], first) for p, name in enumerate(names)}
+    return {name: found for name, found in spans.items() if found}
+
+
+def blind_spots(values: Mapping[str, Any]) -> list[str]:
+    """A report in a few lines: what no camera saw, and where key poses would help."""
+    lines = []
+    for performer in values["performers"]:
+        counts = [f"{part} {sum(b + 1 - a for a, b in spans)}" for part, spans in performer["unseen"].items()]
+        if counts:
+            lines.append(f"{performer['name']}: frames on which no camera sees a part: {', '.join(counts)}")
+        suggested = [
+            f"{s['frame']} ({' '.join(s['parts'])} hidden {s['hidden'][0]}-{s['hidden'][1]})"
+            for s in performer["suggested_keyframes"]
+        ]
+        if suggested:
+            lines.append(f"{performer['name']}: key poses would help at {', '.join(suggested)}")
+    return lines
 
 
 def _versions() -> dict[str, str]:

@@ -6,6 +6,7 @@ Importing it pulls in neither Blender nor the core.
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import shutil
 import sys
@@ -105,7 +106,16 @@ def _track(args: argparse.Namespace) -> int:
     with progress_bar() as progress:
         files = run_track(shot, args.out, not args.no_blender, progress, seconds, scene)
     print(*files, sep="\n")
+    _tell_blind_spots(args.out / "report.json")
     return 0
+
+
+def _tell_blind_spots(path: Path) -> None:
+    """What no camera saw and where key poses would help, for those who look; the list of files stays as it is."""
+    from ..core.report import blind_spots
+
+    for line in blind_spots(json.loads(path.read_text(encoding="utf-8"))):
+        print(f"kfmocap: {line}", file=sys.stderr)
 
 
 def _shot(args: argparse.Namespace) -> tuple[Shot, bpy.types.Scene | None]:

@@ -16,6 +16,7 @@ from kfmocap.core.cameras import Camera
 from kfmocap.core.errors import CancelledError, FootageError
 from kfmocap.core.formats import read_trc, save_cameras, write_trc
 from kfmocap.core.motion import Motion
+from kfmocap.core.occlusion import Suggestion
 from kfmocap.kfmocap_addon import command_line, demo, results
 from kfmocap.kfmocap_addon.command_line import main
 
@@ -122,6 +123,26 @@ def test_the_report_is_json_with_times_and_versions(folder: Path) -> None:
     assert {"footage", "solve", "shot", "overlay"} <= set(report["seconds"])
     assert report["settings"]["solver"] == "relaxation"
     assert report["performers"][0]["worst_frames"][0]["frame"] == FRAMES - 1
+
+
+def test_what_no_camera_saw_is_told_beside_the_list_of_files(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def half_blind(shot, progress=None, pictures=()):
+        result = Result(shot)
+        result.visible[0][:, 1:3, shot.performers[0].body.index("hand.L")] = 0.1
+        return result
+
+    track(folder)
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(results, "track", half_blind)
+    assert track(folder) == 0
+    captured = capsys.readouterr()
+    assert captured.err == "kfmocap: man: frames on which no camera sees a part: hand.L 2\n"
+    assert len(captured.out.split()) == 3
+    monkeypatch.setattr("kfmocap.core.report.suggested_keyframes", lambda *_: [Suggestion(4, (6,), (1, 2))])
+    assert track(folder) == 0
+    assert "kfmocap: man: key poses would help at 4 (hand.L hidden 1-2)\n" in capsys.readouterr().err
 
 
 def test_a_new_output_folder_is_made_and_results_are_replaced(folder: Path) -> None:

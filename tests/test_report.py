@@ -4,29 +4,18 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from kfmocap.core.body import human
 from kfmocap.core.cameras import Camera
 from kfmocap.core.errors import LandmarkError
 from kfmocap.core.formats import Landmarks
 from kfmocap.core.motion import Motion
-from kfmocap.core.report import intervals, report, write_report
+from kfmocap.core.report import blind_spots, report, write_report
 from kfmocap.core.scoring import joint_error
 from kfmocap.core.shot import KeyPoses, Performer, Shot, View
-
-
-@given(st.lists(st.booleans(), max_size=30), st.integers(0, 50))
-def test_intervals_cover_the_true_frames_and_no_others(mask: list[bool], first: int) -> None:
-    spans = intervals(np.array(mask, dtype=bool), first)
-    covered = {f for a, b in spans for f in range(a, b + 1)}
-    assert covered == {first + i for i, value in enumerate(mask) if value}
-    assert all(b + 1 < a for (_, b), (a, _) in pairwise(spans))
 
 
 @dataclass
@@ -37,35 +26,71 @@ class Segment:
     energy: tuple[float, ...]
 
 
-def test_the_report_counts_frames_as_the_footage_does(tmp_path: Path) -> None:
-    body, F = human(), 8
+@pytest.fixture
+def tracked() -> tuple[Shot, type]:
+    """A shot that begins at frame 100, two views, and what the tracker would hand back of it."""
+    body, F = human(), 24
     motion = Motion(np.zeros((F, 3)), np.tile(np.eye(3), (F, len(body), 1, 1)))
-    camera = Camera.create("cam01", (64, 48), [[60, 0, 31], [0, 60, 23], [0, 0, 1]], np.eye(3), np.zeros(3))
-    performer = Performer("man", body, KeyPoses.whole([0, 7], motion[[0, 7]]))
-    shot = Shot("jump", 25.0, (100, 107), (View(camera, Path("a.mp4")),), (performer,))
-    visible = np.ones((1, F, len(body)))
+    cameras = [
+        Camera.create(name, (64, 48), [[60, 0, 31], [0, 60, 23], [0, 0, 1]], np.eye(3), np.zeros(3))
+        for name in ("cam01", "cam02")
+    ]
+    performer = Performer("man", body, KeyPoses.whole([0, 23], motion[[0, 23]]))
+    views = tuple(View(camera, Path("a.mp4")) for camera in cameras)
+    visible = np.ones((2, F, len(body)))
     visible[0, 2:5, body.index("forearm.R")] = 0.1
-    residual = np.zeros(F)
-    residual[6] = 0.2
-    residual[0] = np.nan
+    visible[:, 8:15, body.index("hand.R")] = 0.1
+    visible[0, 10:12, body.index("shin.L")] = visible[1, 11:14, body.index("shin.L")] = 0.2
+    values = np.zeros(F)
+    values[6], values[0] = 0.2, np.nan
 
     class Result:
         seconds = {"footage": 1.0, "solve": 3.0}
-        camera_frames = F
-        segments = (Segment(0, 7, 3, (5.0, 2.0, 1.5)),)
+        camera_frames = 8
+        segments = (Segment(0, 23, 3, (5.0, 2.0, 1.5)),)
 
-    Result.visible, Result.residual = (visible,), (residual,)
-    values = report(shot, Result(), {"overlay": 0.5})
+    Result.visible, Result.residual = (visible,), (values,)
+    return Shot("jump", 25.0, (100, 123), views, (performer,)), Result
+
+
+def test_the_report_counts_frames_as_the_footage_does(tracked: tuple[Shot, type], tmp_path: Path) -> None:
+    shot, result = tracked
+    values = report(shot, result(), {"overlay": 0.5})
     assert values["camera_frames_per_second"] == 2.0
     assert values["seconds_total"] == 4.5
-    assert values["segments"] == [{"frames": [100, 107], "iterations": 3, "energy": [5.0, 2.0, 1.5]}]
+    assert values["segments"] == [{"frames": [100, 123], "iterations": 3, "energy": [5.0, 2.0, 1.5]}]
     (man,) = values["performers"]
-    assert man["keyframes"] == [100, 107]
-    assert man["occluded"] == {"cam01": {"forearm.R": [[102, 104]]}}
+    assert man["keyframes"] == [100, 123]
     assert man["worst_frames"][0] == {"frame": 106, "residual": 0.2}
     assert 100 not in [w["frame"] for w in man["worst_frames"]]
     write_report(tmp_path / "report.json", values)
     assert json.loads((tmp_path / "report.json").read_text()) == values
+
+
+def test_the_report_has_what_each_camera_and_what_no_camera_saw(tracked: tuple[Shot, type]) -> None:
+    (man,) = report(*tracked)["performers"]
+    assert man["occluded"] == {
+        "cam01": {"forearm.R": [[102, 104]], "hand.R": [[108, 114]], "shin.L": [[110, 111]]},
+        "cam02": {"hand.R": [[108, 114]], "shin.L": [[111, 113]]},
+    }
+    assert man["unseen"] == {"hand.R": [[108, 114]], "shin.L": [[111, 111]]}
+
+
+def test_the_report_suggests_key_frames_beside_what_no_camera_saw(tracked: tuple[Shot, type]) -> None:
+    (man,) = report(*tracked)["performers"]
+    assert man["suggested_keyframes"] == [
+        {"frame": 107, "parts": ["hand.R"], "hidden": [108, 114]},
+        {"frame": 115, "parts": ["hand.R"], "hidden": [108, 114]},
+    ]
+
+
+def test_blind_spots_are_told_in_a_line_each(tracked: tuple[Shot, type]) -> None:
+    shot, result = tracked
+    unseen, suggested = blind_spots(report(shot, result))
+    assert unseen == "man: frames on which no camera sees a part: shin.L 1, hand.R 7"
+    assert suggested == "man: key poses would help at 107 (hand.R hidden 108-114), 115 (hand.R hidden 108-114)"
+    result.visible = tuple(np.ones_like(visible) for visible in result.visible)
+    assert not blind_spots(report(shot, result))
 
 
 def landmarks(names: list[str], points: np.ndarray) -> Landmarks:
