@@ -14,17 +14,16 @@ from kfmocap.core.body import landmark_positions
 from kfmocap.core.formats.calibration import load_cameras
 from kfmocap.core.formats.shot_toml import load_shot
 from kfmocap.core.formats.trc import read_trc
-from render.motions import MOTIONS
-from render_walk import FPS, cameras, key_frames, make_take
+from render.takes import BESIDE_THE_WALK, PLANS, key_frames, make_take
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 WALK, BEAM = EXAMPLES / "walk", EXAMPLES / "beam"
-FRAMES = 60
+FRAMES, FPS = 60, 30.0
 
 
 @pytest.fixture(scope="module")
 def take():
-    return make_take("walk", FRAMES)
+    return make_take("walk")
 
 
 def test_walk_loads_as_a_shot():
@@ -63,7 +62,7 @@ def test_walk_files_are_what_the_script_writes(take):
     assert list(truth.names) == take.landmarks
     np.testing.assert_allclose(truth.points_world, take.truth(), atol=1e-5)
     stored = load_cameras(WALK / "calibration.toml")
-    for camera in cameras():
+    for camera in BESIDE_THE_WALK:
         np.testing.assert_allclose(stored[camera.name].project(take.truth()), camera.project(take.truth()), atol=1e-3)
 
 
@@ -102,9 +101,9 @@ def test_beam_shot_file_names_its_own_files():
     assert (BEAM / shot["performer"][0]["landmarks"]).is_file()
 
 
-@pytest.mark.parametrize("name", sorted(MOTIONS))
+@pytest.mark.parametrize("name", sorted(PLANS))
 def test_motions_are_deterministic_and_keep_the_joint_limits(name):
-    first, second = make_take(name, FRAMES), make_take(name, FRAMES)
+    first, second = make_take(name), make_take(name)
     np.testing.assert_array_equal(first.motion.rotations, second.motion.rotations)
     np.testing.assert_array_equal(first.motion.translations, second.motion.translations)
     turns = rotations.log(first.motion.rotations)

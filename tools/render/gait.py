@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from .posing import HEADING, hanging_arm, posed_rotations, turn
+from .posing import HEADING, faced_about, hanging_arm, posed_rotations, turn
 
 Array = NDArray[np.float64]
 
@@ -54,6 +54,11 @@ def walk(body: Body, frames: int, fps: float) -> Motion:
     turns = _stride_turns(gait)
     turns["head"] = turn("y", np.radians(-16) * np.exp(-((seconds / 0.6) ** 2))) * turns["head"]
     return Motion(_pelvis_path(body, gait), posed_rotations(body, turns, frames))
+
+
+def crossing(body: Body, frames: int, fps: float) -> Motion:
+    """The same walk along -X: past a camera at -Y from right to left, the right arm and leg behind the body."""
+    return faced_about(body, walk(body, frames, fps))
 
 
 def _stride_turns(gait: Gait) -> dict[str, Rotation]:

@@ -10,7 +10,12 @@ from collections.abc import Callable
 from kfmocap.core.body import Body
 from kfmocap.core.motion import Motion
 
-from .gait import walk
+from .gait import crossing, walk
 from .gestures import throw, whirl
 
-MOTIONS: dict[str, Callable[[Body, int, float], Motion]] = {"walk": walk, "throw": throw, "whirl": whirl}
+MOTIONS: dict[str, Callable[[Body, int, float], Motion]] = {
+    "walk": walk,
+    "crossing": crossing,
+    "throw": throw,
+    "whirl": whirl,
+}

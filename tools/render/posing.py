@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from kfmocap.core.body import Body
+from kfmocap.core.motion import Motion
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -33,3 +34,11 @@ def posed_rotations(body: Body, turns: dict[str, Rotation], frames: int) -> Arra
     for name, turn in turns.items():
         Q[:, body.index(name)] = turn.as_matrix()
     return Q
+
+
+def faced_about(body: Body, motion: Motion) -> Motion:
+    """The motion turned by half a turn about the world's vertical."""
+    half = np.diag([-1.0, -1.0, 1.0])
+    Q = motion.rotations.copy()
+    Q[:, 0] = body.R_parent_rest[0].T @ half @ body.R_parent_rest[0] @ Q[:, 0]
+    return Motion(motion.translations @ half, Q)

@@ -1,0 +1,152 @@
+"""What is rendered: a body, its motion, the cameras on it, and the shot that comes of it; no Blender here."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from kfmocap.core.body import Body, human, landmark_positions
+from kfmocap.core.cameras import Camera
+from kfmocap.core.formats import save_cameras, write_trc
+from kfmocap.core.motion import Motion
+from numpy.typing import ArrayLike
+
+from .motions import MOTIONS
+
+KEY_STEP = 20
+LOOKS = ("figure", "lens", "scene", "shapes", "surface", "textures", "video")
+"""The modules that a picture hangs on besides its take."""
+
+
+@dataclass(frozen=True, eq=False)
+class Take:
+    """A motion before cameras.
+
+    Attributes
+    ----------
+    fps : float
+        Frames, or fields, per second.
+    keys : tuple of int
+        Frames that get a key pose.
+    fields : str
+        "progressive", or which lines of two successive frames a frame of the video begins with.
+    board : ndarray, shape (F, 3), optional
+        Path of the centre of a board in front, metres.
+    """
+
+    name: str
+    body: Body
+    motion: Motion
+    cameras: tuple[Camera, ...]
+    fps: float
+    keys: tuple[int, ...]
+    fields: str = "progressive"
+    board: np.ndarray | None = None
+
+    @property
+    def landmarks(self) -> list[str]:
+        return list(self.body.landmarks)
+
+    def truth(self) -> np.ndarray:
+        """Landmarks in the world, metres, shape (F, L, 3)."""
+        return landmark_positions(self.body, self.motion, self.landmarks)
+
+    def digest(self) -> str:
+        """A name for all that its pictures hang on."""
+        sources = [Path(__file__).with_name(f"{name}.py").read_bytes() for name in LOOKS]
+        truth = self.truth()
+        seen = [(c.name, c.size, c.distortions.tolist(), c.project(truth).round(3).tolist()) for c in self.cameras]
+        board = None if self.board is None else self.board.round(6).tolist()
+        return hashlib.sha256(b"".join(sources) + repr((seen, self.fields, board)).encode()).hexdigest()[:16]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A take by its motion, length, frame rate and cameras; keys at those frames, or about every `KEY_STEP`."""
+
+    motion: str
+    frames: int
+    fps: float
+    cameras: tuple[Camera, ...]
+    keys: tuple[int, ...] | None = None
+    fields: str = "progressive"
+
+
+def make_take(name: str, frames: int | None = None, board: bool = False) -> Take:
+    """The take of a plan by name; a board may pass between cam01 and the figure, against its way."""
+    plan = PLANS[name]
+    length = frames or plan.frames
+    body = human(1.78, {"shoulder_width": 0.375, "upper_arm": 0.298, "torso": 0.52, "head": 0.32396})
+    x = np.linspace(1.2, -1.2, length)
+    path = np.stack([x, np.full(length, -1.3), np.full(length, 0.75)], axis=1) if board else None
+    motion = MOTIONS[plan.motion](body, length, plan.fps)
+    keys = plan.keys if plan.keys is not None and length == plan.frames else key_frames(length)
+    return Take(name, body, motion, plan.cameras, plan.fps, tuple(keys), plan.fields, path)
+
+
+def key_frames(frames: int) -> list[int]:
+    """A key about every `KEY_STEP` frames, both ends among them."""
+    return [int(k) for k in np.linspace(0, frames - 1, round(frames / KEY_STEP) + 1).round()]
+
+
+def is_written(take: Take, out: Path) -> bool:
+    """Whether a folder holds the footage of just this take."""
+    shot = out / "shot.toml"
+    return shot.exists() and take.digest() in shot.read_text()
+
+
+def write_shot(take: Take, out: Path) -> None:
+    """Write the calibration, the truth and, last, the shot file of a take whose videos are there."""
+    save_cameras(out / "calibration.toml", {camera.name: camera for camera in take.cameras})
+    write_trc(out / "landmarks.trc", take.landmarks, take.truth(), take.fps)
+    fields = "" if take.fields == "progressive" else f'fields = "{take.fields}"\n'
+    views = "".join(f'\n[[view]]\ncamera = "{c.name}"\nfootage = "{c.name}.mp4"\n{fields}' for c in take.cameras)
+    (out / "shot.toml").write_text(
+        f"# rendered from {take.digest()}\n\n"
+        f'[shot]\nname = "{take.name}"\nfps = {take.fps}\nframes = [0, {len(take.motion) - 1}]\n\n'
+        f'[calibration]\nfile = "calibration.toml"\n{views}\n'
+        f'[[performer]]\nname = "person"\nlandmarks = "landmarks.trc"\nkeyframes = {list(take.keys)}\n'
+    )
+
+
+def _looking(
+    name: str,
+    place: ArrayLike,
+    at: ArrayLike,
+    focal: float,
+    distortions: ArrayLike = (0.0, 0.0, 0.0, 0.0),
+    size: tuple[int, int] = (640, 480),
+) -> Camera:
+    forward = np.subtract(at, place)
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0, 0, 1.0])
+    right /= np.linalg.norm(right)
+    R = np.stack([right, np.cross(forward, right), forward])
+    matrix = [[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1]]
+    return Camera.create(name, size, matrix, R, -R @ np.asarray(place, float), distortions)
+
+
+_WIDE = (640, 360)
+BESIDE_THE_WALK = (
+    _looking("cam01", (0.0, -4.7, 1.05), (0.0, 0.0, 0.93), 780.0, size=_WIDE),
+    _looking("cam02", (4.1, -3.2, 1.5), (0.05, 0.05, 0.86), 700.0, size=_WIDE),
+    _looking("cam03", (-4.0, 3.1, 1.6), (0.05, -0.05, 0.86), 690.0, (-0.16, 0.06, 0.0005, -0.0007), _WIDE),
+)
+"""From the right side, oblique from the front, oblique from behind (through a lens with distortion)."""
+ALL_ROUND = (
+    _looking("cam01", (0.0, -4.6, 1.2), (0.0, 0.0, 0.98), 900.0),
+    _looking("cam02", (3.9, 2.4, 1.4), (0.0, 0.0, 0.96), 900.0),
+    _looking("cam03", (-3.9, 2.4, 1.4), (0.0, 0.0, 0.96), 900.0),
+)
+BEFORE_THE_CROSSING = (_looking("cam01", (0.0, -4.7, 1.1), (0.0, 0.0, 0.95), 780.0),)
+BEFORE_THE_RING = (_looking("cam01", (0.0, -5.0, 1.2), (0.03, 0.0, 0.9), 900.0),)
+THROW_KEYS = (0, 15, 26, 41, 52, 61, 66, 71)
+PLANS = {
+    "walk": Plan("walk", 60, 30.0, BESIDE_THE_WALK),
+    "crossing": Plan("crossing", 97, 50.0, BEFORE_THE_CROSSING, (0, 96)),
+    "throw": Plan("throw", 72, 60.0, BEFORE_THE_RING, THROW_KEYS, "top-first"),
+    "whirl": Plan("whirl", 97, 30.0, ALL_ROUND, (0, 24, 48, 72, 96)),
+}
+"""The example in the repository, and the experiments of the papers."""

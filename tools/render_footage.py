@@ -1,0 +1,108 @@
+#!/usr/bin/env python3
+"""Render footage of a made person with exact truth: the example shot `walk`, or a take of the experiments.
+
+    .venv/bin/python tools/render_footage.py walk --out examples/walk
+
+Writes one video per camera, calibration.toml, landmarks.trc and shot.toml; a README there is not touched. When it was
+interrupted it goes on where it was, and what is done already is not rendered again. `--preview 0 30 59` writes PNG
+pictures of those frames instead, with the joints marked.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+from render.takes import PLANS, Take, is_written, make_take, write_shot
+
+
+def render_take(take: Take, frames: list[int], folder: Path, marks: bool = False) -> None:
+    """Render frames into PNG files of a folder, as the cameras record them."""
+    import cv2
+    from render import figure, lens, scene
+
+    skin = figure.make_figure(take.body)
+    mesh, vertices = scene.build(skin), skin.posed(take.motion)
+    pinholes = {camera.name: lens.padded_pinhole(camera) for camera in take.cameras}
+    by_name = {camera.name: camera for camera in take.cameras}
+    truth = take.truth()
+    for name, frame, image in scene.render(mesh, vertices, list(pinholes.values()), folder, frames, take.board):
+        image = lens.through_lens(image, pinholes[name], by_name[name])
+        image = lens.with_noise(image, seed=[frame, *name.encode()])
+        if marks:
+            for u, v in by_name[name].project(truth[frame]):
+                cv2.circle(image, (round(u * 16), round(v * 16)), 32, (0, 255, 0), 1, cv2.LINE_AA, 4)
+        part = folder / "part.png"
+        cv2.imwrite(str(part), image)
+        os.replace(part, picture(folder, name, frame))
+
+
+def picture(folder: Path, camera: str, frame: int) -> Path:
+    return folder / f"{camera}_{frame:04d}.png"
+
+
+def woven(pictures: list[Path], fields: str, folder: Path) -> list[Path]:
+    """The frames of a video: the pictures, or two at a time as an interlaced camera records them."""
+    if fields == "progressive":
+        return pictures
+    import cv2
+
+    first = ("top-first", "bottom-first").index(fields)
+    frames = []
+    for k, (early, late) in enumerate(zip(pictures[::2], pictures[1::2], strict=True)):
+        frame = np.empty_like(cv2.imread(str(early)))
+        for order, field in enumerate((early, late)):
+            parity = (first + order) % 2
+            frame[parity::2] = cv2.imread(str(field))[parity::2]
+        frames.append(folder / f"woven_{k:04d}.png")
+        cv2.imwrite(str(frames[-1]), frame)
+    return frames
+
+
+def render_shot(take: Take, out: Path) -> None:
+    """Render a take into a folder, unless it is there."""
+    if is_written(take, out):
+        return
+    scratch = out / f".pictures-{take.digest()}"
+    scratch.mkdir(exist_ok=True)
+    frames = list(range(len(take.motion)))
+    missing = [f for f in frames if not all(picture(scratch, c.name, f).exists() for c in take.cameras)]
+    if missing:
+        render_take(take, missing, scratch)
+    from render import video
+
+    rate = take.fps if take.fields == "progressive" else take.fps / 2
+    for camera in take.cameras:
+        pictures = woven([picture(scratch, camera.name, f) for f in frames], take.fields, scratch)
+        video.encode(pictures, camera.size, rate, scratch / f"{camera.name}.mp4")
+        os.replace(scratch / f"{camera.name}.mp4", out / f"{camera.name}.mp4")
+    write_shot(take, out)
+    shutil.rmtree(scratch)
+
+
+def arguments() -> argparse.ArgumentParser:
+    form = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=form)
+    parser.add_argument("take", choices=PLANS)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--board", action="store_true", help="let a board pass in front of the figure")
+    parser.add_argument("--frames", type=int, help="another number of frames")
+    parser.add_argument("--preview", type=int, nargs="+", metavar="FRAME", help="these frames only")
+    return parser
+
+
+def main() -> None:
+    args = arguments().parse_args()
+    args.out.mkdir(parents=True, exist_ok=True)
+    take = make_take(args.take, args.frames, args.board)
+    if args.preview:
+        render_take(take, args.preview, args.out, marks=True)
+    else:
+        render_shot(take, args.out)
+
+
+if __name__ == "__main__":
+    main()
