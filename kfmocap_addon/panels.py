@@ -2,7 +2,9 @@
 
 import bpy
 
+from . import occlusion
 from .operators.export import Export
+from .operators.go_to_frame import GoToFrame
 from .operators.load_shot import LoadShot
 from .operators.look_through import LookThrough
 from .operators.set_key_pose import SetKeyPose
@@ -68,12 +70,48 @@ class TrackPanel(_Panel, bpy.types.Panel):
         self.layout.operator(Track.bl_idname, icon="TRACKING_FORWARDS")
 
 
+class OcclusionPanel(_Panel, bpy.types.Panel):
+    bl_idname = "KFMOCAP_PT_occlusion"
+    bl_label = "Out of Sight"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return any(occlusion.is_tracked(slot.armature) for slot in context.scene.kfmocap.performers)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        for slot in context.scene.kfmocap.performers:
+            if occlusion.is_tracked(slot.armature):
+                column = self.layout.column(align=True)
+                _draw_hidden(column, slot, context.scene.frame_current)
+                _draw_suggestions(column, slot)
+
+
 class ExportPanel(_Panel, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_export"
     bl_label = "Export"
 
     def draw(self, _context: bpy.types.Context) -> None:
         self.layout.operator(Export.bl_idname, icon="EXPORT")
+
+
+def _draw_hidden(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup, frame: int) -> None:
+    hidden = occlusion.hidden_parts(slot.armature, frame)
+    column.label(text=f"{slot.name}: {'no camera sees' if hidden else 'every part is seen'}")
+    for part in hidden:
+        column.label(text=part, icon="HIDE_ON")
+
+
+def _draw_suggestions(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup) -> None:
+    if slot.suggestions:
+        column.separator()
+        column.label(text="A key pose would help at")
+    for suggestion in slot.suggestions:
+        button = column.operator(GoToFrame.bl_idname, text=f"{suggestion.frame}: {suggestion.name}", icon="KEY_HLT")
+        button.frame = suggestion.frame
+        first, last = suggestion.hidden
+        button.reason = (
+            f"Jump there and pose {suggestion.name}: seen on this frame, but by no camera on frames {first} to {last}"
+        )
 
 
 def _background(view: bpy.types.PropertyGroup) -> bpy.types.CameraBackgroundImage | None:

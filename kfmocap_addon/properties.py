@@ -62,12 +62,22 @@ class KFMocapView(bpy.types.PropertyGroup):
     )
 
 
+class KFMocapSuggestion(bpy.types.PropertyGroup):
+    """A key frame that would help; its name is that of the parts which no camera sees just before or after."""
+
+    frame: bpy.props.IntProperty(name="Frame", description="Scene frame on which the parts are seen")
+    hidden: bpy.props.IntVectorProperty(
+        size=2, name="Hidden", description="First and last scene frame on which they are not"
+    )
+
+
 class KFMocapPerformer(bpy.types.PropertyGroup):
     """Somebody to track, by name; the armature is the body, its keys are the key poses."""
 
     armature: bpy.props.PointerProperty(
         type=bpy.types.Object, poll=_is_armature, name="Armature", description="The performer's body"
     )
+    suggestions: bpy.props.CollectionProperty(type=KFMocapSuggestion)
 
 
 class KFMocapScene(bpy.types.PropertyGroup):

@@ -5,20 +5,23 @@ from __future__ import annotations
 import bpy
 
 from . import panels, properties
-from .operators import export, load_shot, look_through, set_key_pose, track
+from .operators import export, go_to_frame, load_shot, look_through, set_key_pose, track
 
 CLASSES = (
     properties.KFMocapView,
+    properties.KFMocapSuggestion,
     properties.KFMocapPerformer,
     properties.KFMocapScene,
     load_shot.LoadShot,
     look_through.LookThrough,
     set_key_pose.SetKeyPose,
+    go_to_frame.GoToFrame,
     track.Track,
     export.Export,
     panels.ShotPanel,
     panels.ViewsPanel,
     panels.TrackPanel,
+    panels.OcclusionPanel,
     panels.ExportPanel,
 )
 COMMAND = "kfmocap"

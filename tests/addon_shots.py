@@ -68,6 +68,11 @@ def shot(folder: Path, performers: tuple[str, ...] = ("man",), fps: float = 60.0
     return Shot("walk", fps, (5, 4 + frames), views, tuple(people))
 
 
+def sights(given: Shot) -> tuple[np.ndarray, ...]:
+    """What a tracker reports of a shot in which every camera sees everything."""
+    return tuple(np.ones((len(given.views), given.length, len(p.body))) for p in given.performers)
+
+
 def joint_error(armature: bpy.types.Object, body: Body, truth: Motion, first: float = 1, step: float = 1) -> float:
     """Largest distance in mm between joints as Blender evaluates them and as the core does.
 

@@ -2,6 +2,7 @@
 
 import bpy
 
+from .. import occlusion
 from .. import scene as scenes
 from .reporting import explained, reported
 
@@ -33,6 +34,7 @@ class Track(bpy.types.Operator):
                 shot = scenes.shot_from_scene(context.scene)
                 result = tracking.track(shot, progress)
                 scenes.write_motions(context.scene, result.motions)
+                occlusion.write_occlusion(context.scene, shot, result.visible)
                 self.report({"INFO"}, f"Tracked {shot.length} frames in {sum(result.seconds.values()):.1f} s")
         finally:
             manager.progress_end()

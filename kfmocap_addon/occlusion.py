@@ -1,0 +1,76 @@
+"""What the cameras saw of each part, in the scene: on every pose bone the number of cameras that see it, animated.
+
+It is written by each tracking in place of the one before. It is no channel of the body, so keys on it are no key poses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.occlusion import occluded, suggested_keyframes, unseen
+from ..core.shot import Performer, Shot
+from . import actions, rig
+
+VIEWS = "kfmocap_views"
+"""Custom property of a pose bone: the number of cameras that see the part."""
+_DESCRIPTION = "Cameras that see this part on this frame, as last tracked. On frames without any its motion is a guess"
+
+
+def write_occlusion(scene: bpy.types.Scene, shot: Shot, visible: Sequence[NDArray[np.float64]]) -> None:
+    """Show in a scene what the cameras saw of its performers, and which key frames would help.
+
+    Parameters
+    ----------
+    shot : Shot
+        As it was tracked.
+    visible : sequence of ndarray, shape (V, F, P)
+        Visible share of the parts of each performer.
+    """
+    start = scene.kfmocap.frame_start
+    for slot, performer, share in zip(scene.kfmocap.performers, shot.performers, visible, strict=True):
+        _write_views(slot.armature, ~occluded(share), start)
+        _write_suggestions(slot, performer, unseen(share), start)
+
+
+def is_tracked(armature: bpy.types.Object | None) -> bool:
+    """Whether a tracking has left what the cameras saw on an armature's bones."""
+    return armature is not None and any(VIEWS in bone for bone in armature.pose.bones)
+
+
+def hidden_parts(armature: bpy.types.Object, frame: float) -> list[str]:
+    """Names of the bones that no camera sees at a scene frame; of what was never tracked none."""
+    bag = actions.find_channelbag(armature)
+    curves = {bone.name: bag.fcurves.find(_path(bone)) for bone in armature.pose.bones} if bag else {}
+    return [name for name, curve in curves.items() if curve is not None and curve.evaluate(frame) < 1]
+
+
+def _write_views(armature: bpy.types.Object, sees: NDArray[np.bool_], frame_start: int) -> None:
+    """Animate the number of cameras that see each part, from sights of shape (V, F, P): keys where it changes."""
+    bag = actions.ensure_channelbag(armature, armature.name)
+    for rank, rest in enumerate(rig.body_bones(armature)):
+        bone, count = armature.pose.bones[rest.name], sees[..., rank].sum(axis=0)
+        bone[VIEWS] = int(count[0])
+        bone.id_properties_ui(VIEWS).update(min=0, max=len(sees), description=_DESCRIPTION)
+        changes = np.flatnonzero(np.diff(count, prepend=-1))
+        curve = actions.ensure_fcurve(bag, _path(bone), 0, bone.name)
+        actions.set_keys(curve, [actions.new_keys(frame_start + changes, count[changes], "GENERATED", "CONSTANT")])
+        curve.lock = True  # so that moving keys in the timeline leaves it alone
+
+
+def _write_suggestions(
+    slot: bpy.types.PropertyGroup, performer: Performer, blind: NDArray[np.bool_], frame_start: int
+) -> None:
+    slot.suggestions.clear()
+    for suggestion in suggested_keyframes(blind, performer.key_poses):
+        item = slot.suggestions.add()
+        item.name = ", ".join(performer.body.names[part] for part in suggestion.parts)
+        item.frame = frame_start + suggestion.frame
+        item.hidden = [frame_start + frame for frame in suggestion.hidden]
+
+
+def _path(bone: bpy.types.PoseBone) -> str:
+    return f'{bone.path_from_id()}["{VIEWS}"]'
