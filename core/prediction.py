@@ -142,7 +142,12 @@ def predict(series: Array, steps: int, models: Sequence[AutoRegression] | None =
         Of the parameters on the frames that follow.
     """
     models = [autoregression([y]) for y in series.T] if models is None else models
-    mean, variance, _ = _foretold(series, steps, models)
+    mean, variance = np.zeros((2, steps, len(models)))
+    for d, model in enumerate(models):
+        kalman = _filtered(series[:, d], model)
+        for k in range(steps):
+            kalman.predict()
+            mean[k, d], variance[k, d] = kalman.x[0, 0], kalman.P[0, 0]
     return mean, variance
 
 
@@ -198,12 +203,12 @@ def _seen_before(past: Motion, unseen: NDArray[np.bool_]) -> Motion:
 
 
 def _continued(seen: Motion, steps: int, models: Sequence[AutoRegression], drift: Array) -> tuple[Motion, Array]:
-    """Poses that follow what was seen, and the variance of each parameter's sum of steps, shape (steps, D)."""
-    mean, _, spread = _foretold(_steps(seen) - drift, steps, models)
+    """Poses that follow what was seen, and how unsure they are in each parameter, shape (steps, D)."""
+    mean, variance = predict(_steps(seen) - drift, steps, models)
     poses = [seen[-1:]]
     for step in mean + drift:
         poses.append(poses[-1].moved(step[None]))
-    return stacked(poses[1:]), spread
+    return stacked(poses[1:]), np.cumsum(variance, axis=0)
 
 
 def _blended(ahead: tuple[Motion, Array] | None, back: tuple[Motion, Array] | None) -> Motion:
@@ -218,35 +223,20 @@ def _blended(ahead: tuple[Motion, Array] | None, back: tuple[Motion, Array] | No
     return forward.moved(spread / (spread + spread_back) * forward.difference(backward))
 
 
-def _foretold(series: Array, steps: int, models: Sequence[AutoRegression]) -> tuple[Array, Array, Array]:
-    """Mean and variance of the next steps, and the variance of their sum so far, each of shape (steps, d)."""
-    out = np.zeros((3, steps, len(models)))
-    for d, model in enumerate(models):
-        kalman = _filtered(series[:, d], model)
-        for k in range(steps):
-            kalman.predict()
-            out[:, k, d] = kalman.x[0, 0], kalman.P[0, 0], kalman.P[-1, -1]
-    return out[0], out[1], out[2]
-
-
 def _filtered(series: Array, model: AutoRegression) -> KalmanFilter:
-    """The filter after all of a series. Its state is that of (34) and, last, the sum of the steps after the series."""
+    """The filter after all of a series, in the state space (32)-(37)."""
     from filterpy.kalman import KalmanFilter  # with it comes all of scipy.stats, most of a second
 
     h = len(model.covariance)
-    kalman = KalmanFilter(dim_x=h + 1, dim_z=1)
-    kalman.F = np.eye(h + 1, k=-1)
+    kalman = KalmanFilter(dim_x=h, dim_z=1)
+    kalman.F = np.eye(h, k=-1)
     kalman.F[0, : len(model.coefficients)] = model.coefficients
-    kalman.F[h] = kalman.F[0]
-    kalman.F[h, h] = 1
-    G = np.eye(h + 1)[:, [0]] + np.eye(h + 1)[:, [h]]
+    G = np.eye(h, 1)
     kalman.Q = model.variance * G @ G.T
-    kalman.H = np.eye(1, h + 1)
+    kalman.H = G.T
     kalman.R *= model.noise
-    kalman.P = np.zeros((h + 1, h + 1))
-    kalman.P[:h, :h] = toeplitz(model.covariance)
+    kalman.P = toeplitz(model.covariance)
     for y in series if len(model.coefficients) else ():  # without memory there is nothing to filter
         kalman.predict()
         kalman.update(y)
-    kalman.x[h], kalman.P[h], kalman.P[:, h] = 0, 0, 0
     return kalman

@@ -77,6 +77,13 @@ def test_prediction_is_the_recursion_of_the_model_and_its_variance() -> None:
     np.testing.assert_allclose(variance[:, 0], model.variance * np.cumsum(np.square(gains)), rtol=1e-6)
 
 
+def test_where_nothing_was_seen_the_series_varies_as_ever() -> None:
+    model = autoregression([noisy_waves(60)])
+    mean, variance = predict(np.zeros((0, 1)), 4, [model])
+    np.testing.assert_allclose(mean, 0)
+    np.testing.assert_allclose(variance[:, 0], model.covariance[0], rtol=1e-6)
+
+
 def test_noise_that_is_observed_is_not_foretold() -> None:
     y = np.zeros((40, 1))
     y[:-1, 0], y[-1] = noisy_waves(39), 30.0  # the last one is an outlier
@@ -121,7 +128,7 @@ def test_seen_frames_and_other_parts_stay_as_they_are() -> None:
 
 def test_what_stood_in_the_gap_does_not_count() -> None:
     motion, noise = swing(figure(), 40), random_motion(figure(), 40, seed=5)
-    mask = hidden(motion, [0, 2], 12, 20)
+    mask = hidden(motion, [0, 2], 12, 18) | hidden(motion, [0, 2], 22, 26)
     Q = np.where(mask[..., None, None], noise.rotations, motion.rotations)
     T = np.where(mask[:, :1], noise.translations, motion.translations)
     ours, theirs = predict_unseen(motion, mask), predict_unseen(Motion(T, Q), mask)
@@ -155,6 +162,17 @@ def test_a_single_seen_frame_is_held() -> None:
     motion = random_motion(figure(), 6)
     filled = predict_unseen(motion, hidden(motion, [1], 1, 5))
     np.testing.assert_allclose(filled.rotations[:, 1], np.tile(motion.rotations[0, 1], (6, 1, 1)), atol=1e-9)
+
+
+def test_near_each_end_of_a_gap_that_end_has_the_say() -> None:
+    """A part that stood still before and after, elsewhere: of the way between, each frame has its share."""
+    rest = at_rest(figure(), 60)
+    turned = rest.rotations.copy()
+    turned[30:, 1] = rotations.exp(np.array([0.0, 0.0, 1.0]))
+    motion = Motion(rest.translations, turned).moved(np.random.default_rng(6).normal(0, 1e-4, (60, figure().dof)))
+    filled = predict_unseen(motion, hidden(motion, [1], 26, 34))
+    angle = rotations.log(filled.rotations[26:35, 1])[:, 2]
+    np.testing.assert_allclose(angle, np.arange(1, 10) / 10, atol=0.05)
 
 
 LIMBS = {"walk": (["upper_arm.R", "forearm.R", "hand.R"], ["thigh.R", "shin.R", "foot.R"]),
