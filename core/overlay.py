@@ -131,7 +131,7 @@ def _row(
         near = camera.reduced(factors[k])
         shrinks = near.size[0] < image.shape[1]
         image = cv2.resize(image, near.size, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC)
-        _draw_outlines(image, geometry, near, frame, R[k], T[k])
+        draw_outlines(image, geometry, near, frame, R[k], T[k])
         cell = _cropped(image, boxes[k][0] / factors[k], (width, height))
         _label(cell, view.camera.name, shot.frames[0] + frame, frame in keys)
         cells.append(cell)
@@ -153,8 +153,16 @@ def _framing(camera: Camera, frame: int, geometry: Geometry, R: Array, T: Array)
     return (box[0] + box[1]) / 2, np.maximum((box[1] - box[0]) * _MARGIN, 8.0)
 
 
-def _draw_outlines(image: Image, geometry: Geometry, camera: Camera, frame: int, R: Array, T: Array) -> None:
-    """Outline every part: white where it is seen, thin and grey where another part hides it."""
+def draw_outlines(image: Image, geometry: Geometry, camera: Camera, frame: int, R: Array, T: Array) -> None:
+    """Outline every part, in place: white where it is seen, thin and grey where another part hides it.
+
+    Parameters
+    ----------
+    image : ndarray of uint8, shape (h, w, 3)
+        Of the camera, without lens distortion.
+    R, T : ndarray, shape (P, 3, 3) and (P, 3)
+        World poses of the parts on that frame.
+    """
     label = render_labels(geometry, camera, frame, R[None], T[None]).part[0]
     outlines = []
     for i, span in enumerate(geometry.spans):
