@@ -1,0 +1,113 @@
+"""The papers' experiments, done again: `python -m kfmocap.benchmarks.experiments walk --out results`.
+
+Y. Ohta, T. Yamagiwa, M. Yamamoto, Keyframe Tracking of Human Body in 3D Motion from a Monocular Image Sequence (1998),
+sections 5.5 and 6.1, and S. Shishido, M. Saito, T. Ando, 3D Motion Capturing Using Body Model, section 4; on footage
+that the repository renders, so that the truth is known.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..core.errors import FootageError, KFMocapError
+from ..core.formats.files import replacing
+from ..kfmocap_addon.results import check_output, staged
+from .experiments_pictures import write_jpeg
+from .experiments_runs import Footage, Outcome, say, throw, walk, whirl
+
+ROOT = Path(__file__).resolve().parents[1]
+CACHE = ROOT / "build" / "experiments"
+PAGE = ROOT / "docs" / "experiments.md"
+"""Has tables between `<!-- NAME -->` and `<!-- end -->`, and pictures beside it."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """An experiment and the take of `tools/render_footage.py` that it is done on."""
+
+    take: str
+    run: Callable[[Footage], Outcome]
+
+
+EXPERIMENTS = {
+    "walk": Experiment("crossing", walk),
+    "throw": Experiment("throw", throw),
+    "whirl": Experiment("whirl", whirl),
+}
+
+
+def rendered(take: str) -> Path:
+    """The folder of a take's footage, which is rendered once and kept.
+
+    Raises
+    ------
+    FootageError
+        It cannot be rendered.
+    """
+    script = ROOT / "tools" / "render_footage.py"
+    if not script.is_file():
+        raise FootageError("the renderer is not installed", where=str(script), todo="run it from a checkout")
+    say(f"the footage of '{take}' is rendered, unless it is in {CACHE / take} ...")
+    command = [sys.executable, str(script), take, "--out", str(CACHE / take)]
+    process = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    if process.returncode:
+        reason = process.stderr.strip().splitlines() or ["the renderer ended without a word"]
+        raise FootageError(f"it could not be rendered: {reason[-1]}", where=take)
+    return CACHE / take
+
+
+def write(out_dir: Path, name: str, outcome: Outcome) -> None:
+    """Write NAME.md, NAME.json and the pictures."""
+    with staged(out_dir) as stage:
+        (stage / f"{name}.md").write_text(outcome.text + "\n", encoding="utf-8")
+        (stage / f"{name}.json").write_text(json.dumps(outcome.scores, indent=1) + "\n", encoding="utf-8")
+        for picture, image in outcome.pictures.items():
+            write_jpeg(stage / f"{picture}.jpg", image)
+
+
+def publish(page: Path, name: str, outcome: Outcome) -> None:
+    """Put an outcome into a page of the documentation, in the place of the last one's."""
+    text = page.read_text(encoding="utf-8")
+    begin, end = f"<!-- {name} -->\n", "\n<!-- end -->"
+    before, after = text.split(begin)
+    with replacing(page) as temporary:
+        table = f"{begin}\n{outcome.text}\n{end}"
+        temporary.write_text(before + table + after.split(end, 1)[1], encoding="utf-8")
+    for picture, image in outcome.pictures.items():
+        write_jpeg(page.with_name(f"{page.stem}_{picture}.jpg"), image)
+
+
+def parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m kfmocap.benchmarks.experiments", description=__doc__)
+    parser.add_argument("name", choices=[*EXPERIMENTS, "all"])
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for tables and pictures")
+    parser.add_argument("--docs", action="store_true", help="also put them into docs/experiments.md")
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Do experiments, print their tables and write everything; returns the exit code."""
+    args = parser().parse_args(argv)
+    try:
+        check_output(args.out)
+        for name in EXPERIMENTS if args.name == "all" else [args.name]:
+            experiment = EXPERIMENTS[name]
+            outcome = experiment.run(Footage.load(rendered(experiment.take)))
+            write(args.out, name, outcome)
+            if args.docs:
+                publish(PAGE, name, outcome)
+            print(f"{name}\n\n{outcome.text}\n")
+    except KFMocapError as error:
+        print(f"experiments: error: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,229 @@
+"""The papers' experiments as functions of rendered footage: what is tracked, measured and shown."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+import numpy as np
+
+from ..core.body import landmark_positions
+from ..core.formats import Landmarks, load_shot, read_trc
+from ..core.interpolation import spline
+from ..core.motion import Motion, stacked
+from ..core.scoring import Score, joint_error
+from ..core.selection import selected
+from ..core.shot import KeyPoses, Shot
+from ..core.tracking import track
+from .case import Watch
+from .experiments_pictures import Image, Panels, stacked_rows
+from .tables import convergence, markdown
+
+Switches = Sequence[tuple[int, int, str]]
+
+SWEEPS = (5, 50, 500, 1000)
+"""Sweeps of the relaxation after which the throw is looked at."""
+SHOWN_SWEEPS, SHOWN_FIELD = (5, 50, 500), 20
+"""Those that are shown, and on which field of the throw."""
+DRIFTED = (90, 96)
+"""Frames of the walk on which tracking without its end is shown."""
+LEG = ("Hip", "Knee", "Ankle")
+ARM = ("Shoulder", "Elbow", "Wrist")
+SWITCHES = ((0, 11, "cam01"), (11, 46, "cam02"), (46, 75, "cam03"), (75, 96, "cam01"))
+"""The camera in which most of the turning performer's arms is seen: first and last frame, camera."""
+SWITCHES_AT_KEYS = ((0, 24, "cam03"), (24, 48, "cam02"), (48, 72, "cam03"), (72, 96, "cam01"))
+"""The same where there are key poses, at which the camera is changed then."""
+
+
+@dataclass(frozen=True, eq=False)
+class Footage:
+    """A rendered shot and the truth about it.
+
+    Attributes
+    ----------
+    shot : Shot
+        With all cameras and key poses.
+    truth : Landmarks
+    """
+
+    shot: Shot
+    truth: Landmarks
+
+    @classmethod
+    def load(cls, folder: Path) -> Footage:
+        return cls(load_shot(folder / "shot.toml"), read_trc(folder / "landmarks.trc"))
+
+    @property
+    def keys(self) -> list[int]:
+        """Frames that count in no error, whichever of their key poses were used."""
+        return [int(f) for f in self.shot.performers[0].key_poses.frames]
+
+    def score(self, motion: Motion, among: Sequence[int] | None = None) -> Score:
+        """Joint errors on the frames that are no key frames, or on those `among` given frames."""
+        body = self.shot.performers[0].body
+        names = tuple(body.landmarks)
+        found = Landmarks(names, landmark_positions(body, motion, list(names)), self.shot.fps)
+        others = [] if among is None else np.setdiff1d(np.arange(len(motion)), among).tolist()
+        return joint_error(found, self.truth, sorted({*self.keys, *others}))
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What an experiment brought: text in Markdown, pictures by name, and the scores behind the text."""
+
+    text: str
+    pictures: dict[str, Image] = field(default_factory=dict)
+    scores: dict[str, Any] = field(default_factory=dict)
+
+
+def walk(footage: Footage) -> Outcome:
+    """A walk past one camera, with and without the key pose at its end and prediction."""
+    shot = footage.shot
+    found: dict[tuple[bool, bool], Motion] = {}
+    for end_key in (False, True):
+        for prediction in (False, True):
+            say(f"end key {_yes(end_key)}, prediction {_yes(prediction)} ...")
+            keyed = selected(shot, keyframes=None if end_key else [shot.frames[0]])
+            settings = replace(shot.settings, prediction=prediction)
+            found[end_key, prediction] = track(replace(keyed, settings=settings)).motions[0]
+    scores = {variant: footage.score(motion) for variant, motion in found.items()}
+    heads = ("end key", "prediction", "all joints", "hidden leg", "near leg", "hidden arm", "near arm")
+    rows = [[*map(_yes, variant), *_groups(score)] for variant, score in scores.items()]
+    without, both = (limb(scores[v, v], "R", LEG) for v in (False, True))
+    text = (
+        f"{markdown(heads, rows)}\n\nThe hidden leg's error with both is {both / without:.2f} of that without either."
+    )
+    panels = Panels(shot, footage.truth)
+    drifted = panels.row([(f, found[False, True], str(f)) for f in DRIFTED], 360, whole=True)
+    kept = panels.row([(f, found[True, True], str(f)) for f in range(0, shot.length, 8)], 190)
+    return Outcome(text, {"walk_without": drifted, "walk_with": kept}, {str(k): _json(s) for k, s in scores.items()})
+
+
+def limb(score: Score, side: str, joints: Sequence[str]) -> float:
+    """Mean error of some joints of one side, millimetres."""
+    return fmean(score.per_landmark[side + joint] for joint in joints)
+
+
+def _groups(score: Score) -> list[str]:
+    """Mean errors of all joints, and of the legs and arms that are hidden (right) and near (left)."""
+    limbs = [limb(score, side, joints) for joints in (LEG, ARM) for side in "RL"]
+    return [f"{error:.0f}" for error in (score.mean, *limbs)]
+
+
+def throw(footage: Footage) -> Outcome:
+    """A throw of the discus in fields: both solvers on their way."""
+    results, motions = [], {}
+    for solver, sweeps in [("gauss-newton", None), *(("relaxation", s) for s in SWEEPS)]:
+        say(f"{solver}{'' if sweeps is None else f', {sweeps} sweeps'} ...")
+        result, motion = _watched(footage, solver, sweeps)
+        results.append(result)
+        motions[sweeps] = motion
+    curve = footage.score(spline(footage.shot.performers[0].key_poses, footage.shot.length))
+    text = f"{convergence(results)}\n\nThe curves through the key poses alone: {curve.mean:.1f} mm."
+    panels = Panels(footage.shot, footage.truth)
+    best = [(f, motions[None], str(f)) for f in range(0, footage.shot.length, 6)]
+    half = len(best) // 2
+    way = [(SHOWN_FIELD, None, f"field {SHOWN_FIELD}")]
+    way += [(SHOWN_FIELD, motions[s], f"{s} sweeps") for s in SHOWN_SWEEPS]
+    way += [(SHOWN_FIELD, motions[None], "Gauss-Newton")]
+    strip = stacked_rows([panels.row(best[:half], 230), panels.row(best[half:], 230)])
+    return Outcome(text, {"throw": strip, "throw_convergence": panels.row(way, 360)}, {"runs": results})
+
+
+def _watched(footage: Footage, solver: str, sweeps: int | None) -> tuple[dict[str, Any], Motion]:
+    """A tracked motion and how it came about, as `tables.convergence` has it."""
+    shot = selected(footage.shot, solver=solver)
+    if sweeps is not None:
+        shot = replace(shot, settings=replace(shot.settings, sweeps=sweeps))
+    watch, begin = Watch(), time.perf_counter()
+    result = track(shot, observe=watch)
+    end = result.motions[0]
+    found = {
+        "solver": solver,
+        "sweeps": sweeps,
+        "score": _json(footage.score(end)),
+        "way": [footage.score(m).mean for m in watch.way(end)],
+        "before_last": footage.score(watch.before_last(end)).mean,
+        "seconds": {"total": time.perf_counter() - begin},
+        "iterations": [segment.iterations for segment in result.segments],
+    }
+    return found, end
+
+
+def whirl(footage: Footage) -> Outcome:
+    """A turn on the spot with waving arms: one camera, a camera switched by hand, and all of them."""
+    shot = footage.shot
+    ways: dict[str, Callable[[Shot, Switches], Motion]] = {
+        "cam01": lambda s, _: track(selected(s, views=["cam01"])).motions[0],
+        "switched": track_switched,
+        "all": lambda s, _: track(s).motions[0],
+    }
+    found, rows, scores = {}, [], {}
+    spans = list(pairwise([0, *footage.keys[1:]]))
+    for keys, switches in (([0], SWITCHES), (footage.keys, SWITCHES_AT_KEYS)):
+        for cameras, way in ways.items():
+            say(f"{cameras}, key poses at {' '.join(map(str, keys))} ...")
+            motion = way(selected(shot, keyframes=[shot.frames[0] + k for k in keys]), switches)
+            found[len(keys), cameras] = motion
+            parts = [footage.score(motion, range(a, b)).mean for a, b in spans]
+            score = footage.score(motion)
+            scores[f"{cameras} {keys}"] = _json(score)
+            arms = fmean(limb(score, side, ARM) for side in "LR")
+            numbers = [f"{error:.0f}" for error in (*parts, arms, score.mean)]
+            rows.append([cameras, " ".join(map(str, keys)), *numbers])
+    heads = ("cameras", "key frames", *(f"{a + 1}-{b - 1}" for a, b in spans), "arms", "all joints")
+    panels = Panels(shot, footage.truth, "cam02")
+    strips = [
+        panels.row([(f, found[1, cameras], f"{cameras} {f}") for f in range(0, shot.length, 16)], 180)
+        for cameras in ways
+    ]
+    return Outcome(markdown(heads, rows), {"whirl": stacked_rows(strips)}, scores)
+
+
+def track_switched(shot: Shot, switches: Switches) -> Motion:
+    """Track stretch after stretch with one camera each, from the pose where the last one ended.
+
+    Parameters
+    ----------
+    switches : sequence of (int, int, str)
+        First and last shot frame, the one the last of the stretch before, and the camera.
+    """
+    pose = shot.performers[0].key_poses.poses[[0]]
+    stretches = []
+    for first, last, camera in switches:
+        motion = track(stretch(selected(shot, views=[camera]), first, last, pose)).motions[0]
+        pose = motion[[-1]]
+        stretches.append(motion[:-1])
+    return stacked([*stretches, pose])
+
+
+def stretch(shot: Shot, first: int, last: int, pose: Motion) -> Shot:
+    """The frames first to last of a shot of one performer: they begin with that pose, or a key pose in its place."""
+    performer = shot.performers[0]
+    keys = performer.key_poses
+    inside = (keys.frames >= first) & (keys.frames <= last)
+    frames, poses, fixed = keys.frames[inside] - first, keys.poses[inside], keys.fixed[inside]
+    if first not in keys.frames:
+        begun = KeyPoses.whole([0], pose)
+        frames, poses, fixed = np.r_[0, frames], stacked([pose, poses]), np.concatenate([begun.fixed, fixed])
+    performer = replace(performer, key_poses=KeyPoses(frames, poses, fixed))
+    return replace(shot, frames=(shot.frames[0] + first, shot.frames[0] + last), performers=(performer,))
+
+
+def _json(score: Score) -> dict[str, Any]:
+    return {"frames": score.frames, "mean": score.mean, "per_landmark": score.per_landmark}
+
+
+def _yes(value: bool) -> str:
+    return "yes" if value else "no"
+
+
+def say(text: str) -> None:
+    """Tell how far it is on standard error."""
+    print(f"experiments: {text}", file=sys.stderr, flush=True)
