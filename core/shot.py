@@ -91,18 +91,24 @@ class Settings:
     correlation_length : float
         How far apart, on the body, residuals say different things, metres: pixels within a square of that side count
         as one.
+    outline_correlation : float
+        The same along the body's outline: how long a piece of it counts as one, metres.
     joint_acceleration : float
-        Usual angular acceleration of a joint, rad/s^2.
+        Usual angular acceleration of a joint that turns freely, rad/s^2.
     root_acceleration : float
         Usual acceleration of the root, m/s^2.
+    prediction : bool
+        Foretell the motion of parts that no camera sees from the frames on which they are seen.
     """
 
     solver: str = "gauss-newton"
     sweeps: int = 500
     working_size: int = 480
     correlation_length: float = 0.2
+    outline_correlation: float = 0.5
     joint_acceleration: float = 20.0
     root_acceleration: float = 2.0
+    prediction: bool = True
 
     def __post_init__(self) -> None:
         if self.solver not in SOLVERS:
@@ -111,7 +117,7 @@ class Settings:
             )
         for item in fields(self):
             value = getattr(self, item.name)
-            if item.name != "solver" and not (isinstance(value, (int, float)) and np.isfinite(value) and value > 0):
+            if item.name not in ("solver", "prediction") and not (isinstance(value, (int, float)) and np.isfinite(value) and value > 0):
                 raise ShotError(f"it is {value!r}", where=f"[track] {item.name}", todo="give a positive number")
 
 

@@ -9,12 +9,16 @@ from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import count, pairwise, zip_longest
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from .blas import one_blas_thread
 from .errors import ShotError
+from .evidence.appearance import foreground_images
+from .evidence.collect import scene_poses
 from .evidence.images import ViewFrames
+from .evidence.shape import fitted_shape
 from .footage import Album, check_view, frames_at
 from .interpolation import spline
 from .motion import Motion
@@ -23,6 +27,7 @@ from .solvers import gauss_newton, relaxation
 from .solvers.banded import BandedFactor
 from .solvers.problem import Problem, Solution
 from .timing import Seconds
+from .visibility import Geometry, render_labels
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -129,7 +134,8 @@ def track(
     albums = [Album(kept, working_factor(view, PICTURE_SIZE)) for view in shot.views]
     stretches = segments(shot)
     waiting: tuple[Stretch, tuple[ViewFrames, ...]] | None = None
-    for stretch, views in _footage_by_segment(shot, stretches, albums, job.seconds):
+    for stretch, views, colour in _footage_by_segment(shot, stretches, albums, job.seconds):
+        views = job.look(stretch, views, colour)
         job.solve(stretch, views)
         if waiting is not None:
             job.refine(*waiting)
@@ -147,21 +153,36 @@ class _Job:
         self.shot, self.progress, self.observe = shot, progress, observe
         self.motions = [spline(performer.key_poses, shot.length) for performer in shot.performers]
         self.seconds = Seconds()
+        self._shapes: dict[Stretch, Geometry] = {}
         self._results: dict[Stretch, SegmentResult] = {}
         self._share = np.ones((len(shot.views), shot.length, sum(len(p.body) for p in shot.performers)))
         self._residual = np.zeros(shot.length)
         self._begun = 0.0
 
+    def look(self, stretch: Stretch, views: tuple[ViewFrames, ...], colour: Sequence[Image]) -> tuple[ViewFrames, ...]:
+        """Learn from a stretch's key frames how the performers look: their colours, and their shapes."""
+        keys = whole_keys(self.shot, *stretch)
+        if not len(keys) or self.shot.settings.solver != "gauss-newton":
+            return views  # the papers' solver looks at gradients alone
+        bodies = [performer.body for performer in self.shot.performers]
+        geometry, poses = Geometry.of(bodies), scene_poses(bodies, [m[keys] for m in self.motions])
+        with self.seconds.measure("appearance"):
+            with ThreadPoolExecutor(_WORKERS) as pool:
+                looks = [pool.submit(_with_foreground, v, c, geometry, poses, keys) for v, c in zip(views, colour, strict=True)]
+                views = tuple(look.result() for look in looks)
+            self._shapes[stretch] = fitted_shape(views, geometry, poses, keys)
+        return views
+
     def solve(self, stretch: Stretch, views: tuple[ViewFrames, ...]) -> None:
         """Solve a stretch that follows what is solved already."""
         before = self._context(stretch[0] - 1)
-        self._run(SOLVE[self.shot.settings.solver], _problem(self.shot, stretch, views, before, None), 0.7)
+        self._run(SOLVE[self.shot.settings.solver], _problem(self.shot, stretch, views, before, None, self._shapes.get(stretch)), 0.7)
 
     def refine(self, stretch: Stretch, views: tuple[ViewFrames, ...]) -> None:
         """Solve a stretch once more, now that the motion on both sides is known; not every solver looks there."""
         if (again := REFINE.get(self.shot.settings.solver)) is not None:
             before, after = self._context(stretch[0] - 1), self._context(stretch[1] + 1)
-            self._run(again, _problem(self.shot, stretch, views, before, after), 0.3)
+            self._run(again, _problem(self.shot, stretch, views, before, after, self._shapes.get(stretch)), 0.3)
 
     def _context(self, frame: int) -> tuple[Motion, ...] | None:
         return tuple(m[[frame]] for m in self.motions) if 0 <= frame < self.shot.length else None
@@ -211,9 +232,14 @@ def segments(shot: Shot) -> list[Stretch]:
     They meet where every performer has a key pose of the whole body; before the first and after the last of these
     a stretch is held at one end only.
     """
-    whole = [set(performer.key_poses.full().tolist()) for performer in shot.performers]
-    cuts = sorted(reduce(set.intersection, whole) | {0, shot.length - 1})
+    cuts = sorted({*whole_keys(shot, 0, shot.length - 1).tolist(), 0, shot.length - 1})
     return list(pairwise(cuts))
+
+
+def whole_keys(shot: Shot, first: int, last: int) -> NDArray[np.int64]:
+    """Frames first to last on which every performer has a key pose of the whole body."""
+    whole = reduce(set.intersection, [set(performer.key_poses.full().tolist()) for performer in shot.performers])
+    return np.array(sorted(f for f in whole if first <= f <= last), dtype=np.int64)
 
 
 def working_factor(view: View, working_size: int) -> float:
@@ -223,11 +249,11 @@ def working_factor(view: View, working_size: int) -> float:
 
 def _footage_by_segment(
     shot: Shot, stretches: Sequence[Stretch], albums: Sequence[Album], seconds: Seconds
-) -> Iterator[tuple[Stretch, tuple[ViewFrames, ...]]]:
-    """Every stretch with its frames, decoded once and in order; three stretches are held at most."""
+) -> Iterator[tuple[Stretch, tuple[ViewFrames, ...], list[Image]]]:
+    """Every stretch with its frames, also in colour, decoded once and in order; three stretches are held at most."""
     factors = [working_factor(view, shot.settings.working_size) for view in shot.views]
     frames = range(shot.frames[0], shot.frames[1] + 1)
-    streams = [frames_at(v, frames, f, album=a) for v, f, a in zip(shot.views, factors, albums, strict=True)]
+    streams = [frames_at(v, frames, f, grey=False, album=a) for v, f, a in zip(shot.views, factors, albums, strict=True)]
     cameras = [v.camera.reduced(f).rectified() for v, f in zip(shot.views, factors, strict=True)]
     stop = threading.Event()
     with ThreadPoolExecutor(_WORKERS) as pool:
@@ -242,8 +268,9 @@ def _footage_by_segment(
                 with seconds.measure("footage"):
                     stacks = [job.result() for job in coming]
                 if following is not None:  # it is decoded while this one is solved
-                    coming = read(following, [grey[-1:] for grey in stacks])
-                yield stretch, tuple(ViewFrames(c, grey, stretch[0]) for c, grey in zip(cameras, stacks, strict=True))
+                    coming = read(following, [colour[-1:] for colour in stacks])
+                greys = [np.stack([cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) for image in colour]) for colour in stacks]
+                yield stretch, tuple(ViewFrames(c, g, stretch[0]) for c, g in zip(cameras, greys, strict=True)), stacks
         finally:
             stop.set()
 
@@ -256,16 +283,30 @@ def _read(stream: Iterator[Image], held: Image, count: int, stop: threading.Even
     return np.stack(frames)
 
 
+def _with_foreground(
+    view: ViewFrames, colour: Image, geometry: Geometry, poses: tuple[Array, Array], keys: NDArray[np.int64]
+) -> ViewFrames:
+    """A view with the foreground images that the performers' poses on key frames lead to."""
+    R, T = poses
+    masks = {
+        int(key) - view.first: render_labels(geometry, view.camera, int(key), R[[k]], T[[k]]).part[0] >= 0
+        for k, key in enumerate(keys)
+    }
+    scale = view.pixels_per_metre(T[0].mean(axis=0), int(keys[0]))
+    return replace(view, foreground=foreground_images(colour, masks, scale, not view.camera.moving))
+
+
 def _problem(
     shot: Shot,
     stretch: Stretch,
     views: tuple[ViewFrames, ...],
     before: tuple[Motion, ...] | None,
     after: tuple[Motion, ...] | None,
+    shape: Geometry | None,
 ) -> Problem:
     bodies = tuple(performer.body for performer in shot.performers)
     fixed = tuple(fixed_degrees(performer, *stretch) for performer in shot.performers)
-    return Problem(views, bodies, stretch[0], shot.fps, fixed, before, after)
+    return Problem(views, bodies, stretch[0], shot.fps, fixed, before, after, shape)
 
 
 def fixed_degrees(performer: Performer, first: int, last: int) -> NDArray[np.bool_]:

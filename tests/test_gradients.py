@@ -11,7 +11,7 @@ from kfmocap.core import rotations
 from kfmocap.core.body import landmark_positions, part_poses
 from kfmocap.core.cameras import Camera
 from kfmocap.core.evidence import collect
-from kfmocap.core.evidence.collect import Evidence, gradient_evidence, joint_blocks
+from kfmocap.core.evidence.collect import Evidence, image_evidence, joint_blocks
 from kfmocap.core.evidence.gradients import HUBER, WrenchSums, brightness_constancy, camera_twist, huber_weights
 from kfmocap.core.evidence.images import GradientImages, ViewFrames
 from kfmocap.core.motion import Motion, stacked
@@ -234,7 +234,7 @@ def two_frames(seed: int = 0, shift: float = 0.01) -> tuple[Motion, list[ViewFra
 def evidence_of(
     views: Sequence[ViewFrames], motion: Motion, *, stride: int = 1, tolerance: float = ALL_COUNT
 ) -> Evidence:
-    return gradient_evidence(views, Geometry.of([BODY]), poses_of([BODY], [motion]), 0, 1.0, tolerance, stride)
+    return image_evidence(views, Geometry.of([BODY]), poses_of([BODY], [motion]), 0, 1.0, tolerance, stride)
 
 
 def test_evidence_pulls_a_wrong_pose_back() -> None:

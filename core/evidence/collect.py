@@ -1,9 +1,9 @@
-"""Evidence of a whole segment: label images and wrench sums of every view and pair of frames, mapped to joints."""
+"""Evidence of a whole segment: label images, gradients and outlines of every view and frame, mapped to joints."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 
@@ -16,6 +16,7 @@ from ..motion import Motion
 from ..visibility import Geometry, render_labels
 from .gradients import Poses, WrenchSums, brightness_constancy
 from .images import ViewFrames
+from .outlines import OutlineSums, outline_sums
 
 Array = NDArray[np.float64]
 
@@ -26,7 +27,7 @@ _WORKERS = 2
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Gradient evidence between the neighbouring frames of a segment, all views together.
+    """Evidence of the frames of a segment, all views together.
 
     Attributes
     ----------
@@ -34,6 +35,9 @@ class Evidence:
     g : ndarray, shape (V, F - 1, P, 12)
         See `WrenchSums`; P counts the parts of all performers.
     energy, weight, noise, density : ndarray, shape (V, F - 1)
+        Gradients between neighbouring frames.
+    outline_H, outline_g, outline_energy : ndarray, shape (V, F, P, 6, 6), (V, F, P, 6) and (V, F)
+        See `OutlineSums`; zero where a view has no foreground images.
     share : ndarray, shape (V, F, P)
         Visible share of every part, see `LabelImages`.
     stride : int
@@ -48,6 +52,9 @@ class Evidence:
     weight: Array
     noise: Array
     density: Array
+    outline_H: Array
+    outline_g: Array
+    outline_energy: Array
     share: Array
     stride: int
     seconds: dict[str, float]
@@ -59,7 +66,7 @@ def scene_poses(bodies: Sequence[Body], motions: Sequence[Motion]) -> Poses:
     return np.concatenate([R for R, _ in posed], axis=1), np.concatenate([T for _, T in posed], axis=1)
 
 
-def gradient_evidence(
+def image_evidence(
     views: Sequence[ViewFrames],
     geometry: Geometry,
     poses: Poses,
@@ -67,6 +74,7 @@ def gradient_evidence(
     sigma: float,
     tolerance: float,
     stride: int,
+    reach: float = 0.0,
 ) -> Evidence:
     """Collect the evidence of F frames.
 
@@ -85,36 +93,44 @@ def gradient_evidence(
         See `brightness_constancy`.
     stride : int
         Every how many pixels, each way, the evidence is taken: neighbours say nearly the same.
+    reach : float
+        How far from the model's outlines the body's are looked for, metres; 0 leaves them and the foreground images
+        out.
     """
     F = len(poses[0])
     starts = range(0, max(F - 1, 1), RUN)
     tasks = [(view, a, min(a + RUN, F - 1)) for view in views for a in starts]
     with ThreadPoolExecutor(_WORKERS) as pool:
-        jobs = [pool.submit(_run, *task, geometry, poses, first, sigma, tolerance, stride) for task in tasks]
+        jobs = [pool.submit(_run, *task, geometry, poses, first, sigma, tolerance, stride, reach) for task in tasks]
         done = [job.result() for job in jobs]
     rows = [done[i : i + len(starts)] for i in range(0, len(done), len(starts))]
 
     def joined(name: str) -> Array:
         return np.stack([np.concatenate([getattr(run.sums, name) for run in row]) for row in rows])
 
-    # The frame where two runs meet was drawn twice.
-    share = np.stack([np.concatenate([row[0].share[:1]] + [run.share[1:] for run in row]) for row in rows])
+    def by_frame(arrays: Callable[[_Run], Array]) -> Array:
+        """The frame where two runs meet is in both."""
+        return np.stack([np.concatenate([arrays(row[0])[:1]] + [arrays(run)[1:] for run in row]) for row in rows])
+
     workers = min(_WORKERS, len(tasks))
     seconds = {
         "label images": sum(run.seconds[0] for run in done) / workers,
         "gradients": sum(run.seconds[1] for run in done) / workers,
+        "outlines": sum(run.seconds[2] for run in done) / workers,
     }
     sums = {f.name: joined(f.name) for f in fields(WrenchSums)}
-    return Evidence(**sums, share=share, stride=stride, seconds=seconds)
+    outlines = {f"outline_{f.name}": by_frame(lambda run, n=f.name: getattr(run.outlines, n)) for f in fields(OutlineSums)}
+    return Evidence(**sums, **outlines, share=by_frame(lambda run: run.share), stride=stride, seconds=seconds)
 
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """Evidence of a few frames of one view, and the seconds for its label images and its gradients."""
+    """Evidence of a few frames of one view, and the seconds for its label images, its gradients and its outlines."""
 
     sums: WrenchSums
+    outlines: OutlineSums
     share: Array
-    seconds: tuple[float, float]
+    seconds: tuple[float, float, float]
 
 
 def _run(
@@ -127,6 +143,7 @@ def _run(
     sigma: float,
     tolerance: float,
     stride: int,
+    reach: float,
 ) -> _Run:
     """Evidence of frames start to stop, inclusive, of one view."""
     begin = time.perf_counter()
@@ -135,8 +152,16 @@ def _run(
     drawn = time.perf_counter()
     left, top, right, bottom = (stride * edge for edge in labels.box())
     images = view.images(first + start, len(R), sigma, (left, top, right, bottom))
-    sums = brightness_constancy(view.camera, first + start, images, labels, (R, T), stride, tolerance)
-    return _Run(sums, labels.share, (drawn - begin, time.perf_counter() - drawn))
+    foreground = view.foreground_at(first + start, len(R)) if reach and view.foreground is not None else None
+    sums = brightness_constancy(view.camera, first + start, images, labels, (R, T), stride, tolerance, foreground)
+    summed = time.perf_counter()
+    outlines = OutlineSums(np.zeros((*T.shape[:2], 6, 6)), np.zeros((*T.shape[:2], 6)), np.zeros(len(T)))
+    if foreground is not None:
+        half = max(4, round(reach * view.pixels_per_metre(T.mean(axis=(0, 1)), first + start)))
+        outlines = outline_sums(
+            view.camera, first + start, foreground, labels, geometry, (R, T), stride, half, tolerance
+        )
+    return _Run(sums, outlines, labels.share, (drawn - begin, summed - drawn, time.perf_counter() - summed))
 
 
 def joint_blocks(body: Body, poses: Poses, H: Array, g: Array, energy: float) -> BandedBlocks:
@@ -163,3 +188,22 @@ def joint_blocks(body: Body, poses: Poses, H: Array, g: Array, energy: float) ->
         part = g[:, :, 6 * a : 6 * a + 6].reshape(F - 1, -1, 1)
         blocks.gradient[a : F - 1 + a] += (np.swapaxes(J_a, 1, 2) @ part)[..., 0]
     return BandedBlocks(blocks.diagonal, blocks.first, blocks.second, blocks.gradient, energy)
+
+
+def single_blocks(body: Body, poses: Poses, H: Array, g: Array, energy: float) -> BandedBlocks:
+    """Map the twists of single frames to degrees of freedom.
+
+    Parameters
+    ----------
+    body : Body
+    poses : tuple
+        (R, T) of its P parts, F frames.
+    H, g : ndarray, shape (F, P, 6, 6) and (F, P, 6)
+        Sums over the views of this body's parts.
+    """
+    J = twist_jacobian(body, *poses)
+    F, D = len(J), body.dof
+    J_t = np.swapaxes(J.reshape(F, -1, D), 1, 2)
+    zero = BandedBlocks.zeros(F, D)
+    diagonal, gradient = J_t @ (H @ J).reshape(F, -1, D), (J_t @ g.reshape(F, -1, 1))[..., 0]
+    return BandedBlocks(diagonal, zero.first, zero.second, gradient, energy)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from .. import rotations
 from ..cameras import Camera
 from ..visibility import LabelImages
+from .appearance import log_ratio
 from .images import GradientImages, Image
 
 Array = NDArray[np.float64]
@@ -24,6 +25,8 @@ Poses = tuple[Array, Array]
 
 HUBER = 1.345
 """Where Huber's error turns from square to linear, in standard deviations (95 % efficiency under normal noise)."""
+BACKGROUND_BELOW = -0.5
+"""Log likelihood ratio of a pixel that is rather background, within the model's outline though it may be."""
 _LEAST_NOISE = 2e-4
 
 
@@ -100,6 +103,7 @@ def brightness_constancy(
     poses: Poses,
     stride: int,
     tolerance: float,
+    foreground: NDArray[np.uint8] | None = None,
 ) -> WrenchSums:
     """Sum the gradient constraint between neighbouring frames of one view.
 
@@ -117,6 +121,8 @@ def brightness_constancy(
         (R, T) of all parts, (n, P, 3, 3) and (n, P, 3).
     tolerance : float
         Huber's limit in units of `HUBER` standard deviations: 1 near the solution, more far from it.
+    foreground : ndarray of uint8, shape (n, h, w), optional
+        Pixels that show the background say nothing; see `core.evidence.appearance`.
 
     Returns
     -------
@@ -133,13 +139,15 @@ def brightness_constancy(
     residual = there[0] - here[0]
     slope = 0.5 * (here[1:] + there[1:])
     seen = _still_seen(pixels, uv_b, labels, stride)
+    if foreground is not None:
+        seen &= log_ratio(foreground[pixels.frame, pixels.uv[:, 1], pixels.uv[:, 0]]) > BACKGROUND_BELOW
     bounds = pixels.ends[::P]
     noise = np.array([_robust_deviation(residual[a:b][seen[a:b]]) for a, b in pairwise(bounds)])
     deviation = np.repeat(tolerance * np.maximum(noise, _LEAST_NOISE), np.diff(bounds)).astype(np.float32)
     weight = huber_weights(residual, deviation) * seen
 
     rows = np.empty((len(residual), 13))  # summed in double precision, or the sums are not positive definite
-    rows[:, :6], rows[:, 6:12] = -_wrenches(x_a, slope, focal), _wrenches(x_b, slope, focal)
+    rows[:, :6], rows[:, 6:12] = -wrenches(x_a, slope, focal), wrenches(x_b, slope, focal)
     rows[:, 12] = residual
     weighted = rows * weight[:, None]
     sums = np.zeros((m * P, 13, 13))
@@ -183,8 +191,8 @@ def _robust_deviation(residual: Image) -> float:
     return 1.4826 * float(np.median(np.abs(residual))) if len(residual) else 0.0
 
 
-def _wrenches(points: Image, slope: Image, focal: Image) -> Image:
-    """(m, x cross m) of brightness derivatives (2, N) at points in camera axes, shape (N, 6)."""
+def wrenches(points: Image, slope: Image, focal: Image) -> Image:
+    """Rows (m, x cross m) of brightness derivatives (2, N) at points in camera axes, shape (N, 6)."""
     x, y, z = points.T
     out = np.empty((len(points), 6), np.float32)
     mx, my = slope[0] * focal[0] / z, slope[1] * focal[1] / z

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..cameras import Camera
+from ..visibility import NEAR
 
 Image = NDArray[np.float32]
 
@@ -62,10 +63,7 @@ class GradientImages:
         ndarray of float32, shape (3, N)
         """
         N = len(pixels)
-        places = np.zeros(((N // _ROW + 1) * _ROW, 2), np.float32)  # OpenCV takes no more than 32767 rows
-        places[:N, 0] = pixels[:, 0] - self.origin[0]
-        places[:N, 1] = np.clip(pixels[:, 1] - self.origin[1], 0, self.height - 1) + image * self.height
-        grid = places.reshape(-1, _ROW, 2)
+        grid = stacked_places(pixels - np.float32(self.origin), image, self.height)
         return np.stack(
             [
                 cv2.remap(channel, grid, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).ravel()[:N]
@@ -80,6 +78,18 @@ class GradientImages:
         return np.stack([channel.ravel()[index] for channel in self.channels])
 
 
+def stacked_places(pixels: NDArray[np.floating], image: NDArray[np.intp], height: int) -> Image:
+    """Places (N, 2) in images that stand one below the other, as `cv2.remap` takes them; the last ones are padding.
+
+    A place above or below its image is taken at the image's edge.
+    """
+    N = len(pixels)
+    places = np.zeros(((N // _ROW + 1) * _ROW, 2), np.float32)  # OpenCV takes no more than 32767 rows
+    places[:N, 0] = pixels[:, 0]
+    places[:N, 1] = np.clip(pixels[:, 1], 0, height - 1) + image * height
+    return places.reshape(-1, _ROW, 2)
+
+
 @dataclass(frozen=True, eq=False)
 class ViewFrames:
     """Some consecutive frames of a view, reduced and rectified.
@@ -91,11 +101,14 @@ class ViewFrames:
     grey : ndarray of uint8, shape (N, h, w)
     first : int
         Shot frame of the first of them.
+    foreground : ndarray of uint8, shape (N, h, w), optional
+        See `core.evidence.appearance`.
     """
 
     camera: Camera
     grey: NDArray[np.uint8]
     first: int
+    foreground: NDArray[np.uint8] | None = None
 
     def images(self, first: int, count: int, sigma: float, box: tuple[int, int, int, int]) -> GradientImages:
         """The gradient images of consecutive shot frames within a box (left, top, right, bottom) and around it."""
@@ -104,3 +117,14 @@ class ViewFrames:
         start = first - self.first
         window = self.grey[start : start + count, top : box[3] + margin, left : box[2] + margin]
         return GradientImages.of(window, sigma, (left, top))
+
+    def foreground_at(self, first: int, count: int) -> NDArray[np.uint8]:
+        """The foreground images of consecutive shot frames, shape (count, h, w)."""
+        assert self.foreground is not None
+        start = first - self.first
+        return self.foreground[start : start + count]
+
+    def pixels_per_metre(self, point_world: NDArray[np.float64], frame: int) -> float:
+        """How large a metre that faces the camera is at a point."""
+        R, t = self.camera.pose(frame)
+        return float(self.camera.matrix[[0, 1], [0, 1]].mean() / max((R @ point_world + t)[2], NEAR))

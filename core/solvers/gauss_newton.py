@@ -15,8 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body import Body
 from ..constraints import BandedBlocks
-from ..evidence.collect import Evidence, joint_blocks
+from ..evidence.collect import Evidence, joint_blocks, single_blocks
 from ..motion import Motion
 from ..shot import Settings
 from ..timing import Seconds
@@ -30,6 +31,8 @@ SMALLEST_STEP = 5e-3
 OVERRELAXATION = 1.5
 """All steps of a stage but its last are taken this much longer: weights that follow the residuals, and slopes measured
 beside the solution, make every step too short by about the same share."""
+LEAST_MOBILITY = 0.05
+"""A joint that can hardly turn about an axis has this share of the usual acceleration there, at least."""
 LONGEST_STEP = 0.5
 """No joint turns farther than this in one iteration, radians: beyond it the images' gradients say nothing."""
 
@@ -46,6 +49,8 @@ class Stage:
         Of Huber's limit: far from the solution large residuals still have to pull.
     stride : int
         Every how many pixels, each way, the evidence is taken.
+    reach : float
+        How far from the model's outlines the body's are looked for, metres.
     iterations : int
         At most.
     """
@@ -53,12 +58,13 @@ class Stage:
     sigma: float
     tolerance: float
     stride: int
+    reach: float
     iterations: int
 
 
-STAGES = (Stage(2.0, 8.0, 4, 2), Stage(1.0, 4.0, 4, 3), Stage(1.0, 1.0, 3, 2))
+STAGES = (Stage(2.0, 8.0, 4, 0.10, 2), Stage(1.0, 4.0, 4, 0.07, 3), Stage(1.0, 1.0, 3, 0.07, 2))
 """From the curve through the key poses to the solution."""
-REFINEMENT = (Stage(1.0, 1.0, 2, 2),)
+REFINEMENT = (Stage(1.0, 1.0, 2, 0.07, 2),)
 """From a solution to the better one that motion known on both sides allows."""
 
 
@@ -89,11 +95,13 @@ def solve(
         for i in range(stage.iterations):
             if on_step is not None:
                 on_step((before + i) / planned, motions)
-            poses, evidence = problem.evidence(geometry, motions, stage.sigma, stage.tolerance, stage.stride)
+            poses, evidence = problem.evidence(
+                geometry, motions, stage.sigma, stage.tolerance, stage.stride, stage.reach
+            )
             seconds.add(evidence.seconds)
             pace = OVERRELAXATION if i + 1 < stage.iterations else 1.0
             with seconds.measure("solve"):
-                systems = normal_equations(problem, motions, poses, evidence, settings)
+                systems = normal_equations(problem, motions, poses, evidence, settings, stage.tolerance)
                 factors = [BandedFactor(n, fixed) for n, fixed in zip(systems, problem.fixed, strict=True)]
                 steps = [limited(-pace * f.solve(n.gradient)) for f, n in zip(factors, systems, strict=True)]
                 motions = [motion.moved(step) for motion, step in zip(motions, steps, strict=True)]
@@ -122,18 +130,25 @@ def normal_equations(
     poses: tuple[Array, Array],
     evidence: Evidence,
     settings: Settings,
+    tolerance: float = 1.0,
 ) -> list[BandedBlocks]:
-    """The normal equations of every performer: gradients of all views, and smoothness."""
+    """The normal equations of every performer: gradients and outlines of all views, and smoothness."""
     R, T = poses
     precision = view_precision(evidence, settings)
     H = np.einsum("v,vfpij->fpij", precision, evidence.H)
     g = np.einsum("v,vfpi->fpi", precision, evidence.g)
+    # Lines that reach farther than the error find other limbs' outlines: far from the solution they count for little.
+    outlines = 1 / (settings.outline_correlation * tolerance**2)
+    outline_H, outline_g = outlines * evidence.outline_H.sum(axis=0), outlines * evidence.outline_g.sum(axis=0)
     energy = float(precision @ evidence.energy.sum(axis=1)) / len(problem.bodies)
+    outline_energy = outlines * float(evidence.outline_energy.sum()) / len(problem.bodies)
     systems = []
     for i, (body, span) in enumerate(zip(problem.bodies, problem.spans(), strict=True)):
-        gradients = joint_blocks(body, (R[:, span], T[:, span]), H[:, span], g[:, span], energy)
-        smooth = problem.smoothness(i, motions[i], acceleration_precision(body.dof, problem.fps, settings))
-        systems.append(gradients + smooth)
+        own = R[:, span], T[:, span]
+        gradients = joint_blocks(body, own, H[:, span], g[:, span], energy)
+        ends = single_blocks(body, own, outline_H[:, span], outline_g[:, span], outline_energy)
+        smooth = problem.smoothness(i, motions[i], acceleration_precision(body, problem.fps, settings))
+        systems.append(gradients + ends + smooth)
     return systems
 
 
@@ -144,10 +159,14 @@ def view_precision(evidence: Evidence, settings: Settings) -> Array:
     return evidence.stride**2 / (noise**2 * density * settings.correlation_length**2)
 
 
-def acceleration_precision(dof: int, fps: float, settings: Settings) -> Array:
-    """Inverse variance of the acceleration of each degree of freedom, per frame squared, shape (D,)."""
-    deviation = np.full(dof, settings.joint_acceleration)
-    deviation[:3] = settings.root_acceleration
+def acceleration_precision(body: Body, fps: float, settings: Settings) -> Array:
+    """Inverse variance of the acceleration of each degree of freedom, per frame squared, shape (D,).
+
+    A joint is accelerated the less about an axis the less it can turn about it: knees and elbows are nearly hinges.
+    """
+    ranges = np.concatenate([np.ptp(part.limits, axis=1) for part in body.parts])
+    deviation = np.full(body.dof, settings.root_acceleration)
+    deviation[3:] = settings.joint_acceleration * np.clip(ranges / np.pi, LEAST_MOBILITY, 1)
     return (fps * fps / deviation) ** 2
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..body import Body
 from ..constraints import BandedBlocks, smoothness
-from ..evidence.collect import Evidence, gradient_evidence, scene_poses
+from ..evidence.collect import Evidence, image_evidence, scene_poses
 from ..evidence.images import ViewFrames
 from ..motion import Motion, stacked
 from ..visibility import Geometry
@@ -35,6 +35,8 @@ class Problem:
     fps : float
     fixed : tuple of ndarray of bool, shape (F, D)
         Per performer: the degrees of freedom that key poses hold.
+    shape : Geometry or None
+        The parts of all performers as the key frames show them; None for the bodies' own.
     before, after : tuple of Motion or None
         Per performer: the pose on the frame before the first and after the last, where it is known. It is held, and the
         motion passes smoothly from and to it.
@@ -47,13 +49,14 @@ class Problem:
     fixed: tuple[NDArray[np.bool_], ...]
     before: tuple[Motion, ...] | None = None
     after: tuple[Motion, ...] | None = None
+    shape: Geometry | None = None
 
     @property
     def length(self) -> int:
         return len(self.fixed[0])
 
     def geometry(self) -> Geometry:
-        return Geometry.of(self.bodies)
+        return self.shape or Geometry.of(self.bodies)
 
     def spans(self) -> list[slice]:
         """The parts of each performer in arrays over all performers' parts."""
@@ -69,11 +72,17 @@ class Problem:
         return blocks.cut(start, start + self.length)
 
     def evidence(
-        self, geometry: Geometry, motions: Sequence[Motion], sigma: float, tolerance: float, stride: int
+        self,
+        geometry: Geometry,
+        motions: Sequence[Motion],
+        sigma: float,
+        tolerance: float,
+        stride: int,
+        reach: float = 0.0,
     ) -> tuple[tuple[Array, Array], Evidence]:
-        """World poses of all parts, and the gradient evidence around them."""
+        """World poses of all parts, and the evidence around them."""
         poses = scene_poses(self.bodies, motions)
-        return poses, gradient_evidence(self.views, geometry, poses, self.first, sigma, tolerance, stride)
+        return poses, image_evidence(self.views, geometry, poses, self.first, sigma, tolerance, stride, reach)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,115 @@
+"""Foreground images: how well each pixel agrees with the performers' colours rather than with what is behind them.
+
+Key poses show where the performers are, so their frames tell the colours of both. Behind a fixed camera the background
+also stands still: what key frames show of it is compared pixel by pixel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Bytes = NDArray[np.uint8]
+Array = NDArray[np.float32]
+
+STRONGEST = 4.0
+"""Log likelihood ratios are cut to this, either way: no single pixel is surer."""
+SCALE = 31.0
+"""Steps of a foreground image per unit of the log likelihood ratio; 128 is zero."""
+_LEVELS = 16
+_UNKNOWN = 0.1
+"""Share of pixels that show something else than either model foretells: bystanders, shadows, highlights."""
+_LEAST_DEVIATION = 4.0
+_MARGIN = 0.05
+"""How far beyond the model's outline the background begins, metres: clothes and hair are not in the model."""
+
+
+def log_ratio(foreground: Bytes) -> Array:
+    """The log likelihood ratios, positive where a performer is likelier, that foreground images stand for."""
+    return (foreground.astype(np.float32) - np.float32(128)) / np.float32(SCALE)
+
+
+def foreground_images(
+    colour: Bytes, masks: Mapping[int, NDArray[np.bool_]], pixels_per_metre: float, fixed: bool
+) -> Bytes:
+    """Foreground images of the frames of one view.
+
+    Parameters
+    ----------
+    colour : ndarray, shape (N, h, w, 3)
+    masks : mapping of int to ndarray of bool, shape (h, w)
+        Of some of the N frames: where the performers are.
+    pixels_per_metre : float
+        At the performers.
+    fixed : bool
+        The camera does not move.
+
+    Returns
+    -------
+    ndarray of uint8, shape (N, h, w)
+        See `log_ratio`.
+    """
+    behind = {f: cv2.dilate(mask.astype(np.uint8), _disc(_MARGIN * pixels_per_metre)) == 0 for f, mask in masks.items()}
+    inside = {f: cv2.erode(mask.astype(np.uint8), _disc(2)) > 0 for f, mask in masks.items()}
+    body, background = _histogram(colour, inside), _histogram(colour, behind)
+    plate, known = _plate(colour, behind)
+    known &= fixed
+    deviation = _deviation(colour, plate, known)
+    distance = np.arange(1 << 12, dtype=np.float32) / deviation**2  # from the plate, in its variances
+    volume = (256 / _LEVELS) ** 3  # of a bin of the histograms, whose values are per bin
+    nearness = np.minimum(volume * np.exp(-0.5 * distance) / (np.sqrt(2 * np.pi) * deviation) ** 3, 1).astype(np.float32)
+    out = np.empty(colour.shape[:3], np.uint8)
+    for image, result in zip(colour, out, strict=True):
+        bins = _bins(image)
+        unlike = background[bins]
+        squares = np.square(cv2.absdiff(image, plate).astype(np.uint32)).sum(axis=2)
+        still = (1 - _UNKNOWN) * nearness[np.minimum(squares, len(nearness) - 1)] + _UNKNOWN * unlike
+        ratio = np.log(body[bins] / np.where(known, still, unlike))
+        result[:] = np.round(128 + SCALE * np.clip(ratio, -STRONGEST, STRONGEST))
+    return out
+
+
+def _disc(radius: float) -> Bytes:
+    size = 2 * max(1, round(radius)) + 1
+    return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)).astype(np.uint8)
+
+
+def _bins(image: Bytes) -> NDArray[np.uint16]:
+    """The histogram bin of every pixel."""
+    b, g, r = cv2.split(image // (256 // _LEVELS))
+    return (b.astype(np.uint16) * _LEVELS + g) * _LEVELS + r
+
+
+def _histogram(colour: Bytes, regions: Mapping[int, NDArray[np.bool_]]) -> Array:
+    """How often each colour occurs in regions of frames, smoothed, shape (`_LEVELS`^3,)."""
+    counts = np.zeros(_LEVELS**3)
+    for frame, region in regions.items():
+        counts += np.bincount(_bins(colour[frame])[region], minlength=len(counts))
+    cube = counts.reshape(_LEVELS, -1).astype(np.float32)
+    for _ in range(3):  # blurs one axis of colour, then goes on to the next
+        cube = cv2.GaussianBlur(cube, (1, 0), 0, sigmaY=0.7, borderType=cv2.BORDER_REPLICATE)
+        cube = cube.reshape(_LEVELS, _LEVELS, _LEVELS).transpose(1, 2, 0).reshape(_LEVELS, -1)
+    share = cube.ravel() / max(float(cube.sum()), 1e-9)
+    return ((1 - _UNKNOWN) * share + _UNKNOWN / len(counts)).astype(np.float32)
+
+
+def _plate(colour: Bytes, behind: Mapping[int, NDArray[np.bool_]]) -> tuple[Bytes, NDArray[np.bool_]]:
+    """The mean picture of the background, and where it is known."""
+    total = np.zeros(colour.shape[1:], np.float32)
+    count = np.zeros(colour.shape[1:3], np.float32)
+    for frame, region in behind.items():
+        total += colour[frame] * region[..., None]
+        count += region
+    return np.round(total / np.maximum(count, 1)[..., None]).astype(np.uint8), count > 0
+
+
+def _deviation(colour: Bytes, plate: Bytes, known: NDArray[np.bool_]) -> float:
+    """Robust standard deviation of the frames from the plate, grey levels of 255; most of it shows the background."""
+    if not known.any():
+        return _LEAST_DEVIATION
+    some = colour[:: max(1, len(colour) // 8)]
+    apart = np.concatenate([cv2.absdiff(image, plate)[known][::7] for image in some])
+    return max(2 * 1.4826 * float(np.median(apart)), _LEAST_DEVIATION)

@@ -1,0 +1,248 @@
+"""Outline evidence: where the performers end against the background.
+
+Every few pixels of a part's outline a line is laid across it. The foreground image along the line tells how likely the
+body ends at each of its places; their mean is where the outline should be, their variance how sure that is. The row of
+such a place is the wrench of its normal, so it adds to the sums of the gradients. Outlines do not drift: they are
+compared with the key frames' colours, not with the frame before. (Correspondence lines: M. Stoiber et al., SRT3D: A
+sparse region-based 3D object tracking approach for the real world, IJCV 2022.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras import Camera
+from ..visibility import NEAR, Geometry, LabelImages
+from .appearance import log_ratio
+from .gradients import Poses, camera_twist, wrenches
+from .images import stacked_places
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+SPACING = 3.0
+"""Between lines along an outline, pixels."""
+CONTRAST = 0.5
+"""Of the foreground image: neighbouring pixels say nearly the same."""
+MODEL_DEVIATION = 0.012
+"""How far an outline of the rigid model is from the body's, metres."""
+EDGE_DEVIATION = 1.0
+"""How far an edge in the foreground image is from that of the body, pixels."""
+BISQUARE = 4.0
+"""Standard deviations at which an outline has nothing more to say (Tukey's bisquare)."""
+_FARTHEST = 0.75  # share of a line's half length: an edge found beyond is the line's end
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """Lines across the outlines of the parts in n frames, where a part is seen against the background.
+
+    Attributes
+    ----------
+    frame, part : ndarray of int, shape (N,)
+    uv : ndarray, shape (N, 2)
+        Places on the outlines, pixels of the view's frames.
+    normal : ndarray, shape (N, 2)
+        Outward, of length one.
+    points_cam : ndarray, shape (N, 3)
+        The points of the parts at these places, in camera axes, metres.
+    length : ndarray, shape (N,)
+        Of the outline that each line stands for, metres.
+    shift : ndarray, shape (N,)
+        How far outward the body ends, pixels.
+    weight : ndarray, shape (N,)
+        Inverse variance of the shift, robust; pixels^-2.
+    """
+
+    frame: Indices
+    part: Indices
+    uv: Array
+    normal: Array
+    points_cam: Array
+    length: Array
+    shift: Array
+    weight: Array
+
+    def wrenches(self, camera: Camera) -> Array:
+        """Rows of the shifts against twists in camera axes, shape (N, 6)."""
+        focal = camera.matrix[[0, 1], [0, 1]].astype(np.float32)
+        return wrenches(self.points_cam.astype(np.float32), self.normal.T.astype(np.float32), focal).astype(float)
+
+
+@dataclass(frozen=True, eq=False)
+class OutlineSums:
+    """Normal equations of the twists of P parts in n frames.
+
+    Attributes
+    ----------
+    H : ndarray, shape (n, P, 6, 6)
+        Sums of products of wrenches about the world's origin per metre of outline.
+    g : ndarray, shape (n, P, 6)
+        Gradient of half the energy.
+    energy : ndarray, shape (n,)
+    """
+
+    H: Array
+    g: Array
+    energy: Array
+
+
+def outline_sums(
+    camera: Camera,
+    first: int,
+    foreground: NDArray[np.uint8],
+    labels: LabelImages,
+    geometry: Geometry,
+    poses: Poses,
+    stride: int,
+    reach: int,
+    tolerance: float,
+) -> OutlineSums:
+    """Sum the outline evidence of n frames of one view; parameters as of `outline_lines`."""
+    lines = outline_lines(camera, first, foreground, labels, geometry, poses, stride, reach, tolerance)
+    n, P = poses[1].shape[:2]
+    group = lines.frame * P + lines.part
+    order = np.argsort(group, kind="stable")
+    ends = np.searchsorted(group[order], np.arange(n * P + 1))
+    rows = np.concatenate([lines.wrenches(camera), -lines.shift[:, None]], axis=1)[order]
+    weighted = rows * (lines.weight * lines.length)[order, None]
+    sums = np.zeros((n * P, 7, 7))
+    for k in np.flatnonzero(np.diff(ends)):
+        span = slice(ends[k], ends[k + 1])
+        sums[k] = rows[span].T @ weighted[span]
+    sums = sums.reshape(n, P, 7, 7)
+    A = camera_twist(*camera.poses(first, n))[:, None]
+    A_t = np.swapaxes(A, -1, -2)
+    return OutlineSums(A_t @ sums[..., :6, :6] @ A, (A_t @ sums[..., :6, 6:])[..., 0], sums[..., 6, 6].sum(axis=1))
+
+
+def outline_lines(
+    camera: Camera,
+    first: int,
+    foreground: NDArray[np.uint8],
+    labels: LabelImages,
+    geometry: Geometry,
+    poses: Poses,
+    stride: int,
+    reach: int,
+    tolerance: float,
+) -> Lines:
+    """Look for the body's outline along lines across the model's.
+
+    Parameters
+    ----------
+    camera : Camera
+        Of the view's reduced, rectified frames.
+    first : int
+        Shot frame of the first of the n frames.
+    foreground : ndarray of uint8, shape (n, h, w)
+        See `core.evidence.appearance`.
+    labels : LabelImages
+        Of the n frames, with every stride-th pixel.
+    geometry : Geometry
+    poses : tuple
+        (R, T) of all parts, (n, P, 3, 3) and (n, P, 3).
+    reach : int
+        Half length of the lines, pixels.
+    tolerance : float
+        Of the robust weights: 1 near the solution, more far from it.
+    """
+    frame, part, uv, normal, z, length = _against_background(camera, first, labels, geometry, poses, stride)
+    places = np.arange(-reach, reach + 1)
+    ratio = _along(foreground, labels, frame, uv, normal, places, stride)
+    inside = np.cumsum(ratio, axis=1)
+    score = CONTRAST * (2 * inside - inside[:, -1:])  # of an end between a place and the next: inside less outside
+    likely = np.exp(score - score.max(axis=1, keepdims=True, initial=-np.inf))
+    likely /= likely.sum(axis=1, keepdims=True)
+    ends = places + 0.5
+    shift = likely @ ends
+    variance = (likely * (ends - shift[:, None]) ** 2).sum(axis=1) + EDGE_DEVIATION**2
+    ignorance = len(places) ** 2 / 12 + EDGE_DEVIATION**2  # of a line along which nothing is seen
+    information = np.maximum(1 / variance - 1 / ignorance, 0)
+    focal = camera.matrix[[0, 1], [0, 1]]
+    model = (MODEL_DEVIATION * focal.mean() / z) ** 2
+    farthest = np.minimum(BISQUARE * tolerance * np.sqrt(model + EDGE_DEVIATION**2), _FARTHEST * reach)
+    robust = np.maximum(1 - (shift / farthest) ** 2, 0) ** 2
+    points = np.concatenate([(uv - camera.matrix[:2, 2]) / focal * z[:, None], z[:, None]], axis=1)
+    weight = robust * information / (1 + information * model)
+    return Lines(frame, part, uv, normal, points, length * z / focal.mean(), shift, weight)
+
+
+def _against_background(
+    camera: Camera, first: int, labels: LabelImages, geometry: Geometry, poses: Poses, stride: int
+) -> tuple[Indices, Indices, Array, Array, Array, Array]:
+    """Frame, part, place, outward normal, depth and length in pixels of the pieces of outline that part the body from
+    the background."""
+    frame, part, a, b, z_a, z_b = _edges(camera, first, geometry, poses)
+    length = np.linalg.norm(b - a, axis=1)
+    pieces = np.where(length > 0.1 * SPACING, np.ceil(length / SPACING), 0).astype(np.intp)
+    edge = np.repeat(np.arange(len(frame)), pieces)
+    t = (np.arange(len(edge)) - np.repeat(np.cumsum(pieces) - pieces, pieces) + 0.5) / pieces[edge]
+    along = (b - a)[edge]
+    uv, z = a[edge] + along * t[:, None], 1 / ((1 - t) / z_a[edge] + t / z_b[edge])
+    # `cv2.convexHull` goes clockwise as the picture is seen: outward lies to the left.
+    normal = np.stack([along[:, 1], -along[:, 0]], axis=1) / length[edge, None]
+    frame, part = frame[edge], part[edge]
+    within = _labels_at(labels, frame, uv - 0.75 * stride * normal, stride) == part
+    beyond = _labels_at(labels, frame, uv + stride * normal, stride) == -1
+    kept = within & beyond
+    return frame[kept], part[kept], uv[kept], normal[kept], z[kept], (length / np.maximum(pieces, 1))[edge][kept]
+
+
+def _edges(
+    camera: Camera, first: int, geometry: Geometry, poses: Poses
+) -> tuple[Indices, Indices, Array, Array, Array, Array]:
+    """Edges of the parts' convex outlines: frame, part, both ends in pixels, both depths."""
+    R, T = poses
+    n = len(T)
+    Rc, tc = camera.poses(first, n)
+    R_cam, T_cam = Rc[:, None] @ R, T @ np.swapaxes(Rc, 1, 2) + tc[:, None]
+    points = np.einsum("nvab,vb->nva", R_cam[:, geometry.owner], geometry.vertices) + T_cam[:, geometry.owner]
+    z = np.maximum(points[..., 2], NEAR)
+    uv = points[..., :2] / z[..., None] @ camera.matrix[:2, :2].T + camera.matrix[:2, 2]
+    corners = uv.astype(np.float32)
+    drawn = np.minimum.reduceat(points[..., 2], [span.start for span in geometry.spans], axis=1) >= NEAR
+    hulls = [
+        (j, i, span.start + cv2.convexHull(corners[j, span], returnPoints=False).ravel())
+        for j in range(n)
+        for i, span in enumerate(geometry.spans)
+        if drawn[j, i]
+    ]
+    counts = [len(hull) for _, _, hull in hulls]
+    frame, part = (np.repeat([hull[k] for hull in hulls], counts).astype(np.intp) for k in range(2))
+    start = np.concatenate([hull for _, _, hull in hulls] or [np.zeros(0, np.intp)])
+    stop = np.concatenate([np.roll(hull, -1) for _, _, hull in hulls] or [np.zeros(0, np.intp)])
+    return frame, part, uv[frame, start], uv[frame, stop], z[frame, start], z[frame, stop]
+
+
+def _labels_at(labels: LabelImages, frame: Indices, uv: Array, stride: int) -> NDArray[np.int16]:
+    """The part seen at places (..., 2) of frames; -2 beyond the picture."""
+    _, height, width = labels.part.shape
+    column, row = np.moveaxis(np.round(uv / stride).astype(np.intp), -1, 0)
+    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    return np.where(inside, labels.part[frame, row * inside, column * inside], np.int16(-2))
+
+
+def _along(
+    foreground: NDArray[np.uint8],
+    labels: LabelImages,
+    frame: Indices,
+    uv: Array,
+    normal: Array,
+    places: NDArray[np.int_],
+    stride: int,
+) -> Array:
+    """Log likelihood ratios along the lines, shape (N, len(places)); 0 where the model does not foretell them: another
+    part beyond the outline, or background within."""
+    at = uv[:, None] + normal[:, None] * places[:, None]
+    n, height, width = foreground.shape
+    pixels = stacked_places(at.reshape(-1, 2), np.repeat(frame, len(places)), height)
+    seen = cv2.remap(foreground.reshape(n * height, width), pixels, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    label = _labels_at(labels, frame[:, None], at, stride)
+    foretold = (label == -1) == (places > 0)
+    foretold |= np.abs(places) <= stride
+    return np.where(foretold & (label != -2), log_ratio(seen.ravel()[: at[..., 0].size]).reshape(label.shape), 0.0)
