@@ -81,7 +81,7 @@ def _turns(Q: Array) -> tuple[Array, Array]:
     return rotations.log(middle @ Q[2:]), rotations.log(middle @ Q[:-2])
 
 
-def smoothness(motion: Motion, weights: Array) -> BandedBlocks:
+def smoothness(motion: Motion, weights: Array, expected: Array | None = None) -> BandedBlocks:
     """Normal equations of the weighted squared accelerations.
 
     Parameters
@@ -90,12 +90,14 @@ def smoothness(motion: Motion, weights: Array) -> BandedBlocks:
         F poses.
     weights : ndarray, shape (D,)
         Inverse variance of the acceleration of each degree of freedom, 1/(m/frame^2)^2 and 1/(rad/frame^2)^2.
+    expected : ndarray, shape (F - 2, D), optional
+        Accelerations that cost nothing; by default none.
     """
     F, D = len(motion), len(weights)
     blocks = BandedBlocks.zeros(F, D)
     if F < 3:
         return blocks
-    residual = acceleration(motion)
+    residual = acceleration(motion) - (0.0 if expected is None else expected)
     ahead, behind = _turns(motion.rotations)
     J_next = _block_diagonal(rotations.right_jacobian_inverse(ahead))
     J_last = _block_diagonal(rotations.right_jacobian_inverse(behind))

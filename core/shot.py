@@ -117,7 +117,9 @@ class Settings:
             )
         for item in fields(self):
             value = getattr(self, item.name)
-            if item.name not in ("solver", "prediction") and not (isinstance(value, (int, float)) and np.isfinite(value) and value > 0):
+            if item.name not in ("solver", "prediction") and not (
+                isinstance(value, (int, float)) and np.isfinite(value) and value > 0
+            ):
                 raise ShotError(f"it is {value!r}", where=f"[track] {item.name}", todo="give a positive number")
 
 

@@ -168,7 +168,10 @@ class _Job:
         geometry, poses = Geometry.of(bodies), scene_poses(bodies, [m[keys] for m in self.motions])
         with self.seconds.measure("appearance"):
             with ThreadPoolExecutor(_WORKERS) as pool:
-                looks = [pool.submit(_with_foreground, v, c, geometry, poses, keys) for v, c in zip(views, colour, strict=True)]
+                looks = [
+                    pool.submit(_with_foreground, v, c, geometry, poses, keys)
+                    for v, c in zip(views, colour, strict=True)
+                ]
                 views = tuple(look.result() for look in looks)
             self._shapes[stretch] = fitted_shape(views, geometry, poses, keys)
         return views
@@ -176,7 +179,11 @@ class _Job:
     def solve(self, stretch: Stretch, views: tuple[ViewFrames, ...]) -> None:
         """Solve a stretch that follows what is solved already."""
         before = self._context(stretch[0] - 1)
-        self._run(SOLVE[self.shot.settings.solver], _problem(self.shot, stretch, views, before, None, self._shapes.get(stretch)), 0.7)
+        self._run(
+            SOLVE[self.shot.settings.solver],
+            _problem(self.shot, stretch, views, before, None, self._shapes.get(stretch)),
+            0.7,
+        )
 
     def refine(self, stretch: Stretch, views: tuple[ViewFrames, ...]) -> None:
         """Solve a stretch once more, now that the motion on both sides is known; not every solver looks there."""
@@ -253,7 +260,9 @@ def _footage_by_segment(
     """Every stretch with its frames, also in colour, decoded once and in order; three stretches are held at most."""
     factors = [working_factor(view, shot.settings.working_size) for view in shot.views]
     frames = range(shot.frames[0], shot.frames[1] + 1)
-    streams = [frames_at(v, frames, f, grey=False, album=a) for v, f, a in zip(shot.views, factors, albums, strict=True)]
+    streams = [
+        frames_at(v, frames, f, grey=False, album=a) for v, f, a in zip(shot.views, factors, albums, strict=True)
+    ]
     cameras = [v.camera.reduced(f).rectified() for v, f in zip(shot.views, factors, strict=True)]
     stop = threading.Event()
     with ThreadPoolExecutor(_WORKERS) as pool:

@@ -55,7 +55,7 @@ def test_without_evidence_the_motion_between_key_poses_is_the_smoothest() -> Non
     start = swing(BODY, F, 0.3)
     uniform = start[:1].difference(start[-1:])[0] / (F - 1)
     problem = Problem(dark(F), (BODY,), 0, FPS, (ends_held(F),))
-    found = gauss_newton.solve(problem, [start], SETTINGS, stages=CONVERGED).motions[0]
+    found = gauss_newton.descend(problem, [start], SETTINGS, stages=CONVERGED).motions[0]
     expected = stacked([start[:1].moved(j * uniform[None]) for j in range(F)])
     np.testing.assert_allclose(expected.difference(found), 0, atol=2e-3)
     np.testing.assert_array_equal(found.translations[[0, -1]], start.translations[[0, -1]])
@@ -120,7 +120,7 @@ def test_a_stretch_leaves_a_known_frame_with_its_speed() -> None:
     fixed = np.zeros((F, D), bool)
     fixed[0] = True
     problem = Problem(dark(F), (BODY,), 1, FPS, (fixed,), (whole[[0]],))
-    found = gauss_newton.solve(problem, [start], SETTINGS, stages=CONVERGED).motions[0]
+    found = gauss_newton.descend(problem, [start], SETTINGS, stages=CONVERGED).motions[0]
     np.testing.assert_allclose(whole[1:].difference(found), 0, atol=5e-3)
 
 
@@ -134,7 +134,7 @@ def test_at_the_true_motion_it_stays_and_from_another_smooth_one_it_comes_back()
         true, found = (landmark_positions(BODY, m, names) for m in (truth, motion))
         return 1000 * float(np.linalg.norm(found - true, axis=-1)[1:-1].mean())
 
-    stayed, returned = (gauss_newton.solve(problem, [m], SETTINGS, stages=CONVERGED).motions[0] for m in (truth, wrong))
+    stayed, returned = (gauss_newton.descend(problem, [m], SETTINGS, stages=CONVERGED).motions[0] for m in (truth, wrong))
     assert error_mm(stayed) < 0.2 * error_mm(wrong)
     assert error_mm(returned) < 0.25 * error_mm(wrong)
 

@@ -58,17 +58,20 @@ def foreground_images(
     plate, known = _plate(colour, behind)
     known &= fixed
     deviation = _deviation(colour, plate, known)
-    distance = np.arange(1 << 12, dtype=np.float32) / deviation**2  # from the plate, in its variances
+    cut = np.uint16(1 << 12)
+    distance = np.arange(3 * int(cut) + 1) / deviation**2  # from the plate, in its variances
     volume = (256 / _LEVELS) ** 3  # of a bin of the histograms, whose values are per bin
-    nearness = np.minimum(volume * np.exp(-0.5 * distance) / (np.sqrt(2 * np.pi) * deviation) ** 3, 1).astype(np.float32)
+    nearness = np.minimum(volume * np.exp(-0.5 * distance) / (np.sqrt(2 * np.pi) * deviation) ** 3, 1)
+    nearness = ((1 - _UNKNOWN) * nearness).astype(np.float32)
     out = np.empty(colour.shape[:3], np.uint8)
     for image, result in zip(colour, out, strict=True):
         bins = _bins(image)
         unlike = background[bins]
-        squares = np.square(cv2.absdiff(image, plate).astype(np.uint32)).sum(axis=2)
-        still = (1 - _UNKNOWN) * nearness[np.minimum(squares, len(nearness) - 1)] + _UNKNOWN * unlike
-        ratio = np.log(body[bins] / np.where(known, still, unlike))
-        result[:] = np.round(128 + SCALE * np.clip(ratio, -STRONGEST, STRONGEST))
+        b, g, r = cv2.split(cv2.absdiff(image, plate).astype(np.uint16))
+        squares = np.minimum(b * b, cut) + np.minimum(g * g, cut) + np.minimum(r * r, cut)
+        still = nearness[squares] + np.float32(_UNKNOWN) * unlike
+        ratio = cv2.log(body[bins] / np.where(known, still, unlike))
+        result[:] = np.float32(128.5) + np.float32(SCALE) * np.clip(ratio, -STRONGEST, STRONGEST)
     return out
 
 

@@ -14,6 +14,7 @@ from ..body import Body, part_poses, twist_jacobian
 from ..constraints import BandedBlocks
 from ..motion import Motion
 from ..visibility import Geometry, render_labels
+from .appearance import log_ratio
 from .gradients import Poses, WrenchSums, brightness_constancy
 from .images import ViewFrames
 from .outlines import OutlineSums, outline_sums
@@ -38,6 +39,8 @@ class Evidence:
         Gradients between neighbouring frames.
     outline_H, outline_g, outline_energy : ndarray, shape (V, F, P, 6, 6), (V, F, P, 6) and (V, F)
         See `OutlineSums`; zero where a view has no foreground images.
+    explained : ndarray, shape (V, F)
+        Sum of the log likelihood ratios of the pixels that show a part.
     share : ndarray, shape (V, F, P)
         Visible share of every part, see `LabelImages`.
     stride : int
@@ -55,6 +58,7 @@ class Evidence:
     outline_H: Array
     outline_g: Array
     outline_energy: Array
+    explained: Array
     share: Array
     stride: int
     seconds: dict[str, float]
@@ -119,8 +123,17 @@ def image_evidence(
         "outlines": sum(run.seconds[2] for run in done) / workers,
     }
     sums = {f.name: joined(f.name) for f in fields(WrenchSums)}
-    outlines = {f"outline_{f.name}": by_frame(lambda run, n=f.name: getattr(run.outlines, n)) for f in fields(OutlineSums)}
-    return Evidence(**sums, **outlines, share=by_frame(lambda run: run.share), stride=stride, seconds=seconds)
+    outlines = {
+        f"outline_{f.name}": by_frame(lambda run, n=f.name: getattr(run.outlines, n)) for f in fields(OutlineSums)
+    }
+    return Evidence(
+        **sums,
+        **outlines,
+        explained=by_frame(lambda run: run.explained),
+        share=by_frame(lambda run: run.share),
+        stride=stride,
+        seconds=seconds,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +142,7 @@ class _Run:
 
     sums: WrenchSums
     outlines: OutlineSums
+    explained: Array
     share: Array
     seconds: tuple[float, float, float]
 
@@ -156,12 +170,15 @@ def _run(
     sums = brightness_constancy(view.camera, first + start, images, labels, (R, T), stride, tolerance, foreground)
     summed = time.perf_counter()
     outlines = OutlineSums(np.zeros((*T.shape[:2], 6, 6)), np.zeros((*T.shape[:2], 6)), np.zeros(len(T)))
+    explained = np.zeros(len(T))
     if foreground is not None:
+        shown = log_ratio(foreground[:, ::stride, ::stride]) * (labels.part >= 0)
+        explained = stride**2 * shown.sum(axis=(1, 2), dtype=float)
         half = max(4, round(reach * view.pixels_per_metre(T.mean(axis=(0, 1)), first + start)))
         outlines = outline_sums(
             view.camera, first + start, foreground, labels, geometry, (R, T), stride, half, tolerance
         )
-    return _Run(sums, outlines, labels.share, (drawn - begin, summed - drawn, time.perf_counter() - summed))
+    return _Run(sums, outlines, explained, labels.share, (drawn - begin, summed - drawn, time.perf_counter() - summed))
 
 
 def joint_blocks(body: Body, poses: Poses, H: Array, g: Array, energy: float) -> BandedBlocks:

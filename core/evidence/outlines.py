@@ -24,8 +24,8 @@ from .images import stacked_places
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-SPACING = 3.0
-"""Between lines along an outline, pixels."""
+SPACING = 1.5
+"""Between lines along an outline, in strides of pixels."""
 CONTRAST = 0.5
 """Of the foreground image: neighbouring pixels say nearly the same."""
 MODEL_DEVIATION = 0.012
@@ -179,7 +179,8 @@ def _against_background(
     the background."""
     frame, part, a, b, z_a, z_b = _edges(camera, first, geometry, poses)
     length = np.linalg.norm(b - a, axis=1)
-    pieces = np.where(length > 0.1 * SPACING, np.ceil(length / SPACING), 0).astype(np.intp)
+    spacing = SPACING * stride
+    pieces = np.where(length > 0.1 * spacing, np.ceil(length / spacing), 0).astype(np.intp)
     edge = np.repeat(np.arange(len(frame)), pieces)
     t = (np.arange(len(edge)) - np.repeat(np.cumsum(pieces) - pieces, pieces) + 0.5) / pieces[edge]
     along = (b - a)[edge]
@@ -212,10 +213,12 @@ def _edges(
         for i, span in enumerate(geometry.spans)
         if drawn[j, i]
     ]
-    counts = [len(hull) for _, _, hull in hulls]
+    counts = np.array([len(hull) for _, _, hull in hulls], dtype=np.intp)
     frame, part = (np.repeat([hull[k] for hull in hulls], counts).astype(np.intp) for k in range(2))
     start = np.concatenate([hull for _, _, hull in hulls] or [np.zeros(0, np.intp)])
-    stop = np.concatenate([np.roll(hull, -1) for _, _, hull in hulls] or [np.zeros(0, np.intp)])
+    following = np.arange(len(start)) + 1
+    following[np.cumsum(counts) - 1] -= counts  # the last corner is followed by the first
+    stop = start[following]
     return frame, part, uv[frame, start], uv[frame, stop], z[frame, start], z[frame, stop]
 
 
@@ -241,7 +244,9 @@ def _along(
     at = uv[:, None] + normal[:, None] * places[:, None]
     n, height, width = foreground.shape
     pixels = stacked_places(at.reshape(-1, 2), np.repeat(frame, len(places)), height)
-    seen = cv2.remap(foreground.reshape(n * height, width), pixels, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    seen = cv2.remap(
+        foreground.reshape(n * height, width), pixels, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
     label = _labels_at(labels, frame[:, None], at, stride)
     foretold = (label == -1) == (places > 0)
     foretold |= np.abs(places) <= stride

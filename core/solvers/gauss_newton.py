@@ -10,18 +10,20 @@ freedom are not among the unknowns.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..body import Body
-from ..constraints import BandedBlocks
+from ..constraints import BandedBlocks, acceleration
 from ..evidence.collect import Evidence, joint_blocks, single_blocks
 from ..motion import Motion
+from ..prediction import predict_unseen
 from ..shot import Settings
 from ..timing import Seconds
 from .banded import BandedFactor
+from .initial import blended, follow
 from .problem import Problem, Solution, Step, frame_residual
 
 Array = NDArray[np.float64]
@@ -31,6 +33,8 @@ SMALLEST_STEP = 5e-3
 OVERRELAXATION = 1.5
 """All steps of a stage but its last are taken this much longer: weights that follow the residuals, and slopes measured
 beside the solution, make every step too short by about the same share."""
+EXPLAINED = 0.8
+"""Share of what the key poses explain of their images that a solution should explain of every other frame's."""
 LEAST_MOBILITY = 0.05
 """A joint that can hardly turn about an axis has this share of the usual acceleration there, at least."""
 LONGEST_STEP = 0.5
@@ -49,33 +53,32 @@ class Stage:
         Of Huber's limit: far from the solution large residuals still have to pull.
     stride : int
         Every how many pixels, each way, the evidence is taken.
-    reach : float
-        How far from the model's outlines the body's are looked for, metres.
     iterations : int
         At most.
+    reach : float
+        How far from the model's outlines the body's are looked for, metres.
     """
 
     sigma: float
     tolerance: float
     stride: int
-    reach: float
     iterations: int
+    reach: float = 0.07
 
 
-STAGES = (Stage(2.0, 8.0, 4, 0.10, 2), Stage(1.0, 4.0, 4, 0.07, 3), Stage(1.0, 1.0, 3, 0.07, 2))
+STAGES = (Stage(2.0, 8.0, 4, 2, 0.10), Stage(1.0, 4.0, 4, 3), Stage(1.0, 1.0, 3, 2))
 """From the curve through the key poses to the solution."""
-REFINEMENT = (Stage(1.0, 1.0, 2, 0.07, 2),)
+WINDOW = (Stage(2.0, 8.0, 4, 2, 0.10), Stage(1.0, 4.0, 4, 2))
+"""Within the window of `initial.follow`."""
+REFINEMENT = (Stage(1.0, 1.0, 2, 2),)
 """From a solution to the better one that motion known on both sides allows."""
 
 
-def solve(
-    problem: Problem,
-    start: Sequence[Motion],
-    settings: Settings,
-    on_step: Step | None = None,
-    stages: Sequence[Stage] = STAGES,
-) -> Solution:
+def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step: Step | None = None) -> Solution:
     """Fit the motion of all performers between their key poses.
+
+    The curve through the key poses is one start; the motion followed from them is another, and tried where the images
+    disagree with what the first led to. The better of the two solutions counts.
 
     Parameters
     ----------
@@ -86,10 +89,73 @@ def solve(
     on_step : callable, optional
         Called before each iteration with the share of the work done and the motions; may raise to end the job.
     """
+    solution = descend(problem, start, settings, _share_of(on_step, 0.0, 0.3))
+    if not doubtful(problem, solution):
+        return solution
+    seconds = Seconds()
+    with seconds.measure("initial solution"):
+        initial = followed(problem, start, settings, _share_of(on_step, 0.3, 0.7))
+    other = descend(problem, initial, settings, _share_of(on_step, 0.7, 1.0))
+    for spent in (solution.seconds, other.seconds):
+        seconds.add(spent)
+    return replace(max(solution, other, key=lambda found: float(found.explained.sum())), seconds=seconds)
+
+
+def _share_of(on_step: Step | None, begin: float, end: float) -> Step | None:
+    """Reports a part of the work as its share of the whole."""
+    if on_step is None:
+        return None
+    return lambda done, motions: on_step(begin + done * (end - begin), motions)
+
+
+def doubtful(problem: Problem, solution: Solution) -> bool:
+    """Whether the images leave a doubt that a solution is near the true one.
+
+    The body covers what looks like it on the key frames; on every other frame it should do so nearly as well.
+    """
+    keys = problem.whole_keys()
+    if len(keys) < 2:
+        return len(keys) == 1  # the curve that it began with stands still
+    expected = np.interp(np.arange(problem.length), keys, solution.explained[keys])
+    return bool((solution.explained < EXPLAINED * expected).any())
+
+
+def followed(
+    problem: Problem, start: Sequence[Motion], settings: Settings, on_step: Step | None = None
+) -> list[Motion]:
+    """The initial solution from the key poses at one or both ends of the problem."""
+    keyed = [end in problem.whole_keys() for end in (0, problem.length - 1)]
+    directions = [backward for backward in (False, True) if keyed[backward]]
+    found = []
+    for k, backward in enumerate(directions):
+        part = _share_of(on_step, k / len(directions), (k + 1) / len(directions))
+        found.append(follow(problem, start, settings, _in_window, backward, part))
+    return blended(*found) if len(found) == 2 else found[0] if found else list(start)
+
+
+def _in_window(problem: Problem, start: Sequence[Motion], settings: Settings) -> Solution:
+    return descend(problem, start, replace(settings, prediction=False), None, WINDOW)
+
+
+def refine(problem: Problem, start: Sequence[Motion], settings: Settings, on_step: Step | None = None) -> Solution:
+    """Go on from a solution of `solve`, when more is known of the motion around it."""
+    return descend(problem, start, settings, on_step, REFINEMENT)
+
+
+def descend(
+    problem: Problem,
+    start: Sequence[Motion],
+    settings: Settings,
+    on_step: Step | None = None,
+    stages: Sequence[Stage] = STAGES,
+) -> Solution:
+    """Go down from a start to the nearest solution; parameters as of `solve`."""
     geometry, motions = problem.geometry(), list(start)
     seconds = Seconds()
     energies: list[float] = []
     planned = sum(stage.iterations for stage in stages)
+    hidden: list[NDArray[np.bool_]] = []
+    expected: list[Array] = []
     for s, stage in enumerate(stages):
         before = sum(earlier.iterations for earlier in stages[:s])
         for i in range(stage.iterations):
@@ -101,7 +167,12 @@ def solve(
             seconds.add(evidence.seconds)
             pace = OVERRELAXATION if i + 1 < stage.iterations else 1.0
             with seconds.measure("solve"):
-                systems = normal_equations(problem, motions, poses, evidence, settings, stage.tolerance)
+                if settings.prediction and (i == 0 or not hidden):
+                    hidden = problem.hidden(evidence.share)
+                    expected = foretold_accelerations(motions, hidden)
+                systems = normal_equations(
+                    problem, motions, poses, evidence, settings, stage.tolerance, hidden, expected
+                )
                 factors = [BandedFactor(n, fixed) for n, fixed in zip(systems, problem.fixed, strict=True)]
                 steps = [limited(-pace * f.solve(n.gradient)) for f, n in zip(factors, systems, strict=True)]
                 motions = [motion.moved(step) for motion, step in zip(motions, steps, strict=True)]
@@ -114,14 +185,10 @@ def solve(
         tuple(energies),
         tuple(factors),
         evidence.share,
+        evidence.explained.sum(axis=0),
         frame_residual(evidence),
         seconds,
     )
-
-
-def refine(problem: Problem, start: Sequence[Motion], settings: Settings, on_step: Step | None = None) -> Solution:
-    """Go on from a solution of `solve`, when more is known of the motion around it."""
-    return solve(problem, start, settings, on_step, REFINEMENT)
 
 
 def normal_equations(
@@ -131,9 +198,13 @@ def normal_equations(
     evidence: Evidence,
     settings: Settings,
     tolerance: float = 1.0,
+    hidden: Sequence[NDArray[np.bool_]] = (),
+    expected: Sequence[Array | None] = (),
 ) -> list[BandedBlocks]:
     """The normal equations of every performer: gradients and outlines of all views, and smoothness."""
     R, T = poses
+    if hidden:
+        evidence = without(evidence, np.concatenate(hidden, axis=1))
     precision = view_precision(evidence, settings)
     H = np.einsum("v,vfpij->fpij", precision, evidence.H)
     g = np.einsum("v,vfpi->fpi", precision, evidence.g)
@@ -147,9 +218,35 @@ def normal_equations(
         own = R[:, span], T[:, span]
         gradients = joint_blocks(body, own, H[:, span], g[:, span], energy)
         ends = single_blocks(body, own, outline_H[:, span], outline_g[:, span], outline_energy)
-        smooth = problem.smoothness(i, motions[i], acceleration_precision(body, problem.fps, settings))
+        smooth = problem.smoothness(
+            i, motions[i], acceleration_precision(body, problem.fps, settings), expected[i] if expected else None
+        )
         systems.append(gradients + ends + smooth)
     return systems
+
+
+def without(evidence: Evidence, hidden: NDArray[np.bool_]) -> Evidence:
+    """Evidence less the rows of parts where they are hidden, equation (38); (F, P) over all performers."""
+    seen, pairs = ~hidden, ~(hidden[:-1] | hidden[1:])
+    return replace(
+        evidence,
+        H=evidence.H * pairs[..., None, None],
+        g=evidence.g * pairs[..., None],
+        outline_H=evidence.outline_H * seen[..., None, None],
+        outline_g=evidence.outline_g * seen[..., None],
+    )
+
+
+def foretold_accelerations(motions: Sequence[Motion], hidden: Sequence[NDArray[np.bool_]]) -> list[Array]:
+    """Accelerations that parts have, where they are hidden, in the motion foretold for them, else zero, (F, D)."""
+    expected = []
+    for motion, mask in zip(motions, hidden, strict=True):
+        foretold = np.zeros((len(motion), 3 + 3 * mask.shape[1]))
+        if mask.any() and len(motion) > 2:
+            foretold[1:-1] = acceleration(predict_unseen(motion, mask))
+        degrees = np.concatenate([np.repeat(mask[:, :1], 3, axis=1), np.repeat(mask, 3, axis=1)], axis=1)
+        expected.append(foretold * degrees)
+    return expected
 
 
 def view_precision(evidence: Evidence, settings: Settings) -> Array:

@@ -14,6 +14,7 @@ from ..constraints import BandedBlocks, smoothness
 from ..evidence.collect import Evidence, image_evidence, scene_poses
 from ..evidence.images import ViewFrames
 from ..motion import Motion, stacked
+from ..occlusion import unseen
 from ..visibility import Geometry
 from .banded import BandedFactor
 
@@ -63,12 +64,28 @@ class Problem:
         ends = np.cumsum([0] + [len(body) for body in self.bodies])
         return [slice(a, b) for a, b in itertools.pairwise(ends)]
 
-    def smoothness(self, performer: int, motion: Motion, precision: Array) -> BandedBlocks:
-        """Smoothness of one performer's F poses, with those that are known around them."""
+    def whole_keys(self) -> NDArray[np.intp]:
+        """Frames, of the F, on which every degree of freedom of all performers is fixed."""
+        return np.flatnonzero(np.all([fixed.all(axis=1) for fixed in self.fixed], axis=0))
+
+    def hidden(self, share: Array) -> list[NDArray[np.bool_]]:
+        """Per performer: where no view sees a part, (F, P), of shares (V, F, P); where it is keyed it is known."""
+        keyed = [f[:, 3:].reshape(len(f), -1, 3).all(axis=2) for f in self.fixed]
+        return [unseen(share[..., span]) & ~known for span, known in zip(self.spans(), keyed, strict=True)]
+
+    def smoothness(
+        self, performer: int, motion: Motion, precision: Array, expected: Array | None = None
+    ) -> BandedBlocks:
+        """Smoothness of one performer's F poses, with those that are known around them.
+
+        `expected` are the accelerations (F, D) that cost nothing, in the middle of the frame before and the next.
+        """
         around = [side[performer] if side else None for side in (self.before, self.after)]
         known = stacked([m for m in (around[0], motion, around[1]) if m is not None])
-        blocks = smoothness(known, precision)
         start = 0 if around[0] is None else 1
+        if expected is not None:
+            expected = np.pad(expected, ((start, len(known) - start - self.length), (0, 0)))[1:-1]
+        blocks = smoothness(known, precision, expected)
         return blocks.cut(start, start + self.length)
 
     def evidence(
@@ -101,6 +118,8 @@ class Solution:
         solver has none.
     share : ndarray, shape (V, F, P)
         Visible share of every part at the last iteration.
+    explained : ndarray, shape (F,)
+        How much of what looks like the performers their parts cover, over all views: sums of log likelihood ratios.
     residual : ndarray, shape (F,)
         Root mean square grey-level difference of the pairs of frames at each frame, 0 to 1.
     seconds : dict
@@ -112,6 +131,7 @@ class Solution:
     energy: tuple[float, ...]
     factors: tuple[BandedFactor, ...]
     share: Array
+    explained: Array
     residual: Array
     seconds: dict[str, float]
 

@@ -107,6 +107,7 @@ def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step
         tuple(energies),
         (),
         evidence.share,
+        evidence.explained.sum(axis=0),
         frame_residual(evidence),
         seconds,
     )
