@@ -44,6 +44,15 @@ def filmed(motion: Motion) -> tuple[ViewFrames, ...]:
     )
 
 
+def no_evidence(views: int, frames: int, parts: int) -> Evidence:
+    V, F, P = views, frames, parts
+    gradients = (np.zeros((V, F - 1, P, *shape)) for shape in ((12, 12), (12,)))
+    outlines = (np.zeros((V, F, P, *shape)) for shape in ((6, 6), (6,)))
+    pairs = (np.zeros((V, F - 1)) for _ in range(4))
+    single = (np.zeros((V, F)) for _ in range(2))
+    return Evidence(*gradients, *pairs, *outlines, *single, share=np.ones((V, F, P)), stride=1, seconds={})
+
+
 def systems(problem: Problem, motion: Motion) -> tuple[list[BandedBlocks], Evidence]:
     poses, evidence = problem.evidence(problem.geometry(), [motion], 1.0, 1.0, 2)
     return gauss_newton.normal_equations(problem, [motion], poses, evidence, SETTINGS), evidence
@@ -78,7 +87,7 @@ def test_views_add_to_the_normal_equations() -> None:
 
     def gradients(chosen: tuple[ViewFrames, ...]) -> BandedBlocks:
         problem = Problem(chosen, (BODY,), 0, FPS, (ends_held(4),))
-        smooth = problem.smoothness(0, motion, gauss_newton.acceleration_precision(D, FPS, SETTINGS))
+        smooth = problem.smoothness(0, motion, gauss_newton.acceleration_precision(BODY, FPS, SETTINGS))
         [system], _ = systems(problem, motion)
         return replace(
             system,
@@ -150,22 +159,17 @@ def test_steps_are_limited_joint_by_joint_and_keep_their_direction() -> None:
 
 def test_precision_of_acceleration_is_per_frame_squared() -> None:
     """Twice the frames a second: a quarter of the acceleration a frame, sixteen times the precision."""
-    slow, fast = (gauss_newton.acceleration_precision(D, fps, SETTINGS) for fps in (30, 60))
+    slow, fast = (gauss_newton.acceleration_precision(BODY, fps, SETTINGS) for fps in (30, 60))
     np.testing.assert_allclose(fast, 16 * slow)
     assert slow[0] == pytest.approx((900 / SETTINGS.root_acceleration) ** 2)
     assert slow[3] == pytest.approx((900 / SETTINGS.joint_acceleration) ** 2)
 
 
 def test_residuals_of_frames_are_those_of_the_pairs_on_both_sides() -> None:
-    evidence = Evidence(
-        *(np.zeros(1) for _ in range(2)),
+    evidence = replace(
+        no_evidence(views=2, frames=3, parts=1),
         energy=np.array([[4.0, 0.0], [12.0, 0.0]]),
         weight=np.array([[1.0, 2.0], [3.0, 2.0]]),
-        noise=np.zeros(1),
-        density=np.zeros(1),
-        share=np.zeros(1),
-        stride=1,
-        seconds={},
     )
     np.testing.assert_allclose(frame_residual(evidence), [2.0, np.sqrt(16 / 8), 0.0])
 
@@ -173,7 +177,7 @@ def test_residuals_of_frames_are_those_of_the_pairs_on_both_sides() -> None:
 def test_the_acceleration_that_is_weighed_is_that_of_the_motion() -> None:
     motion = swing(BODY, 6)
     motion.rotations[:, 1] = rotations.exp(np.linspace(0, 1, 6)[:, None] ** 2 * np.array([0, 0, 1.0]))
-    precision = gauss_newton.acceleration_precision(D, FPS, SETTINGS)
+    precision = gauss_newton.acceleration_precision(BODY, FPS, SETTINGS)
     problem = Problem(dark(6), (BODY,), 0, FPS, (ends_held(6),))
     [system], evidence = systems(problem, motion)
     assert system.energy == pytest.approx(float(np.sum(precision * acceleration(motion) ** 2)))
