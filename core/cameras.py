@@ -72,6 +72,11 @@ class Camera:
     def moving(self) -> bool:
         return len(self.R_cam_world) > 1
 
+    @property
+    def stands_still(self) -> bool:
+        """Whether all its poses, one or one per frame, are the same."""
+        return not (np.ptp(self.R_cam_world, axis=0).any() or np.ptp(self.t_cam_world, axis=0).any())
+
     def pose(self, frame: int) -> tuple[Array, Array]:
         """World to camera rotation (3, 3) and translation (3,) at a shot frame."""
         i = min(frame, len(self.R_cam_world) - 1) if self.moving else 0

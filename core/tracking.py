@@ -302,7 +302,7 @@ def _with_foreground(
         for k, key in enumerate(keys)
     }
     scale = view.pixels_per_metre(T[0].mean(axis=0), int(keys[0]))
-    return replace(view, foreground=foreground_images(colour, masks, scale, not view.camera.moving))
+    return replace(view, foreground=foreground_images(colour, masks, scale, view.camera.stands_still))
 
 
 def _problem(

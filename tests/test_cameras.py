@@ -85,6 +85,8 @@ def test_moving_camera_has_a_pose_per_frame_and_stays_at_its_last() -> None:
     shifts = np.array([[0.0, 0, 4], [1, 0, 4], [2, 0, 4]])
     cam = Camera.create("cam", SIZE, K, np.stack([R] * 3), shifts)
     assert cam.moving and not camera().moving
+    assert not cam.stands_still and camera().stands_still
+    assert Camera.create("cam", SIZE, K, np.stack([R] * 3), [t] * 3).stands_still
     point = cloud(1)[0]
     for f in range(3):
         fixed = Camera.create("cam", SIZE, K, R, shifts[f])
