@@ -102,6 +102,22 @@ class LabelImages:
         u, v = np.flatnonzero(seen.any(axis=0)), np.flatnonzero(seen.any(axis=1))
         return (int(u[0]), int(v[0]), int(u[-1]) + 1, int(v[-1]) + 1) if len(u) else (0, 0, 0, 0)
 
+    def places(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Column and row, in their images, of the pixels of `index`."""
+        n, height, width = self.part.shape
+        per_frame = np.diff(self.ends[:: self.share.shape[1]])
+        pixel = self.index - np.repeat(np.arange(n) * height * width, per_frame)
+        v = pixel // width
+        return pixel - v * width, v
+
+    def part_at(self, frame: NDArray[np.intp], u: NDArray[np.floating], v: NDArray[np.floating]) -> NDArray[np.int16]:
+        """The parts seen nearest to places in frames; -2 beyond the picture."""
+        _, height, width = self.part.shape
+        column, row = np.rint(u), np.rint(v)
+        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        index = np.where(inside, (frame * height + row) * width + column, 0).astype(np.intp)
+        return np.where(inside, self.part.ravel().take(index), np.int16(-2))
+
     def depth_images(self) -> NDArray[np.float32]:
         """z in metres, infinite where there is no part, shape (n, h, w)."""
         images = np.full(self.part.size, np.inf, dtype=np.float32)

@@ -20,6 +20,8 @@ STRONGEST = 4.0
 SCALE = 31.0
 """Steps of a foreground image per unit of the log likelihood ratio; 128 is zero."""
 _LEVELS = 16
+_SQUARES = np.minimum(np.arange(256) ** 2, 1 << 12).astype(np.uint16)
+"""Of differences from the background; what is far is far."""
 _UNKNOWN = 0.1
 """Share of pixels that show something else than either model foretells: bystanders, shadows, highlights."""
 _LEAST_DEVIATION = 4.0
@@ -58,19 +60,17 @@ def foreground_images(
     plate, known = _plate(colour, behind)
     known &= fixed
     deviation = _deviation(colour, plate, known)
-    cut = np.uint16(1 << 12)
-    distance = np.arange(3 * int(cut) + 1) / deviation**2  # from the plate, in its variances
+    distance = np.arange(3 * int(_SQUARES[-1]) + 1) / deviation**2  # from the plate, in its variances
     volume = (256 / _LEVELS) ** 3  # of a bin of the histograms, whose values are per bin
     nearness = np.minimum(volume * np.exp(-0.5 * distance) / (np.sqrt(2 * np.pi) * deviation) ** 3, 1)
     nearness = ((1 - _UNKNOWN) * nearness).astype(np.float32)
+    still, moving = known.astype(np.float32), np.where(known, _UNKNOWN, 1).astype(np.float32)
     out = np.empty(colour.shape[:3], np.uint8)
     for image, result in zip(colour, out, strict=True):
-        bins = _bins(image)
-        unlike = background[bins]
-        b, g, r = cv2.split(cv2.absdiff(image, plate).astype(np.uint16))
-        squares = np.minimum(b * b, cut) + np.minimum(g * g, cut) + np.minimum(r * r, cut)
-        still = nearness[squares] + np.float32(_UNKNOWN) * unlike
-        ratio = cv2.log(body[bins] / np.where(known, still, unlike))
+        bins = _bins(image).astype(np.intp)
+        b, g, r = cv2.split(cv2.LUT(cv2.absdiff(image, plate), _SQUARES))
+        likely = still * nearness.take(b + g + r) + moving * background.take(bins)
+        ratio = cv2.log(body.take(bins) / likely)
         result[:] = np.float32(128.5) + np.float32(SCALE) * np.clip(ratio, -STRONGEST, STRONGEST)
     return out
 

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,9 +124,7 @@ def image_evidence(
         "outlines": sum(run.seconds[2] for run in done) / workers,
     }
     sums = {f.name: joined(f.name) for f in fields(WrenchSums)}
-    outlines = {
-        f"outline_{f.name}": by_frame(lambda run, n=f.name: getattr(run.outlines, n)) for f in fields(OutlineSums)
-    }
+    outlines = {f"outline_{f.name}": by_frame(attrgetter(f"outlines.{f.name}")) for f in fields(OutlineSums)}
     return Evidence(
         **sums,
         **outlines,

@@ -28,6 +28,7 @@ HUBER = 1.345
 BACKGROUND_BELOW = -0.5
 """Log likelihood ratio of a pixel that is rather background, within the model's outline though it may be."""
 _LEAST_NOISE = 2e-4
+_AT_A_TIME = 16  # groups of pixels: few enough to stay in the cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,17 +83,15 @@ class Pixels:
     @classmethod
     def of(cls, labels: LabelImages, camera: Camera, stride: int, frames: int) -> Pixels:
         """Of the first label images, which have every stride-th pixel of the camera's frames."""
-        P, (_, height, width) = labels.share.shape[1], labels.part.shape
+        P = labels.share.shape[1]
         ends = labels.ends[: frames * P + 1]
-        index = labels.index[: ends[-1]]
-        row, u = np.divmod(index, width)
-        frame, v = np.divmod(row, height)
-        uv = np.stack([u, v], axis=1) * stride
+        frame, part = np.repeat(np.indices((frames, P)).reshape(2, -1), np.diff(ends), axis=1)
+        uv = stride * np.stack([a[: ends[-1]] for a in labels.places()])
         K = camera.matrix
-        points = np.empty((len(index), 3), np.float32)
-        points[:, 2] = 1 / labels.inverse_depth[: len(index)]
-        points[:, :2] = (uv - K[:2, 2]) / K[[0, 1], [0, 1]] * points[:, 2:]
-        return cls(frame, labels.part.ravel()[index].astype(np.intp), ends, uv, points)
+        points = np.empty((3, ends[-1]), np.float32)
+        points[2] = 1 / labels.inverse_depth[: ends[-1]]
+        points[:2] = (uv - K[:2, 2:]) / K[[0, 1], [0, 1]][:, None] * points[2]
+        return cls(frame, part, ends, uv.T, points.T)
 
 
 def brightness_constancy(
@@ -134,11 +133,11 @@ def brightness_constancy(
     pixels = Pixels.of(labels, camera, stride, m)
     x_a, x_b = pixels.points_cam, _carried(pixels, to_camera, poses)
     focal, centre = (a.astype(np.float32) for a in (camera.matrix[[0, 1], [0, 1]], camera.matrix[:2, 2]))
-    uv_b = x_b[:, :2] / x_b[:, 2:] * focal + centre
+    uv_b = (x_b.T[:2] / x_b[:, 2] * focal[:, None] + centre[:, None]).T
     here, there = images.at(pixels.frame, pixels.uv), images.sample(pixels.frame + 1, uv_b)
     residual = there[0] - here[0]
     slope = 0.5 * (here[1:] + there[1:])
-    seen = _still_seen(pixels, uv_b, labels, stride)
+    seen = labels.part_at(pixels.frame + 1, *(uv_b.T / stride)) == pixels.part
     if foreground is not None:
         seen &= log_ratio(foreground[pixels.frame, pixels.uv[:, 1], pixels.uv[:, 0]]) > BACKGROUND_BELOW
     bounds = pixels.ends[::P]
@@ -146,15 +145,9 @@ def brightness_constancy(
     deviation = np.repeat(tolerance * np.maximum(noise, _LEAST_NOISE), np.diff(bounds)).astype(np.float32)
     weight = huber_weights(residual, deviation) * seen
 
-    rows = np.empty((len(residual), 13))  # summed in double precision, or the sums are not positive definite
-    rows[:, :6], rows[:, 6:12] = -wrenches(x_a, slope, focal), wrenches(x_b, slope, focal)
-    rows[:, 12] = residual
-    weighted = rows * weight[:, None]
-    sums = np.zeros((m * P, 13, 13))
-    for k in np.flatnonzero(np.diff(pixels.ends)):
-        span = slice(pixels.ends[k], pixels.ends[k + 1])
-        sums[k] = rows[span].T @ weighted[span]
-    sums = sums.reshape(m, P, 13, 13)
+    rows = np.empty((13, len(residual)), np.float32)
+    rows[:6], rows[6:12], rows[12] = -wrenches(x_a, slope, focal).T, wrenches(x_b, slope, focal).T, residual
+    sums = summed_products(rows, weight, pixels.ends).reshape(m, P, 13, 13)
     A = _pair_twists(*to_camera)[:, None]
     A_t = np.swapaxes(A, -1, -2)
     return WrenchSums(
@@ -163,7 +156,9 @@ def brightness_constancy(
         sums[..., 12, 12].sum(axis=1),
         np.bincount(pixels.frame, weight, minlength=m).astype(float),
         noise,
-        np.prod(focal) * np.bincount(pixels.frame, x_a[:, 2] ** -2.0, minlength=m) / np.maximum(np.diff(bounds), 1),
+        np.prod(focal)
+        * np.bincount(pixels.frame, labels.inverse_depth[: len(residual)] ** 2, minlength=m)
+        / np.maximum(np.diff(bounds), 1),
     )
 
 
@@ -173,17 +168,30 @@ def _carried(pixels: Pixels, to_camera: Poses, poses: Poses) -> Image:
     R_cam, T_cam = Rc[:, None] @ R, T @ np.swapaxes(Rc, 1, 2) + tc[:, None]
     turn = R_cam[1:] @ np.swapaxes(R_cam[:-1], -1, -2)
     shift = T_cam[1:] - (turn @ T_cam[:-1, :, :, None])[..., 0]
-    turns, shifts = (a[pixels.frame, pixels.part] for a in (turn, shift))
+    motion = np.concatenate([turn, shift[..., None]], axis=-1).reshape(-1, 3, 4)
     # In double precision: the last bit of a single one depends on where arrays lie, and would show in the motion.
-    return (np.einsum("nab,nb->na", turns, pixels.points_cam) + shifts).astype(np.float32)
+    points = np.concatenate([pixels.points_cam.T, np.ones((1, len(pixels.part)))])
+    out = np.empty((3, len(pixels.part)), np.float32)
+    for move, (a, b) in zip(motion, pairwise(pixels.ends.tolist()), strict=True):
+        if a < b:
+            out[:, a:b] = move @ points[:, a:b]
+    return out.T
 
 
-def _still_seen(pixels: Pixels, uv: Image, labels: LabelImages, stride: int) -> NDArray[np.bool_]:
-    """Which points, now at (N, 2) pixels of the next frame, show there the part that they belong to."""
-    _, height, width = labels.part.shape
-    column, row = np.round(uv.T / stride).astype(np.intp)
-    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    return inside & (labels.part[pixels.frame + 1, row * inside, column * inside] == pixels.part)
+def summed_products(rows: NDArray[np.floating], weight: NDArray[np.floating], ends: NDArray[np.intp]) -> Array:
+    """Weighted sums of the products of columns (k, N) with themselves, of ends[i] to ends[i + 1] each.
+
+    Summed in double precision, or they are not positive definite; shape (len(ends) - 1, k, k).
+    """
+    sums = np.zeros((len(ends) - 1, len(rows), len(rows)))
+    for first in range(0, len(sums), _AT_A_TIME):
+        bounds = ends[first : first + _AT_A_TIME + 1]
+        some = rows[:, bounds[0] : bounds[-1]].astype(float)
+        weighted = (some * weight[bounds[0] : bounds[-1]]).T
+        for i, (a, b) in enumerate(pairwise((bounds - bounds[0]).tolist()), first):
+            if a < b:
+                sums[i] = some[:, a:b] @ weighted[a:b]
+    return sums
 
 
 def _robust_deviation(residual: Image) -> float:
@@ -194,12 +202,12 @@ def _robust_deviation(residual: Image) -> float:
 def wrenches(points: Image, slope: Image, focal: Image) -> Image:
     """Rows (m, x cross m) of brightness derivatives (2, N) at points in camera axes, shape (N, 6)."""
     x, y, z = points.T
-    out = np.empty((len(points), 6), np.float32)
+    out = np.empty((6, len(points)), np.float32)
     mx, my = slope[0] * focal[0] / z, slope[1] * focal[1] / z
     mz = -(mx * x + my * y) / z
-    out[:, 0], out[:, 1], out[:, 2] = mx, my, mz
-    out[:, 3], out[:, 4], out[:, 5] = y * mz - z * my, z * mx - x * mz, x * my - y * mx
-    return out
+    out[:3] = mx, my, mz
+    out[3:] = y * mz - z * my, z * mx - x * mz, x * my - y * mx
+    return out.T
 
 
 def huber_weights(residual: Image, deviation: Image) -> Image:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,7 +17,10 @@ Image = NDArray[np.float32]
 
 MARGIN = 6
 """How far around what is looked for a frame is looked at, pixels."""
+KEPT_BYTES = 32 << 20
+"""Most that a view keeps of a stretch's gradient images; the next iteration's performers are nearly where they were."""
 _ROW = 256
+_STEPS = 1 << cv2.INTER_BITS
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +53,15 @@ class GradientImages:
     def height(self) -> int:
         return self.channels[0].shape[0] // self.count
 
+    @property
+    def nbytes(self) -> int:
+        return sum(channel.nbytes for channel in self.channels)
+
+    def shows(self, box: tuple[int, int, int, int]) -> bool:
+        """Whether a box (left, top, right, bottom) of the frames lies within the window."""
+        (left, top), width = self.origin, self.channels[0].shape[1]
+        return left <= box[0] and top <= box[1] and box[2] <= left + width and box[3] <= top + self.height
+
     def sample(self, image: NDArray[np.intp], pixels: Image) -> Image:
         """Brightness and derivatives at sub-pixel places, bilinear.
 
@@ -62,32 +76,36 @@ class GradientImages:
         -------
         ndarray of float32, shape (3, N)
         """
-        N = len(pixels)
-        grid = stacked_places(pixels - np.float32(self.origin), image, self.height)
-        return np.stack(
-            [
-                cv2.remap(channel, grid, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).ravel()[:N]
-                for channel in self.channels
-            ]
-        )
+        u, v = pixels.T - np.array(self.origin, np.float32)[:, None]
+        places = stacked_places(u, v, image, self.height)
+        return np.stack([interpolated(channel, places, u.shape) for channel in self.channels])
 
     def at(self, image: NDArray[np.intp], pixels: NDArray[np.intp]) -> Image:
         """Brightness and derivatives at whole pixels (N, 2) within the window, shape (3, N)."""
-        rows = pixels[:, 1] - self.origin[1] + image * self.height
-        index = rows * self.channels[0].shape[1] + pixels[:, 0] - self.origin[0]
-        return np.stack([channel.ravel()[index] for channel in self.channels])
+        u, v = pixels.T
+        index = (v - self.origin[1] + image * self.height) * self.channels[0].shape[1] + u - self.origin[0]
+        return np.stack([channel.ravel().take(index) for channel in self.channels])
 
 
-def stacked_places(pixels: NDArray[np.floating], image: NDArray[np.intp], height: int) -> Image:
-    """Places (N, 2) in images that stand one below the other, as `cv2.remap` takes them; the last ones are padding.
+def stacked_places(
+    u: NDArray[np.floating], v: NDArray[np.floating], image: NDArray[np.intp], height: int
+) -> NDArray[np.float32]:
+    """Places in images that stand one below the other, as `interpolated` takes them.
 
-    A place above or below its image is taken at the image's edge.
+    A place above or below its image is taken at the image's edge; `image` is broadcast to the places.
     """
-    N = len(pixels)
-    places = np.zeros(((N // _ROW + 1) * _ROW, 2), np.float32)  # OpenCV takes no more than 32767 rows
-    places[:N, 0] = pixels[:, 0]
-    places[:N, 1] = np.clip(pixels[:, 1], 0, height - 1) + image * height
-    return places.reshape(-1, _ROW, 2)
+    places = np.zeros((2, (u.size // _ROW + 1) * _ROW), np.float32)  # OpenCV takes no more than 32767 rows
+    places[0, : u.size] = u.ravel()
+    # As OpenCV rounds them; in single precision, a place far down the stack would be rounded otherwise.
+    row = np.rint(np.clip(v, 0, height - 1) * _STEPS) / _STEPS
+    places[1, : u.size] = (row + image * height).ravel()
+    return places.reshape(2, -1, _ROW)
+
+
+def interpolated(image: NDArray[Any], places: Image, shape: tuple[int, ...]) -> NDArray[Any]:
+    """An image's bilinear values at the places that `stacked_places` made of arrays of that shape."""
+    values = cv2.remap(image, places[0], places[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return values.ravel()[: math.prod(shape)].reshape(shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,14 +127,31 @@ class ViewFrames:
     grey: NDArray[np.uint8]
     first: int
     foreground: NDArray[np.uint8] | None = None
+    _kept: dict[tuple[int, int], tuple[float, GradientImages]] = field(default_factory=dict, init=False, repr=False)
 
     def images(self, first: int, count: int, sigma: float, box: tuple[int, int, int, int]) -> GradientImages:
         """The gradient images of consecutive shot frames within a box (left, top, right, bottom) and around it."""
-        margin = MARGIN + int(np.ceil(2 * sigma))
+        margin, (width, height) = MARGIN + int(np.ceil(2 * sigma)), self.camera.size
         left, top = max(box[0] - margin, 0), max(box[1] - margin, 0)
+        right, bottom = min(box[2] + margin, width), min(box[3] + margin, height)
+        kept_sigma, kept = self._kept.get((first, count), (0.0, None))
+        if kept is not None and kept_sigma == sigma and kept.shows((left, top, right, bottom)):
+            return kept
+        left, top = max(left - MARGIN, 0), max(top - MARGIN, 0)  # a little more, for the next time
         start = first - self.first
-        window = self.grey[start : start + count, top : box[3] + margin, left : box[2] + margin]
-        return GradientImages.of(window, sigma, (left, top))
+        window = self.grey[start : start + count, top : bottom + MARGIN, left : right + MARGIN]
+        images = GradientImages.of(window, sigma, (left, top))
+        self._keep(first, sigma, images)
+        return images
+
+    def _keep(self, first: int, sigma: float, images: GradientImages) -> None:
+        """Keep gradient images instead of those that show some of the same pairs of frames."""
+        stop = first + images.count
+        for start, count in list(self._kept):
+            if min(start + count, stop) - max(start, first) > 1:
+                del self._kept[start, count]
+        if images.nbytes + sum(kept.nbytes for _, kept in list(self._kept.values())) <= KEPT_BYTES:
+            self._kept[first, images.count] = sigma, images
 
     def foreground_at(self, first: int, count: int) -> NDArray[np.uint8]:
         """The foreground images of consecutive shot frames, shape (count, h, w)."""

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from ..cameras import Camera
 from ..visibility import NEAR, Geometry, LabelImages
 from .appearance import log_ratio
-from .gradients import Poses, camera_twist, wrenches
-from .images import stacked_places
+from .gradients import Poses, camera_twist, summed_products, wrenches
+from .images import interpolated, stacked_places
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -109,12 +109,8 @@ def outline_sums(
     order = np.argsort(group, kind="stable")
     ends = np.searchsorted(group[order], np.arange(n * P + 1))
     rows = np.concatenate([lines.wrenches(camera), -lines.shift[:, None]], axis=1)[order]
-    weighted = rows * (lines.weight * lines.length)[order, None]
-    sums = np.zeros((n * P, 7, 7))
-    for k in np.flatnonzero(np.diff(ends)):
-        span = slice(ends[k], ends[k + 1])
-        sums[k] = rows[span].T @ weighted[span]
-    sums = sums.reshape(n, P, 7, 7)
+    weight = (lines.weight * lines.length)[order]
+    sums = summed_products(rows.T, weight, ends).reshape(n, P, 7, 7)
     A = camera_twist(*camera.poses(first, n))[:, None]
     A_t = np.swapaxes(A, -1, -2)
     return OutlineSums(A_t @ sums[..., :6, :6] @ A, (A_t @ sums[..., :6, 6:])[..., 0], sums[..., 6, 6].sum(axis=1))
@@ -188,8 +184,8 @@ def _against_background(
     # `cv2.convexHull` goes clockwise as the picture is seen: outward lies to the left.
     normal = np.stack([along[:, 1], -along[:, 0]], axis=1) / length[edge, None]
     frame, part = frame[edge], part[edge]
-    within = _labels_at(labels, frame, uv - 0.75 * stride * normal, stride) == part
-    beyond = _labels_at(labels, frame, uv + stride * normal, stride) == -1
+    within = labels.part_at(frame, *(uv - 0.75 * stride * normal).T / stride) == part
+    beyond = labels.part_at(frame, *(uv + stride * normal).T / stride) == -1
     kept = within & beyond
     return frame[kept], part[kept], uv[kept], normal[kept], z[kept], (length / np.maximum(pieces, 1))[edge][kept]
 
@@ -222,14 +218,6 @@ def _edges(
     return frame, part, uv[frame, start], uv[frame, stop], z[frame, start], z[frame, stop]
 
 
-def _labels_at(labels: LabelImages, frame: Indices, uv: Array, stride: int) -> NDArray[np.int16]:
-    """The part seen at places (..., 2) of frames; -2 beyond the picture."""
-    _, height, width = labels.part.shape
-    column, row = np.moveaxis(np.round(uv / stride).astype(np.intp), -1, 0)
-    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    return np.where(inside, labels.part[frame, row * inside, column * inside], np.int16(-2))
-
-
 def _along(
     foreground: NDArray[np.uint8],
     labels: LabelImages,
@@ -241,13 +229,11 @@ def _along(
 ) -> Array:
     """Log likelihood ratios along the lines, shape (N, len(places)); 0 where the model does not foretell them: another
     part beyond the outline, or background within."""
-    at = uv[:, None] + normal[:, None] * places[:, None]
+    u, v = (uv[:, k, None] + normal[:, k, None] * places for k in range(2))
     n, height, width = foreground.shape
-    pixels = stacked_places(at.reshape(-1, 2), np.repeat(frame, len(places)), height)
-    seen = cv2.remap(
-        foreground.reshape(n * height, width), pixels, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )
-    label = _labels_at(labels, frame[:, None], at, stride)
+    stacked = foreground.reshape(n * height, width)
+    seen = interpolated(stacked, stacked_places(u, v, frame[:, None], height), u.shape)
+    label = labels.part_at(frame[:, None], u / stride, v / stride)
     foretold = (label == -1) == (places > 0)
     foretold |= np.abs(places) <= stride
-    return np.where(foretold & (label != -2), log_ratio(seen.ravel()[: at[..., 0].size]).reshape(label.shape), 0.0)
+    return np.where(foretold & (label != -2), log_ratio(seen), 0.0)
