@@ -191,6 +191,21 @@ def picture(bodies: Sequence[Body], poses: Poses, frame: int, camera: Camera, sa
     return grey.reshape(camera.size[1], camera.size[0])
 
 
+def silhouette(
+    bodies: Sequence[Body], poses: Poses, frame: int, camera: Camera, shift: Sequence[float] = (0, 0), samples: int = 4
+) -> Array:
+    """Foreground image of one frame as sharp as can be, uint8 (h, w): how much of each pixel is covered by a body.
+
+    `shift` moves it in the picture, pixels.
+    """
+    R, T = poses
+    grid = pixel_grid(camera.size) - np.asarray(shift, float)
+    offsets = (np.arange(samples) + 0.5) / samples - 0.5
+    rays = (cast(bodies, R[frame], T[frame], camera, frame, grid + d)[0] >= 0 for d in product(offsets, offsets))
+    share = np.mean(list(rays), axis=0).reshape(camera.size[1], camera.size[0])
+    return (128 + 124 * (2 * share - 1)).round().astype(np.uint8)
+
+
 def film(folder: Path, bodies: Sequence[Body], motions: Sequence[Motion], cameras: Sequence[Camera]) -> list[View]:
     """Film the motions: an image sequence per camera."""
     poses = poses_of(bodies, motions)
