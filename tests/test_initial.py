@@ -12,8 +12,8 @@ from kfmocap.core.errors import CancelledError
 from kfmocap.core.evidence.images import ViewFrames
 from kfmocap.core.motion import Motion, stacked
 from kfmocap.core.shot import Settings
-from kfmocap.core.solvers import gauss_newton
-from kfmocap.core.solvers.initial import WINDOW, blended, follow
+from kfmocap.core.solvers import gauss_newton, initial
+from kfmocap.core.solvers.initial import blended, follow
 from kfmocap.core.solvers.problem import Problem, Solution
 from synthetic import figure, look_at, picture, poses_of, random_motion, silhouette, swing
 
@@ -74,6 +74,13 @@ def test_from_one_pose_alone_the_motion_is_followed_to_the_other_end(
     np.testing.assert_allclose(found[[key]].difference(TRUTH[[key]]), 0, atol=1e-12)
 
 
+@pytest.fixture
+def short_windows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Several of them in a short motion."""
+    monkeypatch.setattr(initial, "WINDOW", 6)
+    monkeypatch.setattr(initial, "STEP", 3)
+
+
 class Halfway:
     """A solver that goes half of the way to the truth, and notes what it was given."""
 
@@ -108,6 +115,7 @@ def test_backward_is_forward_of_reversed_time(length: int) -> None:
     np.testing.assert_allclose(back[::-1].difference(ahead), 0, atol=1e-12)
 
 
+@pytest.mark.usefixtures("short_windows")
 @pytest.mark.parametrize("backward", [False, True])
 def test_a_window_begins_behind_what_is_solved_and_holds_it(backward: bool) -> None:
     key = LENGTH - 1 if backward else 0
@@ -116,7 +124,7 @@ def test_a_window_begins_behind_what_is_solved_and_holds_it(backward: bool) -> N
     for problem in solver.problems:
         fixed = problem.fixed[0]
         free = problem.first + np.flatnonzero(~fixed.any(axis=1))
-        assert 1 <= len(free) <= WINDOW and problem.length - len(free) in (1, 2)
+        assert 1 <= len(free) <= initial.WINDOW and problem.length - len(free) in (1, 2)
         assert (fixed.all(axis=1) | ~fixed.any(axis=1)).all()
         assert problem.before is None and problem.after is None
         solved[free] += 1
@@ -126,6 +134,7 @@ def test_a_window_begins_behind_what_is_solved_and_holds_it(backward: bool) -> N
     assert error_mm(found).max() < error_mm(still(key)).max()
 
 
+@pytest.mark.usefixtures("short_windows")
 def test_a_uniform_motion_is_carried_on_nearly_as_it_is() -> None:
     """The guess for the frames to come goes on from the last two; its speed fades slowly."""
     step = np.zeros((1, D))
@@ -163,6 +172,7 @@ def test_the_start_is_not_written_to() -> None:
     np.testing.assert_allclose(start.rotations, before.rotations, atol=1e-15)
 
 
+@pytest.mark.usefixtures("short_windows")
 def test_on_step_is_told_how_far_it_is_and_may_end_the_job() -> None:
     told: list[float] = []
 
@@ -196,6 +206,7 @@ class Blindfolded(Halfway):
         return replace(solution, motions=(found.moved(nonsense * ~problem.fixed[0]),), share=share)
 
 
+@pytest.mark.usefixtures("short_windows")
 def test_a_part_that_is_hidden_is_foretold() -> None:
     step = np.zeros((1, D))
     step[0, 11] = 0.08
