@@ -105,8 +105,8 @@ class Settings:
     sweeps: int = 500
     working_size: int = 480
     correlation_length: float = 0.2
-    outline_correlation: float = 0.5
-    joint_acceleration: float = 20.0
+    outline_correlation: float = 0.25
+    joint_acceleration: float = 30.0
     root_acceleration: float = 2.0
     prediction: bool = True
 

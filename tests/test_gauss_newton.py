@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,8 +15,8 @@ from kfmocap.core.evidence.images import ViewFrames
 from kfmocap.core.motion import Motion, stacked
 from kfmocap.core.shot import Settings
 from kfmocap.core.solvers import gauss_newton
-from kfmocap.core.solvers.problem import Problem, frame_residual
-from synthetic import at_rest, figure, look_at, picture, poses_of, random_motion, swing
+from kfmocap.core.solvers.problem import Problem, Solution, frame_residual
+from synthetic import at_rest, figure, look_at, picture, poses_of, random_motion, silhouette, swing
 
 BODY = figure()
 D = BODY.dof
@@ -143,7 +144,9 @@ def test_at_the_true_motion_it_stays_and_from_another_smooth_one_it_comes_back()
         true, found = (landmark_positions(BODY, m, names) for m in (truth, motion))
         return 1000 * float(np.linalg.norm(found - true, axis=-1)[1:-1].mean())
 
-    stayed, returned = (gauss_newton.descend(problem, [m], SETTINGS, stages=CONVERGED).motions[0] for m in (truth, wrong))
+    stayed, returned = (
+        gauss_newton.descend(problem, [m], SETTINGS, stages=CONVERGED).motions[0] for m in (truth, wrong)
+    )
     assert error_mm(stayed) < 0.2 * error_mm(wrong)
     assert error_mm(returned) < 0.25 * error_mm(wrong)
 
@@ -182,3 +185,166 @@ def test_the_acceleration_that_is_weighed_is_that_of_the_motion() -> None:
     [system], evidence = systems(problem, motion)
     assert system.energy == pytest.approx(float(np.sum(precision * acceleration(motion) ** 2)))
     assert evidence.energy.max() < 1e-9
+
+
+def test_a_joint_that_hardly_turns_is_accelerated_the_less() -> None:
+    limits = np.array([[-np.pi / 2, np.pi / 2], [0.0, 0.0], [-np.pi / 8, np.pi / 8]])
+    parts = (*BODY.parts[:2], replace(BODY.parts[2], limits=limits), BODY.parts[3])
+    free, hinge = (gauss_newton.acceleration_precision(b, FPS, SETTINGS) for b in (BODY, replace(BODY, parts=parts)))
+    np.testing.assert_allclose(hinge[9:12] / free[9:12], [1, gauss_newton.LEAST_MOBILITY**-2, 16])
+    np.testing.assert_array_equal(np.delete(hinge, range(9, 12)), np.delete(free, range(9, 12)))
+
+
+@pytest.mark.parametrize("around", [False, True])
+def test_accelerations_that_are_expected_cost_nothing(around: bool) -> None:
+    motion = random_motion(BODY, 8, turn=0.3)
+    precision = np.random.default_rng(0).uniform(1, 2, D)
+    if around:
+        problem = Problem((), (BODY,), 1, FPS, (ends_held(6),), (motion[[0]],), (motion[[7]],))
+        inner, expected = motion[1:7], acceleration(motion)
+    else:
+        problem, inner = Problem((), (BODY,), 0, FPS, (ends_held(8),)), motion
+        expected = np.pad(acceleration(motion), ((1, 1), (0, 0)))
+    told = problem.smoothness(0, inner, precision, expected)
+    assert told.energy == pytest.approx(0, abs=1e-20)
+    np.testing.assert_allclose(told.gradient, 0, atol=1e-12)
+    usual = problem.smoothness(0, inner, precision)
+    assert usual.energy > 1
+    np.testing.assert_array_equal(told.diagonal, usual.diagonal)
+    nothing = problem.smoothness(0, inner, precision, np.zeros_like(expected))
+    np.testing.assert_array_equal(nothing.gradient, usual.gradient)
+
+
+def test_the_rows_of_hidden_parts_alone_are_dropped() -> None:
+    V, F, P = 2, 5, len(BODY)
+    rng = np.random.default_rng(0)
+    evidence = replace(
+        no_evidence(V, F, P),
+        H=rng.normal(0, 1, (V, F - 1, P, 12, 12)),
+        g=rng.normal(0, 1, (V, F - 1, P, 12)),
+        outline_H=rng.normal(0, 1, (V, F, P, 6, 6)),
+        outline_g=rng.normal(0, 1, (V, F, P, 6)),
+    )
+    hidden = np.zeros((F, P), bool)
+    hidden[2, 1] = True
+    left = gauss_newton.without(evidence, hidden)
+    for name, frames in (("H", [1, 2]), ("g", [1, 2]), ("outline_H", [2]), ("outline_g", [2])):
+        before, after = getattr(evidence, name).copy(), getattr(left, name)
+        assert not after[:, frames, 1].any()
+        before[:, frames, 1] = 0
+        np.testing.assert_array_equal(after, before)
+    np.testing.assert_array_equal(left.share, evidence.share)
+    nowhere = gauss_newton.without(evidence, np.zeros((F, P), bool))
+    np.testing.assert_array_equal(nowhere.H, evidence.H)
+
+
+def test_a_part_is_hidden_where_no_view_sees_it_and_no_key_pose_holds_it() -> None:
+    share = np.ones((2, 6, len(BODY)))
+    share[:, 2:5, 1] = 0.1  # neither view sees the upper arm
+    share[0, 1:4, 3] = 0.1  # one view sees the right arm
+    fixed = ends_held(6)
+    fixed[3, 6:9] = True
+    [hidden] = Problem((), (BODY,), 0, FPS, (fixed,)).hidden(share)
+    expected = np.zeros((6, len(BODY)), bool)
+    expected[[2, 4], 1] = True
+    np.testing.assert_array_equal(hidden, expected)
+
+
+HIDDEN = slice(30, 42)
+FOREARM = slice(9, 12)
+
+
+class Blindfolded(Problem):
+    """No view sees the forearm while it is hidden."""
+
+    def evidence(self, *arguments: Any) -> Any:
+        poses, evidence = super().evidence(*arguments)
+        share = np.ones_like(evidence.share)
+        share[:, HIDDEN, BODY.index("forearm.L")] = 0
+        return poses, replace(evidence, share=share)
+
+
+def waving(frames: int) -> Motion:
+    """The forearm swings to and fro three times while the upper arm rises and falls."""
+    t, motion = np.arange(frames), at_rest(BODY, frames)
+    zero = np.zeros(frames)
+    motion.rotations[:, 1] = rotations.exp(np.stack([zero, zero, 0.25 * np.sin(2 * np.pi * t / 30)], axis=1))
+    motion.rotations[:, 2] = rotations.exp(np.stack([zero, zero, 0.4 * np.sin(2 * np.pi * (t - 30) / 24)], axis=1))
+    return motion
+
+
+def forearm_mm(found: Motion, truth: Motion) -> np.ndarray:
+    a, b = (landmark_positions(BODY, m, ["forearm.L tip"])[:, 0] for m in (found, truth))
+    return 1000 * np.linalg.norm(a - b, axis=1)
+
+
+def test_a_part_that_nobody_sees_moves_as_it_is_foretold() -> None:
+    """Hidden for 12 frames while it swings out and back; the frames beside them are known."""
+    F = 72
+    truth = waving(F)
+    free = np.zeros((F, D), bool)
+    free[HIDDEN, FOREARM] = True
+    gap = np.linspace(0, 1, 14)[1:-1, None] * truth[[29]].difference(truth[[42]])
+    start = truth.replaced(30, stacked([truth[[29]]] * 12).moved(gap))
+    start = truth.moved(np.where(free, truth.difference(start), 0.0))
+    errors = {}
+    for prediction in (True, False):
+        problem = Blindfolded(dark(F), (BODY,), 0, FPS, (~free,))
+        settings = replace(SETTINGS, prediction=prediction)
+        errors[prediction] = forearm_mm(gauss_newton.descend(problem, [start], settings).motions[0], truth)
+    assert forearm_mm(start, truth).max() > 100
+    assert errors[True].max() < 30 and errors[True].max() < 0.7 * errors[False].max()
+
+
+def test_where_a_part_is_seen_nothing_is_expected_of_it() -> None:
+    motion = waving(72)
+    hidden = np.zeros((72, len(BODY)), bool)
+    hidden[HIDDEN, BODY.index("forearm.L")] = True
+    [expected] = gauss_newton.foretold_accelerations([motion], [hidden])
+    found = expected[HIDDEN, FOREARM]
+    true = np.pad(acceleration(motion), ((1, 1), (0, 0)))[HIDDEN, FOREARM]
+    assert np.abs(found - true).max() < 0.4 * np.abs(true).max()
+    expected[HIDDEN, FOREARM] = 0
+    assert not expected.any()
+    [none] = gauss_newton.foretold_accelerations([motion], [np.zeros_like(hidden)])
+    assert not none.any() and none.shape == (72, D)
+
+
+def coloured(motion: Motion) -> tuple[ViewFrames, ...]:
+    """Views that tell the body from the background."""
+    poses = poses_of([BODY], [motion])
+    shown = [np.stack([silhouette([BODY], poses, f, c, samples=1) for f in range(len(motion))]) for c in CAMERAS]
+    return tuple(ViewFrames(c, np.zeros_like(s), 0, s) for c, s in zip(CAMERAS, shown, strict=True))
+
+
+def explained(problem: Problem, motion: Motion) -> Solution:
+    """A motion as if it had been found."""
+    _, evidence = problem.evidence(problem.geometry(), [motion], 1.0, 1.0, 2, 0.07)
+    total, none = evidence.explained.sum(axis=0), np.zeros(len(motion))
+    return Solution((motion,), 1, (0.0,), (), evidence.share, total, none, {})
+
+
+def test_a_body_that_covers_background_is_doubted() -> None:
+    truth = swing(BODY, 5, 0.2)
+    problem = Problem(coloured(truth), (BODY,), 0, FPS, (ends_held(5),))
+    assert not gauss_newton.doubtful(problem, explained(problem, truth))
+    beside = np.zeros((5, D))
+    beside[2, 0] = 0.35
+    assert gauss_newton.doubtful(problem, explained(problem, truth.moved(beside)))
+
+
+def test_whether_a_solution_is_doubted_goes_by_the_key_poses() -> None:
+    """What is expected between them lies between what they explain."""
+    total = np.array([100.0, 90, 80, 70, 60])
+    share, none = np.ones((1, 5, len(BODY))), np.zeros(5)
+
+    def doubted(explained: np.ndarray, fixed: np.ndarray) -> bool:
+        problem = Problem((), (BODY,), 0, FPS, (fixed,))
+        return gauss_newton.doubtful(problem, Solution((swing(BODY, 5),), 1, (), (), share, explained, none, {}))
+
+    assert not doubted(total, ends_held(5))
+    assert not doubted(total * [1, 0.85, 0.85, 0.85, 1], ends_held(5))
+    assert doubted(total * [1, 1, 1, 0.75, 1], ends_held(5))
+    first = np.zeros((5, D), bool)
+    first[0] = True
+    assert doubted(total, first) and not doubted(total, np.zeros((5, D), bool))

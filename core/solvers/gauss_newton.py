@@ -68,7 +68,7 @@ class Stage:
 
 STAGES = (Stage(2.0, 8.0, 4, 2, 0.10), Stage(1.0, 4.0, 4, 3), Stage(1.0, 1.0, 3, 2))
 """From the curve through the key poses to the solution."""
-WINDOW = (Stage(2.0, 8.0, 4, 2, 0.10), Stage(1.0, 4.0, 4, 2))
+WINDOW = (Stage(2.0, 4.0, 4, 2, 0.10), Stage(1.0, 1.0, 4, 2))
 """Within the window of `initial.follow`."""
 REFINEMENT = (Stage(1.0, 1.0, 2, 2),)
 """From a solution to the better one that motion known on both sides allows."""

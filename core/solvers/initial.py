@@ -21,9 +21,9 @@ from .problem import Problem, Solution, Step
 
 Array = NDArray[np.float64]
 
-WINDOW = 6
+WINDOW = 10
 """Frames that are solved together."""
-STEP = 3
+STEP = 5
 """Frames by which the window moves on."""
 PERSISTENCE = 0.9
 """Share of its speed that a motion keeps from one frame to the next."""
