@@ -69,7 +69,7 @@ def foreground_images(
     for image, result in zip(colour, out, strict=True):
         bins = _bins(image).astype(np.intp)
         b, g, r = cv2.split(cv2.LUT(cv2.absdiff(image, plate), _SQUARES))
-        likely = still * nearness.take(b + g + r) + moving * background.take(bins)
+        likely = still * nearness.take((b + g + r).astype(np.intp)) + moving * background.take(bins)
         ratio = cv2.log(body.take(bins) / likely)
         result[:] = np.float32(128.5) + np.float32(SCALE) * np.clip(ratio, -STRONGEST, STRONGEST)
     return out
@@ -114,5 +114,6 @@ def _deviation(colour: Bytes, plate: Bytes, known: NDArray[np.bool_]) -> float:
     if not known.any():
         return _LEAST_DEVIATION
     some = colour[:: max(1, len(colour) // 8)]
-    apart = np.concatenate([cv2.absdiff(image, plate)[known][::7] for image in some])
+    places = np.flatnonzero(known)[::7]
+    apart = np.concatenate([cv2.absdiff(image, plate).reshape(-1, 3).take(places, axis=0) for image in some])
     return max(2 * 1.4826 * float(np.median(apart)), _LEAST_DEVIATION)
