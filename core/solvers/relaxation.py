@@ -29,7 +29,6 @@ from ..prediction import autoregression, predict
 from ..shot import Settings
 from ..timing import Seconds
 from ..visibility import Geometry, render_labels
-from .gauss_newton import without
 from .problem import Problem, Solution, Step, frame_residual
 
 Array = NDArray[np.float64]
@@ -102,7 +101,7 @@ def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step
         seconds.add(evidence.seconds)
         energies.append(float(evidence.energy.sum()))
         if settings.prediction:
-            evidence = without(evidence, np.concatenate(problem.hidden(evidence.share), axis=1))
+            evidence = evidence.without(np.concatenate(problem.hidden(evidence.share), axis=1))
         H, g = evidence.H.sum(axis=0), evidence.g.sum(axis=0)
         count = min(RELINEARISE, settings.sweeps - sweep)
         with seconds.measure("solve"):
