@@ -9,11 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_closing
 
-from .body import Body, part_poses
-from .cameras import Camera
-from .motion import Motion
 from .shot import KeyPoses
-from .visibility import Geometry, render_labels
 
 Array = NDArray[np.float64]
 
@@ -51,28 +47,6 @@ class Suggestion:
     def with_part(self, part: int) -> Suggestion:
         """The same with another part."""
         return self if part in self.parts else replace(self, parts=(*self.parts, part))
-
-
-def visible_share(cameras: Sequence[Camera], bodies: Sequence[Body], motions: Sequence[Motion]) -> Array:
-    """Visible area of every part over its whole projected area in poses that need not be tracked, such as predicted.
-
-    Parameters
-    ----------
-    cameras : sequence of Camera
-        V of them, without lens distortion, of the size of the images that are worked on.
-    bodies : sequence of Body
-    motions : sequence of Motion
-        One per body, F poses from the shot's first frame on.
-
-    Returns
-    -------
-    ndarray, shape (V, F, P)
-        0 to 1, for the P parts of all bodies, one after the other.
-    """
-    poses = [part_poses(body, motion) for body, motion in zip(bodies, motions, strict=True)]
-    R, T = (np.concatenate(arrays, axis=1) for arrays in zip(*poses, strict=True))
-    geometry, frames = Geometry.of(bodies), range(len(T))
-    return np.array([[render_labels(geometry, c, f, R[[f]], T[[f]]).share[0] for f in frames] for c in cameras])
 
 
 def occluded(share: Array, predicted: Array | None = None) -> NDArray[np.bool_]:

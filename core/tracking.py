@@ -173,7 +173,7 @@ class _Job:
                     for v, c in zip(views, colour, strict=True)
                 ]
                 views = tuple(look.result() for look in looks)
-            self._shapes[stretch] = fitted_shape(views, geometry, poses, keys)
+            self._shapes[stretch] = fitted_shape(views, geometry, poses, keys.tolist())
         return views
 
     def solve(self, stretch: Stretch, views: tuple[ViewFrames, ...]) -> None:

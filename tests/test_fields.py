@@ -268,9 +268,10 @@ def interlaced(view: View, folder: Path, order: str) -> View:
 
 @orders
 def test_fields_are_tracked_nearly_as_well_as_whole_frames(tmp_path: Path, progressive: list[View], order: str) -> None:
+    """Half of the lines cost less than a millimetre."""
     fields = [interlaced(view, tmp_path, order) for view in progressive]
     whole = error_mm(progressive)
-    assert whole < 5
-    assert error_mm(fields) < 1.5 * whole
-    assert error_mm([fields[0], progressive[1]]) < 1.5 * whole
+    assert whole < 1.9
+    assert error_mm(fields) < whole + 0.9
+    assert error_mm([fields[0], progressive[1]]) < whole + 0.9
     assert error_mm([replace(view, fields=OTHER[order]) for view in fields]) > 20 * whole

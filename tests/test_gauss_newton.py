@@ -227,14 +227,14 @@ def test_the_rows_of_hidden_parts_alone_are_dropped() -> None:
     )
     hidden = np.zeros((F, P), bool)
     hidden[2, 1] = True
-    left = gauss_newton.without(evidence, hidden)
+    left = evidence.without(hidden)
     for name, frames in (("H", [1, 2]), ("g", [1, 2]), ("outline_H", [2]), ("outline_g", [2])):
         before, after = getattr(evidence, name).copy(), getattr(left, name)
         assert not after[:, frames, 1].any()
         before[:, frames, 1] = 0
         np.testing.assert_array_equal(after, before)
     np.testing.assert_array_equal(left.share, evidence.share)
-    nowhere = gauss_newton.without(evidence, np.zeros((F, P), bool))
+    nowhere = evidence.without(np.zeros((F, P), bool))
     np.testing.assert_array_equal(nowhere.H, evidence.H)
 
 

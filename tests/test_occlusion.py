@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from kfmocap.core.body import Body
 from kfmocap.core.cameras import Camera
 from kfmocap.core.motion import Motion
 from kfmocap.core.occlusion import (
@@ -21,12 +22,18 @@ from kfmocap.core.occlusion import (
     occluded,
     suggested_keyframes,
     unseen,
-    visible_share,
 )
 from kfmocap.core.shot import KeyPoses
-from synthetic import at_rest, figure, look_at, swing
+from kfmocap.core.visibility import Geometry, render_labels
+from synthetic import at_rest, figure, look_at, poses_of, swing
 
 FRONT, SIDE = look_at("front", (0, -4, 1.2)), look_at("side", (4, 0, 1.2))
+
+
+def visible_share(cameras: list[Camera], bodies: list[Body], motions: list[Motion]) -> np.ndarray:
+    """Visible share of every part, shape (V, F, P)."""
+    R, T = poses_of(bodies, motions)
+    return np.stack([render_labels(Geometry.of(bodies), camera, 0, R, T).share for camera in cameras])
 
 
 @given(st.lists(st.booleans(), max_size=30), st.integers(0, 50))

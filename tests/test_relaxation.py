@@ -2,15 +2,36 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from kfmocap.core import rotations
-from kfmocap.core.motion import Motion
-from kfmocap.core.solvers.relaxation import LAMBDA, NU, SMOOTHNESS, Steps, axis_vector, relax
-from synthetic import at_rest, figure, numeric_jacobian, random_motion, swing
+from kfmocap.core.evidence.images import ViewFrames
+from kfmocap.core.motion import Motion, stacked
+from kfmocap.core.shot import Settings
+from kfmocap.core.solvers import relaxation
+from kfmocap.core.solvers.problem import Problem
+from kfmocap.core.solvers.relaxation import (
+    LAMBDA,
+    NU,
+    SMOOTHNESS,
+    Steps,
+    axis_vector,
+    follow_gradients,
+    foretold,
+    out_of_sight,
+    relax,
+    solve,
+)
+from kfmocap.core.visibility import Geometry
+from synthetic import at_rest, figure, look_at, numeric_jacobian, picture, poses_of, random_motion, swing
 
 BODY = figure()
 D, PARTS = BODY.dof, len(BODY)
+ARM = [BODY.index("upper_arm.L"), BODY.index("forearm.L")]
+HIDDEN_FROM = 8
+WITH, WITHOUT = Settings("relaxation", sweeps=20), Settings("relaxation", sweeps=20, prediction=False)
 
 
 def held_at_the_ends(frames: int) -> np.ndarray:
@@ -211,3 +232,159 @@ def test_it_does_not_matter_where_the_world_is() -> None:
     there = relax(moved, moved, held_at_the_ends(n + 1), A, b, 50)
     np.testing.assert_allclose(there.translations - shift, here.translations, atol=1e-9)
     np.testing.assert_allclose(there.rotations, here.rotations, atol=1e-9)
+
+
+def turning(frames: int) -> Motion:
+    """One joint turns to and fro about an axis, the root walks, the rest stands still."""
+    motion = at_rest(BODY, frames)
+    angle = 0.6 * np.sin(2 * np.pi * np.arange(frames) / 20)
+    motion.rotations[:, ARM[0]] = rotations.exp(angle[:, None] * [0.0, 0.6, 0.8])
+    motion.translations[:, 0] += 0.01 * np.arange(frames)
+    return motion
+
+
+def test_a_hidden_parts_steps_continue_its_series() -> None:
+    motion = turning(60)
+    hidden = np.zeros((59, PARTS), bool)
+    hidden[50:, ARM[0]] = True
+    known, found = motion[:51], []
+    for j in range(50, 56):
+        found.append(foretold(known, hidden[:j]))
+        known = stacked([known, known[-1:].moved(found[-1][None])])
+    truth = Steps.of(motion).vectors()[50:56]
+    joint = slice(3 + 3 * ARM[0], 6 + 3 * ARM[0])
+    off = np.linalg.norm(np.array(found)[:, joint] - truth[:, joint], axis=1)
+    assert off.max() < 0.2 * np.linalg.norm(truth[:, joint], axis=1).max()
+
+
+def test_what_was_foretold_teaches_nothing() -> None:
+    motion = turning(50)
+    hidden = np.zeros((49, PARTS), bool)
+    hidden[40:, ARM[0]] = True
+    wild = motion.replaced(41, random_motion(BODY, 9))
+    wild.rotations[:, [p for p in range(PARTS) if p != ARM[0]]] = np.eye(3)
+    wild.translations[:] = motion.translations
+    np.testing.assert_allclose(foretold(wild, hidden), foretold(motion, hidden), atol=1e-12)
+
+
+def test_before_it_was_ever_seen_a_part_stands_still() -> None:
+    assert not foretold(at_rest(BODY), np.zeros((0, PARTS), bool)).any()
+    assert not foretold(random_motion(BODY, 5), np.ones((4, PARTS), bool)).any()
+
+
+@pytest.fixture(scope="module")
+def passing() -> tuple[Problem, list[Motion]]:
+    """An arm that goes out of a camera's sight behind the trunk."""
+    motion = at_rest(BODY, 18)
+    angle = np.linspace(1.2, -0.1, len(motion))
+    motion.rotations[:, ARM[0]] = rotations.exp(angle[:, None] * [0.0, 0.0, 1.0])
+    camera = look_at("side", (-3.5, 0.0, 1.3), (0, 0, 1.2))
+    poses = poses_of([BODY], [motion])
+    grey = np.stack([picture([BODY], poses, f, camera) for f in range(len(motion))])
+    fixed = np.zeros((len(motion), D), bool)
+    fixed[[0, -1]] = True
+    return Problem((ViewFrames(camera, grey, 0),), (BODY,), 0, 30.0, (fixed,)), [motion]
+
+
+def gone(problem: Problem, motion: Motion, ahead: Motion) -> np.ndarray:
+    pair = replace(problem, fixed=(problem.fixed[0][1:3],))
+    return out_of_sight(pair, Geometry.of([BODY]), [stacked([motion, ahead])])[0]
+
+
+def test_a_part_is_out_of_sight_with_all_it_carries_now_or_where_it_is_foretold(
+    passing: tuple[Problem, list[Motion]],
+) -> None:
+    problem, [motion] = passing
+    seen, unseen = motion[:1], motion[-1:]
+    assert not gone(problem, seen, seen).any()
+    for pair in ((unseen, unseen), (seen, unseen), (unseen, seen)):
+        assert np.flatnonzero(gone(problem, *pair)).tolist() == ARM
+    bent = motion[-1:].moved(np.zeros((1, D)))
+    bent.rotations[:, ARM[1]] = rotations.exp(np.array([0, 0, 1.5]))
+    assert not gone(problem, bent, bent).any(), "the forearm tells of the upper arm"
+
+
+def test_a_part_that_is_keyed_is_never_out_of_sight(passing: tuple[Problem, list[Motion]]) -> None:
+    problem, [motion] = passing
+    fixed = problem.fixed[0].copy()
+    fixed[2, 3 + 3 * ARM[1] : 6 + 3 * ARM[1]] = True
+    keyed = replace(problem, fixed=(fixed,))
+    assert np.flatnonzero(gone(keyed, motion[-1:], motion[-1:])).tolist() == ARM[:1]
+
+
+def hide_the_arm(pair: Problem, *_: object) -> list[np.ndarray]:
+    return [np.isin(np.arange(PARTS), ARM) & (pair.first >= HIDDEN_FROM)]
+
+
+def test_a_hidden_arm_moves_as_foretold_until_it_is_seen_again(
+    passing: tuple[Problem, list[Motion]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem, start = passing
+    monkeypatch.setattr(relaxation, "out_of_sight", hide_the_arm)
+    found, gradients = (follow_gradients(problem, start, s)[0] for s in (WITH, WITHOUT))
+    x, hidden = Steps.of(found).vectors(), np.zeros((len(found) - 1, PARTS), bool)
+    hidden[HIDDEN_FROM:, ARM] = True
+    arm = np.repeat([False, False, True, True, False], 3)
+    for j in range(HIDDEN_FROM, len(x)):
+        expected = foretold(found[: j + 1], hidden[:j])
+        np.testing.assert_allclose(x[j, arm], expected[arm], atol=1e-9)
+    assert np.abs(x[HIDDEN_FROM:, arm]).max() > 1e-3
+    np.testing.assert_allclose(x[:HIDDEN_FROM], Steps.of(gradients).vectors()[:HIDDEN_FROM], atol=1e-6)
+
+
+def test_a_hidden_parts_pixels_move_nothing_in_the_initial_solution(
+    passing: tuple[Problem, list[Motion]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither do they move the trunk that the part hangs from, of which nothing is seen here."""
+    problem, start = passing
+    evidence = Problem.evidence
+
+    def of_the_limbs(self: Problem, *args: object) -> tuple:
+        poses, found = evidence(self, *args)
+        limbs = np.arange(PARTS) > 0
+        return poses, replace(found, H=found.H * limbs[:, None, None], g=found.g * limbs[:, None])
+
+    monkeypatch.setattr(Problem, "evidence", of_the_limbs)
+    for hidden in (False, True):
+        monkeypatch.setattr(relaxation, "out_of_sight", lambda *_, h=hidden: [h & (np.arange(PARTS) > 0)])
+        found = follow_gradients(problem, start, WITH)[0]
+        moved = np.abs(found.difference(stacked([start[0][:1]] * len(found)))).max()
+        assert moved < 1e-12 if hidden else moved > 1e-2
+
+
+def test_rows_of_hidden_parts_are_not_in_the_sweeps(
+    passing: tuple[Problem, list[Motion]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Equation (38): A_t and b_t have no pixel of a part on either frame of a pair where no view sees it."""
+    problem, start = passing
+    rows = []
+
+    def watched(body: object, poses: object, H: np.ndarray, g: np.ndarray, motion: Motion) -> tuple:
+        rows.append((H, g))
+        return spatio_temporal(body, poses, H, g, motion)
+
+    mask = np.zeros((problem.length, PARTS), bool)
+    mask[4:7, 3] = True
+    spatio_temporal = relaxation.spatio_temporal
+    monkeypatch.setattr(relaxation, "spatio_temporal", watched)
+    monkeypatch.setattr(relaxation, "follow_gradients", lambda *_: start)
+    monkeypatch.setattr(Problem, "hidden", lambda *_: [mask])
+    for settings in (WITH, WITHOUT):
+        solve(problem, start, settings)
+    for dropped, whole in zip(rows[0], rows[2], strict=True):
+        assert not dropped[3:7, 3].any() and whole[3:7, 3].any()
+        others = np.delete(np.arange(len(whole)), range(3, 7))
+        np.testing.assert_array_equal(dropped[others], whole[others])
+        np.testing.assert_array_equal(dropped[:, :3], whole[:, :3])
+
+
+def test_without_prediction_it_does_not_matter_what_is_hidden(
+    passing: tuple[Problem, list[Motion]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem, start = passing
+    before = solve(problem, start, WITHOUT).motions[0]
+    monkeypatch.setattr(Problem, "hidden", lambda self, _: [np.ones((self.length, PARTS), bool)])
+    after = solve(problem, start, WITHOUT).motions[0]
+    np.testing.assert_array_equal(after.rotations, before.rotations)
+    np.testing.assert_array_equal(after.translations, before.translations)
+    assert np.abs(solve(problem, start, WITH).motions[0].difference(before)).max() > 1e-3

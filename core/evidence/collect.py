@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from operator import attrgetter
 
 import numpy as np
@@ -63,6 +63,17 @@ class Evidence:
     share: Array
     stride: int
     seconds: dict[str, float]
+
+    def without(self, hidden: NDArray[np.bool_]) -> Evidence:
+        """The evidence less the rows of parts where they are hidden (F, P), equation (38)."""
+        seen, pairs = ~hidden, ~(hidden[:-1] | hidden[1:])
+        return replace(
+            self,
+            H=self.H * pairs[..., None, None],
+            g=self.g * pairs[..., None],
+            outline_H=self.outline_H * seen[..., None, None],
+            outline_g=self.outline_g * seen[..., None],
+        )
 
 
 def scene_poses(bodies: Sequence[Body], motions: Sequence[Motion]) -> Poses:

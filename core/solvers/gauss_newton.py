@@ -204,7 +204,7 @@ def normal_equations(
     """The normal equations of every performer: gradients and outlines of all views, and smoothness."""
     R, T = poses
     if hidden:
-        evidence = without(evidence, np.concatenate(hidden, axis=1))
+        evidence = evidence.without(np.concatenate(hidden, axis=1))
     precision = view_precision(evidence, settings)
     H = np.einsum("v,vfpij->fpij", precision, evidence.H)
     g = np.einsum("v,vfpi->fpi", precision, evidence.g)
@@ -223,18 +223,6 @@ def normal_equations(
         )
         systems.append(gradients + ends + smooth)
     return systems
-
-
-def without(evidence: Evidence, hidden: NDArray[np.bool_]) -> Evidence:
-    """Evidence less the rows of parts where they are hidden, equation (38); (F, P) over all performers."""
-    seen, pairs = ~hidden, ~(hidden[:-1] | hidden[1:])
-    return replace(
-        evidence,
-        H=evidence.H * pairs[..., None, None],
-        g=evidence.g * pairs[..., None],
-        outline_H=evidence.outline_H * seen[..., None, None],
-        outline_g=evidence.outline_g * seen[..., None],
-    )
 
 
 def foretold_accelerations(motions: Sequence[Motion], hidden: Sequence[NDArray[np.bool_]]) -> list[Array]:

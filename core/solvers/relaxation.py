@@ -3,7 +3,8 @@
 Unknown are the motion parameters x_j between frames j - 1 and j: the root's translation S_j in the world and each
 part's turn Q_j about its own axes. An initial solution follows the gradients alone, frame after frame; sweeps of
 equation (30) then solve one frame after the other for x_j, with the terminal terms (A.1) to (A.4) and the smoothness
-terms (A.5) and (A.6). Grey levels count 0 to 1.
+terms (A.5) and (A.6). Grey levels count 0 to 1. Parts that no view sees are foretold in the initial solution, and have
+no gradients in the sweeps, equation (38).
 
 With u = 1/n of equation (27), the sweeps come to rest where equation (21) is least for lambda / n and nu / n. The
 axis vector (A.2) is the sine of a turn, so the terminal constraint is met in the limit of small turns only; the last
@@ -17,13 +18,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from .. import rotations
 from ..body import Body
-from ..evidence.collect import joint_blocks
+from ..evidence.collect import joint_blocks, scene_poses
 from ..motion import Motion, stacked
+from ..occlusion import intervals
+from ..prediction import autoregression, predict
 from ..shot import Settings
 from ..timing import Seconds
+from ..visibility import Geometry, render_labels
 from .problem import Problem, Solution, Step, frame_residual
 
 Array = NDArray[np.float64]
@@ -42,6 +47,8 @@ FINE = (1.0, 1.0)
 """Smoothing and tolerance of the gradients of the sweeps."""
 STRIDE = 2
 """Every how many pixels, each way, the gradients are taken."""
+PAST = 16
+"""Steps that a filter is run over before it foretells the next."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +81,7 @@ class Steps:
 
     def vectors(self) -> Array:
         """x_j as equation (5) has them, shape (n, D)."""
-        return np.concatenate([self.shifts, self.turns.reshape(len(self.turns), -1)], axis=1)
+        return np.concatenate([self.shifts, self.turns.reshape(len(self.turns), 3 * self.turns.shape[1])], axis=1)
 
 
 def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step: Step | None = None) -> Solution:
@@ -85,7 +92,7 @@ def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step
     """
     geometry, seconds = problem.geometry(), Seconds()
     with seconds.measure("initial solution"):
-        motions = follow_gradients(problem, start, on_step)
+        motions = follow_gradients(problem, start, settings, on_step)
     energies: list[float] = []
     for sweep in range(0, settings.sweeps, RELINEARISE):
         if on_step is not None:
@@ -93,6 +100,8 @@ def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step
         poses, evidence = problem.evidence(geometry, motions, *FINE, STRIDE)
         seconds.add(evidence.seconds)
         energies.append(float(evidence.energy.sum()))
+        if settings.prediction:
+            evidence = evidence.without(np.concatenate(problem.hidden(evidence.share), axis=1))
         H, g = evidence.H.sum(axis=0), evidence.g.sum(axis=0)
         count = min(RELINEARISE, settings.sweeps - sweep)
         with seconds.measure("solve"):
@@ -113,29 +122,98 @@ def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step
     )
 
 
-def follow_gradients(problem: Problem, start: Sequence[Motion], on_step: Step | None = None) -> list[Motion]:
+def follow_gradients(
+    problem: Problem, start: Sequence[Motion], settings: Settings, on_step: Step | None = None
+) -> list[Motion]:
     """Initial solution: from the first pose on, each frame from the one before by its gradients alone, equation (12).
 
-    A direction that no pixel measures does not move. The first frame is that of `start`.
+    A direction that no pixel measures does not move. With prediction, parts that are out of sight move as foretold
+    until they are seen again (section 5.4). The first frame is that of `start`.
     """
     geometry = problem.geometry()
-    poses = [[motion[:1]] for motion in start]
+    motions = [motion[:1] for motion in start]
+    hidden = [np.zeros((0, len(body)), dtype=bool) for body in problem.bodies]
     for j in range(1, problem.length):
         if on_step is not None:
             on_step(0.2 * j / problem.length, start)
-        here = [stacked([p[-1], p[-1]]) for p in poses]
-        pair = replace(problem, first=problem.first + j - 1)
-        for sigma, tolerance in INITIAL:
-            world, evidence = pair.evidence(geometry, here, sigma, tolerance, STRIDE)
-            H, g = evidence.H.sum(axis=0), evidence.g.sum(axis=0)
-            for i, (body, span) in enumerate(zip(problem.bodies, problem.spans(), strict=True)):
-                blocks = joint_blocks(body, (world[0][:, span], world[1][:, span]), H[:, span], g[:, span], 0.0)
-                A = blocks.diagonal[1] + SMOOTHNESS * np.eye(body.dof)
-                step = np.linalg.solve(A, -blocks.gradient[1])
-                here[i] = here[i].moved(np.stack([np.zeros_like(step), step]))
-        for i, motion in enumerate(here):
-            poses[i].append(motion[1:])
-    return [stacked(p) for p in poses]
+        pair = replace(problem, first=problem.first + j - 1, fixed=tuple(f[j - 1 : j + 1] for f in problem.fixed))
+        here = [stacked([motion[-1:], motion[-1:]]) for motion in motions]
+        gone = [np.zeros(len(body), dtype=bool) for body in problem.bodies]
+        if settings.prediction:
+            x = [foretold(motion, h) for motion, h in zip(motions, hidden, strict=True)]
+            gone = out_of_sight(pair, geometry, [_advanced(h, step) for h, step in zip(here, x, strict=True)])
+            here = [_advanced(h, step * _degrees(g)) for h, step, g in zip(here, x, gone, strict=True)]
+        here = _moved_by_gradients(pair, geometry, here, gone)
+        motions = [stacked([motion, h[1:]]) for motion, h in zip(motions, here, strict=True)]
+        hidden = [np.concatenate([h, g[None]]) for h, g in zip(hidden, gone, strict=True)]
+    return motions
+
+
+def foretold(motion: Motion, hidden: NDArray[np.bool_]) -> Array:
+    """The step that follows a motion, as many ahead of the last one seen as each part has been hidden, shape (D,).
+
+    Parameters
+    ----------
+    motion : Motion
+        j poses of one performer.
+    hidden : ndarray of bool, shape (j - 1, P)
+        Which of the steps between them are foretold themselves: a part's model is learnt from its others.
+    """
+    x = Steps.of(motion).vectors()
+    step = np.zeros(x.shape[1])
+    for p in range(hidden.shape[1]):
+        own = slice(3 + 3 * p if p else 0, 6 + 3 * p)
+        runs = [x[a : b + 1, own] for a, b in intervals(~hidden[:, p])]
+        models = [autoregression([run[:, d] for run in runs]) for d in range(own.stop - own.start)]
+        seen = np.flatnonzero(~hidden[:, p]).max(initial=-1) + 1
+        step[own] = predict(x[max(seen - PAST, 0) : seen, own], len(x) + 1 - seen, models)[0][-1]
+    return step
+
+
+def out_of_sight(pair: Problem, geometry: Geometry, motions: Sequence[Motion]) -> list[NDArray[np.bool_]]:
+    """Per performer: parts whose motion from one frame to the next no view shows, shape (P,).
+
+    A view does not show a part that is occluded in its current pose or in the one foretold (section 5.3). But what a
+    part carries tells how it moves: arms before the trunk do not make the body stand still.
+
+    Parameters
+    ----------
+    pair : Problem
+        The two frames.
+    geometry : Geometry
+    motions : sequence of Motion
+        The current pose and the one foretold.
+    """
+    poses = scene_poses(pair.bodies, motions)
+    labels = [render_labels(geometry, v.camera.subsampled(STRIDE), pair.first, *poses) for v in pair.views]
+    share = np.stack([view.share for view in labels]).min(axis=1, keepdims=True)
+    carried = block_diag(*(body.ancestry for body in pair.bodies))
+    return [hidden[-1] for hidden in pair.hidden((share[..., None] * carried).max(axis=2))]
+
+
+def _moved_by_gradients(
+    pair: Problem, geometry: Geometry, motions: Sequence[Motion], gone: Sequence[NDArray[np.bool_]]
+) -> list[Motion]:
+    """Two poses per performer, the second moved by the gradients on all parts but those that are gone."""
+    here, seen = list(motions), ~np.concatenate(gone)
+    for sigma, tolerance in INITIAL:
+        world, evidence = pair.evidence(geometry, here, sigma, tolerance, STRIDE)
+        H, g = evidence.H.sum(axis=0) * seen[:, None, None], evidence.g.sum(axis=0) * seen[:, None]
+        for i, (body, span) in enumerate(zip(pair.bodies, pair.spans(), strict=True)):
+            blocks = joint_blocks(body, (world[0][:, span], world[1][:, span]), H[:, span], g[:, span], 0.0)
+            A = blocks.diagonal[1] + SMOOTHNESS * np.eye(body.dof)
+            here[i] = _advanced(here[i], np.linalg.solve(A, -blocks.gradient[1]))
+    return here
+
+
+def _degrees(parts: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The degrees of freedom of parts, shape (D,): the root's place goes with its turn."""
+    return np.concatenate([np.repeat(parts[:1], 3), np.repeat(parts, 3)])
+
+
+def _advanced(poses: Motion, step: Array) -> Motion:
+    """Two poses of which the second is moved by a step."""
+    return poses.moved(np.stack([np.zeros_like(step), step]))
 
 
 def spatio_temporal(body: Body, poses: tuple[Array, Array], H: Array, g: Array, motion: Motion) -> tuple[Array, Array]:
