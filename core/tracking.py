@@ -173,7 +173,8 @@ class _Job:
                     for v, c in zip(views, colour, strict=True)
                 ]
                 views = tuple(look.result() for look in looks)
-            self._shapes[stretch] = fitted_shape(views, geometry, poses, keys.tolist())
+            telling = [view for view in views if view.foreground is not None]
+            self._shapes[stretch] = fitted_shape(telling, geometry, poses, keys.tolist())
         return views
 
     def solve(self, stretch: Stretch, views: tuple[ViewFrames, ...]) -> None:
@@ -301,6 +302,8 @@ def _with_foreground(
         int(key) - view.first: render_labels(geometry, view.camera, int(key), R[[k]], T[[k]]).part[0] >= 0
         for k, key in enumerate(keys)
     }
+    if not any(mask.any() for mask in masks.values()):
+        return view  # it saw nobody to learn from
     scale = view.pixels_per_metre(T[0].mean(axis=0), int(keys[0]))
     return replace(view, foreground=foreground_images(colour, masks, scale, view.camera.stands_still))
 

@@ -305,3 +305,21 @@ def test_key_poses_away_from_the_ends_hold_the_motion_before_and_after_them(view
 def test_a_shot_of_one_frame_is_refused(views: list[View]) -> None:
     with pytest.raises(ShotError, match="one frame"):
         track(replace(shot(views), frames=(0, 0)))
+
+
+@pytest.mark.parametrize("keys", [(0, LENGTH - 1), (0,)], ids=["both ends", "start alone"])
+def test_a_camera_that_sees_nobody_changes_nothing(
+    tmp_path: Path, views: list[View], tracked: Motion, keys: tuple[int, ...]
+) -> None:
+    away = film(tmp_path, [BODY], [TRUTH], [look_at("side turned away", (-2.4, -1.4, 1.3), (-5.0, -3.0, 1.3))])
+    found = track(shot([*views, *away], keys)).motions[0]
+    alone = tracked if len(keys) == 2 else track(shot(views, keys)).motions[0]
+    np.testing.assert_allclose(found.translations, alone.translations, atol=1e-9)
+    np.testing.assert_allclose(found.rotations, alone.rotations, atol=1e-9)
+
+
+def test_the_start_pose_alone_is_enough_to_follow_the_motion(views: list[View]) -> None:
+    """And the end pose alone to follow it backward."""
+    held = spline_error(shot(views, (0,)), [TRUTH])
+    for key in (0, LENGTH - 1):
+        assert apart_mm(track(shot(views, (key,))).motions[0], TRUTH).mean() < 0.25 * held

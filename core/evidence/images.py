@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..cameras import Camera
-from ..visibility import NEAR
 
 Image = NDArray[np.float32]
 
@@ -19,6 +18,7 @@ MARGIN = 6
 """How far around what is looked for a frame is looked at, pixels."""
 KEPT_BYTES = 32 << 20
 """Most that a view keeps of a stretch's gradient images; the next iteration's performers are nearly where they were."""
+_NEAREST = 0.5  # metres before the camera, where sizes are told
 _ROW = 256
 _STEPS = 1 << cv2.INTER_BITS
 
@@ -160,6 +160,6 @@ class ViewFrames:
         return self.foreground[start : start + count]
 
     def pixels_per_metre(self, point_world: NDArray[np.float64], frame: int) -> float:
-        """How large a metre that faces the camera is at a point."""
+        """How large a metre that faces the camera is at a point; of points behind it, as before it."""
         R, t = self.camera.pose(frame)
-        return float(self.camera.matrix[[0, 1], [0, 1]].mean() / max((R @ point_world + t)[2], NEAR))
+        return float(self.camera.matrix[[0, 1], [0, 1]].mean() / max((R @ point_world + t)[2], _NEAREST))

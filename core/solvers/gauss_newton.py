@@ -98,7 +98,7 @@ def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step
     other = descend(problem, initial, settings, _share_of(on_step, 0.7, 1.0))
     for spent in (solution.seconds, other.seconds):
         seconds.add(spent)
-    return replace(max(solution, other, key=lambda found: float(found.explained.sum())), seconds=seconds)
+    return replace(max(other, solution, key=lambda found: float(found.explained.sum())), seconds=seconds)
 
 
 def _share_of(on_step: Step | None, begin: float, end: float) -> Step | None:
