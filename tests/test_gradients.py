@@ -419,6 +419,28 @@ def test_sampling_reads_between_pixels_and_in_the_window_that_was_asked_for() ->
     np.testing.assert_allclose(half, (whole.at(frame, uv) + whole.at(frame, uv + [1, 0])) / 2, atol=1e-6)
 
 
+def test_gradient_images_are_kept_while_they_show_what_is_looked_for() -> None:
+    grey = np.random.default_rng(0).integers(0, 255, (4, 90, 120)).astype(np.uint8)
+    view, box = ViewFrames(CAMERA, grey, 10), (40, 30, 70, 50)
+    kept = view.images(10, 3, 1.0, box)
+    assert view.images(10, 3, 1.0, (36, 33, 73, 54)) is kept
+    assert view.images(12, 2, 1.0, box) is not kept
+    assert view.images(10, 3, 1.0, box) is kept, "the frame where two runs meet is no reason to forget one"
+    for first, sigma, other in ((10, 2.0, box), (10, 1.0, (20, 30, 70, 50)), (11, 1.0, box)):
+        images = view.images(first, 3, sigma, other)
+        fresh = ViewFrames(CAMERA, grey, 10).images(first, 3, sigma, other)
+        for channel, expected in zip(images.channels, fresh.channels, strict=True):
+            np.testing.assert_array_equal(channel, expected)
+
+
+def test_no_more_gradient_images_are_kept_than_the_bound_allows(monkeypatch: pytest.MonkeyPatch) -> None:
+    view, box = ViewFrames(CAMERA, np.zeros((12, 90, 120), np.uint8), 0), (0, 0, 120, 90)
+    one = view.images(0, 2, 1.0, box).nbytes
+    monkeypatch.setattr("kfmocap.core.evidence.images.KEPT_BYTES", 3 * one)
+    runs = [view.images(f, 2, 1.0, box) for f in range(0, 10)]
+    assert sum(view.images(f, 2, 1.0, box) is run for f, run in enumerate(runs)) == 3
+
+
 def test_gradient_images_are_derivatives_of_the_smoothed_picture() -> None:
     u, v = np.meshgrid(np.arange(60.0), np.arange(40.0))
     ramp = np.uint8(np.stack([2 * u + 3 * v, 4 * u]))

@@ -131,7 +131,7 @@ class ViewFrames:
 
     def images(self, first: int, count: int, sigma: float, box: tuple[int, int, int, int]) -> GradientImages:
         """The gradient images of consecutive shot frames within a box (left, top, right, bottom) and around it."""
-        margin, (width, height) = MARGIN + int(np.ceil(2 * sigma)), self.camera.size
+        margin, (height, width) = MARGIN + int(np.ceil(2 * sigma)), self.grey.shape[1:]
         left, top = max(box[0] - margin, 0), max(box[1] - margin, 0)
         right, bottom = min(box[2] + margin, width), min(box[3] + margin, height)
         kept_sigma, kept = self._kept.get((first, count), (0.0, None))
@@ -149,7 +149,7 @@ class ViewFrames:
         stop = first + images.count
         for start, count in list(self._kept):
             if min(start + count, stop) - max(start, first) > 1:
-                del self._kept[start, count]
+                self._kept.pop((start, count), None)  # another run may have done it
         if images.nbytes + sum(kept.nbytes for _, kept in list(self._kept.values())) <= KEPT_BYTES:
             self._kept[first, images.count] = sigma, images
 
