@@ -28,7 +28,8 @@ ORDER = 12
 
 Akaike's criterion would choose fewer on series this short, where the autocovariance damps every model, and foretell
 less well: of limbs hidden for 12 frames at 30 frames/s it leaves a fourth more error."""
-_PAST = 16  # steps before a gap that the filter is run over; more change nothing
+PAST = 16
+"""Steps before a gap that the filter is run over; more change nothing."""
 _SMALLEST = 1e-12  # variance of a parameter that stands still, (rad/frame)^2 or (m/frame)^2
 
 
@@ -199,7 +200,7 @@ def _seen_before(past: Motion, unseen: NDArray[np.bool_]) -> Motion:
     """The last stretch of the past that was seen without a break."""
     hidden = np.flatnonzero(unseen)
     start = hidden[-1] + 1 if len(hidden) else 0
-    return past[max(start, len(past) - 1 - _PAST) :]
+    return past[max(start, len(past) - 1 - PAST) :]
 
 
 def _continued(seen: Motion, steps: int, models: Sequence[AutoRegression], drift: Array) -> tuple[Motion, Array]:

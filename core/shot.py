@@ -29,7 +29,7 @@ def report_progress(progress: Progress | None, what: str, fraction: float) -> No
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A camera and its footage: shot frame f is the footage's frame f + offset."""
+    """A camera and its footage: shot frame f is the footage's frame (or field, if interlaced) f + offset."""
 
     camera: Camera
     footage: Path

@@ -25,7 +25,7 @@ from ..body import Body
 from ..evidence.collect import joint_blocks, scene_poses
 from ..motion import Motion, stacked
 from ..occlusion import intervals
-from ..prediction import autoregression, predict
+from ..prediction import PAST, autoregression, predict
 from ..shot import Settings
 from ..timing import Seconds
 from ..visibility import Geometry, render_labels
@@ -47,8 +47,6 @@ FINE = (1.0, 1.0)
 """Smoothing and tolerance of the gradients of the sweeps."""
 STRIDE = 2
 """Every how many pixels, each way, the gradients are taken."""
-PAST = 16
-"""Steps that a filter is run over before it foretells the next."""
 
 
 @dataclass(frozen=True, eq=False)
