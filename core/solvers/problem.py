@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from ..body import Body
 from ..constraints import BandedBlocks, smoothness
 from ..evidence.collect import Evidence, image_evidence, scene_poses
 from ..evidence.images import ViewFrames
+from ..evidence.keypoints import Keypoints, Places
 from ..motion import Motion, stacked
 from ..occlusion import unseen
 from ..visibility import Geometry
@@ -20,6 +21,31 @@ from .banded import BandedFactor
 
 Array = NDArray[np.float64]
 Step = Callable[[float, Sequence[Motion]], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Pointers:
+    """What keypoints say of one performer in F frames.
+
+    Attributes
+    ----------
+    keypoints : Keypoints
+    places : Places
+        Where they are on the body, as far as that is known.
+    together : float
+        How many neighbouring frames err together and count as one.
+    start : Motion
+        F poses that they lead to by themselves.
+    """
+
+    keypoints: Keypoints
+    places: Places
+    together: float
+    start: Motion
+
+    def __getitem__(self, frames: slice) -> Pointers:
+        """Those of some of the frames."""
+        return replace(self, keypoints=self.keypoints[frames], start=self.start[frames])
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +67,8 @@ class Problem:
     before, after : tuple of Motion or None
         Per performer: the pose on the frame before the first and after the last, where it is known. It is held, and the
         motion passes smoothly from and to it.
+    pointers : tuple of Pointers
+        One per performer, or none.
     """
 
     views: tuple[ViewFrames, ...]
@@ -51,6 +79,7 @@ class Problem:
     before: tuple[Motion, ...] | None = None
     after: tuple[Motion, ...] | None = None
     shape: Geometry | None = None
+    pointers: tuple[Pointers, ...] = ()
 
     @property
     def length(self) -> int:
