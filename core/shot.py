@@ -16,6 +16,7 @@ from .motion import Motion
 
 FIELD_ORDERS = ("progressive", "top-first", "bottom-first")
 SOLVERS = ("gauss-newton", "relaxation")
+BROKEN_KEYPOINTS = ("refuse", "skip")
 
 Progress = Callable[[str, float], bool]
 """progress(what, fraction) is called as a job goes on; it returns False to cancel."""
@@ -29,7 +30,12 @@ def report_progress(progress: Progress | None, what: str, fraction: float) -> No
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A camera and its footage: shot frame f is the footage's frame (or field, if interlaced) f + offset."""
+    """A camera and its footage: shot frame f is the footage's frame (or field, if interlaced) f + offset.
+
+    Where the offset is fractional, that lies between two frames of the footage. The nearest counts as frame f, and
+    shows the performers a little later or earlier (`core.delay`); a moving camera's pose of frame f is that of the
+    footage's frame itself.
+    """
 
     camera: Camera
     footage: Path
@@ -49,7 +55,8 @@ class KeyPoses:
     poses : Motion
         K poses.
     fixed : ndarray of bool, shape (K, D)
-        Which degrees of freedom each key pose fixes, in the order of `Motion.moved`.
+        Which degrees of freedom each key pose fixes, in the order of `Motion.moved`. One that fixes none is a proposal:
+        the tracker looks there to learn how the performer looks, and may move it.
     """
 
     frames: NDArray[np.int64]
@@ -61,6 +68,16 @@ class KeyPoses:
         """Key poses that fix every degree of freedom."""
         D = 3 + 3 * poses.rotations.shape[1]
         return cls(np.asarray(frames, dtype=np.int64), poses, np.ones((len(poses), D), dtype=bool))
+
+    @classmethod
+    def proposed(cls, frames: NDArray[np.int64] | list[int], poses: Motion) -> KeyPoses:
+        """Key poses that fix nothing."""
+        whole = cls.whole(frames, poses)
+        return cls(whole.frames, poses, np.zeros_like(whole.fixed))
+
+    def proposals(self) -> NDArray[np.int64]:
+        """Frames whose key pose is a proposal."""
+        return self.frames[~self.fixed.any(axis=1)]
 
     def full(self) -> NDArray[np.int64]:
         """Frames whose key pose fixes the whole body: the ends of segments."""
@@ -99,6 +116,10 @@ class Settings:
         Usual acceleration of the root, m/s^2.
     prediction : bool
         Foretell the motion of parts that no camera sees from the frames on which they are seen.
+    keypoint_correlation : float
+        How far apart in time a detector's errors are independent, seconds: keypoints within that time count as one.
+    broken_keypoints : str
+        "refuse" or "skip": what to do with files of a folder of keypoints that cannot be read.
     """
 
     solver: str = "gauss-newton"
@@ -109,15 +130,20 @@ class Settings:
     joint_acceleration: float = 30.0
     root_acceleration: float = 2.0
     prediction: bool = True
+    keypoint_correlation: float = 0.3
+    broken_keypoints: str = "refuse"
 
     def __post_init__(self) -> None:
         if self.solver not in SOLVERS:
             raise ShotError(
                 f"unknown solver '{self.solver}'", where="[track] solver", todo=f"use {' or '.join(SOLVERS)}"
             )
+        if self.broken_keypoints not in BROKEN_KEYPOINTS:
+            what, todo = f"unknown value '{self.broken_keypoints}'", f"use {' or '.join(BROKEN_KEYPOINTS)}"
+            raise ShotError(what, where="[track] broken_keypoints", todo=todo)
         for item in fields(self):
             value = getattr(self, item.name)
-            if item.name not in ("solver", "prediction") and not (
+            if item.type in ("int", "float") and not (
                 isinstance(value, (int, float)) and np.isfinite(value) and value > 0
             ):
                 raise ShotError(f"it is {value!r}", where=f"[track] {item.name}", todo="give a positive number")

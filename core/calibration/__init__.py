@@ -1,0 +1,1 @@
+"""Cameras from an L-frame on the floor and a waved wand."""

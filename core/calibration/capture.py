@@ -1,0 +1,104 @@
+"""What is seen of an L-frame and a wand: the data that cameras are solved from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+LFRAME_BALLS = 4
+WAND_BALLS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Markers:
+    """The balls of an L-frame or a wand in one camera's video.
+
+    Attributes
+    ----------
+    frames : ndarray of int, shape (n,)
+        Frames of the video, from 0, increasing.
+    points : ndarray, shape (n, m, 2)
+        Centres of the balls as they are seen (distorted), pixels; integers lie at pixel centres. NaN where a ball
+        was not found.
+    sigma : ndarray, shape (n, m)
+        Standard deviation of each coordinate, pixels; NaN where a ball was not found.
+    """
+
+    frames: NDArray[np.int64]
+    points: Array
+    sigma: Array
+
+    def __post_init__(self) -> None:
+        n = len(self.frames)
+        if self.points.shape[:1] != (n,) or self.points.ndim != 3 or self.sigma.shape != self.points.shape[:2]:
+            shapes = f"{self.frames.shape}, {self.points.shape}, {self.sigma.shape}"
+            raise ValueError(f"frames, points and sigma have shapes {shapes}, not (n,), (n, m, 2) and (n, m)")
+        if (np.diff(self.frames) <= 0).any():
+            raise ValueError("frames must increase")
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """Which balls were found on which frames, shape (n, m)."""
+        return np.isfinite(self.points).all(axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class CaptureView:
+    """One camera's part in a capture.
+
+    Attributes
+    ----------
+    camera : str
+    size : tuple of int
+        Width and height, pixels.
+    fps : float or None
+        Frames per second; None: as the others.
+    lframe : Markers
+        Four balls, in the order of `Capture.lframe_points`.
+    wand : Markers
+        Two balls. Which end comes first must not change from view to view; a swapped frame here and there is found.
+    offset : float or None
+        Frame f of the capture is this video's frame f + offset. None: to be estimated.
+    focal : float or None
+        What is known of the focal length beforehand, pixels.
+    matrix : ndarray, shape (3, 3), or None
+        Intrinsic matrix, where it is known.
+    distortions : ndarray, shape (k,), or None
+        OpenCV's coefficients, where they are known.
+    """
+
+    camera: str
+    size: tuple[int, int]
+    fps: float | None
+    lframe: Markers
+    wand: Markers
+    offset: float | None = None
+    focal: float | None = None
+    matrix: Array | None = None
+    distortions: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Capture:
+    """An L-frame on the floor and a waved wand, seen by several cameras.
+
+    Attributes
+    ----------
+    lframe_points : ndarray, shape (4, 3)
+        Centres of the L-frame's balls in the world, metres: the first, two more along the long arm, and the short
+        arm's.
+    wand_length : float
+        Between the centres of the wand's balls, metres.
+    views : tuple of CaptureView
+    """
+
+    lframe_points: Array
+    wand_length: float
+    views: tuple[CaptureView, ...]
