@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from .body import Body
+from .body import Body, human
 from .cameras import Camera
 from .errors import CancelledError, ShotError
 from .motion import Motion
@@ -91,6 +91,30 @@ class Performer:
     name: str
     body: Body
     key_poses: KeyPoses
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A performer of whom only keypoints are known.
+
+    Attributes
+    ----------
+    name : str
+    height : float or None
+        Metres; None to have it judged from the keypoints.
+    frames : tuple of int or None
+        Shot frames on which key poses are wanted; None to have them chosen.
+    """
+
+    name: str
+    height: float | None = None
+    frames: tuple[int, ...] | None = None
+
+    def unknown(self) -> Performer:
+        """The performer before anything is known of it."""
+        body = human() if self.height is None else human(self.height)
+        nowhere = Motion(np.zeros((0, 3)), np.zeros((0, len(body), 3, 3)))
+        return Performer(self.name, body, KeyPoses.proposed([], nowhere))
 
 
 @dataclass(frozen=True)

@@ -189,8 +189,9 @@ def keypoint_system(body: Body, poses: Poses, keypoints: Keypoints, places: Plac
     points = places.world(poses)
     residual = np.nan_to_num(keypoints.residuals(points))
     # Rows of both image axes: the axis less what moving along the ray takes away, in the world.
-    across = keypoints.R_cam_world[:, :, None, :2] - np.nan_to_num(keypoints.rays)[..., None] * (
-        keypoints.R_cam_world[:, :, None, 2:]
+    across = (
+        keypoints.R_cam_world[:, :, None, :2]
+        - np.nan_to_num(keypoints.rays)[..., None] * (keypoints.R_cam_world[:, :, None, 2:])
     )
     wrench = np.concatenate([across, np.cross(points[None, :, :, None], across)], axis=-1)
     weighted = wrench * weights[..., None, None]
@@ -217,3 +218,33 @@ def keypoint_system(body: Body, poses: Poses, keypoints: Keypoints, places: Plac
     full[np.arange(L), :, np.arange(L)] = corner + prior[..., None] * np.eye(3)
     gradient = c + prior * places.offsets
     return KeypointSystem(blocks, border, full.reshape(3 * L, 3 * L), gradient.ravel())
+
+
+@dataclass(frozen=True, eq=False)
+class Pointers:
+    """What keypoints say of one performer, their offsets known.
+
+    Attributes
+    ----------
+    keypoints : Keypoints
+        On F frames.
+    places : Places
+    together : float
+        How many neighbouring frames err together and count as one.
+    """
+
+    keypoints: Keypoints
+    places: Places
+    together: float
+
+    def __getitem__(self, frames: slice) -> Pointers:
+        """Those of some of the frames."""
+        return replace(self, keypoints=self.keypoints[frames])
+
+    def blocks(self, body: Body, poses: Poses, tolerance: float) -> BandedBlocks:
+        """The evidence around the poses; far from the solution, with a tolerance above 1, large errors still pull."""
+        keypoints = self.keypoints
+        residual = keypoints.residuals(self.places.world(poses))
+        deviation = deviations(residual, keypoints.confidence)
+        weights = robust_weights(residual, keypoints.confidence, deviation, tolerance) / self.together
+        return keypoint_system(body, poses, keypoints, self.places, weights).blocks

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body import Body, default_measures, human
+from ..body import Body, default_measures, human, landmark_positions
 from ..errors import KeypointError
 from ..evidence.keypoints import Keypoints
 from ..interpolation import spline
 from ..inverse_kinematics import estimate_height, fit_poses
-from ..motion import Motion
+from ..motion import Motion, stacked
 from ..shot import KeyPoses
 from .fit import KeypointFit, fit_motion
 from .triangulation import triangulate
@@ -22,6 +24,12 @@ KNOTS = 0.2
 MAIN = ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle")
 ENOUGH = 8
 """Main joints that must be known to pose the body."""
+STEADY = 0.1
+"""How long before and after a point is compared with, seconds."""
+LEAP = 0.25
+"""A point farther from the others' median is wrong, metres."""
+LOST = 0.25
+"""A pose whose landmarks are farther off, in the median, is no start for the next, metres."""
 
 
 def first_pass(
@@ -91,9 +99,35 @@ def knots(keypoints: Keypoints, points_world: Array, fps: float) -> NDArray[np.i
 
 
 def posed_start(body: Body, keypoints: Keypoints, points_world: Array, fps: float) -> Motion:
-    """A curve through poses fitted to triangulated keypoints."""
-    frames = knots(keypoints, points_world, fps)
+    """A curve through poses fitted to triangulated keypoints, each from the one before."""
+    points = steady(points_world, fps)
+    frames = knots(keypoints, points, fps)
     if not len(frames):
         raise KeypointError("no two views agree on a pose of the body", todo="give key poses, or more views")
-    poses = fit_poses(body, list(keypoints.names), points_world[frames])
-    return spline(KeyPoses.whole(frames, poses), len(keypoints))
+    names, poses = list(keypoints.names), []
+    for frame in frames:
+        target = points[[frame]]
+        if poses and misfit(body, names, target, poses[-1]) > LOST:
+            poses.append(fit_poses(body, names, target))
+        else:
+            poses.append(fit_poses(body, names, target, poses[-1] if poses else None))
+    return spline(KeyPoses.whole(frames, stacked(poses)), len(keypoints))
+
+
+def steady(points_world: Array, fps: float) -> Array:
+    """Points without those that leap away from where they are before and after."""
+    half = max(1, round(STEADY * fps))
+    padded = np.pad(points_world, ((half, half), (0, 0), (0, 0)), constant_values=np.nan)
+    around = np.stack([padded[k : k + len(points_world)] for k in range(2 * half + 1)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of points that are nowhere known
+        middle = np.nanmedian(around, axis=0)
+    leaps = np.linalg.norm(points_world - middle, axis=-1) > LEAP
+    return np.where(leaps[..., None], np.nan, points_world)
+
+
+def misfit(body: Body, names: list[str], points_world: Array, pose: Motion) -> float:
+    """Median distance of landmarks from points (1, L, 3), metres."""
+    used = [i for i, name in enumerate(names) if name in body.landmarks]
+    found = landmark_positions(body, pose, [names[i] for i in used])
+    return float(np.nanmedian(np.linalg.norm(found - points_world[:, used], axis=-1)))

@@ -29,6 +29,9 @@ from .sides import righted
 Array = NDArray[np.float64]
 
 TOLERANCES = (8.0, 4.0, 4.0, 2.0, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+TELLS_SIDES = 2.0
+"""Sides are put right when the tolerance has come down to this: before, the start may be farther off than the limbs are
+apart."""
 LIMIT_DEVIATION = 0.05
 """How far a joint may go beyond its limits, radians."""
 POSTURE_DEVIATION = 2.0
@@ -105,7 +108,10 @@ def fit_motion(
     motion, places = start, Places.on(body, keypoints.names)
     for tolerance in TOLERANCES:
         poses = part_poses(body, motion)
-        sided, changed = righted(keypoints, places.world(poses))
+        expected = (
+            places.world(poses) if tolerance <= TELLS_SIDES else np.full((len(motion), len(places.parts), 3), np.nan)
+        )
+        sided, changed = righted(keypoints, expected)
         residual = sided.residuals(places.world(poses))
         deviation = deviations(residual, sided.confidence)
         weights = robust_weights(residual, sided.confidence, deviation, tolerance) / together
@@ -170,8 +176,9 @@ def _with_measures(
     R, T = poses
     points = places.world(poses)
     residual = np.nan_to_num(keypoints.residuals(points))
-    across = keypoints.R_cam_world[:, :, None, :2] - np.nan_to_num(keypoints.rays)[..., None] * (
-        keypoints.R_cam_world[:, :, None, 2:]
+    across = (
+        keypoints.R_cam_world[:, :, None, :2]
+        - np.nan_to_num(keypoints.rays)[..., None] * (keypoints.R_cam_world[:, :, None, 2:])
     )
     J = twist_jacobian(body, R, T)[:, places.parts]
     moved = J[..., :3, :] - rotations.skew(points) @ J[..., 3:, :]

@@ -8,24 +8,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-COCO_17 = (
+
+def _listed(text: str) -> list[str]:
+    return text.split()
+
+
+COCO_17 = _listed(
     "Nose LEye REye LEar REar LShoulder RShoulder LElbow RElbow LWrist RWrist LHip RHip LKnee RKnee LAnkle RAnkle"
-).split()
-MPII_16 = (
-    "RAnkle RKnee RHip LHip LKnee LAnkle Hip - Neck Head RWrist RElbow RShoulder LShoulder LElbow LWrist"
-).split()
-OPENPOSE_18 = (
+)
+MPII_16 = _listed("RAnkle RKnee RHip LHip LKnee LAnkle Hip - Neck Head RWrist RElbow RShoulder LShoulder LElbow LWrist")
+OPENPOSE_18 = _listed(
     "Nose Neck RShoulder RElbow RWrist LShoulder LElbow LWrist RHip RKnee RAnkle LHip LKnee LAnkle REye LEye REar LEar"
-).split()
-BODY_25 = (
+)
+BODY_25 = _listed(
     "Nose Neck RShoulder RElbow RWrist LShoulder LElbow LWrist Hip RHip RKnee RAnkle LHip LKnee LAnkle "
     "REye LEye REar LEar LBigToe - LHeel RBigToe - RHeel"
-).split()
-HALPE_26 = [*COCO_17, *"Head Neck Hip LBigToe RBigToe - - LHeel RHeel".split()]
-MEDIAPIPE_33 = (
+)
+HALPE_26 = [*COCO_17, *_listed("Head Neck Hip LBigToe RBigToe - - LHeel RHeel")]
+MEDIAPIPE_33 = _listed(
     "Nose - LEye - - REye - LEar REar - - LShoulder RShoulder LElbow RElbow LWrist RWrist - - - - - - "
     "LHip RHip LKnee RKnee LAnkle RAnkle LHeel RHeel LBigToe RBigToe"
-).split()
+)
 
 
 def _hands(first: int, count: int) -> list[str]:
@@ -35,7 +38,7 @@ def _hands(first: int, count: int) -> list[str]:
     return rest
 
 
-COCO_133 = [*COCO_17, *"LBigToe - LHeel RBigToe - RHeel".split(), *_hands(23, 133)]
+COCO_133 = [*COCO_17, *_listed("LBigToe - LHeel RBigToe - RHeel"), *_hands(23, 133)]
 HALPE_136 = [*HALPE_26, *_hands(26, 136)]
 
 _LAYOUTS = (MPII_16, COCO_17, OPENPOSE_18, BODY_25, HALPE_26, MEDIAPIPE_33, COCO_133, HALPE_136)
@@ -45,20 +48,7 @@ LAYOUTS: Mapping[int, Sequence[str]] = {
 """Our names of a detector's keypoints, by how many it lists."""
 
 _SPOKEN = {
-    "left": "L",
-    "right": "R",
-    "nose": "Nose",
-    "eye": "Eye",
-    "ear": "Ear",
-    "shoulder": "Shoulder",
-    "elbow": "Elbow",
-    "wrist": "Wrist",
-    "hip": "Hip",
-    "knee": "Knee",
-    "ankle": "Ankle",
-    "heel": "Heel",
-    "neck": "Neck",
-    "head": "Head",
+    **{name.lower(): name for name in _listed("Nose Eye Ear Shoulder Elbow Wrist Hip Knee Ankle Heel Neck Head")},
     "big toe": "BigToe",
     "foot index": "BigToe",
     "pelvis": "Hip",
@@ -70,8 +60,8 @@ _SPOKEN = {
 def landmark_of(spoken: str) -> str:
     """Our name of a keypoint that a file names itself, as `left_shoulder`; empty if it is not used."""
     words = spoken.lower().replace("_", " ").split()
-    side = _SPOKEN[words.pop(0)] if words and words[0] in ("left", "right") else ""
-    name = _SPOKEN.get(" ".join(words), "")
+    side = {"left": "L", "right": "R"}.get(words[0], "") if words else ""
+    name = _SPOKEN.get(" ".join(words[1:] if side else words), "")
     return side + name if name else ""
 
 

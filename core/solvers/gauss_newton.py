@@ -18,12 +18,11 @@ from numpy.typing import NDArray
 from ..body import Body
 from ..constraints import BandedBlocks, acceleration
 from ..evidence.collect import Evidence, joint_blocks, single_blocks
-from ..evidence.keypoints import KeypointSystem, Places, deviations, keypoint_system, robust_weights
 from ..motion import Motion
 from ..prediction import predict_unseen
 from ..shot import Settings
 from ..timing import Seconds
-from .banded import BandedFactor, bordered_solution
+from .banded import BandedFactor
 from .initial import blended, follow
 from .problem import Instants, Problem, Solution, Step, frame_residual
 
@@ -157,7 +156,6 @@ def descend(
     planned = sum(stage.iterations for stage in stages)
     hidden: list[NDArray[np.bool_]] = []
     expected: list[Array] = []
-    places = [pointer.places for pointer in problem.pointers]
     for s, stage in enumerate(stages):
         before = sum(earlier.iterations for earlier in stages[:s])
         for i in range(stage.iterations):
@@ -175,11 +173,8 @@ def descend(
                 systems = normal_equations(
                     problem, motions, poses, evidence, settings, stage.tolerance, hidden, expected
                 )
-                pointed = pointed_systems(problem, places, poses, stage.tolerance)
-                systems = [n + p.blocks for n, p in zip(systems, pointed, strict=True)] if pointed else systems
                 factors = [BandedFactor(n, fixed) for n, fixed in zip(systems, problem.fixed, strict=True)]
-                steps, places = _solved(factors, systems, pointed, places)
-                steps = [limited(-pace * step) for step in steps]
+                steps = [limited(-pace * f.solve(n.gradient)) for f, n in zip(factors, systems, strict=True)]
                 motions = [motion.moved(step) for motion, step in zip(motions, steps, strict=True)]
                 energies.append(sum(n.energy for n in systems))
             if max(float(np.abs(step).max()) for step in steps) < SMALLEST_STEP:
@@ -196,39 +191,6 @@ def descend(
     )
 
 
-def pointed_systems(
-    problem: Problem, places: Sequence[Places], poses: tuple[Array, Array], tolerance: float
-) -> list[KeypointSystem]:
-    """The normal equations of every performer's keypoints; none where there are no keypoints."""
-    R, T = poses
-    systems = []
-    for pointer, at, body, span in zip(problem.pointers, places, problem.bodies, problem.spans(), strict=False):
-        own = R[:, span], T[:, span]
-        keypoints = pointer.keypoints
-        residual = keypoints.residuals(at.world(own))
-        deviation = deviations(residual, keypoints.confidence)
-        weights = robust_weights(residual, keypoints.confidence, deviation, tolerance) / pointer.together
-        systems.append(keypoint_system(body, own, keypoints, at, weights))
-    return systems
-
-
-def _solved(
-    factors: Sequence[BandedFactor],
-    systems: Sequence[BandedBlocks],
-    pointed: Sequence[KeypointSystem],
-    places: Sequence[Places],
-) -> tuple[list[Array], list[Places]]:
-    """Steps of the motions, to be taken away, and the places of the keypoints after theirs."""
-    if not pointed:
-        return [f.solve(n.gradient) for f, n in zip(factors, systems, strict=True)], []
-    steps, moved = [], []
-    for factor, system, p, at in zip(factors, systems, pointed, places, strict=True):
-        step, offsets = bordered_solution(factor, system.gradient, p.border, p.corner, p.gradient)
-        steps.append(step)
-        moved.append(replace(at, offsets=at.offsets - offsets.reshape(-1, 3)))
-    return steps, moved
-
-
 def normal_equations(
     problem: Problem,
     motions: Sequence[Motion],
@@ -239,17 +201,21 @@ def normal_equations(
     hidden: Sequence[NDArray[np.bool_]] = (),
     expected: Sequence[Array | None] = (),
 ) -> list[BandedBlocks]:
-    """The normal equations of every performer: gradients and outlines of all views, and smoothness."""
+    """The normal equations of every performer: gradients and outlines of all views, keypoints, and smoothness."""
     if hidden:
         evidence = evidence.without(np.concatenate(hidden, axis=1))
     precision = view_precision(evidence, settings)
     # Lines that reach farther than the error find other limbs' outlines: far from the solution they count for little.
     outlines = 1 / (settings.outline_correlation * tolerance**2)
+    R, T = poses
     systems = [BandedBlocks.zeros(problem.length, body.dof) for body in problem.bodies]
     for instants in problem.instants(motions, poses):
         own_systems = _image_systems(problem, instants, evidence, precision, outlines)
         systems = [system + own for system, own in zip(systems, own_systems, strict=True)]
     for i, body in enumerate(problem.bodies):
+        if problem.pointers:
+            own = R[:, problem.spans()[i]], T[:, problem.spans()[i]]
+            systems[i] += problem.pointers[i].blocks(body, own, tolerance)
         systems[i] += problem.smoothness(
             i, motions[i], acceleration_precision(body, problem.fps, settings), expected[i] if expected else None
         )

@@ -109,9 +109,7 @@ def _window(problem: Problem, first: int, stop: int, held: Sequence[int]) -> Pro
     for f in fixed:
         f[[frame - first for frame in held]] = True
     pointers = tuple(pointer[first:stop] for pointer in problem.pointers)
-    return replace(
-        problem, first=problem.first + first, fixed=tuple(fixed), before=None, after=None, pointers=pointers
-    )
+    return replace(problem, first=problem.first + first, fixed=tuple(fixed), before=None, after=None, pointers=pointers)
 
 
 def _foretold(motion: Motion, frames: Sequence[int], hidden: NDArray[np.bool_], fixed: NDArray[np.bool_]) -> Motion:

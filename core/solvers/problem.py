@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from ..constraints import BandedBlocks, smoothness
 from ..delay import Delayed, delayed
 from ..evidence.collect import Evidence, image_evidence, scene_poses
 from ..evidence.images import ViewFrames
-from ..evidence.keypoints import Keypoints, Places
+from ..evidence.keypoints import Pointers
 from ..motion import Motion, stacked
 from ..occlusion import unseen
 from ..visibility import Geometry
@@ -22,28 +22,6 @@ from .banded import BandedFactor
 
 Array = NDArray[np.float64]
 Step = Callable[[float, Sequence[Motion]], None]
-
-
-@dataclass(frozen=True, eq=False)
-class Pointers:
-    """What keypoints say of one performer in F frames.
-
-    Attributes
-    ----------
-    keypoints : Keypoints
-    places : Places
-        Where they are on the body, as far as that is known.
-    together : float
-        How many neighbouring frames err together and count as one.
-    """
-
-    keypoints: Keypoints
-    places: Places
-    together: float
-
-    def __getitem__(self, frames: slice) -> Pointers:
-        """Those of some of the frames."""
-        return replace(self, keypoints=self.keypoints[frames])
 
 
 @dataclass(frozen=True, eq=False)
