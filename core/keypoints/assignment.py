@@ -162,10 +162,11 @@ def _distance(founds: Sequence[Found], empty: Keypoints, track: Track, places: A
     """Median distance of a track's keypoints from known places, whichever side is which, metres."""
     one = _filled(founds, empty, [track])
     sizes = [np.linalg.norm(k.residuals(places), axis=-1)[track.view] for k in (one, swapped(one))]
-    by_frame = [np.nanmedian(size[track.frames], axis=1) for size in sizes if np.isfinite(size).any()]
-    if not by_frame:
-        return np.inf
-    return float(np.nanmedian(np.fmin.reduce(by_frame)))
+    by_frame = [
+        [float(np.median(row[np.isfinite(row)])) for row in size[track.frames] if np.isfinite(row).any()]
+        for size in sizes
+    ]
+    return float(np.median(np.minimum(*by_frame))) if by_frame[0] else np.inf
 
 
 def _agreeing(founds: Sequence[Found], empty: Keypoints, free: Sequence[Track]) -> list[Track]:

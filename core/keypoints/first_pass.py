@@ -15,6 +15,7 @@ from ..inverse_kinematics import estimate_height, fit_poses
 from ..motion import Motion, stacked
 from ..shot import KeyPoses
 from .fit import KeypointFit, fit_motion
+from .laying import laid_along
 from .triangulation import triangulate
 
 Array = NDArray[np.float64]
@@ -29,7 +30,7 @@ STEADY = 0.1
 LEAP = 0.25
 """A point farther from the others' median is wrong, metres."""
 LOST = 0.25
-"""A pose whose landmarks are farther off, in the median, is no start for the next, metres."""
+"""Poses whose landmarks are farther off, in the median, are no start, metres."""
 
 
 def first_pass(
@@ -65,7 +66,7 @@ def first_pass(
     held = keys if keys is not None and keys.fixed.any() else None
     starts = [spline(held, len(keypoints))] if held is not None else []
     points, _ = triangulate(keypoints)
-    if len(knots(keypoints, points, fps)):
+    if len(knots(keypoints, steady(points, fps), fps)):
         start = posed_start(body, keypoints, points, fps)
         if starts:
             start = start.moved(np.where(fixed, start.difference(starts[0]), 0.0))
@@ -82,6 +83,8 @@ def scaled_first_pass(
 ) -> KeypointFit:
     """Fit a motion and the body's measures to keypoints of two views or more; parameters as of `first_pass`."""
     points, _ = triangulate(keypoints)
+    if not len(knots(keypoints, steady(points, fps), fps)):
+        raise KeypointError("no two views agree on a pose of the body", todo="give key poses, or more views")
     stature = estimate_height(keypoints.names, points) if height is None else height
     body = human(stature)
     start = posed_start(body, keypoints, points, fps)
@@ -99,18 +102,19 @@ def knots(keypoints: Keypoints, points_world: Array, fps: float) -> NDArray[np.i
 
 
 def posed_start(body: Body, keypoints: Keypoints, points_world: Array, fps: float) -> Motion:
-    """A curve through poses fitted to triangulated keypoints, each from the one before."""
+    """A curve through poses on triangulated keypoints: the body laid along them, or, where it has other bones than
+    ours, fitted to them, each pose from the one before."""
     points = steady(points_world, fps)
     frames = knots(keypoints, points, fps)
-    if not len(frames):
-        raise KeypointError("no two views agree on a pose of the body", todo="give key poses, or more views")
-    names, poses = list(keypoints.names), []
+    names = list(keypoints.names)
+    laid = laid_along(body, names, points[frames])
+    if laid is not None and misfit(body, names, points[frames], laid) < LOST:
+        return spline(KeyPoses.whole(frames, laid), len(keypoints))
+    poses: list[Motion] = []
     for frame in frames:
         target = points[[frame]]
-        if poses and misfit(body, names, target, poses[-1]) > LOST:
-            poses.append(fit_poses(body, names, target))
-        else:
-            poses.append(fit_poses(body, names, target, poses[-1] if poses else None))
+        lost = bool(poses) and misfit(body, names, target, poses[-1]) > LOST
+        poses.append(fit_poses(body, names, target, poses[-1] if poses and not lost else None))
     return spline(KeyPoses.whole(frames, stacked(poses)), len(keypoints))
 
 
@@ -127,7 +131,7 @@ def steady(points_world: Array, fps: float) -> Array:
 
 
 def misfit(body: Body, names: list[str], points_world: Array, pose: Motion) -> float:
-    """Median distance of landmarks from points (1, L, 3), metres."""
+    """Median distance of landmarks from points (F, L, 3), metres."""
     used = [i for i, name in enumerate(names) if name in body.landmarks]
     found = landmark_positions(body, pose, [names[i] for i in used])
     return float(np.nanmedian(np.linalg.norm(found - points_world[:, used], axis=-1)))
