@@ -150,16 +150,16 @@ def refine_cameras(shot: Shot, progress: Progress | None = None) -> Refinement:
         for i in range(stage.iterations):
             report_progress(progress, "refining cameras", (s + i / stage.iterations) / len(STAGES))
             system = normal_equations(state, looks, stage.reach, stage.tolerance, shot.settings.outline_correlation)
-            if not system.clearness.any():
-                todo = "see that the key poses lie on the performers"
-                raise CalibrationError("no camera shows the performers where the key poses are", todo=todo)
             before, state = state, state.moved(system.step(state))
             if max(_shift(before, state, look, v) / look.factor for v, look in enumerate(looks)) < SETTLED:
                 break
     report_progress(progress, "refining cameras", 1.0)
     covariance = system.covariance(state)
-    views = (_described(start, state, look, v, system, covariance) for v, look in enumerate(looks))
-    return Refinement(tuple(views), frames)
+    views = tuple(_described(start, state, look, v, system, covariance) for v, look in enumerate(looks))
+    if all(view.lost for view in views):
+        todo = "see that the key poses lie on the performers"
+        raise CalibrationError("no camera shows the performers where the key poses are", todo=todo)
+    return Refinement(views, frames)
 
 
 def _look(view: View, shot: Shot, frames: NDArray[np.int64]) -> Look:
