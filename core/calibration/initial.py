@@ -24,9 +24,10 @@ FEWEST_SHARED = 15
 """Frames on which two views must see the wand together to be linked."""
 FLAT = 0.8
 """Share of correspondences in a plane from which a pair of views tells nothing of focal lengths."""
-_FRAMES = 200
-_GUESSES = 3
+_FRAMES = 120
 _SEEDS = 3
+_CONTENT = 0.9
+"""Share of the agreement that may be expected, with which no other seed is tried."""
 _LOOSE, _TIGHT = 10.0, 3.0
 """Scales of the robust loss, in standard deviations, of cameras that were guessed and of those that were adjusted."""
 _RESECTION_PIXELS = 12.0
@@ -102,19 +103,20 @@ def first_rig(
         share = _agreement(rig, tracks, length)
         if share > most:
             best, most = rig, share
-        if most > 0.9 * max(_possible(tracks, links), 1e-9):
+        if most > _CONTENT * _possible(links):
             break
     return best
 
 
-def _possible(tracks: Tracks, links: Sequence[Link]) -> float:
+def _possible(links: Sequence[Link]) -> float:
     """Share of the balls that a good rig may be expected to see the wand in, by the epipolar geometries."""
     shares = [link.agreeing / (2 * len(link.frames)) for link in links if link.geometry is not None]
-    return float(np.median(shares)) if shares else 1.0
+    return float(np.median(shares))
 
 
 def _agreement(rig: Rig, tracks: Tracks, length: float) -> float:
-    """Share of the balls that the rig takes for the wand's."""
+    """Share of the balls that the rig takes for the wand's, where several views see it whole."""
+    tracks = tracks.take(tracks.seen.all(axis=2).sum(axis=0) >= 2)
     ball = sight(rig, tracks, length, noise=1.5).ball
     return float((ball >= 0).sum() / max(tracks.seen.sum(), 1))
 
@@ -210,7 +212,7 @@ def _seeded(
         return None
     both = again.agreeing.reshape(-1, 2).all(axis=1)
     ends_i, ends_j = tracks.points[i, frames[both]], tracks.points[j, frames[both]]
-    guesses = starts(again, ends_i, ends_j, lenses[i], lenses[j], length)[:_GUESSES]
+    guesses = starts(again, ends_i, ends_j, lenses[i], lenses[j], length)
     rigs = [_pair(blank.take([i, j]), guess, again, (lenses[i], lenses[j])) for guess in guesses]
     fits = [_adjusted(rig, tracks.views([i, j]), [lenses[i], lenses[j]], length, cancel) for rig in rigs]
     good = [fit for fit in fits if fit is not None]

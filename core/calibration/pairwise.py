@@ -7,7 +7,9 @@ ones its length changes from place to place. So pairs of focal lengths are tried
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import product
 
 import cv2
 import numpy as np
@@ -18,15 +20,16 @@ from .triangulation import triangulated
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-FOCAL_GRID = np.geomspace(0.4, 5.0, 18)
-"""Focal lengths that are tried, as shares of a picture's longer side."""
+FOCAL_GRID = np.geomspace(0.4, 5.0, 10)
+"""Focal lengths that are tried at first, as shares of a picture's longer side."""
 BENDS = (0.0, -0.03, -0.07, -0.12, -0.2, 0.04)
 """Distortions that are tried: how much farther out the picture's corner belongs, as a share."""
 FEWEST = 8
 """Frames that two views must share for a fundamental matrix (of two balls each, some wrong)."""
 _THRESHOLD = 2.0
 """Pixels off the epipolar line within which a point agrees."""
-_TRIED = 120
+COUNT = 3
+_TRIED = 60
 """Frames on which focal lengths are tried."""
 
 
@@ -155,7 +158,7 @@ def _flatness(x: Array, y: Array) -> float:
 
 
 def starts(geometry: Epipolar, ends_i: Array, ends_j: Array, lens_i: Lens, lens_j: Lens, length: float) -> list[Start]:
-    """Guesses of two cameras, the best first, from the wand's ends in both views.
+    """A few guesses of two cameras, the best first, from the wand's ends in both views.
 
     Parameters
     ----------
@@ -165,13 +168,22 @@ def starts(geometry: Epipolar, ends_i: Array, ends_j: Array, lens_i: Lens, lens_
     chosen = np.linspace(0, len(ends_i) - 1, min(_TRIED, len(ends_i))).astype(int)
     x = lens_i.straight(ends_i[chosen].reshape(-1, 2), geometry.bend)
     y = lens_j.straight(ends_j[chosen].reshape(-1, 2), geometry.bend)
-    guesses = [
-        guess
-        for f in lens_i.focals
-        for g in lens_j.focals
-        if (guess := _start(geometry.F, x, y, float(f), float(g), length)) is not None
-    ]
-    return sorted(guesses, key=lambda guess: guess.spread)
+
+
+    def tried(focals: Iterable[tuple[float, float]]) -> list[Start]:
+        found = (_start(geometry.F, x, y, f, g, length) for f, g in focals)
+        return sorted((guess for guess in found if guess is not None), key=lambda guess: guess.spread)
+
+    coarse = tried(product(lens_i.focals, lens_j.focals))[:COUNT]
+    fine = [tried(product(_around(lens_i, s.focal[0]), _around(lens_j, s.focal[1])))[0] for s in coarse]
+    return sorted(fine, key=lambda guess: guess.spread)
+
+
+def _around(lens: Lens, focal: float) -> Array:
+    """Focal lengths half-way to those that were tried beside one."""
+    if len(lens.focals) == 1:
+        return lens.focals
+    return focal * np.sqrt(lens.focals[1] / lens.focals[0]) ** np.array([-1.0, 0.0, 1.0])
 
 
 def _start(F: Array, x: Array, y: Array, f: float, g: float, length: float) -> Start | None:

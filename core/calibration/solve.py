@@ -27,6 +27,7 @@ Bools = NDArray[np.bool_]
 FOCAL_SIGMA = 0.1
 """Standard deviation of a focal length that was told beforehand, as a share."""
 _ROUNDS = 4
+_SETTLED = 0.01
 _GATE = 4.0
 """Standard deviations within which a ball is the wand's."""
 _ROBUST = 4.0
@@ -203,6 +204,7 @@ def _polished(rig: Rig, capture: Capture, tracks: Tracks, free: Bools, steps: _S
     """Adjust cameras on all frames, and tell the wand's balls from others, in turns."""
     noise, draft = 3.0, None
     for _ in range(_ROUNDS):
+        before = draft
         wand = _sighted(rig, tracks, capture.wand_length, noise, bool(free[:, OFFSET].any()))
         scene = Scene(rig, wand)
         noise = max(noise if draft is None else draft.noise, 1.0)
@@ -213,6 +215,8 @@ def _polished(rig: Rig, capture: Capture, tracks: Tracks, free: Bools, steps: _S
             scene, noise = fit.scene, max(fit.noise, _LEAST_NOISE)
         draft = _Draft(scene, seen, used, noise)
         rig = scene.rig
+        if before is not None and abs(len(seen) / len(before.seen) - 1) + abs(noise / before.noise - 1) < _SETTLED:
+            break
     assert draft is not None
     return draft
 
