@@ -39,9 +39,7 @@ class CaptureError(CalibrationError):
         Which kind of capture it is, such as "wand-in-a-plane".
     """
 
-    def __init__(
-        self, what: str, *, name: str = "capture", where: str | None = None, todo: str | None = None
-    ) -> None:
+    def __init__(self, what: str, *, name: str = "capture", where: str | None = None, todo: str | None = None) -> None:
         self.name = name
         super().__init__(what, where=where, todo=todo)
 

@@ -8,8 +8,8 @@ the wand frame by frame and leaves the Schur complement of the cameras; no other
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
 
 import cv2
 import numpy as np
@@ -59,6 +59,11 @@ class Observations:
 
     def __len__(self) -> int:
         return len(self.camera)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Observations]) -> Observations:
+        """All of several."""
+        return cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))
 
     def take(self, chosen: NDArray) -> Observations:
         """Some of them."""
@@ -312,7 +317,7 @@ class Fit:
 
     @property
     def noise(self) -> float:
-        """How many times their sigma the balls lie off: by the median residual, and by how much of it is left to see."""
+        """How many times their sigma the balls lie off: by the median residual, and how much of it is left to see."""
         if not len(self.residual):
             return np.inf
         middle = float(np.median(np.linalg.norm(self.residual, axis=1))) / _RAYLEIGH_MEDIAN

@@ -86,7 +86,8 @@ def wrong_length(scale: float, length: float) -> Finding:
         f"the L-frame is {scale:.4f} times as large by the wand as by its own measures; "
         f"if those are right the wand is {length / scale:.4f} m long, not {length:.4f} m"
     )
-    return Finding("wand-length-wrong", what, "measure the wand and the L-frame again, from centre to centre of the balls")
+    todo = "measure the wand and the L-frame again, from centre to centre of the balls"
+    return Finding("wand-length-wrong", what, todo)
 
 
 def moved(camera: str, what: str) -> Finding:
@@ -120,6 +121,12 @@ def focal_vague(camera: str, share: float) -> Finding:
 def little_covered(camera: str, share: float) -> Finding:
     what = f"the wand was seen in only {share:.0%} of its picture; distortion elsewhere is a guess"
     return Finding("picture-little-covered", what, "wave the wand through all of the picture, to its corners", camera)
+
+
+def noisy(times: float) -> Finding:
+    what = f"the balls lie {times:.1f} times as far from their places as they should"
+    todo = "see that nobody moved a camera, that fps and offsets are right, and that the balls are detected well"
+    return Finding("noise-high", what, todo)
 
 
 def nothing_agrees() -> Finding:

@@ -153,7 +153,8 @@ def _blank(names: Sequence[str], tracks: Tracks, lenses: Sequence[Lens]) -> Rig:
         focal,
         np.array([lens.centre for lens in lenses]),
         distortions,
-        *np.zeros((2, C)),
+        np.zeros(C),
+        np.zeros(C),
         np.ones(C),
     )
 
@@ -278,8 +279,7 @@ def _resected(
     scene = Scene(alone, sighting.wand(tracks.frames, length))
     free = unknown_lens(lens)[None]
     for scale in (3 * _LOOSE, _TIGHT):
-        fit = adjust(scene, Evidence(seen), free, scale=scale, iterations=15, tolerance=1e-3, free_wand=False, cancel=cancel)
-        scene = fit.scene
+        scene = adjust(scene, Evidence(seen), free, scale=scale, tolerance=1e-3, free_wand=False, cancel=cancel).scene
     return scene.rig
 
 

@@ -169,7 +169,6 @@ def starts(geometry: Epipolar, ends_i: Array, ends_j: Array, lens_i: Lens, lens_
     x = lens_i.straight(ends_i[chosen].reshape(-1, 2), geometry.bend)
     y = lens_j.straight(ends_j[chosen].reshape(-1, 2), geometry.bend)
 
-
     def tried(focals: Iterable[tuple[float, float]]) -> list[Start]:
         found = (_start(geometry.F, x, y, f, g, length) for f, g in focals)
         return sorted((guess for guess in found if guess is not None), key=lambda guess: guess.spread)

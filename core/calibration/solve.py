@@ -11,21 +11,24 @@ from numpy.typing import NDArray
 from ..cameras import Camera
 from ..shot import Progress, report_progress
 from . import diagnosis, findings, lenses, lframe
-from .bundle import Evidence, Observations, Scene, adjust, covariance, predicted
+from .bundle import Evidence, Observations, Scene, adjust, covariance
 from .capture import Capture, CaptureView, Markers
 from .clocks import find_offsets
 from .findings import Finding
-from .initial import find_links, first_rig, unknown_lens
+from .initial import FEWEST_SHARED, find_links, first_rig, unknown_lens
+from .matching import matched
 from .pairwise import FOCAL_GRID, Lens
 from .rig import CAMERA_DOF, DRIFT, OFFSET, Rig, Wand
 from .tracks import Tracks, cleaned, is_waved, synchronised
 from .triangulation import sight
+from .trust import measured_lengths
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 FOCAL_SIGMA = 0.1
 """Standard deviation of a focal length that was told beforehand, as a share."""
+_EXACT = 1e-6
 _ROUNDS = 4
 _SETTLED = 0.01
 _GATE = 4.0
@@ -59,7 +62,7 @@ class Solution:
     free : ndarray of bool, shape (C, 13)
         What was solved for, in the order of `rig.CAMERA_DOF`.
     covariance : ndarray, shape (13 C, 13 C)
-        Of the steps of `Rig.moved`.
+        Of the steps of `Rig.moved`, in the world that the L-frame's measures lay down.
     noise : float
         How many times their sigma the balls lie off.
     lframe_scale : float
@@ -92,6 +95,11 @@ class Solution:
         return {name: self.rig.camera(c, counts[c]) for c, name in enumerate(self.rig.names)}
 
     @property
+    def scene(self) -> Scene:
+        """All that was solved for."""
+        return Scene(self.rig, self.wand, self.lframe_world)
+
+    @property
     def sigma(self) -> Array:
         """Standard deviations of the cameras' unknowns, shape (C, 13)."""
         return np.sqrt(np.diag(self.covariance)).reshape(-1, CAMERA_DOF)
@@ -122,7 +130,7 @@ def solve(capture: Capture, progress: Progress | None = None, *, drift: bool = F
     steps.next("pairs", 0.1)
     links = find_links(tracks, known, steps.check)
     names = [view.camera for view in capture.views]
-    diagnosis.check_links(names, links, known)
+    diagnosis.check_links(names, links, tracks)
     steps.next("first cameras", 0.15)
     start = first_rig(names, tracks, known, links, capture.wand_length, steps.check)
     if start is None:
@@ -218,6 +226,7 @@ def _polished(rig: Rig, capture: Capture, tracks: Tracks, free: Bools, steps: _S
         if before is not None and abs(len(seen) / len(before.seen) - 1) + abs(noise / before.noise - 1) < _SETTLED:
             break
     assert draft is not None
+    diagnosis.check_solution(rig.names, draft.used)
     return draft
 
 
@@ -225,7 +234,7 @@ def _sighted(rig: Rig, tracks: Tracks, length: float, noise: float, smooth: bool
     """The wand on the capture's frames, by cameras whose videos were brought to them."""
     still = replace(rig, offset=np.zeros(len(rig)), drift=np.zeros(len(rig)), rate=np.ones(len(rig)))
     wand = sight(still, tracks, length, max(noise, 1.0)).wand(tracks.frames, length, single=not smooth)
-    if len(wand) < diagnosis.FEWEST_FRAMES:
+    if len(wand) < FEWEST_SHARED:
         raise findings.nothing_agrees().error()
     return wand
 
@@ -238,28 +247,10 @@ def _evidence(capture: Capture, seen: Observations, free: Bools) -> Evidence:
 
 def labelled(scene: Scene, views: Sequence[CaptureView], noise: float) -> tuple[Observations, Array]:
     """The balls of all views that the scene's wand explains, swapped ends swapped back, and their share by view."""
-    parts, shares = [], np.zeros(len(views))
-    for v, view in enumerate(views):
-        markers = view.wand
-        n = len(markers)
-        miss = np.full((n, 2, 2), np.inf)  # end, ball
-        for end in range(2):
-            asked = Observations(
-                np.full(n, v), np.full(n, end), markers.frames.astype(float), np.zeros((n, 2)), np.ones(n)
-            )
-            uv, reached = predicted(scene, asked)
-            squared = ((uv[:, None] - markers.points) ** 2).sum(axis=-1) / (noise * markers.sigma) ** 2
-            miss[:, end] = np.where(np.isfinite(squared) & reached[:, None], squared, np.inf)
-        near = np.minimum(miss, _GATE**2)
-        crossed = near[:, 0, 1] + near[:, 1, 0] < near[:, 0, 0] + near[:, 1, 1]
-        ball = np.where(crossed[:, None], [1, 0], [0, 1])
-        f, end = np.nonzero(np.take_along_axis(miss, ball[..., None], axis=2)[..., 0] < _GATE**2)
-        chosen = ball[f, end]
-        at = markers.frames[f].astype(float)
-        parts.append((np.full(len(f), v), end, at, markers.points[f, chosen], markers.sigma[f, chosen]))
-        shares[v] = len(f) / max(markers.seen.sum(), 1)
-    seen = Observations(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
-    return seen, shares
+    matches = [matched(scene, v, view.wand, _GATE * noise * view.wand.sigma) for v, view in enumerate(views)]
+    parts = [found.observations(v, views[v].wand) for v, found in enumerate(matches)]
+    shares = [len(found.row) / max(view.wand.seen.sum(), 1) for found, view in zip(matches, views, strict=True)]
+    return Observations.joined(parts), np.array(shares)
 
 
 def _finished(
@@ -271,30 +262,30 @@ def _finished(
     scene = draft.scene.in_world(placement.R, placement.t)
     lframe.check(placement, scene.rig, capture.lframe_points, capture.wand_length, 0.0)
     scene = replace(scene, lframe_world=capture.lframe_points.copy())
-    evidence = replace(
-        _evidence(capture, draft.seen, free), lframe=resting, lframe_measures=capture.lframe_points
-    )
+    evidence = replace(_evidence(capture, draft.seen, free), lframe=resting, lframe_measures=capture.lframe_points)
     steps.next("lenses", 0.7)
     fit = adjust(scene, evidence, free, cancel=steps.check)
     free = lenses.chosen(fit.scene, evidence, free, known, steps.check)
     seen, used = labelled(fit.scene, capture.views, draft.noise)
     evidence = replace(evidence, wand=seen)
     fit = adjust(fit.scene, evidence, free, tolerance=1e-9, cancel=steps.check)
+    scene = fit.scene
+    assert scene.lframe_world is not None
     rows = np.concatenate([seen.sigma, resting.sigma])
-    noise = _unit_noise(fit.residual[: len(seen)], fit.scene, free)
+    noise = _unit_noise(fit.residual[: len(seen)], scene, free)
     steps.next("trust", 0.9)
-    held_out = _held_out(fit.scene, evidence, free, steps)
+    held_out = _held_out(scene, evidence, free, steps)
     solution = Solution(
         capture,
-        fit.scene.rig,
-        fit.scene.wand,
-        fit.scene.lframe_world,
+        scene.rig,
+        scene.wand,
+        scene.lframe_world,
         seen,
         resting,
         fit.residual * rows[:, None],
         used,
         free,
-        covariance(fit.scene, evidence, fit.free) * max(noise, 1.0) ** 2,
+        covariance(scene, replace(evidence, lframe_sigma=_EXACT), fit.free) * max(noise, 1.0) ** 2,
         noise,
         placement.scale,
         held_out,
@@ -311,8 +302,6 @@ def _unit_noise(residual: Array, scene: Scene, free: Bools) -> float:
 
 def _held_out(scene: Scene, evidence: Evidence, free: Bools, steps: _Steps) -> Array:
     """Lengths of the wand on stretches of frames that took no part in the solution that measures them."""
-    from .trust import measured_lengths
-
     wand = scene.wand
     left_out = (np.arange(len(wand)) // _STRETCH) % _HELD_OUT == _HELD_OUT // 2
     times = scene.rig.times(evidence.wand.camera, evidence.wand.frame)
