@@ -430,7 +430,8 @@ def covariance(scene: Scene, evidence: Evidence, free: Bools, weight: Array | No
         system = replace(system, jacobian=system.jacobian.multiply(rows[:, None]).tocsr())
     H, _ = normal_equations(system, free)
     diagonal = H.diagonal()
-    lu = factor(H + sparse.diags_array(_RIDGE * np.maximum(diagonal, 1.0), format="csc"))
+    # The direction of a wand of which one end alone is seen is told by nothing.
+    lu = factor(H + sparse.diags_array(np.where(diagonal > 0, 1e-14 * diagonal, 1.0), format="csc"))
     own = np.flatnonzero(free[_first_camera(scene) :])
     unit = np.zeros((int(free.sum()), len(own)))
     unit[-len(own) :] = np.eye(len(own))

@@ -26,6 +26,8 @@ LEAST_FRAMES = 30
 _CANDIDATES = 8
 _FRACTIONS = np.linspace(-1, 1, 17)
 _ROUNDS = 3
+_CLOSE = 3.0
+"""Pixels from epipolar lines up to which the other order of the wand's ends is not tried."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,16 @@ def find_lag(one: Markers, other: Markers, ratio: float = 1.0) -> Lag | None:
     ratio : float
         Frames of the other per frame of the first.
     """
+    straight = _find_lag(one, other, ratio)
+    if straight is not None and straight.distance < _CLOSE:
+        return straight
+    turned = Markers(other.frames, other.points[:, ::-1], other.sigma[:, ::-1])
+    both = [lag for lag in (straight, _find_lag(one, turned, ratio)) if lag is not None]
+    return min(both, key=lambda lag: lag.distance) if both else None
+
+
+def _find_lag(one: Markers, other: Markers, ratio: float) -> Lag | None:
+    """As `find_lag`, the ends of the wand in the same order."""
     if not len(one) or not len(other):
         return None
     start, stop = int(np.ceil(other.frames[0] / ratio)), int(other.frames[-1] / ratio)

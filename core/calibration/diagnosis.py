@@ -15,7 +15,7 @@ from .findings import Finding
 from .initial import FEWEST_SHARED, FLAT, Link
 from .rig import FOCAL, OFFSET
 from .tracks import Tracks
-from .trust import coverage, depths, path_error
+from .trust import coverage, depths, flatness, path_error
 
 if TYPE_CHECKING:
     from .solve import Solution
@@ -29,6 +29,8 @@ SMALL_SHARE, TOO_SMALL_SHARE = 0.02, 0.1
 """Noise of the balls as a share of the wand's length in the picture: flagged and refused."""
 SHALLOW = 1.25
 """Farthest over nearest distance of the wand from a camera below which it stayed at one depth."""
+THIN = 0.03
+"""Thickness of a cloud of balls over its width below which it is a plane."""
 VAGUE_FOCAL, VAGUE_OFFSET = 0.01, 0.1
 """Standard deviations, as a share and in frames."""
 LITTLE_COVERED = 0.12
@@ -88,9 +90,6 @@ def check_links(names: Sequence[str], links: Sequence[Link], tracks: Tracks) -> 
     flat = [link.geometry is not None and link.geometry.flatness > FLAT for link in agreeing]
     if all(flat):
         raise findings.in_a_plane().error()
-    for v, name in enumerate(names):
-        if all(f for f, link in zip(flat, agreeing, strict=True) if v in link.views):
-            raise findings.in_a_plane(name).error()
     _check_joined(names, [link.views for link in agreeing], tracks)
 
 
@@ -136,6 +135,8 @@ def doubts(solution: Solution) -> Iterator[Finding]:
         shared = _shared_frames(solution, c)
         if shared < FEW_SHARED:
             yield findings.few_shared(view.camera, shared, FEW_SHARED)
+        if flatness(solution, c) < THIN:
+            yield findings.in_a_plane(view.camera)
         if far[c] < SHALLOW * near[c]:
             yield findings.one_depth(view.camera, near[c], far[c])
         if sigma[c, FOCAL] > VAGUE_FOCAL:
@@ -144,6 +145,9 @@ def doubts(solution: Solution) -> Iterator[Finding]:
             yield findings.offset_vague(view.camera, sigma[c, OFFSET])
         if covered[c] < LITTLE_COVERED:
             yield findings.little_covered(view.camera, covered[c])
+    for c, pixels in solution.moved.items():
+        what = f"it sees the L-frame {pixels:.1f} pixels beside where the others do, as if moved between the takes"
+        yield findings.moved(solution.rig.names[c], what)
     yield from _moved(solution)
     if solution.noise > NOISY:
         yield findings.noisy(solution.noise)

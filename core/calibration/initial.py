@@ -26,6 +26,8 @@ FLAT = 0.8
 """Share of correspondences in a plane from which a pair of views tells nothing of focal lengths."""
 _FRAMES = 120
 _SEEDS = 3
+_UNCROSSED = 0.4
+"""Share of the balls that must agree before the other order of the ends is not tried."""
 _CONTENT = 0.9
 """Share of the agreement that may be expected, with which no other seed is tried."""
 _LOOSE, _TIGHT = 10.0, 3.0
@@ -46,11 +48,14 @@ class Link:
         Indices of the shared frames.
     geometry : Epipolar or None
         None where no epipolar geometry was found.
+    crossed : bool
+        Whether the one view's first ball is the other's second.
     """
 
     views: tuple[int, int]
     frames: NDArray[np.int64]
     geometry: Epipolar | None
+    crossed: bool
 
     @property
     def agreeing(self) -> int:
@@ -70,9 +75,28 @@ def find_links(tracks: Tracks, lenses: Sequence[Lens], cancel: Cancel) -> list[L
         cancel()
         frames = np.flatnonzero(tracks.seen[[i, j]].all(axis=(0, 2)))
         if len(frames) >= FEWEST_SHARED:
-            x, y = (tracks.points[v, frames].reshape(-1, 2) for v in (i, j))
-            links.append(Link((i, j), frames, epipolar(x, y, lenses[i], lenses[j])))
+            a, b = tracks.points[i, frames], tracks.points[j, frames]
+            link = Link((i, j), frames, epipolar(a.reshape(-1, 2), b.reshape(-1, 2), lenses[i], lenses[j]), False)
+            if link.agreeing < _UNCROSSED * 2 * len(frames):
+                geometry = epipolar(a.reshape(-1, 2), b[:, ::-1].reshape(-1, 2), lenses[i], lenses[j])
+                other = Link((i, j), frames, geometry, True)
+                link = max(link, other, key=lambda either: either.agreeing)
+            links.append(link)
     return links
+
+
+def uncrossed(tracks: Tracks, links: Sequence[Link]) -> Tracks:
+    """The tracks with the wand's ends in the same order in all views: where they look alike, each begins with any."""
+    turned = {0: False}
+    trusted = sorted(links, key=lambda link: -link.agreeing)
+    while joining := [link for link in trusted if sum(v in turned for v in link.views) == 1]:
+        i, j = joining[0].views
+        new, old = (i, j) if j in turned else (j, i)
+        turned[new] = turned[old] != joining[0].crossed
+    views = [v for v, other in turned.items() if other]
+    points, sigma = tracks.points.copy(), tracks.sigma.copy()
+    points[views], sigma[views] = points[views][:, :, ::-1], sigma[views][:, :, ::-1]
+    return replace(tracks, points=points, sigma=sigma)
 
 
 def observed(tracks: Tracks, sighting: Sighting) -> Observations:

@@ -22,6 +22,8 @@ _LASTING = 0.1
 _SCALE_SHARE, _SHAPE_METRES = 0.01, 5e-3
 """Differences in size and shape that no careful measuring explains."""
 _SURE = 5.0
+_ASIDE_PIXELS = 1.5
+"""Pixels aside from which a camera is said to have moved between the takes."""
 
 
 def resting(markers: Sequence[Markers]) -> Observations:
@@ -71,9 +73,7 @@ def place(rig: Rig, seen: Observations, measures: Array) -> Placement:
     CaptureError
         Fewer than two cameras see the balls that are needed.
     """
-    points = np.full((len(rig), LFRAME_BALLS, 2), np.nan)
-    points[seen.camera, seen.ball] = seen.uv
-    balls = triangulated(rig.centres_world, rays(rig, points))
+    balls = _balls(rig, seen)
     known = np.isfinite(balls).all(axis=1)
     if known.sum() < 3 or _collinear(measures[known]):
         names = ", ".join(str(b + 1) for b in np.flatnonzero(~known))
@@ -84,6 +84,51 @@ def place(rig: Rig, seen: Observations, measures: Array) -> Placement:
     misfit = np.full((LFRAME_BALLS, 3), np.nan)
     misfit[known] = a @ R.T / scale - b
     return Placement(R, measures[known].mean(axis=0) - R @ balls[known].mean(axis=0), scale, misfit)
+
+
+def _balls(rig: Rig, seen: Observations) -> Array:
+    """The balls where the cameras see them, shape (4, 3)."""
+    points = np.full((len(rig), LFRAME_BALLS, 2), np.nan)
+    points[seen.camera, seen.ball] = seen.uv
+    return triangulated(rig.centres_world, rays(rig, points))
+
+
+def moved_since(rig: Rig, seen: Observations, noise: float) -> dict[int, float]:
+    """Cameras that see the L-frame aside from where the others see it, and by how many pixels.
+
+    Cameras that contradict the others most are taken out one by one, until the rest agree.
+
+    Raises
+    ------
+    CaptureError
+        Of two cameras that contradict each other, nothing tells which was moved.
+    """
+    usual = noise * float(np.median(seen.sigma)) if len(seen) else 0.0
+    least = max(_ASIDE_PIXELS, _SURE * usual)
+    trusted = sorted({int(c) for c in seen.camera})
+    while len(trusted) > 1 and _disagreement(rig, seen, trusted) > least:
+        if len(trusted) == 2:
+            names = " or ".join(rig.names[c] for c in trusted)
+            raise findings.moved(names, "the L-frame and the wand tell of different places of this camera").error()
+        rest = [[c for c in trusted if c != out] for out in trusted]
+        trusted = min(rest, key=lambda cameras: _disagreement(rig, seen, cameras))
+    balls = _balls(rig, seen.take(np.isin(seen.camera, trusted)))
+    off = {c: _off(rig, seen, balls, c) for c in sorted({int(c) for c in seen.camera} - set(trusted))}
+    return {c: pixels for c, pixels in off.items() if pixels > least}
+
+
+def _disagreement(rig: Rig, seen: Observations, cameras: list[int]) -> float:
+    """How far aside the worst of some cameras sees the balls that they see together, pixels."""
+    own = seen.take(np.isin(seen.camera, cameras))
+    balls = _balls(rig, own)
+    return max(_off(rig, own, balls, c) for c in cameras)
+
+
+def _off(rig: Rig, seen: Observations, balls_world: Array, c: int) -> float:
+    """How far aside a camera sees the balls, pixels; 0 where no ball is known."""
+    own = seen.camera == c
+    miss = np.linalg.norm(projected(rig, c, balls_world[seen.ball[own]]) - seen.uv[own], axis=1)
+    return float(np.median(miss[np.isfinite(miss)])) if np.isfinite(miss).any() else 0.0
 
 
 def _collinear(points: Array) -> bool:
@@ -118,16 +163,3 @@ def check(placement: Placement, rig: Rig, measures: Array, length: float, noise:
         raise findings.wrong_length(placement.scale, length).error()
     if (rig.centres_world[:, 2] < 0).all():
         raise findings.mirrored().error()
-
-
-def pixels_off(rig: Rig, seen: Observations, balls_world: Array) -> Array:
-    """How far each camera sees the L-frame from where it is, shape (C,), pixels: a camera may have been moved since.
-
-    NaN where it sees no ball.
-    """
-    off = np.full(len(rig), np.nan)
-    for c in np.unique(seen.camera):
-        own = seen.camera == c
-        miss = np.linalg.norm(projected(rig, int(c), balls_world[seen.ball[own]]) - seen.uv[own], axis=1)
-        off[c] = np.median(miss)
-    return off

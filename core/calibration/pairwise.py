@@ -8,7 +8,7 @@ ones its length changes from place to place. So pairs of focal lengths are tried
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import cv2
@@ -90,7 +90,7 @@ class Epipolar:
     agreeing : ndarray of bool, shape (n,)
         The correspondences that fit.
     flatness : float
-        Share of the agreeing correspondences that a homography explains as well: near 1 all points lie in a plane.
+        How many correspondences a homography explains per agreeing one: near 1 all points lie in a plane.
     """
 
     F: Array
@@ -125,17 +125,33 @@ def epipolar(points_i: Array, points_j: Array, lens_i: Lens, lens_j: Lens) -> Ep
     Distortion is tried in steps, the same for both: without it the picture's edges would not agree.
     """
     best: Epipolar | None = None
+    flat = np.zeros(len(points_i), bool)
     known = lens_i.distortions is not None and lens_j.distortions is not None
     for bend in (0.0,) if known else BENDS:
         x, y = lens_i.straight(points_i, bend), lens_j.straight(points_j, bend)
-        cv2.setRNGSeed(1)
-        F, mask = cv2.findFundamentalMat(x, y, cv2.USAC_MAGSAC, _THRESHOLD, 0.9999, 5000)
-        if F is None or F.shape != (3, 3) or mask is None:
+        plane = _in_a_plane(x, y)
+        flat = plane if plane.sum() > flat.sum() else flat
+        F = _fundamental(x, y)
+        if F is None:
             continue
         agreeing = sampson(F, x, y) < _THRESHOLD
         if best is None or agreeing.sum() > best.agreeing.sum():
-            best = Epipolar(F, bend, agreeing, _flatness(x[agreeing], y[agreeing]))
-    return best if best is not None and best.agreeing.sum() >= FEWEST else None
+            best = Epipolar(F, bend, agreeing, 0.0)
+    if best is None:
+        best = Epipolar(np.zeros((3, 3)), 0.0, flat, 1.0)  # no matrix at all is a plane's mark
+    if best.agreeing.sum() < FEWEST:
+        return None
+    return replace(best, flatness=min(1.0, flat.sum() / best.agreeing.sum()))
+
+
+def _fundamental(x: Array, y: Array) -> Array | None:
+    """The fundamental matrix that most correspondences agree on, None where there is none."""
+    cv2.setRNGSeed(1)
+    try:
+        F, _ = cv2.findFundamentalMat(x, y, cv2.USAC_MAGSAC, _THRESHOLD, 0.9999, 5000)
+    except cv2.error:  # raised where every sample is degenerate
+        return None
+    return F if F is not None and F.shape == (3, 3) else None
 
 
 def sampson(F: Array, x: Array, y: Array) -> Array:
@@ -145,16 +161,14 @@ def sampson(F: Array, x: Array, y: Array) -> Array:
     return np.abs((b * Fa).sum(axis=1)) / np.sqrt((Fa[:, :2] ** 2).sum(axis=1) + (Fb[:, :2] ** 2).sum(axis=1) + 1e-30)
 
 
-def _flatness(x: Array, y: Array) -> float:
-    """Share of the correspondences that one homography explains."""
-    if len(x) < FEWEST:
-        return 1.0
+def _in_a_plane(x: Array, y: Array) -> Bools:
+    """Which correspondences one homography explains."""
     cv2.setRNGSeed(1)
     H, _ = cv2.findHomography(x, y, cv2.USAC_MAGSAC, 2 * _THRESHOLD, None, 2000, 0.999)
     if H is None:
-        return 0.0
+        return np.zeros(len(x), bool)
     moved = np.column_stack([x, np.ones(len(x))]) @ H.T
-    return float((np.linalg.norm(moved[:, :2] / moved[:, 2:] - y, axis=1) < 2 * _THRESHOLD).mean())
+    return np.linalg.norm(moved[:, :2] / moved[:, 2:] - y, axis=1) < 2 * _THRESHOLD
 
 
 def starts(geometry: Epipolar, ends_i: Array, ends_j: Array, lens_i: Lens, lens_j: Lens, length: float) -> list[Start]:

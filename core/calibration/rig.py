@@ -212,7 +212,7 @@ class Stencil:
             weights[rows, :m] = powers @ basis
             slopes[rows, :m] = powers[:, :-1] @ (np.arange(1, m)[:, None] * basis[1:])
         whole = np.abs(frames[nearest] - times) < 1e-12
-        weights[whole] = nodes[whole] == nearest[whole, None]
+        weights[whole] = np.arange(_ORDER) == (nearest - first)[whole, None]
         return cls(nodes, weights, slopes, reached)
 
     def value(self, values: Array) -> Array:

@@ -15,7 +15,7 @@ from .bundle import Evidence, Observations, Scene, adjust, covariance
 from .capture import Capture, CaptureView, Markers
 from .clocks import find_offsets
 from .findings import Finding
-from .initial import FEWEST_SHARED, find_links, first_rig, unknown_lens
+from .initial import FEWEST_SHARED, find_links, first_rig, uncrossed, unknown_lens
 from .matching import matched
 from .pairwise import FOCAL_GRID, Lens
 from .rig import CAMERA_DOF, DRIFT, OFFSET, Rig, Wand
@@ -67,6 +67,9 @@ class Solution:
         How many times their sigma the balls lie off.
     lframe_scale : float
         How many times larger the L-frame is by the wand than by its own measures.
+    moved : dict of int to float
+        Cameras that see the L-frame so many pixels aside: they were moved between its take and the wand's. Their
+        view of the L-frame took no part.
     held_out : ndarray, shape (h,)
         Lengths of the wand, metres, on frames that were held out of a solution of their own.
     findings : tuple of Finding
@@ -85,6 +88,7 @@ class Solution:
     covariance: Array
     noise: float
     lframe_scale: float
+    moved: dict[int, float]
     held_out: Array
     findings: tuple[Finding, ...]
 
@@ -131,6 +135,7 @@ def solve(capture: Capture, progress: Progress | None = None, *, drift: bool = F
     links = find_links(tracks, known, steps.check)
     names = [view.camera for view in capture.views]
     diagnosis.check_links(names, links, tracks)
+    tracks = uncrossed(tracks, links)
     steps.next("first cameras", 0.15)
     start = first_rig(names, tracks, known, links, capture.wand_length, steps.check)
     if start is None:
@@ -258,6 +263,8 @@ def _finished(
 ) -> Solution:
     """Lay down the world, decide on the lenses, and adjust once more to all that is known."""
     resting = lframe.resting([view.lframe for view in capture.views])
+    moved = lframe.moved_since(draft.scene.rig, resting, draft.noise)
+    resting = resting.take(~np.isin(resting.camera, list(moved)))
     placement = lframe.place(draft.scene.rig, resting, capture.lframe_points)
     scene = draft.scene.in_world(placement.R, placement.t)
     lframe.check(placement, scene.rig, capture.lframe_points, capture.wand_length, 0.0)
@@ -288,6 +295,7 @@ def _finished(
         covariance(scene, replace(evidence, lframe_sigma=_EXACT), fit.free) * max(noise, 1.0) ** 2,
         noise,
         placement.scale,
+        moved,
         held_out,
         (),
     )

@@ -78,6 +78,14 @@ def _state(solution: Solution) -> NDArray[np.int64]:
     return np.clip(np.searchsorted(frames, times), 0, len(frames) - 1)
 
 
+def flatness(solution: Solution, c: int) -> float:
+    """Thickness over width of the cloud of the wand's balls that a camera sees."""
+    own = solution.seen.camera == c
+    ends = solution.wand.ends_world[_state(solution)[own], solution.seen.ball[own]]
+    spread = np.linalg.svd(ends - ends.mean(axis=0), compute_uv=False)
+    return float(spread[2] / spread[0])
+
+
 def coverage(solution: Solution) -> Array:
     """Share of each picture that lies within the hull of the wand's balls, shape (C,)."""
     out = np.zeros(len(solution.rig))
