@@ -193,16 +193,20 @@ def find_lframe(view: FilmView, film: Film, size: tuple[int, int], progress: Pro
     frame = Frame(film.lframe_points, film.lframe_diameter, (np.array(size) - 1) / 2, focals)
     where = f"{view.lframe} (camera {view.camera})"
     four = balls[identified(balls, frame, where)]
-    measured = [_without_arms(images, four, k) for k in range(LFRAME_BALLS)]
-    four = Balls.joined([ball if len(ball) else four[[k]] for k, ball in enumerate(measured)])
+    four = _without_arms(images, four)
     markers = Markers(np.zeros(1, np.int64), four.centres[None], four.sigma[None])
     return SeenBalls(markers, four.semi_axes[None, :, 1])
 
 
-def _without_arms(images: Sequence[NDArray], four: Balls, ball: int) -> Balls:
-    """One ball of the L-frame measured without the parts of its outline that the arms may hide."""
-    ends = four.centres[[b if a == ball else a for a, b in _ARMS if ball in (a, b)]]
-    return standing([without_rods(image, four[[ball]], ends) for image in images])
+def _without_arms(images: Sequence[NDArray], four: Balls) -> Balls:
+    """The L-frame's balls measured without the parts of their outlines that the arms may hide, where that can be."""
+    ends = np.full((LFRAME_BALLS, 2, 2), np.nan)
+    for ball in range(LFRAME_BALLS):
+        held = [b if a == ball else a for a, b in _ARMS if ball in (a, b)]
+        ends[ball, : len(held)] = four.centres[held]
+    seen = [without_rods(image, four, ends) for image in images]
+    measured = [standing([balls[[k]][good[[k]]] for balls, good in seen]) for k in range(LFRAME_BALLS)]
+    return Balls.joined([ball if len(ball) else four[[k]] for k, ball in enumerate(measured)])
 
 
 def _spread_out(path: Path) -> list[NDArray]:

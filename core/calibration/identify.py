@@ -145,25 +145,24 @@ def _cross(a: Array, b: Array) -> float:
 
 
 def _fit(balls: Balls, four: tuple[int, ...], frame: Frame) -> _Fit:
-    """Pose from three of the balls; the fourth's place and all sizes tell how well it fits."""
+    """Places and sizes against the best pose of the L-frame."""
     centres, radii = balls.centres[list(four)], balls.semi_axes[list(four), 1]
-    return _Fit(min(_three_point_cost(centres, radii, frame, focal) for focal in frame.focals), four)
+    return _Fit(min(_pose_cost(centres, radii, frame, focal) for focal in frame.focals), four)
 
 
-def _three_point_cost(centres: Array, radii: Array, frame: Frame, focal: float) -> float:
-    points, corners = frame.points, [0, 2, 3]
+def _pose_cost(centres: Array, radii: Array, frame: Frame, focal: float) -> float:
     K = np.array([[focal, 0, frame.middle[0]], [0, focal, frame.middle[1]], [0, 0, 1.0]])
-    _, turns, shifts = cv2.solveP3P(points[corners], centres[corners], K, np.zeros(4), cv2.SOLVEPNP_P3P)
+    _, turns, shifts, _ = cv2.solvePnPGeneric(frame.points, centres, K, np.zeros(4), flags=cv2.SOLVEPNP_SQPNP)
     # A lens that is not known yet bends the line a little.
     tolerance = _STANDS + 0.01 * float(np.linalg.norm(centres[2] - centres[0]))
     best = np.inf
     for turn, shift in zip(turns, shifts, strict=True):
         R = cv2.Rodrigues(turn)[0]
-        x = points @ R.T + shift[:, 0]
-        if (x[:, 2] <= 0).any() or (-R.T @ shift)[2, 0] <= points[:, 2].max():
+        x = frame.points @ R.T + shift[:, 0]
+        if (x[:, 2] <= 0).any() or (-R.T @ shift)[2, 0] <= frame.points[:, 2].max():
             continue
-        off = float(np.linalg.norm(x[1, :2] / x[1, 2] * focal + frame.middle - centres[1])) / tolerance
+        off = (x[:, :2] / x[:, 2:] * focal + frame.middle - centres) / tolerance
         sizes = np.log(2 * radii * x[:, 2] / focal)
         expected = sizes.mean() if frame.diameter is None else np.log(frame.diameter)
-        best = min(best, off**2 + float(np.sum((sizes - expected) ** 2)) / _SIZE_SPREAD**2)
+        best = min(best, float(np.sum(off**2) + np.sum((sizes - expected) ** 2) / _SIZE_SPREAD**2))
     return best

@@ -41,12 +41,24 @@ def centres_of(points: Array, radii: Array, matrix: Array, distortions: Array) -
     seen = np.isfinite(points).all(axis=-1)
     corrected = points.copy()
     if seen.any():
-        outlines, b = points[seen], radii[seen] / matrix[0, 0]
+        outlines = points[seen]
+        b = radii[seen] / matrix[0, 0] * _unbent(outlines, matrix, distortions)
         middles = outlines.copy()
         for _ in range(_ROUNDS):
             middles = middles + outlines - outline_centres(middles, b, matrix, distortions)
         corrected[seen] = middles
     return corrected
+
+
+def _unbent(points: Array, matrix: Array, distortions: Array) -> Array:
+    """How much wider the lens would show what lies across the way to the principal point, without distortion."""
+    bent = np.linalg.norm((points - matrix[:2, 2]) / matrix[[0, 1], [0, 1]], axis=1)
+    straight = np.linalg.norm(_undistorted(points, matrix, distortions), axis=1)
+    return np.where(bent > 1e-9, straight / np.maximum(bent, 1e-9), 1.0)
+
+
+def _undistorted(points: Array, matrix: Array, distortions: Array) -> Array:
+    return cv2.undistortPointsIter(points[:, None], matrix, distortions, None, None, _CRITERIA)[:, 0]
 
 
 def outline_centres(middles: Array, b: Array, matrix: Array, distortions: Array) -> Array:
@@ -59,7 +71,7 @@ def outline_centres(middles: Array, b: Array, matrix: Array, distortions: Array)
     b : ndarray, shape (n,)
         Minor semi-axis of the outline in a camera of focal length 1.
     """
-    xy = cv2.undistortPointsIter(middles[:, None], matrix, distortions, None, None, _CRITERIA)[:, 0]
+    xy = _undistorted(middles, matrix, distortions)
     centre = xy * (1 + b**2)[:, None]
     # The axis away from the principal point: from (1 + b^2) x = sin t cos t / (cos^2 t - sin^2 s) and b.
     r = np.linalg.norm(xy, axis=1)
@@ -71,4 +83,16 @@ def outline_centres(middles: Array, b: Array, matrix: Array, distortions: Array)
     ring = ring + (b[:, None] * np.sin(angles))[..., None] * across[:, None]
     rays = np.concatenate([ring, np.ones((*ring.shape[:2], 1))], axis=-1).reshape(-1, 1, 3)
     seen = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), matrix, distortions)[0]
-    return seen.reshape(len(middles), _OUTLINE, 2).mean(axis=1)
+    return _ellipse_centres(seen.reshape(len(middles), _OUTLINE, 2), angles)
+
+
+def _ellipse_centres(outlines: Array, angles: Array) -> Array:
+    """Centres of the ellipses that fit outlines (n, K, 2) best, as `balls` fits them: by the distance from the middle.
+
+    A bent outline's mean is another point: its second harmonic shifts the ellipse, too.
+    """
+    circle = np.column_stack([np.cos(angles), np.sin(angles)])
+    mean = outlines.mean(axis=1)
+    shapes = 2 / len(angles) * np.einsum("nki,kj->nij", outlines, circle)
+    distance = np.sum(np.linalg.solve(shapes, np.swapaxes(outlines - mean[:, None], 1, 2)) * circle.T, axis=1)
+    return mean + np.einsum("nij,nk,kj->ni", shapes, distance, 2 / len(angles) * circle)

@@ -22,13 +22,13 @@ Array = NDArray[np.float64]
 Image = NDArray[Any]
 
 _MOST_OF_A_COLOUR = 8
-_MOST_PAIRS = 24
+_MOST_PAIRS = 40
 _MOST_UNLIKE = 1.8  # the one ball's size to the other's
 _LONGER = 1.5  # than the wand seen from the side, by the ball's sizes
-_MISSED = 6.0  # what a frame without a pair costs
-_UNLIKE = 0.3  # deviation of the logarithm of the balls' sizes, one to the other
-_FAST = 3.0  # diameters from frame to frame that cost as much as one standard deviation
-_LEAP = 9.0  # the most that a step costs
+_MISSED = 8.0  # what a frame without a pair costs
+_UNLIKE = 0.2  # deviation of the logarithm of the balls' sizes, one to the other
+_FAST = 2.0  # diameters from frame to frame that cost as much as one standard deviation
+_LEAP = 60.0  # the most that a step costs
 _CELL = 3.0  # pixels
 _STILL = 20.0  # what a ball costs that lies on the same place on all frames
 _STAYS = 0.25  # share of the frames that a waved ball may be on one place
@@ -43,9 +43,12 @@ class Pairs:
     ----------
     balls : tuple of Balls
         The first ends, and the second ends in the same order.
+    found : tuple of ndarray, shape (m, 2)
+        Centres of all balls that have the colour of the first end, and of the second, pixels.
     """
 
     balls: tuple[Balls, Balls]
+    found: tuple[Array, Array]
 
     def __len__(self) -> int:
         return len(self.balls[0])
@@ -86,13 +89,11 @@ def find_pairs(image: Image, colours: Sequence[Colour], longest: float | None) -
     likely = (np.maximum(r, s) < _MOST_UNLIKE * np.minimum(r, s)) & (apart > 0.8 * np.minimum(r, s))
     if longest is not None:
         likely &= apart < _LONGER * longest * (r + s)
-    measured = [_measured(image, first[[a]], second[[b]]) for a, b in zip(i[likely], j[likely], strict=True)]
-    whole = [pair for pair in measured if all(len(ball) for ball in pair)][:_MOST_PAIRS]
-    return Pairs((Balls.joined([a for a, _ in whole]), Balls.joined([b for _, b in whole])))
-
-
-def _measured(image: Image, first: Balls, second: Balls) -> tuple[Balls, Balls]:
-    return without_rods(image, first, second.centres), without_rods(image, second, first.centres)
+    i, j = i[likely][:_MOST_PAIRS], j[likely][:_MOST_PAIRS]
+    ends = first[i], second[j]
+    measured = [without_rods(image, a, b.centres[:, None]) for a, b in (ends, ends[::-1])]
+    good = measured[0][1] & measured[1][1]
+    return Pairs((measured[0][0][good], measured[1][0][good]), (first.centres, second.centres))
 
 
 def wand_path(seen: Sequence[Pairs]) -> NDArray[np.int64]:
@@ -114,25 +115,31 @@ def wand_path(seen: Sequence[Pairs]) -> NDArray[np.int64]:
 
 def _own_costs(seen: Sequence[Pairs]) -> list[Array]:
     """What the pairs of every frame cost by themselves: balls of unlike sizes, balls that lie still."""
-    still = [_stillness([pairs.centres[:, end] for pairs in seen]) for end in range(2)]
+    crowds = [_Crowd.of([pairs.found[end] for pairs in seen]) for end in range(2)]
     return [
         (np.diff(np.log(pairs.radii), axis=1)[:, 0] / _UNLIKE) ** 2
-        + sum(_STILL * np.maximum(share[k] - _STAYS, 0) for share in still)
-        for k, pairs in enumerate(seen)
+        + sum(_STILL * np.maximum(crowds[end].shares(pairs.centres[:, end]) - _STAYS, 0) for end in range(2))
+        for pairs in seen
     ]
 
 
-def _stillness(places: Sequence[Array]) -> list[Array]:
-    """For places (n, 2) on every frame, on what share of the frames there is something on the same place."""
-    cells = [np.unique(np.floor(p / _CELL).astype(int), axis=0) for p in places]
-    counts = Counter(map(tuple, np.concatenate(cells).tolist())) if cells else Counter()
-    around = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1)]
-    return [
-        np.array(
-            [max(counts[u + a, v + b] for a, b in around) / len(places) for u, v in np.floor(p / _CELL).astype(int)]
-        )
-        for p in places
-    ]
+@dataclass(frozen=True, eq=False)
+class _Crowd:
+    """On how many frames there is a ball in each cell of the picture, and of how many."""
+
+    counts: Counter[tuple[int, int]]
+    frames: int
+
+    @classmethod
+    def of(cls, places: Sequence[Array]) -> _Crowd:
+        cells = [np.unique(np.floor(p / _CELL).astype(int), axis=0) for p in places]
+        return cls(Counter(map(tuple, np.concatenate([*cells, np.empty((0, 2), int)]).tolist())), len(places))
+
+    def shares(self, places: Array) -> Array:
+        """On what share of the frames there is a ball at each place, shape (n,)."""
+        around = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1)]
+        cells = np.floor(places / _CELL).astype(int)
+        return np.array([sum(self.counts[u + a, v + b] for a, b in around) / self.frames for u, v in cells])
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +166,7 @@ class _Reached:
     def steps_to(self, pairs: Pairs) -> Array:
         """What it costs to get from each state to each pair of the next frame, and to none, shape (n + 1, m + 1)."""
         far = np.linalg.norm(pairs.centres[None] - self.centres[:, None], axis=-1)
-        diameters = 2 * self.radii * self.ago
+        diameters = 2 * self.radii * np.sqrt(self.ago)
         costs = np.sum((far / (_FAST * diameters[:, None, None])) ** 2, axis=-1)
         costs = np.minimum(np.where(np.isnan(costs), 0, costs), _LEAP)
         return np.column_stack([costs, np.zeros(len(costs))])

@@ -28,7 +28,7 @@ CAMERAS = (
 """Round the middle of the room, each with its own lens."""
 OFFSETS = (0.0, 3.4, -2.75, 6.2)
 """Frame f of the take is the camera's video frame f + offset: they were not started together."""
-LFRAME = np.array([[0, 0, 0], [0.3, 0, 0], [0.6, 0, 0], [0, 0.2, 0]], float)
+LFRAME = np.array([[0, 0, 0], [0.4, 0, 0], [0.9, 0, 0], [0, 0.6, 0]], float)
 PAINT = {
     "red": linear([0.08, 0.05, 0.80]),
     "green": linear([0.16, 0.66, 0.12]),
@@ -70,12 +70,12 @@ class WandTake:
 
     cameras: tuple[Camera, ...] = CAMERAS
     offsets: tuple[float, ...] = OFFSETS
-    frames: int = 160
+    frames: int = 300
     fps: float = 30.0
     exposure: float = 1 / 60
     colours: tuple[str, ...] = ("green", "blue")
     length: float = 0.5
-    diameter: float = 0.06
+    diameter: float = 0.075
     distractors: bool = True
     lframe_points: Array = field(default_factory=LFRAME.copy)
     lframe_frames: int = 12
@@ -84,7 +84,7 @@ class WandTake:
         """The centres of the wand's balls, shape (..., 2, 3), metres."""
         t = np.asarray(seconds, float)[..., None]
         rates, phases = np.array([1.93, 1.41, 2.57]), np.array([0.3, 1.7, 0.9])
-        middle = np.array([0.0, 0.0, 1.05]) + [1.15, 1.0, 0.5] * np.sin(rates * t + phases)
+        middle = np.array([0.0, 0.0, 1.15]) + [1.6, 1.5, 0.7] * np.sin(rates * t + phases)
         turn = np.concatenate([np.sin(2.21 * t), np.cos(1.77 * t + 0.4), 1.1 * np.sin(1.13 * t + 1.1)], axis=-1)
         along = self.length / 2 * turn / np.linalg.norm(turn, axis=-1, keepdims=True)
         return np.stack([middle - along, middle + along], axis=-2)
@@ -129,8 +129,8 @@ class WandTake:
 
     def _waver(self, t: Array) -> list[Ball | Rod]:
         """Somebody behind the wand in a shirt of nearly its first ball's colour."""
-        feet = np.concatenate([0.25 * np.sin(0.9 * t), 0.2 * np.cos(0.7 * t), np.zeros_like(t)], axis=1)
         hand = self.wand(t[:, 0]).mean(axis=1)
+        feet = hand * [0.4, 0.4, 0]
         shoulder = feet + [0.0, 0.0, 1.35]
         reach = hand - shoulder
         reach *= np.minimum(1, 0.6 / np.linalg.norm(reach, axis=1, keepdims=True))
@@ -147,11 +147,11 @@ class WandTake:
         things: list[Ball | Rod] = [Ball(ball[None], radius, PAINT["red"]) for ball in p]
         for a, b in ((0, 1), (1, 2), (0, 3)):
             trim = 0.9 * radius * (p[b] - p[a]) / np.linalg.norm(p[b] - p[a])
-            things.append(Rod((p[a] + trim)[None], (p[b] - trim)[None], 0.009, PAINT["wood"]))
+            things.append(Rod((p[a] + trim)[None], (p[b] - trim)[None], 0.01, PAINT["wood"]))
         if self.distractors:
             things += [
                 Ball(_at(-0.9, 0.5, 0.0), self.diameter / 2, PAINT["red"]),
-                Ball(_at(1.2, -0.4, 0.05), 0.08, PAINT["red"]),
+                Ball(_at(1.8, 0.7, 0.05), 0.08, PAINT["red"]),
                 Rod(_at(-4.5, 0.0, 1.4), _at(-4.5, 0.5, 1.4), 0.07, PAINT["red"]),
             ]
         return things
