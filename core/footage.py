@@ -88,6 +88,11 @@ def footage_index(view: View, frame: int) -> int:
     return int(np.floor(frame + view.offset + 0.5))
 
 
+def footage_delay(view: View) -> float:
+    """How much later than a frame of the shot its footage frame was taken, above -1/2 to 1/2 frames."""
+    return footage_index(view, 0) - view.offset
+
+
 def file_index(view: View, frame: int) -> int:
     """The frame of the file that shows a frame of the shot; of interlaced footage the one with its field.
 
