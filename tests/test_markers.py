@@ -18,7 +18,9 @@ from render.waving import CAMERAS, LFRAME, PAINT, Grain
 from synthetic import look_at
 
 SIZE = (480, 270)
-CAMERA = replace(look_at("cam", (0.0, -3.0, 1.2), (0.0, 0.0, 1.0), SIZE, 430.0), distortions=np.array([-0.1, 0, 0, 0.0]))
+CAMERA = replace(
+    look_at("cam", (0.0, -3.0, 1.2), (0.0, 0.0, 1.0), SIZE, 430.0), distortions=np.array([-0.1, 0, 0, 0.0])
+)
 
 
 @pytest.fixture(scope="module")

@@ -45,7 +45,7 @@ _BLUR_SHARE = 0.25
 
 @dataclass(frozen=True)
 class _Tolerance:
-    """What still is a ball: share of its outline that is seen, and deviation of that, pixels and share of its radius."""
+    """What still is a ball: share of its outline that agrees; deviation of that, pixels and a share of its radius."""
 
     coverage: float
     noise: float

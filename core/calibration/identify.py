@@ -44,7 +44,8 @@ def standing(seen: Sequence[Balls]) -> Balls:
             continue
         # What a picture's frames have in common, compression and shading, no mean takes away.
         sigma = np.sqrt(np.mean(whole.sigma[near] ** 2))
-        found.append(Balls(*(np.median(a[near], axis=0)[None] for a in (whole.centres, whole.shapes)), sigma[None]))
+        centre, shape = (np.median(values[near], axis=0) for values in (whole.centres, whole.shapes))
+        found.append(Balls(centre[None], shape[None], sigma[None]))
     order = np.argsort([-ball.semi_axes[0, 1] for ball in found])[:_MOST]
     return Balls.joined([found[i] for i in order])
 
