@@ -99,8 +99,8 @@ def smoothness(motion: Motion, weights: Array, expected: Array | None = None) ->
         return blocks
     residual = acceleration(motion) - (0.0 if expected is None else expected)
     ahead, behind = _turns(motion.rotations)
-    J_next = _block_diagonal(rotations.right_jacobian_inverse(ahead))
-    J_last = _block_diagonal(rotations.right_jacobian_inverse(behind))
+    J_next = block_diagonal(rotations.right_jacobian_inverse(ahead))
+    J_last = block_diagonal(rotations.right_jacobian_inverse(behind))
     J_here = -np.swapaxes(J_next + J_last, -1, -2)  # Jl^-1 is the transpose of Jr^-1
     J = (J_last, J_here, J_next)
     weighted = [weights[:, None] * x for x in J]
@@ -114,11 +114,11 @@ def smoothness(motion: Motion, weights: Array, expected: Array | None = None) ->
     return BandedBlocks(blocks.diagonal, blocks.first, blocks.second, blocks.gradient, energy)
 
 
-def _block_diagonal(J: Array) -> Array:
-    """The Jacobians of all parts (N, P, 3, 3), and one for the translation, as (N, D, D)."""
+def block_diagonal(J: Array, translation: Array | float = 1.0) -> Array:
+    """The Jacobians of all parts' turns (N, P, 3, 3), and a factor of the translation (N,), as (N, D, D)."""
     N, P = J.shape[:2]
     out = np.zeros((N, 3 + 3 * P, 3 + 3 * P))
-    out[:, :3, :3] = np.eye(3)
+    out[:, range(3), range(3)] = np.reshape(translation, (-1, 1))
     for p in range(P):
         s = slice(3 + 3 * p, 6 + 3 * p)
         out[:, s, s] = J[:, p]

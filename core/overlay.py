@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -12,10 +13,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .body import part_poses
 from .cameras import Camera
+from .delay import poses_after
 from .errors import OutputError
-from .footage import frames_at
+from .evidence.collect import scene_poses
+from .evidence.gradients import Poses
+from .footage import footage_delay, frames_at
 from .formats.files import replacing
 from .motion import Motion
 from .shot import Progress, Shot, View, report_progress
@@ -77,14 +80,15 @@ def contact_sheet(
         The footage cannot be read.
     """
     chosen = sheet_frames(shot) if frames is None else sorted(frames)
-    geometry = Geometry.of([performer.body for performer in shot.performers])
-    poses = [part_poses(p.body, m[chosen]) for p, m in zip(shot.performers, motions, strict=True)]
-    R, T = (np.concatenate(arrays, axis=1) for arrays in zip(*poses, strict=True))
+    bodies = [performer.body for performer in shot.performers]
+    geometry = Geometry.of(bodies)
+    poses = [scene_poses(bodies, poses_after(motions, footage_delay(view), chosen)) for view in shot.views]
     width = (SHEET_WIDTH + _GAP) // max(len(chosen), 3) - _GAP
     rows = []
     with ThreadPoolExecutor(_WORKERS) as pool:
         kept: Sequence[Mapping[int, Image] | None] = pictures or [None] * len(shot.views)
-        for row in pool.map(lambda view, own: _row(shot, view, own, chosen, geometry, R, T, width), shot.views, kept):
+        row_of = partial(_row, shot, chosen, geometry, width)
+        for row in pool.map(row_of, shot.views, kept, poses):
             rows.append(row)
             report_progress(progress, "overlay", len(rows) / len(shot.views))
     return _stacked(rows)
@@ -107,15 +111,15 @@ def write_contact_sheet(path: Path, sheet: Image) -> None:
 
 def _row(
     shot: Shot,
-    view: View,
-    pictures: Mapping[int, Image] | None,
     frames: list[int],
     geometry: Geometry,
-    R: Array,
-    T: Array,
     width: int,
+    view: View,
+    pictures: Mapping[int, Image] | None,
+    poses: Poses,
 ) -> Image:
     """The frames of one view, side by side, each as large as the performers allow."""
+    R, T = poses
     camera = view.camera.rectified()
     boxes = [_framing(camera, f, geometry, R[k], T[k]) for k, f in enumerate(frames)]
     height = round(np.clip(np.max([e[1] / e[0] for _, e in boxes]) * width, 0.7 * width, _CELL_HEIGHT))

@@ -29,7 +29,12 @@ def report_progress(progress: Progress | None, what: str, fraction: float) -> No
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A camera and its footage: shot frame f is the footage's frame (or field, if interlaced) f + offset."""
+    """A camera and its footage: shot frame f is the footage's frame (or field, if interlaced) f + offset.
+
+    Where the offset is fractional, that lies between two frames of the footage. The nearest counts as frame f, and
+    shows the performers a little later or earlier (`core.delay`); a moving camera's pose of frame f is that of the
+    footage's frame itself.
+    """
 
     camera: Camera
     footage: Path

@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .blas import one_blas_thread
+from .delay import poses_after
 from .errors import ShotError
 from .evidence.appearance import foreground_images
 from .evidence.collect import scene_poses
 from .evidence.images import ViewFrames
 from .evidence.shape import fitted_shape
-from .footage import Album, check_view, frames_at
+from .footage import Album, check_view, footage_delay, frames_at
 from .interpolation import spline
 from .motion import Motion
 from .shot import Performer, Progress, Shot, View, report_progress
@@ -165,11 +166,12 @@ class _Job:
         if not len(keys) or self.shot.settings.solver != "gauss-newton":
             return views  # the papers' solver looks at gradients alone
         bodies = [performer.body for performer in self.shot.performers]
-        geometry, poses = Geometry.of(bodies), scene_poses(bodies, [m[keys] for m in self.motions])
+        geometry = Geometry.of(bodies)
+        poses = {d: scene_poses(bodies, poses_after(self.motions, d, keys)) for d in {view.delay for view in views}}
         with self.seconds.measure("appearance"):
             with ThreadPoolExecutor(_WORKERS) as pool:
                 looks = [
-                    pool.submit(_with_foreground, v, c, geometry, poses, keys)
+                    pool.submit(_with_foreground, v, c, geometry, poses[v.delay], keys)
                     for v, c in zip(views, colour, strict=True)
                 ]
                 views = tuple(look.result() for look in looks)
@@ -280,7 +282,14 @@ def _footage_by_segment(
                 if following is not None:  # it is decoded while this one is solved
                     coming = read(following, [colour[-1:] for colour in stacks])
                 greys = [np.stack([cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) for image in colour]) for colour in stacks]
-                yield stretch, tuple(ViewFrames(c, g, stretch[0]) for c, g in zip(cameras, greys, strict=True)), stacks
+                yield (
+                    stretch,
+                    tuple(
+                        ViewFrames(camera, grey, stretch[0], delay=footage_delay(view))
+                        for view, camera, grey in zip(shot.views, cameras, greys, strict=True)
+                    ),
+                    stacks,
+                )
         finally:
             stop.set()
 

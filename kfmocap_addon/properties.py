@@ -44,7 +44,7 @@ class KFMocapView(bpy.types.PropertyGroup):
     )
     offset: bpy.props.FloatProperty(
         name="Offset",
-        description="Frame f of the shot is this footage's frame f + offset, frames",
+        description="Frame f of the shot is this footage's frame f + offset, which may lie between two frames",
         precision=3,
     )
     fields: bpy.props.EnumProperty(

@@ -42,7 +42,7 @@ def fitted(truth: Body, cameras: Sequence[Camera] = CAMERAS) -> Geometry:
     poses = poses_of([BODY], [MOTION])
     frames = list(KEYS)
     views = filmed([truth], [MOTION], cameras)
-    return fitted_shape(views, Geometry.of([BODY]), (poses[0][frames], poses[1][frames]), frames)
+    return fitted_shape(views, Geometry.of([BODY]), {0.0: (poses[0][frames], poses[1][frames])}, frames)
 
 
 def extents(geometry: Geometry) -> Array:
@@ -98,7 +98,7 @@ def test_what_no_camera_shows_stays_as_it_is() -> None:
     R, T = poses_of(bodies, motions)
     views = filmed([widened(BODY, (1.2, 1, 1))] * 2, motions, CAMERAS)
     start = Geometry.of(bodies)
-    found = fitted_shape(views, start, (R[frames], T[frames]), frames)
+    found = fitted_shape(views, start, {0.0: (R[frames], T[frames])}, frames)
     changed = apart_mm(found, start)
     np.testing.assert_allclose(changed[4:], 0, atol=1e-9)
     assert (changed[:4] > 2).all()
@@ -110,7 +110,7 @@ def test_a_single_camera_leaves_the_depth_it_does_not_show() -> None:
     truth = widened(BODY, (1.2, 1, 1.2))
     R, T = poses_of([BODY], [pose])
     [view] = filmed([truth], [pose], [camera])
-    ratio = extents(fitted_shape([view], Geometry.of([BODY]), (R, T), [0])) / extents(Geometry.of([BODY]))
+    ratio = extents(fitted_shape([view], Geometry.of([BODY]), {0.0: (R, T)}, [0])) / extents(Geometry.of([BODY]))
     assert abs(ratio[0, 0] - 1.2) < 0.03 and abs(ratio[0, 2] - 1) < 0.1
 
 

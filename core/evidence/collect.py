@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
 from operator import attrgetter
@@ -91,6 +91,7 @@ def image_evidence(
     tolerance: float,
     stride: int,
     reach: float = 0.0,
+    delayed: Mapping[float, Poses] | None = None,
 ) -> Evidence:
     """Collect the evidence of F frames.
 
@@ -112,12 +113,15 @@ def image_evidence(
     reach : float
         How far from the model's outlines the body's are looked for, metres; 0 leaves them and the foreground images
         out.
+    delayed : mapping of float to tuple, optional
+        The poses that views with a delay show, by the delay.
     """
+    at = {0.0: poses, **(delayed or {})}
     F = len(poses[0])
     starts = range(0, max(F - 1, 1), RUN)
-    tasks = [(view, a, min(a + RUN, F - 1)) for view in views for a in starts]
+    tasks = [(view, a, min(a + RUN, F - 1), geometry, at[view.delay]) for view in views for a in starts]
     with ThreadPoolExecutor(_WORKERS) as pool:
-        jobs = [pool.submit(_run, *task, geometry, poses, first, sigma, tolerance, stride, reach) for task in tasks]
+        jobs = [pool.submit(_run, *task, first, sigma, tolerance, stride, reach) for task in tasks]
         done = [job.result() for job in jobs]
     rows = [done[i : i + len(starts)] for i in range(0, len(done), len(starts))]
 

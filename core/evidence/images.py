@@ -121,12 +121,15 @@ class ViewFrames:
         Shot frame of the first of them.
     foreground : ndarray of uint8, shape (N, h, w), optional
         See `core.evidence.appearance`.
+    delay : float
+        How much later than the shot's frames these were taken, frames; see `core.delay`.
     """
 
     camera: Camera
     grey: NDArray[np.uint8]
     first: int
     foreground: NDArray[np.uint8] | None = None
+    delay: float = 0.0
     _kept: dict[tuple[int, int], tuple[float, GradientImages]] = field(default_factory=dict, init=False, repr=False)
 
     def images(self, first: int, count: int, sigma: float, box: tuple[int, int, int, int]) -> GradientImages:

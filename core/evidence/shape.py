@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -26,7 +26,9 @@ TOLERANCE = 2.0
 _STRIDE = 2
 
 
-def fitted_shape(views: Sequence[ViewFrames], geometry: Geometry, poses: Poses, frames: Sequence[int]) -> Geometry:
+def fitted_shape(
+    views: Sequence[ViewFrames], geometry: Geometry, poses: Mapping[float, Poses], frames: Sequence[int]
+) -> Geometry:
     """Fit the parts' shapes to outlines on frames whose poses are known; joints stay where they are.
 
     Every part is stretched along its three axes and shifted, six unknowns, by Gauss-Newton over the lines of
@@ -38,8 +40,8 @@ def fitted_shape(views: Sequence[ViewFrames], geometry: Geometry, poses: Poses, 
         With foreground images.
     geometry : Geometry
         Of all performers' P parts.
-    poses : tuple
-        (R, T) on these K frames, (K, P, 3, 3) and (K, P, 3).
+    poses : mapping of float to tuple
+        (R, T) on these K frames, (K, P, 3, 3) and (K, P, 3), by the delay of the views that show them.
     frames : sequence of int
         Shot frames.
     """
@@ -47,8 +49,9 @@ def fitted_shape(views: Sequence[ViewFrames], geometry: Geometry, poses: Poses, 
     for _ in range(ITERATIONS):
         H, g = np.zeros((len(geometry.spans), 6, 6)), np.zeros((len(geometry.spans), 6))
         for view in views:
+            R, T = poses[view.delay]
             for k, frame in enumerate(frames):
-                _add_lines(H, g, view, geometry, (poses[0][[k]], poses[1][[k]]), frame)
+                _add_lines(H, g, view, geometry, (R[[k]], T[[k]]), frame)
         geometry = stretched(geometry, np.linalg.solve(H + prior, g[..., None])[..., 0])
     return geometry
 

@@ -24,7 +24,7 @@ from ..shot import Settings
 from ..timing import Seconds
 from .banded import BandedFactor
 from .initial import blended, follow
-from .problem import Problem, Solution, Step, frame_residual
+from .problem import Instants, Problem, Solution, Step, frame_residual
 
 Array = NDArray[np.float64]
 
@@ -202,26 +202,38 @@ def normal_equations(
     expected: Sequence[Array | None] = (),
 ) -> list[BandedBlocks]:
     """The normal equations of every performer: gradients and outlines of all views, and smoothness."""
-    R, T = poses
     if hidden:
         evidence = evidence.without(np.concatenate(hidden, axis=1))
     precision = view_precision(evidence, settings)
-    H = np.einsum("v,vfpij->fpij", precision, evidence.H)
-    g = np.einsum("v,vfpi->fpi", precision, evidence.g)
     # Lines that reach farther than the error find other limbs' outlines: far from the solution they count for little.
     outlines = 1 / (settings.outline_correlation * tolerance**2)
-    outline_H, outline_g = outlines * evidence.outline_H.sum(axis=0), outlines * evidence.outline_g.sum(axis=0)
-    energy = float(precision @ evidence.energy.sum(axis=1)) / len(problem.bodies)
-    outline_energy = outlines * float(evidence.outline_energy.sum()) / len(problem.bodies)
+    systems = [BandedBlocks.zeros(problem.length, body.dof) for body in problem.bodies]
+    for instants in problem.instants(motions, poses):
+        own_systems = _image_systems(problem, instants, evidence, precision, outlines)
+        systems = [system + own for system, own in zip(systems, own_systems, strict=True)]
+    for i, body in enumerate(problem.bodies):
+        systems[i] += problem.smoothness(
+            i, motions[i], acceleration_precision(body, problem.fps, settings), expected[i] if expected else None
+        )
+    return systems
+
+
+def _image_systems(
+    problem: Problem, instants: Instants, evidence: Evidence, precision: Array, outlines: float
+) -> list[BandedBlocks]:
+    """The normal equations of every performer: gradients and outlines of the views that were taken at some instants."""
+    (R, T), views = instants.poses, instants.views
+    H = np.einsum("v,vfpij->fpij", precision[views], evidence.H[views])
+    g = np.einsum("v,vfpi->fpi", precision[views], evidence.g[views])
+    outline_H, outline_g = (outlines * a[views].sum(axis=0) for a in (evidence.outline_H, evidence.outline_g))
+    energy = float(precision[views] @ evidence.energy[views].sum(axis=1)) / len(problem.bodies)
+    outline_energy = outlines * float(evidence.outline_energy[views].sum()) / len(problem.bodies)
     systems = []
     for i, (body, span) in enumerate(zip(problem.bodies, problem.spans(), strict=True)):
         own = R[:, span], T[:, span]
         gradients = joint_blocks(body, own, H[:, span], g[:, span], energy)
         ends = single_blocks(body, own, outline_H[:, span], outline_g[:, span], outline_energy)
-        smooth = problem.smoothness(
-            i, motions[i], acceleration_precision(body, problem.fps, settings), expected[i] if expected else None
-        )
-        systems.append(gradients + ends + smooth)
+        systems.append(instants.on_frames(i, gradients + ends))
     return systems
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..body import Body
 from ..constraints import BandedBlocks, smoothness
+from ..delay import Delayed, delayed
 from ..evidence.collect import Evidence, image_evidence, scene_poses
 from ..evidence.images import ViewFrames
 from ..motion import Motion, stacked
@@ -20,6 +21,28 @@ from .banded import BandedFactor
 
 Array = NDArray[np.float64]
 Step = Callable[[float, Sequence[Motion]], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Instants:
+    """Views that were taken at the same F instants, and the performers there.
+
+    Attributes
+    ----------
+    views : list of int
+    poses : tuple of ndarray, shape (F, P, 3, 3) and (F, P, 3)
+        World poses of all performers' parts.
+    delayed : tuple of Delayed, optional
+        Per performer; none where the instants are the frames.
+    """
+
+    views: list[int]
+    poses: tuple[Array, Array]
+    delayed: tuple[Delayed, ...] | None = None
+
+    def on_frames(self, performer: int, blocks: BandedBlocks) -> BandedBlocks:
+        """A performer's system for the poses on the frames, of one for those at the instants."""
+        return blocks if self.delayed is None else self.delayed[performer].spread(blocks)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +103,7 @@ class Problem:
 
         `expected` are the accelerations (F, D) that cost nothing, in the middle of the frame before and the next.
         """
-        around = [side[performer] if side else None for side in (self.before, self.after)]
+        around = self._around(performer)
         known = stacked([m for m in (around[0], motion, around[1]) if m is not None])
         start = 0 if around[0] is None else 1
         if expected is not None:
@@ -99,7 +122,26 @@ class Problem:
     ) -> tuple[tuple[Array, Array], Evidence]:
         """World poses of all parts, and the evidence around them."""
         poses = scene_poses(self.bodies, motions)
-        return poses, image_evidence(self.views, geometry, poses, self.first, sigma, tolerance, stride, reach)
+        at = {self.views[i.views[0]].delay: i.poses for i in self.instants(motions, poses)}
+        return poses, image_evidence(self.views, geometry, poses, self.first, sigma, tolerance, stride, reach, at)
+
+    def instants(self, motions: Sequence[Motion], poses: tuple[Array, Array]) -> list[Instants]:
+        """The views by when they were taken; `poses` are the motions' world poses on the frames."""
+        delays = [view.delay for view in self.views]
+        found = []
+        for delay in dict.fromkeys(delays):
+            views = [v for v, own in enumerate(delays) if own == delay]
+            if delay == 0:
+                found.append(Instants(views, poses))
+            else:
+                there = tuple(delayed(motion, delay, *self._around(i)) for i, motion in enumerate(motions))
+                found.append(Instants(views, scene_poses(self.bodies, [d.motion for d in there]), there))
+        return found
+
+    def _around(self, performer: int) -> tuple[Motion | None, Motion | None]:
+        """A performer's poses on the frame before the first and after the last, where they are known."""
+        before, after = (side[performer] if side else None for side in (self.before, self.after))
+        return before, after
 
 
 @dataclass(frozen=True, eq=False)

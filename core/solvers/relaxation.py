@@ -22,7 +22,8 @@ from scipy.linalg import block_diag
 
 from .. import rotations
 from ..body import Body
-from ..evidence.collect import joint_blocks, scene_poses
+from ..constraints import BandedBlocks
+from ..evidence.collect import Evidence, joint_blocks, scene_poses
 from ..motion import Motion, stacked
 from ..occlusion import intervals
 from ..prediction import PAST, autoregression, predict
@@ -100,14 +101,13 @@ def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step
         energies.append(float(evidence.energy.sum()))
         if settings.prediction:
             evidence = evidence.without(np.concatenate(problem.hidden(evidence.share), axis=1))
-        H, g = evidence.H.sum(axis=0), evidence.g.sum(axis=0)
         count = min(RELINEARISE, settings.sweeps - sweep)
         with seconds.measure("solve"):
-            relaxed = []
-            for i, (body, span) in enumerate(zip(problem.bodies, problem.spans(), strict=True)):
-                A, b = spatio_temporal(body, (poses[0][:, span], poses[1][:, span]), H[:, span], g[:, span], motions[i])
-                relaxed.append(relax(motions[i], start[i], problem.fixed[i], A, b, count))
-        motions = relaxed
+            rows = _rows_of_steps(problem, motions, poses, evidence)
+            motions = [
+                relax(motion, keyed, fixed, A, b, count)
+                for motion, keyed, fixed, (A, b) in zip(motions, start, problem.fixed, rows, strict=True)
+            ]
     return Solution(
         tuple(_held(m, s, fixed) for m, s, fixed in zip(motions, start, problem.fixed, strict=True)),
         settings.sweeps,
@@ -196,9 +196,14 @@ def _moved_by_gradients(
     here, seen = list(motions), ~np.concatenate(gone)
     for sigma, tolerance in INITIAL:
         world, evidence = pair.evidence(geometry, here, sigma, tolerance, STRIDE)
-        H, g = evidence.H.sum(axis=0) * seen[:, None, None], evidence.g.sum(axis=0) * seen[:, None]
-        for i, (body, span) in enumerate(zip(pair.bodies, pair.spans(), strict=True)):
-            blocks = joint_blocks(body, (world[0][:, span], world[1][:, span]), H[:, span], g[:, span], 0.0)
+        systems = [BandedBlocks.zeros(2, body.dof) for body in pair.bodies]
+        for instants in pair.instants(here, world):
+            (R, T), views = instants.poses, instants.views
+            H, g = evidence.H[views].sum(axis=0) * seen[:, None, None], evidence.g[views].sum(axis=0) * seen[:, None]
+            for i, (body, span) in enumerate(zip(pair.bodies, pair.spans(), strict=True)):
+                blocks = joint_blocks(body, (R[:, span], T[:, span]), H[:, span], g[:, span], 0.0)
+                systems[i] += instants.on_frames(i, blocks)
+        for i, (body, blocks) in enumerate(zip(pair.bodies, systems, strict=True)):
             A = blocks.diagonal[1] + SMOOTHNESS * np.eye(body.dof)
             here[i] = _advanced(here[i], np.linalg.solve(A, -blocks.gradient[1]))
     return here
@@ -212,6 +217,35 @@ def _degrees(parts: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def _advanced(poses: Motion, step: Array) -> Motion:
     """Two poses of which the second is moved by a step."""
     return poses.moved(np.stack([np.zeros_like(step), step]))
+
+
+def _rows_of_steps(
+    problem: Problem, motions: Sequence[Motion], poses: tuple[Array, Array], evidence: Evidence
+) -> list[tuple[Array, Array]]:
+    """A_t and b_t of every performer, of the views of all instants; see `spatio_temporal`."""
+    n = problem.length - 1
+    A = [np.zeros((n, body.dof, body.dof)) for body in problem.bodies]
+    b = [np.zeros((n, body.dof)) for body in problem.bodies]
+    for instants in problem.instants(motions, poses):
+        (R, T), views = instants.poses, instants.views
+        H, g = evidence.H[views].sum(axis=0), evidence.g[views].sum(axis=0)
+        there = [delayed.motion for delayed in instants.delayed] if instants.delayed else motions
+        for i, (body, span) in enumerate(zip(problem.bodies, problem.spans(), strict=True)):
+            own = spatio_temporal(body, (R[:, span], T[:, span]), H[:, span], g[:, span], there[i])
+            for total, rows in zip((A[i], b[i]), own, strict=True):
+                total += shared_out(rows, problem.views[views[0]].delay)
+    return list(zip(A, b, strict=True))
+
+
+def shared_out(rows: Array, delay: float) -> Array:
+    """Rows of the n steps between instants, shared out to the steps between frames by how long these overlap."""
+    if delay == 0:
+        return rows
+    rows = rows if delay > 0 else rows[::-1]
+    out = (1 - abs(delay)) * rows
+    out[1:] += abs(delay) * rows[:-1]
+    out[-1] += abs(delay) * rows[-1]
+    return out if delay > 0 else out[::-1]
 
 
 def spatio_temporal(body: Body, poses: tuple[Array, Array], H: Array, g: Array, motion: Motion) -> tuple[Array, Array]:
