@@ -68,9 +68,7 @@ def load_shot(
     head = Table(document.value("shot"), f"{path} [shot]", ("name", "fps", "frames"))
     name, fps, frames = shot_name(head.text("name"), head.where), _positive(head, "fps"), _frames(head)
     settings = _settings(document, path, solver)
-    calibration = Table(document.value("calibration"), f"{path} [calibration]", ("file",))
-    with named(f"{calibration.where} file"):
-        cameras = load_cameras(calibration.path("file", path.parent))
+    cameras = _cameras(document, path)
     shot_views = _views(document, path, cameras, views)
     for view in shot_views:
         with named(f"{path} [[view]] '{view.camera.name}' footage"):
@@ -96,6 +94,24 @@ def _from_keypoints(shot: Shot, wanted: Sequence[Wanted | None], path: Path) -> 
         raise ShotError("key poses from keypoints need the solver gauss-newton", where=where)
     with named(str(path)):
         return proposed(shot, wanted)
+
+
+def load_shot_cameras(path: Path | str) -> dict[str, Camera]:
+    """All cameras of a shot file's calibration by their names, whether a view uses them or not.
+
+    Raises
+    ------
+    ShotError, CalibrationError
+        One message that names the file and the field.
+    """
+    path = Path(path)
+    return _cameras(Table(_parsed(path), str(path), _TABLES), path)
+
+
+def _cameras(document: Table, path: Path) -> dict[str, Camera]:
+    calibration = Table(document.value("calibration"), f"{path} [calibration]", ("file",))
+    with named(f"{calibration.where} file"):
+        return load_cameras(calibration.path("file", path.parent))
 
 
 def _parsed(path: Path) -> dict[str, Any]:
