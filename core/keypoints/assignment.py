@@ -166,7 +166,7 @@ def _distance(founds: Sequence[Found], empty: Keypoints, track: Track, places: A
         [float(np.median(row[np.isfinite(row)])) for row in size[track.frames] if np.isfinite(row).any()]
         for size in sizes
     ]
-    return float(np.median(np.minimum(*by_frame))) if by_frame[0] else np.inf
+    return float(np.median(np.min(by_frame, axis=0))) if by_frame[0] else np.inf
 
 
 def _agreeing(founds: Sequence[Found], empty: Keypoints, free: Sequence[Track]) -> list[Track]:
