@@ -98,7 +98,16 @@ def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step
     other = descend(problem, initial, settings, _share_of(on_step, 0.7, 1.0))
     for spent in (solution.seconds, other.seconds):
         seconds.add(spent)
-    return replace(max(other, solution, key=lambda found: float(found.explained.sum())), seconds=seconds)
+    return replace(better(problem, other, solution), seconds=seconds)
+
+
+def better(problem: Problem, *solutions: Solution) -> Solution:
+    """The solution that covers the most of what looks like the performers and meets the most keypoints, if any."""
+    merit = [float(found.explained.sum()) for found in solutions]
+    if problem.pointers:
+        most = max(*merit, 1.0)
+        merit = [m / most + problem.agreement(s.motions) for m, s in zip(merit, solutions, strict=True)]
+    return solutions[int(np.argmax(merit))]
 
 
 def _share_of(on_step: Step | None, begin: float, end: float) -> Step | None:
