@@ -11,13 +11,15 @@ from .operators.set_key_pose import SetKeyPose
 from .operators.track import Track
 
 
-class _Panel:
+class Section:
+    """Where our panels are."""
+
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = "KF Mocap"
 
 
-class ShotPanel(_Panel, bpy.types.Panel):
+class ShotPanel(Section, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_shot"
     bl_label = "Shot"
 
@@ -35,7 +37,7 @@ class ShotPanel(_Panel, bpy.types.Panel):
             layout.prop(performer, "armature", text=performer.name)
 
 
-class ViewsPanel(_Panel, bpy.types.Panel):
+class ViewsPanel(Section, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_views"
     bl_label = "Views"
 
@@ -60,7 +62,7 @@ class ViewsPanel(_Panel, bpy.types.Panel):
                 row.prop(background, "alpha", text="Opacity", slider=True)
 
 
-class TrackPanel(_Panel, bpy.types.Panel):
+class TrackPanel(Section, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_track"
     bl_label = "Track"
 
@@ -70,7 +72,7 @@ class TrackPanel(_Panel, bpy.types.Panel):
         self.layout.operator(Track.bl_idname, icon="TRACKING_FORWARDS")
 
 
-class OcclusionPanel(_Panel, bpy.types.Panel):
+class OcclusionPanel(Section, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_occlusion"
     bl_label = "Out of Sight"
 
@@ -86,7 +88,7 @@ class OcclusionPanel(_Panel, bpy.types.Panel):
                 _draw_suggestions(column, slot)
 
 
-class ExportPanel(_Panel, bpy.types.Panel):
+class ExportPanel(Section, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_export"
     bl_label = "Export"
 

@@ -316,3 +316,13 @@ def _limb_shade(f: Array, depth: Array) -> Array:
         weights = 1 / np.maximum(np.abs(light - here), 0.05 * usual)
     limb = slope[:, :1] + slope[:, 1:] @ _CIRCLE.T
     return np.sqrt(np.clip(limb / np.maximum(here, 1e-6), 0.4, 2))
+
+
+def marked(image: Image, balls: Balls) -> Image:
+    """A copy of a picture with a white and black ellipse round every ball."""
+    shown = image.copy()
+    for centre, shape in zip(balls.centres, balls.shapes, strict=True):
+        for grow, colour in ((3.0, (0, 0, 0)), (2.0, (255, 255, 255))):
+            ring = centre + _CIRCLE @ (shape + grow * np.eye(2))
+            cv2.polylines(shown, [(16 * ring).round().astype(np.int32)], True, colour, 1, cv2.LINE_AA, 4)
+    return shown
