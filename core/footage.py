@@ -7,6 +7,7 @@ file's frame k // 2.
 from __future__ import annotations
 
 import re
+from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -410,9 +411,8 @@ def picture(path: Path | str, number: int) -> Image:
     FootageError
         The footage is missing or cannot be read, or has no frame at all; names the file.
     """
-    last = None
-    for last in islice(pictures(path), number + 1):
-        pass
-    if last is None:
+    # A deque of one keeps the last.
+    last = deque(islice(pictures(path), number + 1), maxlen=1)
+    if not last:
         raise FootageError("the footage has no frames", where=str(path))
-    return last
+    return last[0]

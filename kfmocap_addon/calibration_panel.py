@@ -95,4 +95,6 @@ def _draw_colour(layout: bpy.types.UILayout, capture: bpy.types.PropertyGroup, s
         swatch = row.row()
         swatch.enabled = False
         swatch.prop(colour, "swatch", text="Second" if slot == "second" else "First" if slot == "first" else "Colour")
-    row.operator(PickColour.bl_idname, text="" if captures.is_picked(colour) else "Pick Colour", icon="EYEDROPPER").slot = slot
+    row.operator(
+        PickColour.bl_idname, text="" if captures.is_picked(colour) else "Pick Colour", icon="EYEDROPPER"
+    ).slot = slot

@@ -72,7 +72,9 @@ class KFMocapCaptureView(bpy.types.PropertyGroup):
 
     lframe: bpy.props.StringProperty(subtype="FILE_PATH", name="L-Frame", description="Video of the L-frame")
     wand: bpy.props.StringProperty(subtype="FILE_PATH", name="Wand", description="Video of the waved wand")
-    knows_offset: bpy.props.BoolProperty(name="Offset Known", description="Do not estimate when the camera was started")
+    knows_offset: bpy.props.BoolProperty(
+        name="Offset Known", description="Do not estimate when the camera was started"
+    )
     offset: bpy.props.FloatProperty(
         precision=3, name="Offset", description="Frame f of the capture is this video's frame f + offset, frames"
     )
@@ -85,7 +87,7 @@ class KFMocapCapture(bpy.types.PropertyGroup):
     """An L-frame and a wand before cameras."""
 
     views: bpy.props.CollectionProperty(type=KFMocapCaptureView)
-    active: bpy.props.IntProperty(name="View")
+    active: bpy.props.IntProperty(name="View", description="The view that is shown and clicked on")
     corner: _point(0)
     middle: _point(1)
     end: _point(2)
@@ -99,10 +101,12 @@ class KFMocapCapture(bpy.types.PropertyGroup):
     wand_diameter: bpy.props.FloatProperty(
         min=0.0, unit="LENGTH", precision=4, name="Ball", description="Diameter of its balls; 0: unknown"
     )
-    one_colour: bpy.props.BoolProperty(name="Both Balls of One Colour")
-    lframe: bpy.props.PointerProperty(type=KFMocapColour)
-    first: bpy.props.PointerProperty(type=KFMocapColour)
-    second: bpy.props.PointerProperty(type=KFMocapColour)
+    one_colour: bpy.props.BoolProperty(
+        name="One Colour", description="Both balls have the first one's colour: the upper one is followed"
+    )
+    lframe: bpy.props.PointerProperty(type=KFMocapColour, description="Colour of the L-frame's balls")
+    first: bpy.props.PointerProperty(type=KFMocapColour, description="Colour of the wand's first ball, or of both")
+    second: bpy.props.PointerProperty(type=KFMocapColour, description="Colour of the wand's second ball")
     report: bpy.props.StringProperty(
         subtype="DIR_PATH", name="Report", description="Folder for the report's files; empty: shown here alone"
     )
@@ -135,7 +139,9 @@ def film_of(capture: KFMocapCapture) -> "Film":
         raise CalibrationError("two views at least are needed", where="Calibration", todo="add the cameras' videos")
     for slot in wanted_slots(capture):
         if not is_picked(capture.colour(slot)):
-            raise CalibrationError("no colour is picked", where=_LABELS[slot], todo="click on the ball with Pick Colour")
+            raise CalibrationError(
+                "no colour is picked", where=_LABELS[slot], todo="click on the ball with Pick Colour"
+            )
     return Film(
         lframe_points=np.array([capture.corner, capture.middle, capture.end, capture.side], float).round(6),
         lframe_colour=capture.lframe.get(),

@@ -163,9 +163,7 @@ def _core_camera(
     )
 
 
-def _frame_behind(
-    scene: bpy.types.Scene, owner: bpy.types.Object, clip: bpy.types.MovieClip | None
-) -> lens.Frame:
+def _frame_behind(scene: bpy.types.Scene, owner: bpy.types.Object, clip: bpy.types.MovieClip | None) -> lens.Frame:
     """Size and pixel aspect of the picture that a camera's lens refers to."""
     if _FRAME in owner:
         width, height, across, down = json.loads(owner[_FRAME])

@@ -30,7 +30,7 @@ class Calibrate(JobOperator, bpy.types.Operator):
         return True
 
     def prepared(self, context: bpy.types.Context) -> Work:
-        from ...core.calibration.calibrate import calibrate
+        from ...core.calibration.job import calibrate
 
         self._film = captures.film_of(context.scene.kfmocap_capture)
         film = self._film

@@ -5,6 +5,8 @@ from pathlib import Path
 import bpy
 
 from .. import capture as captures
+from ...core.errors import CalibrationError
+from .reporting import reported
 
 
 class AddVideos(bpy.types.Operator):
@@ -74,11 +76,14 @@ class LoadCapture(bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ...core.formats.wand_toml import load_film
-        from .reporting import reported
+        from ...core.calibration.film import Film
+        from ...core.formats.wand_toml import load_wand
 
         with reported(self) as outcome:
-            film = load_film(Path(bpy.path.abspath(self.filepath)))
+            film = load_wand(Path(bpy.path.abspath(self.filepath)))
+            if not isinstance(film, Film):
+                todo = "calibrate from it with `kfmocap calibrate`"
+                raise CalibrationError("it names points, not videos", where=self.filepath, todo=todo)
             captures.show_film(context.scene.kfmocap_capture, film)
             self.report({"INFO"}, f"{len(film.views)} views")
         return outcome.value

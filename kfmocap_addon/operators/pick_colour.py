@@ -2,9 +2,9 @@
 
 import bpy
 
+from ...core.errors import CalibrationError
 from .. import calibration
 from .. import capture as captures
-from ...core.errors import CalibrationError
 from .reporting import reported
 
 PICTURE = "Calibration Footage"
