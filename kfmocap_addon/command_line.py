@@ -75,6 +75,12 @@ def parser() -> argparse.ArgumentParser:
     _add_tracking(track)
     track.set_defaults(run=_track)
 
+    calibrate = commands.add_parser("calibrate", help="find cameras, or refine those of a shot")
+    source = calibrate.add_mutually_exclusive_group(required=True)
+    source.add_argument("--refine", type=Path, metavar="SHOT.toml", help="refine a shot's cameras from its key poses")
+    calibrate.add_argument("--out", required=True, type=Path, metavar="FILE.toml", help="the calibration to write")
+    calibrate.set_defaults(run=_calibrate)
+
     demo = commands.add_parser("demo", help="track real footage of four cameras, fetched once")
     demo.add_argument("--out", type=Path, default=Path("kfmocap-demo"), metavar="DIR", help="default: %(default)s")
     _add_tracking(demo)
@@ -107,6 +113,17 @@ def _track(args: argparse.Namespace) -> int:
         files = run_track(shot, args.out, not args.no_blender, progress, seconds, scene)
     print(*files, sep="\n")
     _tell_blind_spots(args.out / "report.json")
+    return 0
+
+
+def _calibrate(args: argparse.Namespace) -> int:
+    from .refinement import refine_shot, told
+
+    with progress_bar() as progress:
+        refinement = refine_shot(args.refine, args.out, progress)
+    print(args.out)
+    for line in told(refinement):
+        print(f"kfmocap: {line}", file=sys.stderr)
     return 0
 
 

@@ -14,6 +14,7 @@ from .operators import (
     load_shot,
     look_through,
     pick_colour,
+    refine_cameras,
     set_key_pose,
     track,
 )
@@ -28,6 +29,7 @@ CLASSES = (
     capture.KFMocapCapture,
     load_shot.LoadShot,
     look_through.LookThrough,
+    refine_cameras.RefineCameras,
     set_key_pose.SetKeyPose,
     go_to_frame.GoToFrame,
     track.Track,

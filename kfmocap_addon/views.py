@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import bpy
@@ -68,17 +68,15 @@ def build_view(
         Scene frame of shot frame 0.
     """
     camera = view.camera
-    owner = build_camera(camera, collection, frame_start, clip)
+    owner = _camera_object(camera.name, collection, clip)
     clip.frame_start = frame_start - file_index(view, first)
     if is_interlaced(view):
         _play_at_half_rate(clip, footage_index(view, first) - frame_start)
-    frame = lens.frame_of(camera)
     slot.name, slot.camera = camera.name, owner
-    slot.size, slot.aspect = frame.size, frame.aspect
+    show_camera(slot, camera, frame_start)
     slot.offset, slot.fields = view.offset, view.fields
     slot.sequence = view.footage.name if image_files(view.footage) is not None else ""
     slot.keypoints = "" if view.keypoints is None else _relative(view.keypoints, view.footage.parent)
-    slot.distortions = "" if lens.has_brown_model(camera) else _packed_distortions(camera)
     return owner
 
 
@@ -92,19 +90,41 @@ def build_camera(
     frame_start : int
         Scene frame of the first pose of a moving camera.
     """
-    data = bpy.data.cameras.new(camera.name)
-    frame = lens.set_lens(data, camera)
-    owner = bpy.data.objects.new(camera.name, data)
+    owner = _camera_object(camera.name, collection, clip)
+    _show_as(owner, camera, frame_start)
+    return owner
+
+
+def _camera_object(
+    name: str, collection: bpy.types.Collection, clip: bpy.types.MovieClip | None
+) -> bpy.types.Object:
+    data = bpy.data.cameras.new(name)
+    owner = bpy.data.objects.new(name, data)
     collection.objects.link(owner)
+    if clip is not None:
+        _show_behind(data, clip)
+    return owner
+
+
+def show_camera(slot: bpy.types.PropertyGroup, camera: Camera, frame_start: int) -> None:
+    """Give a view's camera object and its footage the pose and the lens of a camera."""
+    frame = _show_as(slot.camera, camera, frame_start)
+    slot.size, slot.aspect = frame.size, frame.aspect
+    slot.distortions = "" if lens.has_brown_model(camera) else _packed_distortions(camera)
+
+
+def _show_as(owner: bpy.types.Object, camera: Camera, frame_start: int) -> lens.Frame:
+    """Give a camera object and the footage behind it the pose and the lens of a camera."""
+    frame = lens.set_lens(owner.data, camera)
     _place(owner, camera, frame_start)
+    clip = _clip_behind(owner)
     if clip is not None:
         lens.set_clip_lens(clip, camera)
-        _show_behind(data, clip)
     for name in ("matrix", "distortions", "R_cam_world", "t_cam_world"):
         exact.keep(owner, f"kfmocap_{name}", getattr(camera, name))
     owner[_FRAME] = json.dumps([*frame.size, *frame.aspect])
     owner[_DISTORTED] = _packed_distortions(camera)
-    return owner
+    return frame
 
 
 def read_cameras(
@@ -134,7 +154,7 @@ def read_cameras(
 
 
 def _read_camera(scene: bpy.types.Scene, owner: bpy.types.Object, R_cam_world: Array, t_cam_world: Array) -> Camera:
-    clip = next((b.clip for b in owner.data.background_images if b.source == "MOVIE_CLIP" and b.clip), None)
+    clip = _clip_behind(owner)
     frame = _frame_behind(scene, owner, clip)
     packed = json.loads(owner[_DISTORTED]) if _DISTORTED in owner else {"coefficients": [0.0] * 4, "fisheye": False}
     brown = not packed["fisheye"] and not any(packed["coefficients"][5:])
@@ -177,6 +197,23 @@ def _frame_behind(scene: bpy.types.Scene, owner: bpy.types.Object, clip: bpy.typ
     return lens.Frame(size, (render.pixel_aspect_x, render.pixel_aspect_y))
 
 
+def check_can_be_placed(slots: Iterable[bpy.types.PropertyGroup]) -> None:
+    """See that the views' cameras stand where their own properties say.
+
+    Raises
+    ------
+    CalibrationError
+        A camera is moved by something else.
+    """
+    for slot in slots:
+        if slot.camera.parent is not None or slot.camera.constraints:
+            raise CalibrationError(
+                "a parent or a constraint moves it",
+                where=f"camera {slot.camera.name}",
+                todo="bake its motion: Object > Animation > Bake Action, with Visual Keying and Clear Constraints",
+            )
+
+
 def _play_at_half_rate(clip: bpy.types.MovieClip, ahead: int) -> None:
     """Show each frame of interlaced footage, both fields woven, for the two scene frames that are its fields.
 
@@ -188,7 +225,7 @@ def _play_at_half_rate(clip: bpy.types.MovieClip, ahead: int) -> None:
 
 
 def _place(owner: bpy.types.Object, camera: Camera, frame_start: int) -> None:
-    """Give an object a camera's pose: fixed, or keyed on every frame."""
+    """Give an object a camera's pose: keyed on every frame where it moves, or was keyed before."""
     R = np.swapaxes(camera.R_cam_world, -1, -2) @ _FLIP
     centres = np.stack([camera.centre_world(i) for i in range(len(R))])
     quaternions = Rotation.from_matrix(R).as_quat()[:, [3, 0, 1, 2]]
@@ -197,7 +234,7 @@ def _place(owner: bpy.types.Object, camera: Camera, frame_start: int) -> None:
             quaternions[i] = -quaternions[i]
     owner.rotation_mode = "QUATERNION"
     owner.location, owner.rotation_quaternion = centres[0], quaternions[0]
-    if camera.moving:
+    if camera.moving or owner.animation_data is not None:
         bag = actions.ensure_channelbag(owner, owner.name)
         frames = frame_start + np.arange(len(R))
         for path, values in (("location", centres), ("rotation_quaternion", quaternions)):
@@ -254,14 +291,21 @@ def _read_view(slot: bpy.types.PropertyGroup, R_cam_world: Array, t_cam_world: A
 
 
 def _background_clip(slot: bpy.types.PropertyGroup) -> bpy.types.MovieClip:
-    for background in slot.camera.data.background_images:
+    clip = _clip_behind(slot.camera)
+    if clip is None:
+        raise FootageError(
+            "the camera has no footage",
+            where=f"camera {slot.camera.name}",
+            todo="give it a movie clip as background image",
+        )
+    return clip
+
+
+def _clip_behind(owner: bpy.types.Object) -> bpy.types.MovieClip | None:
+    for background in owner.data.background_images:
         if background.source == "MOVIE_CLIP" and background.clip is not None:
             return background.clip
-    raise FootageError(
-        "the camera has no footage",
-        where=f"camera {slot.camera.name}",
-        todo="give it a movie clip as background image",
-    )
+    return None
 
 
 def _camera_poses(

@@ -1,0 +1,322 @@
+"""Cameras from a capture of an L-frame and a wand: from nothing but their measures to a solution with its trust."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras import Camera
+from ..shot import Progress, report_progress
+from . import diagnosis, findings, lenses, lframe
+from .bundle import Evidence, Observations, Scene, adjust, covariance
+from .capture import Capture, CaptureView, Markers
+from .clocks import find_offsets
+from .findings import Finding
+from .initial import FEWEST_SHARED, find_links, first_rig, uncrossed, unknown_lens
+from .matching import matched
+from .pairwise import FOCAL_GRID, Lens
+from .rig import CAMERA_DOF, DRIFT, OFFSET, Rig, Wand
+from .tracks import Tracks, cleaned, is_waved, synchronised
+from .triangulation import sight
+from .trust import measured_lengths
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+FOCAL_SIGMA = 0.1
+"""Standard deviation of a focal length that was told beforehand, as a share."""
+_EXACT = 1e-6
+_ROUNDS = 4
+_SETTLED = 0.01
+_GATE = 4.0
+"""Standard deviations within which a ball is the wand's."""
+_ROBUST = 4.0
+"""Scale of the robust loss, in standard deviations, while wrong balls may still be among the others."""
+_LEAST_NOISE = 0.2
+_HELD_OUT = 10
+"""One in so many stretches of frames is held out."""
+_STRETCH = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Solved cameras and how far to trust them.
+
+    Attributes
+    ----------
+    capture : Capture
+    rig : Rig
+        Cameras and clocks in the L-frame's world.
+    wand : Wand
+    lframe_world : ndarray, shape (4, 3)
+    seen : Observations
+        The wand's balls that were used; ends that were swapped are swapped back.
+    lframe_seen : Observations
+    residual : ndarray, shape (n, 2)
+        Of the wand's balls, then the L-frame's: predicted less seen, pixels.
+    used : ndarray, shape (C,)
+        Share of the wand's balls in each view that were used.
+    free : ndarray of bool, shape (C, 13)
+        What was solved for, in the order of `rig.CAMERA_DOF`.
+    covariance : ndarray, shape (13 C, 13 C)
+        Of the steps of `Rig.moved`, in the world that the L-frame's measures lay down.
+    noise : float
+        How many times their sigma the balls lie off.
+    lframe_scale : float
+        How many times larger the L-frame is by the wand than by its own measures.
+    moved : dict of int to float
+        Cameras that see the L-frame so many pixels aside: they were moved between its take and the wand's. Their
+        view of the L-frame took no part.
+    held_out : ndarray, shape (h,)
+        Lengths of the wand, metres, on frames that were held out of a solution of their own.
+    findings : tuple of Finding
+        What to know before trusting it.
+    """
+
+    capture: Capture
+    rig: Rig
+    wand: Wand
+    lframe_world: Array
+    seen: Observations
+    lframe_seen: Observations
+    residual: Array
+    used: Array
+    free: Bools
+    covariance: Array
+    noise: float
+    lframe_scale: float
+    moved: dict[int, float]
+    held_out: Array
+    findings: tuple[Finding, ...]
+
+    @property
+    def cameras(self) -> dict[str, Camera]:
+        """The cameras by their names."""
+        counts = [4 if view.distortions is None else len(view.distortions) for view in self.capture.views]
+        return {name: self.rig.camera(c, counts[c]) for c, name in enumerate(self.rig.names)}
+
+    @property
+    def scene(self) -> Scene:
+        """All that was solved for."""
+        return Scene(self.rig, self.wand, self.lframe_world)
+
+    @property
+    def sigma(self) -> Array:
+        """Standard deviations of the cameras' unknowns, shape (C, 13)."""
+        return np.sqrt(np.diag(self.covariance)).reshape(-1, CAMERA_DOF)
+
+
+def solve(capture: Capture, progress: Progress | None = None, *, drift: bool = False) -> Solution:
+    """Solve for cameras from an L-frame and a wand.
+
+    Parameters
+    ----------
+    capture : Capture
+    progress : callable, optional
+    drift : bool
+        Let the clocks of cameras whose offset is estimated run faster or slower, too.
+
+    Raises
+    ------
+    CaptureError
+        The capture does not tell: the error has the name of the kind, and the cure.
+    CancelledError
+        `progress` returned False.
+    """
+    steps = _Steps(progress)
+    diagnosis.check_capture(capture)
+    steps.next("offsets", 0.0)
+    clock, tracks, loose = _synchronised(capture)
+    known = [_lens(view) for view in capture.views]
+    steps.next("pairs", 0.1)
+    links = find_links(tracks, known, steps.check)
+    names = [view.camera for view in capture.views]
+    diagnosis.check_links(names, links, tracks)
+    tracks = uncrossed(tracks, links)
+    steps.next("first cameras", 0.15)
+    start = first_rig(names, tracks, known, links, capture.wand_length, steps.check)
+    if start is None:
+        raise findings.nothing_agrees().error()
+    start = replace(start, offset=clock.offset, rate=clock.rate)
+    free = np.stack([unknown_lens(lens) for lens in known])
+    free[:, OFFSET] = loose
+    free[:, DRIFT] = loose & drift
+    steps.next("wand", 0.4)
+    draft = _polished(start, capture, tracks, free, steps)
+    steps.next("L-frame", 0.6)
+    return _finished(draft, capture, tracks, free, known, steps)
+
+
+class _Steps:
+    """Tells how far the work is, and ends it when the caller wants that."""
+
+    def __init__(self, progress: Progress | None) -> None:
+        self._progress, self._what, self._fraction = progress, "", 0.0
+
+    def next(self, what: str, fraction: float) -> None:
+        self._what, self._fraction = what, fraction
+        self.check()
+
+    def check(self) -> None:
+        report_progress(self._progress, self._what, self._fraction)
+
+
+@dataclass(frozen=True, eq=False)
+class _Clock:
+    rate: Array
+    offset: Array
+
+
+def _lens(view: CaptureView) -> Lens:
+    """What the capture says of a camera, and the focal lengths to try."""
+    matrix = None if view.matrix is None else np.asarray(view.matrix, float)
+    if matrix is not None:
+        focals = np.array([matrix[0, 0]])
+    elif view.focal is not None:
+        focals = view.focal * np.array([0.9, 1.0, 1.1])
+    else:
+        focals = FOCAL_GRID * max(view.size)
+    return Lens(view.size, focals, matrix, None if view.distortions is None else np.asarray(view.distortions, float))
+
+
+def _synchronised(capture: Capture) -> tuple[_Clock, Tracks, Bools]:
+    """The videos' clocks, the wand on common frames, and the views whose offset is still to be refined."""
+    views = capture.views
+    pace = [view.fps for view in views]
+    reference = next((fps for fps in pace if fps), 1.0)
+    rate = np.array([(fps or reference) / reference for fps in pace])
+    given = [view.offset for view in views]
+    waved = sum(is_waved(view.wand) for view in views) > len(views) / 2
+    wands: list[Markers] = [cleaned(view.wand) if waved else view.wand for view in views]
+    if all(offset is not None for offset in given):
+        offset = np.array(given, float)
+        return _Clock(rate, offset), synchronised(wands, rate, offset), np.zeros(len(views), bool)
+    if not waved:
+        raise findings.not_waved().error()
+    offset, found = find_offsets(wands, rate, given)
+    for v in np.flatnonzero(np.isnan(offset)):
+        raise findings.offset_unknown(views[v].camera).error()
+    loose = np.isin(np.arange(len(views)), found)
+    return _Clock(rate, offset), synchronised(wands, rate, offset), loose
+
+
+@dataclass(frozen=True, eq=False)
+class _Draft:
+    """Cameras, the wand, and the balls that are the wand's."""
+
+    scene: Scene
+    seen: Observations
+    used: Array
+    noise: float
+
+
+def _polished(rig: Rig, capture: Capture, tracks: Tracks, free: Bools, steps: _Steps) -> _Draft:
+    """Adjust cameras on all frames, and tell the wand's balls from others, in turns."""
+    noise, draft = 3.0, None
+    for _ in range(_ROUNDS):
+        before = draft
+        wand = _sighted(rig, tracks, capture.wand_length, noise, bool(free[:, OFFSET].any()))
+        scene = Scene(rig, wand)
+        noise = max(noise if draft is None else draft.noise, 1.0)
+        for _ in range(2):
+            seen, used = labelled(scene, capture.views, noise)
+            evidence = _evidence(capture, seen, free)
+            fit = adjust(scene, evidence, free, scale=_ROBUST * noise, tolerance=1e-4, cancel=steps.check)
+            scene, noise = fit.scene, max(fit.noise, _LEAST_NOISE)
+        draft = _Draft(scene, seen, used, noise)
+        rig = scene.rig
+        if before is not None and abs(len(seen) / len(before.seen) - 1) + abs(noise / before.noise - 1) < _SETTLED:
+            break
+    assert draft is not None
+    diagnosis.check_solution(rig.names, draft.used)
+    return draft
+
+
+def _sighted(rig: Rig, tracks: Tracks, length: float, noise: float, smooth: bool) -> Wand:
+    """The wand on the capture's frames, by cameras whose videos were brought to them."""
+    still = replace(rig, offset=np.zeros(len(rig)), drift=np.zeros(len(rig)), rate=np.ones(len(rig)))
+    wand = sight(still, tracks, length, max(noise, 1.0)).wand(tracks.frames, length, single=not smooth)
+    if len(wand) < FEWEST_SHARED:
+        raise findings.nothing_agrees().error()
+    return wand
+
+
+def _evidence(capture: Capture, seen: Observations, free: Bools) -> Evidence:
+    focal = np.array([np.nan if v.focal is None or v.matrix is not None else v.focal for v in capture.views])
+    smooth = bool(free[:, [OFFSET, DRIFT]].any())
+    return Evidence(seen, focal=focal, focal_sigma=FOCAL_SIGMA, smooth=smooth)
+
+
+def labelled(scene: Scene, views: Sequence[CaptureView], noise: float) -> tuple[Observations, Array]:
+    """The balls of all views that the scene's wand explains, swapped ends swapped back, and their share by view."""
+    matches = [matched(scene, v, view.wand, _GATE * noise * view.wand.sigma) for v, view in enumerate(views)]
+    parts = [found.observations(v, views[v].wand) for v, found in enumerate(matches)]
+    shares = [len(found.row) / max(view.wand.seen.sum(), 1) for found, view in zip(matches, views, strict=True)]
+    return Observations.joined(parts), np.array(shares)
+
+
+def _finished(
+    draft: _Draft, capture: Capture, tracks: Tracks, free: Bools, known: Sequence[Lens], steps: _Steps
+) -> Solution:
+    """Lay down the world, decide on the lenses, and adjust once more to all that is known."""
+    resting = lframe.resting([view.lframe for view in capture.views])
+    moved = lframe.moved_since(draft.scene.rig, resting, draft.noise)
+    resting = resting.take(~np.isin(resting.camera, list(moved)))
+    placement = lframe.place(draft.scene.rig, resting, capture.lframe_points)
+    scene = draft.scene.in_world(placement.R, placement.t)
+    lframe.check(placement, scene.rig, capture.lframe_points, capture.wand_length, 0.0)
+    scene = replace(scene, lframe_world=capture.lframe_points.copy())
+    evidence = replace(_evidence(capture, draft.seen, free), lframe=resting, lframe_measures=capture.lframe_points)
+    steps.next("lenses", 0.7)
+    fit = adjust(scene, evidence, free, cancel=steps.check)
+    free = lenses.chosen(fit.scene, evidence, free, known, steps.check)
+    seen, used = labelled(fit.scene, capture.views, draft.noise)
+    evidence = replace(evidence, wand=seen)
+    fit = adjust(fit.scene, evidence, free, tolerance=1e-9, cancel=steps.check)
+    scene = fit.scene
+    assert scene.lframe_world is not None
+    rows = np.concatenate([seen.sigma, resting.sigma])
+    noise = _unit_noise(fit.residual[: len(seen)], scene, free)
+    steps.next("trust", 0.9)
+    held_out = _held_out(scene, evidence, free, steps)
+    solution = Solution(
+        capture,
+        scene.rig,
+        scene.wand,
+        scene.lframe_world,
+        seen,
+        resting,
+        fit.residual * rows[:, None],
+        used,
+        free,
+        covariance(scene, replace(evidence, lframe_sigma=_EXACT), fit.free) * max(noise, 1.0) ** 2,
+        noise,
+        placement.scale,
+        moved,
+        held_out,
+        (),
+    )
+    return replace(solution, findings=tuple(diagnosis.doubts(solution)))
+
+
+def _unit_noise(residual: Array, scene: Scene, free: Bools) -> float:
+    """How many times their sigma the balls lie off, by the sum of squares and the degrees of freedom."""
+    left = residual.size - 5 * len(scene.wand) - free.sum()
+    return float(np.sqrt((residual**2).sum() / max(left, 1)))
+
+
+def _held_out(scene: Scene, evidence: Evidence, free: Bools, steps: _Steps) -> Array:
+    """Lengths of the wand on stretches of frames that took no part in the solution that measures them."""
+    wand = scene.wand
+    left_out = (np.arange(len(wand)) // _STRETCH) % _HELD_OUT == _HELD_OUT // 2
+    times = scene.rig.times(evidence.wand.camera, evidence.wand.frame)
+    nearest = np.clip(np.searchsorted(wand.frames, np.floor(times + 0.5)), 0, len(wand) - 1)
+    out = left_out[nearest]
+    if not out.any():
+        return np.zeros(0)
+    rest = replace(evidence, wand=evidence.wand.take(~out))
+    fit = adjust(replace(scene, wand=wand.take(~left_out)), rest, free, tolerance=1e-5, cancel=steps.check)
+    return measured_lengths(fit.scene.rig, evidence.wand.take(out), wand.frames[left_out])
