@@ -72,9 +72,7 @@ class KFMocapCaptureView(bpy.types.PropertyGroup):
 
     lframe: bpy.props.StringProperty(subtype="FILE_PATH", name="L-Frame", description="Video of the L-frame")
     wand: bpy.props.StringProperty(subtype="FILE_PATH", name="Wand", description="Video of the waved wand")
-    knows_offset: bpy.props.BoolProperty(
-        name="Offset Known", description="Do not estimate when the camera was started"
-    )
+    knows_offset: bpy.props.BoolProperty(name="Offset Known", description="Do not estimate when the camera was started")
     offset: bpy.props.FloatProperty(
         precision=3, name="Offset", description="Frame f of the capture is this video's frame f + offset, frames"
     )

@@ -95,9 +95,7 @@ def build_camera(
     return owner
 
 
-def _camera_object(
-    name: str, collection: bpy.types.Collection, clip: bpy.types.MovieClip | None
-) -> bpy.types.Object:
+def _camera_object(name: str, collection: bpy.types.Collection, clip: bpy.types.MovieClip | None) -> bpy.types.Object:
     data = bpy.data.cameras.new(name)
     owner = bpy.data.objects.new(name, data)
     collection.objects.link(owner)

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import bpy
 
-from .. import capture as captures
 from ...core.errors import CalibrationError
+from .. import capture as captures
 from .reporting import reported
 
 
