@@ -60,7 +60,10 @@ class Chart:
         left, top, right, bottom = _MARGINS
         self.picture = blank(width, height)
         self._low, self._high = np.array([x[0], y[0]]), np.array([x[1], y[1]])
-        self._corner, self._size = np.array([left, height - bottom]), np.array([width - left - right, height - top - bottom])
+        self._corner, self._size = (
+            np.array([left, height - bottom]),
+            np.array([width - left - right, height - top - bottom]),
+        )
         text(self.picture, title, (left, top - 10))
         for value in ticks(*x):
             u, v = self._at([value, y[0]])

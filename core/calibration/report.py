@@ -70,7 +70,7 @@ def page(numbers: Mapping[str, Any], png: bytes) -> str:
     """The numbers and a picture as one HTML page that needs nothing else."""
     findings = "".join(f'<p class="warning">{escape(_sentence(f))}</p>' for f in numbers["findings"])
     picture = base64.b64encode(png).decode()
-    cameras = {str(camera["name"]): _flat(camera) for camera in numbers["cameras"]}
+    cameras = {str(camera["camera"]): _flat(camera) for camera in numbers["cameras"]}
     rest = _flat({key: value for key, value in numbers.items() if key not in ("cameras", "findings")})
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Calibration</title><style>{_STYLE}</style>'
@@ -80,7 +80,8 @@ def page(numbers: Mapping[str, Any], png: bytes) -> str:
 
 
 def _sentence(finding: Mapping[str, Any]) -> str:
-    return ". ".join(str(value).rstrip(".") for value in finding.values() if value) + "."
+    place = f"{finding['where']}: " if finding.get("where") else ""
+    return f"{place}{finding['what']} ({finding['todo']})."
 
 
 def _flat(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
@@ -89,7 +90,7 @@ def _flat(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
     for key, value in values.items():
         if isinstance(value, Mapping):
             flat |= _flat(value, f"{before}{key} ")
-        elif not (key == "name" and not before):
+        elif key != "camera":
             flat[f"{before}{key}"] = value
     return flat
 
@@ -211,9 +212,10 @@ def _space(solution: Solution, view: Callable[[Array], Array], width: int, heigh
     for point in at(solution.wand.ends_world.reshape(-1, 3)):
         cv2.circle(picture, point, 1, (170, 120, 60), -1, cv2.LINE_AA)
     for axis, colour in zip(0.5 * np.eye(3), _AXES, strict=True):
-        cv2.arrowedLine(picture, *at(np.stack([np.zeros(3), axis])), colour, 2, cv2.LINE_AA, tipLength=0.15)
-    for a, b in _ARMS:
-        cv2.line(picture, *at(solution.lframe_world[[a, b]]), INK, 1, cv2.LINE_AA)
+        start, end = at(np.stack([np.zeros(3), axis]))
+        cv2.arrowedLine(picture, start, end, colour, 2, cv2.LINE_AA, tipLength=0.15)
+    for start, end in at(solution.lframe_world[np.array(_ARMS)]):
+        cv2.line(picture, start, end, INK, 1, cv2.LINE_AA)
     for name, corners in frusta.items():
         tip, *rest = at(corners)
         cv2.polylines(picture, [np.array(rest)], True, INK, 1, cv2.LINE_AA)
