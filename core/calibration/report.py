@@ -201,11 +201,11 @@ def _space(solution: Solution, view: Callable[[Array], Array], width: int, heigh
     frusta = {name: _frustum(camera) for name, camera in solution.cameras.items()}
     everything = view(np.concatenate([*frusta.values(), solution.wand.ends_world.reshape(-1, 3), np.zeros((1, 3))]))
     low, high = everything.min(axis=0), everything.max(axis=0)
-    scale = float(np.min((np.array([width, height]) - 60) / np.maximum(high - low, 1e-6)))
+    scale = float(np.min((np.array([width, height]) - [130, 50]) / np.maximum(high - low, 1e-6)))
     picture = blank(width, height)
 
     def at(points: Array) -> NDArray[np.int32]:
-        return ((view(points) - (low + high) / 2) * scale + [width / 2, height / 2]).round().astype(np.int32)
+        return ((view(points) - (low + high) / 2) * scale + [width / 2 - 25, height / 2]).round().astype(np.int32)
 
     for a, b in at(solution.wand.ends_world):
         cv2.line(picture, a, b, (215, 200, 190), 1, cv2.LINE_AA)
