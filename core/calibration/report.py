@@ -31,7 +31,8 @@ _AXES = ((40, 40, 220), (40, 160, 40), (200, 90, 30))
 _FRUSTUM = 0.35
 _STYLE = (
     "body{font:15px system-ui,sans-serif;max-width:1240px;margin:2em auto;padding:0 1em;color:#222}"
-    "table{border-collapse:collapse;margin:1em 0}td,th{padding:.25em .8em;text-align:right;border-bottom:1px solid #ddd}"
+    "table{border-collapse:collapse;margin:1em 0}"
+    "td,th{padding:.25em .8em;text-align:right;border-bottom:1px solid #ddd}"
     "th:first-child,td:first-child{text-align:left}img{max-width:100%}.warning{background:#fff3d0;padding:.6em 1em}"
 )
 
