@@ -75,12 +75,16 @@ def parser() -> argparse.ArgumentParser:
     _add_tracking(track)
     track.set_defaults(run=_track)
 
-    calibrate = commands.add_parser("calibrate", help="solve for cameras from an L-frame and a waved wand")
-    calibrate.add_argument("wand", type=Path, metavar="WAND.toml", help="names the videos, or the markers' points")
+    calibrate = commands.add_parser("calibrate", help="solve for cameras from a waved wand, or refine those of a shot")
+    source = calibrate.add_mutually_exclusive_group(required=True)
+    source.add_argument(
+        "wand", nargs="?", type=Path, metavar="WAND.toml", help="an L-frame and a wand, filmed or points"
+    )
+    source.add_argument("--refine", type=Path, metavar="SHOT.toml", help="refine a shot's cameras from its key poses")
     calibrate.add_argument("--out", required=True, type=Path, metavar="FILE", help="the calibration to write")
-    calibrate.add_argument("--report", type=Path, metavar="DIR", help="folder for how far to trust it")
-    calibrate.add_argument("--points", type=Path, metavar="FILE.csv", help="also write the markers' points")
     calibrate.add_argument("--format", metavar="NAME", help="toml, caliscope, qualisys or opencv (default: by --out)")
+    calibrate.add_argument("--report", type=Path, metavar="DIR", help="folder for how far to trust a wand's cameras")
+    calibrate.add_argument("--points", type=Path, metavar="FILE.csv", help="also write the points found of the markers")
     _add_drift(calibrate)
     calibrate.set_defaults(run=_calibrate)
 
@@ -114,15 +118,19 @@ def _add_drift(parser: argparse.ArgumentParser) -> None:
 
 
 def _calibrate(args: argparse.Namespace) -> int:
+    return _refine(args) if args.refine is not None else _calibrate_by_wand(args)
+
+
+def _calibrate_by_wand(args: argparse.Namespace) -> int:
     from .calibration_files import run_calibrate
 
     with progress_bar() as progress:
         solution, files = run_calibrate(
             args.wand, args.out, args.report, args.points, progress, kind=args.format, drift=args.drift
         )
-    print(*files, *solution.clocks.lines, sep="\n")
-    for finding in solution.findings:
-        print(f"kfmocap: {finding}", file=sys.stderr)
+    print(*files, sep="\n")
+    for line in (*solution.clocks.lines, *solution.findings):
+        print(f"kfmocap: {line}", file=sys.stderr)
     return 0
 
 
@@ -150,6 +158,17 @@ def _track(args: argparse.Namespace) -> int:
         files = run_track(shot, args.out, not args.no_blender, progress, seconds, scene)
     print(*files, sep="\n")
     _tell_blind_spots(args.out / "report.json")
+    return 0
+
+
+def _refine(args: argparse.Namespace) -> int:
+    from .refinement import refine_shot, told
+
+    with progress_bar() as progress:
+        refinement = refine_shot(args.refine, args.out, progress)
+    print(args.out)
+    for line in told(refinement):
+        print(f"kfmocap: {line}", file=sys.stderr)
     return 0
 
 

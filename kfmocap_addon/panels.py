@@ -7,6 +7,7 @@ from .operators.export import Export
 from .operators.go_to_frame import GoToFrame
 from .operators.load_shot import LoadShot
 from .operators.look_through import LookThrough
+from .operators.refine_cameras import RefineCameras
 from .operators.set_key_pose import SetKeyPose
 from .operators.track import Track
 
@@ -58,6 +59,7 @@ class ViewsPanel(_Panel, bpy.types.Panel):
             background = _background(view)
             if background is not None:
                 row.prop(background, "alpha", text="Opacity", slider=True)
+        self.layout.operator(RefineCameras.bl_idname, icon="CON_CAMERASOLVER")
 
 
 class TrackPanel(_Panel, bpy.types.Panel):

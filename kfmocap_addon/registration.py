@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from . import panels, properties
-from .operators import export, go_to_frame, load_shot, look_through, set_key_pose, track
+from .operators import export, go_to_frame, load_shot, look_through, refine_cameras, set_key_pose, track
 
 CLASSES = (
     properties.KFMocapView,
@@ -14,6 +14,7 @@ CLASSES = (
     properties.KFMocapScene,
     load_shot.LoadShot,
     look_through.LookThrough,
+    refine_cameras.RefineCameras,
     set_key_pose.SetKeyPose,
     go_to_frame.GoToFrame,
     track.Track,

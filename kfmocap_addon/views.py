@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+from collections.abc import Iterable
 from pathlib import Path
 
 import bpy
@@ -67,25 +68,47 @@ def build_view(
     """
     camera = view.camera
     data = bpy.data.cameras.new(camera.name)
-    frame = lens.set_lens(data, camera)
     owner = bpy.data.objects.new(camera.name, data)
     collection.objects.link(owner)
-    _place(owner, camera, frame_start)
     clip.frame_start = frame_start - file_index(view, first)
     if is_interlaced(view):
         _play_at_half_rate(clip, footage_index(view, first) - frame_start)
-    lens.set_clip_lens(clip, camera)
     _show_behind(data, clip)
-    for name in ("matrix", "distortions", "R_cam_world", "t_cam_world"):
-        exact.keep(owner, f"kfmocap_{name}", getattr(camera, name))
-
     slot.name, slot.camera = camera.name, owner
-    slot.size, slot.aspect = frame.size, frame.aspect
+    show_camera(slot, camera, frame_start)
     slot.offset, slot.fields = view.offset, view.fields
     slot.sequence = view.footage.name if image_files(view.footage) is not None else ""
     slot.keypoints = "" if view.keypoints is None else _relative(view.keypoints, view.footage.parent)
-    slot.distortions = "" if lens.has_brown_model(camera) else _packed_distortions(camera)
     return owner
+
+
+def show_camera(slot: bpy.types.PropertyGroup, camera: Camera, frame_start: int) -> None:
+    """Give a view's camera object and its footage the pose and the lens of a camera."""
+    owner = slot.camera
+    frame = lens.set_lens(owner.data, camera)
+    _place(owner, camera, frame_start)
+    lens.set_clip_lens(_background_clip(slot), camera)
+    for name in ("matrix", "distortions", "R_cam_world", "t_cam_world"):
+        exact.keep(owner, f"kfmocap_{name}", getattr(camera, name))
+    slot.size, slot.aspect = frame.size, frame.aspect
+    slot.distortions = "" if lens.has_brown_model(camera) else _packed_distortions(camera)
+
+
+def check_can_be_placed(slots: Iterable[bpy.types.PropertyGroup]) -> None:
+    """See that the views' cameras stand where their own properties say.
+
+    Raises
+    ------
+    CalibrationError
+        A camera is moved by something else.
+    """
+    for slot in slots:
+        if slot.camera.parent is not None or slot.camera.constraints:
+            raise CalibrationError(
+                "a parent or a constraint moves it",
+                where=f"camera {slot.camera.name}",
+                todo="bake its motion: Object > Animation > Bake Action, with Visual Keying and Clear Constraints",
+            )
 
 
 def _play_at_half_rate(clip: bpy.types.MovieClip, ahead: int) -> None:
@@ -99,7 +122,7 @@ def _play_at_half_rate(clip: bpy.types.MovieClip, ahead: int) -> None:
 
 
 def _place(owner: bpy.types.Object, camera: Camera, frame_start: int) -> None:
-    """Give an object a camera's pose: fixed, or keyed on every frame."""
+    """Give an object a camera's pose: keyed on every frame where it moves, or was keyed before."""
     R = np.swapaxes(camera.R_cam_world, -1, -2) @ _FLIP
     centres = np.stack([camera.centre_world(i) for i in range(len(R))])
     quaternions = Rotation.from_matrix(R).as_quat()[:, [3, 0, 1, 2]]
@@ -108,7 +131,7 @@ def _place(owner: bpy.types.Object, camera: Camera, frame_start: int) -> None:
             quaternions[i] = -quaternions[i]
     owner.rotation_mode = "QUATERNION"
     owner.location, owner.rotation_quaternion = centres[0], quaternions[0]
-    if camera.moving:
+    if camera.moving or owner.animation_data is not None:
         bag = actions.ensure_channelbag(owner, owner.name)
         frames = frame_start + np.arange(len(R))
         for path, values in (("location", centres), ("rotation_quaternion", quaternions)):

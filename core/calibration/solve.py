@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from ..cameras import Camera
 from ..shot import Progress, report_progress
-from . import diagnosis, findings, lenses, lframe
+from . import diagnosis, lenses, lframe
 from .bundle import Evidence, Observations, Scene, adjust, covariance
 from .capture import Capture, CaptureView
+from .clocks import Clocks
 from .findings import Finding
 from .initial import FEWEST_SHARED, crossed_views, find_links, first_rig, unknown_lens
 from .matching import labelled
@@ -101,6 +102,11 @@ class Solution:
         return Scene(self.rig, self.wand, self.lframe_world)
 
     @property
+    def clocks(self) -> Clocks:
+        """When the videos began."""
+        return Clocks.of(self.rig, self.sigma)
+
+    @property
     def sigma(self) -> Array:
         """Standard deviations of the cameras' unknowns, shape (C, 13)."""
         return np.sqrt(np.diag(self.covariance)).reshape(-1, CAMERA_DOF)
@@ -134,17 +140,19 @@ def solve(capture: Capture, progress: Progress | None = None, *, drift: bool = F
     names = [view.camera for view in capture.views]
     diagnosis.check_links(names, links, tracks)
     together = together.turned(crossed_views(links))
-    tracks = together.tracks()
     steps.next("first cameras", 0.15)
-    start = first_rig(names, tracks, known, links, capture.wand_length, steps.check)
+    start = first_rig(names, together.tracks(), known, links, capture.wand_length, steps.check)
     if start is None:
-        raise findings.nothing_agrees().error()
+        raise diagnosis.unsolved(names, links).error()
     start = replace(start, offset=together.offset, rate=together.rate)
     free = np.stack([unknown_lens(lens) for lens in known])
     free[:, OFFSET] = together.loose
     free[:, DRIFT] = together.loose & drift
     steps.next("wand", 0.4)
     draft = _polished(start, capture, together, free, steps)
+    if draft is None:
+        raise diagnosis.unsolved(names, links).error()
+    diagnosis.check_solution(names, draft.used, draft.scene.wand)
     steps.next("L-frame", 0.6)
     return _finished(draft, capture, together, free, known, steps)
 
@@ -185,12 +193,15 @@ class _Draft:
     noise: float
 
 
-def _polished(rig: Rig, capture: Capture, together: Synchrony, free: Bools, steps: _Steps) -> _Draft:
-    """Adjust cameras on all frames, and tell the wand's balls from others, in turns."""
-    noise, draft = 3.0, None
+def _polished(rig: Rig, capture: Capture, together: Synchrony, free: Bools, steps: _Steps) -> _Draft | None:
+    """Adjust cameras on all frames, and tell the wand's balls from others, in turns; None where no wand is seen."""
+    noise = 3.0
+    draft: _Draft | None = None
     for _ in range(_ROUNDS):
         before = draft
         wand = _sighted(rig, together, capture.wand_length, noise)
+        if len(wand) < FEWEST_SHARED:
+            return None
         scene = Scene(rig, wand)
         noise = max(noise if draft is None else draft.noise, 1.0)
         for _ in range(2):
@@ -202,8 +213,6 @@ def _polished(rig: Rig, capture: Capture, together: Synchrony, free: Bools, step
         rig = scene.rig
         if before is not None and abs(len(seen) / len(before.seen) - 1) + abs(noise / before.noise - 1) < _SETTLED:
             break
-    assert draft is not None
-    diagnosis.check_solution(rig.names, draft.used)
     return draft
 
 
@@ -211,10 +220,7 @@ def _sighted(rig: Rig, together: Synchrony, length: float, noise: float) -> Wand
     """The wand on the capture's frames, by cameras whose videos are brought to them."""
     tracks = together.tracks(rig)
     found = sight(in_step(rig), tracks, length, max(noise, 1.0))
-    wand = found.wand(tracks.frames, length, single=not together.between)
-    if len(wand) < FEWEST_SHARED:
-        raise findings.nothing_agrees().error()
-    return wand
+    return found.wand(tracks.frames, length, single=not together.between)
 
 
 def _evidence(capture: Capture, seen: Observations, together: Synchrony) -> Evidence:

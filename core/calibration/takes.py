@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from ..shot import Progress, report_progress
 from . import findings
 from .bundle import Evidence, Scene, adjust, covariance
 from .capture import Capture
+from .clocks import Clocks
 from .initial import FEWEST_SHARED
 from .matching import labelled
 from .rig import CAMERA_DOF, DRIFT, OFFSET, rig_of
@@ -24,26 +25,6 @@ Array = NDArray[np.float64]
 
 _LOOSE = 10.0
 _ROUNDS = 4
-
-
-@dataclass(frozen=True, eq=False)
-class Clocks:
-    """When the videos of a take began.
-
-    Attributes
-    ----------
-    names : tuple of str, length C
-    offset, drift : ndarray, shape (C,)
-        Frame s of the take is frame rate (1 + drift) s + offset of a camera's video.
-    offset_sigma, drift_sigma : ndarray, shape (C,)
-        Standard deviations, 0 of what was given.
-    """
-
-    names: tuple[str, ...]
-    offset: Array
-    drift: Array
-    offset_sigma: Array
-    drift_sigma: Array
 
 
 def synchronise(
@@ -82,7 +63,7 @@ def synchronise(
         fit = adjust(scene, evidence, free, scale=4 * noise, cancel=check)
         rig, noise = fit.scene.rig, max(fit.noise, 1.0)
     sigma = noise * np.sqrt(np.diag(covariance(fit.scene, evidence, fit.free))).reshape(-1, CAMERA_DOF)
-    return Clocks(rig.names, rig.offset, rig.drift, sigma[:, OFFSET], sigma[:, DRIFT])
+    return Clocks.of(rig, sigma)
 
 
 def known_camera(cameras: Mapping[str, Camera], name: str, size: tuple[int, int]) -> Camera:

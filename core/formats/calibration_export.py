@@ -146,6 +146,7 @@ def _qualisys_camera(camera: Camera) -> ElementTree.Element:
 def _save_opencv(path: Path, cameras: Sequence[Camera]) -> None:
     """A node per camera with the fields of OpenCV's calibration sample, its rotation as a matrix."""
     with replacing(path) as temporary:
+        temporary.touch()  # where that fails the error says why, which OpenCV's does not
         storage = cv2.FileStorage(str(temporary), cv2.FILE_STORAGE_WRITE)
         for c, camera in enumerate(cameras, 1):
             key = camera.name if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", camera.name) else f"camera_{c}"

@@ -66,9 +66,7 @@ def load_shot(
     head = Table(document.value("shot"), f"{path} [shot]", ("name", "fps", "frames"))
     name, fps, frames = shot_name(head.text("name"), head.where), _positive(head, "fps"), _frames(head)
     settings = _settings(document, path, solver)
-    calibration = Table(document.value("calibration"), f"{path} [calibration]", ("file",))
-    with named(f"{calibration.where} file"):
-        cameras = load_cameras(calibration.path("file", path.parent))
+    cameras = _cameras(document, path)
     shot_views = _views(document, path, cameras, views)
     for view in shot_views:
         with named(f"{path} [[view]] '{view.camera.name}' footage"):
@@ -77,6 +75,24 @@ def load_shot(
     _distinct([table.text("name") for table in tables], f"{path} [[performer]] name")
     performers = [_performer(table, path.parent, frames, keyframes) for table in tables]
     return Shot(name, fps, frames, shot_views, tuple(performers), settings)
+
+
+def load_shot_cameras(path: Path | str) -> dict[str, Camera]:
+    """All cameras of a shot file's calibration by their names, whether a view uses them or not.
+
+    Raises
+    ------
+    ShotError, CalibrationError
+        One message that names the file and the field.
+    """
+    path = Path(path)
+    return _cameras(Table(_parsed(path), str(path), _TABLES), path)
+
+
+def _cameras(document: Table, path: Path) -> dict[str, Camera]:
+    calibration = Table(document.value("calibration"), f"{path} [calibration]", ("file",))
+    with named(f"{calibration.where} file"):
+        return load_cameras(calibration.path("file", path.parent))
 
 
 def _parsed(path: Path) -> dict[str, Any]:
