@@ -14,7 +14,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     import bpy
@@ -226,13 +226,11 @@ def progress_bar() -> Iterator[Progress | None]:
         print("\r\x1b[K", end="", file=sys.stderr, flush=True)
 
 
-def _keyframes(text: str | None) -> list[int] | None:
+def _keyframes(text: str | None) -> list[int] | Literal["auto"] | None:
     from ..core.errors import ShotError
 
-    if text is None:
-        return None
-    if text == "auto":
-        raise ShotError("choosing key frames automatically is not supported yet", where="--keyframes")
+    if text is None or text == "auto":
+        return text
     try:
         return [int(number) for number in text.split(",")]
     except ValueError as error:
