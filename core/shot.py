@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from .body import Body, human
 from .cameras import Camera
 from .errors import CancelledError, ShotError
-from .motion import Motion
+from .motion import Motion, stacked
 
 FIELD_ORDERS = ("progressive", "top-first", "bottom-first")
 SOLVERS = ("gauss-newton", "relaxation")
@@ -74,6 +74,13 @@ class KeyPoses:
         """Key poses that fix nothing."""
         whole = cls.whole(frames, poses)
         return cls(whole.frames, poses, np.zeros_like(whole.fixed))
+
+    def joined(self, other: KeyPoses) -> KeyPoses:
+        """These and others, on other frames."""
+        frames = np.concatenate([self.frames, other.frames])
+        order = np.argsort(frames)
+        poses = stacked([self.poses, other.poses])[order]
+        return KeyPoses(frames[order], poses, np.concatenate([self.fixed, other.fixed])[order])
 
     def proposals(self) -> NDArray[np.int64]:
         """Frames whose key pose is a proposal."""
