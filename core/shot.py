@@ -100,6 +100,17 @@ class Performer:
     key_poses: KeyPoses
 
 
+def fixed_degrees(performer: Performer, first: int, last: int) -> NDArray[np.bool_]:
+    """Which degrees of freedom key poses hold, and those of locked joints, on frames first to last, shape (F, D)."""
+    fixed = np.zeros((last + 1 - first, performer.body.dof), dtype=bool)
+    keys = performer.key_poses
+    inside = (keys.frames >= first) & (keys.frames <= last)
+    fixed[keys.frames[inside] - first] = keys.fixed[inside]
+    locked = performer.body.limits[..., 0] == performer.body.limits[..., 1]
+    fixed[:, 3:] |= locked.ravel()
+    return fixed
+
+
 @dataclass(frozen=True)
 class Wanted:
     """A performer of whom only keypoints are known.

@@ -24,7 +24,7 @@ from .footage import Album, check_view, footage_delay, frames_at
 from .interpolation import spline
 from .keypoints.observed import Observed, observe_keypoints
 from .motion import Motion
-from .shot import Performer, Progress, Shot, View, report_progress
+from .shot import Performer, Progress, Shot, View, fixed_degrees, report_progress
 from .solvers import gauss_newton, relaxation
 from .solvers.banded import BandedFactor
 from .solvers.problem import Problem, Solution
@@ -375,17 +375,6 @@ def _problem(
     bodies = tuple(performer.body for performer in shot.performers)
     fixed = tuple(fixed_degrees(performer, *stretch) for performer in shot.performers)
     return Problem(views, bodies, stretch[0], shot.fps, fixed, before, after, shape)
-
-
-def fixed_degrees(performer: Performer, first: int, last: int) -> NDArray[np.bool_]:
-    """Which degrees of freedom key poses hold, and those of locked joints, on frames first to last, shape (F, D)."""
-    fixed = np.zeros((last + 1 - first, performer.body.dof), dtype=bool)
-    keys = performer.key_poses
-    inside = (keys.frames >= first) & (keys.frames <= last)
-    fixed[keys.frames[inside] - first] = keys.fixed[inside]
-    locked = performer.body.limits[..., 0] == performer.body.limits[..., 1]
-    fixed[:, 3:] |= locked.ravel()
-    return fixed
 
 
 def _with_keys(motion: Motion, performer: Performer) -> Motion:

@@ -20,8 +20,8 @@ from kfmocap.core.keypoints.observed import assigned, image_rays, observe_keypoi
 from kfmocap.core.motion import Motion
 from kfmocap.core.report import blind_spots, report
 from kfmocap.core.selection import selected
-from kfmocap.core.shot import KeyPoses, Performer, Shot, View, Wanted
-from kfmocap.core.tracking import fixed_degrees, segments, track
+from kfmocap.core.shot import KeyPoses, Performer, Shot, View, Wanted, fixed_degrees
+from kfmocap.core.tracking import segments, track
 from synthetic import at_rest
 
 FRAMES, FPS = 24, 30.0

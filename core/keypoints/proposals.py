@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from ..errors import KeypointError
 from ..formats.tables import named
-from ..shot import KeyPoses, Performer, Shot, Wanted
+from ..shot import KeyPoses, Performer, Shot, Wanted, fixed_degrees
 from ..solvers.gauss_newton import acceleration_precision
-from ..tracking import fixed_degrees
 from .first_pass import first_pass, scaled_first_pass
 from .fit import KeypointFit
 from .observed import assigned, frames_together, read_views
