@@ -70,6 +70,19 @@ class Geometry:
             np.repeat(count, [len(p) for p in planes]),
         )
 
+    def subset(self, parts: Sequence[int]) -> Geometry:
+        """Some of the parts alone."""
+        order = {part: k for k, part in enumerate(parts)}
+        faces = np.isin(self.face_owner, parts)
+        ends = np.cumsum([0] + [self.counts[part] for part in parts])
+        return Geometry(
+            np.concatenate([self.vertices[self.spans[part]] for part in parts]),
+            np.repeat(np.arange(len(parts)), self.counts[list(parts)]),
+            tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(ends)),
+            self.planes[faces],
+            np.array([order[part] for part in self.face_owner[faces].tolist()]),
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class LabelImages:

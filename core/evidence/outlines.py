@@ -32,6 +32,8 @@ MODEL_DEVIATION = 0.012
 """How far an outline of the rigid model is from the body's, metres."""
 EDGE_DEVIATION = 1.0
 """How far an edge in the foreground image is from that of the body, pixels."""
+HALO = 0.25
+"""How far beyond the body's edge pixels show enough of it to be unlike the background, pixels."""
 BISQUARE = 4.0
 """Standard deviations at which an outline has nothing more to say (Tukey's bisquare)."""
 _FARTHEST = 0.75  # share of a line's half length: an edge found beyond is the line's end
@@ -154,7 +156,7 @@ def outline_lines(
     score = CONTRAST * (2 * inside - inside[:, -1:])  # of an end between a place and the next: inside less outside
     likely = np.exp(score - score.max(axis=1, keepdims=True, initial=-np.inf))
     likely /= likely.sum(axis=1, keepdims=True)
-    ends = places + 0.5
+    ends = places + 0.5 - HALO
     shift = likely @ ends
     variance = (likely * (ends - shift[:, None]) ** 2).sum(axis=1) + EDGE_DEVIATION**2
     ignorance = len(places) ** 2 / 12 + EDGE_DEVIATION**2  # of a line along which nothing is seen
