@@ -32,8 +32,6 @@ MODEL_DEVIATION = 0.012
 """How far an outline of the rigid model is from the body's, metres."""
 EDGE_DEVIATION = 1.0
 """How far an edge in the foreground image is from that of the body, pixels."""
-HALO = 0.25
-"""How far beyond the body's edge pixels show enough of it to be unlike the background, pixels."""
 BISQUARE = 4.0
 """Standard deviations at which an outline has nothing more to say (Tukey's bisquare)."""
 _FARTHEST = 0.75  # share of a line's half length: an edge found beyond is the line's end
@@ -103,9 +101,10 @@ def outline_sums(
     stride: int,
     reach: int,
     tolerance: float,
+    halo: float = 0.0,
 ) -> OutlineSums:
     """Sum the outline evidence of n frames of one view; parameters as of `outline_lines`."""
-    lines = outline_lines(camera, first, foreground, labels, geometry, poses, stride, reach, tolerance)
+    lines = outline_lines(camera, first, foreground, labels, geometry, poses, stride, reach, tolerance, halo)
     n, P = poses[1].shape[:2]
     group = lines.frame * P + lines.part
     order = np.argsort(group, kind="stable")
@@ -128,6 +127,7 @@ def outline_lines(
     stride: int,
     reach: int,
     tolerance: float,
+    halo: float = 0.0,
 ) -> Lines:
     """Look for the body's outline along lines across the model's.
 
@@ -148,6 +148,8 @@ def outline_lines(
         Half length of the lines, pixels.
     tolerance : float
         Of the robust weights: 1 near the solution, more far from it.
+    halo : float
+        How far the foreground images show the body beyond its edge, pixels.
     """
     frame, part, uv, normal, z, length = _against_background(camera, first, labels, geometry, poses, stride)
     places = np.arange(-reach, reach + 1)
@@ -156,7 +158,7 @@ def outline_lines(
     score = CONTRAST * (2 * inside - inside[:, -1:])  # of an end between a place and the next: inside less outside
     likely = np.exp(score - score.max(axis=1, keepdims=True, initial=-np.inf))
     likely /= likely.sum(axis=1, keepdims=True)
-    ends = places + 0.5 - HALO
+    ends = places + 0.5 - halo
     shift = likely @ ends
     variance = (likely * (ends - shift[:, None]) ** 2).sum(axis=1) + EDGE_DEVIATION**2
     ignorance = len(places) ** 2 / 12 + EDGE_DEVIATION**2  # of a line along which nothing is seen

@@ -73,7 +73,7 @@ SETTLING = (Stage(1.0, 4.0, 3, 2), Stage(1.0, 1.0, 3, 1))
 """Of limbs that were looked for, around a trunk that is held."""
 SETTLED = (Stage(1.0, 1.0, 3, 4),)
 """From there to the solution."""
-ATTEMPTS, ROUNDS = 2, 2
+ATTEMPTS, ROUNDS = 3, 2
 """How often limbs are looked for around the start, and how many times in a row each time."""
 WINDOW = (Stage(2.0, 4.0, 4, 2, 0.10), Stage(1.0, 1.0, 4, 2))
 """Within the window of `initial.follow`."""

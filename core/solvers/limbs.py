@@ -1,7 +1,7 @@
 """Lost limbs are looked for where the images show a performer and the model does not.
 
-Outlines pull over a few centimetres; an arm that comes out of hiding, or a leg half a step ahead, is farther away. Poses
-of a limb are drawn around its motion, each tells how much of the uncovered foreground it would cover, and dynamic
+Outlines pull over a few centimetres; an arm that comes out of hiding, or a leg half a step ahead, is farther away.
+Poses of a limb are drawn around its motion, each tells how much of the uncovered foreground it would cover, and dynamic
 programming finds the likeliest way through them between the key poses; then poses are drawn around that, nearer. Where
 two like limbs meet, silhouettes do not tell which is which afterwards: the smoothest motion does. The result is a start
 for the solver.
@@ -49,8 +49,6 @@ MEETING = 0.05
 """Duration over which the way between two limbs is smoothed, seconds."""
 BESIDE = 0.2
 """How long before and after a meeting their velocities are compared, seconds."""
-def WEIGHTS(n): return 1.0
-SEED = 0
 _STRIDE = 3
 _POINTS = 16
 _AT_A_TIME = 32  # frames
@@ -156,7 +154,7 @@ def _found(
     cost = SPEED * limb.range / problem.fps
     value = still = -np.inf
     for spread in SPREADS:
-        offsets = rng.normal(size=(DRAWS, *limb.range.shape)) * spread * limb.range * WEIGHTS(len(chain))
+        offsets = rng.normal(size=(DRAWS, *limb.range.shape)) * spread * limb.range
         offsets = np.concatenate([np.zeros((1, *limb.range.shape)), offsets / 3, 2 * offsets / 3, offsets])
         drawn = np.where(fixed[:, None], path[:, None], np.clip(path[:, None] + offsets, low, high))
         score = _covered(limb, views, first, uncovered, drawn)
@@ -317,14 +315,16 @@ def untangled(
     ):
         exchanged[a:b] = swapped
     exchanged &= True if free is None else free
+    if not exchanged.any():
+        return motion
     Q = motion.rotations.copy()
     for chain, other in (pair, pair[::-1]):
         parent = R[:, body.parents[chain[0]]]
         for part, like in zip(chain, other, strict=True):
             turned = np.swapaxes(parent @ body.R_parent_rest[part], -1, -2) @ R[:, like]
-            Q[exchanged, part] = turned[exchanged]
+            Q[exchanged, part] = rotations.orthonormal(turned[exchanged])
             parent = R[:, like]
-    return Motion(motion.translations, rotations.orthonormal(Q))
+    return Motion(motion.translations, Q)
 
 
 def _exchanges(apart: Array, meetings: NDArray[np.intp], fps: float) -> list[bool]:
