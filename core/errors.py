@@ -30,12 +30,30 @@ class CalibrationError(KFMocapError):
     """A calibration cannot be read or does not fit the footage."""
 
 
+class CaptureError(CalibrationError):
+    """Cameras cannot be solved from a capture of an L-frame and a wand.
+
+    Attributes
+    ----------
+    name : str
+        Which kind of capture it is, such as "wand-in-a-plane".
+    """
+
+    def __init__(self, what: str, *, name: str = "capture", where: str | None = None, todo: str | None = None) -> None:
+        self.name = name
+        super().__init__(what, where=where, todo=todo)
+
+
 class FootageError(KFMocapError):
     """Footage is missing, unreadable, too short, or of the wrong size."""
 
 
 class LandmarkError(KFMocapError):
     """Landmarks are missing or not finite where a key pose needs them."""
+
+
+class KeypointError(KFMocapError):
+    """2D keypoints cannot be read, or do not show what is asked of them."""
 
 
 class BodyError(KFMocapError):

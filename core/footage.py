@@ -7,10 +7,11 @@ file's frame k // 2.
 from __future__ import annotations
 
 import re
+from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from itertools import groupby
+from itertools import groupby, islice
 from pathlib import Path
 from typing import Any
 
@@ -371,3 +372,47 @@ def _sequence_image(path: Path, images: dict[int, Path], index: int, size: tuple
     if found != size:
         raise FootageError(f"the image is {_by(found)}, not {_by(size)}", where=str(images[index]))
     return image
+
+
+def pictures(path: Path | str) -> Iterator[Image]:
+    """Stream all frames of a video or an image sequence in colour, as they are to be seen, until it ends.
+
+    Yields
+    ------
+    ndarray of uint8, shape (h, w, 3)
+        Blue, green and red.
+
+    Raises
+    ------
+    FootageError
+        The footage is missing or cannot be read; names the file.
+    """
+    path = Path(path)
+    images = image_files(path)
+    if images is not None:
+        size = probe(path).size
+        for number in sorted(images):
+            yield _sequence_image(path, images, number, size)
+        return
+    with _opened(path) as video:
+        turn = _quarter_turns(video)
+        while True:
+            read, frame = video.read()
+            if not read or frame is None:
+                return
+            yield cv2.rotate(frame, _ROTATIONS[turn]) if turn else frame
+
+
+def picture(path: Path | str, number: int) -> Image:
+    """One frame of a video or an image sequence in colour, as it is to be seen: that number, or the last.
+
+    Raises
+    ------
+    FootageError
+        The footage is missing or cannot be read, or has no frame at all; names the file.
+    """
+    # A deque of one keeps the last.
+    last = deque(islice(pictures(path), number + 1), maxlen=1)
+    if not last:
+        raise FootageError("the footage has no frames", where=str(path))
+    return last[0]

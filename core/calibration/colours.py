@@ -18,6 +18,7 @@ Range = tuple[float, float]
 
 _HUES = {"red": 0, "orange": 25, "yellow": 55, "green": 120, "cyan": 185, "blue": 225, "purple": 275, "magenta": 310}
 _NAMED_WIDTH = 25.0
+_NAMED_SATURATION = (0.5, 1.0)
 _PICKED_WIDTH = 18.0
 _STEPS = 255.0
 _WHOLE_HUE = (0.0, 360.0)
@@ -94,7 +95,7 @@ def parsed(value: object, where: str) -> Colour:
     """
     if isinstance(value, str) and value.lower() in _HUES:
         centre = _HUES[value.lower()]
-        return Colour(_around(centre, _NAMED_WIDTH))
+        return Colour(_around(centre, _NAMED_WIDTH), _NAMED_SATURATION)
     if isinstance(value, str) and (hexadecimal := re.fullmatch(r"#([0-9a-fA-F]{6})", value)):
         red, green, blue = bytes.fromhex(hexadecimal[1])
         return _picked(blue, green, red)

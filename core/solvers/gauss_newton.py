@@ -36,6 +36,8 @@ OVERRELAXATION = 1.5
 beside the solution, make every step too short by about the same share."""
 EXPLAINED = 0.8
 """Share of what the key poses explain of their images that a solution should explain of every other frame's."""
+CONFIRMED = 0.9
+"""Share of the keypoints' agreement with the first pass that clears a solution of doubt."""
 LEAST_MOBILITY = 0.05
 """A joint that can hardly turn about an axis has this share of the usual acceleration there, at least."""
 LONGEST_STEP = 0.5
@@ -84,8 +86,9 @@ REFINEMENT = (Stage(1.0, 1.0, 2, 2),)
 def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step: Step | None = None) -> Solution:
     """Fit the motion of all performers between their key poses.
 
-    The curve through the key poses is one start. Where the images disagree with what it led to, limbs are looked for
-    around it, and where they still do, the motion is followed from the key poses. The best of the solutions counts.
+    The curve through the key poses is one start. Where the images disagree with what it led to, and no keypoints confirm
+    it, limbs are looked for around it, and where they still do, the motion is followed from the key poses. The best of
+    the solutions counts.
 
     Parameters
     ----------
@@ -98,21 +101,36 @@ def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step
     """
     solutions = [descend(problem, start, settings, _share_of(on_step, 0.0, 0.2))]
     seconds = Seconds()
-    if doubtful(problem, solutions[0]) and len(problem.whole_keys()) > 1:
+
+    def unsure() -> bool:
+        best = better(problem, *solutions)
+        return doubtful(problem, best) and not confirmed(problem, start, best)
+
+    if unsure() and len(problem.whole_keys()) > 1 and not problem.pointers:  # keypoints tell where limbs are
         with seconds.measure("initial solution"):
             found = searched(problem, start, solutions[0].motions, settings, _share_of(on_step, 0.2, 0.6))
         solutions.append(replace(found, seconds=Seconds()))
-    if doubtful(problem, max(solutions, key=_explained)):
+    if unsure():
         with seconds.measure("initial solution"):
             initial = followed(problem, start, settings, _share_of(on_step, 0.6, 0.9))
         solutions.append(descend(problem, initial, settings, _share_of(on_step, 0.9, 1.0)))
     for solution in solutions:
         seconds.add(solution.seconds)
-    return replace(max(solutions, key=_explained), seconds=seconds)
+    return replace(better(problem, *solutions), seconds=seconds)
 
 
-def _explained(solution: Solution) -> float:
-    return float(solution.explained.sum())
+def confirmed(problem: Problem, start: Sequence[Motion], solution: Solution) -> bool:
+    """Whether keypoints agree with a solution nearly as well as with the start, which they led to."""
+    return bool(problem.pointers) and problem.agreement(solution.motions) >= CONFIRMED * problem.agreement(start)
+
+
+def better(problem: Problem, *solutions: Solution) -> Solution:
+    """The solution that covers the most of what looks like the performers and meets the most keypoints, if any."""
+    merit = [float(found.explained.sum()) for found in solutions]
+    if problem.pointers:
+        most = max(*merit, 1.0)
+        merit = [m / most + problem.agreement(s.motions) for m, s in zip(merit, solutions, strict=True)]
+    return solutions[int(np.argmax(merit))]
 
 
 def _share_of(on_step: Step | None, begin: float, end: float) -> Step | None:
@@ -155,7 +173,7 @@ def searched(
         found.append(descend(problem, motions, settings, None, SETTLED))
         if not doubtful(problem, found[-1]):
             break
-    return max(found, key=_explained)
+    return better(problem, *found)
 
 
 def followed(
@@ -239,17 +257,21 @@ def normal_equations(
     hidden: Sequence[NDArray[np.bool_]] = (),
     expected: Sequence[Array | None] = (),
 ) -> list[BandedBlocks]:
-    """The normal equations of every performer: gradients and outlines of all views, and smoothness."""
+    """The normal equations of every performer: gradients and outlines of all views, keypoints, and smoothness."""
     if hidden:
         evidence = evidence.without(np.concatenate(hidden, axis=1))
     precision = view_precision(evidence, settings)
     # Lines that reach farther than the error find other limbs' outlines: far from the solution they count for little.
     outlines = 1 / (settings.outline_correlation * tolerance**2)
+    R, T = poses
     systems = [BandedBlocks.zeros(problem.length, body.dof) for body in problem.bodies]
     for instants in problem.instants(motions, poses):
         own_systems = _image_systems(problem, instants, evidence, precision, outlines)
         systems = [system + own for system, own in zip(systems, own_systems, strict=True)]
     for i, body in enumerate(problem.bodies):
+        if problem.pointers:
+            own = R[:, problem.spans()[i]], T[:, problem.spans()[i]]
+            systems[i] += problem.pointers[i].blocks(body, own, tolerance)
         systems[i] += problem.smoothness(
             i, motions[i], acceleration_precision(body, problem.fps, settings), expected[i] if expected else None
         )

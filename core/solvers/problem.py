@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body import Body
+from ..body import Body, part_poses
 from ..constraints import BandedBlocks, smoothness
 from ..delay import Delayed, delayed
 from ..evidence.collect import Evidence, image_evidence, scene_poses
 from ..evidence.images import ViewFrames
+from ..evidence.keypoints import Pointers
 from ..motion import Motion, stacked
 from ..occlusion import unseen
 from ..visibility import Geometry
@@ -64,6 +65,8 @@ class Problem:
     before, after : tuple of Motion or None
         Per performer: the pose on the frame before the first and after the last, where it is known. It is held, and the
         motion passes smoothly from and to it.
+    pointers : tuple of Pointers
+        One per performer, or none.
     """
 
     views: tuple[ViewFrames, ...]
@@ -74,6 +77,7 @@ class Problem:
     before: tuple[Motion, ...] | None = None
     after: tuple[Motion, ...] | None = None
     shape: Geometry | None = None
+    pointers: tuple[Pointers, ...] = ()
 
     @property
     def length(self) -> int:
@@ -86,6 +90,14 @@ class Problem:
         """The parts of each performer in arrays over all performers' parts."""
         ends = np.cumsum([0] + [len(body) for body in self.bodies])
         return [slice(a, b) for a, b in itertools.pairwise(ends)]
+
+    def agreement(self, motions: Sequence[Motion]) -> float:
+        """How far keypoints agree with motions, 0 to 1."""
+        each = [
+            pointer.agreement(part_poses(body, motion))
+            for pointer, body, motion in zip(self.pointers, self.bodies, motions, strict=True)
+        ]
+        return float(np.mean(each))
 
     def whole_keys(self) -> NDArray[np.intp]:
         """Frames, of the F, on which every degree of freedom of all performers is fixed."""

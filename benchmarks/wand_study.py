@@ -1,0 +1,210 @@
+"""How exactly cameras are solved from synthetic captures, beside the Cramér-Rao bound.
+
+python -m kfmocap.benchmarks.wand_study --seeds 50
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import rotations
+from ..core.calibration.bundle import Evidence, Observations, Scene, covariance, unknowns
+from ..core.calibration.capture import Capture
+from ..core.calibration.lframe import resting
+from ..core.calibration.matching import matched
+from ..core.calibration.rig import CAMERA_DOF, FOCAL, K1, SHIFT, TURN, Wand, rig_of
+from ..core.calibration.solve import Solution, solve
+from ..core.cameras import Camera
+from ..core.errors import KFMocapError
+from ..core.formats.files import replacing
+from .wand_captures import FPS, HARD, LFRAME, WAND_LENGTH, Faults, capture, ring, scattered, waved
+
+Array = NDArray[np.float64]
+
+CAMERAS = 4
+POSITIONS = 300
+FARTHEST_OFFSET = 30.0
+WRONG_FOCAL, WRONG_CENTRE = 0.02, 0.05
+"""A solution is wrong from these errors on: share of the focal length, metres."""
+_EXACT = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One solved capture.
+
+    Attributes
+    ----------
+    focal, centre, turn : ndarray, shape (C,)
+        Errors of each camera: share, metres, degrees.
+    bound : ndarray, shape (3, C)
+        Standard deviations that no estimate can go below, in the same order.
+    reprojection : float
+        Residual of the wand's balls over that of the noise alone.
+    offset : ndarray, shape (C,)
+        Errors, frames.
+    seconds : float
+        Of processor time.
+    """
+
+    focal: Array
+    centre: Array
+    turn: Array
+    bound: Array
+    reprojection: float
+    offset: Array
+    seconds: float
+
+    @property
+    def wrong(self) -> bool:
+        return bool(self.focal.max() > WRONG_FOCAL or self.centre.max() > WRONG_CENTRE)
+
+
+def measured(seed: int, faults: Faults, count: int = POSITIONS) -> Row:
+    """Solve a capture of unrelated positions whose cameras run in step."""
+    cameras, positions = ring(CAMERAS, seed), scattered(count, seed)
+    given = capture(cameras, [positions] * CAMERAS, faults, seed)
+    return _solved(given, cameras, positions, np.zeros(CAMERAS))
+
+
+def measured_in_time(seed: int, faults: Faults, count: int = POSITIONS) -> Row:
+    """Solve a capture of a waved wand whose cameras were started by hand."""
+    cameras = ring(CAMERAS, seed)
+    offset = np.random.default_rng([seed, 5]).uniform(-FARTHEST_OFFSET, FARTHEST_OFFSET, CAMERAS)
+    offset[0] = 0.0
+    paths = [waved((np.arange(count) - o) / FPS, seed) for o in offset]
+    given = capture(cameras, paths, faults, seed, offsets=[None] * CAMERAS)
+    return _solved(given, cameras, waved(np.arange(count) / FPS, seed), offset)
+
+
+def _solved(given: Capture, cameras: Sequence[Camera], positions: Array, offset: Array) -> Row:
+    begin = time.process_time()
+    solution = solve(given)
+    seconds = time.process_time() - begin
+    found = [solution.cameras[camera.name] for camera in cameras]
+    pairs = list(zip(found, cameras, strict=True))
+    return Row(
+        np.array([abs(a.matrix[0, 0] / b.matrix[0, 0] - 1) for a, b in pairs]),
+        np.array([np.linalg.norm(a.centre_world() - b.centre_world()) for a, b in pairs]),
+        np.rad2deg([np.linalg.norm(rotations.log(a.R_cam_world[0] @ b.R_cam_world[0].T)) for a, b in pairs]),
+        bound(given, cameras, positions),
+        _over_noise(solution),
+        np.abs(solution.rig.offset - offset),
+        seconds,
+    )
+
+
+def _over_noise(solution: Solution) -> float:
+    """Root mean square residual over what is left of the noise when the unknowns are fitted to it."""
+    residual = solution.residual[: len(solution.seen)] / solution.seen.sigma[:, None]
+    left = 1 - (5 * len(solution.wand) + solution.free.sum()) / residual.size
+    return float(np.sqrt(np.mean(residual**2) / left))
+
+
+def true_scene(cameras: Sequence[Camera], positions: Array) -> Scene:
+    """The truth in the form of a solution."""
+    direction = (positions[:, 0] - positions[:, 1]) / WAND_LENGTH
+    wand = Wand(np.arange(len(positions)), positions.mean(axis=1), direction, WAND_LENGTH)
+    return Scene(rig_of(cameras), wand, LFRAME.copy())
+
+
+def bound(given: Capture, cameras: Sequence[Camera], positions: Array) -> Array:
+    """Cramér-Rao's bound, shape (3, C): focal length (share), centre (metres), turn (degrees).
+
+    Of the balls that are in truth the wand's, as if all were known to be, and the L-frame's measures were exact.
+    """
+    scene = true_scene(cameras, positions)
+    parts = []
+    for v, view in enumerate(given.views):
+        sigma = float(np.nanmedian(view.wand.sigma))
+        near = matched(scene, v, view.wand, np.full((len(view.wand), 2), 4 * sigma))
+        parts.append(near.observations(v, view.wand))
+    seen = Observations.joined(parts)
+    lframe = resting([view.lframe for view in given.views])
+    evidence = Evidence(seen, lframe, given.lframe_points, _EXACT)
+    own = np.zeros((len(cameras), CAMERA_DOF), bool)
+    own[:, TURN] = own[:, SHIFT] = True
+    own[:, [FOCAL, K1]] = True
+    free = np.concatenate([np.ones(unknowns(scene) - own.size, bool), own.ravel()])
+    blocks = covariance(scene, evidence, free).reshape(len(cameras), CAMERA_DOF, len(cameras), CAMERA_DOF)
+    own_blocks = [blocks[c, :, c] for c in range(len(cameras))]
+    focal = [np.sqrt(b[FOCAL, FOCAL]) for b in own_blocks]
+    centre = [np.sqrt(np.trace(b[SHIFT, SHIFT])) for b in own_blocks]
+    turn = [np.rad2deg(np.sqrt(np.trace(b[TURN, TURN]))) for b in own_blocks]
+    return np.array([focal, centre, turn])
+
+
+def ratios(rows: Sequence[Row]) -> dict[str, float]:
+    """Root mean square errors over the bound's."""
+    names = ("focal", "centre", "turn")
+    return {
+        name: _rms([getattr(row, name) for row in rows]) / _rms([row.bound[k] for row in rows])
+        for k, name in enumerate(names)
+    }
+
+
+def _rms(values: Sequence[Array]) -> float:
+    return float(np.sqrt(np.mean(np.concatenate(values) ** 2)))
+
+
+def study(name: str, rows: Sequence[Row], failed: int) -> str:
+    """A line of the table."""
+    ratio = ratios(rows)
+    wrong = failed + sum(row.wrong for row in rows)
+    return (
+        f"| {name} | {len(rows) + failed} | {wrong} | {np.mean([row.reprojection for row in rows]):.3f} "
+        f"| {_rms([row.focal for row in rows]):.3%} ({ratio['focal']:.2f}) "
+        f"| {1000 * _rms([row.centre for row in rows]):.1f} mm ({ratio['centre']:.2f}) "
+        f"| {_rms([row.turn for row in rows]):.3f}° ({ratio['turn']:.2f}) "
+        f"| {max(row.offset.max() for row in rows):.3f} | {np.median([row.seconds for row in rows]):.1f} s |"
+    )
+
+
+HEAD = (
+    "| capture | seeds | wrong | residual / noise | focal length | centre | turn | worst offset, frames | time |\n"
+    "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |"
+)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description="Errors of cameras solved from synthetic captures.")
+    parser.add_argument("--seeds", type=int, default=50)
+    parser.add_argument("--hard-seeds", type=int, default=200)
+    parser.add_argument("--timed-seeds", type=int, default=20)
+    parser.add_argument("--out", type=Path, help="also write the table there")
+    args = parser.parse_args(argv)
+    lines = HEAD.splitlines()
+    print(HEAD)
+    for name, run, faults, count, seeds in (
+        ("clean", measured, Faults(), POSITIONS, args.seeds),
+        ("hard", measured, HARD, POSITIONS, args.hard_seeds),
+        ("clean, out of step", measured_in_time, Faults(), POSITIONS, args.timed_seeds),
+        ("hard, out of step", measured_in_time, HARD, POSITIONS, args.timed_seeds),
+        ("clean, 1000 positions", measured, Faults(), 1000, max(1, args.timed_seeds // 4)),
+    ):
+        if seeds <= 0:
+            continue
+        rows, failed = [], 0
+        for seed in range(seeds):
+            try:
+                rows.append(run(seed, faults, count))
+            except KFMocapError as error:
+                print(f"{name}, seed {seed}: {error}")
+                failed += 1
+        lines.append(study(name, rows, failed))
+        print(lines[-1], flush=True)
+    if args.out:
+        with replacing(args.out) as temporary:
+            temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

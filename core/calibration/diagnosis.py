@@ -1,0 +1,184 @@
+"""Telling degenerate captures: before anything is solved, from the links between views, and from a solution."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import CaptureError
+from . import findings
+from .capture import LFRAME_BALLS, Capture
+from .findings import Finding
+from .initial import FEWEST_SHARED, FLAT, Link
+from .rig import FOCAL, OFFSET, Wand
+from .tracks import Tracks
+from .trust import coverage, depths, path_error, seen_points, thickness
+
+if TYPE_CHECKING:
+    from .solve import Solution
+
+Array = NDArray[np.float64]
+
+LEAST_AGREEING = 0.3
+"""Share of the balls that must obey two views' epipolar geometry: by chance some always do."""
+LEAST_USED = 0.3
+SMALL_SHARE, TOO_SMALL_SHARE = 0.02, 0.1
+"""Noise of the balls as a share of the wand's length in the picture: flagged and refused."""
+SHALLOW = 1.15
+"""Farthest over nearest distance of the wand from a camera below which it stayed at one depth."""
+THIN = 0.03
+"""Thickness of a cloud of balls over its width below which it is a plane."""
+VAGUE_FOCAL, VAGUE_OFFSET = 0.01, 0.1
+"""Standard deviations, as a share and in frames."""
+LITTLE_COVERED = 0.12
+FEW_SHARED = 60
+NOISY = 4.0
+
+
+def check_capture(capture: Capture) -> None:
+    """Refuse a capture that is not whole.
+
+    Raises
+    ------
+    CaptureError
+    """
+    names = [view.camera for view in capture.views]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise CaptureError("the camera is there twice", name="camera-twice", where=twice)
+    if len(names) < 2:
+        raise CaptureError("a wand needs at least two cameras", name="one-camera")
+    if not (np.isfinite(capture.wand_length) and capture.wand_length > 0):
+        raise CaptureError("the wand's length must be greater than 0", name="wand-length-wrong")
+    points = capture.lframe_points
+    if points.shape != (LFRAME_BALLS, 3) or not np.isfinite(points).all():
+        raise CaptureError("the L-frame must have four points of three numbers", name="lframe-lengths-contradict")
+    if np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1] < 1e-3:
+        raise findings.contradicting("the L-frame's points lie on one line").error()
+    for view in capture.views:
+        whole = int(view.wand.seen.all(axis=1).sum())
+        if whole < FEWEST_SHARED:
+            raise findings.few_shared(view.camera, whole, FEWEST_SHARED).error()
+        pixels, share = _wand_in_picture(view.wand.points, view.wand.sigma)
+        if share > TOO_SMALL_SHARE:
+            raise findings.too_small(view.camera, pixels, share).error()
+
+
+def _wand_in_picture(points: Array, sigma: Array) -> tuple[float, float]:
+    """Median length of a wand in pixels, and the share of it that is noise."""
+    length = np.linalg.norm(points[:, 0] - points[:, 1], axis=1)
+    pixels = float(np.nanmedian(length))
+    return pixels, float(np.sqrt(2) * np.nanmedian(sigma) / max(pixels, 1e-9))
+
+
+def check_links(names: Sequence[str], links: Sequence[Link], tracks: Tracks) -> None:
+    """Refuse views that no path of shared frames joins, or that see the wand in one plane.
+
+    Raises
+    ------
+    CaptureError
+    """
+    _check_joined(names, [link.views for link in links], tracks)
+    agreeing = [link for link in links if link.agreeing >= LEAST_AGREEING * 2 * len(link.frames)]
+    joined = {v for link in agreeing for v in link.views}
+    for v, name in enumerate(names):
+        if v not in joined:
+            raise findings.no_geometry(name).error()
+    flat = [link.geometry is not None and link.geometry.flatness > FLAT for link in agreeing]
+    if all(flat):
+        raise findings.in_a_plane().error()
+    _check_joined(names, [link.views for link in agreeing], tracks)
+
+
+def unsolved(names: Sequence[str], links: Sequence[Link]) -> Finding:
+    """Why no cameras were found: where planes join all views, it is for them."""
+    flat = [link.views for link in links if link.geometry is not None and link.geometry.flatness > FLAT]
+    return findings.in_a_plane() if len(set(_groups(len(names), flat))) == 1 else findings.nothing_agrees()
+
+
+def _groups(count: int, pairs: Sequence[tuple[int, int]]) -> list[int]:
+    """Of each view the group that it is joined to by pairs."""
+    group = list(range(count))
+    for i, j in pairs:
+        group = [group[i] if g == group[j] else g for g in group]
+    return group
+
+
+def _check_joined(names: Sequence[str], pairs: Sequence[tuple[int, int]], tracks: Tracks) -> None:
+    """All views must be joined by pairs."""
+    group = _groups(len(names), pairs)
+    if len(set(group)) == 1:
+        return
+    whole = tracks.seen.all(axis=2)
+    for v, name in enumerate(names):
+        shared = int((whole[v] & (whole.sum(axis=0) >= 2)).sum())
+        if group.count(group[v]) == 1 and 0 < shared < FEWEST_SHARED:
+            raise findings.few_shared(name, shared, FEWEST_SHARED).error()
+    small = min(set(group), key=group.count)
+    inside = [name for name, g in zip(names, group, strict=True) if g == small]
+    raise findings.unlinked(inside, [name for name in names if name not in inside]).error()
+
+
+def check_solution(names: Sequence[str], used: Array, wand: Wand) -> None:
+    """Refuse cameras that explain hardly any of what was seen, or that were solved from a plane.
+
+    Raises
+    ------
+    CaptureError
+    """
+    if np.median(used) < LEAST_USED:
+        raise findings.nothing_agrees().error()
+    for name, share in zip(names, used, strict=True):
+        if share < LEAST_USED / 2:
+            raise findings.no_geometry(name).error()
+    if thickness(wand.ends_world.reshape(-1, 3)) < THIN:
+        raise findings.in_a_plane().error()
+
+
+def doubts(solution: Solution) -> Iterator[Finding]:
+    """What to know before trusting a solution."""
+    near, far = depths(solution)[:, [0, 2]].T
+    covered, sigma = coverage(solution), solution.sigma
+    for c, view in enumerate(solution.capture.views):
+        pixels, share = _wand_in_picture(view.wand.points, view.wand.sigma * solution.noise)
+        if share > SMALL_SHARE:
+            yield findings.too_small(view.camera, pixels, share)
+        shared = _shared_frames(solution, c)
+        if shared < FEW_SHARED:
+            yield findings.few_shared(view.camera, shared, FEW_SHARED)
+        if thickness(seen_points(solution, c)) < THIN:
+            yield findings.in_a_plane(view.camera)
+        if far[c] < SHALLOW * near[c]:
+            yield findings.one_depth(view.camera, near[c], far[c])
+        if sigma[c, FOCAL] > VAGUE_FOCAL:
+            yield findings.focal_vague(view.camera, sigma[c, FOCAL])
+        if sigma[c, OFFSET] > VAGUE_OFFSET:
+            yield findings.offset_vague(view.camera, sigma[c, OFFSET])
+        if covered[c] < LITTLE_COVERED:
+            yield findings.little_covered(view.camera, covered[c])
+    for c, pixels in solution.moved.items():
+        what = f"it sees the L-frame {pixels:.1f} pixels beside where the others do, as if moved between the takes"
+        yield findings.moved(solution.rig.names[c], what)
+    yield from _moved(solution)
+    if solution.noise > NOISY:
+        yield findings.noisy(solution.noise)
+
+
+def _shared_frames(solution: Solution, c: int) -> int:
+    """Frames of the wand that a camera sees together with others."""
+    times = np.round(solution.rig.times(solution.seen.camera, solution.seen.frame)).astype(np.int64)
+    own = np.unique(times[solution.seen.camera == c])
+    return len(np.intersect1d(own, times[solution.seen.camera != c]))
+
+
+def _moved(solution: Solution) -> Iterator[Finding]:
+    """Cameras whose picture of the wand's path jumps aside at some time."""
+    for c, view in enumerate(solution.capture.views):
+        aside = path_error(solution, c)
+        if aside is not None:
+            pixels, first, last = aside
+            what = f"on frames {first} to {last} it sees the wand {pixels:.1f} pixels beside where the others do"
+            yield findings.moved(view.camera, what)

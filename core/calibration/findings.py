@@ -1,0 +1,134 @@
+"""What is wrong with a capture: refused, or flagged, under a name of its own and with its cure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..errors import CaptureError
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something to know before trusting cameras.
+
+    Attributes
+    ----------
+    name : str
+        Which kind it is.
+    what : str
+    todo : str
+    where : str or None
+        The camera.
+    """
+
+    name: str
+    what: str
+    todo: str
+    where: str | None = None
+
+    def __str__(self) -> str:
+        place = f"{self.where}: " if self.where else ""
+        return f"{self.name}: {place}{self.what} ({self.todo})"
+
+    def error(self) -> CaptureError:
+        """The same as a refusal."""
+        return CaptureError(f"{self.name}: {self.what}", name=self.name, where=self.where, todo=self.todo)
+
+
+def few_shared(camera: str, frames: int, needed: int) -> Finding:
+    what = f"it shares only {frames} frames of the wand with the other cameras, {needed} are needed"
+    return Finding("too-few-shared-frames", what, "wave the wand longer where this camera and others see it", camera)
+
+
+def unlinked(cameras: list[str], others: list[str]) -> Finding:
+    what = f"{', '.join(cameras)} never see the wand together with {', '.join(others)}"
+    return Finding("cameras-not-linked", what, "wave the wand where cameras of both groups see it")
+
+
+def no_geometry(camera: str) -> Finding:
+    what = "what it sees of the wand fits no other camera's"
+    todo = "see that the offset, the wand's colours and the footage are right, and that it saw the same waving"
+    return Finding("camera-fits-no-other", what, todo, camera)
+
+
+def in_a_plane(camera: str | None = None) -> Finding:
+    todo = "wave it through the whole room: high and low, near and far, upright and level"
+    return Finding("wand-in-a-plane", "the wand moved in one plane, which leaves focal lengths open", todo, camera)
+
+
+def one_depth(camera: str, near: float, far: float) -> Finding:
+    what = f"the wand stayed between {near:.2f} m and {far:.2f} m from it, which leaves its focal length open"
+    return Finding("wand-at-one-depth", what, "also wave it nearer to this camera and farther from it", camera)
+
+
+def too_small(camera: str, pixels: float, share: float) -> Finding:
+    what = f"the wand is only {pixels:.0f} pixels long, {share:.0%} of which is the balls' noise"
+    return Finding("wand-too-small", what, "take a longer wand, wave it nearer, or film in a higher resolution", camera)
+
+
+def lframe_unseen(what: str) -> Finding:
+    todo = "film the L-frame so that at least two cameras see all of its balls, or all but one on the long arm"
+    return Finding("lframe-not-seen", what, todo)
+
+
+def mirrored() -> Finding:
+    todo = "turn the short arm's measure about (y to -y), or see that the balls come in the file's order"
+    return Finding("lframe-mirrored", "by the L-frame all cameras stand below its floor", todo)
+
+
+def contradicting(what: str) -> Finding:
+    todo = "measure the L-frame's balls again, from centre to centre, and see that they come in the file's order"
+    return Finding("lframe-lengths-contradict", what, todo)
+
+
+def wrong_length(scale: float, length: float) -> Finding:
+    what = (
+        f"the L-frame is {scale:.4f} times as large by the wand as by its own measures; "
+        f"if those are right the wand is {length / scale:.4f} m long, not {length:.4f} m"
+    )
+    todo = "measure the wand and the L-frame again, from centre to centre of the balls"
+    return Finding("wand-length-wrong", what, todo)
+
+
+def moved(camera: str, what: str) -> Finding:
+    todo = "fasten the tripod and film again, or leave the frames after the move out of the capture"
+    return Finding("camera-moved", what, todo, camera)
+
+
+def offset_unknown(camera: str) -> Finding:
+    what = "its time offset cannot be told: it saw too little of the wand's path at the same time as others"
+    todo = "wave the wand for longer while all cameras run, or give 'offset' in its [[view]]"
+    return Finding("offset-unknown", what, todo, camera)
+
+
+def not_waved() -> Finding:
+    what = "time offsets are to be estimated, but the wand jumps from frame to frame"
+    todo = "give every [[view]] its offset (0 where cameras run in step), or points of every frame"
+    return Finding("wand-jumps", what, todo)
+
+
+def offset_vague(camera: str, sigma: float) -> Finding:
+    what = f"its time offset is known only to {sigma:.2f} frames"
+    return Finding("offset-vague", what, "wave the wand faster, in all directions", camera)
+
+
+def focal_vague(camera: str, share: float) -> Finding:
+    what = f"its focal length is known only to {share:.1%}"
+    todo = "wave the wand nearer to this camera and farther from it, or give its 'focal' or 'matrix'"
+    return Finding("focal-length-vague", what, todo, camera)
+
+
+def little_covered(camera: str, share: float) -> Finding:
+    what = f"the wand was seen in only {share:.0%} of its picture; distortion elsewhere is a guess"
+    return Finding("picture-little-covered", what, "wave the wand through all of the picture, to its corners", camera)
+
+
+def noisy(times: float) -> Finding:
+    what = f"the balls lie {times:.1f} times as far from their places as they should"
+    todo = "see that nobody moved a camera, that fps and offsets are right, and that the balls are detected well"
+    return Finding("noise-high", what, todo)
+
+
+def nothing_agrees() -> Finding:
+    todo = "see that the wand's length, the offsets and the colours are right, and look at the detected points"
+    return Finding("no-solution", "no set of cameras was found that agrees with what they see of the wand", todo)

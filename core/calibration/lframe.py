@@ -1,0 +1,165 @@
+"""The L-frame: it lays down the world, and its lengths are held against the wand's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from . import findings
+from .bundle import LFRAME_SIGMA, Observations
+from .capture import LFRAME_BALLS, Markers
+from .rig import Rig
+from .triangulation import projected, rays, triangulated
+
+Array = NDArray[np.float64]
+
+_LASTING = 0.1
+"""Share of a ball's standard deviation that no averaging over frames takes away."""
+_SCALE_SHARE, _SHAPE_METRES = 0.01, 5e-3
+"""Differences in size and shape that no careful measuring explains."""
+_SURE = 5.0
+_ASIDE_PIXELS = 1.5
+"""Pixels aside from which a camera is said to have moved between the takes."""
+
+
+def resting(markers: Sequence[Markers]) -> Observations:
+    """The balls of an L-frame that lies still, each camera's frames averaged without outliers."""
+    rows = []
+    for v, view in enumerate(markers):
+        for b in range(LFRAME_BALLS):
+            seen = view.seen[:, b]
+            if not seen.any():
+                continue
+            points, sigma = view.points[seen, b], view.sigma[seen, b]
+            off = np.linalg.norm(points - np.median(points, axis=0), axis=1)
+            good = off <= 4 * max(float(np.median(off)), float(np.median(sigma)))
+            spread = np.sqrt(np.mean(sigma[good] ** 2))
+            lasting = max(1 / np.sqrt(good.sum()), _LASTING)
+            rows.append((v, b, points[good].mean(axis=0), spread * lasting))
+    uv = np.array([row[2] for row in rows]).reshape(-1, 2)
+    camera, ball = (np.array([row[k] for row in rows], int) for k in (0, 1))
+    return Observations(camera, ball, np.zeros(len(rows)), uv, np.array([row[3] for row in rows], float))
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Where the L-frame is, by the wand.
+
+    Attributes
+    ----------
+    R, t : ndarray, shapes (3, 3) and (3,)
+        x_world = R x + t takes what was solved into the L-frame's world.
+    scale : float
+        How many times larger the L-frame is by the wand than by its own measures.
+    misfit : ndarray, shape (4, 3)
+        Of its balls after that, the scale taken out, metres; NaN where a ball is not known.
+    """
+
+    R: Array
+    t: Array
+    scale: float
+    misfit: Array
+
+
+def place(rig: Rig, seen: Observations, measures: Array) -> Placement:
+    """Lay the world onto the L-frame, without changing the size that the wand gives.
+
+    Raises
+    ------
+    CaptureError
+        Fewer than two cameras see the balls that are needed.
+    """
+    balls = _balls(rig, seen)
+    known = np.isfinite(balls).all(axis=1)
+    if known.sum() < 3 or _collinear(measures[known]):
+        names = ", ".join(str(b + 1) for b in np.flatnonzero(~known))
+        raise findings.lframe_unseen(f"fewer than two cameras see the L-frame's balls {names}").error()
+    a, b = balls[known] - balls[known].mean(axis=0), measures[known] - measures[known].mean(axis=0)
+    R = Rotation.align_vectors(b, a)[0].as_matrix()
+    scale = float(np.sqrt((a**2).sum() / (b**2).sum()))
+    misfit = np.full((LFRAME_BALLS, 3), np.nan)
+    misfit[known] = a @ R.T / scale - b
+    return Placement(R, measures[known].mean(axis=0) - R @ balls[known].mean(axis=0), scale, misfit)
+
+
+def _balls(rig: Rig, seen: Observations) -> Array:
+    """The balls where the cameras see them, shape (4, 3)."""
+    points = np.full((len(rig), LFRAME_BALLS, 2), np.nan)
+    points[seen.camera, seen.ball] = seen.uv
+    return triangulated(rig.centres_world, rays(rig, points))
+
+
+def moved_since(rig: Rig, seen: Observations, noise: float) -> dict[int, float]:
+    """Cameras that see the L-frame aside from where the others see it, and by how many pixels.
+
+    Cameras that contradict the others most are taken out one by one, until the rest agree.
+
+    Raises
+    ------
+    CaptureError
+        Of two cameras that contradict each other, nothing tells which was moved.
+    """
+    usual = noise * float(np.median(seen.sigma)) if len(seen) else 0.0
+    least = max(_ASIDE_PIXELS, _SURE * usual)
+    trusted = sorted({int(c) for c in seen.camera})
+    while len(trusted) > 1 and _disagreement(rig, seen, trusted) > least:
+        if len(trusted) == 2:
+            names = " or ".join(rig.names[c] for c in trusted)
+            raise findings.moved(names, "the L-frame and the wand tell of different places of this camera").error()
+        rest = [[c for c in trusted if c != out] for out in trusted]
+        trusted = min(rest, key=lambda cameras: _disagreement(rig, seen, cameras))
+    balls = _balls(rig, seen.take(np.isin(seen.camera, trusted)))
+    off = {c: _off(rig, seen, balls, c) for c in sorted({int(c) for c in seen.camera} - set(trusted))}
+    return {c: pixels for c, pixels in off.items() if pixels > least}
+
+
+def _disagreement(rig: Rig, seen: Observations, cameras: list[int]) -> float:
+    """How far aside the worst of some cameras sees the balls that they see together, pixels."""
+    own = seen.take(np.isin(seen.camera, cameras))
+    balls = _balls(rig, own)
+    return max(_off(rig, own, balls, c) for c in cameras)
+
+
+def _off(rig: Rig, seen: Observations, balls_world: Array, c: int) -> float:
+    """How far aside a camera sees the balls, pixels; 0 where no ball is known."""
+    own = seen.camera == c
+    miss = np.linalg.norm(projected(rig, c, balls_world[seen.ball[own]]) - seen.uv[own], axis=1)
+    return float(np.median(miss[np.isfinite(miss)])) if np.isfinite(miss).any() else 0.0
+
+
+def _collinear(points: Array) -> bool:
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(spread[1] < 1e-3 * spread[0])
+
+
+def check(placement: Placement, rig: Rig, measures: Array, length: float, noise: float) -> None:
+    """Refuse an L-frame that contradicts the wand or itself.
+
+    Parameters
+    ----------
+    rig : Rig
+        In the L-frame's world.
+    noise : float
+        How exactly its balls are known, metres, beside the exactness of its measures.
+
+    Raises
+    ------
+    CaptureError
+        Its lengths contradict one another, or the wand's; or it is mirrored.
+    """
+    sigma = np.hypot(LFRAME_SIGMA, noise)
+    miss = np.linalg.norm(placement.misfit, axis=1)
+    if np.nanmax(miss) > max(_SHAPE_METRES, _SURE * sigma):
+        ball = int(np.nanargmax(miss))
+        worst = 1000 * float(np.nanmax(miss))
+        what = f"ball {ball + 1} of the L-frame lies {worst:.0f} mm from where the other balls and its measures say"
+        raise findings.contradicting(what).error()
+    size = np.sqrt(((measures - measures.mean(axis=0)) ** 2).sum())
+    if abs(placement.scale - 1) > max(_SCALE_SHARE, _SURE * sigma / size):
+        raise findings.wrong_length(placement.scale, length).error()
+    if (rig.centres_world[:, 2] < 0).all():
+        raise findings.mirrored().error()

@@ -1,0 +1,292 @@
+"""Cameras from a capture of an L-frame and a wand: from nothing but their measures to a solution with its trust."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras import Camera
+from ..shot import Progress, report_progress
+from . import diagnosis, lenses, lframe
+from .bundle import Evidence, Observations, Scene, adjust, covariance
+from .capture import Capture, CaptureView
+from .clocks import Clocks
+from .findings import Finding
+from .initial import FEWEST_SHARED, crossed_views, find_links, first_rig, unknown_lens
+from .matching import labelled
+from .pairwise import FOCAL_GRID, Lens
+from .rig import CAMERA_DOF, DRIFT, OFFSET, Rig, Wand
+from .synchrony import Synchrony, in_step, synchrony
+from .triangulation import sight
+from .trust import measured_lengths
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+FOCAL_SIGMA = 0.1
+"""Standard deviation of a focal length that was told beforehand, as a share."""
+_EXACT = 1e-6
+_ROUNDS = 4
+_SETTLED = 0.01
+_ROBUST = 4.0
+"""Scale of the robust loss, in standard deviations, while wrong balls may still be among the others."""
+_LEAST_NOISE = 0.2
+_HELD_OUT = 10
+"""One in so many stretches of frames is held out."""
+_STRETCH = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Solved cameras and how far to trust them.
+
+    Attributes
+    ----------
+    capture : Capture
+    rig : Rig
+        Cameras and clocks in the L-frame's world.
+    wand : Wand
+    lframe_world : ndarray, shape (4, 3)
+    seen : Observations
+        The wand's balls that were used; ends that were swapped are swapped back.
+    lframe_seen : Observations
+    residual : ndarray, shape (n, 2)
+        Of the wand's balls, then the L-frame's: predicted less seen, pixels.
+    used : ndarray, shape (C,)
+        Share of the wand's balls in each view that were used.
+    free : ndarray of bool, shape (C, 13)
+        What was solved for, in the order of `rig.CAMERA_DOF`.
+    covariance : ndarray, shape (13 C, 13 C)
+        Of the steps of `Rig.moved`, in the world that the L-frame's measures lay down.
+    noise : float
+        How many times their sigma the balls lie off.
+    lframe_scale : float
+        How many times larger the L-frame is by the wand than by its own measures.
+    moved : dict of int to float
+        Cameras that see the L-frame so many pixels aside: they were moved between its take and the wand's. Their
+        view of the L-frame took no part.
+    held_out : ndarray, shape (h,)
+        Lengths of the wand, metres, on frames that were held out of a solution of their own.
+    findings : tuple of Finding
+        What to know before trusting it.
+    """
+
+    capture: Capture
+    rig: Rig
+    wand: Wand
+    lframe_world: Array
+    seen: Observations
+    lframe_seen: Observations
+    residual: Array
+    used: Array
+    free: Bools
+    covariance: Array
+    noise: float
+    lframe_scale: float
+    moved: dict[int, float]
+    held_out: Array
+    findings: tuple[Finding, ...]
+
+    @property
+    def cameras(self) -> dict[str, Camera]:
+        """The cameras by their names."""
+        counts = [4 if view.distortions is None else len(view.distortions) for view in self.capture.views]
+        return {name: self.rig.camera(c, counts[c]) for c, name in enumerate(self.rig.names)}
+
+    @property
+    def scene(self) -> Scene:
+        """All that was solved for."""
+        return Scene(self.rig, self.wand, self.lframe_world)
+
+    @property
+    def clocks(self) -> Clocks:
+        """When the videos began."""
+        return Clocks.of(self.rig, self.sigma)
+
+    @property
+    def sigma(self) -> Array:
+        """Standard deviations of the cameras' unknowns, shape (C, 13)."""
+        return np.sqrt(np.diag(self.covariance)).reshape(-1, CAMERA_DOF)
+
+
+def solve(capture: Capture, progress: Progress | None = None, *, drift: bool = False) -> Solution:
+    """Solve for cameras from an L-frame and a wand.
+
+    Parameters
+    ----------
+    capture : Capture
+    progress : callable, optional
+    drift : bool
+        Let the clocks of cameras whose offset is estimated run faster or slower, too.
+
+    Raises
+    ------
+    CaptureError
+        The capture does not tell: the error has the name of the kind, and the cure.
+    CancelledError
+        `progress` returned False.
+    """
+    steps = _Steps(progress)
+    diagnosis.check_capture(capture)
+    steps.next("offsets", 0.0)
+    together = synchrony(capture)
+    tracks = together.tracks()
+    known = [_lens(view) for view in capture.views]
+    steps.next("pairs", 0.1)
+    links = find_links(tracks, known, steps.check)
+    names = [view.camera for view in capture.views]
+    diagnosis.check_links(names, links, tracks)
+    together = together.turned(crossed_views(links))
+    steps.next("first cameras", 0.15)
+    start = first_rig(names, together.tracks(), known, links, capture.wand_length, steps.check)
+    if start is None:
+        raise diagnosis.unsolved(names, links).error()
+    start = replace(start, offset=together.offset, rate=together.rate)
+    free = np.stack([unknown_lens(lens) for lens in known])
+    free[:, OFFSET] = together.loose
+    free[:, DRIFT] = together.loose & drift
+    steps.next("wand", 0.4)
+    draft = _polished(start, capture, together, free, steps)
+    if draft is None:
+        raise diagnosis.unsolved(names, links).error()
+    diagnosis.check_solution(names, draft.used, draft.scene.wand)
+    steps.next("L-frame", 0.6)
+    return _finished(draft, capture, together, free, known, steps)
+
+
+class _Steps:
+    """Tells how far the work is, and ends it when the caller wants that."""
+
+    def __init__(self, progress: Progress | None) -> None:
+        self._progress, self._what, self._fraction = progress, "", 0.0
+
+    def next(self, what: str, fraction: float) -> None:
+        self._what, self._fraction = what, fraction
+        self.check()
+
+    def check(self) -> None:
+        report_progress(self._progress, self._what, self._fraction)
+
+
+def _lens(view: CaptureView) -> Lens:
+    """What the capture says of a camera, and the focal lengths to try."""
+    matrix = None if view.matrix is None else np.asarray(view.matrix, float)
+    if matrix is not None:
+        focals = np.array([matrix[0, 0]])
+    elif view.focal is not None:
+        focals = view.focal * np.array([0.9, 1.0, 1.1])
+    else:
+        focals = FOCAL_GRID * max(view.size)
+    return Lens(view.size, focals, matrix, None if view.distortions is None else np.asarray(view.distortions, float))
+
+
+@dataclass(frozen=True, eq=False)
+class _Draft:
+    """Cameras, the wand, and the balls that are the wand's."""
+
+    scene: Scene
+    seen: Observations
+    used: Array
+    noise: float
+
+
+def _polished(rig: Rig, capture: Capture, together: Synchrony, free: Bools, steps: _Steps) -> _Draft | None:
+    """Adjust cameras on all frames, and tell the wand's balls from others, in turns; None where no wand is seen."""
+    noise = 3.0
+    draft: _Draft | None = None
+    for _ in range(_ROUNDS):
+        before = draft
+        wand = _sighted(rig, together, capture.wand_length, noise)
+        if len(wand) < FEWEST_SHARED:
+            return None
+        scene = Scene(rig, wand)
+        noise = max(noise if draft is None else draft.noise, 1.0)
+        for _ in range(2):
+            seen, used = labelled(scene, capture.views, noise)
+            evidence = _evidence(capture, seen, together)
+            fit = adjust(scene, evidence, free, scale=_ROBUST * noise, tolerance=1e-4, cancel=steps.check)
+            scene, noise = fit.scene, max(fit.noise, _LEAST_NOISE)
+        draft = _Draft(scene, seen, used, noise)
+        rig = scene.rig
+        if before is not None and abs(len(seen) / len(before.seen) - 1) + abs(noise / before.noise - 1) < _SETTLED:
+            break
+    return draft
+
+
+def _sighted(rig: Rig, together: Synchrony, length: float, noise: float) -> Wand:
+    """The wand on the capture's frames, by cameras whose videos are brought to them."""
+    tracks = together.tracks(rig)
+    found = sight(in_step(rig), tracks, length, max(noise, 1.0))
+    return found.wand(tracks.frames, length, single=not together.between)
+
+
+def _evidence(capture: Capture, seen: Observations, together: Synchrony) -> Evidence:
+    focal = np.array([np.nan if v.focal is None or v.matrix is not None else v.focal for v in capture.views])
+    return Evidence(seen, focal=focal, focal_sigma=FOCAL_SIGMA, smooth=together.between)
+
+
+def _finished(
+    draft: _Draft, capture: Capture, together: Synchrony, free: Bools, known: Sequence[Lens], steps: _Steps
+) -> Solution:
+    """Lay down the world, decide on the lenses, and adjust once more to all that is known."""
+    resting = lframe.resting([view.lframe for view in capture.views])
+    moved = lframe.moved_since(draft.scene.rig, resting, draft.noise)
+    resting = resting.take(~np.isin(resting.camera, list(moved)))
+    placement = lframe.place(draft.scene.rig, resting, capture.lframe_points)
+    scene = draft.scene.in_world(placement.R, placement.t)
+    lframe.check(placement, scene.rig, capture.lframe_points, capture.wand_length, 0.0)
+    scene = replace(scene, lframe_world=capture.lframe_points.copy())
+    evidence = replace(_evidence(capture, draft.seen, together), lframe=resting, lframe_measures=capture.lframe_points)
+    steps.next("lenses", 0.7)
+    fit = adjust(scene, evidence, free, cancel=steps.check)
+    free = lenses.chosen(fit.scene, evidence, free, known, steps.check)
+    seen, used = labelled(fit.scene, capture.views, draft.noise)
+    evidence = replace(evidence, wand=seen)
+    fit = adjust(fit.scene, evidence, free, tolerance=1e-9, cancel=steps.check)
+    scene = fit.scene
+    assert scene.lframe_world is not None
+    rows = np.concatenate([seen.sigma, resting.sigma])
+    noise = _unit_noise(fit.residual[: len(seen)], scene, free)
+    steps.next("trust", 0.9)
+    held_out = _held_out(scene, evidence, free, steps)
+    solution = Solution(
+        capture,
+        scene.rig,
+        scene.wand,
+        scene.lframe_world,
+        seen,
+        resting,
+        fit.residual * rows[:, None],
+        used,
+        free,
+        covariance(scene, replace(evidence, lframe_sigma=_EXACT), fit.free) * max(noise, 1.0) ** 2,
+        noise,
+        placement.scale,
+        moved,
+        held_out,
+        (),
+    )
+    return replace(solution, findings=tuple(diagnosis.doubts(solution)))
+
+
+def _unit_noise(residual: Array, scene: Scene, free: Bools) -> float:
+    """How many times their sigma the balls lie off, by the sum of squares and the degrees of freedom."""
+    left = residual.size - 5 * len(scene.wand) - free.sum()
+    return float(np.sqrt((residual**2).sum() / max(left, 1)))
+
+
+def _held_out(scene: Scene, evidence: Evidence, free: Bools, steps: _Steps) -> Array:
+    """Lengths of the wand on stretches of frames that took no part in the solution that measures them."""
+    wand = scene.wand
+    left_out = (np.arange(len(wand)) // _STRETCH) % _HELD_OUT == _HELD_OUT // 2
+    times = scene.rig.times(evidence.wand.camera, evidence.wand.frame)
+    nearest = np.clip(np.searchsorted(wand.frames, np.floor(times + 0.5)), 0, len(wand) - 1)
+    out = left_out[nearest]
+    if not out.any():
+        return np.zeros(0)
+    rest = replace(evidence, wand=evidence.wand.take(~out))
+    fit = adjust(replace(scene, wand=wand.take(~left_out)), rest, free, tolerance=1e-5, cancel=steps.check)
+    return measured_lengths(fit.scene.rig, evidence.wand.take(out), wand.frames[left_out])

@@ -1,0 +1,213 @@
+"""The wand's two balls through a video: which of what was found on every frame they are.
+
+Every two balls that could be the wand's by their sizes and their distance are a state of the frame; the path through
+the states that moves least and fits best is found by dynamic programming. What lies still is no wand.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .balls import Balls, find_balls, without_rods
+from .colours import Colour, to_hsv
+
+Array = NDArray[np.float64]
+Image = NDArray[Any]
+
+_MOST_OF_A_COLOUR = 8
+_MOST_PAIRS = 40
+_MOST_UNLIKE = 1.8  # the one ball's size to the other's
+_LONGER = 1.5  # than the wand seen from the side, by the ball's sizes
+_MISSED = 8.0  # what a frame without a pair costs
+_UNLIKE = 0.2  # deviation of the logarithm of the balls' sizes, one to the other
+_FAST = 2.0  # diameters from frame to frame that cost as much as one standard deviation
+_LEAP = 60.0  # the most that a step costs
+_CELL = 3.0  # pixels
+_STILL = 20.0  # what a ball costs that lies on the same place on all frames
+_STAYS = 0.25  # share of the frames that a waved ball may be on one place
+_CROSSING = 2.5  # radii between balls of one colour that may be taken for each other
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """What could be the wand on one frame.
+
+    Attributes
+    ----------
+    balls : tuple of Balls
+        The first ends, and the second ends in the same order.
+    found : tuple of ndarray, shape (m, 2)
+        Centres of all balls that have the colour of the first end, and of the second, pixels.
+    """
+
+    balls: tuple[Balls, Balls]
+    found: tuple[Array, Array]
+
+    def __len__(self) -> int:
+        return len(self.balls[0])
+
+    @property
+    def centres(self) -> Array:
+        """Shape (n, 2, 2), pixels."""
+        return np.stack([b.centres for b in self.balls], axis=1)
+
+    @property
+    def radii(self) -> Array:
+        """Minor semi-axes, shape (n, 2), pixels: motion blurs the other."""
+        return np.stack([b.semi_axes[:, 1] for b in self.balls], axis=1)
+
+    @property
+    def sigma(self) -> Array:
+        return np.stack([b.sigma for b in self.balls], axis=1)
+
+
+def find_pairs(image: Image, colours: Sequence[Colour], longest: float | None) -> Pairs:
+    """Every two balls in a picture that could be a wand.
+
+    Parameters
+    ----------
+    image : ndarray of uint8, shape (h, w, 3)
+        Blue, green, red.
+    colours : sequence of Colour
+        The first ball's and the second's, or one for both.
+    longest : float or None
+        The wand's length over the balls' diameter, where it is known.
+    """
+    hsv = to_hsv(image)
+    found = [find_balls(image, hsv, colour)[:_MOST_OF_A_COLOUR] for colour in colours]
+    first, second = found[0], found[-1]
+    i, j = np.triu_indices(len(first), 1) if len(found) == 1 else np.indices((len(first), len(second))).reshape(2, -1)
+    r, s = first.semi_axes[i, 1], second.semi_axes[j, 1]
+    apart = np.linalg.norm(first.centres[i] - second.centres[j], axis=1)
+    likely = (np.maximum(r, s) < _MOST_UNLIKE * np.minimum(r, s)) & (apart > 0.8 * np.minimum(r, s))
+    if longest is not None:
+        likely &= apart < _LONGER * longest * (r + s)
+    i, j = i[likely][:_MOST_PAIRS], j[likely][:_MOST_PAIRS]
+    ends = first[i], second[j]
+    measured = [without_rods(image, a, b.centres[:, None]) for a, b in (ends, ends[::-1])]
+    good = measured[0][1] & measured[1][1]
+    return Pairs((measured[0][0][good], measured[1][0][good]), (first.centres, second.centres))
+
+
+def wand_path(seen: Sequence[Pairs]) -> NDArray[np.int64]:
+    """Which pair of every frame is the wand, -1 where none is, shape (frames,)."""
+    before, reached, back = _Reached.nowhere(), np.zeros(1), []
+    for pairs, own in zip(seen, _own_costs(seen), strict=True):
+        costs = reached[:, None] + before.steps_to(pairs)
+        previous = np.argmin(costs, axis=0)
+        reached = costs[previous, np.arange(len(previous))] + np.append(own, _MISSED)
+        before = before.followed(pairs, int(previous[-1]))
+        back.append(previous)
+    path = []
+    state = int(np.argmin(reached))
+    for pairs, previous in zip(reversed(seen), reversed(back), strict=True):
+        path.append(state if state < len(pairs) else -1)
+        state = int(previous[state])
+    return np.array(path[::-1], np.int64)
+
+
+def _own_costs(seen: Sequence[Pairs]) -> list[Array]:
+    """What the pairs of every frame cost by themselves: balls of unlike sizes, balls that lie still."""
+    crowds = [_Crowd.of([pairs.found[end] for pairs in seen]) for end in range(2)]
+    return [
+        (np.diff(np.log(pairs.radii), axis=1)[:, 0] / _UNLIKE) ** 2
+        + sum(_STILL * np.maximum(crowds[end].shares(pairs.centres[:, end]) - _STAYS, 0) for end in range(2))
+        for pairs in seen
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class _Crowd:
+    """On how many frames there is a ball in each cell of the picture, and of how many."""
+
+    counts: Counter[tuple[int, int]]
+    frames: int
+
+    @classmethod
+    def of(cls, places: Sequence[Array]) -> _Crowd:
+        cells = [np.unique(np.floor(p / _CELL).astype(int), axis=0) for p in places]
+        return cls(Counter(map(tuple, np.concatenate([*cells, np.empty((0, 2), int)]).tolist())), len(places))
+
+    def shares(self, places: Array) -> Array:
+        """On what share of the frames there is a ball at each place, shape (n,)."""
+        around = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1)]
+        cells = np.floor(places / _CELL).astype(int)
+        return np.array([sum(self.counts[u + a, v + b] for a, b in around) / self.frames for u, v in cells])
+
+
+@dataclass(frozen=True, eq=False)
+class _Reached:
+    """Where the wand was last in every state of a frame; the last state is that it is not seen.
+
+    Attributes
+    ----------
+    centres : ndarray, shape (n + 1, 2, 2)
+        NaN where it was not seen yet.
+    radii : ndarray, shape (n + 1,)
+    ago : ndarray, shape (n + 1,)
+        Frames since then.
+    """
+
+    centres: Array
+    radii: Array
+    ago: Array
+
+    @classmethod
+    def nowhere(cls) -> _Reached:
+        return cls(np.full((1, 2, 2), np.nan), np.ones(1), np.ones(1))
+
+    def steps_to(self, pairs: Pairs) -> Array:
+        """What it costs to get from each state to each pair of the next frame, and to none, shape (n + 1, m + 1)."""
+        far = np.linalg.norm(pairs.centres[None] - self.centres[:, None], axis=-1)
+        diameters = 2 * self.radii * np.sqrt(self.ago)
+        costs = np.sum((far / (_FAST * diameters[:, None, None])) ** 2, axis=-1)
+        costs = np.minimum(np.where(np.isnan(costs), 0, costs), _LEAP)
+        return np.column_stack([costs, np.zeros(len(costs))])
+
+    def followed(self, pairs: Pairs, missed_from: int) -> _Reached:
+        """The states of the next frame; the one without a pair came from `missed_from`."""
+        return _Reached(
+            np.concatenate([pairs.centres, self.centres[[missed_from]]]),
+            np.append(pairs.radii.mean(axis=1), self.radii[missed_from]),
+            np.append(np.ones(len(pairs)), self.ago[missed_from] + 1),
+        )
+
+
+def told_apart(centres: Array, radii: Array) -> NDArray[np.bool_]:
+    """On which frames two balls of one colour must change places to be the same ends throughout.
+
+    Ends are followed from frame to frame; where they are too near each other, or were not seen, that fails, and the
+    end that is mostly the upper one in each stretch between is taken for the same end: from all sides it is the same.
+
+    Parameters
+    ----------
+    centres : ndarray, shape (n, 2, 2)
+        NaN where the wand was not seen.
+    radii : ndarray, shape (n,)
+        Pixels.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    swapped = np.zeros(len(centres), bool)
+    sure = np.linalg.norm(centres[:, 1] - centres[:, 0], axis=1) > _CROSSING * radii
+    for stretch in np.split(np.arange(len(centres)), np.flatnonzero(~sure | ~np.roll(sure, 1))):
+        for before, frame in pairwise(stretch):
+            stay, change = (
+                float(np.sum((centres[frame][::order] - centres[before][:: -1 if swapped[before] else 1]) ** 2))
+                for order in (1, -1)
+            )
+            swapped[frame] = change < stay
+        first, second = (centres[stretch, end, 1] for end in (0, 1))
+        lower = np.where(swapped[stretch], second - first, first - second)
+        if np.nansum(lower) > 0:
+            swapped[stretch] ^= True
+    return swapped

@@ -1,0 +1,193 @@
+"""The calibration take: an L-frame on the floor, somebody waving a wand, and other things of the same colours.
+
+No Blender here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from kfmocap.core.cameras import Camera
+from numpy.typing import NDArray
+
+from .drawing import GAMMA, Ball, Canvas, Rod, linear
+from .takes import _looking
+
+Array = NDArray[np.float64]
+
+SIZE = (960, 540)
+CAMERAS = (
+    _looking("cam01", (-3.4, -3.6, 1.9), (0.1, 0.0, 0.85), 860.0, (-0.17, 0.04, 0.0, 0.0), SIZE),
+    _looking("cam02", (3.5, -3.3, 1.6), (-0.1, 0.1, 0.9), 905.0, (-0.11, 0.0, 0.0, 0.0), SIZE),
+    _looking("cam03", (3.2, 3.4, 2.1), (0.0, -0.1, 0.8), 780.0, (-0.2, 0.06, 0.0, 0.0), SIZE),
+    _looking("cam04", (-3.3, 3.2, 1.7), (0.0, 0.1, 0.85), 835.0, (0.06, 0.0, 0.0, 0.0), SIZE),
+)
+"""Round the middle of the room, each with its own lens."""
+OFFSETS = (0.0, 3.4, -2.75, 6.2)
+"""Frame f of the take is the camera's video frame f + offset: they were not started together."""
+LFRAME = np.array([[0, 0, 0], [0.4, 0, 0], [0.9, 0, 0], [0, 0.6, 0]], float)
+PAINT = {
+    "red": linear([0.08, 0.05, 0.80]),
+    "green": linear([0.16, 0.66, 0.12]),
+    "blue": linear([0.78, 0.25, 0.06]),
+    "yellow": linear([0.08, 0.76, 0.86]),
+    "shirt": linear([0.20, 0.56, 0.16]),
+    "skin": linear([0.52, 0.63, 0.80]),
+    "cloth": linear([0.30, 0.24, 0.22]),
+    "wood": linear([0.20, 0.22, 0.24]),
+}
+"""Blue, green, red."""
+NOISE = 1.5
+"""Deviation of the sensor noise, grey levels of 255."""
+
+
+@dataclass(frozen=True, eq=False)
+class WandTake:
+    """What is filmed, and with what.
+
+    Attributes
+    ----------
+    cameras : tuple of Camera
+    offsets : tuple of float
+        Of each camera's video, frames.
+    frames : int
+        Of each video with the wand.
+    fps : float
+    exposure : float
+        Seconds.
+    colours : tuple of str
+        Of the wand's balls; one colour or two.
+    length : float
+        Of the wand, metres.
+    diameter : float
+        Of all balls, metres.
+    distractors : bool
+        Other things of the balls' colours: balls that lie about or roll by, discs on the wall, the waver's shirt.
+    """
+
+    cameras: tuple[Camera, ...] = CAMERAS
+    offsets: tuple[float, ...] = OFFSETS
+    frames: int = 300
+    fps: float = 30.0
+    exposure: float = 1 / 60
+    colours: tuple[str, ...] = ("green", "blue")
+    length: float = 0.5
+    diameter: float = 0.075
+    distractors: bool = True
+    lframe_points: Array = field(default_factory=LFRAME.copy)
+    lframe_frames: int = 12
+
+    def wand(self, seconds: Array) -> Array:
+        """The centres of the wand's balls, shape (..., 2, 3), metres."""
+        t = np.asarray(seconds, float)[..., None]
+        rates, phases = np.array([1.93, 1.41, 2.57]), np.array([0.3, 1.7, 0.9])
+        middle = np.array([0.0, 0.0, 1.15]) + [1.6, 1.5, 0.7] * np.sin(rates * t + phases)
+        turn = np.concatenate([np.sin(2.21 * t), np.cos(1.77 * t + 0.4), 1.1 * np.sin(1.13 * t + 1.1)], axis=-1)
+        along = self.length / 2 * turn / np.linalg.norm(turn, axis=-1, keepdims=True)
+        return np.stack([middle - along, middle + along], axis=-2)
+
+    def moments(self, camera: int, frame: int) -> Array:
+        """Seconds, in the take's time, of moments spread over the exposure of a video's frame."""
+        middle = (frame - self.offsets[camera]) / self.fps
+        steps = 8 if self.exposure else 1
+        return middle + self.exposure * ((np.arange(steps) + 0.5) / steps - 0.5)
+
+    def truth(self, camera: int) -> Array:
+        """The wand's centres as a camera sees them in the middle of each exposure, shape (frames, 2, 2), pixels."""
+        seconds = (np.arange(self.frames) - self.offsets[camera]) / self.fps
+        return self.cameras[camera].project(self.wand(seconds))
+
+    def wand_things(self, seconds: Array) -> list[Ball | Rod]:
+        """What there is to see at moments of an exposure while the wand is waved."""
+        first, second = np.moveaxis(self.wand(seconds), 1, 0)
+        along = (second - first) / self.length
+        radius, paint = self.diameter / 2, [PAINT[name] for name in self.colours]
+        things: list[Ball | Rod] = [
+            Ball(first, radius, paint[0]),
+            Ball(second, radius, paint[-1]),
+            Rod(first + 0.9 * radius * along, second - 0.9 * radius * along, 0.009, PAINT["wood"]),
+        ]
+        return things + (self._passing(seconds[:, None]) if self.distractors else [])
+
+    def still_things(self) -> list[Ball | Rod]:
+        """What lies or hangs about while the wand is waved."""
+        first, last = PAINT[self.colours[0]], PAINT[self.colours[-1]]
+        things: list[Ball | Rod] = [
+            Ball(_at(1.3, 1.4, 0.03), self.diameter / 2, first),  # as a ball of the wand, but it lies there
+            Ball(_at(-1.7, -0.6, 0.09), 0.09, last),
+            Rod(_at(-1.5, 4.55, 1.7), _at(-1.4, 4.55, 1.75), 0.06, last),
+            Rod(_at(4.5, 0.6, 1.2), _at(4.5, 1.2, 1.2), 0.05, first),
+        ]
+        return things if self.distractors else []
+
+    def _passing(self, t: Array) -> list[Ball | Rod]:
+        rolling = np.concatenate([-1.5 + 0.5 * t, 1.6 + 0.2 * np.sin(t), np.full_like(t, 0.05)], axis=1)
+        return [Ball(rolling, 0.05, PAINT[self.colours[0]]), *self._waver(t)]
+
+    def _waver(self, t: Array) -> list[Ball | Rod]:
+        """Somebody behind the wand in a shirt of nearly its first ball's colour."""
+        hand = self.wand(t[:, 0]).mean(axis=1)
+        feet = hand * [0.4, 0.4, 0]
+        shoulder = feet + [0.0, 0.0, 1.35]
+        reach = hand - shoulder
+        reach *= np.minimum(1, 0.6 / np.linalg.norm(reach, axis=1, keepdims=True))
+        return [
+            Rod(feet + [0, 0, 0.1], feet + [0, 0, 0.8], 0.13, PAINT["cloth"]),
+            Rod(feet + [0, 0, 0.95], shoulder, 0.17, PAINT["shirt"]),
+            Ball(feet + [0, 0, 1.68], 0.12, PAINT["skin"]),
+            Rod(shoulder, shoulder + reach, 0.045, PAINT["skin"]),
+        ]
+
+    def lframe_things(self) -> list[Ball | Rod]:
+        """What there is to see while the L-frame lies on the floor; its balls' centres are the points."""
+        p, radius = self.lframe_points, self.diameter / 2
+        things: list[Ball | Rod] = [Ball(ball[None], radius, PAINT["red"]) for ball in p]
+        for a, b in ((0, 1), (1, 2), (0, 3)):
+            trim = 0.9 * radius * (p[b] - p[a]) / np.linalg.norm(p[b] - p[a])
+            things.append(Rod((p[a] + trim)[None], (p[b] - trim)[None], 0.01, PAINT["wood"]))
+        if self.distractors:
+            things += [
+                Ball(_at(-0.9, 0.5, 0.0), self.diameter / 2, PAINT["red"]),
+                Ball(_at(1.8, 0.7, 0.05), 0.08, PAINT["red"]),
+                Rod(_at(-4.5, 0.0, 1.4), _at(-4.5, 0.5, 1.4), 0.07, PAINT["red"]),
+            ]
+        return things
+
+
+def _at(x: float, y: float, z: float) -> Array:
+    return np.array([[x, y, z]])
+
+
+def wand_pictures(take: WandTake, camera: int) -> Iterator[NDArray[np.uint8]]:
+    """The frames of a camera's video of the wand."""
+    canvas = Canvas(take.cameras[camera], take.still_things())
+    grain = Grain(take.cameras[camera].size, camera)
+    for frame in range(take.frames):
+        yield grain.over(canvas.drawn(take.wand_things(take.moments(camera, frame))))
+
+
+def lframe_pictures(take: WandTake, camera: int) -> Iterator[NDArray[np.uint8]]:
+    """The frames of a camera's video of the L-frame."""
+    grain = Grain(take.cameras[camera].size, 100 + camera)
+    picture = Canvas(take.cameras[camera]).drawn(take.lframe_things())
+    for _ in range(take.lframe_frames):
+        yield grain.over(picture)
+
+
+class Grain:
+    """A sensor: light becomes grey levels, a little blurred, with noise that is drawn once and shifted about."""
+
+    def __init__(self, size: tuple[int, int], seed: int) -> None:
+        self.rng = np.random.default_rng(seed)
+        self.noise = self.rng.normal(0, NOISE, (2 * size[1], 2 * size[0], 3)).astype(np.float32)
+
+    def over(self, light: NDArray[np.float32]) -> NDArray[np.uint8]:
+        """The picture that a sensor records of linear light."""
+        height, width = light.shape[:2]
+        levels = cv2.pow(cv2.GaussianBlur(light, (5, 5), 0.55), 1 / GAMMA)
+        row, column = self.rng.integers(0, [height, width])
+        noise = self.noise[row : row + height, column : column + width]
+        return cv2.convertScaleAbs(cv2.scaleAdd(levels, 255, noise))

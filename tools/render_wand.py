@@ -1,0 +1,76 @@
+#!/usr/bin/env python3
+"""Render videos to calibrate from: an L-frame on the floor and a waved wand, with exact truth.
+
+    .venv/bin/python tools/render_wand.py --out build/wand
+    .venv/bin/kfmocap calibrate build/wand/wand.toml --out build/wand/calibration.toml --report build/wand/report
+
+Four cameras with lens distortion that were not started together; motion blur, noise, compression; other things of the
+balls' colours lie and move about. Writes the videos, wand.toml, and the truth as truth.toml.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from collections.abc import Iterable
+from pathlib import Path
+
+import cv2
+import numpy as np
+from kfmocap.core.formats import save_cameras
+from render.waving import WandTake, lframe_pictures, wand_pictures
+
+
+def write_take(take: WandTake, out: Path) -> Path:
+    """Render a take into a folder; returns its wand.toml."""
+    out.mkdir(parents=True, exist_ok=True)
+    for k, camera in enumerate(take.cameras):
+        write_video(out / f"{camera.name}_lframe.avi", lframe_pictures(take, k), take.fps, camera.size)
+        write_video(out / f"{camera.name}_wand.avi", wand_pictures(take, k), take.fps, camera.size)
+    save_cameras(out / "truth.toml", take.cameras)
+    path = out / "wand.toml"
+    path.write_text(description(take))
+    return path
+
+
+def write_video(path: Path, pictures: Iterable[np.ndarray], fps: float, size: tuple[int, int]) -> None:
+    writer = cv2.VideoWriter(str(path), cv2.CAP_OPENCV_MJPEG, cv2.VideoWriter_fourcc(*"MJPG"), fps, size)
+    for picture in pictures:
+        writer.write(picture)
+    writer.release()
+
+
+def description(take: WandTake) -> str:
+    """The capture as `kfmocap calibrate` reads it."""
+    views = "".join(
+        f'\n[[view]]\ncamera = "{c.name}"\nlframe = "{c.name}_lframe.avi"\nwand = "{c.name}_wand.avi"\n'
+        for c in take.cameras
+    )
+    offsets = ", ".join(f"{offset:g}" for offset in take.offsets)
+    return (
+        f"# frame f of the take is the cameras' video frames f + {offsets}\n\n"
+        f'[lframe]\ncolour = "red"\npoints = {take.lframe_points.tolist()}\ndiameter = {take.diameter}\n\n'
+        f"[wand]\ncolours = {list(take.colours)}\nlength = {take.length}\ndiameter = {take.diameter}\n{views}"
+    )
+
+
+def arguments() -> argparse.ArgumentParser:
+    form = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=form)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--frames", type=int, default=WandTake.frames)
+    parser.add_argument("--colours", default=",".join(WandTake.colours), help="of the wand's balls; one for both")
+    parser.add_argument("--plain", action="store_true", help="nothing else of the balls' colours")
+    return parser
+
+
+def main() -> None:
+    args = arguments().parse_args()
+    take = dataclasses.replace(
+        WandTake(), frames=args.frames, colours=tuple(args.colours.split(",")), distractors=not args.plain
+    )
+    print(write_take(take, args.out))
+
+
+if __name__ == "__main__":
+    main()
