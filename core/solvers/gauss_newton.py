@@ -86,9 +86,9 @@ REFINEMENT = (Stage(1.0, 1.0, 2, 2),)
 def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step: Step | None = None) -> Solution:
     """Fit the motion of all performers between their key poses.
 
-    The curve through the key poses is one start. Where the images disagree with what it led to, and no keypoints confirm
-    it, limbs are looked for around it, and where they still do, the motion is followed from the key poses. The best of
-    the solutions counts.
+    The curve through the key poses is one start. Where the images disagree with what it led to, and no keypoints
+    confirm it, limbs are looked for around it, and where they still do, the motion is followed from the key poses. The
+    best of the solutions counts.
 
     Parameters
     ----------
