@@ -19,7 +19,7 @@ from ..core.calibration.bundle import Evidence, Observations, Scene, covariance,
 from ..core.calibration.capture import Capture
 from ..core.calibration.lframe import resting
 from ..core.calibration.matching import matched
-from ..core.calibration.rig import CAMERA_DOF, FOCAL, K1, SHIFT, TURN, Rig, Wand
+from ..core.calibration.rig import CAMERA_DOF, FOCAL, K1, SHIFT, TURN, Wand, rig_of
 from ..core.calibration.solve import Solution, solve
 from ..core.cameras import Camera
 from ..core.errors import KFMocapError
@@ -110,23 +110,9 @@ def _over_noise(solution: Solution) -> float:
 
 def true_scene(cameras: Sequence[Camera], positions: Array) -> Scene:
     """The truth in the form of a solution."""
-    C = len(cameras)
-    distortions = np.zeros((C, 14))
-    distortions[:, :4] = [camera.distortions for camera in cameras]
-    rig = Rig(
-        tuple(camera.name for camera in cameras),
-        np.array([camera.size for camera in cameras]),
-        np.concatenate([camera.R_cam_world for camera in cameras]),
-        np.concatenate([camera.t_cam_world for camera in cameras]),
-        np.stack([camera.matrix[[0, 1], [0, 1]] for camera in cameras]),
-        np.stack([camera.matrix[:2, 2] for camera in cameras]),
-        distortions,
-        np.zeros(C),
-        np.zeros(C),
-        np.ones(C),
-    )
     direction = (positions[:, 0] - positions[:, 1]) / WAND_LENGTH
-    return Scene(rig, Wand(np.arange(len(positions)), positions.mean(axis=1), direction, WAND_LENGTH), LFRAME.copy())
+    wand = Wand(np.arange(len(positions)), positions.mean(axis=1), direction, WAND_LENGTH)
+    return Scene(rig_of(cameras), wand, LFRAME.copy())
 
 
 def bound(given: Capture, cameras: Sequence[Camera], positions: Array) -> Array:

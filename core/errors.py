@@ -52,6 +52,10 @@ class LandmarkError(KFMocapError):
     """Landmarks are missing or not finite where a key pose needs them."""
 
 
+class KeypointError(KFMocapError):
+    """2D keypoints cannot be read, or do not show what is asked of them."""
+
+
 class BodyError(KFMocapError):
     """A body cannot be built or a pose does not fit it."""
 

@@ -7,10 +7,11 @@ file's frame k // 2.
 from __future__ import annotations
 
 import re
+from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from itertools import groupby
+from itertools import groupby, islice
 from pathlib import Path
 from typing import Any
 
@@ -400,3 +401,18 @@ def pictures(path: Path | str) -> Iterator[Image]:
             if not read or frame is None:
                 return
             yield cv2.rotate(frame, _ROTATIONS[turn]) if turn else frame
+
+
+def picture(path: Path | str, number: int) -> Image:
+    """One frame of a video or an image sequence in colour, as it is to be seen: that number, or the last.
+
+    Raises
+    ------
+    FootageError
+        The footage is missing or cannot be read, or has no frame at all; names the file.
+    """
+    # A deque of one keeps the last.
+    last = deque(islice(pictures(path), number + 1), maxlen=1)
+    if not last:
+        raise FootageError("the footage has no frames", where=str(path))
+    return last[0]

@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from .body import Body
+from .body import Body, human
 from .cameras import Camera
 from .errors import CancelledError, ShotError
 from .motion import Motion
 
 FIELD_ORDERS = ("progressive", "top-first", "bottom-first")
 SOLVERS = ("gauss-newton", "relaxation")
+BROKEN_KEYPOINTS = ("refuse", "skip")
 
 Progress = Callable[[str, float], bool]
 """progress(what, fraction) is called as a job goes on; it returns False to cancel."""
@@ -54,7 +55,8 @@ class KeyPoses:
     poses : Motion
         K poses.
     fixed : ndarray of bool, shape (K, D)
-        Which degrees of freedom each key pose fixes, in the order of `Motion.moved`.
+        Which degrees of freedom each key pose fixes, in the order of `Motion.moved`. One that fixes none is a proposal:
+        the tracker looks there to learn how the performer looks, and may move it.
     """
 
     frames: NDArray[np.int64]
@@ -66,6 +68,16 @@ class KeyPoses:
         """Key poses that fix every degree of freedom."""
         D = 3 + 3 * poses.rotations.shape[1]
         return cls(np.asarray(frames, dtype=np.int64), poses, np.ones((len(poses), D), dtype=bool))
+
+    @classmethod
+    def proposed(cls, frames: NDArray[np.int64] | list[int], poses: Motion) -> KeyPoses:
+        """Key poses that fix nothing."""
+        whole = cls.whole(frames, poses)
+        return cls(whole.frames, poses, np.zeros_like(whole.fixed))
+
+    def proposals(self) -> NDArray[np.int64]:
+        """Frames whose key pose is a proposal."""
+        return self.frames[~self.fixed.any(axis=1)]
 
     def full(self) -> NDArray[np.int64]:
         """Frames whose key pose fixes the whole body: the ends of segments."""
@@ -79,6 +91,30 @@ class Performer:
     name: str
     body: Body
     key_poses: KeyPoses
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A performer of whom only keypoints are known.
+
+    Attributes
+    ----------
+    name : str
+    height : float or None
+        Metres; None to have it judged from the keypoints.
+    frames : tuple of int or None
+        Shot frames on which key poses are wanted; None to have them chosen.
+    """
+
+    name: str
+    height: float | None = None
+    frames: tuple[int, ...] | None = None
+
+    def unknown(self) -> Performer:
+        """The performer before anything is known of it."""
+        body = human() if self.height is None else human(self.height)
+        nowhere = Motion(np.zeros((0, 3)), np.zeros((0, len(body), 3, 3)))
+        return Performer(self.name, body, KeyPoses.proposed([], nowhere))
 
 
 @dataclass(frozen=True)
@@ -104,6 +140,10 @@ class Settings:
         Usual acceleration of the root, m/s^2.
     prediction : bool
         Foretell the motion of parts that no camera sees from the frames on which they are seen.
+    keypoint_correlation : float
+        How far apart in time a detector's errors are independent, seconds: keypoints within that time count as one.
+    broken_keypoints : str
+        "refuse" or "skip": what to do with files of a folder of keypoints that cannot be read.
     """
 
     solver: str = "gauss-newton"
@@ -114,15 +154,20 @@ class Settings:
     joint_acceleration: float = 30.0
     root_acceleration: float = 2.0
     prediction: bool = True
+    keypoint_correlation: float = 0.3
+    broken_keypoints: str = "refuse"
 
     def __post_init__(self) -> None:
         if self.solver not in SOLVERS:
             raise ShotError(
                 f"unknown solver '{self.solver}'", where="[track] solver", todo=f"use {' or '.join(SOLVERS)}"
             )
+        if self.broken_keypoints not in BROKEN_KEYPOINTS:
+            what, todo = f"unknown value '{self.broken_keypoints}'", f"use {' or '.join(BROKEN_KEYPOINTS)}"
+            raise ShotError(what, where="[track] broken_keypoints", todo=todo)
         for item in fields(self):
             value = getattr(self, item.name)
-            if item.name not in ("solver", "prediction") and not (
+            if item.type in ("int", "float") and not (
                 isinstance(value, (int, float)) and np.isfinite(value) and value > 0
             ):
                 raise ShotError(f"it is {value!r}", where=f"[track] {item.name}", todo="give a positive number")

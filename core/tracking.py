@@ -22,6 +22,7 @@ from .evidence.images import ViewFrames
 from .evidence.shape import fitted_shape
 from .footage import Album, check_view, footage_delay, frames_at
 from .interpolation import spline
+from .keypoints.observed import Sighting, observe_keypoints
 from .motion import Motion
 from .shot import Performer, Progress, Shot, View, report_progress
 from .solvers import gauss_newton, relaxation
@@ -159,10 +160,21 @@ class _Job:
         self._share = np.ones((len(shot.views), shot.length, sum(len(p.body) for p in shot.performers)))
         self._residual = np.zeros(shot.length)
         self._begun = 0.0
+        self.sightings = self._first_pass()
+
+    def _first_pass(self) -> tuple[Sighting, ...]:
+        """Where keypoints are, what they say of every performer; the motion then starts from that."""
+        if self.shot.settings.solver != "gauss-newton" or not any(view.keypoints for view in self.shot.views):
+            return ()
+        with self.seconds.measure("keypoints"):
+            fixed = [fixed_degrees(p, 0, self.shot.length - 1) for p in self.shot.performers]
+            sightings = observe_keypoints(self.shot, fixed)
+        self.motions = [sighting.motion for sighting in sightings]
+        return sightings
 
     def look(self, stretch: Stretch, views: tuple[ViewFrames, ...], colour: Sequence[Image]) -> tuple[ViewFrames, ...]:
         """Learn from a stretch's key frames how the performers look: their colours, and their shapes."""
-        keys = whole_keys(self.shot, *stretch)
+        keys = posed_frames(self.shot, *stretch)
         if not len(keys) or self.shot.settings.solver != "gauss-newton":
             return views  # the papers' solver looks at gradients alone
         bodies = [performer.body for performer in self.shot.performers]
@@ -184,7 +196,7 @@ class _Job:
         before = self._context(stretch[0] - 1)
         self._run(
             SOLVE[self.shot.settings.solver],
-            _problem(self.shot, stretch, views, before, None, self._shapes.get(stretch)),
+            self._problem(stretch, views, before, None),
             0.7,
         )
 
@@ -192,7 +204,18 @@ class _Job:
         """Solve a stretch once more, now that the motion on both sides is known; not every solver looks there."""
         if (again := REFINE.get(self.shot.settings.solver)) is not None:
             before, after = self._context(stretch[0] - 1), self._context(stretch[1] + 1)
-            self._run(again, _problem(self.shot, stretch, views, before, after, self._shapes.get(stretch)), 0.3)
+            self._run(again, self._problem(stretch, views, before, after), 0.3)
+
+    def _problem(
+        self,
+        stretch: Stretch,
+        views: tuple[ViewFrames, ...],
+        before: tuple[Motion, ...] | None,
+        after: tuple[Motion, ...] | None,
+    ) -> Problem:
+        problem = _problem(self.shot, stretch, views, before, after, self._shapes.get(stretch))
+        frames = slice(stretch[0], stretch[1] + 1)
+        return replace(problem, pointers=tuple(sighting.pointers[frames] for sighting in self.sightings))
 
     def _context(self, frame: int) -> tuple[Motion, ...] | None:
         return tuple(m[[frame]] for m in self.motions) if 0 <= frame < self.shot.length else None
@@ -250,6 +273,13 @@ def whole_keys(shot: Shot, first: int, last: int) -> NDArray[np.int64]:
     """Frames first to last on which every performer has a key pose of the whole body."""
     whole = reduce(set.intersection, [set(performer.key_poses.full().tolist()) for performer in shot.performers])
     return np.array(sorted(f for f in whole if first <= f <= last), dtype=np.int64)
+
+
+def posed_frames(shot: Shot, first: int, last: int) -> NDArray[np.int64]:
+    """Frames first to last that show how the performers look: each has a key pose of the whole body, or a proposed
+    one."""
+    posed = ({*p.key_poses.full().tolist(), *p.key_poses.proposals().tolist()} for p in shot.performers)
+    return np.array(sorted(f for f in reduce(set.intersection, posed) if first <= f <= last), dtype=np.int64)
 
 
 def working_factor(view: View, working_size: int) -> float:

@@ -14,7 +14,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     import bpy
@@ -75,11 +75,24 @@ def parser() -> argparse.ArgumentParser:
     _add_tracking(track)
     track.set_defaults(run=_track)
 
-    calibrate = commands.add_parser("calibrate", help="find cameras, or refine those of a shot")
+    calibrate = commands.add_parser("calibrate", help="solve for cameras from a waved wand, or refine those of a shot")
     source = calibrate.add_mutually_exclusive_group(required=True)
+    source.add_argument(
+        "wand", nargs="?", type=Path, metavar="WAND.toml", help="an L-frame and a wand, filmed or points"
+    )
     source.add_argument("--refine", type=Path, metavar="SHOT.toml", help="refine a shot's cameras from its key poses")
-    calibrate.add_argument("--out", required=True, type=Path, metavar="FILE.toml", help="the calibration to write")
+    calibrate.add_argument("--out", required=True, type=Path, metavar="FILE", help="the calibration to write")
+    calibrate.add_argument("--format", metavar="NAME", help="toml, caliscope, qualisys or opencv (default: by --out)")
+    calibrate.add_argument("--report", type=Path, metavar="DIR", help="folder for how far to trust a wand's cameras")
+    calibrate.add_argument("--points", type=Path, metavar="FILE.csv", help="also write the points found of the markers")
+    _add_drift(calibrate)
     calibrate.set_defaults(run=_calibrate)
+
+    synchronise = commands.add_parser("synchronise", help="find the time offsets of one more take by its wand")
+    synchronise.add_argument("wand", type=Path, metavar="WAND.toml", help="names that take's videos, or points")
+    synchronise.add_argument("--cameras", required=True, type=Path, metavar="FILE", help="their calibration")
+    _add_drift(synchronise)
+    synchronise.set_defaults(run=_synchronise)
 
     demo = commands.add_parser("demo", help="track real footage of four cameras, fetched once")
     demo.add_argument("--out", type=Path, default=Path("kfmocap-demo"), metavar="DIR", help="default: %(default)s")
@@ -100,6 +113,38 @@ def _add_tracking(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--no-blender", action="store_true", help="write only what needs no Blender")
 
 
+def _add_drift(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--drift", action="store_true", help="clocks may also run faster or slower (long takes)")
+
+
+def _calibrate(args: argparse.Namespace) -> int:
+    return _refine(args) if args.refine is not None else _calibrate_by_wand(args)
+
+
+def _calibrate_by_wand(args: argparse.Namespace) -> int:
+    from .calibration_files import run_calibrate
+
+    with progress_bar() as progress:
+        solution, files = run_calibrate(
+            args.wand, args.out, args.report, args.points, progress, kind=args.format, drift=args.drift
+        )
+    print(*files, sep="\n")
+    for line in (*solution.clocks.lines, *solution.findings):
+        print(f"kfmocap: {line}", file=sys.stderr)
+    return 0
+
+
+def _synchronise(args: argparse.Namespace) -> int:
+    from ..core.calibration.job import synchronise_take
+    from ..core.formats import load_cameras
+    from ..core.formats.wand_toml import load_wand
+
+    with progress_bar() as progress:
+        clocks = synchronise_take(load_wand(args.wand), load_cameras(args.cameras), progress, drift=args.drift)
+    print(*clocks.lines, sep="\n")
+    return 0
+
+
 def _track(args: argparse.Namespace) -> int:
     from .results import check_output, require_blender, run_track
 
@@ -116,7 +161,7 @@ def _track(args: argparse.Namespace) -> int:
     return 0
 
 
-def _calibrate(args: argparse.Namespace) -> int:
+def _refine(args: argparse.Namespace) -> int:
     from .refinement import refine_shot, told
 
     with progress_bar() as progress:
@@ -181,13 +226,11 @@ def progress_bar() -> Iterator[Progress | None]:
         print("\r\x1b[K", end="", file=sys.stderr, flush=True)
 
 
-def _keyframes(text: str | None) -> list[int] | None:
+def _keyframes(text: str | None) -> list[int] | Literal["auto"] | None:
     from ..core.errors import ShotError
 
-    if text is None:
-        return None
-    if text == "auto":
-        raise ShotError("choosing key frames automatically is not supported yet", where="--keyframes")
+    if text is None or text == "auto":
+        return text
     try:
         return [int(number) for number in text.split(",")]
     except ValueError as error:

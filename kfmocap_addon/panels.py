@@ -12,13 +12,15 @@ from .operators.set_key_pose import SetKeyPose
 from .operators.track import Track
 
 
-class _Panel:
+class Section:
+    """Where our panels are."""
+
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = "KF Mocap"
 
 
-class ShotPanel(_Panel, bpy.types.Panel):
+class ShotPanel(Section, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_shot"
     bl_label = "Shot"
 
@@ -36,7 +38,7 @@ class ShotPanel(_Panel, bpy.types.Panel):
             layout.prop(performer, "armature", text=performer.name)
 
 
-class ViewsPanel(_Panel, bpy.types.Panel):
+class ViewsPanel(Section, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_views"
     bl_label = "Views"
 
@@ -62,7 +64,7 @@ class ViewsPanel(_Panel, bpy.types.Panel):
         self.layout.operator(RefineCameras.bl_idname, icon="CON_CAMERASOLVER")
 
 
-class TrackPanel(_Panel, bpy.types.Panel):
+class TrackPanel(Section, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_track"
     bl_label = "Track"
 
@@ -72,7 +74,7 @@ class TrackPanel(_Panel, bpy.types.Panel):
         self.layout.operator(Track.bl_idname, icon="TRACKING_FORWARDS")
 
 
-class OcclusionPanel(_Panel, bpy.types.Panel):
+class OcclusionPanel(Section, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_occlusion"
     bl_label = "Out of Sight"
 
@@ -88,7 +90,7 @@ class OcclusionPanel(_Panel, bpy.types.Panel):
                 _draw_suggestions(column, slot)
 
 
-class ExportPanel(_Panel, bpy.types.Panel):
+class ExportPanel(Section, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_export"
     bl_label = "Export"
 

@@ -4,14 +4,29 @@ from __future__ import annotations
 
 import bpy
 
-from . import panels, properties
-from .operators import export, go_to_frame, load_shot, look_through, refine_cameras, set_key_pose, track
+from . import calibration_panel, capture, panels, properties
+from .operators import (
+    calibrate,
+    cameras,
+    capture_views,
+    export,
+    go_to_frame,
+    load_shot,
+    look_through,
+    pick_colour,
+    refine_cameras,
+    set_key_pose,
+    track,
+)
 
 CLASSES = (
     properties.KFMocapView,
     properties.KFMocapSuggestion,
     properties.KFMocapPerformer,
     properties.KFMocapScene,
+    capture.KFMocapColour,
+    capture.KFMocapCaptureView,
+    capture.KFMocapCapture,
     load_shot.LoadShot,
     look_through.LookThrough,
     refine_cameras.RefineCameras,
@@ -19,11 +34,23 @@ CLASSES = (
     go_to_frame.GoToFrame,
     track.Track,
     export.Export,
+    cameras.ImportCameras,
+    cameras.ExportCameras,
+    capture_views.AddVideos,
+    capture_views.RemoveVideos,
+    capture_views.LoadCapture,
+    pick_colour.PickColour,
+    calibrate.Calibrate,
+    calibrate.ShowReport,
     panels.ShotPanel,
     panels.ViewsPanel,
     panels.TrackPanel,
     panels.OcclusionPanel,
     panels.ExportPanel,
+    calibration_panel.CaptureViewList,
+    calibration_panel.CalibrationPanel,
+    calibration_panel.CapturePanel,
+    calibration_panel.BallsPanel,
 )
 COMMAND = "kfmocap"
 
@@ -34,6 +61,7 @@ _commands: list[object] = []
 def register() -> None:
     _register_classes()
     bpy.types.Scene.kfmocap = bpy.props.PointerProperty(type=properties.KFMocapScene)
+    bpy.types.Scene.kfmocap_capture = bpy.props.PointerProperty(type=capture.KFMocapCapture)
     if hasattr(bpy.utils, "register_cli_command"):
         _commands.append(bpy.utils.register_cli_command(COMMAND, _command))
 
@@ -41,6 +69,7 @@ def register() -> None:
 def unregister() -> None:
     while _commands:
         bpy.utils.unregister_cli_command(_commands.pop())
+    del bpy.types.Scene.kfmocap_capture
     del bpy.types.Scene.kfmocap
     _unregister_classes()
 

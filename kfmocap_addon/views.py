@@ -5,12 +5,12 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import bpy
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from ..core import rotations
@@ -23,6 +23,7 @@ from . import actions, exact, lens
 Array = NDArray[np.float64]
 
 _FLIP = np.diag([1.0, -1.0, -1.0])  # Blender's cameras look along -z with y up, OpenCV's along z with y down
+_FRAME, _DISTORTED = "kfmocap_frame", "kfmocap_lens"
 _SAME = 1e-6  # metres, and differences of rotations: a camera that moves by less is fixed
 
 
@@ -67,13 +68,10 @@ def build_view(
         Scene frame of shot frame 0.
     """
     camera = view.camera
-    data = bpy.data.cameras.new(camera.name)
-    owner = bpy.data.objects.new(camera.name, data)
-    collection.objects.link(owner)
+    owner = _camera_object(camera.name, collection, clip)
     clip.frame_start = frame_start - file_index(view, first)
     if is_interlaced(view):
         _play_at_half_rate(clip, footage_index(view, first) - frame_start)
-    _show_behind(data, clip)
     slot.name, slot.camera = camera.name, owner
     show_camera(slot, camera, frame_start)
     slot.offset, slot.fields = view.offset, view.fields
@@ -82,16 +80,119 @@ def build_view(
     return owner
 
 
+def build_camera(
+    camera: Camera, collection: bpy.types.Collection, frame_start: int, clip: bpy.types.MovieClip | None = None
+) -> bpy.types.Object:
+    """Build a camera object, animated where the camera moves, with footage behind it where there is some.
+
+    Parameters
+    ----------
+    frame_start : int
+        Scene frame of the first pose of a moving camera.
+    """
+    owner = _camera_object(camera.name, collection, clip)
+    _show_as(owner, camera, frame_start)
+    return owner
+
+
+def _camera_object(name: str, collection: bpy.types.Collection, clip: bpy.types.MovieClip | None) -> bpy.types.Object:
+    data = bpy.data.cameras.new(name)
+    owner = bpy.data.objects.new(name, data)
+    collection.objects.link(owner)
+    if clip is not None:
+        _show_behind(data, clip)
+    return owner
+
+
 def show_camera(slot: bpy.types.PropertyGroup, camera: Camera, frame_start: int) -> None:
     """Give a view's camera object and its footage the pose and the lens of a camera."""
-    owner = slot.camera
-    frame = lens.set_lens(owner.data, camera)
-    _place(owner, camera, frame_start)
-    lens.set_clip_lens(_background_clip(slot), camera)
-    for name in ("matrix", "distortions", "R_cam_world", "t_cam_world"):
-        exact.keep(owner, f"kfmocap_{name}", getattr(camera, name))
+    frame = _show_as(slot.camera, camera, frame_start)
     slot.size, slot.aspect = frame.size, frame.aspect
     slot.distortions = "" if lens.has_brown_model(camera) else _packed_distortions(camera)
+
+
+def _show_as(owner: bpy.types.Object, camera: Camera, frame_start: int) -> lens.Frame:
+    """Give a camera object and the footage behind it the pose and the lens of a camera."""
+    frame = lens.set_lens(owner.data, camera)
+    _place(owner, camera, frame_start)
+    clip = _clip_behind(owner)
+    if clip is not None:
+        lens.set_clip_lens(clip, camera)
+    for name in ("matrix", "distortions", "R_cam_world", "t_cam_world"):
+        exact.keep(owner, f"kfmocap_{name}", getattr(camera, name))
+    owner[_FRAME] = json.dumps([*frame.size, *frame.aspect])
+    owner[_DISTORTED] = _packed_distortions(camera)
+    return frame
+
+
+def read_cameras(
+    scene: bpy.types.Scene, owners: Sequence[bpy.types.Object], frame_start: int, length: int
+) -> list[Camera]:
+    """Cameras of camera objects, however they came: built here, placed by hand, or solved by Blender's own tracker.
+
+    The picture that a camera's lens refers to is the footage behind it, or the scene's render size. Lens distortion
+    is that of the footage's movie clip. A camera that is animated has a pose for each of the frames.
+
+    Parameters
+    ----------
+    owners : sequence of bpy.types.Object
+        Camera objects of the scene.
+    frame_start, length : int
+        Scene frames of a moving camera's poses.
+
+    Raises
+    ------
+    CalibrationError
+        If a camera cannot be one of ours, or no view layer shows them all.
+    """
+    if not owners:
+        return []
+    poses = _camera_poses(scene, list(owners), frame_start, length)
+    return [_read_camera(scene, owner, *pose) for owner, pose in zip(owners, poses, strict=True)]
+
+
+def _read_camera(scene: bpy.types.Scene, owner: bpy.types.Object, R_cam_world: Array, t_cam_world: Array) -> Camera:
+    clip = _clip_behind(owner)
+    frame = _frame_behind(scene, owner, clip)
+    packed = json.loads(owner[_DISTORTED]) if _DISTORTED in owner else {"coefficients": [0.0] * 4, "fisheye": False}
+    brown = not packed["fisheye"] and not any(packed["coefficients"][5:])
+    distortions = lens.clip_distortions(clip) if clip is not None and brown else packed["coefficients"]
+    return _core_camera(owner.name, owner, frame, (R_cam_world, t_cam_world), distortions, packed["fisheye"])
+
+
+def _core_camera(
+    name: str,
+    owner: bpy.types.Object,
+    frame: lens.Frame,
+    pose: tuple[Array, Array],
+    distortions: ArrayLike,
+    fisheye: bool,
+) -> Camera:
+    """A camera object as a camera; what was built here and did not change is exact."""
+    R_cam_world, t_cam_world = pose
+    return Camera.create(
+        name,
+        frame.size,
+        exact.recall(owner, "kfmocap_matrix", lens.intrinsic_matrix(owner.data, frame), max(frame.size)),
+        exact.recall(owner, "kfmocap_R_cam_world", R_cam_world),
+        exact.recall(owner, "kfmocap_t_cam_world", t_cam_world, 1.0 + float(np.abs(t_cam_world).max())),
+        exact.recall(owner, "kfmocap_distortions", distortions, 1e-3),
+        fisheye,
+    )
+
+
+def _frame_behind(scene: bpy.types.Scene, owner: bpy.types.Object, clip: bpy.types.MovieClip | None) -> lens.Frame:
+    """Size and pixel aspect of the picture that a camera's lens refers to."""
+    if _FRAME in owner:
+        width, height, across, down = json.loads(owner[_FRAME])
+        return lens.Frame((width, height), (across, down))
+    if clip is not None and min(clip.size) > 0:
+        aspect = clip.tracking.camera.pixel_aspect
+        return lens.Frame(tuple(clip.size), (1.0, aspect) if aspect >= 1 else (1 / aspect, 1.0))
+    render = scene.render
+    share = render.resolution_percentage / 100
+    size = round(render.resolution_x * share), round(render.resolution_y * share)
+    return lens.Frame(size, (render.pixel_aspect_x, render.pixel_aspect_y))
 
 
 def check_can_be_placed(slots: Iterable[bpy.types.PropertyGroup]) -> None:
@@ -178,17 +279,9 @@ def _read_view(slot: bpy.types.PropertyGroup, R_cam_world: Array, t_cam_world: A
     clip = _background_clip(slot)
     frame = lens.Frame(tuple(slot.size), tuple(slot.aspect))
     packed = json.loads(slot.distortions) if slot.distortions else {"fisheye": False}
-    owner, distance = slot.camera, 1.0 + float(np.abs(t_cam_world).max())
     distortions = packed.get("coefficients") or lens.clip_distortions(clip)
-    camera = Camera.create(
-        slot.name,
-        frame.size,
-        exact.recall(owner, "kfmocap_matrix", lens.intrinsic_matrix(owner.data, frame), max(frame.size)),
-        exact.recall(owner, "kfmocap_R_cam_world", R_cam_world),
-        exact.recall(owner, "kfmocap_t_cam_world", t_cam_world, distance),
-        exact.recall(owner, "kfmocap_distortions", distortions, 1e-3),
-        packed["fisheye"],
-    )
+    pose = R_cam_world, t_cam_world
+    camera = _core_camera(slot.name, slot.camera, frame, pose, distortions, packed["fisheye"])
     path = Path(os.path.normpath(bpy.path.abspath(clip.filepath, library=clip.library)))
     footage = path.with_name(slot.sequence) if slot.sequence else path
     keypoints = Path(os.path.normpath(footage.parent / slot.keypoints)) if slot.keypoints else None
@@ -196,14 +289,21 @@ def _read_view(slot: bpy.types.PropertyGroup, R_cam_world: Array, t_cam_world: A
 
 
 def _background_clip(slot: bpy.types.PropertyGroup) -> bpy.types.MovieClip:
-    for background in slot.camera.data.background_images:
+    clip = _clip_behind(slot.camera)
+    if clip is None:
+        raise FootageError(
+            "the camera has no footage",
+            where=f"camera {slot.camera.name}",
+            todo="give it a movie clip as background image",
+        )
+    return clip
+
+
+def _clip_behind(owner: bpy.types.Object) -> bpy.types.MovieClip | None:
+    for background in owner.data.background_images:
         if background.source == "MOVIE_CLIP" and background.clip is not None:
             return background.clip
-    raise FootageError(
-        "the camera has no footage",
-        where=f"camera {slot.camera.name}",
-        todo="give it a movie clip as background image",
-    )
+    return None
 
 
 def _camera_poses(

@@ -10,31 +10,12 @@ from kfmocap.benchmarks.wand_captures import LFRAME, Faults, capture, ring, scat
 from kfmocap.core.calibration.bundle import Evidence, Observations, Scene, adjust, covariance, linearise, unknowns
 from kfmocap.core.calibration.lframe import resting
 from kfmocap.core.calibration.matching import matched
-from kfmocap.core.calibration.rig import CAMERA_DOF, DRIFT, FOCAL, K1, OFFSET, SHIFT, TURN, Rig, Stencil, Wand
-from kfmocap.core.cameras import Camera
+from kfmocap.core.calibration.rig import CAMERA_DOF, DRIFT, FOCAL, K1, OFFSET, SHIFT, TURN, Rig, Stencil, Wand, rig_of
 from scipy.optimize import least_squares
 from synthetic import numeric_jacobian
 
 Array = np.ndarray
 CAMERAS = ring(3)
-
-
-def rig_of(cameras: list[Camera]) -> Rig:
-    C = len(cameras)
-    distortions = np.zeros((C, 14))
-    distortions[:, :4] = [camera.distortions for camera in cameras]
-    return Rig(
-        tuple(camera.name for camera in cameras),
-        np.array([camera.size for camera in cameras]),
-        np.concatenate([camera.R_cam_world for camera in cameras]),
-        np.concatenate([camera.t_cam_world for camera in cameras]),
-        np.stack([camera.matrix[[0, 1], [0, 1]] for camera in cameras]),
-        np.stack([camera.matrix[:2, 2] for camera in cameras]),
-        distortions,
-        np.zeros(C),
-        np.zeros(C),
-        np.ones(C),
-    )
 
 
 def scene_of(positions: Array, rig: Rig | None = None) -> Scene:

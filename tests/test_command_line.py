@@ -227,7 +227,7 @@ def test_the_libraries_below_add_nothing_to_the_message(folder: Path) -> None:
         (["--views", ","], ["--views"]),
         (["--keyframes", "0,9"], ["--keyframes", "key frame 9", "0 to 5"]),
         (["--keyframes", "0,x"], ["--keyframes", "'0,x'"]),
-        (["--keyframes", "auto"], ["--keyframes", "not supported yet"]),
+        (["--keyframes", "auto"], ["[[performer]] 1", "nothing to take the key poses from"]),
         (["--solver", "magic"], ["solver", "'magic'", "gauss-newton"]),
     ],
 )

@@ -181,13 +181,19 @@ BAD = [
     ("offset = 1.0", 'keypoints = "pose"', r"\[\[view\]\] 2 keypoints: there is no such"),
     ("keyframes = [9, 3, 6]", "keyframes = []", r"\[\[performer\]\] 1 keyframes: at least one key frame"),
     ("keyframes = [9, 3, 6]", "keyframes = [1, 3]", r"1 keyframes: key frame 1 lies outside .* 2 to 9"),
-    ("keyframes = [9, 3, 6]", 'keyframes = "auto"', "1 keyframes: .*automatically is not supported yet"),
+    (
+        "keyframes = [9, 3, 6]",
+        'keyframes = "auto"',
+        r"\[\[performer\]\] 1: there is nothing to take the key poses from",
+    ),
+    ("keyframes = [9, 3, 6]", 'keyframes = "some"', "1 keyframes: must be a list of whole numbers"),
     ("keyframes = [9, 3, 6]", "keyframes = [true]", "1 keyframes: must be a list of whole numbers"),
-    ('landmarks = "landmarks.trc"', "", r"\[\[performer\]\] 1 landmarks: .*key poses"),
+    ('landmarks = "landmarks.trc"', "", r"\[\[performer\]\] 1: .*key poses"),
     ('landmarks = "landmarks.trc"', 'landmarks = "no.trc"', r"1 landmarks: .*no\.trc: .*cannot be read"),
     ('landmarks = "landmarks.trc"', 'landmarks = ""', r"1 landmarks: must be a text"),
     ('name = "man"', 'name = "man"\nheight = 30.0', r"\[\[performer\]\] 1: a height of 30"),
     (TEXT[TEXT.index("[[performer]]") : TEXT.index("[track]")], "", "'performer' is missing"),
+    ('solver = "relaxation"', 'broken_keypoints = "keep"', r"\[track\] broken_keypoints: unknown value 'keep'.*skip"),
     ("[calibration]", "[calibration", r"shot\.toml: is not a TOML file.*line"),
 ]
 

@@ -214,7 +214,7 @@ def _outline_fit(image: Image, balls: Balls, hidden: NDArray[np.bool_], nearest:
     along = (lengths[..., None] + steps[:, None]) / lengths[..., None]
     places = balls.centres[:, None, None] + along[..., None] * spokes[:, :, None]
     light = _light(image, places)
-    inside, usable = _inside_share(light, np.clip(1 - reach[:, None] / lengths, 0.1, 1))
+    inside, usable = _inside_share(light)
     step = steps[:, 1:2] - steps[:, :1]
     edges = steps[:, :1] - step / 2 + step * inside.sum(axis=-1)
     usable &= ~hidden & (np.abs(edges) < 0.8 * reach[:, None]) & _within(image, places)
@@ -278,21 +278,18 @@ def _light(image: Image, places: Array) -> Array:
     return _LIGHT[levels].reshape(*places.shape[:-1], 3)
 
 
-def _inside_share(light: Array, depth: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _inside_share(light: Array) -> tuple[Array, NDArray[np.bool_]]:
     """How much of the ball is in each place along rays from its inside outwards, and on which rays that can be told.
 
     A colour c is a mixture of the ball's, f, at a ray's inner end and the background's, g, at its outer end: c = x f +
-    y g. What is left of shading scales x, light and dark spots scale y: x / (x + y) is nearly free of both.
+    y g. Shading scales x, light and dark spots scale y: x / (x + y) is nearly free of both.
 
     Parameters
     ----------
     light : ndarray, shape (n, K, S, 3)
         Along the rays.
-    depth : ndarray, shape (n, K)
-        Where the rays begin, as a share of their length to the outline.
     """
     f, g = light[..., :_ENDS, :].mean(axis=-2), light[..., -_ENDS:, :].mean(axis=-2)
-    f = f * _limb_shade(f, depth)[..., None]
     ff, gg, fg = np.sum(f * f, axis=-1), np.sum(g * g, axis=-1), np.sum(f * g, axis=-1)
     usable = ff * gg - fg**2 > _LEAST_CONTRAST * ff * gg
     cf, cg = (np.einsum("nksc,nkc->nks", light, end) for end in (f, g))
@@ -301,18 +298,11 @@ def _inside_share(light: Array, depth: Array) -> tuple[Array, NDArray[np.bool_]]
     return x / np.maximum(x + y, 1e-12), usable
 
 
-def _limb_shade(f: Array, depth: Array) -> Array:
-    """How much lighter the balls are at their outlines than where the rays begin, shape (n, K).
-
-    Light falls off towards one side, and the slope that the rays' beginnings show goes on; halfway, for on the dark
-    side it ends where the shadow begins.
-    """
-    light = np.einsum("nkc,nc->nk", f, np.median(f, axis=1))
-    A = np.concatenate([np.ones((*depth.shape, 1)), _CIRCLE * depth[..., None]], axis=-1)
-    weights, usual = np.ones_like(light), np.median(light, axis=1, keepdims=True)
-    for _ in range(3):
-        slope = _least_squares(A, light, weights)
-        here = np.einsum("nki,ni->nk", A, slope)
-        weights = 1 / np.maximum(np.abs(light - here), 0.05 * usual)
-    limb = slope[:, :1] + slope[:, 1:] @ _CIRCLE.T
-    return np.sqrt(np.clip(limb / np.maximum(here, 1e-6), 0.4, 2))
+def marked(image: Image, balls: Balls) -> Image:
+    """A copy of a picture with a white and black ellipse round every ball."""
+    shown = image.copy()
+    for centre, shape in zip(balls.centres, balls.shapes, strict=True):
+        for grow, colour in ((3.0, (0, 0, 0)), (2.0, (255, 255, 255))):
+            ring = centre + _CIRCLE @ (shape + grow * np.eye(2))
+            cv2.polylines(shown, [(16 * ring).round().astype(np.int32)], True, colour, 1, cv2.LINE_AA, 4)
+    return shown

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from .capture import Markers
 from .pairwise import sampson
+from .rig import DRIFT, OFFSET, Rig
 from .tracks import sampled
 
 Array = NDArray[np.float64]
@@ -28,6 +29,43 @@ _FRACTIONS = np.linspace(-1, 1, 17)
 _ROUNDS = 3
 _CLOSE = 3.0
 """Pixels from epipolar lines up to which the other order of the wand's ends is not tried."""
+
+
+@dataclass(frozen=True, eq=False)
+class Clocks:
+    """When the videos of a take began.
+
+    Attributes
+    ----------
+    names : tuple of str, length C
+    offset, drift : ndarray, shape (C,)
+        Frame s of the take is frame rate (1 + drift) s + offset of a camera's video.
+    offset_sigma, drift_sigma : ndarray, shape (C,)
+        Standard deviations, 0 of what was not solved for.
+    """
+
+    names: tuple[str, ...]
+    offset: Array
+    drift: Array
+    offset_sigma: Array
+    drift_sigma: Array
+
+    @classmethod
+    def of(cls, rig: Rig, sigma: Array) -> Clocks:
+        """Those of cameras whose unknowns have the standard deviations sigma, shape (C, 13)."""
+        return cls(rig.names, rig.offset, rig.drift, sigma[:, OFFSET], sigma[:, DRIFT])
+
+    @property
+    def lines(self) -> list[str]:
+        """One a camera, the offset as a shot file's [[view]] takes it."""
+        return [
+            f"{name}: offset = {offset:.4f}"
+            + (f" (standard deviation {spread:.4f} frames)" if spread else "")
+            + (f", drift {drift:.2e} (standard deviation {drift_spread:.1e})" if drift_spread else "")
+            for name, offset, spread, drift, drift_spread in zip(
+                self.names, self.offset, self.offset_sigma, self.drift, self.drift_sigma, strict=True
+            )
+        ]
 
 
 @dataclass(frozen=True)

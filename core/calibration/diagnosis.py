@@ -13,9 +13,9 @@ from . import findings
 from .capture import LFRAME_BALLS, Capture
 from .findings import Finding
 from .initial import FEWEST_SHARED, FLAT, Link
-from .rig import FOCAL, OFFSET
+from .rig import FOCAL, OFFSET, Wand
 from .tracks import Tracks
-from .trust import coverage, depths, flatness, path_error
+from .trust import coverage, depths, path_error, seen_points, thickness
 
 if TYPE_CHECKING:
     from .solve import Solution
@@ -27,7 +27,7 @@ LEAST_AGREEING = 0.3
 LEAST_USED = 0.3
 SMALL_SHARE, TOO_SMALL_SHARE = 0.02, 0.1
 """Noise of the balls as a share of the wand's length in the picture: flagged and refused."""
-SHALLOW = 1.25
+SHALLOW = 1.15
 """Farthest over nearest distance of the wand from a camera below which it stayed at one depth."""
 THIN = 0.03
 """Thickness of a cloud of balls over its width below which it is a plane."""
@@ -93,11 +93,23 @@ def check_links(names: Sequence[str], links: Sequence[Link], tracks: Tracks) -> 
     _check_joined(names, [link.views for link in agreeing], tracks)
 
 
-def _check_joined(names: Sequence[str], pairs: Sequence[tuple[int, int]], tracks: Tracks) -> None:
-    """All views must be joined by pairs."""
-    group = list(range(len(names)))
+def unsolved(names: Sequence[str], links: Sequence[Link]) -> Finding:
+    """Why no cameras were found: where planes join all views, it is for them."""
+    flat = [link.views for link in links if link.geometry is not None and link.geometry.flatness > FLAT]
+    return findings.in_a_plane() if len(set(_groups(len(names), flat))) == 1 else findings.nothing_agrees()
+
+
+def _groups(count: int, pairs: Sequence[tuple[int, int]]) -> list[int]:
+    """Of each view the group that it is joined to by pairs."""
+    group = list(range(count))
     for i, j in pairs:
         group = [group[i] if g == group[j] else g for g in group]
+    return group
+
+
+def _check_joined(names: Sequence[str], pairs: Sequence[tuple[int, int]], tracks: Tracks) -> None:
+    """All views must be joined by pairs."""
+    group = _groups(len(names), pairs)
     if len(set(group)) == 1:
         return
     whole = tracks.seen.all(axis=2)
@@ -110,8 +122,8 @@ def _check_joined(names: Sequence[str], pairs: Sequence[tuple[int, int]], tracks
     raise findings.unlinked(inside, [name for name in names if name not in inside]).error()
 
 
-def check_solution(names: Sequence[str], used: Array) -> None:
-    """Refuse cameras that explain hardly any of what was seen.
+def check_solution(names: Sequence[str], used: Array, wand: Wand) -> None:
+    """Refuse cameras that explain hardly any of what was seen, or that were solved from a plane.
 
     Raises
     ------
@@ -122,6 +134,8 @@ def check_solution(names: Sequence[str], used: Array) -> None:
     for name, share in zip(names, used, strict=True):
         if share < LEAST_USED / 2:
             raise findings.no_geometry(name).error()
+    if thickness(wand.ends_world.reshape(-1, 3)) < THIN:
+        raise findings.in_a_plane().error()
 
 
 def doubts(solution: Solution) -> Iterator[Finding]:
@@ -135,7 +149,7 @@ def doubts(solution: Solution) -> Iterator[Finding]:
         shared = _shared_frames(solution, c)
         if shared < FEW_SHARED:
             yield findings.few_shared(view.camera, shared, FEW_SHARED)
-        if flatness(solution, c) < THIN:
+        if thickness(seen_points(solution, c)) < THIN:
             yield findings.in_a_plane(view.camera)
         if far[c] < SHALLOW * near[c]:
             yield findings.one_depth(view.camera, near[c], far[c])

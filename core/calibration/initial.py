@@ -85,18 +85,15 @@ def find_links(tracks: Tracks, lenses: Sequence[Lens], cancel: Cancel) -> list[L
     return links
 
 
-def uncrossed(tracks: Tracks, links: Sequence[Link]) -> Tracks:
-    """The tracks with the wand's ends in the same order in all views: where they look alike, each begins with any."""
+def crossed_views(links: Sequence[Link]) -> list[int]:
+    """Views whose balls come in the other order than the first view's: where they look alike, each begins with any."""
     turned = {0: False}
     trusted = sorted(links, key=lambda link: -link.agreeing)
     while joining := [link for link in trusted if sum(v in turned for v in link.views) == 1]:
         i, j = joining[0].views
         new, old = (i, j) if j in turned else (j, i)
         turned[new] = turned[old] != joining[0].crossed
-    views = [v for v, other in turned.items() if other]
-    points, sigma = tracks.points.copy(), tracks.sigma.copy()
-    points[views], sigma[views] = points[views][:, :, ::-1], sigma[views][:, :, ::-1]
-    return replace(tracks, points=points, sigma=sigma)
+    return [v for v, other in turned.items() if other]
 
 
 def observed(tracks: Tracks, sighting: Sighting) -> Observations:

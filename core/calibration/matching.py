@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .bundle import Observations, Scene, predicted
-from .capture import Markers
+from .capture import CaptureView, Markers
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+GATE = 4.0
+"""Standard deviations within which a ball is the wand's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,3 +67,11 @@ def matched(scene: Scene, view: int, markers: Markers, reach: Array) -> Matches:
     own = np.where(crossed[:, None], [1, 0], [0, 1])
     rows, ends = np.nonzero(np.take_along_axis(cost, own[..., None], axis=2)[..., 0] < 1)
     return Matches(rows, ends, own[rows, ends], aside[rows, ends, own[rows, ends]])
+
+
+def labelled(scene: Scene, views: Sequence[CaptureView], noise: float) -> tuple[Observations, Array]:
+    """The balls of all views that the scene's wand explains, swapped ends swapped back, and their share by view."""
+    matches = [matched(scene, v, view.wand, GATE * noise * view.wand.sigma) for v, view in enumerate(views)]
+    parts = [found.observations(v, views[v].wand) for v, found in enumerate(matches)]
+    shares = [len(found.row) / max(view.wand.seen.sum(), 1) for found, view in zip(matches, views, strict=True)]
+    return Observations.joined(parts), np.array(shares)

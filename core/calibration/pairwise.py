@@ -162,9 +162,15 @@ def sampson(F: Array, x: Array, y: Array) -> Array:
 
 
 def _in_a_plane(x: Array, y: Array) -> Bools:
-    """Which correspondences one homography explains."""
+    """Which correspondences one homography explains, from the view in which the plane is seen more steeply."""
+    return max(_transferred(x, y), _transferred(y, x), key=lambda fits: fits.sum())
+
+
+def _transferred(x: Array, y: Array) -> Bools:
+    """Which points x a homography brings to y."""
     cv2.setRNGSeed(1)
-    H, _ = cv2.findHomography(x, y, cv2.USAC_MAGSAC, 2 * _THRESHOLD, None, 2000, 0.999)
+    # Not MAGSAC: it takes no homography between views from the plane's two sides.
+    H, _ = cv2.findHomography(x, y, cv2.RANSAC, 2 * _THRESHOLD, None, 2000, 0.999)
     if H is None:
         return np.zeros(len(x), bool)
     moved = np.column_stack([x, np.ones(len(x))]) @ H.T

@@ -119,6 +119,26 @@ class Rig:
         return replace(self, R_cam_world=turned, t_cam_world=self.t_cam_world - turned @ t)
 
 
+def rig_of(cameras: Sequence[Camera]) -> Rig:
+    """Cameras that were solved before, with the capture's clock."""
+    C = len(cameras)
+    distortions = np.zeros((C, COEFFICIENTS))
+    for c, camera in enumerate(cameras):
+        distortions[c, : len(camera.distortions)] = camera.distortions
+    return Rig(
+        tuple(camera.name for camera in cameras),
+        np.array([camera.size for camera in cameras]),
+        np.stack([camera.R_cam_world[0] for camera in cameras]),
+        np.stack([camera.t_cam_world[0] for camera in cameras]),
+        np.stack([camera.matrix[[0, 1], [0, 1]] for camera in cameras]),
+        np.stack([camera.matrix[:2, 2] for camera in cameras]),
+        distortions,
+        np.zeros(C),
+        np.zeros(C),
+        np.ones(C),
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Wand:
     """A wand of known length on some frames: its length is no unknown.

@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 
 from ..cameras import Camera
 from ..shot import Progress, report_progress
-from . import diagnosis, findings, lenses, lframe
+from . import diagnosis, lenses, lframe
 from .bundle import Evidence, Observations, Scene, adjust, covariance
-from .capture import Capture, CaptureView, Markers
-from .clocks import find_offsets
+from .capture import Capture, CaptureView
+from .clocks import Clocks
 from .findings import Finding
-from .initial import FEWEST_SHARED, find_links, first_rig, uncrossed, unknown_lens
-from .matching import matched
+from .initial import FEWEST_SHARED, crossed_views, find_links, first_rig, unknown_lens
+from .matching import labelled
 from .pairwise import FOCAL_GRID, Lens
 from .rig import CAMERA_DOF, DRIFT, OFFSET, Rig, Wand
-from .tracks import Tracks, cleaned, is_waved, synchronised
+from .synchrony import Synchrony, in_step, synchrony
 from .triangulation import sight
 from .trust import measured_lengths
 
@@ -31,8 +31,6 @@ FOCAL_SIGMA = 0.1
 _EXACT = 1e-6
 _ROUNDS = 4
 _SETTLED = 0.01
-_GATE = 4.0
-"""Standard deviations within which a ball is the wand's."""
 _ROBUST = 4.0
 """Scale of the robust loss, in standard deviations, while wrong balls may still be among the others."""
 _LEAST_NOISE = 0.2
@@ -104,6 +102,11 @@ class Solution:
         return Scene(self.rig, self.wand, self.lframe_world)
 
     @property
+    def clocks(self) -> Clocks:
+        """When the videos began."""
+        return Clocks.of(self.rig, self.sigma)
+
+    @property
     def sigma(self) -> Array:
         """Standard deviations of the cameras' unknowns, shape (C, 13)."""
         return np.sqrt(np.diag(self.covariance)).reshape(-1, CAMERA_DOF)
@@ -129,25 +132,29 @@ def solve(capture: Capture, progress: Progress | None = None, *, drift: bool = F
     steps = _Steps(progress)
     diagnosis.check_capture(capture)
     steps.next("offsets", 0.0)
-    clock, tracks, loose = _synchronised(capture)
+    together = synchrony(capture)
+    tracks = together.tracks()
     known = [_lens(view) for view in capture.views]
     steps.next("pairs", 0.1)
     links = find_links(tracks, known, steps.check)
     names = [view.camera for view in capture.views]
     diagnosis.check_links(names, links, tracks)
-    tracks = uncrossed(tracks, links)
+    together = together.turned(crossed_views(links))
     steps.next("first cameras", 0.15)
-    start = first_rig(names, tracks, known, links, capture.wand_length, steps.check)
+    start = first_rig(names, together.tracks(), known, links, capture.wand_length, steps.check)
     if start is None:
-        raise findings.nothing_agrees().error()
-    start = replace(start, offset=clock.offset, rate=clock.rate)
+        raise diagnosis.unsolved(names, links).error()
+    start = replace(start, offset=together.offset, rate=together.rate)
     free = np.stack([unknown_lens(lens) for lens in known])
-    free[:, OFFSET] = loose
-    free[:, DRIFT] = loose & drift
+    free[:, OFFSET] = together.loose
+    free[:, DRIFT] = together.loose & drift
     steps.next("wand", 0.4)
-    draft = _polished(start, capture, tracks, free, steps)
+    draft = _polished(start, capture, together, free, steps)
+    if draft is None:
+        raise diagnosis.unsolved(names, links).error()
+    diagnosis.check_solution(names, draft.used, draft.scene.wand)
     steps.next("L-frame", 0.6)
-    return _finished(draft, capture, tracks, free, known, steps)
+    return _finished(draft, capture, together, free, known, steps)
 
 
 class _Steps:
@@ -164,12 +171,6 @@ class _Steps:
         report_progress(self._progress, self._what, self._fraction)
 
 
-@dataclass(frozen=True, eq=False)
-class _Clock:
-    rate: Array
-    offset: Array
-
-
 def _lens(view: CaptureView) -> Lens:
     """What the capture says of a camera, and the focal lengths to try."""
     matrix = None if view.matrix is None else np.asarray(view.matrix, float)
@@ -182,27 +183,6 @@ def _lens(view: CaptureView) -> Lens:
     return Lens(view.size, focals, matrix, None if view.distortions is None else np.asarray(view.distortions, float))
 
 
-def _synchronised(capture: Capture) -> tuple[_Clock, Tracks, Bools]:
-    """The videos' clocks, the wand on common frames, and the views whose offset is still to be refined."""
-    views = capture.views
-    pace = [view.fps for view in views]
-    reference = next((fps for fps in pace if fps), 1.0)
-    rate = np.array([(fps or reference) / reference for fps in pace])
-    given = [view.offset for view in views]
-    waved = sum(is_waved(view.wand) for view in views) > len(views) / 2
-    wands: list[Markers] = [cleaned(view.wand) if waved else view.wand for view in views]
-    if all(offset is not None for offset in given):
-        offset = np.array(given, float)
-        return _Clock(rate, offset), synchronised(wands, rate, offset), np.zeros(len(views), bool)
-    if not waved:
-        raise findings.not_waved().error()
-    offset, found = find_offsets(wands, rate, given)
-    for v in np.flatnonzero(np.isnan(offset)):
-        raise findings.offset_unknown(views[v].camera).error()
-    loose = np.isin(np.arange(len(views)), found)
-    return _Clock(rate, offset), synchronised(wands, rate, offset), loose
-
-
 @dataclass(frozen=True, eq=False)
 class _Draft:
     """Cameras, the wand, and the balls that are the wand's."""
@@ -213,53 +193,43 @@ class _Draft:
     noise: float
 
 
-def _polished(rig: Rig, capture: Capture, tracks: Tracks, free: Bools, steps: _Steps) -> _Draft:
-    """Adjust cameras on all frames, and tell the wand's balls from others, in turns."""
-    noise, draft = 3.0, None
+def _polished(rig: Rig, capture: Capture, together: Synchrony, free: Bools, steps: _Steps) -> _Draft | None:
+    """Adjust cameras on all frames, and tell the wand's balls from others, in turns; None where no wand is seen."""
+    noise = 3.0
+    draft: _Draft | None = None
     for _ in range(_ROUNDS):
         before = draft
-        wand = _sighted(rig, tracks, capture.wand_length, noise, bool(free[:, OFFSET].any()))
+        wand = _sighted(rig, together, capture.wand_length, noise)
+        if len(wand) < FEWEST_SHARED:
+            return None
         scene = Scene(rig, wand)
         noise = max(noise if draft is None else draft.noise, 1.0)
         for _ in range(2):
             seen, used = labelled(scene, capture.views, noise)
-            evidence = _evidence(capture, seen, free)
+            evidence = _evidence(capture, seen, together)
             fit = adjust(scene, evidence, free, scale=_ROBUST * noise, tolerance=1e-4, cancel=steps.check)
             scene, noise = fit.scene, max(fit.noise, _LEAST_NOISE)
         draft = _Draft(scene, seen, used, noise)
         rig = scene.rig
         if before is not None and abs(len(seen) / len(before.seen) - 1) + abs(noise / before.noise - 1) < _SETTLED:
             break
-    assert draft is not None
-    diagnosis.check_solution(rig.names, draft.used)
     return draft
 
 
-def _sighted(rig: Rig, tracks: Tracks, length: float, noise: float, smooth: bool) -> Wand:
-    """The wand on the capture's frames, by cameras whose videos were brought to them."""
-    still = replace(rig, offset=np.zeros(len(rig)), drift=np.zeros(len(rig)), rate=np.ones(len(rig)))
-    wand = sight(still, tracks, length, max(noise, 1.0)).wand(tracks.frames, length, single=not smooth)
-    if len(wand) < FEWEST_SHARED:
-        raise findings.nothing_agrees().error()
-    return wand
+def _sighted(rig: Rig, together: Synchrony, length: float, noise: float) -> Wand:
+    """The wand on the capture's frames, by cameras whose videos are brought to them."""
+    tracks = together.tracks(rig)
+    found = sight(in_step(rig), tracks, length, max(noise, 1.0))
+    return found.wand(tracks.frames, length, single=not together.between)
 
 
-def _evidence(capture: Capture, seen: Observations, free: Bools) -> Evidence:
+def _evidence(capture: Capture, seen: Observations, together: Synchrony) -> Evidence:
     focal = np.array([np.nan if v.focal is None or v.matrix is not None else v.focal for v in capture.views])
-    smooth = bool(free[:, [OFFSET, DRIFT]].any())
-    return Evidence(seen, focal=focal, focal_sigma=FOCAL_SIGMA, smooth=smooth)
-
-
-def labelled(scene: Scene, views: Sequence[CaptureView], noise: float) -> tuple[Observations, Array]:
-    """The balls of all views that the scene's wand explains, swapped ends swapped back, and their share by view."""
-    matches = [matched(scene, v, view.wand, _GATE * noise * view.wand.sigma) for v, view in enumerate(views)]
-    parts = [found.observations(v, views[v].wand) for v, found in enumerate(matches)]
-    shares = [len(found.row) / max(view.wand.seen.sum(), 1) for found, view in zip(matches, views, strict=True)]
-    return Observations.joined(parts), np.array(shares)
+    return Evidence(seen, focal=focal, focal_sigma=FOCAL_SIGMA, smooth=together.between)
 
 
 def _finished(
-    draft: _Draft, capture: Capture, tracks: Tracks, free: Bools, known: Sequence[Lens], steps: _Steps
+    draft: _Draft, capture: Capture, together: Synchrony, free: Bools, known: Sequence[Lens], steps: _Steps
 ) -> Solution:
     """Lay down the world, decide on the lenses, and adjust once more to all that is known."""
     resting = lframe.resting([view.lframe for view in capture.views])
@@ -269,7 +239,7 @@ def _finished(
     scene = draft.scene.in_world(placement.R, placement.t)
     lframe.check(placement, scene.rig, capture.lframe_points, capture.wand_length, 0.0)
     scene = replace(scene, lframe_world=capture.lframe_points.copy())
-    evidence = replace(_evidence(capture, draft.seen, free), lframe=resting, lframe_measures=capture.lframe_points)
+    evidence = replace(_evidence(capture, draft.seen, together), lframe=resting, lframe_measures=capture.lframe_points)
     steps.next("lenses", 0.7)
     fit = adjust(scene, evidence, free, cancel=steps.check)
     free = lenses.chosen(fit.scene, evidence, free, known, steps.check)

@@ -61,13 +61,10 @@ def _at(track: Markers, frames: Array) -> Array:
 def depths(solution: Solution) -> Array:
     """Nearest, middle and farthest depth of the wand's balls that each camera sees, shape (C, 3), metres."""
     rig, out = solution.rig, np.full((len(solution.rig), 3), np.nan)
-    nearest = _state(solution)
-    ends = solution.wand.ends_world[nearest, solution.seen.ball]
     for c in range(len(rig)):
-        own = solution.seen.camera == c
-        if own.any():
-            depth = ends[own] @ rig.R_cam_world[c, 2] + rig.t_cam_world[c, 2]
-            out[c] = np.quantile(depth, _QUANTILES)
+        points = seen_points(solution, c)
+        if len(points):
+            out[c] = np.quantile(points @ rig.R_cam_world[c, 2] + rig.t_cam_world[c, 2], _QUANTILES)
     return out
 
 
@@ -78,11 +75,15 @@ def _state(solution: Solution) -> NDArray[np.int64]:
     return np.clip(np.searchsorted(frames, times), 0, len(frames) - 1)
 
 
-def flatness(solution: Solution, c: int) -> float:
-    """Thickness over width of the cloud of the wand's balls that a camera sees."""
+def seen_points(solution: Solution, c: int) -> Array:
+    """The wand's balls that a camera sees, shape (n, 3), metres."""
     own = solution.seen.camera == c
-    ends = solution.wand.ends_world[_state(solution)[own], solution.seen.ball[own]]
-    spread = np.linalg.svd(ends - ends.mean(axis=0), compute_uv=False)
+    return solution.wand.ends_world[_state(solution)[own], solution.seen.ball[own]]
+
+
+def thickness(points: Array) -> float:
+    """Thickness over width of a cloud of points, shape (n, 3)."""
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return float(spread[2] / spread[0])
 
 

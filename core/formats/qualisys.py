@@ -14,8 +14,8 @@ import numpy as np
 from ..cameras import Camera
 from ..errors import CalibrationError
 
-_SUBPIXELS = 64.0
-_FLIP = np.diag([1.0, -1.0, -1.0])
+SUBPIXELS = 64.0
+FLIP = np.diag([1.0, -1.0, -1.0])
 
 
 def read_qualisys_cameras(path: Path) -> list[Camera]:
@@ -59,7 +59,7 @@ def _camera(element: ElementTree.Element, path: Path) -> Camera:
     left, top = value("fov_video", "left"), value("fov_video", "top")
     size = (round(value("fov_video", "right") - left) + 1, round(value("fov_video", "bottom") - top) + 1)
     fu, fv, cu, cv, skew = (
-        value("intrinsic", key) / _SUBPIXELS
+        value("intrinsic", key) / SUBPIXELS
         for key in ("focalLengthU", "focalLengthV", "centerPointU", "centerPointV", "skew")
     )
     K = np.array([[fu, skew, cu - left], [0.0, fv, cv - top], [0.0, 0.0, 1.0]])
@@ -69,5 +69,5 @@ def _camera(element: ElementTree.Element, path: Path) -> Camera:
     distortions = [value("intrinsic", key) for key in keys]
     rows = [[value("transform", f"r{i}{j}") for j in (1, 2, 3)] for i in (1, 2, 3)]
     centre = np.array([value("transform", key) for key in "xyz"]) / 1000
-    R = _FLIP @ np.array(rows)
+    R = FLIP @ np.array(rows)
     return Camera.create(name, size, K, R, -R @ centre, distortions)

@@ -6,9 +6,10 @@ import dataclasses
 import re
 import tomllib
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import UnionType
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from ..cameras import Camera
 from ..errors import LandmarkError, ShotError
 from ..footage import check_view
 from ..inverse_kinematics import fit_body, fit_poses
-from ..shot import FIELD_ORDERS, KeyPoses, Performer, Settings, Shot, View
+from ..shot import FIELD_ORDERS, KeyPoses, Performer, Settings, Shot, View, Wanted
 from .bvh import body_of_bvh, poses_of_bvh, read_bvh
 from .calibration import load_cameras
 from .tables import Table, named
@@ -36,7 +37,7 @@ def load_shot(
     path: Path | str,
     *,
     views: Sequence[str] | None = None,
-    keyframes: Sequence[int] | None = None,
+    keyframes: Sequence[int] | Literal["auto"] | None = None,
     solver: str | None = None,
 ) -> Shot:
     """Read a shot file and all that it names but the footage's pictures.
@@ -46,8 +47,9 @@ def load_shot(
     path : path
     views : sequence of str, optional
         Use the views of these cameras only.
-    keyframes : sequence of int, optional
-        Use these key frames for every performer, in the footage's count, instead of the file's.
+    keyframes : sequence of int or "auto", optional
+        Use these key frames for every performer, in the footage's count, instead of the file's; "auto" has them chosen
+        and posed by keypoints.
     solver : str, optional
         Use this solver instead of the file's.
 
@@ -58,7 +60,7 @@ def load_shot(
 
     Raises
     ------
-    ShotError, CalibrationError, FootageError, LandmarkError, BodyError
+    ShotError, CalibrationError, FootageError, LandmarkError, KeypointError, BodyError
         One message that names the file and the field.
     """
     path = Path(path)
@@ -73,8 +75,25 @@ def load_shot(
             check_view(view, frames[0], frames[1] - frames[0] + 1)
     tables = _tables(document, "performer", path, _PERFORMER)
     _distinct([table.text("name") for table in tables], f"{path} [[performer]] name")
-    performers = [_performer(table, path.parent, frames, keyframes) for table in tables]
-    return Shot(name, fps, frames, shot_views, tuple(performers), settings)
+    made = [_performer(table, path.parent, frames, keyframes) for table in tables]
+    performers = tuple(p.unknown() if isinstance(p, Wanted) else p for p in made)
+    shot = Shot(name, fps, frames, shot_views, performers, settings)
+    wanted = [p if isinstance(p, Wanted) else None for p in made]
+    return replace(shot, performers=_from_keypoints(shot, wanted, path)) if any(wanted) else shot
+
+
+def _from_keypoints(shot: Shot, wanted: Sequence[Wanted | None], path: Path) -> tuple[Performer, ...]:
+    """The performers, with those that only keypoints tell of."""
+    from ..keypoints.proposals import proposed  # which reads keypoint files with this package
+
+    where = f"{path} [[performer]] {[p is not None for p in wanted].index(True) + 1}"
+    if not any(view.keypoints for view in shot.views):
+        todo = "name a TRC file as landmarks, a BVH file as keyposes, or keypoints in the views"
+        raise ShotError("there is nothing to take the key poses from", where=where, todo=todo)
+    if shot.settings.solver != "gauss-newton":
+        raise ShotError("key poses from keypoints need the solver gauss-newton", where=where)
+    with named(str(path)):
+        return proposed(shot, wanted)
 
 
 def load_shot_cameras(path: Path | str) -> dict[str, Camera]:
@@ -193,15 +212,18 @@ def _setting(table: Table, name: str, kind: Any) -> Any:
     return value
 
 
-def _performer(table: Table, folder: Path, frames: tuple[int, int], keyframes: Sequence[int] | None) -> Performer:
+def _performer(
+    table: Table, folder: Path, frames: tuple[int, int], keyframes: Sequence[int] | Literal["auto"] | None
+) -> Performer | Wanted:
     name = table.text("name")
     height = table.number("height", None)
+    if keyframes == "auto" or (keyframes is None and table.value("keyframes") == "auto"):
+        return Wanted(name, height)
     keys = _keyframes(table, frames, keyframes)
     if "keyposes" in table:
         return _posed_performer(table, folder, keys, frames[0])
     if "landmarks" not in table:
-        todo = "name a TRC file, or a BVH file as keyposes"
-        raise table.error("landmarks", "there is nothing to take the key poses from", todo)
+        return Wanted(name, height, tuple(int(key) - frames[0] for key in keys))
     file = table.path("landmarks", folder)
     with named(f"{table.where} landmarks"):
         names, points = _at_keys(read_trc(file), file, keys, frames[0])
@@ -231,9 +253,6 @@ def _posed_performer(table: Table, folder: Path, keys: np.ndarray, first: int) -
 def _keyframes(table: Table, frames: tuple[int, int], override: Sequence[int] | None) -> np.ndarray:
     """Key frames in the footage's count, increasing."""
     where = "--keyframes" if override is not None else f"{table.where} keyframes"
-    if override is None and table.value("keyframes") == "auto":
-        todo = "list the frames"
-        raise ShotError("choosing key frames automatically is not supported yet", where=where, todo=todo)
     keys = sorted(set(override if override is not None else table.integers("keyframes")))
     if not keys:
         raise ShotError("at least one key frame is needed", where=where)

@@ -61,3 +61,33 @@ def banded(blocks: BandedBlocks, fixed: NDArray[np.bool_], damping: float = 0.0)
             kept = block * free[k:, :, None] * free[:n, None, :]
             out[(k * D + rows - columns).ravel(), :n, columns.ravel()] = kept.reshape(n, -1).T
     return out.reshape(3 * D, F * D)
+
+
+def bordered_solution(
+    factor: BandedFactor, gradient: Array, border: Array, corner: Array, corner_gradient: Array
+) -> tuple[Array, Array]:
+    """Solve a banded system with a few more unknowns that touch every frame, by their Schur complement.
+
+    Parameters
+    ----------
+    factor : BandedFactor
+        Of the banded part A.
+    gradient : ndarray, shape (F, D)
+    border : ndarray, shape (F, D, n)
+        B in [[A, B], [B^T, C]].
+    corner : ndarray, shape (n, n)
+        C.
+    corner_gradient : ndarray, shape (n,)
+
+    Returns
+    -------
+    ndarray, shape (F, D)
+    ndarray, shape (n,)
+    """
+    inner = factor.solve(border)
+    alone = factor.solve(gradient)
+    n = len(corner)
+    seen = np.where(factor.free[..., None], border, 0.0).reshape(-1, n)
+    schur = corner - seen.T @ inner.reshape(-1, n)
+    outer = np.linalg.solve(schur, corner_gradient - seen.T @ alone.ravel())
+    return alone - inner @ outer, outer

@@ -201,17 +201,21 @@ def normal_equations(
     hidden: Sequence[NDArray[np.bool_]] = (),
     expected: Sequence[Array | None] = (),
 ) -> list[BandedBlocks]:
-    """The normal equations of every performer: gradients and outlines of all views, and smoothness."""
+    """The normal equations of every performer: gradients and outlines of all views, keypoints, and smoothness."""
     if hidden:
         evidence = evidence.without(np.concatenate(hidden, axis=1))
     precision = view_precision(evidence, settings)
     # Lines that reach farther than the error find other limbs' outlines: far from the solution they count for little.
     outlines = 1 / (settings.outline_correlation * tolerance**2)
+    R, T = poses
     systems = [BandedBlocks.zeros(problem.length, body.dof) for body in problem.bodies]
     for instants in problem.instants(motions, poses):
         own_systems = _image_systems(problem, instants, evidence, precision, outlines)
         systems = [system + own for system, own in zip(systems, own_systems, strict=True)]
     for i, body in enumerate(problem.bodies):
+        if problem.pointers:
+            own = R[:, problem.spans()[i]], T[:, problem.spans()[i]]
+            systems[i] += problem.pointers[i].blocks(body, own, tolerance)
         systems[i] += problem.smoothness(
             i, motions[i], acceleration_precision(body, problem.fps, settings), expected[i] if expected else None
         )

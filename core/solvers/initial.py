@@ -108,7 +108,8 @@ def _window(problem: Problem, first: int, stop: int, held: Sequence[int]) -> Pro
     fixed = [f[first:stop].copy() for f in problem.fixed]
     for f in fixed:
         f[[frame - first for frame in held]] = True
-    return replace(problem, first=problem.first + first, fixed=tuple(fixed), before=None, after=None)
+    pointers = tuple(pointer[first:stop] for pointer in problem.pointers)
+    return replace(problem, first=problem.first + first, fixed=tuple(fixed), before=None, after=None, pointers=pointers)
 
 
 def _foretold(motion: Motion, frames: Sequence[int], hidden: NDArray[np.bool_], fixed: NDArray[np.bool_]) -> Motion:

@@ -14,6 +14,7 @@ from ..constraints import BandedBlocks, smoothness
 from ..delay import Delayed, delayed
 from ..evidence.collect import Evidence, image_evidence, scene_poses
 from ..evidence.images import ViewFrames
+from ..evidence.keypoints import Pointers
 from ..motion import Motion, stacked
 from ..occlusion import unseen
 from ..visibility import Geometry
@@ -64,6 +65,8 @@ class Problem:
     before, after : tuple of Motion or None
         Per performer: the pose on the frame before the first and after the last, where it is known. It is held, and the
         motion passes smoothly from and to it.
+    pointers : tuple of Pointers
+        One per performer, or none.
     """
 
     views: tuple[ViewFrames, ...]
@@ -74,6 +77,7 @@ class Problem:
     before: tuple[Motion, ...] | None = None
     after: tuple[Motion, ...] | None = None
     shape: Geometry | None = None
+    pointers: tuple[Pointers, ...] = ()
 
     @property
     def length(self) -> int:

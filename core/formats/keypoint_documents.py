@@ -1,0 +1,211 @@
+"""The JSON documents of pose detectors, told apart by what is in them, as lists of people.
+
+Known are OpenPose (`people`), COCO's results and annotations, AlphaPose (COCO's results with names of pictures, or
+`bodies` by name), MMPose and RTMPose (`instances`, alone or with `instance_info`), MediaPipe (landmarks as `x`, `y`,
+`visibility`) and Ultralytics' YOLO-pose (`keypoints` of lists `x`, `y`, `visible`).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ..keypoints.layouts import landmark_of
+
+
+@dataclass(frozen=True)
+class Person:
+    """One person in one picture.
+
+    Attributes
+    ----------
+    values : sequence of float
+        x, y, confidence of every keypoint, one after the other.
+    frame : int or None
+        None where the document does not tell: it then is about one picture.
+    track : int
+        -1 where it is not told.
+    normalised : bool
+        Places are shares of the picture's width and height, 0 to 1 from edge to edge.
+    names : tuple of str or None
+        Our names of the keypoints where the document names them.
+    """
+
+    values: Sequence[float]
+    frame: int | None = None
+    track: int = -1
+    normalised: bool = False
+    names: tuple[str, ...] | None = None
+
+
+def people(document: Any) -> list[Person] | None:
+    """All people of a document, or None if it is not one of those known.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError, IndexError, AttributeError
+        It is one of them, but not whole.
+    """
+    if isinstance(document, Mapping):
+        return _of_mapping(document)
+    if isinstance(document, list):
+        return _of_list(document)
+    return None
+
+
+def _of_mapping(document: Mapping[str, Any]) -> list[Person] | None:
+    if "people" in document:
+        return [_openpose(person) for person in document["people"] if person["pose_keypoints_2d"]]
+    if "bodies" in document:
+        return [Person(body["joints"]) for body in document["bodies"]]
+    if "annotations" in document:
+        return _annotations(document)
+    if "instance_info" in document:
+        return _mmpose_video(document["instance_info"], _spoken_names(document.get("meta_info", {})))
+    if "instances" in document:
+        return [_mmpose(one, None) for one in document["instances"]]
+    for key in ("frames", "results", "predictions"):
+        if isinstance(document.get(key), list):
+            return _of_list(document[key])
+    if (bodies := _mediapipe_bodies(document)) is not None:
+        return bodies
+    if document and all(isinstance(value, Mapping) for value in document.values()):
+        return _by_picture(document)
+    return None
+
+
+def _of_list(document: list[Any]) -> list[Person] | None:
+    if not document:
+        return []
+    first = document[0]
+    if isinstance(first, Mapping):
+        if "image_id" in first:
+            return [_coco(entry, picture_number(entry["image_id"])) for entry in document]
+        if "instances" in first:
+            return _mmpose_video(document, None)
+        if "keypoint_scores" in first:
+            return [_mmpose(one, None) for one in document]
+        if isinstance(first.get("keypoints"), Mapping):
+            return [_ultralytics(one) for one in document]
+        if _is_landmark(first):
+            return [_mediapipe(document, None)]
+    if _is_mediapipe_frame(first):
+        return list(_mediapipe_frames(document))
+    return None
+
+
+def picture_number(name: Any) -> int:
+    """The number of a picture: the last in its name."""
+    if isinstance(name, int):
+        return name
+    numbers = re.findall(r"\d+", re.sub(r"\.\w*$", "", str(name)))
+    if not numbers:
+        raise ValueError(f"picture '{name}' has no number")
+    return int(numbers[-1])
+
+
+def _openpose(person: Mapping[str, Any]) -> Person:
+    track = person.get("person_id") or [-1]
+    return Person(person["pose_keypoints_2d"], None, int(track[0] if isinstance(track, list) else track))
+
+
+def _by_picture(document: Mapping[str, Any]) -> list[Person] | None:
+    found = []
+    for name, inner in document.items():
+        for person in _of_mapping(inner) or ():
+            found.append(Person(person.values, picture_number(name), person.track, person.normalised, person.names))
+    return found or None
+
+
+def _coco(entry: Mapping[str, Any], frame: int) -> Person:
+    track = entry.get("track_id", entry.get("idx", -1))
+    return Person(entry["keypoints"], frame, track if isinstance(track, int) else -1)
+
+
+def _annotations(document: Mapping[str, Any]) -> list[Person]:
+    """COCO's ground truth: visibility is 0, 1 (hidden) or 2; pictures are numbered by their names where they can be."""
+    names = {image["id"]: image.get("file_name", image["id"]) for image in document.get("images", ())}
+    found = []
+    for entry in document["annotations"]:
+        values = list(entry["keypoints"])
+        values[2::3] = [v / 2 for v in values[2::3]]
+        frame = picture_number(names.get(entry["image_id"], entry["image_id"]))
+        found.append(_coco({**entry, "keypoints": values}, frame))
+    return found
+
+
+def _spoken_names(meta: Mapping[str, Any]) -> tuple[str, ...] | None:
+    names = meta.get("keypoint_id2name")
+    if isinstance(names, Mapping):
+        names = [names[key] for key in sorted(names, key=int)]
+    return tuple(map(landmark_of, names)) if names else None
+
+
+def _mmpose(one: Mapping[str, Any], frame: int | None, names: tuple[str, ...] | None = None) -> Person:
+    scores = one["keypoint_scores"]
+    values = [v for (x, y, *_), c in zip(one["keypoints"], scores, strict=True) for v in (x, y, c)]
+    track = one.get("track_id", -1)
+    return Person(values, frame, track if isinstance(track, int) else -1, names=names)
+
+
+def _mmpose_video(entries: Sequence[Mapping[str, Any]], names: tuple[str, ...] | None) -> list[Person]:
+    """Frames by their `frame_id`; MMPose's demo programs count them from 1, its inferencer from 0."""
+    first = min((int(entry["frame_id"]) for entry in entries), default=0)
+    start = 1 if first >= 1 and names is not None else 0
+    return [_mmpose(one, int(entry["frame_id"]) - start, names) for entry in entries for one in entry["instances"]]
+
+
+def _ultralytics(one: Mapping[str, Any]) -> Person:
+    points = one["keypoints"]
+    seen = points.get("visible") or [1.0] * len(points["x"])
+    values = [v for row in zip(points["x"], points["y"], seen, strict=True) for v in row]
+    return Person(values, track=int(one.get("track_id", -1)))
+
+
+def _is_landmark(value: Any) -> bool:
+    return isinstance(value, Mapping) and "x" in value and "y" in value
+
+
+def _is_mediapipe_frame(value: Any) -> bool:
+    """A picture's landmarks: a list of them, a list of such lists, or a table that has one."""
+    if value is None:
+        return True
+    if isinstance(value, Mapping):
+        return _mediapipe_bodies(value) is not None
+    return isinstance(value, list) and (not value or _is_landmark(value[0]) or _is_mediapipe_frame(value[0]))
+
+
+def _mediapipe_bodies(document: Mapping[str, Any]) -> list[Person] | None:
+    for key in ("pose_landmarks", "poseLandmarks", "landmarks", "landmark"):
+        if key in document:
+            frame = document.get("frame", document.get("frame_id"))
+            return list(_mediapipe_picture(document[key], None if frame is None else int(frame)))
+    return None
+
+
+def _mediapipe_frames(document: Sequence[Any]) -> Iterator[Person]:
+    for number, picture in enumerate(document):
+        if isinstance(picture, Mapping):
+            for person in _mediapipe_bodies(picture) or ():
+                frame = number if person.frame is None else person.frame
+                yield Person(person.values, frame, person.track, person.normalised)
+        else:
+            yield from _mediapipe_picture(picture, number)
+
+
+def _mediapipe_picture(value: Any, frame: int | None) -> Iterator[Person]:
+    """One person's landmarks or several people's; nothing where nobody was found."""
+    if isinstance(value, Mapping):
+        value = value["landmark"]
+    if value and _is_landmark(value[0]):
+        yield _mediapipe(value, frame)
+    else:
+        for body in value or ():
+            yield from _mediapipe_picture(body, frame)
+
+
+def _mediapipe(landmarks: Sequence[Mapping[str, float]], frame: int | None) -> Person:
+    values = [v for p in landmarks for v in (p["x"], p["y"], p.get("visibility", 1.0))]
+    return Person(values, frame, normalised=True)

@@ -1,0 +1,155 @@
+"""The capture file: an L-frame and a wand, filmed or as points. Paths in it are relative to it."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..calibration.capture import LFRAME_BALLS, WAND_BALLS, Capture, CaptureView, Markers
+from ..calibration.colours import Colour, parsed
+from ..calibration.film import Film, FilmView
+from ..errors import CalibrationError, ShotError
+from .marker_points import TAKES, read_marker_points
+from .tables import Table
+
+Array = NDArray[np.float64]
+
+_TABLES = ("lframe", "wand", "view", "points")
+_VIEW = ("camera", "lframe", "wand", "offset", "focal", "matrix", "distortions", "size", "fps")
+
+
+def load_wand(path: Path | str) -> Film | Capture:
+    """Read a capture file: videos to look for markers in, or the markers' points themselves.
+
+    Raises
+    ------
+    CalibrationError
+        One message that names the file and the field.
+    """
+    path = Path(path)
+    with _as_calibration_error():
+        document = Table(_parsed(path), str(path), _TABLES)
+        lframe = Table(document.value("lframe"), f"{path} [lframe]", ("colour", "points", "diameter"))
+        wand = Table(document.value("wand"), f"{path} [wand]", ("colours", "length", "diameter"))
+        points = _vectors(lframe, "points", (LFRAME_BALLS, 3))
+        length = _positive(wand, "length")
+        views = _views(document, path)
+        if "points" in document:
+            return _capture(Table(document.value("points"), f"{path} [points]", ("file",)), points, length, views, path)
+        return Film(
+            points,
+            parsed(lframe.value("colour"), f"{lframe.where} colour"),
+            _positive(lframe, "diameter") if "diameter" in lframe else None,
+            length,
+            _colours(wand),
+            _positive(wand, "diameter") if "diameter" in wand else None,
+            tuple(_film_view(view, path.parent) for view in views),
+        )
+
+
+@contextmanager
+def _as_calibration_error() -> Iterator[None]:
+    """Errors of tables are the calibration's here."""
+    try:
+        yield
+    except ShotError as error:
+        raise CalibrationError(error.what, where=error.where, todo=error.todo) from error
+
+
+def _parsed(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise CalibrationError(f"the capture file cannot be read: {error.strerror}", where=str(path)) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise CalibrationError(f"is not a TOML file: {error}", where=str(path)) from error
+
+
+def _views(document: Table, path: Path) -> list[Table]:
+    values = document.value("view")
+    if not isinstance(values, list) or not values:
+        raise CalibrationError("there must be at least one [[view]]", where=str(path))
+    views = [Table(value, f"{path} [[view]] {i}", _VIEW) for i, value in enumerate(values, 1)]
+    names = [view.text("camera") for view in views]
+    for name in names:
+        if names.count(name) > 1:
+            raise CalibrationError(f"'{name}' is there twice", where=f"{path} [[view]] camera")
+    return views
+
+
+def _film_view(view: Table, folder: Path) -> FilmView:
+    return FilmView(
+        view.text("camera"), view.path("lframe", folder), view.path("wand", folder), *_known_beforehand(view)
+    )
+
+
+def _known_beforehand(view: Table) -> tuple[float | None, float | None, Array | None, Array | None]:
+    """Offset, focal length, matrix and distortions, where they are given."""
+    offset = view.number("offset", None)
+    focal = _positive(view, "focal") if "focal" in view else None
+    matrix = _vectors(view, "matrix", (3, 3)) if "matrix" in view else None
+    distortions = _vectors(view, "distortions", None) if "distortions" in view else None
+    if matrix is not None and not (matrix[0, 0] > 0 and matrix[1, 1] > 0):
+        raise view.error("matrix", "must have positive focal lengths")
+    if distortions is not None and len(distortions) not in (4, 5, 8, 12, 14):
+        raise view.error("distortions", f"{len(distortions)} coefficients, not 4, 5, 8, 12 or 14")
+    if distortions is not None and matrix is None:
+        raise view.error("distortions", "the matrix that goes with them is missing")
+    return None if offset is None else float(offset), focal, matrix, distortions
+
+
+def _colours(wand: Table) -> tuple[Colour, ...]:
+    values = wand.value("colours")
+    if not isinstance(values, list) or not 1 <= len(values) <= WAND_BALLS:
+        raise wand.error("colours", 'must be one colour for both balls or two, such as ["green", "blue"]')
+    return tuple(parsed(value, f"{wand.where} colours") for value in values)
+
+
+def _capture(table: Table, points: Array, length: float, views: list[Table], path: Path) -> Capture:
+    """Points of a file, by the views that are to be used."""
+    file = table.path("file", path.parent)
+    found = read_marker_points(file)
+    cameras = sorted({camera for camera, _ in found})
+    out = []
+    for view in views:
+        name = view.text("camera")
+        if name not in cameras:
+            raise view.error("camera", f"{file} has no points of '{name}'", f"its cameras are {', '.join(cameras)}")
+        size = _vectors(view, "size", (2,))
+        if not ((size == size.round()) & (size > 0)).all():
+            raise view.error("size", "must be two whole numbers of pixels")
+        fps = _positive(view, "fps") if "fps" in view else None
+        lframe, wand = (found.get((name, take), _nothing(balls)) for take, balls in TAKES.items())
+        out.append(CaptureView(name, (int(size[0]), int(size[1])), fps, lframe, wand, *_known_beforehand(view)))
+    return Capture(points, length, tuple(out))
+
+
+def _nothing(balls: int) -> Markers:
+    return Markers(np.zeros(0, np.int64), np.zeros((0, balls, 2)), np.zeros((0, balls)))
+
+
+def _positive(table: Table, key: str) -> float:
+    value = table.number(key)
+    if value <= 0:
+        raise table.error(key, f"must be greater than 0, not {value}")
+    return float(value)
+
+
+def _vectors(table: Table, key: str, shape: tuple[int, ...] | None) -> Array:
+    """Numbers of one field, of the asked shape (None: any list)."""
+    try:
+        values = np.asarray(table.value(key), dtype=float)
+    except (TypeError, ValueError) as error:
+        raise table.error(key, "must be numbers") from error
+    if (values.ndim != 1) if shape is None else (values.shape != shape):
+        wanted = "a list" if shape is None else " x ".join(map(str, shape))
+        raise table.error(key, f"has shape {values.shape}, not {wanted}")
+    if not np.isfinite(values).all():
+        raise table.error(key, "holds a value that is not a finite number")
+    return values

@@ -1,0 +1,1 @@
+"""2D keypoints of other programs' detectors: whose they are, and poses made of them."""

@@ -1,0 +1,74 @@
+"""The orders in which detectors list their keypoints, with our names of them.
+
+Names are those of the body's landmarks (Pose2Sim's), and a few more of the face; an empty name is a keypoint that is
+not used. Where several orders have the same number of keypoints, the one that the detectors' own programs write counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+
+def _listed(text: str) -> list[str]:
+    return text.split()
+
+
+COCO_17 = _listed(
+    "Nose LEye REye LEar REar LShoulder RShoulder LElbow RElbow LWrist RWrist LHip RHip LKnee RKnee LAnkle RAnkle"
+)
+MPII_16 = _listed("RAnkle RKnee RHip LHip LKnee LAnkle Hip - Neck Head RWrist RElbow RShoulder LShoulder LElbow LWrist")
+OPENPOSE_18 = _listed(
+    "Nose Neck RShoulder RElbow RWrist LShoulder LElbow LWrist RHip RKnee RAnkle LHip LKnee LAnkle REye LEye REar LEar"
+)
+BODY_25 = _listed(
+    "Nose Neck RShoulder RElbow RWrist LShoulder LElbow LWrist Hip RHip RKnee RAnkle LHip LKnee LAnkle "
+    "REye LEye REar LEar LBigToe - LHeel RBigToe - RHeel"
+)
+HALPE_26 = [*COCO_17, *_listed("Head Neck Hip LBigToe RBigToe - - LHeel RHeel")]
+MEDIAPIPE_33 = _listed(
+    "Nose - LEye - - REye - LEar REar - - LShoulder RShoulder LElbow RElbow LWrist RWrist - - - - - - "
+    "LHip RHip LKnee RKnee LAnkle RAnkle LHeel RHeel LBigToe RBigToe"
+)
+
+
+def _hands(first: int, count: int) -> list[str]:
+    """The rest of a list whose last 42 are the hands', 21 each; of a hand the tip of its middle finger is used."""
+    rest = ["-"] * (count - first)
+    rest[-42 + 12], rest[-21 + 12] = "LHand", "RHand"
+    return rest
+
+
+COCO_133 = [*COCO_17, *_listed("LBigToe - LHeel RBigToe - RHeel"), *_hands(23, 133)]
+HALPE_136 = [*HALPE_26, *_hands(26, 136)]
+
+_LAYOUTS = (MPII_16, COCO_17, OPENPOSE_18, BODY_25, HALPE_26, MEDIAPIPE_33, COCO_133, HALPE_136)
+LAYOUTS: Mapping[int, Sequence[str]] = {
+    len(names): tuple("" if name == "-" else name for name in names) for names in _LAYOUTS
+}
+"""Our names of a detector's keypoints, by how many it lists."""
+
+_SPOKEN = {
+    **{name.lower(): name for name in _listed("Nose Eye Ear Shoulder Elbow Wrist Hip Knee Ankle Heel Neck Head")},
+    "big toe": "BigToe",
+    "foot index": "BigToe",
+    "pelvis": "Hip",
+    "mid hip": "Hip",
+    "root": "Hip",
+}
+
+
+def landmark_of(spoken: str) -> str:
+    """Our name of a keypoint that a file names itself, as `left_shoulder`; empty if it is not used."""
+    words = spoken.lower().replace("_", " ").split()
+    side = {"left": "L", "right": "R"}.get(words[0], "") if words else ""
+    name = _SPOKEN.get(" ".join(words[1:] if side else words), "")
+    return side + name if name else ""
+
+
+def mirrored(name: str) -> str:
+    """The name of the same landmark on the body's other side; its own on the middle."""
+    return {"L": "R", "R": "L"}[name[0]] + name[1:] if is_sided(name) else name
+
+
+def is_sided(name: str) -> bool:
+    return len(name) > 1 and name[0] in "LR" and name[1].isupper()

@@ -1,0 +1,72 @@
+"""Performers whose body and key poses come from keypoints alone: a first pass that the animator then owns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import KeypointError
+from ..formats.tables import named
+from ..shot import KeyPoses, Performer, Shot, Wanted
+from ..solvers.gauss_newton import acceleration_precision
+from .first_pass import scaled_first_pass
+from .fit import KeypointFit
+from .observed import assigned, frames_together
+
+Array = NDArray[np.float64]
+
+EVERY = 0.6
+"""Seconds between proposed key poses, about."""
+
+
+def proposed(shot: Shot, wanted: Sequence[Wanted | None]) -> tuple[Performer, ...]:
+    """The performers of a shot, those wanted made from keypoints: body, and proposed key poses.
+
+    Parameters
+    ----------
+    shot : Shot
+        Its performers stand in the places of those wanted as `Wanted.unknown`.
+    wanted : sequence of Wanted or None
+        One per performer of the shot; None for those that are known already.
+
+    Raises
+    ------
+    KeypointError
+        The keypoints do not show a performer well enough.
+    """
+    performers = []
+    for performer, wish, keypoints in zip(shot.performers, wanted, assigned(shot), strict=True):
+        if wish is None:
+            performers.append(performer)
+            continue
+        precision = acceleration_precision(performer.body, shot.fps, shot.settings)
+        with named(f"performer '{wish.name}'"):
+            if not keypoints.confidence.any():
+                raise KeypointError("no keypoints are left for it", todo="there may be fewer people than performers")
+            together = frames_together(shot.settings, shot.fps)
+            fit = scaled_first_pass(keypoints, shot.fps, together, precision, wish.height)
+        frames = chosen_frames(fit, shot.fps) if wish.frames is None else np.array(sorted(wish.frames), np.int64)
+        performers.append(Performer(wish.name, fit.body, KeyPoses.proposed(frames, fit.motion[frames])))
+    return tuple(performers)
+
+
+def chosen_frames(fit: KeypointFit, fps: float) -> NDArray[np.int64]:
+    """Of every stretch of `EVERY` seconds, the frame in its middle half that keypoints show best."""
+    quality = seen_quality(fit)
+    count = max(1, round(len(quality) / (EVERY * fps)))
+    edges = np.linspace(0, len(quality), count + 1)
+    frames = []
+    for start, stop in pairwise(edges):
+        quarter = (stop - start) / 4
+        middle = np.arange(int(start + quarter), max(int(start + quarter) + 1, round(stop - quarter)))
+        frames.append(middle[np.argmax(quality[middle])])
+    return np.array(frames, np.int64)
+
+
+def seen_quality(fit: KeypointFit) -> Array:
+    """Share of the keypoints that two views or more agree on with the motion, by frame, 0 to 1, shape (F,)."""
+    two_best = np.sort(fit.weights, axis=0)[-2:]
+    return two_best.sum(axis=0).mean(axis=-1) / 2

@@ -1,0 +1,87 @@
+"""Calibrate: cameras from videos of an L-frame and a wand."""
+
+from pathlib import Path
+
+import bpy
+
+from .. import calibration
+from .. import capture as captures
+from .job import JobOperator, Work
+
+REPORT = "Calibration Report"
+
+
+class Calibrate(JobOperator, bpy.types.Operator):
+    """Find the balls in all videos, solve for the cameras, and show them with the wand's path. Esc cancels"""
+
+    bl_idname = "kfmocap.calibrate"
+    bl_label = "Calibrate"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        capture = context.scene.kfmocap_capture
+        if len(capture.views) < 2:
+            cls.poll_message_set("Add the videos of two cameras at least")
+            return False
+        if not all(captures.is_picked(capture.colour(slot)) for slot in captures.wanted_slots(capture)):
+            cls.poll_message_set("Pick the balls' colours")
+            return False
+        return True
+
+    def prepared(self, context: bpy.types.Context) -> Work:
+        from ...core.calibration.job import calibrate
+
+        self._film = captures.film_of(context.scene.kfmocap_capture)
+        film = self._film
+        return lambda progress: calibrate(film, progress)
+
+    def finish(self, context: bpy.types.Context, result: object) -> None:
+        from ...core.calibration.report import sheet, write_report
+
+        scene, capture = context.scene, context.scene.kfmocap_capture
+        footage = {view.camera: view.wand for view in self._film.views}
+        calibration.show_cameras(scene, result.cameras, footage)
+        ends = result.wand.ends_world
+        calibration.show_points(scene, "Wand", ends.reshape(-1, 3), [(2 * k, 2 * k + 1) for k in range(len(ends))])
+        calibration.show_points(scene, "L-Frame", result.lframe_world, calibration.LFRAME_ARMS)
+        calibration.show_picture(REPORT, sheet(result))
+        if capture.report:
+            write_report(Path(bpy.path.abspath(capture.report)), result)
+        for finding in result.findings:
+            self.report({"WARNING"}, str(finding))
+        self.report({"INFO"}, f"Solved {len(result.cameras)} cameras")
+
+
+class ShowReport(bpy.types.Operator):
+    """Show the report of the last calibration in an image editor"""
+
+    bl_idname = "kfmocap.show_calibration_report"
+    bl_label = "Show Report"
+    bl_options = {"REGISTER"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return REPORT in bpy.data.images
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        area = image_area(context)
+        if area is None:
+            self.report({"ERROR"}, "There is no window to show it in")
+            return {"CANCELLED"}
+        area.spaces.active.image = bpy.data.images[REPORT]
+        return {"FINISHED"}
+
+
+def image_area(context: bpy.types.Context) -> bpy.types.Area | None:
+    """An image editor: one that is open, or the largest area that is no 3D view, turned into one."""
+    areas = list(context.screen.areas) if context.screen is not None else []
+    for area in areas:
+        if area.type == "IMAGE_EDITOR":
+            return area
+    others = [area for area in areas if area.type != "VIEW_3D"]
+    if not others:
+        return None
+    area = max(others, key=lambda area: area.width * area.height)
+    area.type = "IMAGE_EDITOR"
+    return area

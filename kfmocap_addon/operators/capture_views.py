@@ -1,0 +1,89 @@
+"""The list of a capture's views."""
+
+from pathlib import Path
+
+import bpy
+
+from ...core.errors import CalibrationError
+from .. import capture as captures
+from .reporting import reported
+
+
+class AddVideos(bpy.types.Operator):
+    """Add cameras by their videos of the wand. A video with "lframe" instead of "wand" in its name is taken for that
+    camera's video of the L-frame"""
+
+    bl_idname = "kfmocap.add_videos"
+    bl_label = "Add Videos"
+    bl_options = {"REGISTER", "UNDO"}
+
+    directory: bpy.props.StringProperty(subtype="DIR_PATH")
+    files: bpy.props.CollectionProperty(type=bpy.types.OperatorFileListElement)
+    filter_glob: bpy.props.StringProperty(default="*.mp4;*.mov;*.avi;*.mkv;*.mts;*.m4v", options={"HIDDEN"})
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        views = context.scene.kfmocap_capture.views
+        for file in sorted(self.files, key=lambda file: file.name):
+            path = Path(bpy.path.abspath(self.directory)) / file.name
+            view = views.add()
+            view.name, view.wand = camera_name(path), str(path)
+            beside = path.with_name(path.name.replace("wand", "lframe"))
+            view.lframe = str(beside) if beside != path and beside.is_file() else ""
+        context.scene.kfmocap_capture.active = len(views) - 1
+        return {"FINISHED"}
+
+
+def camera_name(path: Path) -> str:
+    """The name of a video without what says that it shows the wand."""
+    name = path.stem.replace("wand", "").strip("-_. ")
+    return name or path.stem
+
+
+class RemoveVideos(bpy.types.Operator):
+    """Take the selected camera out of the capture"""
+
+    bl_idname = "kfmocap.remove_videos"
+    bl_label = "Remove"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return bool(context.scene.kfmocap_capture.views)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        capture = context.scene.kfmocap_capture
+        capture.views.remove(capture.active)
+        capture.active = max(0, min(capture.active, len(capture.views) - 1))
+        return {"FINISHED"}
+
+
+class LoadCapture(bpy.types.Operator):
+    """Fill in the capture from a file that `kfmocap calibrate` reads"""
+
+    bl_idname = "kfmocap.load_capture"
+    bl_label = "Load Capture"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filepath: bpy.props.StringProperty(subtype="FILE_PATH", name="Capture", description="The capture file (.toml)")
+    filter_glob: bpy.props.StringProperty(default="*.toml", options={"HIDDEN"})
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ...core.calibration.film import Film
+        from ...core.formats.wand_toml import load_wand
+
+        with reported(self) as outcome:
+            film = load_wand(Path(bpy.path.abspath(self.filepath)))
+            if not isinstance(film, Film):
+                todo = "calibrate from it with `kfmocap calibrate`"
+                raise CalibrationError("it names points, not videos", where=self.filepath, todo=todo)
+            captures.show_film(context.scene.kfmocap_capture, film)
+            self.report({"INFO"}, f"{len(film.views)} views")
+        return outcome.value
