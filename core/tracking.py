@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from .blas import one_blas_thread
 from .delay import poses_after
 from .errors import ShotError
-from .evidence.appearance import foreground_images
+from .evidence.appearance import HALO, foreground_images
 from .evidence.collect import scene_poses
 from .evidence.images import ViewFrames
 from .evidence.shape import fitted_shape
@@ -361,7 +361,8 @@ def _with_foreground(
     if not any(mask.any() for mask in masks.values()):
         return view  # it saw nobody to learn from
     scale = view.pixels_per_metre(T[0].mean(axis=0), int(keys[0]))
-    return replace(view, foreground=foreground_images(colour, masks, scale, view.camera.stands_still))
+    foreground = foreground_images(colour, masks, scale, view.camera.stands_still)
+    return replace(view, foreground=foreground, halo=HALO)
 
 
 def _problem(
