@@ -171,6 +171,7 @@ class _Job:
         """Where keypoints are, what they say of every performer; the motion then starts from that."""
         if self.shot.settings.solver != "gauss-newton" or not any(view.keypoints for view in self.shot.views):
             return Observed()
+        report_progress(self.progress, "keypoints", 0.0)
         with self.seconds.measure("keypoints"):
             fixed = [fixed_degrees(p, 0, self.shot.length - 1) for p in self.shot.performers]
             observed = observe_keypoints(self.shot, fixed)
