@@ -6,12 +6,11 @@ from contextlib import nullcontext
 from pathlib import Path
 
 from ..core.calibration.job import calibrate
+from ..core.calibration.report import write_report
 from ..core.calibration.solve import Solution
-from ..core.calibration.trust import trust
 from ..core.formats.calibration_export import check_kind, export_cameras
 from ..core.formats.marker_points import write_marker_points
 from ..core.formats.wand_toml import load_wand
-from ..core.report import write_report
 from ..core.shot import Progress
 from .results import check_output, staged
 
@@ -62,7 +61,7 @@ def run_calibrate(
     files = []
     with nullcontext() if report is None else staged(report) as stage:
         if report is not None and stage is not None:
-            write_report(stage / "report.json", trust(solution))
+            write_report(stage, solution)
             files += [report / file.name for file in sorted(stage.iterdir())]
         if points is not None:
             write_marker_points(points, solution.capture)

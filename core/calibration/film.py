@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
@@ -193,7 +193,7 @@ def find_lframe(view: FilmView, film: Film, size: tuple[int, int], progress: Pro
     frame = Frame(film.lframe_points, film.lframe_diameter, (np.array(size) - 1) / 2, focals)
     where = f"{view.lframe} (camera {view.camera})"
     four = balls[identified(balls, frame, where)]
-    four = _without_arms(images, four)
+    four = _without_arms(images, _as_spheres(four, size))
     markers = Markers(np.zeros(1, np.int64), four.centres[None], four.sigma[None])
     return SeenBalls(markers, four.semi_axes[None, :, 1])
 
@@ -204,9 +204,21 @@ def _without_arms(images: Sequence[NDArray], four: Balls) -> Balls:
     for ball in range(LFRAME_BALLS):
         held = [b if a == ball else a for a, b in _ARMS if ball in (a, b)]
         ends[ball, : len(held)] = four.centres[held]
-    seen = [without_rods(image, four, ends) for image in images]
+    seen = [without_rods(image, four, ends, still=True) for image in images]
     measured = [standing([balls[[k]][good[[k]]] for balls, good in seen]) for k in range(LFRAME_BALLS)]
     return Balls.joined([ball if len(ball) else four[[k]] for k, ball in enumerate(measured)])
+
+
+def _as_spheres(balls: Balls, size: tuple[int, int]) -> Balls:
+    """The balls with outlines as still spheres have them, a little longer away from the middle, by a usual focal length.
+
+    Arms that hide half an outline leave its own length and width unsure.
+    """
+    away = (balls.centres - (np.array(size) - 1) / 2) / (_USUAL_FOCAL * max(size))
+    slant = np.sqrt(1 + np.sum(away**2, axis=1)) - 1
+    ways = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
+    longer = np.eye(2) + slant[:, None, None] * ways[:, :, None] * ways[:, None, :]
+    return replace(balls, shapes=balls.semi_axes[:, 1, None, None] * longer)
 
 
 def _spread_out(path: Path) -> list[NDArray]:

@@ -67,6 +67,7 @@ class PickColour(bpy.types.Operator):
         if event.value == "PRESS" and event.type == "LEFTMOUSE":
             point = self._pixel(event)
             if point is not None:
+                self.point = point
                 with reported(self):
                     self._learn(point)
             return {"RUNNING_MODAL"}
