@@ -41,7 +41,7 @@ _LEAST_CONTRAST = 0.02  # squared sine of the angle between the colours of ball 
 _SHARED = 3.0  # neighbouring rays share pixels: so many count as one
 _HOLD = np.cos(np.radians(42))
 _FLOOR = 0.1
-_BLUR_SHARE = 0.25
+_BLUR_SHARE = 0.35
 
 
 @dataclass(frozen=True)
