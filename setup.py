@@ -3,7 +3,7 @@
 from setuptools import find_packages, setup
 
 # Of the beam, the footage is fetched and stays out.
-EXAMPLES = ["examples/walk/**/*", "examples/beam/*.t*", "examples/beam/SHA256SUMS"]
+EXAMPLES = ["examples/walk/**/*", "examples/beam/*.t*", "examples/beam/*.json", "examples/beam/SHA256SUMS"]
 PARTS = ["benchmarks", "core", "core.*", "kfmocap_addon", "kfmocap_addon.*"]
 
 setup(

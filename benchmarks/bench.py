@@ -125,7 +125,9 @@ def machine() -> str:
 def _title(case: Case) -> str:
     row = case.row
     sweeps = "" if case.sweeps is None else f", {case.sweeps} sweeps"
-    return f"{row.shot}, {'+'.join(row.cameras)}, key frames {' '.join(map(str, row.keyframes))}, {case.solver}{sweeps}"
+    keys = " ".join(map(str, row.keyframes)) or "none"
+    given = ", keypoints" if row.keypoints else ""
+    return f"{row.shot}, {'+'.join(row.cameras)}, key frames {keys}{given}, {case.solver}{sweeps}"
 
 
 def _outcome(result: tables.Result) -> str:

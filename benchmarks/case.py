@@ -28,7 +28,7 @@ class Reference:
         body = self.performer.body
         names = tuple(body.landmarks)
         found = Landmarks(names, landmark_positions(body, motion, names), self.fps)
-        return joint_error(found, self._landmarks, self.performer.key_poses.frames.tolist())
+        return joint_error(found, self._landmarks, self.performer.key_poses.full().tolist())
 
 
 class Watch:
@@ -59,7 +59,8 @@ class Watch:
 def measure(case: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Track a case of the shot in a folder; the errors are mean joint errors in millimetres."""
     begin = time.perf_counter()
-    shot = load_shot(folder / "shot.toml", views=case["cameras"], keyframes=case["keyframes"], solver=case["solver"])
+    file = folder / ("shot_keypoints.toml" if case["keypoints"] else "shot.toml")
+    shot = load_shot(file, views=case["cameras"], keyframes=case["keyframes"] or "auto", solver=case["solver"])
     if case["sweeps"] is not None:
         shot = replace(shot, settings=replace(shot.settings, sweeps=case["sweeps"]))
     loaded = time.perf_counter()
@@ -82,7 +83,9 @@ def measure(case: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _blender_error(shot: Shot, reference: Reference) -> float | None:
-    """Error of what Blender itself makes of the key poses; None where its module is not installed."""
+    """Error of what Blender itself makes of the key poses; None without its module, or without key poses."""
+    if not len(reference.performer.key_poses.full()):
+        return None
     try:
         from .blender_curves import interpolated
     except ImportError:

@@ -18,7 +18,9 @@ class Row:
     Attributes
     ----------
     keyframes : tuple of int
-        In the footage's count.
+        In the footage's count; none where key poses are proposed from keypoints.
+    keypoints : bool
+        With 2D keypoints.
     quick : bool
         Also measured when time is short.
     """
@@ -27,6 +29,12 @@ class Row:
     cameras: tuple[str, ...]
     keyframes: tuple[int, ...]
     quick: bool = False
+    keypoints: bool = False
+
+    @property
+    def solvers(self) -> tuple[str, ...]:
+        """Those that use all that the row gives."""
+        return SOLVERS[:1] if self.keypoints else SOLVERS
 
 
 CONVERGENCE = Row("beam", BEAM, (0, 33, 66, 99), quick=True)
@@ -36,9 +44,12 @@ ROWS = (
     CONVERGENCE,
     Row("beam", BEAM, (0, 50, 99)),
     Row("beam", BEAM, (0, 99)),
+    Row("beam", BEAM, (0, 99), keypoints=True),
+    Row("beam", BEAM, (), keypoints=True),
     Row("beam", ("cam01", "cam03"), (0, 33, 66, 99)),
     Row("beam", ("cam01",), (0, 20, 40, 60, 80, 99)),
     Row("beam", ("cam01",), (0, 33, 66, 99), quick=True),
+    Row("beam", ("cam01",), (0, 33, 66, 99), keypoints=True),
     Row("walk", WALK, (0, 20, 39, 59), quick=True),
     Row("walk", ("cam01", "cam02"), (0, 20, 39, 59)),
     Row("walk", ("cam01",), (0, 20, 39, 59), quick=True),
@@ -63,6 +74,7 @@ class Case:
             "shot": row.shot,
             "cameras": list(row.cameras),
             "keyframes": list(row.keyframes),
+            "keypoints": row.keypoints,
             "solver": self.solver,
             "sweeps": self.sweeps,
             "watch": self.watch,
@@ -72,7 +84,7 @@ class Case:
 def cases(shot: str | None = None, quick: bool = False) -> list[Case]:
     """All cases, or those of one shot, or the quick ones."""
     rows = [row for row in ROWS if shot in (None, row.shot) and (row.quick or not quick)]
-    found = [Case(row, solver, watch=row == CONVERGENCE) for row in rows for solver in SOLVERS]
+    found = [Case(row, solver, watch=row == CONVERGENCE) for row in rows for solver in row.solvers]
     if CONVERGENCE in rows and not quick:
         found += [Case(CONVERGENCE, "relaxation", sweeps, watch=True) for sweeps in SWEEPS[:-1]]
     return found

@@ -85,7 +85,8 @@ def defaults(results: Sequence[Result]) -> list[Result]:
 def _row(result: Result) -> Row:
     cameras = result["cameras"]
     named = str(len(cameras)) if len(cameras) > 2 else "+".join(cameras)
-    return result["shot"], named, " ".join(map(str, result["keyframes"]))
+    keys = " ".join(map(str, result["keyframes"])) or "none"
+    return result["shot"], named, f"{keys}, keypoints" if result["keypoints"] else keys
 
 
 def _number(result: Result | None, value: Callable[[Result], float | None], digits: int = 1) -> str:

@@ -20,6 +20,7 @@ from .occlusion import OCCLUDED_BELOW, intervals, occluded, suggested_keyframes,
 from .shot import Performer, Shot
 
 if TYPE_CHECKING:
+    from .keypoints.observed import Sighting
     from .tracking import TrackResult
 
 WORST_FRAMES = 10
@@ -60,7 +61,10 @@ def report(shot: Shot, result: TrackResult, seconds: Mapping[str, float] | None 
         ],
         "performers": [
             _performer(shot, p, visible, residual)
-            for p, visible, residual in zip(shot.performers, result.visible, result.residual, strict=True)
+            | ({"keypoints": _keypoints(shot, result.observed.sightings[i])} if result.observed.sightings else {})
+            for i, (p, visible, residual) in enumerate(
+                zip(shot.performers, result.visible, result.residual, strict=True)
+            )
         ],
         "settings": dataclasses.asdict(shot.settings),
         "views": [
@@ -71,8 +75,9 @@ def report(shot: Shot, result: TrackResult, seconds: Mapping[str, float] | None 
                 "offset": view.offset,
                 "fields": view.fields,
                 "keypoints": str(view.keypoints) if view.keypoints else None,
+                "skipped": list(result.observed.skipped[v]) if result.observed.skipped else [],
             }
-            for view in shot.views
+            for v, view in enumerate(shot.views)
         ],
         "versions": _versions(),
     }
@@ -99,6 +104,7 @@ def _performer(
     return {
         "name": performer.name,
         "keyframes": [first + int(f) for f in performer.key_poses.frames],
+        "proposed_keyframes": [first + int(f) for f in performer.key_poses.proposals()],
         "occluded_below": OCCLUDED_BELOW,
         "occluded": {
             view.camera.name: _spans(names, hidden, first)
@@ -117,6 +123,19 @@ def _performer(
     }
 
 
+def _keypoints(shot: Shot, sighting: Sighting) -> dict[str, Any]:
+    """By view: on how many frames a performer's keypoints were found, how far they agree, where sides were changed."""
+    keypoints = sighting.pointers.keypoints
+    return {
+        view.camera.name: {
+            "frames": int(keypoints.confidence[v].any(axis=1).sum()),
+            "agreement": round(float(sighting.weights[v].sum() / max(keypoints.confidence[v].sum(), 1e-9)), 3),
+            "sides_changed": intervals(sighting.changed[v].any(axis=1), shot.frames[0]),
+        }
+        for v, view in enumerate(shot.views)
+    }
+
+
 def _spans(names: list[str], hidden: NDArray[np.bool_], first: int) -> dict[str, list[list[int]]]:
     """Intervals of the parts that are hidden on some frames (F, P); the shot's frame 0 is frame `first`."""
     spans = {name: intervals(hidden[:, p], first) for p, name in enumerate(names)}
@@ -124,8 +143,8 @@ def _spans(names: list[str], hidden: NDArray[np.bool_], first: int) -> dict[str,
 
 
 def blind_spots(values: Mapping[str, Any]) -> list[str]:
-    """A report in a few lines: what no camera saw, and where key poses would help."""
-    lines = []
+    """A report in a few lines: what could not be read, what no camera saw, and where key poses would help."""
+    lines = [f"left out, {file}" for view in values["views"] for file in view["skipped"]]
     for performer in values["performers"]:
         counts = [f"{part} {sum(b + 1 - a for a, b in spans)}" for part, spans in performer["unseen"].items()]
         if counts:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from itertools import count, pairwise, zip_longest
 
@@ -22,7 +22,7 @@ from .evidence.images import ViewFrames
 from .evidence.shape import fitted_shape
 from .footage import Album, check_view, footage_delay, frames_at
 from .interpolation import spline
-from .keypoints.observed import Sighting, observe_keypoints
+from .keypoints.observed import Observed, observe_keypoints
 from .motion import Motion
 from .shot import Performer, Progress, Shot, View, report_progress
 from .solvers import gauss_newton, relaxation
@@ -42,6 +42,8 @@ SOLVE: dict[str, Callable[..., Solution]] = {"gauss-newton": gauss_newton.solve,
 REFINE: dict[str, Callable[..., Solution]] = {"gauss-newton": gauss_newton.refine}
 PICTURE_SIZE = 960
 """The longer side of pictures that are kept to be looked at is at most about this, pixels."""
+LONGEST = 150
+"""Frames that are solved together where key poses are proposed, at most."""
 _WORKERS = 2
 
 
@@ -86,6 +88,8 @@ class TrackResult:
         Per performer: root mean square grey-level difference between neighbouring frames, 0 to 1.
     pictures : tuple of dict of int to ndarray of uint8, shape (h, w, 3)
         Per view: the pictures that were asked for, by shot frame; rectified; blue, green, red.
+    observed : Observed
+        What keypoints said; empty where none were used.
     """
 
     motions: tuple[Motion, ...]
@@ -95,6 +99,7 @@ class TrackResult:
     visible: tuple[Array, ...]
     residual: tuple[Array, ...]
     pictures: tuple[dict[int, Image], ...] = ()
+    observed: Observed = field(default_factory=Observed)
 
 
 @one_blas_thread()
@@ -160,17 +165,17 @@ class _Job:
         self._share = np.ones((len(shot.views), shot.length, sum(len(p.body) for p in shot.performers)))
         self._residual = np.zeros(shot.length)
         self._begun = 0.0
-        self.sightings = self._first_pass()
+        self.observed = self._first_pass()
 
-    def _first_pass(self) -> tuple[Sighting, ...]:
+    def _first_pass(self) -> Observed:
         """Where keypoints are, what they say of every performer; the motion then starts from that."""
         if self.shot.settings.solver != "gauss-newton" or not any(view.keypoints for view in self.shot.views):
-            return ()
+            return Observed()
         with self.seconds.measure("keypoints"):
             fixed = [fixed_degrees(p, 0, self.shot.length - 1) for p in self.shot.performers]
-            sightings = observe_keypoints(self.shot, fixed)
-        self.motions = [sighting.motion for sighting in sightings]
-        return sightings
+            observed = observe_keypoints(self.shot, fixed)
+        self.motions = [sighting.motion for sighting in observed.sightings]
+        return observed
 
     def look(self, stretch: Stretch, views: tuple[ViewFrames, ...], colour: Sequence[Image]) -> tuple[ViewFrames, ...]:
         """Learn from a stretch's key frames how the performers look: their colours, and their shapes."""
@@ -215,7 +220,7 @@ class _Job:
     ) -> Problem:
         problem = _problem(self.shot, stretch, views, before, after, self._shapes.get(stretch))
         frames = slice(stretch[0], stretch[1] + 1)
-        return replace(problem, pointers=tuple(sighting.pointers[frames] for sighting in self.sightings))
+        return replace(problem, pointers=tuple(sighting.pointers[frames] for sighting in self.observed.sightings))
 
     def _context(self, frame: int) -> tuple[Motion, ...] | None:
         return tuple(m[[frame]] for m in self.motions) if 0 <= frame < self.shot.length else None
@@ -256,6 +261,7 @@ class _Job:
             tuple(self._share[views, :, a:b] for a, b in pairwise(ends)),
             tuple(self._residual for _ in performers),
             tuple({f - self.shot.frames[0]: image for f, image in albums[v].pictures.items()} for v in views),
+            self.observed.of_views(views),
         )
 
 
@@ -263,10 +269,21 @@ def segments(shot: Shot) -> list[Stretch]:
     """First and last frames of the stretches that are solved on their own.
 
     They meet where every performer has a key pose of the whole body; before the first and after the last of these
-    a stretch is held at one end only.
+    a stretch is held at one end only. Where key poses are only proposed, long stretches are cut on some of these, to
+    hold fewer pictures at a time.
     """
     cuts = sorted({*whole_keys(shot, 0, shot.length - 1).tolist(), 0, shot.length - 1})
-    return list(pairwise(cuts))
+    proposed = posed_frames(shot, 0, shot.length - 1)
+    found = []
+    for first, last in pairwise(cuts):
+        while last - first > LONGEST:
+            near = [int(f) for f in proposed if first < f <= first + LONGEST]
+            if not near:
+                break
+            found.append((first, near[-1]))
+            first = near[-1]
+        found.append((first, last))
+    return found
 
 
 def whole_keys(shot: Shot, first: int, last: int) -> NDArray[np.int64]:

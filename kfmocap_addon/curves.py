@@ -1,7 +1,8 @@
 """Motion as F-curves, and the animator's keys as key poses.
 
 The body's channels are the rotation of every bone and the location of the root. Keys of the type GENERATED,
-with the value that the tracker wrote, are the tracker's; every other key on them is the animator's.
+with the value that the tracker wrote, are the tracker's; every other key on them is the animator's. Those of the type
+BREAKDOWN are the tracker's, too, while they have that value: key poses that it proposes.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 
 import bpy
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from ..core.errors import BodyError, ShotError
@@ -28,6 +29,8 @@ KEY_FRAMES, KEY_TRANSLATIONS, KEY_ROTATIONS = (
     "kfmocap_key_translations",
     "kfmocap_key_rotations",
 )
+PROPOSAL = "BREAKDOWN"
+"""Type of the keys of a proposed key pose."""
 _SAME_FRAME = 0.01  # Blender's own threshold for keys on the same frame
 
 
@@ -92,7 +95,9 @@ def write_key_poses(armature: bpy.types.Object, key_poses: KeyPoses, frame_start
     exact.keep(armature, KEY_ROTATIONS, poses.rotations)
 
 
-def write_motion(armature: bpy.types.Object, motion: Motion, frame_start: int) -> None:
+def write_motion(
+    armature: bpy.types.Object, motion: Motion, frame_start: int, proposed: ArrayLike | None = None
+) -> None:
     """Write tracked frames as keys of type GENERATED, in place of those of an earlier tracking.
 
     The animator's keys stay as they are, and nothing is written on them. Earlier tracked keys outside the
@@ -102,6 +107,8 @@ def write_motion(armature: bpy.types.Object, motion: Motion, frame_start: int) -
     ----------
     frame_start : int
         Scene frame of the motion's first pose.
+    proposed : array-like of int, optional
+        Scene frames whose poses are proposals; by default those on which there are proposals already.
     """
     channels = body_channels(armature)
     if len(channels) != 3 + 4 * motion.rotations.shape[1]:
@@ -116,6 +123,8 @@ def write_motion(armature: bpy.types.Object, motion: Motion, frame_start: int) -
     curves = [actions.ensure_fcurve(bag, c.path, c.index, c.bone) for c in channels]
     keys = [actions.get_keys(curve) for curve in curves]
     own = [_animators(k, record, c) for k, c in zip(keys, channels, strict=True)]
+    if proposed is None:
+        proposed = _proposals(keys[0], own[0])
     held = np.stack([np.isin(frames, _frames(k[o])) for k, o in zip(keys, own, strict=True)], axis=1)
     values, breaks = _beside_keys(_values(armature, motion), before, held)
 
@@ -123,6 +132,7 @@ def write_motion(armature: bpy.types.Object, motion: Motion, frame_start: int) -
     for c, channel in enumerate(channels):
         free = ~held[:, c]
         new = actions.new_keys(frames[free], values[free, c], "GENERATED", "LINEAR")
+        new["type"][np.isin(frames[free], proposed)] = actions.enum_value("type", PROPOSAL)
         new["interpolation"][breaks[free, c]] = actions.enum_value("interpolation", "CONSTANT")
         kept = keys[c][own[c] | ~_on_frames(keys[c], frames)]
         actions.set_keys(curves[c], [kept, new])
@@ -133,7 +143,8 @@ def write_motion(armature: bpy.types.Object, motion: Motion, frame_start: int) -
 def read_key_poses(armature: bpy.types.Object, frame_start: int, length: int) -> KeyPoses:
     """The animator's keys as key poses: every shot frame with a key that the tracker did not write.
 
-    A bone with any of its rotation keyed fixes its rotation; the root's location is fixed per axis.
+    A bone with any of its rotation keyed fixes its rotation; the root's location is fixed per axis. Proposals of the
+    tracker fix nothing.
 
     Parameters
     ----------
@@ -151,16 +162,21 @@ def read_key_poses(armature: bpy.types.Object, frame_start: int, length: int) ->
     held = np.zeros((length, len(channels)), bool)
     bag = actions.find_channelbag(armature)
     record = written.load(armature) if bag else None
+    proposed = np.zeros(length, bool)
     for c, channel in enumerate(channels):
         curve = bag.fcurves.find(channel.path, index=channel.index) if bag else None
         if curve is None or record is None:
             continue
         keys = actions.get_keys(curve)
-        keys = keys[_animators(keys, record, channel)]
+        own = _animators(keys, record, channel)
+        if c == 0:
+            index = _proposals(keys, own) - frame_start
+            proposed[index[(index >= 0) & (index < length)]] = True
+        keys = keys[own]
         _refuse_subframes(armature, channel, keys)
         index = _frames(keys) - frame_start
         held[index[(index >= 0) & (index < length)], c] = True
-    frames = np.flatnonzero(held.any(axis=1))
+    frames = np.flatnonzero(held.any(axis=1) | proposed)
     values = _evaluate(armature, channels, frame_start + frames)
     poses = _unrounded(armature, frame_start + frames, _motion(armature, values))
     return KeyPoses(frames, poses, _fixed_dofs(armature, held[frames]))
@@ -209,13 +225,19 @@ def _unrounded(armature: bpy.types.Object, frames: FrameNumbers, read: Motion) -
 
 
 def _animators(keys: actions.Keys, record: written.Written, channel: Channel) -> NDArray[np.bool_]:
-    """Which keys are the animator's, shape (K,): not of the type GENERATED, or not where one was written."""
+    """Which keys are the animator's, shape (K,): not of the tracker's types, or not where it wrote one."""
     other = keys["type"] != actions.enum_value("type", "GENERATED")
     values = record.at(channel.key, _frames(keys))
     if values is None:
         return other
+    other &= keys["type"] != actions.enum_value("type", PROPOSAL)
     between = np.abs(keys["co"][:, 0] - _frames(keys)) > _SAME_FRAME
     return other | between | (keys["co"][:, 1] != values)
+
+
+def _proposals(keys: actions.Keys, own: NDArray[np.bool_]) -> FrameNumbers:
+    """Scene frames of proposals, of a channel's keys and which of them are the animator's."""
+    return _frames(keys)[~own & (keys["type"] == actions.enum_value("type", PROPOSAL))]
 
 
 def _frames(keys: actions.Keys) -> FrameNumbers:

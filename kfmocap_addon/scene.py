@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import bpy
 
 from ..core.errors import ShotError
+from ..core.interpolation import spline
 from ..core.motion import Motion
 from ..core.shot import Performer, Settings, Shot
 from . import curves, exact, rig, views
@@ -57,6 +58,9 @@ def build_scene(
         slot.name = performer.name
         slot.armature = rig.build_armature(performer.body, performer.name, bodies)
         curves.write_key_poses(slot.armature, performer.key_poses, FRAME_START)
+        if len(proposed := performer.key_poses.proposals()):
+            first_pass = spline(performer.key_poses, shot.length)
+            curves.write_motion(slot.armature, first_pass, FRAME_START, FRAME_START + proposed)
     if motions is not None:
         write_motions(scene, motions)
     return scene

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.blender
 
 FRAMES, START = 12, 3
 KEYS = [0, 5, 11]
-GENERATED, KEYFRAME = 5, 0
+GENERATED, KEYFRAME, BREAKDOWN = 5, 0, 2
 
 
 def build(key_frames=KEYS, fixed=None):
@@ -81,6 +81,39 @@ def test_tracking_again_replaces_tracked_keys_alone():
             assert np.array_equal(actions.get_keys(c)[KEYS][field], before[k][field])
     assert joint_error(armature, human(), second, first=START) < 0.05
     assert curves.read_key_poses(armature, START, FRAMES).frames.tolist() == KEYS
+
+
+def test_proposals_are_breakdowns_and_hold_nothing():
+    armature = build(key_frames=[])
+    curves.write_motion(armature, motion(FRAMES), START, START + np.array([2, 7]))
+    for curve in all_curves(armature).values():
+        assert np.flatnonzero(actions.get_keys(curve)["type"] == BREAKDOWN).tolist() == [2, 7]
+    read = curves.read_key_poses(armature, START, FRAMES)
+    assert read.frames.tolist() == read.proposals().tolist() == [2, 7]
+    assert np.abs(read.poses.difference(motion(FRAMES)[[2, 7]])).max() < 1e-5
+
+
+def test_tracking_again_moves_proposals_and_they_stay_proposals():
+    armature = build(key_frames=[])
+    curves.write_motion(armature, motion(FRAMES), START, START + np.array([2, 7]))
+    curves.write_motion(armature, motion(FRAMES, seed=7), START)
+    read = curves.read_key_poses(armature, START, FRAMES)
+    assert read.proposals().tolist() == [2, 7]
+    assert np.abs(read.poses.difference(motion(FRAMES, seed=7)[[2, 7]])).max() < 1e-5
+
+
+def test_a_key_pose_set_over_a_proposal_is_the_animators():
+    armature = build(key_frames=[])
+    curves.write_motion(armature, motion(FRAMES), START, START + np.array([2, 7]))
+    bpy.context.scene.frame_set(START + 7)
+    curves.key_current_pose(armature, START + 7)
+    read = curves.read_key_poses(armature, START, FRAMES)
+    assert read.full().tolist() == [7] and read.proposals().tolist() == [2]
+    edited = all_curves(armature)['pose.bones["forearm.L"].rotation_quaternion', 1]
+    key_at(edited, START + 2).co.y += 0.2  # dragged: Blender keeps the key's type
+    edited.update()
+    read = curves.read_key_poses(armature, START, FRAMES)
+    assert read.frames.tolist() == [2, 7] and read.fixed[0].sum() == 3
 
 
 edits = st.lists(

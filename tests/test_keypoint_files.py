@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from kfmocap.core.errors import KeypointError
+from kfmocap.core.formats import load_cameras, read_trc
 from kfmocap.core.formats.keypoints import read_keypoints
 from kfmocap.core.keypoints.layouts import BODY_25, COCO_17, HALPE_26, LAYOUTS, MEDIAPIPE_33, landmark_of, mirrored
 
@@ -254,6 +255,19 @@ def test_a_layout_names_no_keypoint_twice_and_has_both_sides(count: int) -> None
     assert len(set(names)) == len(names) and len(LAYOUTS[count]) == count
     assert {mirrored(name) for name in names} == set(names)
     assert set(SIDED) <= set(names)
+
+
+def test_a_detectors_keypoints_of_real_footage_are_near_the_reference() -> None:
+    """Each on its own landmark: were the order another, or left for right, they would be far off."""
+    folder = Path(__file__).parents[1] / "examples" / "beam"
+    truth, cameras = read_trc(folder / "landmarks.trc"), load_cameras(folder / "calibration.toml")
+    for name in ("cam01", "cam03"):
+        found = read_keypoints(folder / f"{name}_keypoints.json")
+        assert found.frames.tolist() == list(range(100))
+        for landmark in SIDED:
+            at = np.stack([cameras[name].project(points[truth.names.index(landmark)]) for points in truth.points_world])
+            miss = np.linalg.norm(found.points[:, found.names.index(landmark)] - at, axis=1)
+            assert np.nanmedian(miss) < 40, landmark  # pixels of 1080 x 1920
 
 
 def test_two_thousand_frames_are_read_in_a_second(tmp_path: Path) -> None:

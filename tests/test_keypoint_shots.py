@@ -12,11 +12,13 @@ from keypoint_shots import NAMES, SIZE, cameras, joint_errors, keypoints_of, see
 from kfmocap.core.body import human, landmark_positions
 from kfmocap.core.cameras import Camera
 from kfmocap.core.errors import KFMocapError
+from kfmocap.core.evidence.keypoints import Keypoints
 from kfmocap.core.formats import load_shot, save_cameras, write_trc
 from kfmocap.core.interpolation import spline
 from kfmocap.core.keypoints.assignment import Found, assign, tracks_of
-from kfmocap.core.keypoints.observed import assigned, image_rays, observe_keypoints
+from kfmocap.core.keypoints.observed import assigned, image_rays, observe_keypoints, read_views
 from kfmocap.core.motion import Motion
+from kfmocap.core.report import blind_spots, report
 from kfmocap.core.shot import KeyPoses, Performer, Shot, View, Wanted
 from kfmocap.core.tracking import fixed_degrees, segments, track
 from synthetic import at_rest
@@ -44,6 +46,10 @@ def shot_with(folder: Path, motions: list[Motion], keys: list[int], views: int =
     return Shot("keypoints", FPS, (0, FRAMES - 1), tuple(slots), tuple(performers))
 
 
+def own_keypoints(shot: Shot) -> list[Keypoints]:
+    return assigned(shot, read_views(shot))
+
+
 def test_rays_go_through_the_points_that_a_lens_shows() -> None:
     camera = replace(cameras(1)[0], distortions=np.array([-0.2, 0.05, 0.001, -0.002]))
     points = np.random.default_rng(0).uniform(-0.7, 0.7, (20, 3)) + [0, 0, 1]
@@ -58,7 +64,7 @@ def test_rays_go_through_the_points_that_a_lens_shows() -> None:
 def test_people_are_told_apart_in_every_view(tmp_path: Path, keys: list[int]) -> None:
     """With a key pose each, whose keypoints are whose is known; without, everybody's are together at least."""
     motions = people(2)
-    found = assigned(shot_with(tmp_path, motions, keys))
+    found = own_keypoints(shot_with(tmp_path, motions, keys))
     errors = np.zeros((2, 2))
     for i, keypoints in enumerate(found):
         assert (keypoints.confidence > 0).all()
@@ -73,7 +79,7 @@ def test_people_are_told_apart_in_every_view(tmp_path: Path, keys: list[int]) ->
 def test_a_bystander_is_nobody(tmp_path: Path) -> None:
     motions = people(2)
     shot = shot_with(tmp_path, motions, [0])
-    (keypoints,) = assigned(replace(shot, performers=shot.performers[1:]))
+    (keypoints,) = own_keypoints(replace(shot, performers=shot.performers[1:]))
     assert np.nanmax(np.linalg.norm(keypoints.residuals(seen_places(human(), motions[1])), axis=-1)) < 0.1
 
 
@@ -112,7 +118,7 @@ def test_first_passes_of_two_people_are_their_motions(tmp_path: Path) -> None:
     motions = people(2)
     shot = shot_with(tmp_path, motions, [0, FRAMES - 1])
     fixed = [fixed_degrees(performer, 0, FRAMES - 1) for performer in shot.performers]
-    for sighting, motion in zip(observe_keypoints(shot, fixed), motions, strict=True):
+    for sighting, motion in zip(observe_keypoints(shot, fixed).sightings, motions, strict=True):
         assert joint_errors(human(), sighting.motion, human(), motion).mean() < 0.02
         assert sighting.weights.mean() > 0.7 and not sighting.changed.any()
 
@@ -121,9 +127,9 @@ def test_keypoints_between_two_frames_are_on_the_line_between(tmp_path: Path) ->
     """A view that is taken a quarter of a frame later than the others still shows the same motion."""
     motion = people(1)[0]
     shot = shot_with(tmp_path, [motion], [0], views=1, noise=0.0)
-    (here,) = assigned(shot)
+    (here,) = own_keypoints(shot)
     late = replace(shot.views[0], offset=0.25)  # shot frame f is footage frame f + 0.25
-    (between,) = assigned(replace(shot, views=(late,)))
+    (between,) = own_keypoints(replace(shot, views=(late,)))
     expected = 0.75 * here.rays[0, :-1] + 0.25 * here.rays[0, 1:]
     np.testing.assert_allclose(between.rays[0, :-1], expected, atol=1e-9)
     assert not between.confidence[0, -1].any()
@@ -225,3 +231,32 @@ def test_a_wanted_performer_has_no_pose_yet() -> None:
     performer = Wanted("man", 1.6).unknown()
     assert not len(performer.key_poses.frames) and len(performer.body) == len(human())
     assert at_rest(performer.body).translations[0, 2] < at_rest(human(1.75)).translations[0, 2]
+
+
+def test_long_stretches_are_cut_on_proposals_and_never_between_key_poses() -> None:
+    body = human()
+    poses = at_rest(body, 40)
+    frames = np.arange(0, 400, 10)
+    view = View(cameras(1)[0], Path("none.mp4"))
+
+    def shot(keys: KeyPoses) -> Shot:
+        return Shot("long", FPS, (0, 399), (view,), (Performer("man", body, keys),))
+
+    assert segments(shot(KeyPoses.proposed(frames, poses))) == [(0, 150), (150, 300), (300, 399)]
+    assert segments(shot(KeyPoses.whole([0, 399], poses[[0, 1]]))) == [(0, 399)]
+
+
+def test_the_report_tells_what_keypoints_did(tmp_path: Path) -> None:
+    """Of views in the shot's order, whatever their names; proposals and files left out are named."""
+    path = written(tmp_path, 'keyframes = "auto"\n[track]\nbroken_keypoints = "skip"')
+    (tmp_path / "pose" / "cam02" / "cam02_000007.json").write_text("{")
+    shot = load_shot(path)
+    shot = replace(shot, views=shot.views[::-1])
+    values = report(shot, track(shot))
+    (performer,) = values["performers"]
+    assert performer["proposed_keyframes"] == performer["keyframes"] != []
+    assert {name: view["frames"] for name, view in performer["keypoints"].items()} == {"cam01": 24, "cam02": 23}
+    assert all(view["agreement"] > 0.7 and not view["sides_changed"] for view in performer["keypoints"].values())
+    (skipped,) = values["views"][0]["skipped"]
+    assert "cam02_000007.json" in skipped and not values["views"][1]["skipped"]
+    assert any("left out" in line and "cam02_000007.json" in line for line in blind_spots(values))

@@ -18,7 +18,8 @@ from kfmocap.core.keypoints.triangulation import triangulate
 from kfmocap.core.motion import Motion
 from kfmocap.core.shot import KeyPoses, Settings
 from kfmocap.core.solvers.banded import BandedFactor, bordered_solution
-from kfmocap.core.solvers.gauss_newton import acceleration_precision
+from kfmocap.core.solvers.gauss_newton import acceleration_precision, better, confirmed
+from kfmocap.core.solvers.problem import Problem, Solution
 from synthetic import numeric_jacobian, random_motion
 
 FPS = 30.0
@@ -272,3 +273,35 @@ def test_the_fit_does_not_depend_on_the_order_of_the_views() -> None:
     fits = [fit_motion(body, k, motion, free(body, 20), precision(body)) for k in (seen, other)]
     assert keys.fixed.all()
     np.testing.assert_allclose(fits[0].motion.translations, fits[1].motion.translations, atol=1e-9)
+
+
+def test_agreement_is_one_on_the_true_poses_and_falls_away_from_them() -> None:
+    body = human()
+    motion = strolling(body, 5)
+    seen = keypoints_of(cameras(2), seen_places(body, motion))
+    seen.rays[0, 1, 2] = np.nan
+    seen.confidence[0, 1, 2] = 0
+    pointers = Pointers(seen, Places.on(body, NAMES), 9.0)
+    beside = Motion(motion.translations + [0, 0, 0.06], motion.rotations)
+    assert pointers.agreement(part_poses(body, motion)) == pytest.approx(1)
+    assert pointers.agreement(part_poses(body, beside)) == pytest.approx(0.25, abs=0.03)
+
+
+def test_of_two_solutions_the_one_that_meets_keypoints_is_better_and_is_confirmed() -> None:
+    """The other covers a little more of what looks like the performer."""
+    body = human()
+    motion = strolling(body, 5)
+    seen = keypoints_of(cameras(2), seen_places(body, motion))
+    astray = Motion(motion.translations + [0.2, 0, 0], motion.rotations)
+    fixed = (free(body, 5),)
+    problem = Problem((), (body,), 0, FPS, fixed, pointers=(Pointers(seen, Places.on(body, NAMES), 9.0),))
+
+    def solution(found: Motion, explained: float) -> Solution:
+        nothing = np.zeros(0)
+        return Solution((found,), 1, (), (), nothing, np.full(5, explained), nothing, {})
+
+    right, wrong = solution(motion, 90.0), solution(astray, 100.0)
+    assert better(problem, wrong, right) is right
+    assert better(replace(problem, pointers=()), wrong, right) is wrong
+    assert confirmed(problem, [motion], right) and not confirmed(problem, [motion], wrong)
+    assert not confirmed(replace(problem, pointers=()), [motion], right)

@@ -12,6 +12,7 @@ from kfmocap.core.body import human
 from kfmocap.core.cameras import Camera
 from kfmocap.core.errors import LandmarkError
 from kfmocap.core.formats import Landmarks
+from kfmocap.core.keypoints.observed import Observed
 from kfmocap.core.motion import Motion
 from kfmocap.core.report import blind_spots, report, write_report
 from kfmocap.core.scoring import joint_error
@@ -45,6 +46,7 @@ def tracked() -> tuple[Shot, type]:
     values[6], values[0] = 0.2, np.nan
 
     class Result:
+        observed = Observed()
         seconds = {"footage": 1.0, "solve": 3.0}
         camera_frames = 8
         segments = (Segment(0, 23, 3, (5.0, 2.0, 1.5)),)

@@ -68,6 +68,11 @@ class Keypoints:
             t_cam_world=self.t_cam_world[:, frames],
         )
 
+    def of_views(self, views: list[int]) -> Keypoints:
+        """Those of some of the views."""
+        R, t = self.R_cam_world[views], self.t_cam_world[views]
+        return Keypoints(self.names, self.rays[views], self.confidence[views], R, t)
+
     def residuals(self, points_world: Array) -> Array:
         """Metres across the rays from the keypoints to points (F, L, 3), shape (V, F, L, 2); NaN where not found."""
         x = np.einsum("vfab,flb->vfla", self.R_cam_world, points_world) + self.t_cam_world[:, :, None]
@@ -240,6 +245,13 @@ class Pointers:
     def __getitem__(self, frames: slice) -> Pointers:
         """Those of some of the frames."""
         return replace(self, keypoints=self.keypoints[frames])
+
+    def agreement(self, poses: Poses) -> float:
+        """Mean weight of the keypoints, 0 to 1: how far they agree with poses."""
+        residual, confidence = self.keypoints.residuals(self.places.world(poses)), self.keypoints.confidence
+        usual = np.full((confidence.shape[0], confidence.shape[2]), USUAL_DEVIATION)
+        weights = robust_weights(residual, confidence, usual) * USUAL_DEVIATION**2
+        return float(weights.sum() / max(confidence.sum(), 1e-9))
 
     def blocks(self, body: Body, poses: Poses, tolerance: float) -> BandedBlocks:
         """The evidence around the poses; far from the solution, with a tolerance above 1, large errors still pull."""

@@ -56,8 +56,36 @@ class Sighting:
     changed: NDArray[np.bool_]
     weights: Array
 
+    def of_views(self, views: list[int]) -> Sighting:
+        """The same of some views, in that order."""
+        pointers = replace(self.pointers, keypoints=self.pointers.keypoints.of_views(views))
+        return Sighting(self.motion, pointers, self.changed[views], self.weights[views])
 
-def observe_keypoints(shot: Shot, fixed: Sequence[NDArray[np.bool_]]) -> tuple[Sighting, ...]:
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """The keypoints of a shot.
+
+    Attributes
+    ----------
+    sightings : tuple of Sighting
+        One per performer.
+    skipped : tuple of tuple of str
+        Per view: files that could not be read, and why.
+    """
+
+    sightings: tuple[Sighting, ...] = ()
+    skipped: tuple[tuple[str, ...], ...] = ()
+
+    def of_views(self, views: Sequence[int]) -> Observed:
+        """The same of some views, in that order."""
+        order = list(views)
+        if not self.sightings:
+            return self
+        return Observed(tuple(s.of_views(order) for s in self.sightings), tuple(self.skipped[v] for v in order))
+
+
+def observe_keypoints(shot: Shot, fixed: Sequence[NDArray[np.bool_]]) -> Observed:
     """Read the keypoints of a shot's views, and fit every performer's motion to those that are theirs.
 
     Parameters
@@ -71,7 +99,8 @@ def observe_keypoints(shot: Shot, fixed: Sequence[NDArray[np.bool_]]) -> tuple[S
     KeypointError
         Files cannot be read, or do not show enough to begin with.
     """
-    found = assigned(shot)
+    detections = read_views(shot)
+    found = assigned(shot, detections)
     sightings = []
     for performer, held, keypoints in zip(shot.performers, fixed, found, strict=True):
         body, together = performer.body, frames_together(shot.settings, shot.fps)
@@ -79,7 +108,7 @@ def observe_keypoints(shot: Shot, fixed: Sequence[NDArray[np.bool_]]) -> tuple[S
         fit = first_pass(body, performer.key_poses, keypoints, held, precision, shot.fps, together)
         pointers = Pointers(fit.keypoints, fit.places, together)
         sightings.append(Sighting(fit.motion, pointers, fit.changed, fit.weights))
-    return tuple(sightings)
+    return Observed(tuple(sightings), tuple(one.skipped for one in detections))
 
 
 def frames_together(settings: Settings, fps: float) -> float:
@@ -87,16 +116,13 @@ def frames_together(settings: Settings, fps: float) -> float:
     return max(1.0, settings.keypoint_correlation * fps)
 
 
-def assigned(shot: Shot, known: bool = True) -> list[Keypoints]:
-    """The keypoints of every performer of a shot, on its frames.
+def read_views(shot: Shot) -> list[Detections]:
+    """What detectors found in every view."""
+    return [_read(view, shot.settings) for view in shot.views]
 
-    Parameters
-    ----------
-    shot : Shot
-    known : bool
-        Key poses tell who is who.
-    """
-    detections = [_read(view, shot.settings) for view in shot.views]
+
+def assigned(shot: Shot, detections: Sequence[Detections]) -> list[Keypoints]:
+    """The keypoints of every performer of a shot, on its frames; key poses tell who is who."""
     bodies = [performer.body for performer in shot.performers]
     known_names = dict.fromkeys(name for found in detections for name in found.names)
     names = tuple(name for name in known_names if all(carried(body, name) for body in bodies))
@@ -110,7 +136,7 @@ def assigned(shot: Shot, known: bool = True) -> list[Keypoints]:
         np.stack([t for _, t in poses]),
     )
     founds = [_found(view, found, names, shot) for view, found in zip(shot.views, detections, strict=True)]
-    where = [_key_places(p, names, F) if known else None for p in shot.performers]
+    where = [_key_places(p, names, F) for p in shot.performers]
     owned = assign(founds, empty, where, len(bodies), shot.fps)
     delays = [footage_delay(view) for view in shot.views]
     return [_on_time(keypoints, delays) for keypoints in owned]

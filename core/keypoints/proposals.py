@@ -14,7 +14,7 @@ from ..shot import KeyPoses, Performer, Shot, Wanted
 from ..solvers.gauss_newton import acceleration_precision
 from .first_pass import scaled_first_pass
 from .fit import KeypointFit
-from .observed import assigned, frames_together
+from .observed import assigned, frames_together, read_views
 
 Array = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ def proposed(shot: Shot, wanted: Sequence[Wanted | None]) -> tuple[Performer, ..
         The keypoints do not show a performer well enough.
     """
     performers = []
-    for performer, wish, keypoints in zip(shot.performers, wanted, assigned(shot), strict=True):
+    for performer, wish, keypoints in zip(shot.performers, wanted, assigned(shot, read_views(shot)), strict=True):
         if wish is None:
             performers.append(performer)
             continue

@@ -35,6 +35,8 @@ OVERRELAXATION = 1.5
 beside the solution, make every step too short by about the same share."""
 EXPLAINED = 0.8
 """Share of what the key poses explain of their images that a solution should explain of every other frame's."""
+CONFIRMED = 0.9
+"""Share of the keypoints' agreement with the first pass that clears a solution of doubt."""
 LEAST_MOBILITY = 0.05
 """A joint that can hardly turn about an axis has this share of the usual acceleration there, at least."""
 LONGEST_STEP = 0.5
@@ -78,7 +80,7 @@ def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step
     """Fit the motion of all performers between their key poses.
 
     The curve through the key poses is one start; the motion followed from them is another, and tried where the images
-    disagree with what the first led to. The better of the two solutions counts.
+    disagree with what the first led to and no keypoints confirm it. The better of the two solutions counts.
 
     Parameters
     ----------
@@ -90,7 +92,7 @@ def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step
         Called before each iteration with the share of the work done and the motions; may raise to end the job.
     """
     solution = descend(problem, start, settings, _share_of(on_step, 0.0, 0.3))
-    if not doubtful(problem, solution):
+    if not doubtful(problem, solution) or confirmed(problem, start, solution):
         return solution
     seconds = Seconds()
     with seconds.measure("initial solution"):
@@ -98,7 +100,21 @@ def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step
     other = descend(problem, initial, settings, _share_of(on_step, 0.7, 1.0))
     for spent in (solution.seconds, other.seconds):
         seconds.add(spent)
-    return replace(max(other, solution, key=lambda found: float(found.explained.sum())), seconds=seconds)
+    return replace(better(problem, other, solution), seconds=seconds)
+
+
+def confirmed(problem: Problem, start: Sequence[Motion], solution: Solution) -> bool:
+    """Whether keypoints agree with a solution nearly as well as with the start, which they led to."""
+    return bool(problem.pointers) and problem.agreement(solution.motions) >= CONFIRMED * problem.agreement(start)
+
+
+def better(problem: Problem, *solutions: Solution) -> Solution:
+    """The solution that covers the most of what looks like the performers and meets the most keypoints, if any."""
+    merit = [float(found.explained.sum()) for found in solutions]
+    if problem.pointers:
+        most = max(*merit, 1.0)
+        merit = [m / most + problem.agreement(s.motions) for m, s in zip(merit, solutions, strict=True)]
+    return solutions[int(np.argmax(merit))]
 
 
 def _share_of(on_step: Step | None, begin: float, end: float) -> Step | None:

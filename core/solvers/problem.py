@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body import Body
+from ..body import Body, part_poses
 from ..constraints import BandedBlocks, smoothness
 from ..delay import Delayed, delayed
 from ..evidence.collect import Evidence, image_evidence, scene_poses
@@ -90,6 +90,14 @@ class Problem:
         """The parts of each performer in arrays over all performers' parts."""
         ends = np.cumsum([0] + [len(body) for body in self.bodies])
         return [slice(a, b) for a, b in itertools.pairwise(ends)]
+
+    def agreement(self, motions: Sequence[Motion]) -> float:
+        """How far keypoints agree with motions, 0 to 1."""
+        each = [
+            pointer.agreement(part_poses(body, motion))
+            for pointer, body, motion in zip(self.pointers, self.bodies, motions, strict=True)
+        ]
+        return float(np.mean(each))
 
     def whole_keys(self) -> NDArray[np.intp]:
         """Frames, of the F, on which every degree of freedom of all performers is fixed."""
