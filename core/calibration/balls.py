@@ -15,12 +15,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .colours import Colour
+from .colours import Colour, to_hsv
 
 Array = NDArray[np.float64]
 Image = NDArray[Any]
 
 _GAMMA = 2.2
+_EVEN = 1.0  # deviation of the blur, pixels
 _PEDESTAL = 0.02  # keeps a black background's colour from being no direction at all
 _LIGHT = (np.arange(256) / 255) ** _GAMMA + _PEDESTAL
 _SPECKS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
@@ -95,18 +96,32 @@ class Balls:
         return cls(*(np.concatenate([getattr(b, item.name) for b in balls]) for item in fields(cls)))
 
 
-def find_balls(image: Image, hsv: Image, colour: Colour) -> Balls:
-    """All balls of a colour in a picture, the largest first.
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A picture to look for balls in.
 
-    Parameters
+    Attributes
     ----------
-    image : ndarray of uint8, shape (h, w, 3)
-        Blue, green, red.
+    even : ndarray of uint8, shape (h, w, 3)
+        Blue, green, red, about as sharp in brightness as in colour: video keeps a colour for every other pixel alone,
+        and an edge that is sharp in the one and soft in the other would seem to lie elsewhere than it does.
     hsv : ndarray of uint8, shape (h, w, 3)
-        The same by `to_hsv`.
-    colour : Colour
+        By `to_hsv`, as sharp as it is.
     """
-    mask = cv2.morphologyEx(colour.mask(hsv), cv2.MORPH_OPEN, _SPECKS)
+
+    even: Image
+    hsv: Image
+
+    @classmethod
+    def of(cls, image: Image) -> Picture:
+        """From blue, green and red, uint8, shape (h, w, 3)."""
+        return cls(cv2.GaussianBlur(image, (0, 0), _EVEN), to_hsv(image))
+
+
+def find_balls(picture: Picture, colour: Colour) -> Balls:
+    """All balls of a colour in a picture, the largest first."""
+    image = picture.even
+    mask = cv2.morphologyEx(colour.mask(picture.hsv), cv2.MORPH_OPEN, _SPECKS)
     outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     blobs = sorted(filter(_is_compact, outlines), key=len, reverse=True)[:_MOST_BLOBS]
     balls = Balls.joined([_ellipse_of(cv2.convexHull(blob)) for blob in blobs])
@@ -115,7 +130,9 @@ def find_balls(image: Image, hsv: Image, colour: Colour) -> Balls:
     return balls[good]
 
 
-def without_rods(image: Image, balls: Balls, ends: Array, *, still: bool = False) -> tuple[Balls, NDArray[np.bool_]]:
+def without_rods(
+    picture: Picture, balls: Balls, ends: Array, *, still: bool = False
+) -> tuple[Balls, NDArray[np.bool_]]:
     """Balls measured again without the parts of their outlines that rods hide.
 
     Parameters
@@ -138,7 +155,7 @@ def without_rods(image: Image, balls: Balls, ends: Array, *, still: bool = False
     spokes = _CIRCLE @ balls.shapes
     spokes /= np.linalg.norm(spokes, axis=-1, keepdims=True)
     hidden = (spokes @ np.swapaxes(ways, 1, 2) > _HOLD).any(axis=-1)
-    return _refined(image, balls, hidden, _MEASURED, _CIRCLE_TERMS if still else _ELLIPSE_TERMS)
+    return _refined(picture.even, balls, hidden, _MEASURED, _CIRCLE_TERMS if still else _ELLIPSE_TERMS)
 
 
 def _is_compact(outline: Image) -> bool:
