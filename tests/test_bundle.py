@@ -76,7 +76,7 @@ def test_the_wand_keeps_its_length_exactly() -> None:
 
 
 def test_the_minimum_is_that_of_scipy() -> None:
-    positions = scattered(8)
+    positions = scattered(4)
     scene = scene_of(positions)
     evidence = evidence_of(scene, positions)
     fit = adjust(scene, evidence, lens_free(), tolerance=1e-12)

@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 LEAST_OVERLAP = 0.35
 """Share of the shorter track that two videos must have in common."""
 LEAST_FRAMES = 30
+_SAMPLE = 250
+"""Frames by which a shift is judged at first."""
 _CANDIDATES = 8
 _FRACTIONS = np.linspace(-1, 1, 17)
 _ROUNDS = 3
@@ -135,8 +137,10 @@ def _algebraic(a: Array, b: Array) -> dict[int, float]:
     for lag in range(-len(a) + 1, len(b)):
         first, last = max(0, -lag), min(len(a), len(b) - lag)
         both = seen_a[first:last] & seen_b[first + lag : last + lag]
-        if both.sum() >= least:
-            rows = _equations(x[first:last][both].reshape(-1, 3), y[first + lag : last + lag][both].reshape(-1, 3))
+        shared = np.flatnonzero(both)
+        if len(shared) >= least:
+            some = first + shared[np.linspace(0, len(shared) - 1, min(_SAMPLE, len(shared))).astype(int)]
+            rows = _equations(x[some].reshape(-1, 3), y[some + lag].reshape(-1, 3))
             scores[lag] = float(np.linalg.eigvalsh(rows.T @ rows)[0] / (len(rows) - 8))
     return scores
 

@@ -50,7 +50,8 @@ def check_capture(capture: Capture) -> None:
         twice = next(name for name in names if names.count(name) > 1)
         raise CaptureError("the camera is there twice", name="camera-twice", where=twice)
     if len(names) < 2:
-        raise CaptureError("a wand needs at least two cameras", name="one-camera")
+        todo = "film with more; one camera alone can be refined from key poses"
+        raise CaptureError("a wand needs at least two cameras", name="one-camera", todo=todo)
     if not (np.isfinite(capture.wand_length) and capture.wand_length > 0):
         raise CaptureError("the wand's length must be greater than 0", name="wand-length-wrong")
     points = capture.lframe_points

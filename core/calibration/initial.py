@@ -286,7 +286,9 @@ def _resected(
     if len(points) < FEWEST_SHARED:
         return None
     straight = lens.straight(uv, link.geometry.bend)
-    posed = [found for focal in lens.focals if (found := _posed(points, straight, float(focal))) is not None]
+    some = np.linspace(0, len(points) - 1, min(2 * _FRAMES, len(points))).astype(int)
+    tried = (_posed(points[some], straight[some], float(focal)) for focal in lens.focals)
+    posed = [found for found in tried if found is not None]
     if not posed:
         return None
     _, focal, R, t = max(posed, key=lambda found: found[0])

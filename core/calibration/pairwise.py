@@ -29,6 +29,8 @@ FEWEST = 8
 _THRESHOLD = 2.0
 """Pixels off the epipolar line within which a point agrees."""
 COUNT = 3
+_SAMPLE = 300
+"""Correspondences in which a plane is looked for."""
 _TRIED = 60
 """Frames on which focal lengths are tried."""
 
@@ -168,9 +170,10 @@ def _in_a_plane(x: Array, y: Array) -> Bools:
 
 def _transferred(x: Array, y: Array) -> Bools:
     """Which points x a homography brings to y."""
+    some = np.linspace(0, len(x) - 1, min(_SAMPLE, len(x))).astype(int)
     cv2.setRNGSeed(1)
     # Not MAGSAC: it takes no homography between views from the plane's two sides.
-    H, _ = cv2.findHomography(x, y, cv2.RANSAC, 2 * _THRESHOLD, None, 2000, 0.999)
+    H, _ = cv2.findHomography(x[some], y[some], cv2.RANSAC, 2 * _THRESHOLD, None, 300, 0.999)
     if H is None:
         return np.zeros(len(x), bool)
     moved = np.column_stack([x, np.ones(len(x))]) @ H.T

@@ -34,12 +34,16 @@ _NEAR = 100.0
 
 def measured_lengths(rig: Rig, seen: Observations, frames: NDArray[np.int64]) -> Array:
     """Lengths of the wand, shape (n,), metres, its ends triangulated one by one, on frames where both are seen."""
-    points = np.full((len(rig), len(frames), 2, 2), np.nan)
+    points, sigma = np.full((len(rig), len(frames), 2, 2), np.nan), np.ones((len(rig), len(frames), 2))
     for c in range(len(rig)):
         own = seen.take(seen.camera == c)
         if len(own):
-            points[c] = _at(_track(own), rig.rate[c] * (1 + rig.drift[c]) * frames + rig.offset[c])
-    ends = triangulated(rig.centres_world, rays(rig, points))
+            points[c], sigma[c] = _at(_track(own), rig.rate[c] * (1 + rig.drift[c]) * frames + rig.offset[c])
+    directions, centres = rays(rig, points), rig.centres_world
+    ends = triangulated(centres, directions)
+    distance = np.linalg.norm(ends - centres[:, None, None], axis=-1)
+    weight = (rig.focal.mean(axis=1)[:, None, None] / (distance * sigma)) ** 2
+    ends = triangulated(centres, directions, np.nan_to_num(weight))
     lengths = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
     return lengths[np.isfinite(lengths)]
 
@@ -52,10 +56,10 @@ def _track(seen: Observations) -> Markers:
     return Markers(frames, points, sigma)
 
 
-def _at(track: Markers, frames: Array) -> Array:
-    """Balls at frames, as they are where those are whole, else interpolated."""
+def _at(track: Markers, frames: Array) -> tuple[Array, Array]:
+    """Balls and their sigma at frames, as they are where those are whole, else interpolated."""
     whole = np.round(frames).astype(np.int64)
-    return picked(track, whole)[0] if np.abs(frames - whole).max(initial=0.0) < 1e-6 else sampled(track, frames)[0]
+    return picked(track, whole) if np.abs(frames - whole).max(initial=0.0) < 1e-6 else sampled(track, frames)
 
 
 def depths(solution: Solution) -> Array:

@@ -70,7 +70,7 @@ class WandTake:
 
     cameras: tuple[Camera, ...] = CAMERAS
     offsets: tuple[float, ...] = OFFSETS
-    frames: int = 300
+    frames: int = 480
     fps: float = 30.0
     exposure: float = 1 / 60
     colours: tuple[str, ...] = ("green", "blue")
