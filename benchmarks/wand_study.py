@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from ..core.calibration.bundle import Evidence, Observations, Scene, covariance,
 from ..core.calibration.capture import Capture
 from ..core.calibration.lframe import resting
 from ..core.calibration.matching import matched
-from ..core.calibration.rig import CAMERA_DOF, FOCAL, K1, SHIFT, TURN, Wand, rig_of
+from ..core.calibration.rig import CAMERA_DOF, FOCAL, K1, OFFSET, SHIFT, TURN, Wand, rig_of
 from ..core.calibration.solve import Solution, solve
 from ..core.cameras import Camera
 from ..core.errors import KFMocapError
@@ -71,32 +71,38 @@ def measured(seed: int, faults: Faults, count: int = POSITIONS) -> Row:
     """Solve a capture of unrelated positions whose cameras run in step."""
     cameras, positions = ring(CAMERAS, seed), scattered(count, seed)
     given = capture(cameras, [positions] * CAMERAS, faults, seed)
-    return _solved(given, cameras, positions, np.zeros(CAMERAS))
+    return _solved(given, true_scene(cameras, positions))
 
 
 def measured_in_time(seed: int, faults: Faults, count: int = POSITIONS) -> Row:
     """Solve a capture of a waved wand whose cameras were started by hand."""
+    return _solved(*out_of_step(seed, faults, count))
+
+
+def out_of_step(seed: int, faults: Faults, count: int = POSITIONS) -> tuple[Capture, Scene]:
+    """A capture of a waved wand whose cameras were started by hand, and its truth."""
     cameras = ring(CAMERAS, seed)
     offset = np.random.default_rng([seed, 5]).uniform(-FARTHEST_OFFSET, FARTHEST_OFFSET, CAMERAS)
     offset[0] = 0.0
     paths = [waved((np.arange(count) - o) / FPS, seed) for o in offset]
-    given = capture(cameras, paths, faults, seed, offsets=[None] * CAMERAS)
-    return _solved(given, cameras, waved(np.arange(count) / FPS, seed), offset)
+    frames = np.arange(-int(FARTHEST_OFFSET) - 1, count + int(FARTHEST_OFFSET) + 2)
+    scene = true_scene(cameras, waved(frames / FPS, seed), frames)
+    truth = replace(scene, rig=replace(scene.rig, offset=offset))
+    return capture(cameras, paths, faults, seed, offsets=[None] * CAMERAS), truth
 
 
-def _solved(given: Capture, cameras: Sequence[Camera], positions: Array, offset: Array) -> Row:
+def _solved(given: Capture, truth: Scene) -> Row:
     begin = time.process_time()
     solution = solve(given)
     seconds = time.process_time() - begin
-    found = [solution.cameras[camera.name] for camera in cameras]
-    pairs = list(zip(found, cameras, strict=True))
+    pairs = [(solution.rig.camera(c), truth.rig.camera(c)) for c in range(len(truth.rig))]
     return Row(
         np.array([abs(a.matrix[0, 0] / b.matrix[0, 0] - 1) for a, b in pairs]),
         np.array([np.linalg.norm(a.centre_world() - b.centre_world()) for a, b in pairs]),
         np.rad2deg([np.linalg.norm(rotations.log(a.R_cam_world[0] @ b.R_cam_world[0].T)) for a, b in pairs]),
-        bound(given, cameras, positions),
+        bound(given, truth),
         _over_noise(solution),
-        np.abs(solution.rig.offset - offset),
+        np.abs(solution.rig.offset - truth.rig.offset),
         seconds,
     )
 
@@ -108,33 +114,36 @@ def _over_noise(solution: Solution) -> float:
     return float(np.sqrt(np.mean(residual**2) / left))
 
 
-def true_scene(cameras: Sequence[Camera], positions: Array) -> Scene:
-    """The truth in the form of a solution."""
+def true_scene(cameras: Sequence[Camera], positions: Array, frames: NDArray[np.int64] | None = None) -> Scene:
+    """The truth in the form of a solution; frames are from 0 by default."""
     direction = (positions[:, 0] - positions[:, 1]) / WAND_LENGTH
-    wand = Wand(np.arange(len(positions)), positions.mean(axis=1), direction, WAND_LENGTH)
+    frames = np.arange(len(positions)) if frames is None else frames
+    wand = Wand(frames, positions.mean(axis=1), direction, WAND_LENGTH)
     return Scene(rig_of(cameras), wand, LFRAME.copy())
 
 
-def bound(given: Capture, cameras: Sequence[Camera], positions: Array) -> Array:
+def bound(given: Capture, truth: Scene) -> Array:
     """Cramér-Rao's bound, shape (3, C): focal length (share), centre (metres), turn (degrees).
 
     Of the balls that are in truth the wand's, as if all were known to be, and the L-frame's measures were exact.
     """
-    scene = true_scene(cameras, positions)
     parts = []
     for v, view in enumerate(given.views):
         sigma = float(np.nanmedian(view.wand.sigma))
-        near = matched(scene, v, view.wand, np.full((len(view.wand), 2), 4 * sigma))
+        near = matched(truth, v, view.wand, np.full((len(view.wand), 2), 4 * sigma))
         parts.append(near.observations(v, view.wand))
     seen = Observations.joined(parts)
     lframe = resting([view.lframe for view in given.views])
-    evidence = Evidence(seen, lframe, given.lframe_points, _EXACT)
-    own = np.zeros((len(cameras), CAMERA_DOF), bool)
+    timed = np.array([view.offset is None for view in given.views])
+    evidence = Evidence(seen, lframe, given.lframe_points, _EXACT, smooth=bool(timed.any()))
+    count = len(truth.rig)
+    own = np.zeros((count, CAMERA_DOF), bool)
     own[:, TURN] = own[:, SHIFT] = True
     own[:, [FOCAL, K1]] = True
-    free = np.concatenate([np.ones(unknowns(scene) - own.size, bool), own.ravel()])
-    blocks = covariance(scene, evidence, free).reshape(len(cameras), CAMERA_DOF, len(cameras), CAMERA_DOF)
-    own_blocks = [blocks[c, :, c] for c in range(len(cameras))]
+    own[1:, OFFSET] = timed[1:]
+    free = np.concatenate([np.ones(unknowns(truth) - own.size, bool), own.ravel()])
+    blocks = covariance(truth, evidence, free).reshape(count, CAMERA_DOF, count, CAMERA_DOF)
+    own_blocks = [blocks[c, :, c] for c in range(count)]
     focal = [np.sqrt(b[FOCAL, FOCAL]) for b in own_blocks]
     centre = [np.sqrt(np.trace(b[SHIFT, SHIFT])) for b in own_blocks]
     turn = [np.rad2deg(np.sqrt(np.trace(b[TURN, TURN]))) for b in own_blocks]

@@ -235,11 +235,18 @@ def _prepared(
     if decoded.parity is not None:
         image = _whole(image, decoded.parity, stored[0])
     if image.shape[1::-1] != stored:
-        image = cv2.resize(image, stored, interpolation=cv2.INTER_AREA)
+        image = _reduced(image, stored)
     if turn:
         image = cv2.rotate(image, _ROTATIONS[turn])
     # A black border would be an edge that moves with nothing.
     return image if maps is None else cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+
+
+def _reduced(image: Image, size: tuple[int, int]) -> Image:
+    """An image reduced to a size. Halving is many times as fast as the mean of more pixels, and comes to the same."""
+    while all(have % 2 == 0 and have >= 4 * want for have, want in zip(image.shape[1::-1], size, strict=True)):
+        image = cv2.resize(image, (image.shape[1] // 2, image.shape[0] // 2), interpolation=cv2.INTER_AREA)
+    return cv2.resize(image, size, interpolation=cv2.INTER_AREA)
 
 
 def _whole(frame: Image, parity: int, width: int) -> Image:

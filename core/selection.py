@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
 from .errors import ShotError
+from .keypoints.proposals import with_proposals
 from .motion import Motion
 from .shot import KeyPoses, Performer, Shot
 
@@ -15,7 +17,7 @@ from .shot import KeyPoses, Performer, Shot
 def selected(
     shot: Shot,
     views: Sequence[str] | None = None,
-    keyframes: Sequence[int] | None = None,
+    keyframes: Sequence[int] | Literal["auto"] | None = None,
     solver: str | None = None,
 ) -> Shot:
     """The shot with only these cameras' views, only the key poses of these frames, this solver.
@@ -23,18 +25,24 @@ def selected(
     Parameters
     ----------
     views : sequence of str, optional
-    keyframes : sequence of int, optional
-        In the footage's count; each must have a key pose.
+    keyframes : sequence of int or "auto", optional
+        In the footage's count; each must have a key pose. "auto" leaves all key poses and adds proposals, of keypoints.
     solver : str, optional
 
     Raises
     ------
     ShotError
-        There is no such view, key pose or solver.
+        There is no such view, key pose or solver, or there are no keypoints.
+    KeypointError
+        They do not show a performer well enough.
     """
     if views is not None:
         shot = replace(shot, views=tuple(view for view in shot.views if view.camera.name in _known(shot, views)))
-    if keyframes is not None:
+    if keyframes == "auto":
+        if not any(view.keypoints for view in shot.views):
+            raise ShotError("no view has keypoints to propose key poses from", where="--keyframes")
+        shot = with_proposals(shot)
+    elif keyframes is not None:
         performers = tuple(_at(performer, keyframes, shot.frames[0]) for performer in shot.performers)
         shot = replace(shot, performers=performers)
     if solver is not None:

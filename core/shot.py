@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from .body import Body, human
 from .cameras import Camera
 from .errors import CancelledError, ShotError
-from .motion import Motion
+from .motion import Motion, stacked
 
 FIELD_ORDERS = ("progressive", "top-first", "bottom-first")
 SOLVERS = ("gauss-newton", "relaxation")
@@ -75,6 +75,13 @@ class KeyPoses:
         whole = cls.whole(frames, poses)
         return cls(whole.frames, poses, np.zeros_like(whole.fixed))
 
+    def joined(self, other: KeyPoses) -> KeyPoses:
+        """These and others, on other frames."""
+        frames = np.concatenate([self.frames, other.frames])
+        order = np.argsort(frames)
+        poses = stacked([self.poses, other.poses])[order]
+        return KeyPoses(frames[order], poses, np.concatenate([self.fixed, other.fixed])[order])
+
     def proposals(self) -> NDArray[np.int64]:
         """Frames whose key pose is a proposal."""
         return self.frames[~self.fixed.any(axis=1)]
@@ -91,6 +98,17 @@ class Performer:
     name: str
     body: Body
     key_poses: KeyPoses
+
+
+def fixed_degrees(performer: Performer, first: int, last: int) -> NDArray[np.bool_]:
+    """Which degrees of freedom key poses hold, and those of locked joints, on frames first to last, shape (F, D)."""
+    fixed = np.zeros((last + 1 - first, performer.body.dof), dtype=bool)
+    keys = performer.key_poses
+    inside = (keys.frames >= first) & (keys.frames <= last)
+    fixed[keys.frames[inside] - first] = keys.fixed[inside]
+    locked = performer.body.limits[..., 0] == performer.body.limits[..., 1]
+    fixed[:, 3:] |= locked.ravel()
+    return fixed
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from .blas import one_blas_thread
 from .delay import poses_after
 from .errors import ShotError
-from .evidence.appearance import foreground_images
+from .evidence.appearance import HALO, foreground_images
 from .evidence.collect import scene_poses
 from .evidence.images import ViewFrames
 from .evidence.shape import fitted_shape
@@ -24,7 +24,7 @@ from .footage import Album, check_view, footage_delay, frames_at
 from .interpolation import spline
 from .keypoints.observed import Observed, observe_keypoints
 from .motion import Motion
-from .shot import Performer, Progress, Shot, View, report_progress
+from .shot import Performer, Progress, Shot, View, fixed_degrees, report_progress
 from .solvers import gauss_newton, relaxation
 from .solvers.banded import BandedFactor
 from .solvers.problem import Problem, Solution
@@ -361,7 +361,8 @@ def _with_foreground(
     if not any(mask.any() for mask in masks.values()):
         return view  # it saw nobody to learn from
     scale = view.pixels_per_metre(T[0].mean(axis=0), int(keys[0]))
-    return replace(view, foreground=foreground_images(colour, masks, scale, view.camera.stands_still))
+    foreground = foreground_images(colour, masks, scale, view.camera.stands_still)
+    return replace(view, foreground=foreground, halo=HALO)
 
 
 def _problem(
@@ -375,17 +376,6 @@ def _problem(
     bodies = tuple(performer.body for performer in shot.performers)
     fixed = tuple(fixed_degrees(performer, *stretch) for performer in shot.performers)
     return Problem(views, bodies, stretch[0], shot.fps, fixed, before, after, shape)
-
-
-def fixed_degrees(performer: Performer, first: int, last: int) -> NDArray[np.bool_]:
-    """Which degrees of freedom key poses hold, and those of locked joints, on frames first to last, shape (F, D)."""
-    fixed = np.zeros((last + 1 - first, performer.body.dof), dtype=bool)
-    keys = performer.key_poses
-    inside = (keys.frames >= first) & (keys.frames <= last)
-    fixed[keys.frames[inside] - first] = keys.fixed[inside]
-    locked = performer.body.limits[..., 0] == performer.body.limits[..., 1]
-    fixed[:, 3:] |= locked.ravel()
-    return fixed
 
 
 def _with_keys(motion: Motion, performer: Performer) -> Motion:

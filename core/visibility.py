@@ -58,9 +58,12 @@ class Geometry:
     @classmethod
     def of(cls, bodies: Sequence[Body]) -> Geometry:
         parts = [part for body in bodies for part in body.parts]
-        vertices = [part.vertices for part in parts]
-        planes = [np.unique(part.planes.round(9), axis=0) for part in parts]
-        count = np.arange(len(parts))
+        return cls.joined([part.vertices for part in parts], [np.unique(p.planes.round(9), axis=0) for p in parts])
+
+    @classmethod
+    def joined(cls, vertices: Sequence[Array], planes: Sequence[Array]) -> Geometry:
+        """From every part's vertices and planes."""
+        count = np.arange(len(vertices))
         ends = np.cumsum([0] + [len(v) for v in vertices])
         return cls(
             np.concatenate(vertices),
@@ -69,6 +72,12 @@ class Geometry:
             np.concatenate(planes),
             np.repeat(count, [len(p) for p in planes]),
         )
+
+    def subset(self, parts: Sequence[int]) -> Geometry:
+        """Some of the parts alone, in that order."""
+        vertices = [self.vertices[self.spans[part]] for part in parts]
+        planes = [self.planes[self.face_owner == part] for part in parts]
+        return Geometry.joined(vertices, planes)
 
 
 @dataclass(frozen=True, eq=False)

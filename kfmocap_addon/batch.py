@@ -69,7 +69,7 @@ def write_blender_outputs(
             scenes.build_scene(shot, result.motions, scene)
             _open_on_footage(scene)
         else:
-            scenes.write_motions(scene, result.motions)
+            scenes.write_motions(scene, result.motions, shot)
         occlusion.write_occlusion(scene, shot, result.visible)
         paths = export.export_performers(scene, folder)
         with export.writing(folder / "shot.blend") as target, _portable_paths(Path(home or folder).resolve()):

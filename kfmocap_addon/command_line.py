@@ -162,10 +162,14 @@ def _track(args: argparse.Namespace) -> int:
 
 
 def _refine(args: argparse.Namespace) -> int:
+    from ..core.errors import KFMocapError
     from .refinement import refine_shot, told
 
+    if args.report is not None or args.points is not None or args.drift:
+        todo = "leave them out with --refine"
+        raise KFMocapError("--report, --points and --drift are of a wand", where="kfmocap calibrate", todo=todo)
     with progress_bar() as progress:
-        refinement = refine_shot(args.refine, args.out, progress)
+        refinement = refine_shot(args.refine, args.out, progress, kind=args.format)
     print(args.out)
     for line in told(refinement):
         print(f"kfmocap: {line}", file=sys.stderr)

@@ -5,14 +5,22 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..core.calibration.refine import Refinement, refine_cameras
-from ..core.errors import OutputError
-from ..core.formats import load_shot, save_cameras
+from ..core.formats import load_shot
+from ..core.formats.calibration_export import check_kind, export_cameras
 from ..core.formats.shot_toml import load_shot_cameras
 from ..core.shot import Progress
+from .results import check_output
 
 
-def refine_shot(shot_path: Path, out: Path, progress: Progress | None = None) -> Refinement:
+def refine_shot(shot_path: Path, out: Path, progress: Progress | None = None, *, kind: str | None = None) -> Refinement:
     """Refine the cameras of a shot file's views and write them with the others of its calibration.
+
+    Parameters
+    ----------
+    shot_path, out : Path
+    progress : callable, optional
+    kind : str, optional
+        Of the calibration; by default what its name asks for. See `export_cameras`.
 
     Raises
     ------
@@ -21,13 +29,11 @@ def refine_shot(shot_path: Path, out: Path, progress: Progress | None = None) ->
     OutputError
         The calibration cannot be written; seen before the work where it can be.
     """
-    if out.suffix.lower() != ".toml":
-        raise OutputError("a calibration is written as .toml", where=str(out))
-    if not out.absolute().parent.is_dir():
-        raise OutputError("its folder does not exist", where=str(out))
+    check_kind(out, kind)
+    check_output(out.parent)
     cameras = load_shot_cameras(shot_path)
     refinement = refine_cameras(load_shot(shot_path), progress)
-    save_cameras(out, cameras | refinement.cameras)
+    export_cameras(out, cameras | refinement.cameras, kind)
     return refinement
 
 

@@ -66,11 +66,15 @@ def build_scene(
     return scene
 
 
-def write_motions(scene: bpy.types.Scene, motions: Sequence[Motion]) -> None:
-    """Write tracked motions, one per performer, into the scene's armatures beside the animator's keys."""
-    performers = scene.kfmocap.performers
-    for slot, motion in zip(performers, motions, strict=True):
-        curves.write_motion(slot.armature, motion, scene.kfmocap.frame_start)
+def write_motions(scene: bpy.types.Scene, motions: Sequence[Motion], shot: Shot | None = None) -> None:
+    """Write tracked motions, one per performer, into the scene's armatures beside the animator's keys.
+
+    What the shot proposes as key poses, by default what the scene does already, is marked as such.
+    """
+    start = scene.kfmocap.frame_start
+    for i, (slot, motion) in enumerate(zip(scene.kfmocap.performers, motions, strict=True)):
+        proposed = None if shot is None else start + shot.performers[i].key_poses.proposals()
+        curves.write_motion(slot.armature, motion, start, proposed)
 
 
 def shot_from_scene(scene: bpy.types.Scene) -> Shot:

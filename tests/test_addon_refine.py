@@ -69,8 +69,8 @@ def test_a_camera_that_is_lost_is_told(
 @pytest.mark.parametrize(
     ("out", "shot", "words"),
     [
-        ("refined.yml", "shot.toml", "refined.yml: a calibration is written as .toml"),
-        ("none/refined.toml", "shot.toml", "its folder does not exist"),
+        ("refined.txt", "shot.toml", "refined.txt: unknown kind of calibration"),
+        ("shot.toml/refined.toml", "shot.toml", "shot.toml"),
         ("refined.toml", "none.toml", "the shot file cannot be read"),
         ("refined.toml", "shot.toml", "no camera shows the performers"),
     ],
@@ -88,6 +88,29 @@ def test_what_cannot_be_refined_is_one_line_and_writes_nothing(
     captured = capsys.readouterr()
     assert captured.out == "" and captured.err.count("\n") == 1 and words in captured.err
     assert sorted(shot_folder.rglob("*")) == before
+
+
+def test_what_is_of_a_wand_alone_is_refused(
+    shot_folder: Path,  # noqa: F811
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    arguments = ["calibrate", "--refine", str(shot_folder / "shot.toml"), "--out", str(shot_folder / "refined.toml")]
+    for extra in (["--report", str(shot_folder / "report")], ["--points", str(shot_folder / "p.csv")], ["--drift"]):
+        assert main(arguments + extra) == 1
+        assert "are of a wand" in capsys.readouterr().err
+    assert not (shot_folder / "report").exists()
+
+
+@pytest.mark.parametrize("name", ["refined.yml", "refined.qca.txt"])
+def test_the_refined_calibration_is_of_the_kind_asked_for(
+    shot_folder: Path,  # noqa: F811
+    monkeypatch: pytest.MonkeyPatch,
+    name: str,
+) -> None:
+    monkeypatch.setattr(refinement, "refine_cameras", refined)
+    assert refine(shot_folder, name) == 0
+    [before], [after] = (load_cameras(shot_folder / n).values() for n in ("calibration.toml", name))
+    np.testing.assert_allclose(after.t_cam_world, adjusted(before, STEP).t_cam_world, atol=1e-4)
 
 
 def test_calibrating_needs_to_be_told_from_what(capsys: pytest.CaptureFixture[str]) -> None:

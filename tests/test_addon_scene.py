@@ -16,7 +16,7 @@ from addon_shots import blender, joint_error, motion, shot, sights  # noqa: E402
 from kfmocap import core, kfmocap_addon  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.errors import CancelledError, FootageError, ShotError  # noqa: E402
-from kfmocap.core.shot import Settings, View  # noqa: E402
+from kfmocap.core.shot import KeyPoses, Settings, View  # noqa: E402
 from kfmocap.kfmocap_addon import actions, registration, scene  # noqa: E402
 from test_addon_views import largest_difference  # noqa: E402
 
@@ -67,6 +67,23 @@ def test_a_shot_comes_back_from_its_scene(blender, tmp_path, fps, performers):  
         assert np.array_equal(got.key_poses.frames, performer.key_poses.frames)
         assert np.array_equal(got.key_poses.fixed, performer.key_poses.fixed)
         assert np.abs(got.key_poses.poses.difference(performer.key_poses.poses)).max() < 1e-5
+
+
+def test_proposed_key_poses_come_back_as_proposals_also_after_tracking(blender, tmp_path):  # noqa: F811
+    original = shot(tmp_path)
+    man = original.performers[0]
+    proposed = replace(man, key_poses=KeyPoses.proposed(man.key_poses.frames, man.key_poses.poses))
+    original = replace(original, performers=(proposed,))
+    built = scene.build_scene(original)
+    (before,) = scene.shot_from_scene(built).performers
+    assert before.key_poses.proposals().tolist() == man.key_poses.frames.tolist()
+    assert np.abs(before.key_poses.poses.difference(man.key_poses.poses)).max() < 1e-5
+    tracked = motion(original.length, seed=3)
+    for which in (None, original):
+        scene.write_motions(built, [tracked], which)
+        (after,) = scene.shot_from_scene(built).performers
+        assert after.key_poses.proposals().tolist() == man.key_poses.frames.tolist()
+        assert np.abs(after.key_poses.poses.difference(tracked[man.key_poses.frames])).max() < 1e-5
 
 
 def test_a_shot_comes_back_from_a_saved_file(blender, tmp_path):  # noqa: F811

@@ -15,6 +15,7 @@ from kfmocap.core.body import human, landmark_positions
 from kfmocap.core.cameras import Camera
 from kfmocap.core.errors import CancelledError, FootageError
 from kfmocap.core.formats import read_trc, save_cameras, write_trc
+from kfmocap.core.keypoints.observed import Observed
 from kfmocap.core.motion import Motion
 from kfmocap.core.occlusion import Suggestion
 from kfmocap.kfmocap_addon import command_line, demo, results
@@ -60,6 +61,7 @@ class Result:
         self.visible = tuple(np.ones(count) for count in counts)
         self.residual = tuple(np.linspace(0, 0.1, shot.length) for _ in shot.performers)
         self.pictures = None
+        self.observed = Observed()
 
 
 @pytest.fixture

@@ -19,8 +19,9 @@ from kfmocap.core.keypoints.assignment import Found, assign, tracks_of
 from kfmocap.core.keypoints.observed import assigned, image_rays, observe_keypoints, read_views
 from kfmocap.core.motion import Motion
 from kfmocap.core.report import blind_spots, report
-from kfmocap.core.shot import KeyPoses, Performer, Shot, View, Wanted
-from kfmocap.core.tracking import fixed_degrees, segments, track
+from kfmocap.core.selection import selected
+from kfmocap.core.shot import KeyPoses, Performer, Shot, View, Wanted, fixed_degrees
+from kfmocap.core.tracking import segments, track
 from synthetic import at_rest
 
 FRAMES, FPS = 24, 30.0
@@ -260,3 +261,21 @@ def test_the_report_tells_what_keypoints_did(tmp_path: Path) -> None:
     (skipped,) = values["views"][0]["skipped"]
     assert "cam02_000007.json" in skipped and not values["views"][1]["skipped"]
     assert any("left out" in line and "cam02_000007.json" in line for line in blind_spots(values))
+
+
+def test_proposals_beside_the_animators_key_poses_leave_these_as_they_are(tmp_path: Path) -> None:
+    motion = strolling(human(), 60)
+    shot = replace(shot_with(tmp_path, [motion], [0, 30]), frames=(0, 59))
+    keys = selected(shot, keyframes="auto").performers[0].key_poses
+    assert keys.full().tolist() == [0, 30]
+    assert (keys.poses[[0, int(np.flatnonzero(keys.frames == 30)[0])]].rotations == motion[[0, 30]].rotations).all()
+    proposed = keys.proposals()
+    assert len(proposed) and all(abs(proposed - key).min() > 8 for key in (0, 30))
+    places = [int(np.flatnonzero(keys.frames == f)[0]) for f in proposed]
+    assert joint_errors(human(), keys.poses[places], human(), motion[proposed]).mean() < 0.03
+
+
+def test_nothing_is_proposed_without_keypoints(tmp_path: Path) -> None:
+    shot = shot_with(tmp_path, people(1), [0])
+    with pytest.raises(KFMocapError, match="--keyframes: no view has keypoints"):
+        selected(replace(shot, views=tuple(replace(v, keypoints=None) for v in shot.views)), keyframes="auto")

@@ -7,12 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from keypoint_shots import NAMES, cameras, joint_errors, keypoints_of, seen_places, strolling
+from kfmocap.core import rotations
 from kfmocap.core.body import Body, default_measures, human, part_poses
 from kfmocap.core.constraints import BandedBlocks
 from kfmocap.core.evidence import keypoints as evidence
 from kfmocap.core.evidence.keypoints import Keypoints, Places, Pointers, deviations, keypoint_system, robust_weights
-from kfmocap.core.keypoints.first_pass import first_pass, scaled_first_pass
-from kfmocap.core.keypoints.fit import fit_motion, posture
+from kfmocap.core.keypoints.first_pass import first_pass, scaled_first_pass, steady
+from kfmocap.core.keypoints.fit import LIMIT_DEVIATION, POSTURE_DEVIATION, fit_motion, posture
+from kfmocap.core.keypoints.laying import laid_along
 from kfmocap.core.keypoints.sides import righted, swapped
 from kfmocap.core.keypoints.triangulation import triangulate
 from kfmocap.core.motion import Motion
@@ -20,7 +22,7 @@ from kfmocap.core.shot import KeyPoses, Settings
 from kfmocap.core.solvers.banded import BandedFactor, bordered_solution
 from kfmocap.core.solvers.gauss_newton import acceleration_precision, better, confirmed
 from kfmocap.core.solvers.problem import Problem, Solution
-from synthetic import numeric_jacobian, random_motion
+from synthetic import figure, numeric_jacobian, random_motion
 
 FPS = 30.0
 HIPS = [NAMES.index(n) for n in ("LHip", "RHip")]
@@ -113,9 +115,6 @@ def test_limits_and_ease_have_their_slopes() -> None:
     limits = body.limits[1:]
 
     def residuals(x: np.ndarray) -> np.ndarray:
-        from kfmocap.core import rotations
-        from kfmocap.core.keypoints.fit import LIMIT_DEVIATION, POSTURE_DEVIATION
-
         turns = rotations.log(motion.moved(x.reshape(2, -1)).rotations[:, 1:])
         beyond = turns - np.clip(turns, limits[..., 0], limits[..., 1])
         ease = turns / (np.sqrt(2) * POSTURE_DEVIATION)  # once for the whole shot, of two frames
@@ -190,6 +189,46 @@ def test_what_is_expected_nowhere_keeps_its_sides() -> None:
     seen = keypoints_of(cameras(2), seen_places(human(), strolling(human(), 2)))
     found, changed = righted(seen, np.full((2, len(NAMES), 3), np.nan))
     assert not changed.any() and np.array_equal(found.rays, seen.rays)
+
+
+def test_a_body_is_laid_along_its_own_joints() -> None:
+    """All joints within centimetres, without an iteration; missing points are bridged."""
+    body = human()
+    motion = strolling(body, 20)
+    points = seen_places(body, motion)
+    points[7:10, NAMES.index("LKnee")] = np.nan
+    laid = laid_along(body, NAMES, points)
+    assert laid is not None
+    assert joint_errors(body, laid, body, motion).max() < 0.04
+
+
+def test_a_knee_that_seems_to_bend_forward_does_not_turn_the_thigh_round() -> None:
+    body = human()
+    motion = strolling(body, 3)
+    points = seen_places(body, motion)
+    hip, knee, ankle = (points[:, NAMES.index("L" + n)] for n in ("Hip", "Knee", "Ankle"))
+    points[:, NAMES.index("LKnee")] = hip + ankle - knee  # on the other side of the line between hip and ankle
+    laid = laid_along(body, NAMES, points)
+    assert laid is not None
+    thigh = body.index("thigh.L")
+    turn = rotations.log(np.swapaxes(motion.rotations[:, thigh], -1, -2) @ laid.rotations[:, thigh])
+    assert np.linalg.norm(turn, axis=-1).max() < np.pi / 2
+
+
+def test_other_bodies_are_not_laid() -> None:
+    points = seen_places(human(), strolling(human(), 2))
+    assert laid_along(figure(), NAMES, points) is None
+    points[:, NAMES.index("RShoulder")] = np.nan
+    assert laid_along(human(), NAMES, points) is None
+
+
+def test_points_that_leap_are_left_out() -> None:
+    points = seen_places(human(), strolling(human(), 12))
+    spoilt = points.copy()
+    spoilt[5, 3] += 0.5
+    found = steady(spoilt, FPS)
+    assert np.isnan(found[5, 3]).all()
+    np.testing.assert_array_equal(np.delete(found, 5, axis=0), np.delete(points, 5, axis=0))
 
 
 def test_true_keypoints_give_the_true_motion_and_body() -> None:

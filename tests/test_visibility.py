@@ -209,3 +209,15 @@ def test_coinciding_faces_are_listed_once() -> None:
     assert len(geometry.planes) == 4 * 6
     np.testing.assert_array_equal(geometry.counts, [8] * 4)
     np.testing.assert_array_equal(np.bincount(geometry.face_owner), [6] * 4)
+
+
+def test_some_parts_alone_are_seen_as_if_the_others_were_away() -> None:
+    body, camera = figure(), look_at("front", (0.4, -3.0, 1.3))
+    geometry, (R, T) = Geometry.of([body]), poses_of([body], [swing(body, 3)])
+    kept = [3, 1]
+    alone = render_labels(geometry.subset(kept), camera, 0, R[:, kept], T[:, kept])
+    away = T.copy()
+    away[:, [0, 2]] -= 100 * camera.pose(0)[0][2]  # behind the camera
+    whole = render_labels(geometry, camera, 0, R, away)
+    np.testing.assert_array_equal(np.array([*kept, -1])[alone.part], whole.part)
+    np.testing.assert_allclose(alone.depth_images(), whole.depth_images(), rtol=1e-5)

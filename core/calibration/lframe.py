@@ -57,16 +57,24 @@ class Placement:
         How many times larger the L-frame is by the wand than by its own measures.
     misfit : ndarray, shape (4, 3)
         Of its balls after that, the scale taken out, metres; NaN where a ball is not known.
+    sigma : float
+        Standard deviation of the ball that the cameras tell least of, metres.
     """
 
     R: Array
     t: Array
     scale: float
     misfit: Array
+    sigma: float
 
 
-def place(rig: Rig, seen: Observations, measures: Array) -> Placement:
+def place(rig: Rig, seen: Observations, measures: Array, noise: float) -> Placement:
     """Lay the world onto the L-frame, without changing the size that the wand gives.
+
+    Parameters
+    ----------
+    noise : float
+        How many times their sigma the balls lie off.
 
     Raises
     ------
@@ -83,7 +91,16 @@ def place(rig: Rig, seen: Observations, measures: Array) -> Placement:
     scale = float(np.sqrt((a**2).sum() / (b**2).sum()))
     misfit = np.full((LFRAME_BALLS, 3), np.nan)
     misfit[known] = a @ R.T / scale - b
-    return Placement(R, measures[known].mean(axis=0) - R @ balls[known].mean(axis=0), scale, misfit)
+    shift = measures[known].mean(axis=0) - R @ balls[known].mean(axis=0)
+    return Placement(R, shift, scale, misfit, noise * _least_known(rig, seen, balls))
+
+
+def _least_known(rig: Rig, seen: Observations, balls_world: Array) -> float:
+    """Standard deviation across the rays of the ball that is told least of, metres."""
+    distance = np.linalg.norm(balls_world[seen.ball] - rig.centres_world[seen.camera], axis=1)
+    told = (rig.focal[seen.camera].mean(axis=1) / (seen.sigma * distance)) ** 2
+    sums = np.bincount(seen.ball, np.nan_to_num(told), LFRAME_BALLS)
+    return float(1 / np.sqrt(sums[np.isfinite(balls_world).all(axis=1)].min()))
 
 
 def _balls(rig: Rig, seen: Observations) -> Array:
@@ -136,22 +153,20 @@ def _collinear(points: Array) -> bool:
     return bool(spread[1] < 1e-3 * spread[0])
 
 
-def check(placement: Placement, rig: Rig, measures: Array, length: float, noise: float) -> None:
+def check(placement: Placement, rig: Rig, measures: Array, length: float) -> None:
     """Refuse an L-frame that contradicts the wand or itself.
 
     Parameters
     ----------
     rig : Rig
         In the L-frame's world.
-    noise : float
-        How exactly its balls are known, metres, beside the exactness of its measures.
 
     Raises
     ------
     CaptureError
         Its lengths contradict one another, or the wand's; or it is mirrored.
     """
-    sigma = np.hypot(LFRAME_SIGMA, noise)
+    sigma = np.hypot(LFRAME_SIGMA, placement.sigma)
     miss = np.linalg.norm(placement.misfit, axis=1)
     if np.nanmax(miss) > max(_SHAPE_METRES, _SURE * sigma):
         ball = int(np.nanargmax(miss))

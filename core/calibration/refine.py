@@ -52,7 +52,7 @@ class Stage:
     iterations: int
 
 
-STAGES = (Stage(0.25, 4.0, 8), Stage(0.15, 2.0, 4), Stage(0.10, 1.0, 6))
+STAGES = (Stage(0.40, 4.0, 8), Stage(0.25, 4.0, 4), Stage(0.15, 2.0, 4), Stage(0.10, 1.0, 6))
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,8 @@ STRONGEST = 4.0
 """Log likelihood ratios are cut to this, either way: no single pixel is surer."""
 SCALE = 31.0
 """Steps of a foreground image per unit of the log likelihood ratio; 128 is zero."""
+HALO = 0.25
+"""How far beyond the body's edge pixels show enough of it to be unlike the background, pixels."""
 _LEVELS = 16
 _SQUARES = np.minimum(np.arange(256) ** 2, 1 << 12).astype(np.uint16)
 """Of differences from the background; what is far is far."""

@@ -121,6 +121,8 @@ class ViewFrames:
         Shot frame of the first of them.
     foreground : ndarray of uint8, shape (N, h, w), optional
         See `core.evidence.appearance`.
+    halo : float
+        How far the foreground images show the body beyond its edge, pixels.
     delay : float
         How much later than the shot's frames these were taken, frames; see `core.delay`.
     """
@@ -129,6 +131,7 @@ class ViewFrames:
     grey: NDArray[np.uint8]
     first: int
     foreground: NDArray[np.uint8] | None = None
+    halo: float = 0.0
     delay: float = 0.0
     _kept: dict[tuple[int, int], tuple[float, GradientImages]] = field(default_factory=dict, init=False, repr=False)
 

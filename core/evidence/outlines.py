@@ -101,9 +101,10 @@ def outline_sums(
     stride: int,
     reach: int,
     tolerance: float,
+    halo: float = 0.0,
 ) -> OutlineSums:
     """Sum the outline evidence of n frames of one view; parameters as of `outline_lines`."""
-    lines = outline_lines(camera, first, foreground, labels, geometry, poses, stride, reach, tolerance)
+    lines = outline_lines(camera, first, foreground, labels, geometry, poses, stride, reach, tolerance, halo)
     n, P = poses[1].shape[:2]
     group = lines.frame * P + lines.part
     order = np.argsort(group, kind="stable")
@@ -126,6 +127,7 @@ def outline_lines(
     stride: int,
     reach: int,
     tolerance: float,
+    halo: float = 0.0,
 ) -> Lines:
     """Look for the body's outline along lines across the model's.
 
@@ -146,6 +148,8 @@ def outline_lines(
         Half length of the lines, pixels.
     tolerance : float
         Of the robust weights: 1 near the solution, more far from it.
+    halo : float
+        How far the foreground images show the body beyond its edge, pixels.
     """
     frame, part, uv, normal, z, length = _against_background(camera, first, labels, geometry, poses, stride)
     places = np.arange(-reach, reach + 1)
@@ -154,7 +158,7 @@ def outline_lines(
     score = CONTRAST * (2 * inside - inside[:, -1:])  # of an end between a place and the next: inside less outside
     likely = np.exp(score - score.max(axis=1, keepdims=True, initial=-np.inf))
     likely /= likely.sum(axis=1, keepdims=True)
-    ends = places + 0.5
+    ends = places + 0.5 - halo
     shift = likely @ ends
     variance = (likely * (ends - shift[:, None]) ** 2).sum(axis=1) + EDGE_DEVIATION**2
     ignorance = len(places) ** 2 / 12 + EDGE_DEVIATION**2  # of a line along which nothing is seen

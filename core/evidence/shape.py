@@ -61,8 +61,10 @@ def _add_lines(H: Array, g: Array, view: ViewFrames, geometry: Geometry, poses: 
     (R,), (T,) = poses
     camera, (foreground,) = view.camera, view.foreground_at(frame, 1)
     labels = render_labels(geometry, camera.subsampled(_STRIDE), frame, *poses)
-    reach = round(REACH * view.pixels_per_metre(T.mean(axis=0), frame))
-    lines = outline_lines(camera, frame, foreground[None], labels, geometry, poses, _STRIDE, max(4, reach), TOLERANCE)
+    reach = max(4, round(REACH * view.pixels_per_metre(T.mean(axis=0), frame)))
+    lines = outline_lines(
+        camera, frame, foreground[None], labels, geometry, poses, _STRIDE, reach, TOLERANCE, view.halo
+    )
     Rc, tc = camera.pose(frame)
     to_part = np.einsum("ab,nbc->nac", Rc, R[lines.part])
     slope = np.einsum("na,nab->nb", lines.wrenches(camera)[:, :3], to_part)

@@ -18,10 +18,11 @@ Array = NDArray[np.float64]
 
 TRUNK = ("LHip", "RHip", "LShoulder", "RShoulder")
 LIMBS = (
-    ("upper_arm", "forearm", "Shoulder", "Elbow", "Wrist", 1.0),
-    ("thigh", "shin", "Hip", "Knee", "Ankle", -1.0),
+    ("upper_arm", "forearm", "Shoulder", "Elbow", "Wrist", 1.0, -0.3),
+    ("thigh", "shin", "Hip", "Knee", "Ankle", -1.0, 0.3),
 )
-"""Upper and lower part, their joints, and the sign of the turn about the x axis that bends them."""
+"""Upper and lower part, their joints, the sign of the turn about the x axis that bends them, and the cosine of the
+farthest twist: points that say more are wrong."""
 STRAIGHT = (0.1, 0.3)
 """Sine of the bend below which a limb is straight, and above which its bend tells the twist."""
 
@@ -43,11 +44,11 @@ def laid_along(body: Body, names: Sequence[str], points_world: Array) -> Motion 
     for i, parent in enumerate(body.parents):
         rest = body.R_parent_rest[i] if parent < 0 else R[:, parent] @ body.R_parent_rest[i]
         R[:, i] = world.get(i, rest)
-        for upper, lower, *joints, sign in LIMBS:
+        for upper, lower, *joints, sign, farthest in LIMBS:
             for side in "LR":
                 if body.names[i] == f"{upper}.{side}" and all(side + str(joint) in known for joint in joints):
                     a, b, c = (known[side + str(joint)] for joint in joints)
-                    first, second = _limb(R[:, i], b - a, c - b, float(sign))
+                    first, second = _limb(R[:, i], b - a, c - b, float(sign), float(farthest))
                     R[:, i], world[body.index(f"{lower}.{side}")] = first, second
         if body.names[i][:5] == "foot." and (toe := f"{body.names[i][5]}BigToe") in known:
             R[:, i] = _frames(known[toe] - known[f"{body.names[i][5]}Ankle"], R[:, i, :, 0])
@@ -81,14 +82,16 @@ def _frames(along: Array, across: Array) -> Array:
     return np.stack([x, y, np.cross(x, y)], axis=-1)
 
 
-def _limb(rest: Array, upper: Array, lower: Array, sign: float) -> tuple[Array, Array]:
+def _limb(rest: Array, upper: Array, lower: Array, sign: float, farthest: float) -> tuple[Array, Array]:
     """World rotations of both parts of a limb; one that is straight is twisted as little as can be."""
     a, b = (v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-9) for v in (upper, lower))
     hinge = sign * np.cross(a, b)
     bend = np.linalg.norm(hinge, axis=-1, keepdims=True)
     least = (_swing(rest[..., 1], a) @ rest[..., :1])[..., 0]
+    hinge /= np.maximum(bend, 1e-9)
     share = np.clip((bend - STRAIGHT[0]) / (STRAIGHT[1] - STRAIGHT[0]), 0.0, 1.0)
-    across = share * hinge / np.maximum(bend, 1e-9) + (1 - share) * least
+    share = np.where(np.sum(hinge * least, axis=-1, keepdims=True) > farthest, share, 0.0)
+    across = share * hinge + (1 - share) * least
     return _frames(a, across), _frames(b, across)
 
 

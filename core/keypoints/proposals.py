@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,9 +11,9 @@ from numpy.typing import NDArray
 
 from ..errors import KeypointError
 from ..formats.tables import named
-from ..shot import KeyPoses, Performer, Shot, Wanted
+from ..shot import KeyPoses, Performer, Shot, Wanted, fixed_degrees
 from ..solvers.gauss_newton import acceleration_precision
-from .first_pass import scaled_first_pass
+from .first_pass import first_pass, scaled_first_pass
 from .fit import KeypointFit
 from .observed import assigned, frames_together, read_views
 
@@ -51,6 +52,34 @@ def proposed(shot: Shot, wanted: Sequence[Wanted | None]) -> tuple[Performer, ..
         frames = chosen_frames(fit, shot.fps) if wish.frames is None else np.array(sorted(wish.frames), np.int64)
         performers.append(Performer(wish.name, fit.body, KeyPoses.proposed(frames, fit.motion[frames])))
     return tuple(performers)
+
+
+def with_proposals(shot: Shot) -> Shot:
+    """A shot with proposed key poses beside those that it has; these, and the bodies, stay as they are.
+
+    Raises
+    ------
+    KeypointError
+        The keypoints do not show a performer well enough.
+    """
+    performers = []
+    for performer, keypoints in zip(shot.performers, assigned(shot, read_views(shot)), strict=True):
+        body, keys = performer.body, performer.key_poses
+        with named(f"performer '{performer.name}'"):
+            fit = first_pass(
+                body,
+                keys,
+                keypoints,
+                fixed_degrees(performer, 0, shot.length - 1),
+                acceleration_precision(body, shot.fps, shot.settings),
+                shot.fps,
+                frames_together(shot.settings, shot.fps),
+            )
+        apart = EVERY * shot.fps / 2
+        frames = [f for f in chosen_frames(fit, shot.fps) if not len(keys.frames) or abs(keys.frames - f).min() > apart]
+        more = KeyPoses.proposed(frames, fit.motion[frames])
+        performers.append(replace(performer, key_poses=keys.joined(more)))
+    return replace(shot, performers=tuple(performers))
 
 
 def chosen_frames(fit: KeypointFit, fps: float) -> NDArray[np.int64]:

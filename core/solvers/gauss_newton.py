@@ -24,6 +24,7 @@ from ..shot import Settings
 from ..timing import Seconds
 from .banded import BandedFactor
 from .initial import blended, follow
+from .limbs import found_limbs, untangled_limbs
 from .problem import Instants, Problem, Solution, Step, frame_residual
 
 Array = NDArray[np.float64]
@@ -70,6 +71,12 @@ class Stage:
 
 STAGES = (Stage(2.0, 8.0, 4, 2, 0.10), Stage(1.0, 4.0, 4, 3), Stage(1.0, 1.0, 3, 2))
 """From the curve through the key poses to the solution."""
+SETTLING = (Stage(1.0, 4.0, 3, 2), Stage(1.0, 1.0, 3, 1))
+"""Of limbs that were looked for, around a trunk that is held."""
+SETTLED = (Stage(1.0, 1.0, 3, 4),)
+"""From there to the solution."""
+ATTEMPTS, ROUNDS = 3, 2
+"""How often limbs are looked for around the start, and how many times in a row each time."""
 WINDOW = (Stage(2.0, 4.0, 4, 2, 0.10), Stage(1.0, 1.0, 4, 2))
 """Within the window of `initial.follow`."""
 REFINEMENT = (Stage(1.0, 1.0, 2, 2),)
@@ -79,8 +86,9 @@ REFINEMENT = (Stage(1.0, 1.0, 2, 2),)
 def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step: Step | None = None) -> Solution:
     """Fit the motion of all performers between their key poses.
 
-    The curve through the key poses is one start; the motion followed from them is another, and tried where the images
-    disagree with what the first led to and no keypoints confirm it. The better of the two solutions counts.
+    The curve through the key poses is one start. Where the images disagree with what it led to, and no keypoints
+    confirm it, limbs are looked for around it, and where they still do, the motion is followed from the key poses. The
+    best of the solutions counts.
 
     Parameters
     ----------
@@ -91,16 +99,24 @@ def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step
     on_step : callable, optional
         Called before each iteration with the share of the work done and the motions; may raise to end the job.
     """
-    solution = descend(problem, start, settings, _share_of(on_step, 0.0, 0.3))
-    if not doubtful(problem, solution) or confirmed(problem, start, solution):
-        return solution
+    solutions = [descend(problem, start, settings, _share_of(on_step, 0.0, 0.2))]
     seconds = Seconds()
-    with seconds.measure("initial solution"):
-        initial = followed(problem, start, settings, _share_of(on_step, 0.3, 0.7))
-    other = descend(problem, initial, settings, _share_of(on_step, 0.7, 1.0))
-    for spent in (solution.seconds, other.seconds):
-        seconds.add(spent)
-    return replace(better(problem, other, solution), seconds=seconds)
+
+    def unsure() -> bool:
+        best = better(problem, *solutions)
+        return doubtful(problem, best) and not confirmed(problem, start, best)
+
+    if unsure() and len(problem.whole_keys()) > 1 and not problem.pointers:  # keypoints tell where limbs are
+        with seconds.measure("initial solution"):
+            found = searched(problem, start, solutions[0].motions, settings, _share_of(on_step, 0.2, 0.6))
+        solutions.append(replace(found, seconds=Seconds()))
+    if unsure():
+        with seconds.measure("initial solution"):
+            initial = followed(problem, start, settings, _share_of(on_step, 0.6, 0.9))
+        solutions.append(descend(problem, initial, settings, _share_of(on_step, 0.9, 1.0)))
+    for solution in solutions:
+        seconds.add(solution.seconds)
+    return replace(better(problem, *solutions), seconds=seconds)
 
 
 def confirmed(problem: Problem, start: Sequence[Motion], solution: Solution) -> bool:
@@ -134,6 +150,30 @@ def doubtful(problem: Problem, solution: Solution) -> bool:
         return len(keys) == 1  # the curve that it began with stands still
     expected = np.interp(np.arange(problem.length), keys, solution.explained[keys])
     return bool((solution.explained < EXPLAINED * expected).any())
+
+
+def searched(
+    problem: Problem, start: Sequence[Motion], solved: Sequence[Motion], settings: Settings, on_step: Step | None = None
+) -> Solution:
+    """The solution from looking for limbs: around the motion that was solved, or around a trunk that moves as at the
+    start, which limbs in wrong places have not led astray.
+
+    Which poses are drawn is chance: the best of a few attempts counts, or the first that leaves no doubt.
+    """
+    held = tuple(fixed | (np.arange(fixed.shape[1]) < 6) for fixed in problem.fixed)
+    begins = [(solved, problem)] + [(start, replace(problem, fixed=held))] * ATTEMPTS
+    found: list[Solution] = []
+    for attempt, (motions, around) in enumerate(begins):
+        for turn in range(ROUNDS):
+            if on_step is not None:
+                on_step((attempt + turn / ROUNDS) / len(begins), motions)
+            motions = found_limbs(problem, motions, seed=attempt)
+            settled = descend(around, motions, settings, None, SETTLING)
+            motions = untangled_limbs(problem, settled.motions)
+        found.append(descend(problem, motions, settings, None, SETTLED))
+        if not doubtful(problem, found[-1]):
+            break
+    return better(problem, *found)
 
 
 def followed(

@@ -1,0 +1,344 @@
+"""Lost limbs are looked for where the images show a performer and the model does not.
+
+Outlines pull over a few centimetres; an arm that comes out of hiding, or a leg half a step ahead, is farther away.
+Poses of a limb are drawn around its motion, each tells how much of the uncovered foreground it would cover, and dynamic
+programming finds the likeliest way through them between the key poses; then poses are drawn around that, nearer. Where
+two like limbs meet, silhouettes do not tell which is which afterwards: the smoothest motion does. The result is a start
+for the solver.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+from scipy.signal import argrelmin
+from scipy.spatial import ConvexHull
+from scipy.special import logsumexp
+
+from .. import rotations
+from ..body import Body, part_poses
+from ..evidence.appearance import log_ratio
+from ..evidence.collect import scene_poses
+from ..evidence.images import ViewFrames
+from ..motion import Motion
+from ..visibility import NEAR, Geometry, render_labels
+from .problem import Problem
+
+Array = NDArray[np.float64]
+
+SPREADS = (1.0, 0.5, 0.25, 0.12)
+"""Standard deviations of the poses drawn, round after round, radians: of a joint that can turn half a circle; that of
+others is in proportion to their range."""
+DRAWS = 80
+"""Poses drawn per round; a third and two thirds of the way to each are tried as well."""
+SPEED = 6.0
+"""Usual angular speed of a joint that can turn half a circle, rad/s."""
+PATCH = 0.06
+"""Pixels within this length of each other on the body count as one, metres."""
+HELD = 0.1
+"""How far a limb that is seen, and covers foreground, may be from where it is, radians."""
+LEAST_HELD = 0.02
+"""How much of that holds for a limb that is not seen: poses that the images do not tell apart stay what they are."""
+LEAST_GAIN = 50.0
+"""By how much a limb's motion has to become likelier to be changed, in natural units."""
+MEETING = 0.05
+"""Duration over which the way between two limbs is smoothed, seconds."""
+BESIDE = 0.2
+"""How long before and after a meeting their velocities are compared, seconds."""
+_STRIDE = 3
+_POINTS = 16
+_AT_A_TIME = 32  # frames
+_LEAST_RANGE = 0.05
+
+
+def limbs(body: Body) -> list[list[int]]:
+    """Chains of at least two parts from where the tree branches last to its tips, as indices, the tip last."""
+    children = np.bincount([p for p in body.parents if p >= 0], minlength=len(body))
+    chains = []
+    for tip in np.flatnonzero(children == 0):
+        chain = [int(tip)]
+        while (parent := body.parents[chain[0]]) > 0 and children[parent] == 1:
+            chain.insert(0, parent)
+        if len(chain) > 1:
+            chains.append(chain)
+    return chains
+
+
+def pairs(body: Body) -> list[tuple[list[int], list[int]]]:
+    """The left and the right ones of limbs that look alike, by Blender's names."""
+    chains = {tuple(body.names[part] for part in chain): chain for chain in limbs(body)}
+    sides = [(names, tuple(name.removesuffix(".L") + ".R" for name in names)) for names in chains]
+    return [(chains[left], chains[right]) for left, right in sides if left != right and right in chains]
+
+
+def found_limbs(problem: Problem, motions: Sequence[Motion], seed: int) -> list[Motion]:
+    """Look for every limb of every performer; the trunk stays as it is.
+
+    Parameters
+    ----------
+    problem : Problem
+        Views without foreground images are not looked at. Views are taken to be simultaneous.
+    motions : sequence of Motion
+        F poses per performer; their fixed degrees of freedom are kept.
+    seed : int
+        Of the poses drawn.
+    """
+    views = [view for view in problem.views if view.foreground is not None]
+    found, rng = list(motions), np.random.default_rng(seed)
+    for i, body in enumerate(problem.bodies):
+        for chain in limbs(body):
+            found[i] = _found(problem, views, found, i, chain, rng)
+    return untangled_limbs(problem, found)
+
+
+def untangled_limbs(problem: Problem, motions: Sequence[Motion]) -> list[Motion]:
+    """Give all like limbs of every performer their own way, see `untangled`."""
+    found = list(motions)
+    for i, body in enumerate(problem.bodies):
+        for pair in pairs(body):
+            free = ~problem.fixed[i][:, 3:].reshape(len(found[i]), -1, 3)[:, pair[0] + pair[1]].any(axis=(1, 2))
+            found[i] = untangled(body, found[i], pair, problem.fps, free)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Limb:
+    """One limb and what is known of it: n parts, F frames.
+
+    `parts` are counted over all performers; `range` is (n, 3), 1 for half a circle; points (n, points, 3) are in the
+    parts' frames, and each part shows its area, square metres, on the average; `parent` are the poses of what the limb
+    hangs on; `held` (F, n) tells how surely it is where it is.
+    """
+
+    body: Body
+    chain: list[int]
+    range: Array
+    points: Array
+    areas: Array
+    parent: tuple[Array, Array]
+    held: Array
+
+
+def _found(
+    problem: Problem,
+    views: Sequence[ViewFrames],
+    motions: Sequence[Motion],
+    i: int,
+    chain: list[int],
+    rng: np.random.Generator,
+) -> Motion:
+    """One performer's motion with one limb where it is likeliest."""
+    body, motion, first = problem.bodies[i], motions[i], problem.first
+    span, geometry = problem.spans()[i], problem.geometry()
+    parts = [span.start + part for part in chain]
+    rest = [part for part in range(len(geometry.spans)) if part not in parts]
+    R, T = scene_poses(problem.bodies, motions)
+    uncovered = [_uncovered(view, first, geometry.subset(rest), (R[:, rest], T[:, rest])) for view in views]
+    hangs_on = span.start + body.parents[chain[0]]
+    limb = _Limb(
+        body,
+        chain,
+        np.clip(np.ptp(body.limits[chain], axis=2) / np.pi, _LEAST_RANGE, 1.0),
+        *_samples(geometry, parts, rng),
+        (R[:, hangs_on], T[:, hangs_on]),
+        np.maximum(_held(views, first, geometry, (R, T), parts), LEAST_HELD),
+    )
+    fixed = problem.fixed[i][:, 3:].reshape(problem.length, -1, 3)[:, chain]
+    begin = path = rotations.log(motion.rotations[:, chain])
+    low = np.minimum(body.limits[chain, :, 0], begin.min(axis=0))
+    high = np.maximum(body.limits[chain, :, 1], begin.max(axis=0))
+    cost = SPEED * limb.range / problem.fps
+    value = still = -np.inf
+    for spread in SPREADS:
+        offsets = rng.normal(size=(DRAWS, *limb.range.shape)) * spread * limb.range
+        offsets = np.concatenate([np.zeros((1, *limb.range.shape)), offsets / 3, 2 * offsets / 3, offsets])
+        drawn = np.where(fixed[:, None], path[:, None], np.clip(path[:, None] + offsets, low, high))
+        score = _covered(limb, views, first, uncovered, drawn)
+        score -= 0.5 * np.einsum("fn,fkna->fk", limb.held, ((drawn - begin[:, None]) / (HELD * limb.range)) ** 2)
+        way = _Way.through(score, (drawn / cost).reshape(*score.shape, -1))
+        if spread == SPREADS[0]:
+            still = score[:, 0].sum() - 0.5 * (np.diff(path / cost, axis=0) ** 2).sum()
+        value = way.value
+        # While draws are far apart the best are of different kinds; later their mean is smoother than any of them.
+        wide = spread > SPREADS[len(SPREADS) // 2]
+        path = drawn[np.arange(len(drawn)), way.best] if wide else np.einsum("fk,fkna->fna", way.share, drawn)
+    if value - still < LEAST_GAIN:
+        return motion
+    Q = motion.rotations.copy()
+    Q[:, chain] = np.where(fixed.all(axis=-1)[..., None, None], Q[:, chain], rotations.exp(path))
+    return Motion(motion.translations, Q)
+
+
+def _uncovered(view: ViewFrames, first: int, geometry: Geometry, poses: tuple[Array, Array]) -> NDArray[np.float32]:
+    """Log likelihood ratios of a view's pixels, zero where the parts given cover them, (F, h, w)."""
+    labels = render_labels(geometry, view.camera.subsampled(_STRIDE), first, *poses)
+    ratio = log_ratio(view.foreground_at(first, len(poses[0]))[:, ::_STRIDE, ::_STRIDE])
+    return np.where(labels.part < 0, ratio, np.float32(0))
+
+
+def _held(
+    views: Sequence[ViewFrames], first: int, geometry: Geometry, poses: tuple[Array, Array], parts: list[int]
+) -> Array:
+    """The share of each part that is seen and on foreground, in the view that shows most of it, (F, n)."""
+    held = np.zeros((len(poses[0]), len(parts)))
+    for view in views:
+        labels = render_labels(geometry, view.camera.subsampled(_STRIDE), first, *poses)
+        performer = view.foreground_at(first, len(poses[0]))[:, ::_STRIDE, ::_STRIDE] > 128
+        for k, part in enumerate(parts):
+            seen = labels.part == part
+            right = (seen & performer).sum(axis=(1, 2)) / np.maximum(seen.sum(axis=(1, 2)), 1)
+            held[:, k] = np.maximum(held[:, k], labels.share[:, part] * right)
+    return held
+
+
+def _samples(geometry: Geometry, parts: Sequence[int], rng: np.random.Generator) -> tuple[Array, Array]:
+    """Points within the parts, (n, points, 3), and the area that each shows on the average: by Cauchy's formula a
+    quarter of its surface, square metres."""
+    vertices = [geometry.vertices[geometry.spans[part]] for part in parts]
+    points = [rng.dirichlet(np.full(len(v), 0.3), _POINTS) @ v for v in vertices]
+    return np.array(points), np.array([ConvexHull(v).area / 4 for v in vertices])
+
+
+def _covered(
+    limb: _Limb, views: Sequence[ViewFrames], first: int, images: Sequence[NDArray[np.float32]], drawn: Array
+) -> Array:
+    """How much likelier the images are with the limb in each of K poses drawn (F, K, n, 3), shape (F, K)."""
+    score = np.zeros(drawn.shape[:2])
+    for some in _chunks(len(drawn)):
+        world = _placed(limb, some, drawn[some])
+        for view, image in zip(views, images, strict=True):
+            score[some] += _on_foreground(view, first + some.start, image[some], world) @ (limb.areas / PATCH**2)
+    return score
+
+
+def _chunks(frames: int) -> Iterator[slice]:
+    return (slice(f, min(f + _AT_A_TIME, frames)) for f in range(0, frames, _AT_A_TIME))
+
+
+def _placed(limb: _Limb, frames: slice, drawn: Array) -> Array:
+    """World points (m, K, n, points, 3) of the limb in poses drawn (m, K, n, 3)."""
+    R, T = limb.parent[0][frames, None], limb.parent[1][frames, None]
+    Q = rotations.exp(drawn)
+    placed = []
+    for k, part in enumerate(limb.chain):
+        T = T + R @ limb.body.offsets[part]
+        R = R @ (limb.body.R_parent_rest[part] @ Q[:, :, k])
+        placed.append(limb.points[k] @ np.swapaxes(R, -1, -2) + T[:, :, None])
+    return np.stack(placed, axis=2)
+
+
+def _on_foreground(view: ViewFrames, first: int, image: NDArray[np.float32], points_world: Array) -> Array:
+    """Mean log likelihood ratio of the pixels that points (m, K, n, points, 3) fall on, shape (m, K, n)."""
+    Rc, tc = view.camera.poses(first, len(image))
+    x = points_world @ np.swapaxes(Rc, -1, -2)[:, None, None] + tc[:, None, None, None]
+    K = view.camera.matrix
+    uv = (x[..., :2] / np.maximum(x[..., 2:], NEAR) * K[[0, 1], [0, 1]] + K[:2, 2]) / _STRIDE
+    _, height, width = image.shape
+    column, row = np.moveaxis(np.rint(np.clip(uv, -1, 1 << 20)).astype(np.intp), -1, 0)
+    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    frame = np.arange(len(image))[:, None, None, None]
+    index = np.where(inside, (frame * height + row) * width + column, 0)
+    return np.where(inside, image.ravel().take(index), 0.0).mean(axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Way:
+    """The way through K places on each of F frames: the best (Viterbi), its value, and every place's probability.
+
+    The value is the sum of the places' scores less half the squared distances from one to the next.
+    """
+
+    best: NDArray[np.intp]
+    value: float
+    share: Array
+
+    @classmethod
+    def through(cls, score: Array, places: Array) -> _Way:
+        """Of scores (F, K) and places (F, K, d)."""
+        F, K = score.shape
+        best, total = np.zeros(F, np.intp), score[0]
+        back, ahead = np.zeros((F, K), np.intp), np.empty((F, K))
+        ahead[0] = score[0]
+        for f in range(1, F):
+            link = _link(places[f - 1], places[f])
+            through = total[:, None] + link
+            back[f] = through.argmax(axis=0)
+            total = through.max(axis=0) + score[f]
+            ahead[f] = logsumexp(ahead[f - 1][:, None] + link, axis=0) + score[f]
+        behind = np.zeros((F, K))
+        for f in range(F - 2, -1, -1):
+            behind[f] = logsumexp(behind[f + 1] + score[f + 1] + _link(places[f], places[f + 1]), axis=1)
+        best[-1] = total.argmax()
+        for f in range(F - 1, 0, -1):
+            best[f - 1] = back[f, best[f]]
+        log = ahead + behind
+        return cls(best, float(total.max()), np.exp(log - logsumexp(log, axis=1, keepdims=True)))
+
+
+def _link(a: Array, b: Array) -> Array:
+    """Less half the squared distance from each of the places (K, d) to each of the next, (K, K)."""
+    apart = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2 * a @ b.T
+    return -0.5 * np.maximum(apart, 0)
+
+
+def untangled(
+    body: Body, motion: Motion, pair: tuple[list[int], list[int]], fps: float, free: NDArray[np.bool_] | None = None
+) -> Motion:
+    """Give each of two like limbs its own way again where they were taken for one another.
+
+    They may have been exchanged wherever they are nearest to each other; those exchanges are undone that leave the
+    smoothest motion. At the first and last frame they are what they are.
+
+    Parameters
+    ----------
+    body : Body
+    motion : Motion
+        F poses.
+    pair : tuple of lists of int
+        See `pairs`.
+    fps : float
+    free : ndarray of bool, shape (F,), optional
+        The frames on which the limbs may be exchanged.
+    """
+    R, _ = part_poses(body, motion)
+    left, right = (np.swapaxes(R[:, [body.parents[chain[0]]]], -1, -2) @ R[:, chain] for chain in pair)
+    apart = (right - left)[..., 1].reshape(len(motion), -1)  # of the bones' directions
+    apart = gaussian_filter1d(apart, MEETING * fps, axis=0, mode="nearest")
+    meetings = argrelmin(np.linalg.norm(apart, axis=1))[0]
+    exchanged = np.zeros(len(motion), dtype=bool)
+    for (a, b), swapped in zip(
+        zip(meetings, [*meetings[1:], len(motion)], strict=True), _exchanges(apart, meetings, fps), strict=True
+    ):
+        exchanged[a:b] = swapped
+    exchanged &= True if free is None else free
+    if not exchanged.any():
+        return motion
+    Q = motion.rotations.copy()
+    for chain, other in (pair, pair[::-1]):
+        parent = R[:, body.parents[chain[0]]]
+        for part, like in zip(chain, other, strict=True):
+            turned = np.swapaxes(parent @ body.R_parent_rest[part], -1, -2) @ R[:, like]
+            Q[exchanged, part] = rotations.orthonormal(turned[exchanged])
+            parent = R[:, like]
+    return Motion(motion.translations, Q)
+
+
+def _exchanges(apart: Array, meetings: NDArray[np.intp], fps: float) -> list[bool]:
+    """After which meetings two limbs, `apart` by (F, d), are to be exchanged so that their velocities go on."""
+    reach, last = max(2, round(BESIDE * fps)), len(apart) - 1
+    ways: dict[int, tuple[float, list[bool]]] = {1: (0.0, [])}
+    for f in meetings:
+        p, q = max(f - reach, 0), min(f + reach, last)
+        before = (apart[f] - apart[p]) / (f - p)
+        jump = {s: float((((s * apart[q] - apart[f]) / (q - f) - before) ** 2).sum()) for s in (1, -1)}
+        ways = {
+            side: min(
+                ((cost + jump[side * was], [*way, side < 0]) for was, (cost, way) in ways.items()), key=lambda w: w[0]
+            )
+            for side in (1, -1)
+        }
+    return ways[1][1]
