@@ -19,7 +19,10 @@ LFRAME_ARMS = ((0, 1), (1, 2), (0, 3))
 
 
 def show_cameras(
-    scene: bpy.types.Scene, cameras: Mapping[str, Camera], footage: Mapping[str, Path] | None = None
+    scene: bpy.types.Scene,
+    cameras: Mapping[str, Camera],
+    footage: Mapping[str, Path] | None = None,
+    offsets: Mapping[str, float] | None = None,
 ) -> list[bpy.types.Object]:
     """Build camera objects in the scene's collection "Calibration", in place of those of earlier calls.
 
@@ -28,8 +31,12 @@ def show_cameras(
     cameras : mapping of str to Camera
     footage : mapping of str to Path, optional
         What to show behind each.
+    offsets : mapping of str to float, optional
+        The scene's first frame shows each video's frame of that number, or the nearest.
     """
     clips = {name: views.load_clip(path) for name, path in (footage or {}).items()}
+    for name, clip in clips.items():
+        clip.frame_start = scene.frame_start - round((offsets or {}).get(name, 0.0))
     collection = _emptied(scene)
     built = [views.build_camera(c, collection, scene.frame_start, clips.get(name)) for name, c in cameras.items()]
     for owner in built:

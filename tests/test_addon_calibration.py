@@ -112,6 +112,7 @@ def solution(cameras) -> SimpleNamespace:
     ends = np.random.default_rng(0).normal(0, 1, (30, 2, 3))
     return SimpleNamespace(
         cameras={c.name: c for c in cameras},
+        rig=SimpleNamespace(names=[c.name for c in cameras], offset=np.array([0.0, 3.4])),
         wand=SimpleNamespace(ends_world=ends),
         lframe_world=POINTS,
         findings=("the wand was waved at one depth",),
@@ -149,6 +150,8 @@ def test_calibrate_shows_cameras_wand_lframe_and_report(blender, tmp_path, solve
     assert sorted(o.name for o in owners) == ["L-Frame", "Wand", "cam01", "cam02"]
     assert len(owners["Wand"].data.vertices) == 60 and len(owners["L-Frame"].data.edges) == 3
     assert owners["cam01"].data.background_images[0].clip is not None
+    starts = [owners[name].data.background_images[0].clip.frame_start for name in ("cam01", "cam02")]
+    assert starts == [scene.frame_start, scene.frame_start - 3]
     assert "Calibration Report" in bpy.data.images
     read = views.read_cameras(scene, [owners["cam01"], owners["cam02"]], 1, 1)
     for built, original in zip(read, solver.cameras, strict=True):

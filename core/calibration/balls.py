@@ -15,12 +15,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .colours import Colour
+from .colours import Colour, to_hsv
 
 Array = NDArray[np.float64]
 Image = NDArray[Any]
 
 _GAMMA = 2.2
+_EVEN = 1.0  # deviation of the blur, pixels
 _PEDESTAL = 0.02  # keeps a black background's colour from being no direction at all
 _LIGHT = (np.arange(256) / 255) ** _GAMMA + _PEDESTAL
 _SPECKS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
@@ -28,6 +29,7 @@ _RAYS = 40
 _ANGLES = 2 * np.pi * np.arange(_RAYS) / _RAYS
 _CIRCLE = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 _BASIS = np.column_stack([np.ones(_RAYS), _CIRCLE, np.cos(2 * _ANGLES), np.sin(2 * _ANGLES)])
+_CIRCLE_TERMS, _ELLIPSE_TERMS = 3, 5
 _PLACES = 11  # on a ray
 _ENDS = 2  # of these, at either end of a ray, that are ball alone or background alone
 _REACHES = (2.5, 1.5)  # how far to both sides of the outline a ray goes at least: first a search, then near the limb
@@ -40,7 +42,7 @@ _LEAST_CONTRAST = 0.02  # squared sine of the angle between the colours of ball 
 _SHARED = 3.0  # neighbouring rays share pixels: so many count as one
 _HOLD = np.cos(np.radians(42))
 _FLOOR = 0.1
-_BLUR_SHARE = 0.25
+_BLUR_SHARE = 0.35
 
 
 @dataclass(frozen=True)
@@ -94,18 +96,32 @@ class Balls:
         return cls(*(np.concatenate([getattr(b, item.name) for b in balls]) for item in fields(cls)))
 
 
-def find_balls(image: Image, hsv: Image, colour: Colour) -> Balls:
-    """All balls of a colour in a picture, the largest first.
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A picture to look for balls in.
 
-    Parameters
+    Attributes
     ----------
-    image : ndarray of uint8, shape (h, w, 3)
-        Blue, green, red.
+    even : ndarray of uint8, shape (h, w, 3)
+        Blue, green, red, about as sharp in brightness as in colour: video keeps a colour for every other pixel alone,
+        and an edge that is sharp in the one and soft in the other would seem to lie elsewhere than it does.
     hsv : ndarray of uint8, shape (h, w, 3)
-        The same by `to_hsv`.
-    colour : Colour
+        By `to_hsv`, as sharp as it is.
     """
-    mask = cv2.morphologyEx(colour.mask(hsv), cv2.MORPH_OPEN, _SPECKS)
+
+    even: Image
+    hsv: Image
+
+    @classmethod
+    def of(cls, image: Image) -> Picture:
+        """From blue, green and red, uint8, shape (h, w, 3)."""
+        return cls(cv2.GaussianBlur(image, (0, 0), _EVEN), to_hsv(image))
+
+
+def find_balls(picture: Picture, colour: Colour) -> Balls:
+    """All balls of a colour in a picture, the largest first."""
+    image = picture.even
+    mask = cv2.morphologyEx(colour.mask(picture.hsv), cv2.MORPH_OPEN, _SPECKS)
     outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     blobs = sorted(filter(_is_compact, outlines), key=len, reverse=True)[:_MOST_BLOBS]
     balls = Balls.joined([_ellipse_of(cv2.convexHull(blob)) for blob in blobs])
@@ -114,7 +130,9 @@ def find_balls(image: Image, hsv: Image, colour: Colour) -> Balls:
     return balls[good]
 
 
-def without_rods(image: Image, balls: Balls, ends: Array) -> tuple[Balls, NDArray[np.bool_]]:
+def without_rods(
+    picture: Picture, balls: Balls, ends: Array, *, still: bool = False
+) -> tuple[Balls, NDArray[np.bool_]]:
     """Balls measured again without the parts of their outlines that rods hide.
 
     Parameters
@@ -123,6 +141,8 @@ def without_rods(image: Image, balls: Balls, ends: Array) -> tuple[Balls, NDArra
         n of them.
     ends : ndarray, shape (n, m, 2)
         Where the rods lead to from the middle of each, pixels; NaN for none.
+    still : bool
+        The balls do not move: their outlines are as long and wide, one to the other, as they are given.
 
     Returns
     -------
@@ -135,7 +155,7 @@ def without_rods(image: Image, balls: Balls, ends: Array) -> tuple[Balls, NDArra
     spokes = _CIRCLE @ balls.shapes
     spokes /= np.linalg.norm(spokes, axis=-1, keepdims=True)
     hidden = (spokes @ np.swapaxes(ways, 1, 2) > _HOLD).any(axis=-1)
-    return _refined(image, balls, hidden, _MEASURED)
+    return _refined(picture.even, balls, hidden, _MEASURED, _CIRCLE_TERMS if still else _ELLIPSE_TERMS)
 
 
 def _is_compact(outline: Image) -> bool:
@@ -157,14 +177,14 @@ def _ellipse_of(outline: Image) -> Balls:
 
 
 def _refined(
-    image: Image, balls: Balls, hidden: NDArray[np.bool_], tolerance: _Tolerance
+    image: Image, balls: Balls, hidden: NDArray[np.bool_], tolerance: _Tolerance, terms: int = _ELLIPSE_TERMS
 ) -> tuple[Balls, NDArray[np.bool_]]:
     """The outlines near given ones, and which are balls'; `hidden` (n, rays) are rays not to look at."""
     good = np.ones(len(balls), bool)
     if not len(balls):
         return balls, good
     for nearest in _REACHES:
-        fit = _outline_fit(image, balls, hidden, nearest)
+        fit = _outline_fit(image, balls, hidden, nearest, terms)
         axes = fit.balls.semi_axes
         with np.errstate(invalid="ignore"):
             good &= (axes[:, 1] > 1) & (axes[:, 0] < _LONGEST * axes[:, 1])
@@ -200,11 +220,12 @@ class _Fit:
     residual: Array
 
 
-def _outline_fit(image: Image, balls: Balls, hidden: NDArray[np.bool_], nearest: float) -> _Fit:
+def _outline_fit(image: Image, balls: Balls, hidden: NDArray[np.bool_], nearest: float, terms: int) -> _Fit:
     """The outlines through the edges near given ones.
 
     In the coordinates in which the given ellipse is the unit circle, the outline's distance from the middle is fitted
-    by 1 + r + x cos + y sin + e cos 2 + f sin 2: a shift, and to the first order another ellipse.
+    by 1 + r + x cos + y sin + e cos 2 + f sin 2: a shift, and to the first order another ellipse. The first three
+    terms alone keep its form.
     """
     spokes = _CIRCLE @ balls.shapes
     lengths = np.linalg.norm(spokes, axis=-1)
@@ -218,7 +239,8 @@ def _outline_fit(image: Image, balls: Balls, hidden: NDArray[np.bool_], nearest:
     step = steps[:, 1:2] - steps[:, :1]
     edges = steps[:, :1] - step / 2 + step * inside.sum(axis=-1)
     usable &= ~hidden & (np.abs(edges) < 0.8 * reach[:, None]) & _within(image, places)
-    x, weights, residual = _robust_fit(_BASIS * lengths[..., None], edges, usable)
+    x, weights, residual = _robust_fit(_BASIS[:, :terms] * lengths[..., None], edges, usable)
+    x = np.pad(x, ((0, 0), (0, _ELLIPSE_TERMS - terms)))
     agreeing = weights > 0.2
     count = agreeing.sum(axis=1)
     scale = np.sqrt(np.sum(agreeing * residual**2, axis=1) / np.maximum(count, 1))
@@ -230,14 +252,15 @@ def _outline_fit(image: Image, balls: Balls, hidden: NDArray[np.bool_], nearest:
     fitted = Balls(
         balls.centres + np.einsum("nij,nj->ni", balls.shapes, x[:, 1:3]),
         (shapes + np.swapaxes(shapes, 1, 2)) / 2,
-        scale * np.sqrt(_SHARED * _centre_variance(weights)),
+        scale * np.sqrt(_SHARED * _centre_variance(weights, terms)),
     )
     return _Fit(fitted, count / _RAYS, scale)
 
 
-def _centre_variance(weights: Array) -> Array:
+def _centre_variance(weights: Array, terms: int) -> Array:
     """Variance of a centre's coordinates for rays of unit variance and these weights, shape (n,)."""
-    N = np.einsum("nk,ki,kj->nij", weights, _BASIS, _BASIS) + 1e-6 * np.eye(_BASIS.shape[1])
+    basis = _BASIS[:, :terms]
+    N = np.einsum("nk,ki,kj->nij", weights, basis, basis) + 1e-6 * np.eye(terms)
     return np.trace(np.linalg.inv(N)[:, 1:3, 1:3], axis1=1, axis2=2) / 2
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
@@ -14,9 +14,9 @@ from ..cameras import Camera
 from ..errors import CalibrationError
 from ..footage import Footage, pictures, probe
 from ..shot import Progress, report_progress
-from .balls import Balls, find_balls, without_rods
+from .balls import Balls, Picture, find_balls, without_rods
 from .capture import LFRAME_BALLS, Capture, CaptureView, Markers
-from .colours import Colour, to_hsv
+from .colours import Colour
 from .identify import FOCALS, Frame, identified, standing
 from .sphere import centres_of
 from .wand import Pairs, find_pairs, told_apart, wand_path
@@ -186,27 +186,39 @@ def find_lframe(view: FilmView, film: Film, size: tuple[int, int], progress: Pro
         They cannot be found or told apart; names the video.
     """
     report_progress(progress, f"{view.camera}: L-frame", 0.0)
-    images = _spread_out(view.lframe)
-    balls = standing([find_balls(image, to_hsv(image), film.lframe_colour) for image in images])
+    images = [Picture.of(image) for image in _spread_out(view.lframe)]
+    balls = standing([find_balls(picture, film.lframe_colour) for picture in images])
     known = view.focal if view.matrix is None else float(view.matrix[0, 0])
     focals = [known] if known else [share * max(size) for share in FOCALS]
     frame = Frame(film.lframe_points, film.lframe_diameter, (np.array(size) - 1) / 2, focals)
     where = f"{view.lframe} (camera {view.camera})"
     four = balls[identified(balls, frame, where)]
-    four = _without_arms(images, four)
+    four = _without_arms(images, _as_spheres(four, size))
     markers = Markers(np.zeros(1, np.int64), four.centres[None], four.sigma[None])
     return SeenBalls(markers, four.semi_axes[None, :, 1])
 
 
-def _without_arms(images: Sequence[NDArray], four: Balls) -> Balls:
+def _without_arms(images: Sequence[Picture], four: Balls) -> Balls:
     """The L-frame's balls measured without the parts of their outlines that the arms may hide, where that can be."""
     ends = np.full((LFRAME_BALLS, 2, 2), np.nan)
     for ball in range(LFRAME_BALLS):
         held = [b if a == ball else a for a, b in _ARMS if ball in (a, b)]
         ends[ball, : len(held)] = four.centres[held]
-    seen = [without_rods(image, four, ends) for image in images]
+    seen = [without_rods(picture, four, ends, still=True) for picture in images]
     measured = [standing([balls[[k]][good[[k]]] for balls, good in seen]) for k in range(LFRAME_BALLS)]
     return Balls.joined([ball if len(ball) else four[[k]] for k, ball in enumerate(measured)])
+
+
+def _as_spheres(balls: Balls, size: tuple[int, int]) -> Balls:
+    """The balls with outlines as still spheres have them by a usual focal length, longer away from the middle.
+
+    Arms that hide half an outline leave its own length and width unsure.
+    """
+    away = (balls.centres - (np.array(size) - 1) / 2) / (_USUAL_FOCAL * max(size))
+    slant = np.sqrt(1 + np.sum(away**2, axis=1)) - 1
+    ways = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
+    longer = np.eye(2) + slant[:, None, None] * ways[:, :, None] * ways[:, None, :]
+    return replace(balls, shapes=balls.semi_axes[:, 1, None, None] * longer)
 
 
 def _spread_out(path: Path) -> list[NDArray]:

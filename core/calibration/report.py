@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import json
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..errors import OutputError
 from ..formats.files import replacing
+from ..report import write_report as write_numbers
 from .plots import GREY, INK, Chart, Image, blank, colour_of, stacked, text
 from .trust import measured_lengths, trust
 
@@ -56,15 +56,12 @@ def write_report(folder: Path, solution: Solution) -> list[Path]:
         raise OutputError(f"cannot be made: {error.strerror or error}", where=str(folder)) from error
     numbers, picture = trust(solution), sheet(solution)
     png = cv2.imencode(".png", picture)[1].tobytes()
-    contents = {
-        "report.json": (json.dumps(numbers, indent=2) + "\n").encode(),
-        "report.png": png,
-        "report.html": page(numbers, png).encode(),
-    }
-    for name, content in contents.items():
-        with replacing(folder / name) as temporary:
+    files = [folder / name for name in ("report.json", "report.png", "report.html")]
+    write_numbers(files[0], numbers)
+    for file, content in zip(files[1:], (png, page(numbers, png).encode()), strict=True):
+        with replacing(file) as temporary:
             temporary.write_bytes(content)
-    return [folder / name for name in contents]
+    return files
 
 
 def page(numbers: Mapping[str, Any], png: bytes) -> str:

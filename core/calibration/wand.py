@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .balls import Balls, find_balls, without_rods
-from .colours import Colour, to_hsv
+from .balls import Balls, Picture, find_balls, without_rods
+from .colours import Colour
 
 Array = NDArray[np.float64]
 Image = NDArray[Any]
@@ -80,8 +80,8 @@ def find_pairs(image: Image, colours: Sequence[Colour], longest: float | None) -
     longest : float or None
         The wand's length over the balls' diameter, where it is known.
     """
-    hsv = to_hsv(image)
-    found = [find_balls(image, hsv, colour)[:_MOST_OF_A_COLOUR] for colour in colours]
+    picture = Picture.of(image)
+    found = [find_balls(picture, colour)[:_MOST_OF_A_COLOUR] for colour in colours]
     first, second = found[0], found[-1]
     i, j = np.triu_indices(len(first), 1) if len(found) == 1 else np.indices((len(first), len(second))).reshape(2, -1)
     r, s = first.semi_axes[i, 1], second.semi_axes[j, 1]
@@ -91,7 +91,7 @@ def find_pairs(image: Image, colours: Sequence[Colour], longest: float | None) -
         likely &= apart < _LONGER * longest * (r + s)
     i, j = i[likely][:_MOST_PAIRS], j[likely][:_MOST_PAIRS]
     ends = first[i], second[j]
-    measured = [without_rods(image, a, b.centres[:, None]) for a, b in (ends, ends[::-1])]
+    measured = [without_rods(picture, a, b.centres[:, None]) for a, b in (ends, ends[::-1])]
     good = measured[0][1] & measured[1][1]
     return Pairs((measured[0][0][good], measured[1][0][good]), (first.centres, second.centres))
 

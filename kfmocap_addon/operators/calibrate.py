@@ -41,7 +41,8 @@ class Calibrate(JobOperator, bpy.types.Operator):
 
         scene, capture = context.scene, context.scene.kfmocap_capture
         footage = {view.camera: view.wand for view in self._film.views}
-        calibration.show_cameras(scene, result.cameras, footage)
+        offsets = dict(zip(result.rig.names, result.rig.offset, strict=True))
+        calibration.show_cameras(scene, result.cameras, footage, offsets)
         ends = result.wand.ends_world
         calibration.show_points(scene, "Wand", ends.reshape(-1, 3), [(2 * k, 2 * k + 1) for k in range(len(ends))])
         calibration.show_points(scene, "L-Frame", result.lframe_world, calibration.LFRAME_ARMS)

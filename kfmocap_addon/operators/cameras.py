@@ -7,6 +7,8 @@ import bpy
 from .. import calibration, views
 from .reporting import reported
 
+_KINDS = "*.toml;*.qca.txt;*.yml;*.yaml;*.json"
+
 
 class ImportCameras(bpy.types.Operator):
     """Show the cameras of a calibration file as camera objects"""
@@ -20,7 +22,7 @@ class ImportCameras(bpy.types.Operator):
         name="Calibration",
         description="TOML of ours, aniposelib, Pose2Sim or Caliscope; .qca.txt of Qualisys; .yml or .json of OpenCV",
     )
-    filter_glob: bpy.props.StringProperty(default="*.toml;*.qca.txt;*.yml;*.yaml;*.json", options={"HIDDEN"})
+    filter_glob: bpy.props.StringProperty(default=_KINDS, options={"HIDDEN"})
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         context.window_manager.fileselect_add(self)
@@ -44,15 +46,20 @@ class ExportCameras(bpy.types.Operator):
     bl_label = "Export Cameras"
     bl_options = {"REGISTER"}
 
-    filepath: bpy.props.StringProperty(subtype="FILE_PATH", name="Calibration", default="calibration.toml")
-    filter_glob: bpy.props.StringProperty(default="*.toml", options={"HIDDEN"})
+    filepath: bpy.props.StringProperty(
+        subtype="FILE_PATH",
+        name="Calibration",
+        default="calibration.toml",
+        description="Its ending tells the kind: .toml, .qca.txt of Qualisys, .yml or .json of OpenCV",
+    )
+    filter_glob: bpy.props.StringProperty(default=_KINDS, options={"HIDDEN"})
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ...core.formats import save_cameras
+        from ...core.formats.calibration_export import export_cameras
 
         scene = context.scene
         with reported(self) as outcome:
@@ -60,6 +67,6 @@ class ExportCameras(bpy.types.Operator):
             length = scene.frame_end - scene.frame_start + 1
             cameras = views.read_cameras(scene, owners, scene.frame_start, length)
             path = Path(bpy.path.abspath(self.filepath))
-            save_cameras(path, cameras)
+            export_cameras(path, cameras)
             self.report({"INFO"}, f"Wrote {len(cameras)} cameras to {path}")
         return outcome.value

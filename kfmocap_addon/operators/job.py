@@ -84,6 +84,9 @@ class JobOperator:
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         if bpy.app.background or context.window is None:
             return self.execute(context)
+        if any(isinstance(running, JobOperator) for running in context.window.modal_operators):
+            self.report({"ERROR"}, "Something is still being worked on: wait, or end it with Esc")
+            return {"CANCELLED"}
         with reported(self) as outcome:
             self._job = Job(self.prepared(context))
         if outcome.value != {"FINISHED"}:

@@ -67,6 +67,7 @@ class PickColour(bpy.types.Operator):
         if event.value == "PRESS" and event.type == "LEFTMOUSE":
             point = self._pixel(event)
             if point is not None:
+                self.point = point
                 with reported(self):
                     self._learn(point)
             return {"RUNNING_MODAL"}
@@ -102,12 +103,11 @@ class PickColour(bpy.types.Operator):
 
     def _show_found(self) -> int:
         """Show the frame with circles round what is found; returns how many."""
-        from ...core.calibration.balls import find_balls, marked
-        from ...core.calibration.colours import to_hsv
+        from ...core.calibration.balls import Picture, find_balls, marked
 
         shown, count = self._picture, 0
         if captures.is_picked(self._colour):
-            balls = find_balls(self._picture, to_hsv(self._picture), self._colour.get())
+            balls = find_balls(Picture.of(self._picture), self._colour.get())
             shown, count = marked(self._picture, balls), len(balls)
         calibration.show_picture(PICTURE, shown)
         return count

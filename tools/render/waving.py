@@ -70,7 +70,7 @@ class WandTake:
 
     cameras: tuple[Camera, ...] = CAMERAS
     offsets: tuple[float, ...] = OFFSETS
-    frames: int = 300
+    frames: int = 480
     fps: float = 30.0
     exposure: float = 1 / 60
     colours: tuple[str, ...] = ("green", "blue")
@@ -83,9 +83,9 @@ class WandTake:
     def wand(self, seconds: Array) -> Array:
         """The centres of the wand's balls, shape (..., 2, 3), metres."""
         t = np.asarray(seconds, float)[..., None]
-        rates, phases = np.array([1.93, 1.41, 2.57]), np.array([0.3, 1.7, 0.9])
+        rates, phases = np.array([1.21, 0.93, 1.57]), np.array([0.3, 1.7, 0.9])
         middle = np.array([0.0, 0.0, 1.15]) + [1.6, 1.5, 0.7] * np.sin(rates * t + phases)
-        turn = np.concatenate([np.sin(2.21 * t), np.cos(1.77 * t + 0.4), 1.1 * np.sin(1.13 * t + 1.1)], axis=-1)
+        turn = np.concatenate([np.sin(1.61 * t), np.cos(1.27 * t + 0.4), 1.1 * np.sin(0.93 * t + 1.1)], axis=-1)
         along = self.length / 2 * turn / np.linalg.norm(turn, axis=-1, keepdims=True)
         return np.stack([middle - along, middle + along], axis=-2)
 
