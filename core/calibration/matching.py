@@ -10,12 +10,10 @@ from numpy.typing import NDArray
 
 from .bundle import Observations, Scene, predicted
 from .capture import CaptureView, Markers
+from .triangulation import GATE
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
-GATE = 4.0
-"""Standard deviations within which a ball is the wand's."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
 
 import cv2
 import numpy as np
@@ -19,7 +19,7 @@ _PARALLAX = np.deg2rad(3.0)
 """Angle between two rays from which on they tell where a point is."""
 _ALONE = 3
 """Views that must agree on one end where the other is not found: no length confirms it."""
-_GATE = 4.0
+GATE = 4.0
 """Standard deviations within which a ball is the wand's."""
 
 
@@ -110,11 +110,7 @@ class Sighting:
         kept = np.isfinite(ends).all(axis=(1, 2))
         across = ends[kept, 0] - ends[kept, 1]
         direction = across / np.linalg.norm(across, axis=1, keepdims=True)
-        middle = ends[kept].mean(axis=1)
-        for end, sign in ((0, 1), (1, -1)):
-            alone = ~one[kept, 1 - end]
-            middle[alone] = ends[kept][alone, end] - sign * length / 2 * direction[alone]
-        return Wand(frames[kept], middle, direction, length)
+        return Wand(frames[kept], ends[kept].mean(axis=1), direction, length)
 
 
 def sight(rig: Rig, tracks: Tracks, length: float, noise: float = 1.0, tolerance: float = 0.1) -> Sighting:
@@ -127,38 +123,51 @@ def sight(rig: Rig, tracks: Tracks, length: float, noise: float = 1.0, tolerance
     tolerance : float
         How far a wand may differ from its length, as a share.
     """
-    V, n = tracks.points.shape[:2]
-    directions, centres = rays(rig, tracks.points), rig.centres_world
-    candidates = np.stack(
-        [
-            triangulated(centres[[v, w]], np.stack([directions[v, :, p], directions[w, :, q]]))
-            for v, w in combinations(range(V), 2)
-            for p in range(2)
-            for q in range(2)
-        ]
-    )
-    off = np.stack([_misses(rig, v, candidates, tracks, noise) for v in range(V)])  # (V, K, n, 2 balls)
-    cost = np.minimum(off, _GATE**2).min(axis=-1).sum(axis=0)
-    cost[((off < _GATE**2).any(axis=-1)).sum(axis=0) < 2] = np.inf
-    column = np.arange(n)
+    candidates = _candidates(rig, tracks)
+    off = np.stack([_misses(rig, v, candidates, tracks, noise) for v in range(len(rig))])  # (V, K, n, 2 balls)
+    cost = np.minimum(off, GATE**2).min(axis=-1).sum(axis=0)
+    cost[(off < GATE**2).any(axis=-1).sum(axis=0) < 2] = np.inf
+    column = np.arange(len(tracks.frames))
     first = np.argmin(cost, axis=0)
     apart = np.linalg.norm(candidates - candidates[first, column], axis=-1)
-    shared = (off.argmin(axis=-1) == off[:, first, column].argmin(axis=-1)[:, None]) & (off.min(axis=-1) < _GATE**2)
-    shared &= (off[:, first, column].min(axis=-1) < _GATE**2)[:, None]
-    other = np.where((np.abs(apart / length - 1) < tolerance) & ~shared.any(axis=0), cost, np.inf)
-    second = np.argmin(other, axis=0)
+    fits = (np.abs(apart / length - 1) < tolerance) & ~_shares_a_ball(off, off[:, first, column])
+    partner = np.where(fits, cost, np.inf)
+    second = np.argmin(partner, axis=0)
     ends = np.stack([candidates[first, column], candidates[second, column]], axis=1)
-    miss = np.stack([off[:, first, column], off[:, second, column]], axis=2)  # (V, n, 2 ends, 2 balls)
-    ball = np.where(miss.min(axis=-1) < _GATE**2, miss.argmin(axis=-1), -1)
-    both = np.isfinite(cost[first, column]) & np.isfinite(other[second, column])
+    ball = np.stack([_nearest(off[:, chosen, column]) for chosen in (first, second)], axis=2)
+    both = np.isfinite(cost[first, column]) & np.isfinite(partner[second, column])
     alone = ~both & ((ball[:, :, 0] >= 0).sum(axis=0) >= _ALONE)
     ball[:, ~both, 1], ball[:, ~both & ~alone, 0] = -1, -1
     ends[~both, 1], ends[~both & ~alone, 0] = np.nan, np.nan
-    crossed = (ball[..., 0] == 1).sum(axis=0) + (ball[..., 1] == 0).sum(axis=0)
-    straight = (ball[..., 0] == 0).sum(axis=0) + (ball[..., 1] == 1).sum(axis=0)
-    turned = crossed > straight
-    ends[turned], ball[:, turned] = ends[turned, ::-1], ball[:, turned, ::-1]
-    return refined(rig, tracks, Sighting(ends, ball))
+    return refined(rig, tracks, _named(Sighting(ends, ball)))
+
+
+def _candidates(rig: Rig, tracks: Tracks) -> Array:
+    """Where every ball of a view meets every ball of another, shape (K, n, 3)."""
+    directions, centres = rays(rig, tracks.points), rig.centres_world
+    pairs = product(combinations(range(len(rig)), 2), range(2), range(2))
+    return np.stack(
+        [triangulated(centres[[v, w]], np.stack([directions[v, :, p], directions[w, :, q]])) for (v, w), p, q in pairs]
+    )
+
+
+def _nearest(off: Array) -> Ints:
+    """Which ball is a point's, -1 where neither is; squared distances have the shape (..., 2)."""
+    return np.where(off.min(axis=-1) < GATE**2, off.argmin(axis=-1), -1)
+
+
+def _shares_a_ball(off: Array, chosen: Array) -> NDArray[np.bool_]:
+    """Which candidates, (V, K, n, 2), take a ball in some view that the chosen ones, (V, n, 2), take; shape (K, n)."""
+    own, taken = _nearest(off), _nearest(chosen)[:, None]
+    return ((own == taken) & (taken >= 0)).any(axis=0)
+
+
+def _named(sighting: Sighting) -> Sighting:
+    """The ends in the order that most views have them in."""
+    ends, ball = sighting.ends_world.copy(), sighting.ball.copy()
+    against = (ball == [1, 0]).sum(axis=(0, 2)) > (ball == [0, 1]).sum(axis=(0, 2))
+    ends[against], ball[:, against] = ends[against, ::-1], ball[:, against, ::-1]
+    return Sighting(ends, ball)
 
 
 def _misses(rig: Rig, v: int, points_world: Array, tracks: Tracks, noise: float) -> Array:
