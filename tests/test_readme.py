@@ -35,7 +35,7 @@ def test_commands_are_understood(command: str) -> None:
 
 
 def test_commands_were_found() -> None:
-    assert {command.split()[0] for command in COMMANDS} == {"track", "calibrate", "demo", "bench"}
+    assert {command.split()[0] for command in COMMANDS} == {"track", "calibrate", "synchronise", "demo", "bench"}
     assert len(COMMANDS) >= 8
 
 
