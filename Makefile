@@ -36,7 +36,7 @@ demo: install
 	$(BIN)/kfmocap demo --out build/demo
 
 test: install
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses auto --dist loadfile
 
 lint: install
 	$(BIN)/ruff check .
