@@ -66,5 +66,6 @@ def run_calibrate(
         if points is not None:
             write_marker_points(points, solution.capture)
             files.append(points)
+        out.parent.mkdir(parents=True, exist_ok=True)
         export_cameras(out, solution.cameras, kind)
     return solution, [out, *files]

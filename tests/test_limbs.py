@@ -179,3 +179,9 @@ def test_key_poses_are_not_exchanged() -> None:
     free[9] = False
     found = untangled(BODY, mixed, legs, FPS, free)
     np.testing.assert_allclose(found.rotations[9], mixed.rotations[9], atol=1e-12)
+
+
+@pytest.mark.parametrize("pair", pairs(BODY), ids=["arms", "legs"])
+def test_limbs_that_never_meet_stay_as_they_are(pair: tuple[list[int], list[int]]) -> None:
+    still = at_rest(BODY, 8)
+    assert untangled(BODY, still, pair, FPS) is still

@@ -150,13 +150,13 @@ def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_command_calibrates_and_reports(take: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out, report, points = tmp_path / "calibration.toml", tmp_path / "report", tmp_path / "found.csv"
+    out, report, points = tmp_path / "new" / "calibration.toml", tmp_path / "report", tmp_path / "found.csv"
     code = command_line.main(
         ["calibrate", str(take), "--out", str(out), "--report", str(report), "--points", str(points)]
     )
     told = capsys.readouterr()
     assert code == 0, told.err
-    assert {str(out), str(report / "report.json"), str(points)} <= set(told.out.split())
+    assert {str(out), str(report / "report.json"), str(report / "report.html"), str(points)} <= set(told.out.split())
     assert "cam02: offset = -4.2" in told.err
     for camera in CAMERAS:
         found = load_cameras(out)[camera.name]

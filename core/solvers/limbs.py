@@ -311,7 +311,7 @@ def untangled(
     meetings = argrelmin(np.linalg.norm(apart, axis=1))[0]
     exchanged = np.zeros(len(motion), dtype=bool)
     for (a, b), swapped in zip(
-        zip(meetings, [*meetings[1:], len(motion)], strict=True), _exchanges(apart, meetings, fps), strict=True
+        zip(meetings, [*meetings, len(motion)][1:], strict=True), _exchanges(apart, meetings, fps), strict=True
     ):
         exchanged[a:b] = swapped
     exchanged &= True if free is None else free
