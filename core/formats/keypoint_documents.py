@@ -144,8 +144,9 @@ def _spoken_names(meta: Mapping[str, Any]) -> tuple[str, ...] | None:
 
 
 def _mmpose(one: Mapping[str, Any], frame: int | None, names: tuple[str, ...] | None = None) -> Person:
-    scores = one["keypoint_scores"]
-    values = [v for (x, y, *_), c in zip(one["keypoints"], scores, strict=True) for v in (x, y, c)]
+    if any(len(point) != 2 for point in one["keypoints"]):
+        raise ValueError("places in a picture have two coordinates, those of a 3D pose do not")
+    values = [v for (x, y), c in zip(one["keypoints"], one["keypoint_scores"], strict=True) for v in (x, y, c)]
     track = one.get("track_id", -1)
     return Person(values, frame, track if isinstance(track, int) else -1, names=names)
 

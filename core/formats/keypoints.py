@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import KeypointError
 from ..keypoints.detections import Detections
-from ..keypoints.layouts import LAYOUTS
+from ..keypoints.layouts import LAYOUTS, layout_of
 from .keypoint_documents import Person, people, picture_number
 
 KNOWN = "OpenPose, COCO, AlphaPose, MMPose, MediaPipe or YOLO"
@@ -109,14 +110,7 @@ def _numbered(found: list[Person], file: Path) -> list[Person]:
 def _gathered(found: list[Person], skipped: Sequence[str], path: Path, size: tuple[int, int] | None) -> Detections:
     """All people in one set of arrays, sorted by frame."""
     found = sorted(found, key=lambda person: person.frame or 0)
-    layouts = [person.names or LAYOUTS[len(person.values) // 3] for person in found]
-    names = tuple(dict.fromkeys(name for layout in dict.fromkeys(map(tuple, layouts)) for name in layout if name))
-    table = np.full((len(found), len(names), 3), np.nan)
-    for layout in dict.fromkeys(map(tuple, layouts)):
-        rows = [i for i, other in enumerate(layouts) if tuple(other) == layout]
-        values = np.array([found[i].values for i in rows], float).reshape(len(rows), -1, 3)
-        used = [k for k, name in enumerate(layout) if name]
-        table[np.ix_(rows, [names.index(layout[k]) for k in used])] = values[:, used]
+    names, table = _table(found)
     if (shares := np.array([person.normalised for person in found], bool)).any():
         if size is None:
             raise KeypointError("its places are shares of a picture of unknown size", where=str(path))
@@ -132,3 +126,20 @@ def _gathered(found: list[Person], skipped: Sequence[str], path: Path, size: tup
         np.array([person.track for person in found], np.int64),
         tuple(skipped),
     )
+
+
+def _table(found: Sequence[Person]) -> tuple[tuple[str, ...], NDArray[np.float64]]:
+    """Our names of all their keypoints, and (n, k, 3) x, y, confidence; NaN where a list has no such name."""
+    alike: dict[tuple[int, tuple[str, ...] | None], list[int]] = {}
+    for i, person in enumerate(found):
+        alike.setdefault((len(person.values), person.names), []).append(i)
+    groups = []
+    for (_, named), rows in alike.items():
+        values = np.array([found[i].values for i in rows], float).reshape(len(rows), -1, 3)
+        groups.append((rows, named or layout_of(values), values))
+    names = tuple(dict.fromkeys(name for _, layout, _ in groups for name in layout if name))
+    table = np.full((len(found), len(names), 3), np.nan)
+    for rows, layout, values in groups:
+        used = [k for k, name in enumerate(layout) if name]
+        table[np.ix_(rows, [names.index(layout[k]) for k in used])] = values[:, used]
+    return names, table

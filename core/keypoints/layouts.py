@@ -1,12 +1,16 @@
 """The orders in which detectors list their keypoints, with our names of them.
 
 Names are those of the body's landmarks (Pose2Sim's), and a few more of the face; an empty name is a keypoint that is
-not used. Where several orders have the same number of keypoints, the one that the detectors' own programs write counts.
+not used. Where several orders have the same number of keypoints, the one that the detectors' own programs write counts;
+of OpenPose's two orders of 25 the people themselves tell.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
 
 
 def _listed(text: str) -> list[str]:
@@ -24,6 +28,7 @@ BODY_25 = _listed(
     "Nose Neck RShoulder RElbow RWrist LShoulder LElbow LWrist Hip RHip RKnee RAnkle LHip LKnee LAnkle "
     "REye LEye REar LEar LBigToe - LHeel RBigToe - RHeel"
 )
+BODY_25B = [*COCO_17, *_listed("Neck Head LBigToe - LHeel RBigToe - RHeel")]
 HALPE_26 = [*COCO_17, *_listed("Head Neck Hip LBigToe RBigToe - - LHeel RHeel")]
 MEDIAPIPE_33 = _listed(
     "Nose - LEye - - REye - LEar REar - - LShoulder RShoulder LElbow RElbow LWrist RWrist - - - - - - "
@@ -41,11 +46,41 @@ def _hands(first: int, count: int) -> list[str]:
 COCO_133 = [*COCO_17, *_listed("LBigToe - LHeel RBigToe - RHeel"), *_hands(23, 133)]
 HALPE_136 = [*HALPE_26, *_hands(26, 136)]
 
+
+def _named(names: Sequence[str]) -> tuple[str, ...]:
+    return tuple("" if name == "-" else name for name in names)
+
+
 _LAYOUTS = (MPII_16, COCO_17, OPENPOSE_18, BODY_25, HALPE_26, MEDIAPIPE_33, COCO_133, HALPE_136)
-LAYOUTS: Mapping[int, Sequence[str]] = {
-    len(names): tuple("" if name == "-" else name for name in names) for names in _LAYOUTS
-}
+LAYOUTS: Mapping[int, Sequence[str]] = {len(names): _named(names) for names in _LAYOUTS}
 """Our names of a detector's keypoints, by how many it lists."""
+
+
+def layout_of(people: NDArray[np.float64]) -> Sequence[str]:
+    """Our names of the keypoints of people whose lists have one length.
+
+    OpenPose has two orders of 25. BODY_25 lists the eyes and ears 16th to 19th and a whole arm among the first five;
+    BODY_25B begins with the face and has the ankles, the neck and the head's top there.
+
+    Parameters
+    ----------
+    people : (n, k, 3) array
+        x, y, confidence of every keypoint; confidence 0 where it was not found.
+    """
+    count = people.shape[1]
+    if count != len(BODY_25B):
+        return LAYOUTS[count]
+    votes = 2 * _extents(people[:, :5]) - _extents(people[:, 15:19])
+    return _named(BODY_25B) if (votes < 0).sum() > (votes > 0).sum() else LAYOUTS[count]
+
+
+def _extents(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Diagonals of the boxes round people's (n, k, 3) keypoints; NaN with fewer than three found."""
+    found = points[..., 2:] > 0
+    lowest = np.where(found, points[..., :2], np.inf).min(axis=1)
+    highest = np.where(found, points[..., :2], -np.inf).max(axis=1)
+    return np.where(found.sum(axis=(1, 2)) >= 3, np.linalg.norm(highest - lowest, axis=1), np.nan)
+
 
 _SPOKEN = {
     **{name.lower(): name for name in _listed("Nose Eye Ear Shoulder Elbow Wrist Hip Knee Ankle Heel Neck Head")},
