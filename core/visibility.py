@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -121,17 +122,24 @@ class LabelImages:
 
     def part_at(self, frame: NDArray[np.intp], u: NDArray[np.floating], v: NDArray[np.floating]) -> NDArray[np.int16]:
         """The parts seen nearest to places in frames; -2 beyond the picture."""
-        _, height, width = self.part.shape
-        column, row = np.rint(u), np.rint(v)
-        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-        index = np.where(inside, (frame * height + row) * width + column, 0).astype(np.intp)
-        return np.where(inside, self.part.ravel().take(index), np.int16(-2))
+        return pixels_at(self.part, frame, u, v, np.int16(-2))
 
     def depth_images(self) -> NDArray[np.float32]:
         """z in metres, infinite where there is no part, shape (n, h, w)."""
         images = np.full(self.part.size, np.inf, dtype=np.float32)
         images[self.index] = 1 / self.inverse_depth
         return images.reshape(self.part.shape)
+
+
+def pixels_at(
+    images: NDArray[Any], frame: NDArray[np.intp], u: NDArray[np.floating], v: NDArray[np.floating], beyond: Any
+) -> NDArray[Any]:
+    """The pixels of images (n, h, w) nearest to places in frames, all broadcast; `beyond` where there is none."""
+    _, height, width = images.shape
+    column, row = np.rint(u), np.rint(v)
+    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    index = np.where(inside, (frame * height + row) * width + column, 0).astype(np.intp)
+    return np.where(inside, images.ravel().take(index), beyond)
 
 
 def render_labels(geometry: Geometry, camera: Camera, first: int, R: Array, T: Array) -> LabelImages:

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import argrelmin
@@ -21,11 +22,12 @@ from scipy.special import logsumexp
 
 from .. import rotations
 from ..body import Body, part_poses
+from ..cameras import Camera
 from ..evidence.appearance import log_ratio
 from ..evidence.collect import scene_poses
 from ..evidence.images import ViewFrames
 from ..motion import Motion
-from ..visibility import NEAR, Geometry, render_labels
+from ..visibility import NEAR, Geometry, LabelImages, pixels_at, render_labels
 from .problem import Problem
 
 Array = NDArray[np.float64]
@@ -87,11 +89,11 @@ def found_limbs(problem: Problem, motions: Sequence[Motion], seed: int) -> list[
     seed : int
         Of the poses drawn.
     """
-    views = [view for view in problem.views if view.foreground is not None]
+    looks = [_Look.of(view, problem) for view in problem.views if view.foreground is not None]
     found, rng = list(motions), np.random.default_rng(seed)
     for i, body in enumerate(problem.bodies):
         for chain in limbs(body):
-            found[i] = _found(problem, views, found, i, chain, rng)
+            found[i] = _found(problem, looks, found, i, chain, rng)
     return untangled_limbs(problem, found)
 
 
@@ -106,12 +108,43 @@ def untangled_limbs(problem: Problem, motions: Sequence[Motion]) -> list[Motion]
 
 
 @dataclass(frozen=True, eq=False)
+class _Look:
+    """Every _STRIDE-th pixel of a view's frames: its log likelihood ratios, (F, h, w)."""
+
+    camera: Camera
+    first: int
+    ratio: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, view: ViewFrames, problem: Problem) -> _Look:
+        foreground = view.foreground_at(problem.first, problem.length)[:, ::_STRIDE, ::_STRIDE]
+        return cls(view.camera.subsampled(_STRIDE), problem.first, log_ratio(foreground))
+
+    def labels(self, geometry: Geometry, poses: tuple[Array, Array]) -> LabelImages:
+        return render_labels(geometry, self.camera, self.first, *poses)
+
+    def uncovered(self, geometry: Geometry, poses: tuple[Array, Array]) -> _Look:
+        """The same, zero where parts cover it."""
+        labels = self.labels(geometry, poses)
+        return _Look(self.camera, self.first, np.where(labels.part < 0, self.ratio, np.float32(0)))
+
+    def at(self, frames: slice, points_world: Array) -> Array:
+        """Ratios of the pixels that points (m, K, n, points, 3) of some frames fall on, 0 beyond the picture."""
+        Rc, tc = self.camera.poses(self.first + frames.start, len(points_world))
+        x = points_world @ np.swapaxes(Rc, -1, -2)[:, None, None] + tc[:, None, None, None]
+        K = self.camera.matrix
+        uv = x[..., :2] / np.maximum(x[..., 2:], NEAR) * K[[0, 1], [0, 1]] + K[:2, 2]
+        frame = np.arange(len(x))[:, None, None, None]
+        return pixels_at(self.ratio[frames], frame, uv[..., 0], uv[..., 1], 0.0)
+
+
+@dataclass(frozen=True, eq=False)
 class _Limb:
     """One limb and what is known of it: n parts, F frames.
 
-    `parts` are counted over all performers; `range` is (n, 3), 1 for half a circle; points (n, points, 3) are in the
-    parts' frames, and each part shows its area, square metres, on the average; `parent` are the poses of what the limb
-    hangs on; `held` (F, n) tells how surely it is where it is.
+    `range` is (n, 3), 1 for half a circle; points (n, points, 3) are in the parts' frames, and each part shows its
+    area, square metres, on the average; `parent` are the poses of what the limb hangs on; `fixed` (F, n, 3) are the
+    degrees of freedom that stay; `held` (F, n) tells how surely it is where it is.
     """
 
     body: Body
@@ -120,24 +153,19 @@ class _Limb:
     points: Array
     areas: Array
     parent: tuple[Array, Array]
+    fixed: NDArray[np.bool_]
     held: Array
 
 
 def _found(
-    problem: Problem,
-    views: Sequence[ViewFrames],
-    motions: Sequence[Motion],
-    i: int,
-    chain: list[int],
-    rng: np.random.Generator,
+    problem: Problem, looks: Sequence[_Look], motions: Sequence[Motion], i: int, chain: list[int], rng: Generator
 ) -> Motion:
     """One performer's motion with one limb where it is likeliest."""
-    body, motion, first = problem.bodies[i], motions[i], problem.first
+    body, motion = problem.bodies[i], motions[i]
     span, geometry = problem.spans()[i], problem.geometry()
     parts = [span.start + part for part in chain]
     rest = [part for part in range(len(geometry.spans)) if part not in parts]
     R, T = scene_poses(problem.bodies, motions)
-    uncovered = [_uncovered(view, first, geometry.subset(rest), (R[:, rest], T[:, rest])) for view in views]
     hangs_on = span.start + body.parents[chain[0]]
     limb = _Limb(
         body,
@@ -145,49 +173,48 @@ def _found(
         np.clip(np.ptp(body.limits[chain], axis=2) / np.pi, _LEAST_RANGE, 1.0),
         *_samples(geometry, parts, rng),
         (R[:, hangs_on], T[:, hangs_on]),
-        np.maximum(_held(views, first, geometry, (R, T), parts), LEAST_HELD),
+        problem.fixed[i][:, 3:].reshape(problem.length, -1, 3)[:, chain],
+        np.maximum(_held(looks, geometry, (R, T), parts), LEAST_HELD),
     )
-    fixed = problem.fixed[i][:, 3:].reshape(problem.length, -1, 3)[:, chain]
-    begin = path = rotations.log(motion.rotations[:, chain])
-    low = np.minimum(body.limits[chain, :, 0], begin.min(axis=0))
-    high = np.maximum(body.limits[chain, :, 1], begin.max(axis=0))
-    cost = SPEED * limb.range / problem.fps
-    value = still = -np.inf
-    for spread in SPREADS:
-        offsets = rng.normal(size=(DRAWS, *limb.range.shape)) * spread * limb.range
-        offsets = np.concatenate([np.zeros((1, *limb.range.shape)), offsets / 3, 2 * offsets / 3, offsets])
-        drawn = np.where(fixed[:, None], path[:, None], np.clip(path[:, None] + offsets, low, high))
-        score = _covered(limb, views, first, uncovered, drawn)
-        score -= 0.5 * np.einsum("fn,fkna->fk", limb.held, ((drawn - begin[:, None]) / (HELD * limb.range)) ** 2)
-        way = _Way.through(score, (drawn / cost).reshape(*score.shape, -1))
-        if spread == SPREADS[0]:
-            still = score[:, 0].sum() - 0.5 * (np.diff(path / cost, axis=0) ** 2).sum()
-        value = way.value
-        # While draws are far apart the best are of different kinds; later their mean is smoother than any of them.
-        wide = spread > SPREADS[len(SPREADS) // 2]
-        path = drawn[np.arange(len(drawn)), way.best] if wide else np.einsum("fk,fkna->fna", way.share, drawn)
-    if value - still < LEAST_GAIN:
+    uncovered = [look.uncovered(geometry.subset(rest), (R[:, rest], T[:, rest])) for look in looks]
+    path, gain = _likeliest(limb, uncovered, rotations.log(motion.rotations[:, chain]), problem.fps, rng)
+    if gain < LEAST_GAIN:
         return motion
     Q = motion.rotations.copy()
-    Q[:, chain] = np.where(fixed.all(axis=-1)[..., None, None], Q[:, chain], rotations.exp(path))
+    Q[:, chain] = np.where(limb.fixed.all(axis=-1)[..., None, None], Q[:, chain], rotations.exp(path))
     return Motion(motion.translations, Q)
 
 
-def _uncovered(view: ViewFrames, first: int, geometry: Geometry, poses: tuple[Array, Array]) -> NDArray[np.float32]:
-    """Log likelihood ratios of a view's pixels, zero where the parts given cover them, (F, h, w)."""
-    labels = render_labels(geometry, view.camera.subsampled(_STRIDE), first, *poses)
-    ratio = log_ratio(view.foreground_at(first, len(poses[0]))[:, ::_STRIDE, ::_STRIDE])
-    return np.where(labels.part < 0, ratio, np.float32(0))
+def _likeliest(
+    limb: _Limb, uncovered: Sequence[_Look], begin: Array, fps: float, rng: Generator
+) -> tuple[Array, float]:
+    """The limb's rotation vectors (F, n, 3) that are likeliest around those it begins with, and by how much."""
+    low = np.minimum(limb.body.limits[limb.chain, :, 0], begin.min(axis=0))
+    high = np.maximum(limb.body.limits[limb.chain, :, 1], begin.max(axis=0))
+    cost = SPEED * limb.range / fps
+    path = begin
+    values: list[float] = []
+    for spread in SPREADS:
+        offsets = rng.normal(size=(DRAWS, *limb.range.shape)) * spread * limb.range
+        offsets = np.concatenate([np.zeros((1, *limb.range.shape)), offsets / 3, 2 * offsets / 3, offsets])
+        drawn = np.where(limb.fixed[:, None], path[:, None], np.clip(path[:, None] + offsets, low, high))
+        score = _covered(limb, uncovered, drawn)
+        score -= 0.5 * np.einsum("fn,fkna->fk", limb.held, ((drawn - begin[:, None]) / (HELD * limb.range)) ** 2)
+        way = _Way.through(score, (drawn / cost).reshape(*score.shape, -1))
+        if not values:
+            values.append(float(score[:, 0].sum() - 0.5 * (np.diff(path / cost, axis=0) ** 2).sum()))
+        values.append(way.value)
+        # While draws are far apart the best are of different kinds; later their mean is smoother than any of them.
+        wide = spread > SPREADS[len(SPREADS) // 2]
+        path = drawn[np.arange(len(drawn)), way.best] if wide else np.einsum("fk,fkna->fna", way.share, drawn)
+    return path, values[-1] - values[0]
 
 
-def _held(
-    views: Sequence[ViewFrames], first: int, geometry: Geometry, poses: tuple[Array, Array], parts: list[int]
-) -> Array:
+def _held(looks: Sequence[_Look], geometry: Geometry, poses: tuple[Array, Array], parts: list[int]) -> Array:
     """The share of each part that is seen and on foreground, in the view that shows most of it, (F, n)."""
     held = np.zeros((len(poses[0]), len(parts)))
-    for view in views:
-        labels = render_labels(geometry, view.camera.subsampled(_STRIDE), first, *poses)
-        performer = view.foreground_at(first, len(poses[0]))[:, ::_STRIDE, ::_STRIDE] > 128
+    for look in looks:
+        labels, performer = look.labels(geometry, poses), look.ratio > 0
         for k, part in enumerate(parts):
             seen = labels.part == part
             right = (seen & performer).sum(axis=(1, 2)) / np.maximum(seen.sum(axis=(1, 2)), 1)
@@ -195,7 +222,7 @@ def _held(
     return held
 
 
-def _samples(geometry: Geometry, parts: Sequence[int], rng: np.random.Generator) -> tuple[Array, Array]:
+def _samples(geometry: Geometry, parts: Sequence[int], rng: Generator) -> tuple[Array, Array]:
     """Points within the parts, (n, points, 3), and the area that each shows on the average: by Cauchy's formula a
     quarter of its surface, square metres."""
     vertices = [geometry.vertices[geometry.spans[part]] for part in parts]
@@ -203,15 +230,13 @@ def _samples(geometry: Geometry, parts: Sequence[int], rng: np.random.Generator)
     return np.array(points), np.array([ConvexHull(v).area / 4 for v in vertices])
 
 
-def _covered(
-    limb: _Limb, views: Sequence[ViewFrames], first: int, images: Sequence[NDArray[np.float32]], drawn: Array
-) -> Array:
+def _covered(limb: _Limb, uncovered: Sequence[_Look], drawn: Array) -> Array:
     """How much likelier the images are with the limb in each of K poses drawn (F, K, n, 3), shape (F, K)."""
     score = np.zeros(drawn.shape[:2])
     for some in _chunks(len(drawn)):
         world = _placed(limb, some, drawn[some])
-        for view, image in zip(views, images, strict=True):
-            score[some] += _on_foreground(view, first + some.start, image[some], world) @ (limb.areas / PATCH**2)
+        for look in uncovered:
+            score[some] += look.at(some, world).mean(axis=-1) @ (limb.areas / PATCH**2)
     return score
 
 
@@ -229,20 +254,6 @@ def _placed(limb: _Limb, frames: slice, drawn: Array) -> Array:
         R = R @ (limb.body.R_parent_rest[part] @ Q[:, :, k])
         placed.append(limb.points[k] @ np.swapaxes(R, -1, -2) + T[:, :, None])
     return np.stack(placed, axis=2)
-
-
-def _on_foreground(view: ViewFrames, first: int, image: NDArray[np.float32], points_world: Array) -> Array:
-    """Mean log likelihood ratio of the pixels that points (m, K, n, points, 3) fall on, shape (m, K, n)."""
-    Rc, tc = view.camera.poses(first, len(image))
-    x = points_world @ np.swapaxes(Rc, -1, -2)[:, None, None] + tc[:, None, None, None]
-    K = view.camera.matrix
-    uv = (x[..., :2] / np.maximum(x[..., 2:], NEAR) * K[[0, 1], [0, 1]] + K[:2, 2]) / _STRIDE
-    _, height, width = image.shape
-    column, row = np.moveaxis(np.rint(np.clip(uv, -1, 1 << 20)).astype(np.intp), -1, 0)
-    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    frame = np.arange(len(image))[:, None, None, None]
-    index = np.where(inside, (frame * height + row) * width + column, 0)
-    return np.where(inside, image.ravel().take(index), 0.0).mean(axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
