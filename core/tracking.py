@@ -200,11 +200,7 @@ class _Job:
     def solve(self, stretch: Stretch, views: tuple[ViewFrames, ...]) -> None:
         """Solve a stretch that follows what is solved already."""
         before = self._context(stretch[0] - 1)
-        self._run(
-            SOLVE[self.shot.settings.solver],
-            self._problem(stretch, views, before, None),
-            0.7,
-        )
+        self._run(SOLVE[self.shot.settings.solver], self._problem(stretch, views, before, None), 0.7)
 
     def refine(self, stretch: Stretch, views: tuple[ViewFrames, ...]) -> None:
         """Solve a stretch once more, now that the motion on both sides is known; not every solver looks there."""
@@ -219,9 +215,18 @@ class _Job:
         before: tuple[Motion, ...] | None,
         after: tuple[Motion, ...] | None,
     ) -> Problem:
-        problem = _problem(self.shot, stretch, views, before, after, self._shapes.get(stretch))
         frames = slice(stretch[0], stretch[1] + 1)
-        return replace(problem, pointers=tuple(sighting.pointers[frames] for sighting in self.observed.sightings))
+        return Problem(
+            views,
+            tuple(performer.body for performer in self.shot.performers),
+            stretch[0],
+            self.shot.fps,
+            tuple(fixed_degrees(performer, *stretch) for performer in self.shot.performers),
+            before,
+            after,
+            self._shapes.get(stretch),
+            tuple(sighting.pointers[frames] for sighting in self.observed.sightings),
+        )
 
     def _context(self, frame: int) -> tuple[Motion, ...] | None:
         return tuple(m[[frame]] for m in self.motions) if 0 <= frame < self.shot.length else None
@@ -364,19 +369,6 @@ def _with_foreground(
     scale = view.pixels_per_metre(T[0].mean(axis=0), int(keys[0]))
     foreground = foreground_images(colour, masks, scale, view.camera.stands_still)
     return replace(view, foreground=foreground, halo=HALO)
-
-
-def _problem(
-    shot: Shot,
-    stretch: Stretch,
-    views: tuple[ViewFrames, ...],
-    before: tuple[Motion, ...] | None,
-    after: tuple[Motion, ...] | None,
-    shape: Geometry | None,
-) -> Problem:
-    bodies = tuple(performer.body for performer in shot.performers)
-    fixed = tuple(fixed_degrees(performer, *stretch) for performer in shot.performers)
-    return Problem(views, bodies, stretch[0], shot.fps, fixed, before, after, shape)
 
 
 def _with_keys(motion: Motion, performer: Performer) -> Motion:
