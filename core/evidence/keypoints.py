@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..body import Body, twist_jacobian
 from ..constraints import BandedBlocks
+from .collect import single_blocks
 from .gradients import Poses
 
 Array = NDArray[np.float64]
@@ -207,16 +208,10 @@ def keypoint_system(body: Body, poses: Poses, keypoints: Keypoints, places: Plac
     corner = np.einsum("vflka,vflkb->lab", shift * weights[..., None, None], shift)
     c = np.einsum("vflka,vflk,vfl->la", shift, residual, weights)
 
+    carrier = (places.parts == np.arange(len(body))[:, None]).astype(float)  # which part carries which keypoint
+    per_part = np.einsum("pl,flab->fpab", carrier, H), np.einsum("pl,fla->fpa", carrier, g)
+    blocks = single_blocks(body, poses, *per_part, float(np.sum(weights[..., None] * residual**2)))
     J = twist_jacobian(body, R, T)[:, places.parts]  # (F, L, 6, D)
-    J_t = np.swapaxes(J.reshape(F, 6 * L, D), 1, 2)
-    zero = BandedBlocks.zeros(F, D)
-    blocks = BandedBlocks(
-        J_t @ (H @ J).reshape(F, 6 * L, D),
-        zero.first,
-        zero.second,
-        (J_t @ g.reshape(F, 6 * L, 1))[..., 0],
-        float(np.sum(weights[..., None] * residual**2)),
-    )
     border = np.einsum("flad,flac->fdlc", J, cross).reshape(F, D, 3 * L)
     prior = np.array([1 / offset_deviation(name) ** 2 for name in keypoints.names])[:, None]
     full = np.zeros((L, 3, L, 3))
