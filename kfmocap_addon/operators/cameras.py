@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import bpy
+from bpy_extras.io_utils import ImportHelper
 
 from .. import calibration, views
 from .reporting import reported
@@ -10,7 +11,7 @@ from .reporting import reported
 _KINDS = "*.toml;*.qca.txt;*.yml;*.yaml;*.json"
 
 
-class ImportCameras(bpy.types.Operator):
+class ImportCameras(bpy.types.Operator, ImportHelper):
     """Show the cameras of a calibration file as camera objects"""
 
     bl_idname = "kfmocap.import_cameras"
@@ -23,10 +24,6 @@ class ImportCameras(bpy.types.Operator):
         description="TOML of ours, aniposelib, Pose2Sim or Caliscope; .qca.txt of Qualisys; .yml or .json of OpenCV",
     )
     filter_glob: bpy.props.StringProperty(default=_KINDS, options={"HIDDEN"})
-
-    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ...core.formats import load_cameras

@@ -3,13 +3,14 @@
 from pathlib import Path
 
 import bpy
+from bpy_extras.io_utils import ImportHelper
 
 from ...core.errors import CalibrationError
 from .. import capture as captures
 from .reporting import reported
 
 
-class AddVideos(bpy.types.Operator):
+class AddVideos(bpy.types.Operator, ImportHelper):
     """Add cameras by their videos of the wand. A video with "lframe" instead of "wand" in its name is taken for that
     camera's video of the L-frame"""
 
@@ -20,10 +21,6 @@ class AddVideos(bpy.types.Operator):
     directory: bpy.props.StringProperty(subtype="DIR_PATH")
     files: bpy.props.CollectionProperty(type=bpy.types.OperatorFileListElement)
     filter_glob: bpy.props.StringProperty(default="*.mp4;*.mov;*.avi;*.mkv;*.mts;*.m4v", options={"HIDDEN"})
-
-    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         views = context.scene.kfmocap_capture.views
@@ -61,7 +58,7 @@ class RemoveVideos(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class LoadCapture(bpy.types.Operator):
+class LoadCapture(bpy.types.Operator, ImportHelper):
     """Fill in the capture from a file that `kfmocap calibrate` reads"""
 
     bl_idname = "kfmocap.load_capture"
@@ -70,10 +67,6 @@ class LoadCapture(bpy.types.Operator):
 
     filepath: bpy.props.StringProperty(subtype="FILE_PATH", name="Capture", description="The capture file (.toml)")
     filter_glob: bpy.props.StringProperty(default="*.toml", options={"HIDDEN"})
-
-    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ...core.calibration.film import Film

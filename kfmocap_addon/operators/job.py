@@ -10,7 +10,7 @@ import bpy
 
 from ...core.errors import CancelledError
 from ...core.shot import Progress
-from .reporting import reported
+from .reporting import progress_shown, reported
 
 Work = Callable[[Progress], Any]
 _INTERVAL = 0.1
@@ -67,18 +67,8 @@ class JobOperator:
         raise NotImplementedError
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        manager = context.window_manager
-
-        def progress(_what: str, fraction: float) -> bool:
-            manager.progress_update(fraction)
-            return True
-
-        manager.progress_begin(0.0, 1.0)
-        try:
-            with reported(self) as outcome:
-                self.finish(context, self.prepared(context)(progress))
-        finally:
-            manager.progress_end()
+        with progress_shown(context) as progress, reported(self) as outcome:
+            self.finish(context, self.prepared(context)(progress))
         return outcome.value
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:

@@ -1,12 +1,13 @@
 """Load Shot: a shot file becomes a scene."""
 
 import bpy
+from bpy_extras.io_utils import ImportHelper
 
 from .. import scene as scenes
 from .reporting import reported
 
 
-class LoadShot(bpy.types.Operator):
+class LoadShot(bpy.types.Operator, ImportHelper):
     """Show a shot file in a new scene: cameras with their footage, bodies, and key poses"""
 
     bl_idname = "kfmocap.load_shot"
@@ -15,10 +16,6 @@ class LoadShot(bpy.types.Operator):
 
     filepath: bpy.props.StringProperty(subtype="FILE_PATH", name="Shot", description="The shot file (.toml)")
     filter_glob: bpy.props.StringProperty(default="*.toml", options={"HIDDEN"})
-
-    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ...core.formats.shot_toml import load_shot

@@ -4,7 +4,7 @@ import bpy
 
 from .. import scene as scenes
 from .. import views
-from .reporting import explained, reported
+from .reporting import explained, progress_shown, reported
 
 
 class RefineCameras(bpy.types.Operator):
@@ -23,23 +23,14 @@ class RefineCameras(bpy.types.Operator):
         from ...core.calibration.refine import refine_cameras
         from ..refinement import told
 
-        manager, properties = context.window_manager, context.scene.kfmocap
-
-        def progress(_what: str, fraction: float) -> bool:
-            manager.progress_update(fraction)
-            return True
-
-        manager.progress_begin(0.0, 1.0)
-        try:
-            with reported(self) as outcome:
-                shot = scenes.shot_from_scene(context.scene)
-                views.check_can_be_placed(properties.views)
-                refinement = refine_cameras(shot, progress)
-                for slot, found in zip(properties.views, refinement.views, strict=True):
-                    if not found.lost:
-                        views.show_camera(slot, found.camera, properties.frame_start)
-                for view, line in zip(refinement.views, told(refinement), strict=True):
-                    self.report({"WARNING" if view.lost else "INFO"}, line)
-        finally:
-            manager.progress_end()
+        properties = context.scene.kfmocap
+        with progress_shown(context) as progress, reported(self) as outcome:
+            shot = scenes.shot_from_scene(context.scene)
+            views.check_can_be_placed(properties.views)
+            refinement = refine_cameras(shot, progress)
+            for slot, found in zip(properties.views, refinement.views, strict=True):
+                if not found.lost:
+                    views.show_camera(slot, found.camera, properties.frame_start)
+            for view, line in zip(refinement.views, told(refinement), strict=True):
+                self.report({"WARNING" if view.lost else "INFO"}, line)
         return outcome.value

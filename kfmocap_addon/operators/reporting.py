@@ -8,6 +8,7 @@ from contextlib import contextmanager
 import bpy
 
 from ...core.errors import CancelledError, KFMocapError
+from ...core.shot import Progress
 
 
 class Outcome:
@@ -29,6 +30,22 @@ def reported(operator: bpy.types.Operator) -> Iterator[Outcome]:
     except KFMocapError as error:
         operator.report({"ERROR"}, str(error))
         outcome.value = {"CANCELLED"}
+
+
+@contextmanager
+def progress_shown(context: bpy.types.Context) -> Iterator[Progress]:
+    """A progress callback that the mouse pointer shows while the block runs."""
+    manager = context.window_manager
+
+    def progress(_what: str, fraction: float) -> bool:
+        manager.progress_update(fraction)
+        return True
+
+    manager.progress_begin(0.0, 1.0)
+    try:
+        yield progress
+    finally:
+        manager.progress_end()
 
 
 def explained(operator: type[bpy.types.Operator], context: bpy.types.Context) -> bool:

@@ -4,7 +4,7 @@ import bpy
 
 from .. import occlusion
 from .. import scene as scenes
-from .reporting import explained, reported
+from .reporting import explained, progress_shown, reported
 
 
 class Track(bpy.types.Operator):
@@ -22,20 +22,10 @@ class Track(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ...core import tracking
 
-        manager = context.window_manager
-
-        def progress(_what: str, fraction: float) -> bool:
-            manager.progress_update(fraction)
-            return True
-
-        manager.progress_begin(0.0, 1.0)
-        try:
-            with reported(self) as outcome:
-                shot = scenes.shot_from_scene(context.scene)
-                result = tracking.track(shot, progress)
-                scenes.write_motions(context.scene, result.motions)
-                occlusion.write_occlusion(context.scene, shot, result.visible)
-                self.report({"INFO"}, f"Tracked {shot.length} frames in {sum(result.seconds.values()):.1f} s")
-        finally:
-            manager.progress_end()
+        with progress_shown(context) as progress, reported(self) as outcome:
+            shot = scenes.shot_from_scene(context.scene)
+            result = tracking.track(shot, progress)
+            scenes.write_motions(context.scene, result.motions)
+            occlusion.write_occlusion(context.scene, shot, result.visible)
+            self.report({"INFO"}, f"Tracked {shot.length} frames in {sum(result.seconds.values()):.1f} s")
         return outcome.value
