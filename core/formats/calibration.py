@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from ..errors import CalibrationError
 from .files import replacing
 from .opencv_storage import read_opencv_cameras
 from .qualisys import read_qualisys_cameras
+from .tables import read_toml
 
 Array = NDArray[np.float64]
 
@@ -59,12 +59,7 @@ def load_cameras(path: Path | str) -> dict[str, Camera]:
 
 
 def _read_toml(path: Path) -> list[Camera]:
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise CalibrationError(f"the calibration cannot be read: {error.strerror}", where=str(path)) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise CalibrationError(f"is not a TOML file: {error}", where=str(path)) from error
+    document = read_toml(path, "the calibration", CalibrationError)
     tables = {k: v for k, v in document.items() if isinstance(v, dict) and "matrix" in v}
     nested = document.get("cameras")  # Caliscope: [cameras.1], without names of their own
     if isinstance(nested, dict):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import re
-import tomllib
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +19,7 @@ from ..inverse_kinematics import fit_body, fit_poses
 from ..shot import FIELD_ORDERS, KeyPoses, Performer, Settings, Shot, View, Wanted
 from .bvh import body_of_bvh, poses_of_bvh, read_bvh
 from .calibration import load_cameras
-from .tables import Table, named
+from .tables import Table, named, read_toml
 from .trc import Landmarks, read_trc
 
 _TABLES = ("shot", "calibration", "view", "performer", "track")
@@ -64,7 +63,7 @@ def load_shot(
         One message that names the file and the field.
     """
     path = Path(path)
-    document = Table(_parsed(path), str(path), _TABLES)
+    document = Table(read_toml(path, "the shot file", ShotError), str(path), _TABLES)
     head = Table(document.value("shot"), f"{path} [shot]", ("name", "fps", "frames"))
     name, fps, frames = shot_name(head.text("name"), head.where), _positive(head, "fps"), _frames(head)
     settings = _settings(document, path, solver)
@@ -105,22 +104,13 @@ def load_shot_cameras(path: Path | str) -> dict[str, Camera]:
         One message that names the file and the field.
     """
     path = Path(path)
-    return _cameras(Table(_parsed(path), str(path), _TABLES), path)
+    return _cameras(Table(read_toml(path, "the shot file", ShotError), str(path), _TABLES), path)
 
 
 def _cameras(document: Table, path: Path) -> dict[str, Camera]:
     calibration = Table(document.value("calibration"), f"{path} [calibration]", ("file",))
     with named(f"{calibration.where} file"):
         return load_cameras(calibration.path("file", path.parent))
-
-
-def _parsed(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ShotError(f"the shot file cannot be read: {error.strerror}", where=str(path)) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ShotError(f"is not a TOML file: {error}", where=str(path)) from error
 
 
 def shot_name(name: str, where: str) -> str:

@@ -1,9 +1,10 @@
-"""Strict reading of TOML tables: every mistake is one message with the file, the table and the key."""
+"""Strict reading of TOML files: every mistake is one message with the file, the table and the key."""
 
 from __future__ import annotations
 
 import difflib
 import math
+import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,6 +23,16 @@ def named(where: str) -> Iterator[None]:
     except KFMocapError as error:
         place = f"{where}: {error.where}" if error.where else where
         raise type(error)(error.what, where=place, todo=error.todo) from error
+
+
+def read_toml(path: Path, what: str, error: type[KFMocapError]) -> dict[str, Any]:
+    """The document in a TOML file; messages call the file `what`, and are of that family of errors."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as problem:
+        raise error(f"{what} cannot be read: {problem.strerror}", where=str(path)) from problem
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
+        raise error(f"is not a TOML file: {problem}", where=str(path)) from problem
 
 
 class Table:

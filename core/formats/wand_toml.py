@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,7 +15,7 @@ from ..calibration.colours import Colour, parsed
 from ..calibration.film import Film, FilmView
 from ..errors import CalibrationError, ShotError
 from .marker_points import TAKES, read_marker_points
-from .tables import Table
+from .tables import Table, read_toml
 
 Array = NDArray[np.float64]
 
@@ -34,7 +33,7 @@ def load_wand(path: Path | str) -> Film | Capture:
     """
     path = Path(path)
     with _as_calibration_error():
-        document = Table(_parsed(path), str(path), _TABLES)
+        document = Table(read_toml(path, "the capture file", CalibrationError), str(path), _TABLES)
         lframe = Table(document.value("lframe"), f"{path} [lframe]", ("colour", "points", "diameter"))
         wand = Table(document.value("wand"), f"{path} [wand]", ("colours", "length", "diameter"))
         points = _vectors(lframe, "points", (LFRAME_BALLS, 3))
@@ -60,15 +59,6 @@ def _as_calibration_error() -> Iterator[None]:
         yield
     except ShotError as error:
         raise CalibrationError(error.what, where=error.where, todo=error.todo) from error
-
-
-def _parsed(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise CalibrationError(f"the capture file cannot be read: {error.strerror}", where=str(path)) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise CalibrationError(f"is not a TOML file: {error}", where=str(path)) from error
 
 
 def _views(document: Table, path: Path) -> list[Table]:
