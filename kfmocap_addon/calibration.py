@@ -57,12 +57,15 @@ def show_points(scene: bpy.types.Scene, name: str, points: Array, edges: Sequenc
 
 
 def _collection(scene: bpy.types.Scene) -> bpy.types.Collection:
-    for collection in scene.collection.children:
-        if collection.name.split(".")[0] == COLLECTION:
-            return collection
-    collection = bpy.data.collections.new(COLLECTION)
-    scene.collection.children.link(collection)
+    collection = _existing(scene)
+    if collection is None:
+        collection = bpy.data.collections.new(COLLECTION)
+        scene.collection.children.link(collection)
     return collection
+
+
+def _existing(scene: bpy.types.Scene) -> bpy.types.Collection | None:
+    return next((c for c in scene.collection.children if c.name.split(".")[0] == COLLECTION), None)
 
 
 def _emptied(scene: bpy.types.Scene) -> bpy.types.Collection:
@@ -78,12 +81,9 @@ def _emptied(scene: bpy.types.Scene) -> bpy.types.Collection:
 def camera_objects(scene: bpy.types.Scene, selected: Sequence[bpy.types.Object] = ()) -> list[bpy.types.Object]:
     """The cameras that are meant: those selected, else those of the collection "Calibration", else all."""
     chosen = [owner for owner in selected if owner.type == "CAMERA"]
-    calibrated = [o for o in _collection(scene).objects if o.type == "CAMERA"] if COLLECTION in _names(scene) else []
+    collection = _existing(scene)
+    calibrated = [owner for owner in collection.objects if owner.type == "CAMERA"] if collection is not None else []
     return chosen or calibrated or [owner for owner in scene.objects if owner.type == "CAMERA"]
-
-
-def _names(scene: bpy.types.Scene) -> list[str]:
-    return [collection.name.split(".")[0] for collection in scene.collection.children]
 
 
 def show_picture(name: str, picture: NDArray[np.uint8]) -> bpy.types.Image:
