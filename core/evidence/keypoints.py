@@ -80,6 +80,12 @@ class Keypoints:
         z = np.where(x[..., 2] > 0.1, x[..., 2], np.nan)
         return x[..., :2] - self.rays * z[..., None]
 
+    def across(self) -> Array:
+        """Derivatives of the residuals by the points, shape (V, F, L, 2, 3): each image axis, less what moving along
+        the ray takes away, in the world; as of a ray along the optical axis where a keypoint was not found."""
+        R = self.R_cam_world[:, :, None]
+        return R[..., :2, :] - np.nan_to_num(self.rays)[..., None] * R[..., 2:, :]
+
 
 @dataclass(frozen=True, eq=False)
 class Places:
@@ -194,11 +200,7 @@ def keypoint_system(body: Body, poses: Poses, keypoints: Keypoints, places: Plac
     F, L, D = len(T), len(keypoints.names), body.dof
     points = places.world(poses)
     residual = np.nan_to_num(keypoints.residuals(points))
-    # Rows of both image axes: the axis less what moving along the ray takes away, in the world.
-    across = (
-        keypoints.R_cam_world[:, :, None, :2]
-        - np.nan_to_num(keypoints.rays)[..., None] * (keypoints.R_cam_world[:, :, None, 2:])
-    )
+    across = keypoints.across()
     wrench = np.concatenate([across, np.cross(points[None, :, :, None], across)], axis=-1)
     weighted = wrench * weights[..., None, None]
     H = np.einsum("vflka,vflkb->flab", weighted, wrench)

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import rotations
-from ..body import Body, default_measures, human, part_poses
+from ..body import Body, default_measures, human, part_poses, point_jacobian
 from ..body.human import SHIFTS
-from ..constraints import BandedBlocks, smoothness
+from ..constraints import BandedBlocks, block_diagonal, smoothness
 from ..evidence.keypoints import (
     USUAL_DEVIATION,
     Keypoints,
@@ -24,6 +24,7 @@ from ..evidence.keypoints import (
 )
 from ..motion import Motion
 from ..solvers.banded import BandedFactor, bordered_solution
+from ..solvers.gauss_newton import limited
 from .sides import righted
 
 Array = NDArray[np.float64]
@@ -42,7 +43,6 @@ SHIFT_DEVIATION = 0.015
 """The same of `body.human.SHIFTS`, metres."""
 STATURE_DEVIATION = 0.07
 """Usual departure of a person's height from where the fit begins, as a share."""
-LONGEST_STEP = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +121,7 @@ def fit_motion(
             system = _with_measures(system, body, measures, motion, sided, places, weights)
         factor = BandedFactor(blocks, fixed)
         step, border = bordered_solution(factor, blocks.gradient, system.border, system.corner, system.gradient)
-        motion = motion.moved(-_limited(step))
+        motion = motion.moved(-limited(step))
         L = len(keypoints.names)
         places = replace(places, offsets=places.offsets - border[: 3 * L].reshape(L, 3))
         if measures is not None:
@@ -135,12 +135,6 @@ def fit_motion(
     return KeypointFit(body, motion, places, sided, changed, deviation, fitting, energy)
 
 
-def _limited(step: Array) -> Array:
-    turns = step.reshape(len(step), -1, 3)
-    length = np.linalg.norm(turns, axis=-1, keepdims=True)
-    return (turns * np.minimum(1.0, LONGEST_STEP / np.maximum(length, 1e-12))).reshape(step.shape)
-
-
 def posture(body: Body, motion: Motion) -> BandedBlocks:
     """Joints within their limits, and near rest where nothing else is known; the root is free."""
     F, D = len(motion), body.dof
@@ -151,12 +145,10 @@ def posture(body: Body, motion: Motion) -> BandedBlocks:
     stop, ease = (beyond != 0) / LIMIT_DEVIATION**2, 1 / (F * POSTURE_DEVIATION**2)
     H = np.einsum("fpra,fpr,fprb->fpab", J, stop + ease, J)
     g = np.einsum("fpra,fpr->fpa", J, stop * beyond + ease * turns)
-    for p in range(1, len(body)):
-        columns = slice(3 + 3 * p, 6 + 3 * p)
-        blocks.diagonal[:, columns, columns] = H[:, p - 1]
     blocks.gradient[:, 6:] = g.reshape(F, -1)
     energy = float(np.sum(stop * beyond**2) + ease * np.sum(turns**2))
-    return BandedBlocks(blocks.diagonal, blocks.first, blocks.second, blocks.gradient, energy)
+    diagonal = block_diagonal(np.pad(H, ((0, 0), (1, 0), (0, 0), (0, 0))), 0.0)
+    return BandedBlocks(diagonal, blocks.first, blocks.second, blocks.gradient, energy)
 
 
 def _with_measures(
@@ -169,19 +161,13 @@ def _with_measures(
     weights: Array,
 ) -> KeypointSystem:
     """The system with the height's logarithm and the measures' departures from the average as further unknowns."""
-    from ..body import twist_jacobian
-
     columns = _measure_columns(body, measures, motion, keypoints, places)  # (F, L, 3, M)
     poses = part_poses(body, motion)
     R, T = poses
     points = places.world(poses)
     residual = np.nan_to_num(keypoints.residuals(points))
-    across = (
-        keypoints.R_cam_world[:, :, None, :2]
-        - np.nan_to_num(keypoints.rays)[..., None] * (keypoints.R_cam_world[:, :, None, 2:])
-    )
-    J = twist_jacobian(body, R, T)[:, places.parts]
-    moved = J[..., :3, :] - rotations.skew(points) @ J[..., 3:, :]
+    across = keypoints.across()
+    moved = point_jacobian(body, R, T, places.parts, points)
     A = np.einsum("vflka,vfl,vflkb->flab", across, weights, across)
     b = np.einsum("vflka,vfl,vflk->fla", across, weights, residual)
     M, L = columns.shape[-1], len(keypoints.names)
