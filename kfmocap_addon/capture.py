@@ -5,12 +5,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import bpy
-import numpy as np
 
-from ..core.calibration.colours import Colour
 from ..core.errors import CalibrationError
 
 if TYPE_CHECKING:
+    from ..core.calibration.colours import Colour
     from ..core.calibration.film import Film, FilmView
 
 SLOTS = ("lframe", "first", "second")
@@ -53,11 +52,13 @@ class KFMocapColour(bpy.types.PropertyGroup):
         size=3, subtype="COLOR_GAMMA", min=0.0, max=1.0, name="Colour", description="The ball where it was clicked on"
     )
 
-    def get(self) -> Colour:
+    def get(self) -> "Colour":
         """The range as the core has it."""
+        from ..core.calibration.colours import Colour
+
         return Colour(tuple(self.hue), tuple(self.saturation), tuple(self.value))
 
-    def put(self, colour: Colour, swatch: tuple[float, float, float]) -> None:
+    def put(self, colour: "Colour", swatch: tuple[float, float, float]) -> None:
         """Store a range, and the colour that stands for it."""
         self.hue, self.saturation, self.value = (
             [x % 360 for x in colour.hue] if colour.hue[1] - colour.hue[0] < 360 else colour.hue,
@@ -131,6 +132,8 @@ def film_of(capture: KFMocapCapture) -> "Film":
     CalibrationError
         There are no two views, or a colour or a file is missing; says which.
     """
+    import numpy as np
+
     from ..core.calibration.film import Film
 
     if len(capture.views) < 2:
@@ -193,10 +196,13 @@ def show_film(capture: KFMocapCapture, film: "Film") -> None:
         item.focal = view.focal or 0.0
 
 
-def typical(colour: Colour) -> tuple[float, float, float]:
+def typical(colour: "Colour") -> tuple[float, float, float]:
     """Red, green and blue, 0..1, of the middle of a range."""
     import colorsys
 
     first, last = colour.hue
     hue = (first + ((last - first) % 360) / 2) % 360 / 360
     return colorsys.hsv_to_rgb(hue, sum(colour.saturation) / 2, sum(colour.value) / 2)
+
+
+CLASSES = (KFMocapColour, KFMocapCaptureView, KFMocapCapture)

@@ -6,14 +6,15 @@ It is written by each tracking in place of the one before. It is no channel of t
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import bpy
-import numpy as np
-from numpy.typing import NDArray
 
-from ..core.occlusion import occluded, suggested_keyframes, unseen
-from ..core.shot import Performer, Shot
-from . import actions, rig
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from ..core.shot import Performer, Shot
 
 VIEWS = "kfmocap_views"
 """Custom property of a pose bone: the number of cameras that see the part."""
@@ -30,6 +31,8 @@ def write_occlusion(scene: bpy.types.Scene, shot: Shot, visible: Sequence[NDArra
     visible : sequence of ndarray, shape (V, F, P)
         Visible share of the parts of each performer.
     """
+    from ..core.occlusion import occluded, unseen
+
     start = scene.kfmocap.frame_start
     for slot, performer, share in zip(scene.kfmocap.performers, shot.performers, visible, strict=True):
         _write_views(slot.armature, ~occluded(share), start)
@@ -41,15 +44,17 @@ def is_tracked(armature: bpy.types.Object | None) -> bool:
     return armature is not None and any(VIEWS in bone for bone in armature.pose.bones)
 
 
-def hidden_parts(armature: bpy.types.Object, frame: float) -> list[str]:
-    """Names of the bones that no camera sees at a scene frame; of what was never tracked none."""
-    bag = actions.find_channelbag(armature)
-    curves = {bone.name: bag.fcurves.find(_path(bone)) for bone in armature.pose.bones} if bag else {}
-    return [name for name, curve in curves.items() if curve is not None and curve.evaluate(frame) < 1]
+def hidden_parts(armature: bpy.types.Object) -> list[str]:
+    """Names of the bones that no camera sees on the frame that is shown; of what was never tracked none."""
+    return [bone.name for bone in armature.pose.bones if bone.get(VIEWS, 1) < 1]
 
 
 def _write_views(armature: bpy.types.Object, sees: NDArray[np.bool_], frame_start: int) -> None:
     """Animate the number of cameras that see each part, from sights of shape (V, F, P): keys where it changes."""
+    import numpy as np
+
+    from . import actions, rig
+
     bag = actions.ensure_channelbag(armature, armature.name)
     for rank, rest in enumerate(rig.body_bones(armature)):
         bone, count = armature.pose.bones[rest.name], sees[..., rank].sum(axis=0)
@@ -64,6 +69,8 @@ def _write_views(armature: bpy.types.Object, sees: NDArray[np.bool_], frame_star
 def _write_suggestions(
     slot: bpy.types.PropertyGroup, performer: Performer, blind: NDArray[np.bool_], frame_start: int
 ) -> None:
+    from ..core.occlusion import suggested_keyframes
+
     slot.suggestions.clear()
     for suggestion in suggested_keyframes(blind, performer.key_poses):
         item = slot.suggestions.add()

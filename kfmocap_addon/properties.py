@@ -2,8 +2,6 @@
 
 import bpy
 
-from ..core.shot import FIELD_ORDERS
-
 
 def _is_camera(_self: bpy.types.PropertyGroup, candidate: bpy.types.Object) -> bool:
     return candidate.type == "CAMERA"
@@ -17,10 +15,6 @@ def _show_range(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> N
     """The scene runs over the frames of the shot."""
     self.id_data.frame_start = self.frame_start
     self.id_data.frame_end = self.frame_start + max(self.length, 1) - 1
-
-
-def _items(names: tuple[str, ...]) -> list[tuple[str, str, str]]:
-    return [(name, name.replace("-", " ").capitalize(), "") for name in names]
 
 
 class KFMocapView(bpy.types.PropertyGroup):
@@ -48,7 +42,13 @@ class KFMocapView(bpy.types.PropertyGroup):
         precision=3,
     )
     fields: bpy.props.EnumProperty(
-        items=_items(FIELD_ORDERS), name="Fields", description="Order of the fields of interlaced footage"
+        items=[
+            ("progressive", "Progressive", "Every frame was taken at one instant"),
+            ("top-first", "Top First", "Interlaced: the lines with the topmost were taken first"),
+            ("bottom-first", "Bottom First", "Interlaced: the lines between were taken first"),
+        ],
+        name="Fields",
+        description="Order of the fields of interlaced footage",
     )
     sequence: bpy.props.StringProperty(
         name="Sequence", description="Pattern of the file names, where the footage is an image sequence"
@@ -114,3 +114,6 @@ class KFMocapScene(bpy.types.PropertyGroup):
     def length(self) -> int:
         """Number of frames; not positive where the last is before the first."""
         return self.last - self.first + 1
+
+
+CLASSES = (KFMocapView, KFMocapSuggestion, KFMocapPerformer, KFMocapScene)

@@ -1,10 +1,14 @@
-"""What Blender is told of: classes, the scene's properties, the command."""
+"""What Blender is told of: classes, the scene's properties, the command.
+
+What is imported here is loaded with Blender: it needs neither numpy nor the core beyond its errors. Tools import the
+rest when they are used.
+"""
 
 from __future__ import annotations
 
 import bpy
 
-from . import calibration_panel, capture, panels, properties
+from . import capture, panels, properties
 from .operators import (
     calibrate,
     cameras,
@@ -19,39 +23,20 @@ from .operators import (
     track,
 )
 
-CLASSES = (
-    properties.KFMocapView,
-    properties.KFMocapSuggestion,
-    properties.KFMocapPerformer,
-    properties.KFMocapScene,
-    capture.KFMocapColour,
-    capture.KFMocapCaptureView,
-    capture.KFMocapCapture,
-    load_shot.LoadShot,
-    look_through.LookThrough,
-    refine_cameras.RefineCameras,
-    set_key_pose.SetKeyPose,
-    go_to_frame.GoToFrame,
-    track.Track,
-    export.Export,
-    cameras.ImportCameras,
-    cameras.ExportCameras,
-    capture_views.AddVideos,
-    capture_views.RemoveVideos,
-    capture_views.LoadCapture,
-    pick_colour.PickColour,
-    calibrate.Calibrate,
-    calibrate.ShowReport,
-    panels.ShotPanel,
-    panels.ViewsPanel,
-    panels.TrackPanel,
-    panels.OcclusionPanel,
-    panels.ExportPanel,
-    calibration_panel.CaptureViewList,
-    calibration_panel.CalibrationPanel,
-    calibration_panel.CapturePanel,
-    calibration_panel.BallsPanel,
+OPERATORS = (
+    load_shot,
+    look_through,
+    refine_cameras,
+    set_key_pose,
+    go_to_frame,
+    track,
+    export,
+    cameras,
+    capture_views,
+    pick_colour,
+    calibrate,
 )
+CLASSES = tuple(cls for module in (properties, capture, *OPERATORS, *panels.SECTIONS) for cls in module.CLASSES)
 COMMAND = "kfmocap"
 
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(CLASSES)

@@ -27,6 +27,12 @@ def sights(*hidden: tuple[int, int, int, int], views: int = 2) -> np.ndarray:
     return share
 
 
+def hidden(slot, frame: int) -> list[str]:
+    """What no camera sees of a performer on a frame of the scene."""
+    bpy.context.scene.frame_set(frame)
+    return occlusion.hidden_parts(slot.armature)
+
+
 UNSEEN = sights((0, HAND, 5, 14), (1, HAND, 7, 16))
 
 
@@ -103,8 +109,8 @@ def test_a_saved_scene_still_says_what_was_hidden(blender, tmp_path):  # noqa: F
     batch.write_blender_outputs(original, result, tmp_path / "out")
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "out" / "shot.blend"))
     slot = bpy.context.scene.kfmocap.performers[0]
-    assert occlusion.hidden_parts(slot.armature, 8) == ["hand.L"]
-    assert not occlusion.hidden_parts(slot.armature, 7) and not occlusion.hidden_parts(slot.armature, 16)
+    assert hidden(slot, 8) == ["hand.L"]
+    assert not hidden(slot, 7) and not hidden(slot, 16)
     assert [(s.frame, s.name, tuple(s.hidden)) for s in slot.suggestions] == [(16, "hand.L", (8, 15))]
 
 
@@ -113,7 +119,7 @@ def test_a_batch_of_an_open_scene_writes_it_too(blender, tmp_path):  # noqa: F81
     built = scene.build_scene(original, scene=bpy.context.scene)
     result = SimpleNamespace(motions=(motion(FRAMES),), visible=(UNSEEN,))
     batch.write_blender_outputs(original, result, tmp_path / "out", built)
-    assert occlusion.hidden_parts(built.kfmocap.performers[0].armature, 8) == ["hand.L"]
+    assert hidden(built.kfmocap.performers[0], 8) == ["hand.L"]
 
 
 @pytest.mark.parametrize("suffix", ["bvh", "fbx"])
@@ -155,7 +161,7 @@ class Layout:
 def drawn(frame):
     bpy.context.scene.frame_set(frame)
     layout = Layout()
-    panels.OcclusionPanel.draw(SimpleNamespace(layout=layout), bpy.context)
+    panels.review.ReviewPanel.draw(SimpleNamespace(layout=layout), bpy.context)
     return layout
 
 
@@ -174,9 +180,9 @@ def test_the_panel_jumps_to_suggested_key_frames(blender, tmp_path):  # noqa: F8
     assert built.frame_current == 16
 
 
-def test_before_any_tracking_there_is_no_such_panel(blender, tmp_path):  # noqa: F811
+def test_before_any_tracking_the_panel_says_so(blender, tmp_path):  # noqa: F811
     built = scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
-    assert not panels.OcclusionPanel.poll(bpy.context)
-    assert not occlusion.hidden_parts(built.kfmocap.performers[0].armature, 1)
+    assert drawn(1).labels == ["Not tracked yet"]
+    assert not hidden(built.kfmocap.performers[0], 1)
     bpy.data.objects.remove(built.kfmocap.performers[0].armature)
-    assert not panels.OcclusionPanel.poll(bpy.context)
+    assert drawn(1).labels == ["Not tracked yet"]

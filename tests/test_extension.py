@@ -32,6 +32,12 @@ def test_the_zip_holds_the_package_and_no_more(extension_zip):
     assert not [name for name in names if "__pycache__" in name]
 
 
+def test_enabling_loads_nothing_heavy(extension):
+    """Blender starts as fast as without it: the core's libraries are loaded by the tool that needs them."""
+    heavy = extension.run(f"import json, sys\nprint(json.dumps([n for n in {BUNDLED!r} if n in sys.modules]))")
+    assert json.loads(heavy) == []
+
+
 def test_the_bare_environment_brings_no_wheel_of_ours(extension):
     found = extension.run_bare(
         f"import importlib.util, json\nprint(json.dumps([n for n in {BUNDLED!r} if importlib.util.find_spec(n)]))"

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import bpy
 
-from .. import calibration
 from .. import capture as captures
 from .job import JobOperator, Work
 
@@ -38,6 +37,7 @@ class Calibrate(JobOperator, bpy.types.Operator):
 
     def finish(self, context: bpy.types.Context, result: object) -> None:
         from ...core.calibration.report import sheet, write_report
+        from .. import calibration
 
         scene, capture = context.scene, context.scene.kfmocap_capture
         footage = {view.camera: view.wand for view in self._film.views}
@@ -86,3 +86,6 @@ def image_area(context: bpy.types.Context) -> bpy.types.Area | None:
     area = max(others, key=lambda area: area.width * area.height)
     area.type = "IMAGE_EDITOR"
     return area
+
+
+CLASSES = (Calibrate, ShowReport)

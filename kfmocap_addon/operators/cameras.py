@@ -5,7 +5,6 @@ from pathlib import Path
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
-from .. import calibration, views
 from .reporting import reported
 
 _KINDS = "*.toml;*.qca.txt;*.yml;*.yaml;*.json"
@@ -27,6 +26,7 @@ class ImportCameras(bpy.types.Operator, ImportHelper):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ...core.formats import load_cameras
+        from .. import calibration
 
         with reported(self) as outcome:
             cameras = load_cameras(bpy.path.abspath(self.filepath))
@@ -57,6 +57,7 @@ class ExportCameras(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ...core.formats.calibration_export import export_cameras
+        from .. import calibration, views
 
         scene = context.scene
         with reported(self) as outcome:
@@ -67,3 +68,6 @@ class ExportCameras(bpy.types.Operator):
             export_cameras(path, cameras)
             self.report({"INFO"}, f"Wrote {len(cameras)} cameras to {path}")
         return outcome.value
+
+
+CLASSES = (ImportCameras, ExportCameras)

@@ -80,3 +80,6 @@ class LoadCapture(bpy.types.Operator, ImportHelper):
             captures.show_film(context.scene.kfmocap_capture, film)
             self.report({"INFO"}, f"{len(film.views)} views")
         return outcome.value
+
+
+CLASSES = (AddVideos, RemoveVideos, LoadCapture)

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import bpy
 
-from .. import export
 from .reporting import explained, reported
 
 
@@ -30,8 +29,13 @@ class Export(bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
+        from .. import export
+
         with reported(self) as outcome:
             folder = Path(bpy.path.abspath(self.directory))
             written = export.export_performers(context.scene, folder, bvh=self.bvh, fbx=self.fbx)
             self.report({"INFO"}, f"Wrote {', '.join(path.name for path in written)} to {folder}")
         return outcome.value
+
+
+CLASSES = (Export,)

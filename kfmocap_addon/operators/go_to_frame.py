@@ -20,3 +20,6 @@ class GoToFrame(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         context.scene.frame_set(self.frame)
         return {"FINISHED"}
+
+
+CLASSES = (GoToFrame,)

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
 from ...core.errors import CancelledError
-from ...core.shot import Progress
 from .reporting import progress_shown, reported
 
-Work = Callable[[Progress], Any]
+if TYPE_CHECKING:
+    from ...core.shot import Progress
+
+Work = Callable[["Progress"], Any]
 _INTERVAL = 0.1
 
 

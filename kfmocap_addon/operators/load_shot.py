@@ -3,7 +3,6 @@
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
-from .. import scene as scenes
 from .reporting import reported
 
 
@@ -19,6 +18,7 @@ class LoadShot(bpy.types.Operator, ImportHelper):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ...core.formats.shot_toml import load_shot
+        from .. import scene as scenes
 
         with reported(self) as outcome:
             shot = load_shot(bpy.path.abspath(self.filepath))
@@ -27,3 +27,6 @@ class LoadShot(bpy.types.Operator, ImportHelper):
                 context.window.scene = scene
             self.report({"INFO"}, f"{shot.name}: {len(shot.views)} views, {shot.length} frames")
         return outcome.value
+
+
+CLASSES = (LoadShot,)

@@ -2,8 +2,6 @@
 
 import bpy
 
-from .. import views
-
 
 class LookThrough(bpy.types.Operator):
     """Look through this view's camera, at the size of its footage"""
@@ -15,6 +13,8 @@ class LookThrough(bpy.types.Operator):
     view: bpy.props.IntProperty(min=0, name="View", description="Number of the view in the shot, from 0")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
+        from .. import views
+
         slots = context.scene.kfmocap.views
         if self.view >= len(slots) or slots[self.view].camera is None:
             self.report({"ERROR"}, f"The shot has no view {self.view} with a camera")
@@ -25,3 +25,6 @@ class LookThrough(bpy.types.Operator):
             space.use_local_camera = False
             space.region_3d.view_perspective = "CAMERA"
         return {"FINISHED"}
+
+
+CLASSES = (LookThrough,)

@@ -3,7 +3,6 @@
 import bpy
 
 from ...core.errors import CalibrationError
-from .. import calibration
 from .. import capture as captures
 from .reporting import reported
 
@@ -104,6 +103,7 @@ class PickColour(bpy.types.Operator):
     def _show_found(self) -> int:
         """Show the frame with circles round what is found; returns how many."""
         from ...core.calibration.balls import Picture, find_balls, marked
+        from .. import calibration
 
         shown, count = self._picture, 0
         if captures.is_picked(self._colour):
@@ -127,3 +127,6 @@ class PickColour(bpy.types.Operator):
         context.workspace.status_text_set(None)
         self._area.type = self._was
         return outcome
+
+
+CLASSES = (PickColour,)

@@ -2,8 +2,6 @@
 
 import bpy
 
-from .. import scene as scenes
-from .. import views
 from .reporting import explained, progress_shown, reported
 
 
@@ -21,6 +19,8 @@ class RefineCameras(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ...core.calibration.refine import refine_cameras
+        from .. import scene as scenes
+        from .. import views
         from ..refinement import told
 
         properties = context.scene.kfmocap
@@ -34,3 +34,6 @@ class RefineCameras(bpy.types.Operator):
             for view, line in zip(refinement.views, told(refinement), strict=True):
                 self.report({"WARNING" if view.lost else "INFO"}, line)
         return outcome.value
+
+
+CLASSES = (RefineCameras,)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import bpy
 
 from ...core.errors import CancelledError, KFMocapError
-from ...core.shot import Progress
+
+if TYPE_CHECKING:
+    from ...core.shot import Progress
 
 
 class Outcome:

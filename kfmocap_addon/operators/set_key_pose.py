@@ -2,7 +2,6 @@
 
 import bpy
 
-from .. import curves
 from .reporting import explained, reported
 
 
@@ -24,6 +23,8 @@ class SetKeyPose(bpy.types.Operator):
         return False
 
     def execute(self, context: bpy.types.Context) -> set[str]:
+        from .. import curves
+
         with reported(self) as outcome:
             selected = (context.mode == "POSE" and context.selected_pose_bones) or []
             for armature in _performers(context):
@@ -39,3 +40,6 @@ def _performers(context: bpy.types.Context) -> list[bpy.types.Object]:
     if len(armatures) == 1:
         return armatures
     return [a for a in armatures if a.select_get() or a.mode == "POSE"]
+
+
+CLASSES = (SetKeyPose,)

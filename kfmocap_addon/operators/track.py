@@ -2,8 +2,6 @@
 
 import bpy
 
-from .. import occlusion
-from .. import scene as scenes
 from .reporting import explained, progress_shown, reported
 
 
@@ -21,6 +19,8 @@ class Track(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ...core import tracking
+        from .. import occlusion
+        from .. import scene as scenes
 
         with progress_shown(context) as progress, reported(self) as outcome:
             shot = scenes.shot_from_scene(context.scene)
@@ -29,3 +29,6 @@ class Track(bpy.types.Operator):
             occlusion.write_occlusion(context.scene, shot, result.visible)
             self.report({"INFO"}, f"Tracked {shot.length} frames in {sum(result.seconds.values()):.1f} s")
         return outcome.value
+
+
+CLASSES = (Track,)

@@ -2,12 +2,12 @@
 
 import bpy
 
-from . import capture as captures
-from .operators.calibrate import Calibrate, ShowReport
-from .operators.cameras import ExportCameras, ImportCameras
-from .operators.capture_views import AddVideos, LoadCapture, RemoveVideos
-from .operators.pick_colour import PickColour
-from .panels import Section
+from .. import capture as captures
+from ..operators.calibrate import Calibrate, ShowReport
+from ..operators.cameras import ExportCameras, ImportCameras
+from ..operators.capture_views import AddVideos, LoadCapture, RemoveVideos
+from ..operators.pick_colour import PickColour
+from .section import Section
 
 
 class CaptureViewList(bpy.types.UIList):
@@ -98,3 +98,6 @@ def _draw_colour(layout: bpy.types.UILayout, capture: bpy.types.PropertyGroup, s
     row.operator(
         PickColour.bl_idname, text="" if captures.is_picked(colour) else "Pick Colour", icon="EYEDROPPER"
     ).slot = slot
+
+
+CLASSES = (CaptureViewList, CalibrationPanel, CapturePanel, BallsPanel)
