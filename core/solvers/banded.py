@@ -59,7 +59,8 @@ class BandedFactor:
         for j in range(F - 1, -1, -1):
             G = below[j] @ inverse[j]
             beside = -ahead @ G
-            found[j] = inverse[j].T @ inverse[j] - G.T @ beside
+            block = inverse[j].T @ inverse[j] - G.T @ beside
+            found[j] = (block + block.T) / 2  # what is not symmetric in the rounding would grow from frame to frame
             ahead = np.block([[found[j], beside[:D].T], [beside[:D], ahead[:D, :D]]])
         return found[:F] * self.free[:, :, None] * self.free[:, None, :]
 

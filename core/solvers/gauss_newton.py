@@ -244,6 +244,7 @@ def descend(
         evidence.explained.sum(axis=0),
         frame_residual(evidence),
         seconds,
+        evidence,
     )
 
 
