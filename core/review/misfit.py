@@ -63,14 +63,15 @@ def uncovered_gaps(
         return np.zeros((len(spans), frames))
     with ThreadPoolExecutor(_WORKERS) as pool:
         gaps_of = partial(_view_gaps, geometry=geometry, first=first, spans=spans)
-        gaps = np.mean(list(pool.map(lambda view: gaps_of(view, poses=poses[view.delay]), telling)), axis=0)
+        found = np.stack(list(pool.map(lambda view: gaps_of(view, poses=poses[view.delay]), telling)))
+    gaps = np.nansum(found, axis=0) / np.maximum(np.isfinite(found).sum(axis=0), 1)
     if len(known):
         gaps -= np.stack([np.interp(np.arange(frames), known, row[known]) for row in gaps])
     return np.maximum(gaps, 0.0)
 
 
 def _view_gaps(view: ViewFrames, geometry: Geometry, poses: Poses, first: int, spans: Sequence[slice]) -> Array:
-    """One view's gaps (N, F), metres; zero where it does not see a performer."""
+    """One view's gaps (N, F), metres; NaN where it does not see a performer."""
     R, T = poses
     labels = render_labels(geometry, view.camera.subsampled(_STRIDE), first, R, T)
     scale = view.pixels_per_metre(T.mean(axis=(0, 1)), first) / _STRIDE
@@ -84,7 +85,7 @@ def _view_gaps(view: ViewFrames, geometry: Geometry, poses: Poses, first: int, s
     part = labels.part[window]
     ratio = log_ratio(view.foreground_at(first, len(T))[:, ::_STRIDE, ::_STRIDE][window])
     shown = np.where(part < 0, np.clip(ratio / SURE, 0, 1), np.float32(0))
-    gaps = np.zeros((len(spans), len(T)))
+    gaps = np.full((len(spans), len(T)), np.nan)
     for n, span in enumerate(spans):
         models = (part >= span.start) & (part < span.stop)
         for f in np.flatnonzero(models.any(axis=(1, 2))):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,7 @@ Array = NDArray[np.float64]
 
 MOST = 5
 """Key frames suggested for one performer, at most."""
-APART = 3
+APART = 5
 """Frames between a suggested key frame and another, or one that there is, at least."""
 NAMED = 3
 """Parts that are named with a suggestion, at most."""
@@ -83,10 +82,6 @@ def _candidates(keyed: set[int], length: int) -> list[int]:
 def _spread(frame: int, keyed: set[int], length: int) -> Array:
     """How far a correction on a frame reaches: 1 there, fading evenly to 0 at the key frames beside it; beyond the
     first and last key frame it is held."""
-    before, after = max((k for k in keyed if k < frame), default=None), min((k for k in keyed if k > frame), default=None)
-    knots = [(frame, 1.0)]
-    if before is not None:
-        knots.insert(0, (before, 0.0))
-    if after is not None:
-        knots.append((after, 0.0))
-    return np.interp(np.arange(length), *zip(*knots, strict=True))
+    beside = [max((k for k in keyed if k < frame), default=None), min((k for k in keyed if k > frame), default=None)]
+    knots = sorted([frame, *(key for key in beside if key is not None)])
+    return np.interp(np.arange(length), knots, [float(knot == frame) for knot in knots])

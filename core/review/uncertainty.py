@@ -46,9 +46,7 @@ def joint_deviations(problem: Problem, solution: Solution, settings: Settings) -
     poses = scene_poses(problem.bodies, motions)
     covariances = pose_covariances(problem, solution, poses, settings)
     at = {problem.views[i.views[0]].delay: i.poses for i in problem.instants(motions, poses)}
-    gaps = uncovered_gaps(
-        problem.views, problem.geometry(), at, problem.first, problem.spans(), problem.whole_keys()
-    )
+    gaps = uncovered_gaps(problem.views, problem.geometry(), at, problem.first, problem.spans(), problem.whole_keys())
     deviations = []
     for i, (body, motion) in enumerate(zip(problem.bodies, motions, strict=True)):
         misplaced = MISPLACED * gaps[i] * ~problem.fixed[i].all(axis=1)
