@@ -60,7 +60,7 @@ def gaps(truth: Motion, found: Motion, known: list[int], cameras: list = CAMERAS
     poses = poses_of([BODY], [truth])
     views = []
     for camera in cameras:
-        seen = np.stack([silhouette([BODY], poses, f, camera) for f in range(len(truth))])
+        seen = np.stack([silhouette([BODY], poses, 0, camera, samples=2)] * len(truth))  # the true pose stands still
         views.append(ViewFrames(camera, np.zeros_like(seen), 0, foreground=seen))
     at = {0.0: poses_of([BODY], [found])}
     (row,) = uncovered_gaps(views, Geometry.of([BODY]), at, 0, [slice(0, P)], np.array(known, int))
@@ -87,7 +87,7 @@ def test_what_a_model_lacks_on_its_key_frames_is_no_gap() -> None:
     truth = at_rest(BODY, 4)
     poses = poses_of([wide], [truth])
     views = [
-        ViewFrames(c, np.zeros((4, 120, 160), np.uint8), 0, np.stack([silhouette([wide], poses, 0, c)] * 4))
+        ViewFrames(c, np.zeros((4, 120, 160), np.uint8), 0, np.stack([silhouette([wide], poses, 0, c, samples=2)] * 4))
         for c in CAMERAS
     ]
     arguments = (views, Geometry.of([BODY]), {0.0: poses_of([BODY], [truth])}, 0, [slice(0, P)])
