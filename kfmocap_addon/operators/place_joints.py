@@ -68,7 +68,8 @@ class PlaceJoints(bpy.types.Operator):
             result = self._handled(context, event)
         if outcome.value != {"FINISHED"}:
             return self._cancelled(context)
-        self._tell(context)
+        if not result & {"FINISHED", "CANCELLED"}:
+            self._tell(context)
         return result
 
     def cancel(self, context: bpy.types.Context) -> None:
