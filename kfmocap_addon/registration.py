@@ -18,6 +18,7 @@ from .operators import (
     load_shot,
     look_through,
     pick_colour,
+    place_joints,
     refine_cameras,
     set_key_pose,
     track,
@@ -28,6 +29,7 @@ OPERATORS = (
     look_through,
     refine_cameras,
     set_key_pose,
+    place_joints,
     go_to_frame,
     track,
     export,
@@ -41,12 +43,14 @@ COMMAND = "kfmocap"
 
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(CLASSES)
 _commands: list[object] = []
+_drawings: list[object] = []
 
 
 def register() -> None:
     _register_classes()
     bpy.types.Scene.kfmocap = bpy.props.PointerProperty(type=properties.KFMocapScene)
     bpy.types.Scene.kfmocap_capture = bpy.props.PointerProperty(type=capture.KFMocapCapture)
+    _drawings.append(bpy.types.SpaceView3D.draw_handler_add(_draw_marks, (), "WINDOW", "POST_PIXEL"))
     if hasattr(bpy.utils, "register_cli_command"):
         _commands.append(bpy.utils.register_cli_command(COMMAND, _command))
 
@@ -54,6 +58,8 @@ def register() -> None:
 def unregister() -> None:
     while _commands:
         bpy.utils.unregister_cli_command(_commands.pop())
+    while _drawings:
+        bpy.types.SpaceView3D.draw_handler_remove(_drawings.pop(), "WINDOW")
     del bpy.types.Scene.kfmocap_capture
     del bpy.types.Scene.kfmocap
     _unregister_classes()
@@ -61,6 +67,12 @@ def unregister() -> None:
 
 def is_registered() -> bool:
     return hasattr(bpy.types.Scene, "kfmocap")
+
+
+def _draw_marks() -> None:
+    from . import marks_overlay
+
+    marks_overlay.draw_marks()
 
 
 def _command(argv: list[str]) -> int:
