@@ -17,6 +17,13 @@ def _show_range(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> N
     self.id_data.frame_end = self.frame_start + max(self.length, 1) - 1
 
 
+def _show_confidence(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
+    """The parts' colours follow what the scene says."""
+    from . import confidence
+
+    confidence.show_colours(self.id_data)
+
+
 class KFMocapView(bpy.types.PropertyGroup):
     """A view; its name is the camera's in the calibration. The footage is the camera's background clip."""
 
@@ -71,6 +78,16 @@ class KFMocapSuggestion(bpy.types.PropertyGroup):
     )
 
 
+class KFMocapHelpfulKey(bpy.types.PropertyGroup):
+    """A key frame that would help most; its name is that of the parts which are expected to be farthest off there."""
+
+    frame: bpy.props.IntProperty(name="Frame", description="Scene frame")
+    error: bpy.props.FloatProperty(name="Error", description="Expected error of the bones there, mean, mm")
+    gain: bpy.props.FloatProperty(
+        name="Gain", description="By how much a key pose there would lower the expected error over the shot, mean, mm"
+    )
+
+
 class KFMocapMark(bpy.types.PropertyGroup):
     """A joint that the animator clicked in a view; its name is the landmark's."""
 
@@ -91,6 +108,7 @@ class KFMocapPerformer(bpy.types.PropertyGroup):
         type=bpy.types.Object, poll=_is_armature, name="Armature", description="The performer's body"
     )
     suggestions: bpy.props.CollectionProperty(type=KFMocapSuggestion)
+    helpful: bpy.props.CollectionProperty(type=KFMocapHelpfulKey)
     marks: bpy.props.CollectionProperty(type=KFMocapMark)
 
 
@@ -123,6 +141,21 @@ class KFMocapScene(bpy.types.PropertyGroup):
         name="Solver",
         description="How the frames between the key poses are found",
     )
+    show_confidence: bpy.props.BoolProperty(
+        name="Colour by Error",
+        description="Colour the parts by how far they may be off: green where they are sure, red at the limit, "
+        "blue where no camera sees them",
+        update=_show_confidence,
+    )
+    confidence_limit: bpy.props.FloatProperty(
+        name="Red at",
+        description="Expected error from which on a part is red, mm",
+        default=30.0,
+        min=1.0,
+        soft_max=200.0,
+        precision=0,
+        update=_show_confidence,
+    )
     settings: bpy.props.StringProperty(name="Settings", description="Further settings of the tracker as JSON")
 
     @property
@@ -136,4 +169,4 @@ class KFMocapScene(bpy.types.PropertyGroup):
         return self.last - self.first + 1
 
 
-CLASSES = (KFMocapView, KFMocapSuggestion, KFMocapMark, KFMocapPerformer, KFMocapScene)
+CLASSES = (KFMocapView, KFMocapSuggestion, KFMocapHelpfulKey, KFMocapMark, KFMocapPerformer, KFMocapScene)
