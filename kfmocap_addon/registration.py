@@ -10,9 +10,12 @@ import bpy
 
 from . import capture, panels, properties
 from .operators import (
+    add_footage,
+    body,
     calibrate,
     cameras,
     capture_views,
+    drop_files,
     export,
     go_to_frame,
     load_shot,
@@ -25,7 +28,10 @@ from .operators import (
 
 OPERATORS = (
     load_shot,
+    add_footage,
+    drop_files,
     look_through,
+    body,
     refine_cameras,
     set_key_pose,
     go_to_frame,
@@ -37,6 +43,8 @@ OPERATORS = (
     calibrate,
 )
 CLASSES = tuple(cls for module in (properties, capture, *OPERATORS, *panels.SECTIONS) for cls in module.CLASSES)
+MENUS = body.MENUS
+"""Names of Blender's menus and what is appended to them."""
 COMMAND = "kfmocap"
 
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(CLASSES)
@@ -47,6 +55,8 @@ def register() -> None:
     _register_classes()
     bpy.types.Scene.kfmocap = bpy.props.PointerProperty(type=properties.KFMocapScene)
     bpy.types.Scene.kfmocap_capture = bpy.props.PointerProperty(type=capture.KFMocapCapture)
+    for menu, entry in MENUS:
+        getattr(bpy.types, menu).append(entry)
     if hasattr(bpy.utils, "register_cli_command"):
         _commands.append(bpy.utils.register_cli_command(COMMAND, _command))
 
@@ -54,6 +64,8 @@ def register() -> None:
 def unregister() -> None:
     while _commands:
         bpy.utils.unregister_cli_command(_commands.pop())
+    for menu, entry in MENUS:
+        getattr(bpy.types, menu).remove(entry)
     del bpy.types.Scene.kfmocap_capture
     del bpy.types.Scene.kfmocap
     _unregister_classes()
