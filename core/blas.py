@@ -7,6 +7,7 @@ environment variables that forbid it are read when numpy is loaded: inside Blend
 from __future__ import annotations
 
 import ctypes
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -15,19 +16,30 @@ from pathlib import Path
 import numpy as np
 import scipy
 
+_lock = threading.Lock()
+_before: list[list[int]] = []
+"""Threads as they were before the first of the blocks that run now, once for every one of these."""
+
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Let numpy and scipy use one thread while the block runs, where their OpenBLAS can be told so."""
+    """Let numpy and scipy use one thread while the block runs, where their OpenBLAS can be told so.
+
+    Blocks may overlap, as that of a job which was given up and has not noticed: the last to end gives the threads back.
+    """
     libraries = _openblas()
-    before = [get() for get, _ in libraries]
-    try:
+    with _lock:
+        _before.append(_before[0] if _before else [get() for get, _ in libraries])
         for _, set_threads in libraries:
             set_threads(1)
+    try:
         yield
     finally:
-        for (_, set_threads), count in zip(libraries, before, strict=True):
-            set_threads(count)
+        with _lock:
+            before = _before.pop()
+            if not _before:
+                for (_, set_threads), count in zip(libraries, before, strict=True):
+                    set_threads(count)
 
 
 @cache

@@ -87,6 +87,13 @@ class Camera:
         R, t = zip(*(self.pose(first + j) for j in range(count)), strict=True)
         return np.stack(R), np.stack(t)
 
+    def between(self, first: int, last: int) -> Camera:
+        """The camera of an excerpt of its shot, shot frames first to last."""
+        if not self.moving:
+            return self
+        R, t = self.poses(first, last + 1 - first)
+        return replace(self, R_cam_world=R, t_cam_world=t)
+
     def centre_world(self, frame: int = 0) -> Array:
         """Optical centre in the world, shape (3,), metres."""
         R, t = self.pose(frame)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -81,6 +81,11 @@ class KeyPoses:
         order = np.argsort(frames)
         poses = stacked([self.poses, other.poses])[order]
         return KeyPoses(frames[order], poses, np.concatenate([self.fixed, other.fixed])[order])
+
+    def between(self, first: int, last: int) -> KeyPoses:
+        """Those of an excerpt of the shot, shot frames first to last, which counts its frames from zero."""
+        inside = (self.frames >= first) & (self.frames <= last)
+        return KeyPoses(self.frames[inside] - first, self.poses[inside], self.fixed[inside])
 
     def proposals(self) -> NDArray[np.int64]:
         """Frames whose key pose is a proposal."""
@@ -212,3 +217,12 @@ class Shot:
     def length(self) -> int:
         """Number of frames."""
         return self.frames[1] - self.frames[0] + 1
+
+    def between(self, first: int, last: int) -> Shot:
+        """An excerpt: shot frames first to last, with the key poses on these alone."""
+        return replace(
+            self,
+            frames=(self.frames[0] + first, self.frames[0] + last),
+            views=tuple(replace(view, camera=view.camera.between(first, last)) for view in self.views),
+            performers=tuple(replace(p, key_poses=p.key_poses.between(first, last)) for p in self.performers),
+        )

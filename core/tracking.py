@@ -36,6 +36,8 @@ Image = NDArray[np.uint8]
 
 Stretch = tuple[int, int]
 """First and last shot frame of frames that are solved together."""
+Around = tuple[tuple[Motion, ...] | None, tuple[Motion, ...] | None]
+"""Every performer's pose on the frame before some frames, and on the one after them, where they are known."""
 Observer = Callable[[Stretch, int, Sequence[Motion]], None]
 
 SOLVE: dict[str, Callable[..., Solution]] = {"gauss-newton": gauss_newton.solve, "relaxation": relaxation.solve}
@@ -108,6 +110,7 @@ def track(
     progress: Progress | None = None,
     observe: Observer | None = None,
     pictures: Sequence[int] = (),
+    around: Around = (None, None),
 ) -> TrackResult:
     """Track every performer of a shot.
 
@@ -120,23 +123,29 @@ def track(
         Called with a stretch, the number of its iteration, and the motions of its frames before that iteration.
     pictures : sequence of int, optional
         Shot frames of which to keep pictures in the result.
+    around : tuple of (tuple of Motion or None), optional
+        Of an excerpt of a longer shot: every performer's pose on the frame before its first and on the one after its
+        last, where they are known. They are held, and the motion passes smoothly from and to them.
 
     Raises
     ------
     ShotError
-        The shot has one frame only.
+        The shot has one frame only, or a performer has no key pose.
     FootageError
         Footage is missing, unreadable, too short or of another size than the calibration's.
     CancelledError
     """
     if shot.length < 2:
         raise ShotError("a shot of one frame has nothing to track", where="[shot] frames")
+    for performer in shot.performers:
+        if not len(performer.key_poses.frames):
+            raise ShotError("there is no key pose", where=f"performer {performer.name}", todo="set one to begin with")
     for view in shot.views:
         check_view(view, shot.frames[0], shot.length)
     # Sums are rounded by their order, and labels turn roundings into steps: the order of the views must not count.
     order = sorted(range(len(shot.views)), key=lambda v: shot.views[v].camera.name)
     shot = replace(shot, views=tuple(shot.views[v] for v in order))
-    job = _Job(shot, progress, observe)
+    job = _Job(shot, progress, observe, around)
     kept = frozenset(shot.frames[0] + frame for frame in pictures)
     albums = [Album(kept, working_factor(view, PICTURE_SIZE)) for view in shot.views]
     stretches = segments(shot)
@@ -147,7 +156,7 @@ def track(
         if waiting is not None:
             job.refine(*waiting)
         waiting = (stretch, views)
-    if waiting is not None and len(stretches) > 1:
+    if waiting is not None:
         job.refine(*waiting)
     report_progress(progress, "tracking", 1.0)
     return job.result(albums, [order.index(v) for v in range(len(order))])
@@ -156,15 +165,15 @@ def track(
 class _Job:
     """A track in the making: the motion so far, and how every stretch of it was solved."""
 
-    def __init__(self, shot: Shot, progress: Progress | None, observe: Observer | None) -> None:
-        self.shot, self.progress, self.observe = shot, progress, observe
+    def __init__(self, shot: Shot, progress: Progress | None, observe: Observer | None, around: Around) -> None:
+        self.shot, self.progress, self.observe, self.around = shot, progress, observe, around
         self.motions = [spline(performer.key_poses, shot.length) for performer in shot.performers]
         self.seconds = Seconds()
         self._shapes: dict[Stretch, Geometry] = {}
         self._results: dict[Stretch, SegmentResult] = {}
         self._share = np.ones((len(shot.views), shot.length, sum(len(p.body) for p in shot.performers)))
         self._residual = np.zeros(shot.length)
-        self._begun = 0.0
+        self._begun, self._solved = 0.0, 0
         self.observed = self._first_pass()
 
     def _first_pass(self) -> Observed:
@@ -199,22 +208,19 @@ class _Job:
 
     def solve(self, stretch: Stretch, views: tuple[ViewFrames, ...]) -> None:
         """Solve a stretch that follows what is solved already."""
-        before = self._context(stretch[0] - 1)
-        self._run(SOLVE[self.shot.settings.solver], self._problem(stretch, views, before, None), 0.7)
+        self._run(SOLVE[self.shot.settings.solver], self._problem(stretch, views), 0.7 if self._refines(stretch) else 1)
+        self._solved = stretch[1] + 1
 
     def refine(self, stretch: Stretch, views: tuple[ViewFrames, ...]) -> None:
         """Solve a stretch once more, now that the motion on both sides is known; not every solver looks there."""
-        if (again := REFINE.get(self.shot.settings.solver)) is not None:
-            before, after = self._context(stretch[0] - 1), self._context(stretch[1] + 1)
-            self._run(again, self._problem(stretch, views, before, after), 0.3)
+        if self._refines(stretch):
+            self._run(REFINE[self.shot.settings.solver], self._problem(stretch, views), 0.3)
 
-    def _problem(
-        self,
-        stretch: Stretch,
-        views: tuple[ViewFrames, ...],
-        before: tuple[Motion, ...] | None,
-        after: tuple[Motion, ...] | None,
-    ) -> Problem:
+    def _refines(self, stretch: Stretch) -> bool:
+        alone = stretch == (0, self.shot.length - 1) and self.around == (None, None)
+        return self.shot.settings.solver in REFINE and not alone
+
+    def _problem(self, stretch: Stretch, views: tuple[ViewFrames, ...]) -> Problem:
         frames = slice(stretch[0], stretch[1] + 1)
         return Problem(
             views,
@@ -222,14 +228,17 @@ class _Job:
             stretch[0],
             self.shot.fps,
             tuple(fixed_degrees(performer, *stretch) for performer in self.shot.performers),
-            before,
-            after,
+            self._context(stretch[0] - 1),
+            self._context(stretch[1] + 1),
             self._shapes.get(stretch),
             tuple(sighting.pointers[frames] for sighting in self.observed.sightings),
         )
 
     def _context(self, frame: int) -> tuple[Motion, ...] | None:
-        return tuple(m[[frame]] for m in self.motions) if 0 <= frame < self.shot.length else None
+        """The poses on a frame where they are known: solved, or given from beside the shot."""
+        if frame < 0 or frame == self.shot.length:
+            return self.around[frame > 0]
+        return tuple(m[[frame]] for m in self.motions) if frame < self._solved else None
 
     def _run(self, solver: Callable[..., Solution], problem: Problem, work: float) -> None:
         frames = slice(problem.first, problem.first + problem.length)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from kfmocap.core import rotations
 from kfmocap.core.body import human, landmark_positions, part_poses
+from kfmocap.core.errors import CancelledError
 from kfmocap.core.evidence.images import ViewFrames
 from kfmocap.core.motion import Motion
 from kfmocap.core.solvers.limbs import _Way, found_limbs, limbs, pairs, untangled
@@ -185,3 +186,16 @@ def test_key_poses_are_not_exchanged() -> None:
 def test_limbs_that_never_meet_stay_as_they_are(pair: tuple[list[int], list[int]]) -> None:
     still = at_rest(BODY, 8)
     assert untangled(BODY, still, pair, FPS) is still
+
+
+def test_a_search_reports_every_limb_and_can_be_ended() -> None:
+    truth = walk(5)
+    told: list[float] = []
+    found_limbs(problem_of(truth, seen(truth)), [truth], 0, lambda done, _motions: told.append(done))
+    assert told == [k / len(limbs(BODY)) for k in range(len(limbs(BODY)))]
+
+    def end(_done: float, _motions: object) -> None:
+        raise CancelledError
+
+    with pytest.raises(CancelledError):
+        found_limbs(problem_of(truth, seen(truth)), [truth], 0, end)

@@ -165,12 +165,13 @@ def searched(
     found: list[Solution] = []
     for attempt, (motions, around) in enumerate(begins):
         for turn in range(ROUNDS):
-            if on_step is not None:
-                on_step((attempt + turn / ROUNDS) / len(begins), motions)
-            motions = found_limbs(problem, motions, seed=attempt)
-            settled = descend(around, motions, settings, None, SETTLING)
+            begin = (attempt + turn / (ROUNDS + 1)) / len(begins)
+            part = 0.5 / (ROUNDS + 1) / len(begins)
+            motions = found_limbs(problem, motions, attempt, _share_of(on_step, begin, begin + part))
+            settled = descend(around, motions, settings, _share_of(on_step, begin + part, begin + 2 * part), SETTLING)
             motions = untangled_limbs(problem, settled.motions)
-        found.append(descend(problem, motions, settings, None, SETTLED))
+        last = _share_of(on_step, (attempt + ROUNDS / (ROUNDS + 1)) / len(begins), (attempt + 1) / len(begins))
+        found.append(descend(problem, motions, settings, last, SETTLED))
         if not doubtful(problem, found[-1]):
             break
     return better(problem, *found)

@@ -28,7 +28,7 @@ from ..evidence.collect import scene_poses
 from ..evidence.images import ViewFrames
 from ..motion import Motion
 from ..visibility import NEAR, Geometry, LabelImages, pixels_at, render_labels
-from .problem import Problem
+from .problem import Problem, Step
 
 Array = NDArray[np.float64]
 
@@ -77,7 +77,7 @@ def pairs(body: Body) -> list[tuple[list[int], list[int]]]:
     return [(chains[left], chains[right]) for left, right in sides if left != right and right in chains]
 
 
-def found_limbs(problem: Problem, motions: Sequence[Motion], seed: int) -> list[Motion]:
+def found_limbs(problem: Problem, motions: Sequence[Motion], seed: int, on_step: Step | None = None) -> list[Motion]:
     """Look for every limb of every performer; the trunk stays as it is.
 
     Parameters
@@ -88,12 +88,16 @@ def found_limbs(problem: Problem, motions: Sequence[Motion], seed: int) -> list[
         F poses per performer; their fixed degrees of freedom are kept.
     seed : int
         Of the poses drawn.
+    on_step : callable, optional
+        Called before each limb with the share of them done and the motions; may raise to end the job.
     """
     looks = [_Look.of(view, problem) for view in problem.views if view.foreground is not None]
     found, rng = list(motions), np.random.default_rng(seed)
-    for i, body in enumerate(problem.bodies):
-        for chain in limbs(body):
-            found[i] = _found(problem, looks, found, i, chain, rng)
+    chains = [(i, chain) for i, body in enumerate(problem.bodies) for chain in limbs(body)]
+    for done, (i, chain) in enumerate(chains):
+        if on_step is not None:
+            on_step(done / len(chains), found)
+        found[i] = _found(problem, looks, found, i, chain, rng)
     return untangled_limbs(problem, found)
 
 
