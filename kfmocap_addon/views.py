@@ -217,7 +217,7 @@ def _frame_behind(scene: bpy.types.Scene, owner: bpy.types.Object, clip: bpy.typ
         return lens.Frame((width, height), (across, down))
     if clip is not None and min(clip.size) > 0:
         aspect = clip.tracking.camera.pixel_aspect
-        return lens.Frame(tuple(clip.size), (1.0, aspect) if aspect >= 1 else (1 / aspect, 1.0))
+        return lens.Frame(tuple(clip.size), (aspect, 1.0) if aspect >= 1 else (1.0, 1 / aspect))
     render = scene.render
     share = render.resolution_percentage / 100
     size = round(render.resolution_x * share), round(render.resolution_y * share)

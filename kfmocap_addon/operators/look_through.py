@@ -74,7 +74,7 @@ class QuadView(bpy.types.Operator):
         return True
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        if len(viewports.layout_of(context)) > 1:
+        if len(viewports.layout_of(context.window)) > 1:
             viewports.join(context)
             return {"FINISHED"}
         shot = context.scene.kfmocap
