@@ -8,7 +8,7 @@ BREAKDOWN are the tracker's, too, while they have that value: key poses that it 
 from __future__ import annotations
 
 import json
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import bpy
@@ -186,6 +186,31 @@ def read_motion(armature: bpy.types.Object, frame_start: int, length: int) -> Mo
     """The motion that the F-curves show, whoever set their keys, on scene frames from `frame_start` on."""
     channels = body_channels(armature)
     return _motion(armature, _evaluate(armature, channels, frame_start + np.arange(length)))
+
+
+def shown_pose(armature: bpy.types.Object) -> Motion:
+    """The one pose that an armature shows now, keyed or not."""
+    return _motion(armature, np.array([shown_values(armature)]))
+
+
+def shown_values(armature: bpy.types.Object) -> list[float]:
+    """Values of the body's channels as the armature shows them now."""
+    bones = armature.pose.bones
+    return [getattr(bones[c.bone], c.property)[c.index] for c in body_channels(armature)]
+
+
+def show_values(armature: bpy.types.Object, values: Sequence[float]) -> None:
+    """Show values of the body's channels, without a key."""
+    for channel, value in zip(body_channels(armature), values, strict=True):
+        getattr(armature.pose.bones[channel.bone], channel.property)[channel.index] = value
+
+
+def show_pose(armature: bpy.types.Object, pose: Motion) -> None:
+    """Show one pose, without a key; quaternions keep the sign that they have, so that keys of them go with others."""
+    [values] = _values(armature, pose)
+    q, shown = (np.array(x[3:]).reshape(-1, 4) for x in (values, shown_values(armature)))
+    signs = np.where(np.sum(q * shown, axis=1, keepdims=True) < 0, -1.0, 1.0)
+    show_values(armature, [*values[:3], *(signs * q).ravel()])
 
 
 def key_current_pose(armature: bpy.types.Object, frame: int, bones: Collection[str] | None = None) -> None:

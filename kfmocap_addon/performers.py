@@ -1,53 +1,34 @@
-"""Performers added to a scene one by one: a new body, or an armature that is there."""
+"""Whom a tool is for."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import bpy
 
-from ..core.body import Body
-from ..core.errors import BodyError
-from . import rig, scene
 
+def chosen(context: bpy.types.Context) -> bpy.types.PropertyGroup | None:
+    """The performer whose armature, or a mesh of it, is the active object; else the one chosen by name; else the first.
 
-def add_performer(
-    current: bpy.types.Scene, body: Body, name: str, place: Sequence[float] = (0, 0, 0)
-) -> bpy.types.Object:
-    """Build a body's armature, which stands at a place in the world, and make it a performer of the scene's shot."""
-    armature = rig.build_armature(body, free_name(current, name), scene.ensure_collection(current, "Performers"))
-    armature.location = place
-    return take_armature(current, armature)
-
-
-def take_armature(current: bpy.types.Scene, armature: bpy.types.Object) -> bpy.types.Object:
-    """Make an armature whose bones carry meshes a performer of the scene's shot.
-
-    Raises
-    ------
-    BodyError
-        It cannot be a body, or is a performer already.
+    None where no performer has an armature in the scene.
     """
-    if any(slot.armature == armature for slot in current.kfmocap.performers):
-        raise BodyError("it is a performer already", where=f"armature {armature.name}")
-    rig.body_from_armature(armature)
-    for bone in rig.body_bones(armature):
-        armature.pose.bones[bone.name].rotation_mode = "QUATERNION"
-    slot = current.kfmocap.performers.add()
-    slot.name, slot.armature = free_name(current, armature.name), armature
-    if not current.kfmocap.shot:
-        current.kfmocap.shot = "shot"
-    return armature
+    properties = context.scene.kfmocap
+    slots = [s for s in properties.performers if s.armature is not None and s.armature.name in context.scene.objects]
+    active = context.view_layer.objects.active if context.view_layer is not None else None
+    for slot in slots:
+        if active is not None and slot.armature in (active, active.parent):
+            return slot
+    return next((slot for slot in slots if slot.name == properties.performer), slots[0] if slots else None)
 
 
-def free_name(current: bpy.types.Scene, name: str) -> str:
-    """The name, or with a number where a performer has it."""
-    taken, number, free = {slot.name for slot in current.kfmocap.performers}, 2, name
-    while free in taken:
-        free, number = f"{name} {number}", number + 1
-    return free
+def chosen_bones(context: bpy.types.Context, armature: bpy.types.Object) -> set[str]:
+    """Names of the bones that are selected in pose mode; none outside it."""
+    if armature.mode != "POSE":
+        return set()
+    return {bone.name for bone in context.selected_pose_bones or [] if bone.id_data == armature}
 
 
-def remove_performer(current: bpy.types.Scene, index: int) -> None:
-    """Take a performer out of the shot; the armature stays in the scene."""
-    current.kfmocap.performers.remove(index)
+def explained(operator: type[bpy.types.Operator], context: bpy.types.Context) -> bool:
+    """Whether there is a performer to pose; if not, the disabled button says so."""
+    if chosen(context) is not None:
+        return True
+    operator.poll_message_set("This scene has no performer yet: use Load Shot, or add a body")
+    return False

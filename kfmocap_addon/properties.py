@@ -104,6 +104,19 @@ class KFMocapSuggestion(bpy.types.PropertyGroup):
     )
 
 
+class KFMocapMark(bpy.types.PropertyGroup):
+    """A joint that the animator clicked in a view; its name is the landmark's."""
+
+    view: bpy.props.StringProperty(name="View", description="Name of the view")
+    frame: bpy.props.IntProperty(name="Frame", description="Scene frame")
+    pixel: bpy.props.FloatVectorProperty(
+        size=2,
+        precision=2,
+        name="Pixel",
+        description="Place on the undistorted footage from its upper left, pixels; whole numbers are pixel centres",
+    )
+
+
 class KFMocapPerformer(bpy.types.PropertyGroup):
     """Somebody to track, by name; the armature is the body, its keys are the key poses."""
 
@@ -111,6 +124,7 @@ class KFMocapPerformer(bpy.types.PropertyGroup):
         type=bpy.types.Object, poll=_is_armature, name="Armature", description="The performer's body"
     )
     suggestions: bpy.props.CollectionProperty(type=KFMocapSuggestion)
+    marks: bpy.props.CollectionProperty(type=KFMocapMark)
 
 
 class KFMocapScene(bpy.types.PropertyGroup):
@@ -148,6 +162,12 @@ class KFMocapScene(bpy.types.PropertyGroup):
         name="Model",
         description="How the model is drawn over the footage",
     )
+    performer: bpy.props.StringProperty(
+        name="Performer", description="Who is posed, where no performer's armature is the active object"
+    )
+    show_marks: bpy.props.BoolProperty(
+        default=True, name="Show Marks", description="Show the clicked joints of this frame over the footage"
+    )
     solver: bpy.props.EnumProperty(
         items=[
             ("gauss-newton", "Gauss-Newton", "All frames between two key poses at once: the best results"),
@@ -175,4 +195,4 @@ class KFMocapScene(bpy.types.PropertyGroup):
         return self.last - self.first + 1
 
 
-CLASSES = (KFMocapView, KFMocapSuggestion, KFMocapPerformer, KFMocapScene)
+CLASSES = (KFMocapView, KFMocapSuggestion, KFMocapMark, KFMocapPerformer, KFMocapScene)

@@ -21,6 +21,7 @@ from .operators import (
     load_shot,
     look_through,
     pick_colour,
+    place_joints,
     refine_cameras,
     set_key_pose,
     track,
@@ -34,6 +35,7 @@ OPERATORS = (
     body,
     refine_cameras,
     set_key_pose,
+    place_joints,
     go_to_frame,
     track,
     export,
@@ -49,6 +51,7 @@ COMMAND = "kfmocap"
 
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(CLASSES)
 _commands: list[object] = []
+_drawings: list[object] = []
 
 
 def register() -> None:
@@ -57,6 +60,7 @@ def register() -> None:
     bpy.types.Scene.kfmocap_capture = bpy.props.PointerProperty(type=capture.KFMocapCapture)
     for menu, entry in MENUS:
         getattr(bpy.types, menu).append(entry)
+    _drawings.append(bpy.types.SpaceView3D.draw_handler_add(_draw_marks, (), "WINDOW", "POST_PIXEL"))
     if hasattr(bpy.utils, "register_cli_command"):
         _commands.append(bpy.utils.register_cli_command(COMMAND, _command))
 
@@ -66,6 +70,8 @@ def unregister() -> None:
         bpy.utils.unregister_cli_command(_commands.pop())
     for menu, entry in MENUS:
         getattr(bpy.types, menu).remove(entry)
+    while _drawings:
+        bpy.types.SpaceView3D.draw_handler_remove(_drawings.pop(), "WINDOW")
     del bpy.types.Scene.kfmocap_capture
     del bpy.types.Scene.kfmocap
     _unregister_classes()
@@ -73,6 +79,12 @@ def unregister() -> None:
 
 def is_registered() -> bool:
     return hasattr(bpy.types.Scene, "kfmocap")
+
+
+def _draw_marks() -> None:
+    from . import marks_overlay
+
+    marks_overlay.draw_marks()
 
 
 def _command(argv: list[str]) -> int:

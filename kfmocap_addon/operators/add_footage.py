@@ -5,7 +5,7 @@ from pathlib import Path
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
-from .. import viewports
+from .. import screens
 from .reporting import reported
 
 VIDEOS = ".mp4;.mov;.avi;.mkv;.mts;.m2ts;.m4v;.mpg;.mpeg;.webm;.mxf"
@@ -45,7 +45,7 @@ class AddFootage(bpy.types.Operator, ImportHelper):
         with reported(self) as outcome:
             names = footage_views.add_footage(scene, self._chosen())
             known = footage_views.calibrated_by_scene(scene, names)
-            viewports.look(context)
+            screens.look(context)
             self.report({"INFO"}, f"Added {', '.join(names)}" + (f"; calibrated {', '.join(known)}" if known else ""))
         return outcome.value
 

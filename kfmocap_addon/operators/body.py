@@ -68,13 +68,13 @@ class AddBody(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ...core.body import human
-        from .. import performers
+        from .. import casting
 
         lengths = {name: getattr(self, name) for name in LENGTHS if self.measured and getattr(self, name) > 0}
         with reported(self) as outcome:
             body = human(round(self.height, 6), {name: round(value, 6) for name, value in lengths.items()})
             place = context.scene.cursor.location
-            select_only(context, performers.add_performer(context.scene, body, self.performer or "Performer", place))
+            select_only(context, casting.add_performer(context.scene, body, self.performer or "Performer", place))
         return outcome.value
 
     def draw(self, _context: bpy.types.Context) -> None:
@@ -108,10 +108,10 @@ class UseArmature(bpy.types.Operator):
         return True
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from .. import performers
+        from .. import casting
 
         with reported(self) as outcome:
-            performers.take_armature(context.scene, context.active_object)
+            casting.take_armature(context.scene, context.active_object)
         return outcome.value
 
 

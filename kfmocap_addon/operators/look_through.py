@@ -2,7 +2,7 @@
 
 import bpy
 
-from .. import viewports
+from .. import screens
 from .add_footage import has_views
 
 
@@ -68,20 +68,20 @@ class QuadView(bpy.types.Operator):
         if len([view for view in context.scene.kfmocap.views if view.camera is not None]) < 2:
             cls.poll_message_set("There are no two views to show side by side")
             return False
-        if bpy.app.background or viewports.view3d_of(context) is None:
+        if bpy.app.background or screens.view3d_of(context) is None:
             cls.poll_message_set("There is no 3D view to split")
             return False
         return True
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        if len(viewports.layout_of(context.window)) > 1:
-            viewports.join(context)
+        if len(screens.layout_of(context.window)) > 1:
+            screens.join(context)
             return {"FINISHED"}
         shot = context.scene.kfmocap
         cameras = [view.camera for view in shot.views if view.camera is not None]
         start = max(shot.shown_view, 0)
-        ordered = cameras if len(cameras) <= viewports.MOST else (cameras[start:] + cameras[:start])[: viewports.MOST]
-        viewports.split(context, ordered)
+        ordered = cameras if len(cameras) <= screens.MOST else (cameras[start:] + cameras[:start])[: screens.MOST]
+        screens.split(context, ordered)
         return {"FINISHED"}
 
 
@@ -90,7 +90,7 @@ def show(context: bpy.types.Context, index: int) -> None:
     from .. import views
 
     views.look_through(context.scene, context.scene.kfmocap.views[index])
-    viewports.look(context)
+    screens.look(context)
 
 
 CLASSES = (LookThrough, StepView, QuadView)
