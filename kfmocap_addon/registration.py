@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import bpy
 
-from . import capture, panels, properties
+from . import capture, key_list, panels, properties
 from .operators import (
     calibrate,
     cameras,
     capture_views,
+    copy_pose,
     export,
     go_to_frame,
     load_shot,
     look_through,
+    nudge_pose,
     pick_colour,
     place_joints,
     refine_cameras,
@@ -30,6 +32,8 @@ OPERATORS = (
     refine_cameras,
     set_key_pose,
     place_joints,
+    copy_pose,
+    nudge_pose,
     go_to_frame,
     track,
     export,
@@ -50,6 +54,7 @@ def register() -> None:
     _register_classes()
     bpy.types.Scene.kfmocap = bpy.props.PointerProperty(type=properties.KFMocapScene)
     bpy.types.Scene.kfmocap_capture = bpy.props.PointerProperty(type=capture.KFMocapCapture)
+    key_list.register()
     _drawings.append(bpy.types.SpaceView3D.draw_handler_add(_draw_marks, (), "WINDOW", "POST_PIXEL"))
     if hasattr(bpy.utils, "register_cli_command"):
         _commands.append(bpy.utils.register_cli_command(COMMAND, _command))
@@ -58,6 +63,7 @@ def register() -> None:
 def unregister() -> None:
     while _commands:
         bpy.utils.unregister_cli_command(_commands.pop())
+    key_list.unregister()
     while _drawings:
         bpy.types.SpaceView3D.draw_handler_remove(_drawings.pop(), "WINDOW")
     del bpy.types.Scene.kfmocap_capture
