@@ -168,6 +168,7 @@ class KFMocapScene(bpy.types.PropertyGroup):
     show_marks: bpy.props.BoolProperty(
         default=True, name="Show Marks", description="Show the clicked joints of this frame over the footage"
     )
+    copied: bpy.props.StringProperty(name="Copied Pose", description="Values of the bones by their names, as JSON")
     solver: bpy.props.EnumProperty(
         items=[
             ("gauss-newton", "Gauss-Newton", "All frames between two key poses at once: the best results"),

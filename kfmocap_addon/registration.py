@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import bpy
 
-from . import capture, panels, properties
+from . import capture, key_list, panels, properties
 from .operators import (
     add_footage,
     body,
@@ -16,10 +16,12 @@ from .operators import (
     cameras,
     capture_views,
     drop_files,
+    copy_pose,
     export,
     go_to_frame,
     load_shot,
     look_through,
+    nudge_pose,
     pick_colour,
     place_joints,
     refine_cameras,
@@ -36,6 +38,8 @@ OPERATORS = (
     refine_cameras,
     set_key_pose,
     place_joints,
+    copy_pose,
+    nudge_pose,
     go_to_frame,
     track,
     export,
@@ -60,6 +64,7 @@ def register() -> None:
     bpy.types.Scene.kfmocap_capture = bpy.props.PointerProperty(type=capture.KFMocapCapture)
     for menu, entry in MENUS:
         getattr(bpy.types, menu).append(entry)
+    key_list.register()
     _drawings.append(bpy.types.SpaceView3D.draw_handler_add(_draw_marks, (), "WINDOW", "POST_PIXEL"))
     if hasattr(bpy.utils, "register_cli_command"):
         _commands.append(bpy.utils.register_cli_command(COMMAND, _command))
@@ -70,6 +75,7 @@ def unregister() -> None:
         bpy.utils.unregister_cli_command(_commands.pop())
     for menu, entry in MENUS:
         getattr(bpy.types, menu).remove(entry)
+    key_list.unregister()
     while _drawings:
         bpy.types.SpaceView3D.draw_handler_remove(_drawings.pop(), "WINDOW")
     del bpy.types.Scene.kfmocap_capture
