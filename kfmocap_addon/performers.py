@@ -32,3 +32,11 @@ def explained(operator: type[bpy.types.Operator], context: bpy.types.Context) ->
         return True
     operator.poll_message_set("This scene has no performer yet: use Load Shot, or add a body")
     return False
+
+
+def posed(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """Armatures of the performers that are selected or in pose mode; where none is, of the one that is chosen."""
+    armatures = [slot.armature for slot in context.scene.kfmocap.performers if slot.armature is not None]
+    names = {o.name for o in context.view_layer.objects if o.select_get()}
+    found = [a for a in armatures if a.name in context.scene.objects and (a.name in names or a.mode == "POSE")]
+    return found or [chosen(context).armature]

@@ -131,7 +131,7 @@ class Placing:
     def show(self) -> None:
         """Let scene and armature show marks and pose."""
         marks.put(self.slot, self.frame, self.marks)
-        curves.show_pose(self.slot.armature, self.pose)
+        curves.show_pose(self.slot.armature, self.pose, self.bones or None)
 
     def key(self) -> None:
         """Make the pose a key pose."""

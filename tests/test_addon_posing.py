@@ -14,7 +14,7 @@ from keypoint_shots import cameras, person, strolling  # noqa: E402
 from kfmocap.core.body import landmark_positions  # noqa: E402
 from kfmocap.core.motion import Motion  # noqa: E402
 from kfmocap.core.shot import KeyPoses, Performer, Shot, View  # noqa: E402
-from kfmocap.kfmocap_addon import curves, marks, placing, rig, scene  # noqa: E402
+from kfmocap.kfmocap_addon import curves, key_list, marks, placing, rig, scene  # noqa: E402
 
 pytestmark = pytest.mark.blender
 
@@ -148,3 +148,156 @@ def test_a_body_of_another_origin_is_posed_by_its_bones(blender, tmp_path):  # n
     assert placed.landmarks == BODY.names
     placed.mark("cam01", "hand.L", (0.1, -0.1))
     assert placed.fitted.misfit < 0.01
+
+
+def shown(slot) -> Motion:
+    return curves.shown_pose(slot.armature)
+
+
+def test_a_tracked_pose_is_copied_to_another_frame(blender, tmp_path):  # noqa: F811
+    slot = walk_scene(tmp_path, tracked=True)
+    with pytest.raises(RuntimeError, match="Copy a pose first"):
+        bpy.ops.kfmocap.paste_pose()
+    bpy.context.scene.frame_set(8)
+    assert bpy.ops.kfmocap.copy_pose() == {"FINISHED"}
+    bpy.context.scene.frame_set(21)
+    assert bpy.ops.kfmocap.paste_pose() == {"FINISHED"}
+    assert keyed(slot) == {0: True, 20: True, 29: True}
+    bpy.context.scene.frame_set(20)
+    bpy.context.scene.frame_set(21)
+    assert np.abs(shown(slot).difference(WALK[[7]])).max() < 1e-5
+
+
+def select(slot, *names: str) -> None:
+    """Enter pose mode with these bones selected."""
+    bpy.context.view_layer.objects.active = slot.armature
+    bpy.ops.object.mode_set(mode="POSE")
+    for bone in slot.armature.pose.bones:
+        (bone if hasattr(bone, "select") else bone.bone).select = bone.name in names
+
+
+def test_only_the_selected_bones_are_pasted_and_keyed(blender, tmp_path):  # noqa: F811
+    slot = walk_scene(tmp_path, tracked=True)
+    bpy.ops.kfmocap.copy_pose()
+    bpy.context.scene.frame_set(13)
+    select(slot, "forearm.L")
+    bpy.ops.kfmocap.paste_pose()
+    forearm = slice(3 + 3 * BODY.index("forearm.L"), 6 + 3 * BODY.index("forearm.L"))
+    assert np.abs(shown(slot).difference(WALK[[0]])[:, forearm]).max() < 1e-5
+    rest = np.delete(shown(slot).difference(WALK[[12]]), np.r_[forearm], axis=1)
+    assert np.abs(rest).max() < 1e-5
+    assert keyed(slot) == {0: True, 12: False, 29: True}
+    assert bpy.ops.kfmocap.set_key_pose() == {"FINISHED"}
+    assert keyed(slot)[12] is False
+    assert bpy.ops.kfmocap.remove_key_pose() == {"FINISHED"}
+    assert keyed(slot) == {0: True, 29: True}
+
+
+@pytest.mark.parametrize("root", [True, False])
+def test_mirroring_is_what_blenders_own_paste_flipped_does(blender, tmp_path, root):  # noqa: F811
+    slot = walk_scene(tmp_path, tracked=True)
+    bpy.context.scene.frame_set(8)
+    select(slot, *(bone.name for bone in slot.armature.pose.bones))
+    bpy.ops.pose.copy()
+    if not root:
+        select(slot, *(bone.name for bone in slot.armature.pose.bones if bone.parent is not None))
+    bpy.ops.pose.paste(flipped=True, selected_mask=not root)
+    theirs = shown(slot)
+    bpy.context.scene.frame_set(7)
+    bpy.context.scene.frame_set(8)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert bpy.ops.kfmocap.mirror_pose(root=root) == {"FINISHED"}
+    assert np.abs(shown(slot).difference(theirs)).max() < 1e-5
+    assert np.abs(shown(slot).difference(WALK[[7]])).max() > 0.1
+    assert keyed(slot) == {0: True, 7: True, 29: True}
+
+
+def test_pasted_mirrored_is_pasted_and_then_mirrored(blender, tmp_path):  # noqa: F811
+    slot = walk_scene(tmp_path, tracked=True)
+    bpy.context.scene.frame_set(8)
+    bpy.ops.kfmocap.copy_pose()
+    bpy.ops.kfmocap.mirror_pose()
+    mirrored = shown(slot)
+    bpy.context.scene.frame_set(20)
+    bpy.ops.kfmocap.paste_pose(flipped=True)
+    assert np.abs(shown(slot).difference(mirrored)).max() < 1e-5
+
+
+def test_a_breakdown_lies_between_the_key_poses_beside_it(blender, tmp_path):  # noqa: F811
+    slot = walk_scene(tmp_path, tracked=True)
+    bpy.context.scene.frame_set(13)
+    bpy.ops.kfmocap.breakdown_pose(share=0.25)
+    step = WALK[[0]].difference(WALK[[29]])
+    assert np.abs(shown(slot).difference(WALK[[0]].moved(0.25 * step))).max() < 1e-5
+    bpy.ops.kfmocap.nudge_pose(side="AFTER", share=0.5)
+    way = WALK[[0]].moved(0.25 * step)
+    assert np.abs(shown(slot).difference(way.moved(0.5 * way.difference(WALK[[29]])))).max() < 1e-5
+    bpy.context.scene.frame_set(30)
+    with pytest.raises(RuntimeError, match="no key pose after"):
+        bpy.ops.kfmocap.breakdown_pose()
+
+
+def test_a_nudge_in_depth_leaves_the_root_where_it_is_seen(blender, tmp_path):  # noqa: F811
+    slot = walk_scene(tmp_path)
+    before = shown(slot)
+    bpy.ops.kfmocap.nudge_depth(distance=0.3)
+    seen = [cameras(1)[0].project(pose.translations[0]) for pose in (before, shown(slot))]
+    np.testing.assert_allclose(*seen, atol=1e-3)
+    assert np.linalg.norm(shown(slot).translations - before.translations) == pytest.approx(0.3, abs=1e-5)
+
+
+def test_proposals_become_key_poses_one_by_one_or_all(blender, tmp_path):  # noqa: F811
+    slot = walk_scene(tmp_path, keys=(0,))
+    curves.write_motion(slot.armature, WALK, 1, [6, 13, 20])
+    assert [row.frame for row in key_list.looked_up(slot.armature) if row.proposed] == [6, 13, 20]
+    bpy.context.scene.frame_set(7)
+    assert bpy.ops.kfmocap.accept_proposals() == {"CANCELLED"}
+    bpy.context.scene.frame_set(13)
+    bpy.ops.kfmocap.accept_proposals()
+    assert [frame for frame, whole in keyed(slot).items() if whole] == [0, 12]
+    bpy.ops.kfmocap.accept_proposals(every=True)
+    assert keyed(slot) == dict.fromkeys([0, 5, 12, 19], True)
+    assert np.abs(curves.read_motion(slot.armature, 6, 1).difference(WALK[[5]])).max() < 1e-5
+
+
+def test_key_poses_are_listed_with_what_they_fix(blender, tmp_path):  # noqa: F811
+    slot = walk_scene(tmp_path, tracked=True)
+    slot.armature.pose.bones["hand.L"].keyframe_insert("rotation_quaternion", frame=9)
+    curves.write_motion(slot.armature, WALK, 1)
+    slot.armature.pose.bones["hand.L"].rotation_quaternion = (0.8, 0.6, 0, 0)
+    slot.armature.pose.bones["hand.L"].keyframe_insert("rotation_quaternion", frame=9)
+    rows = {row.frame: row for row in key_list.looked_up(slot.armature)}
+    assert sorted(rows) == [1, 9, 30] and rows[9].bones == ("hand.L",) and not rows[1].bones
+    assert "hand.L" in rows[9].told() and "whole body" in rows[1].told()
+
+
+def test_the_list_is_looked_up_anew_when_keys_change(blender, tmp_path):  # noqa: F811
+    slot = walk_scene(tmp_path)
+    assert key_list.rows(slot.armature) is None
+    key_list._look_up()
+    assert len(key_list.rows(slot.armature)) == 2
+    bpy.context.scene.frame_set(13)
+    bpy.context.view_layer.update()
+    assert len(key_list.rows(slot.armature)) == 2  # a frame change alone changes no keys
+    bpy.ops.kfmocap.set_key_pose()
+    bpy.context.view_layer.update()
+    assert key_list.rows(slot.armature) is None
+    key_list._look_up()
+    assert len(key_list.rows(slot.armature)) == 3
+
+
+def test_the_active_armature_is_posed_else_the_one_chosen_by_name(blender, tmp_path):  # noqa: F811
+    from kfmocap.kfmocap_addon import performers
+
+    walk_scene(tmp_path)
+    slots = bpy.context.scene.kfmocap.performers
+    other = slots.add()
+    other.name = "woman"
+    other.armature = rig.build_armature(person(1.6), "woman", bpy.context.scene.collection)
+    bpy.context.view_layer.update()
+    bpy.context.view_layer.objects.active = None
+    assert performers.chosen(bpy.context).name == "man"
+    bpy.context.scene.kfmocap.performer = "woman"
+    assert performers.chosen(bpy.context).name == "woman"
+    bpy.context.view_layer.objects.active = slots[0].armature
+    assert performers.chosen(bpy.context).name == "man"

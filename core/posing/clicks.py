@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from .. import rotations
+from ..blas import one_blas_thread
 from ..body import Body, part_poses, point_jacobian
 from ..cameras import Camera
 from ..constraints import BandedBlocks, block_diagonal
@@ -39,7 +40,8 @@ LEAST_RADIUS = 0.03
 """Of that radius, metres: even hands and feet turn no more than is needed."""
 DEPTH_DEVIATION = 0.1
 """Usual movement along its ray of a landmark that one view alone shows, metres."""
-STEPS = 40
+STEPS, FEW = 40, 10
+"""Of a fit, and of one that is only compared with others."""
 LEAST_GAIN = 1e-4
 """The fit ends when a step lessens the energy by less than this share."""
 POOR = 10.0
@@ -157,13 +159,18 @@ class ClickSolver:
                 raise KeypointError(f"the body has no landmark '{name}'", todo="take its mark away")
         if not clicks.confidence.any():
             return ClickFit(self.given, self.given)
-        begin = ClickFit(self.given, self.given) if start is None else start
+        with one_blas_thread():
+            return self._fitted(clicks, ClickFit(self.given, self.given) if start is None else start, steps, search)
+
+    def _fitted(self, clicks: Keypoints, begin: ClickFit, steps: int, search: bool) -> ClickFit:
         problem = _Problem(self.body, clicks, self._held, begin.given, self._precision, 1 / DEPTH_DEVIATION**2)
         best = problem.descended(begin.pose, steps)
         count = clicks.confidence.sum()
         if search and count >= ENOUGH and best.energy > POOR * count and not self._held[0, :6].any():
-            others = [replace(problem, given=g).descended(g, steps) for g in self._elsewhere(problem)]
-            best = min([best, *others], key=lambda fit: fit.energy)
+            others = [replace(problem, given=g).descended(g, FEW) for g in self._elsewhere(problem)]
+            other = min(others, key=lambda fit: fit.energy)
+            if other.energy < best.energy:
+                best = replace(problem, given=other.given).descended(other.pose, steps)
         return best
 
     def _elsewhere(self, problem: _Problem) -> list[Motion]:
@@ -177,7 +184,7 @@ class ClickSolver:
         for angle in np.pi * np.array([0.0, 0.5, 1.0, -0.5]):
             Q = self.given.rotations.copy()
             Q[:, 0] = upright.T @ rotations.exp(np.array([0.0, 0.0, angle])) @ upright @ Q[:, 0]
-            found.append(rigid.descended(rigid.nearest(Motion(self.given.translations, Q)), STEPS).pose)
+            found.append(rigid.descended(rigid.nearest(Motion(self.given.translations, Q)), FEW).pose)
         points, _ = triangulate(problem.clicks)
         known = [i for i, name in enumerate(problem.clicks.names) if name in self.body.landmarks]
         if np.isfinite(points[0, known]).all(axis=-1).sum() >= ENOUGH:
