@@ -161,7 +161,8 @@ def test_exporting_a_moved_armature_puts_it_where_it_is(blender, tmp_path):  # n
 def test_the_export_tool_writes_what_was_asked_for(blender, tmp_path):  # noqa: F811
     original = shot(tmp_path)
     scene.build_scene(original, result_of(original).motions, bpy.context.scene)
-    assert bpy.ops.kfmocap.export(directory=str(tmp_path / "new"), fbx=False) == {"FINISHED"}
+    bpy.context.scene.kfmocap.export.fbx = False
+    assert bpy.ops.kfmocap.export(directory=str(tmp_path / "new")) == {"FINISHED"}
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["walk.bvh"]
 
 
