@@ -80,6 +80,14 @@ class KFMocapPerformer(bpy.types.PropertyGroup):
     suggestions: bpy.props.CollectionProperty(type=KFMocapSuggestion)
 
 
+class KFMocapStretch(bpy.types.PropertyGroup):
+    """A stretch between key poses that was tracked."""
+
+    first: bpy.props.IntProperty(name="First", description="In the footage's count")
+    last: bpy.props.IntProperty(name="Last", description="In the footage's count")
+    digest: bpy.props.StringProperty(name="Digest", description="Of all that its motion depends on")
+
+
 class KFMocapScene(bpy.types.PropertyGroup):
     """The shot that a scene shows."""
 
@@ -95,6 +103,7 @@ class KFMocapScene(bpy.types.PropertyGroup):
     )
     views: bpy.props.CollectionProperty(type=KFMocapView)
     performers: bpy.props.CollectionProperty(type=KFMocapPerformer)
+    stretches: bpy.props.CollectionProperty(type=KFMocapStretch)
     solver: bpy.props.EnumProperty(
         items=[
             ("gauss-newton", "Gauss-Newton", "All frames between two key poses at once: the best results"),
@@ -116,4 +125,4 @@ class KFMocapScene(bpy.types.PropertyGroup):
         return self.last - self.first + 1
 
 
-CLASSES = (KFMocapView, KFMocapSuggestion, KFMocapPerformer, KFMocapScene)
+CLASSES = (KFMocapView, KFMocapSuggestion, KFMocapPerformer, KFMocapStretch, KFMocapScene)
