@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import threading
+import os
 import time
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,10 +12,14 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+import pieces_of_work  # noqa: E402
 from addon_shots import blender, keys_of, motion, shot, tracker  # noqa: E402, F401
-from kfmocap.core.errors import CancelledError, ShotError  # noqa: E402
+from kfmocap.core.errors import CancelledError, CaptureError, ShotError  # noqa: E402
+from kfmocap.core.excerpts import Excerpt, track_excerpts  # noqa: E402
 from kfmocap.kfmocap_addon import actions, curves, scene  # noqa: E402
-from kfmocap.kfmocap_addon.operators.job import JobOperator, duration  # noqa: E402
+from kfmocap.kfmocap_addon.jobs import Job, duration  # noqa: E402
+from kfmocap.kfmocap_addon.operators.job import JobOperator  # noqa: E402
+from synthetic import figure, film, look_at, shot_of, swing  # noqa: E402
 
 pytestmark = pytest.mark.blender
 
@@ -242,33 +247,71 @@ def started(work, monkeypatch):
     return tool, context
 
 
-def test_esc_answers_at_once_and_the_work_ends_at_its_next_report(monkeypatch):
-    busy, ended = threading.Event(), threading.Event()
+def ended(tool, context):
+    """What the tool returns at its end."""
+    deadline = time.monotonic() + 30
+    while (outcome := tool.modal(context, event("TIMER"))) == {"PASS_THROUGH"} and time.monotonic() < deadline:
+        time.sleep(0.01)
+    return outcome
 
-    def work(progress):
-        busy.wait(5)  # nothing is reported for long
-        ended.set() if progress("late", 0.5) is False else None
-        raise CancelledError
 
-    tool, context = started(work, monkeypatch)
+def test_esc_answers_at_once_and_ends_the_work(monkeypatch, tmp_path):
+    tool, context = started(partial(pieces_of_work.silent, tmp_path / "pid"), monkeypatch)
+    while not (tmp_path / "pid").exists() or not (tmp_path / "pid").read_text():
+        time.sleep(0.01)
     begin = time.monotonic()
     assert tool.modal(context, event("ESC")) == {"CANCELLED"}
     assert time.monotonic() - begin < 0.2
     assert context.workspace.status[-1] is None and not tool.finished
-    busy.set()
-    assert ended.wait(5)
+    tool.job._thread.join(5)
+    with pytest.raises(ProcessLookupError):
+        os.kill(int((tmp_path / "pid").read_text()), 0)
+    with pytest.raises(CancelledError):
+        tool.job.result()
 
 
 def test_a_job_that_ends_is_finished_once(monkeypatch):
-    tool, context = started(lambda progress: progress("half", 0.5) and 42, monkeypatch)
-    deadline = time.monotonic() + 5
-    while (outcome := tool.modal(context, event("TIMER"))) == {"PASS_THROUGH"} and time.monotonic() < deadline:
-        time.sleep(0.01)
-    assert outcome == {"FINISHED"} and tool.finished == [42] and context.workspace.status[-1] is None
+    tool, context = started(partial(pieces_of_work.halfway, 42), monkeypatch)
+    assert ended(tool, context) == {"FINISHED"}
+    assert tool.finished == [42] and context.workspace.status[-1] is None
+    assert tool.job.state == ("half", 0.5) and tool.job.told().startswith("Half 50%, 0 s left")
 
 
-def test_nothing_but_looking_reaches_blender_while_a_job_runs(monkeypatch):
-    tool, context = started(lambda progress: time.sleep(0.2), monkeypatch)
+def test_errors_of_the_work_are_reported_as_they_were(monkeypatch):
+    tool, context = started(pieces_of_work.failing, monkeypatch)
+    assert ended(tool, context) == {"CANCELLED"}
+    assert tool.reports == [({"ERROR"}, "wand.mp4: it lies in a plane (wave it about)")]
+    with pytest.raises(CaptureError) as caught:
+        tool.job.result()
+    assert caught.value.name == "wand-in-a-plane" and caught.value.where == "wand.mp4"
+
+
+def test_a_bug_in_the_work_is_not_swallowed(monkeypatch):
+    tool, context = started(pieces_of_work.broken, monkeypatch)
+    with pytest.raises(ZeroDivisionError) as caught:
+        ended(tool, context)
+    assert "pieces_of_work.py" in caught.value.__notes__[0]
+
+
+def test_work_that_dies_is_reported(monkeypatch):
+    tool, context = started(pieces_of_work.killed, monkeypatch)
+    assert ended(tool, context) == {"CANCELLED"}
+    assert "before its time" in tool.reports[0][1]
+
+
+def test_what_is_tracked_beside_blender_is_what_is_tracked_in_it(tmp_path):
+    views = film(tmp_path, [figure()], [swing(figure(), 6)], [look_at("front", (0.5, -2.8, 1.5))])
+    given = shot_of(views, [figure()], [swing(figure(), 6)], (0, 5))
+    job = Job(partial(track_excerpts, given, [Excerpt(0, 5)]))
+    [here] = track_excerpts(given, [Excerpt(0, 5)])
+    job._thread.join(60)
+    [there] = job.result()
+    assert np.array_equal(here.motions[0].rotations, there.motions[0].rotations)
+    assert np.array_equal(here.motions[0].translations, there.motions[0].translations)
+
+
+def test_nothing_but_looking_reaches_blender_while_a_job_runs(monkeypatch, tmp_path):
+    tool, context = started(partial(pieces_of_work.silent, tmp_path / "pid"), monkeypatch)
     view = SimpleNamespace(type="WINDOW", x=0, y=0, width=100, height=100)
     sidebar = SimpleNamespace(type="UI", x=80, y=0, width=20, height=100)
     space = SimpleNamespace(active=SimpleNamespace(lock_camera=False))

@@ -1,75 +1,20 @@
-"""Long work beside Blender's window: it runs in a thread, the status bar shows how far it is, Esc ends it."""
+"""Long work beside Blender's window: the status bar shows how far it is, Esc ends it."""
 
 from __future__ import annotations
 
-import threading
-import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import bpy
 
-from ...core.errors import CancelledError
+from ..jobs import Job, Work
 from .reporting import progress_shown, reported
 
-if TYPE_CHECKING:
-    from ...core.shot import Progress
-
-Work = Callable[["Progress"], Any]
 _INTERVAL = 0.1
-_TELLING = 0.02
-"""Share of the work after which the time that it took tells how long the rest will take."""
 _BAR = 14.0  # width in the status bar, in units of the interface
 _LOOKS = {"MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "TRACKPADPAN", "TRACKPADZOOM", "NDOF_MOTION", "HOME"}
 _LOOKS |= {f"NUMPAD_{key}" for key in (*range(10), "PERIOD", "PLUS", "MINUS")}
 _PASSES = {"MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "WINDOW_DEACTIVATE"}
-
-
-class Job:
-    """A function of a progress callback, run in a thread. It must not touch Blender's data."""
-
-    def __init__(self, work: Work) -> None:
-        self.state = ("", 0.0)
-        self._begun = time.monotonic()
-        self._cancelled = False
-        self._outcome: tuple[Any, BaseException | None] = (None, None)
-        self._thread = threading.Thread(target=self._run, args=(work,), daemon=True)
-        self._thread.start()
-
-    def _run(self, work: Work) -> None:
-        try:
-            self._outcome = work(self._progress), None
-        except BaseException as error:  # it is raised again by `result`, in Blender's own thread
-            self._outcome = None, error
-
-    def _progress(self, what: str, fraction: float) -> bool:
-        self.state = (what, fraction)
-        return not self._cancelled
-
-    def cancel(self) -> None:
-        """Give it up: it ends at its next report of progress, and nobody waits for that."""
-        self._cancelled = True
-
-    @property
-    def done(self) -> bool:
-        return not self._thread.is_alive()
-
-    def told(self) -> str:
-        """What it does, how far it is, and how long it will go on."""
-        what, fraction = self.state
-        text = f"{what.capitalize()} {fraction:.0%}"
-        if fraction < _TELLING:
-            return text
-        return f"{text}, {duration((time.monotonic() - self._begun) * (1 / fraction - 1))} left"
-
-    def result(self) -> Any:
-        """What the work returned; raises what it raised, or CancelledError where it ended before that was asked."""
-        value, error = self._outcome
-        if error is not None:
-            raise error
-        if self._cancelled:
-            raise CancelledError
-        return value
 
 
 class JobOperator:
@@ -96,6 +41,7 @@ class JobOperator:
         if any(running_job(window) for window in context.window_manager.windows):
             self.report({"ERROR"}, "Something is still being worked on: wait, or end it with Esc")
             return {"CANCELLED"}
+        self._told = ""
         with reported(self) as outcome:
             self.job = Job(self.prepared(context))
         if outcome.value != {"FINISHED"}:
@@ -117,23 +63,16 @@ class JobOperator:
 
     def _continued(self, context: bpy.types.Context) -> set[str]:
         if not self.job.done:
-            context.window_manager.progress_update(self.job.state[1])
-            context.workspace.status_text_set(self._draw_status)
-            for area in context.screen.areas:
-                for region in area.regions:
-                    if area.type == "VIEW_3D" and region.type == "UI":
-                        region.tag_redraw()
+            if (told := self.job.told()) != self._told:  # drawing takes its time, too
+                self._told = told
+                context.window_manager.progress_update(self.job.state[1])
+                context.workspace.status_text_set(_status_of(self.job))
+                _redraw_sidebars(context.window)
             return {"PASS_THROUGH"}
         self._end(context)
         with reported(self) as outcome:
             self.finish(context, self.job.result())
         return outcome.value
-
-    def _draw_status(self, header: bpy.types.Header, _context: bpy.types.Context) -> None:
-        header.layout.label(text="Cancel", icon="EVENT_ESC")
-        header.layout.separator_spacer()
-        draw_progress(header.layout, self.job).ui_units_x = _BAR
-        header.layout.separator_spacer()
 
     def cancel(self, context: bpy.types.Context) -> None:
         """Give up; also called where Blender closes its file or itself."""
@@ -145,6 +84,14 @@ class JobOperator:
         context.window_manager.progress_end()
         if context.workspace is not None:
             context.workspace.status_text_set(None)
+            _redraw_sidebars(context.window)
+
+
+def _redraw_sidebars(window: bpy.types.Window) -> None:
+    for area in window.screen.areas:
+        for region in area.regions:
+            if area.type == "VIEW_3D" and region.type == "UI":
+                region.tag_redraw()
 
 
 def running_job(window: bpy.types.Window | None) -> Job | None:
@@ -153,20 +100,23 @@ def running_job(window: bpy.types.Window | None) -> Job | None:
     return next((tool.job for tool in tools if isinstance(tool, JobOperator)), None)
 
 
+def _status_of(job: Job) -> Callable[[bpy.types.Header, bpy.types.Context], None]:
+    """What draws the status bar while a job runs. Blender takes functions alone, no methods."""
+
+    def draw(header: bpy.types.Header, _context: bpy.types.Context) -> None:
+        header.layout.label(text="Cancel", icon="EVENT_ESC")
+        header.layout.separator_spacer()
+        draw_progress(header.layout, job).ui_units_x = _BAR
+        header.layout.separator_spacer()
+
+    return draw
+
+
 def draw_progress(layout: bpy.types.UILayout, job: Job) -> bpy.types.UILayout:
     """A bar that shows how far a job is; returns its row."""
     row = layout.row()
     row.progress(factor=min(max(job.state[1], 0.0), 1.0), text=job.told())
     return row
-
-
-def duration(seconds: float) -> str:
-    """A duration as one tells it: 8 s, 2:05 min, 1:02 h."""
-    whole = max(0, round(seconds))
-    if whole < 60:
-        return f"{whole} s"
-    minutes, unit = (whole, "min") if whole < 3600 else (whole // 60, "h")
-    return f"{minutes // 60}:{minutes % 60:02d} {unit}"
 
 
 def _only_looks(window: bpy.types.Window, event: bpy.types.Event) -> bool:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import bpy
 
 from .. import scene as scenes
-from .job import JobOperator, Work
+from ..jobs import Work
+from .job import JobOperator
 from .reporting import explained, reported
 
 if TYPE_CHECKING:
@@ -46,7 +48,7 @@ class Tracking(JobOperator):
             raise ShotError("there is nothing to track", where=self.bl_label)
         parts = stretches.excerpts(context.scene, shot, chosen)
         self._asked = context.scene.name, shot, parts
-        return lambda progress: track_excerpts(shot, parts, progress)
+        return partial(track_excerpts, shot, parts)
 
     def finish(self, _context: bpy.types.Context, results: Sequence[TrackResult]) -> None:
         from ...core.errors import ShotError
