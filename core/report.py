@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from .formats.files import replacing
 from .occlusion import OCCLUDED_BELOW, intervals, occluded, suggested_keyframes, unseen
+from .review.suggestions import helpful_keys
 from .shot import Performer, Shot
 
 if TYPE_CHECKING:
@@ -61,9 +62,10 @@ def report(shot: Shot, result: TrackResult, seconds: Mapping[str, float] | None 
         ],
         "performers": [
             _performer(shot, p, visible, residual)
+            | _expected_errors(shot, p, deviation)
             | ({"keypoints": _keypoints(shot, result.observed.sightings[i])} if result.observed.sightings else {})
-            for i, (p, visible, residual) in enumerate(
-                zip(shot.performers, result.visible, result.residual, strict=True)
+            for i, (p, visible, residual, deviation) in enumerate(
+                zip(shot.performers, result.visible, result.residual, result.deviation, strict=True)
             )
         ],
         "settings": dataclasses.asdict(shot.settings),
@@ -123,6 +125,23 @@ def _performer(
     }
 
 
+def _expected_errors(shot: Shot, performer: Performer, deviation: NDArray[np.float64]) -> dict[str, Any]:
+    """How far off the parts may be, and the key frames that would help, in millimetres."""
+    first, names = shot.frames[0], performer.body.names
+    return {
+        "expected_error": [round(1000 * float(value), 1) for value in deviation.mean(axis=1)],
+        "helpful_keyframes": [
+            {
+                "frame": first + key.frame,
+                "expected_error": round(1000 * key.deviation, 1),
+                "gain": round(1000 * key.gain, 2),
+                "parts": [names[part] for part in key.parts],
+            }
+            for key in helpful_keys(deviation, performer.key_poses)
+        ],
+    }
+
+
 def _keypoints(shot: Shot, sighting: Sighting) -> dict[str, Any]:
     """By view: on how many frames a performer's keypoints were found, how far they agree, where sides were changed."""
     keypoints = sighting.pointers.keypoints
@@ -149,6 +168,12 @@ def blind_spots(values: Mapping[str, Any]) -> list[str]:
         counts = [f"{part} {sum(b + 1 - a for a, b in spans)}" for part, spans in performer["unseen"].items()]
         if counts:
             lines.append(f"{performer['name']}: frames on which no camera sees a part: {', '.join(counts)}")
+        helpful = [
+            f"{key['frame']} ({' '.join(key['parts'])} some {key['expected_error']:.0f} mm)"
+            for key in performer["helpful_keyframes"]
+        ]
+        if helpful:
+            lines.append(f"{performer['name']}: where one more key pose would help most: {', '.join(helpful)}")
         suggested = [
             f"{s['frame']} ({' '.join(s['parts'])} hidden {s['hidden'][0]}-{s['hidden'][1]})"
             for s in performer["suggested_keyframes"]

@@ -24,6 +24,7 @@ from .footage import Album, check_view, footage_delay, frames_at
 from .interpolation import spline
 from .keypoints.observed import Observed, observe_keypoints
 from .motion import Motion
+from .review.uncertainty import joint_deviations
 from .shot import Performer, Progress, Shot, View, fixed_degrees, report_progress
 from .solvers import gauss_newton, relaxation
 from .solvers.banded import BandedFactor
@@ -88,6 +89,8 @@ class TrackResult:
         Per performer: visible share of each part's projected area, 0 to 1.
     residual : tuple of ndarray, shape (F,)
         Per performer: root mean square grey-level difference between neighbouring frames, 0 to 1.
+    deviation : tuple of ndarray, shape (F, P)
+        Per performer: how far every part's tip may be from its true place, metres; see `core.review`.
     pictures : tuple of dict of int to ndarray of uint8, shape (h, w, 3)
         Per view: the pictures that were asked for, by shot frame; rectified; blue, green, red.
     observed : Observed
@@ -100,6 +103,7 @@ class TrackResult:
     segments: tuple[SegmentResult, ...]
     visible: tuple[Array, ...]
     residual: tuple[Array, ...]
+    deviation: tuple[Array, ...]
     pictures: tuple[dict[int, Image], ...] = ()
     observed: Observed = field(default_factory=Observed)
 
@@ -155,9 +159,11 @@ def track(
         job.solve(stretch, views)
         if waiting is not None:
             job.refine(*waiting)
+            job.judge(waiting[0])
         waiting = (stretch, views)
     if waiting is not None:
         job.refine(*waiting)
+        job.judge(waiting[0])
     report_progress(progress, "tracking", 1.0)
     return job.result(albums, [order.index(v) for v in range(len(order))])
 
@@ -171,8 +177,10 @@ class _Job:
         self.seconds = Seconds()
         self._shapes: dict[Stretch, Geometry] = {}
         self._results: dict[Stretch, SegmentResult] = {}
+        self._unjudged: dict[Stretch, tuple[Problem, Solution]] = {}
         self._share = np.ones((len(shot.views), shot.length, sum(len(p.body) for p in shot.performers)))
         self._residual = np.zeros(shot.length)
+        self._deviation = [np.zeros((shot.length, len(p.body))) for p in shot.performers]
         self._begun, self._solved = 0.0, 0
         self.observed = self._first_pass()
 
@@ -215,6 +223,13 @@ class _Job:
         """Solve a stretch once more, now that the motion on both sides is known; not every solver looks there."""
         if self._refines(stretch):
             self._run(REFINE[self.shot.settings.solver], self._problem(stretch, views), 0.3)
+
+    def judge(self, stretch: Stretch) -> None:
+        """Tell how far the joints may be off on a stretch that is done."""
+        with self.seconds.measure("uncertainty"):
+            found = joint_deviations(*self._unjudged.pop(stretch), self.shot.settings)
+        for mine, new in zip(self._deviation, found, strict=True):
+            mine[stretch[0] : stretch[1] + 1] = new
 
     def _refines(self, stretch: Stretch) -> bool:
         alone = stretch == (0, self.shot.length - 1) and self.around == (None, None)
@@ -260,6 +275,7 @@ class _Job:
         self.seconds.add(solution.seconds)
         self._share[:, frames] = solution.share
         self._residual[frames] = solution.residual
+        self._unjudged[stretch] = problem, solution
         self._results[stretch] = SegmentResult(
             *stretch, iterations + solution.iterations, energy + solution.energy, solution.factors
         )
@@ -275,6 +291,7 @@ class _Job:
             tuple(self._results.values()),
             tuple(self._share[views, :, a:b] for a, b in pairwise(ends)),
             tuple(self._residual for _ in performers),
+            tuple(self._deviation),
             tuple({f - self.shot.frames[0]: image for f, image in albums[v].pictures.items()} for v in views),
             self.observed.of_views(views),
         )

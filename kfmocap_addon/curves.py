@@ -8,7 +8,7 @@ BREAKDOWN are the tracker's, too, while they have that value: key poses that it 
 from __future__ import annotations
 
 import json
-from collections.abc import Collection
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import bpy
@@ -197,20 +197,13 @@ def read_key_poses(armature: bpy.types.Object, frame_start: int, length: int) ->
     """
     channels = body_channels(armature)
     held = np.zeros((length, len(channels)), bool)
-    bag = actions.find_channelbag(armature)
-    record = written.load(armature) if bag else None
     proposed = np.zeros(length, bool)
-    for c, channel in enumerate(channels):
-        curve = bag.fcurves.find(channel.path, index=channel.index) if bag else None
-        if curve is None or record is None:
-            continue
-        keys = actions.get_keys(curve)
-        own = _animators(keys, record, channel)
+    for c, keys, own in _all_keys(armature, channels):
         if c == 0:
             index = _proposals(keys, own) - frame_start
             proposed[index[(index >= 0) & (index < length)]] = True
         keys = keys[own]
-        _refuse_subframes(armature, channel, keys)
+        _refuse_subframes(armature, channels[c], keys)
         index = _frames(keys) - frame_start
         held[index[(index >= 0) & (index < length)], c] = True
     frames = np.flatnonzero(held.any(axis=1) | proposed)
@@ -219,10 +212,82 @@ def read_key_poses(armature: bpy.types.Object, frame_start: int, length: int) ->
     return KeyPoses(frames, poses, _fixed_dofs(armature, held[frames]))
 
 
+def keyed_bones(armature: bpy.types.Object) -> tuple[dict[int, set[str]], list[int]]:
+    """Bones with a key of the animator's by scene frame, and the frames of proposals."""
+    channels = body_channels(armature)
+    keyed: dict[int, set[str]] = {}
+    proposed: list[int] = []
+    for c, keys, own in _all_keys(armature, channels):
+        if c == 0:
+            proposed = _proposals(keys, own).tolist()
+        for frame in _frames(keys[own]).tolist():
+            keyed.setdefault(frame, set()).add(channels[c].bone)
+    return keyed, [frame for frame in proposed if frame not in keyed]
+
+
+def accept_proposals(armature: bpy.types.Object, frames: Collection[int]) -> None:
+    """Make proposed key poses of scene frames the animator's own."""
+    channels = body_channels(armature)
+    bag = actions.find_channelbag(armature)
+    for c, keys, own in _all_keys(armature, channels):
+        proposed = ~own & np.isin(_frames(keys), list(frames)) & (keys["type"] == actions.enum_value("type", PROPOSAL))
+        if proposed.any():
+            keys["type"][proposed] = actions.enum_value("type", "KEYFRAME")
+            keys["interpolation"][proposed] = actions.enum_value("interpolation", "BEZIER")
+            actions.set_keys(bag.fcurves.find(channels[c].path, index=channels[c].index), [keys])
+
+
+def remove_key_pose(armature: bpy.types.Object, frame: int, bones: Collection[str] | None = None) -> int:
+    """Take the animator's keys on a scene frame away, of these bones or the whole body; how many there were."""
+    channels = body_channels(armature)
+    bag, count = actions.find_channelbag(armature), 0
+    for c, keys, own in _all_keys(armature, channels):
+        gone = own & _on_frames(keys, np.array([frame]))
+        if gone.any() and (bones is None or channels[c].bone in bones):
+            count += int(gone.sum())
+            actions.set_keys(bag.fcurves.find(channels[c].path, index=channels[c].index), [keys[~gone]])
+    return count
+
+
 def read_motion(armature: bpy.types.Object, frame_start: int, length: int) -> Motion:
     """The motion that the F-curves show, whoever set their keys, on scene frames from `frame_start` on."""
     channels = body_channels(armature)
     return _motion(armature, _evaluate(armature, channels, frame_start + np.arange(length)))
+
+
+def shown_pose(armature: bpy.types.Object) -> Motion:
+    """The one pose that an armature shows now, keyed or not."""
+    return pose_of(armature, shown_values(armature))
+
+
+def pose_of(armature: bpy.types.Object, values: Sequence[float]) -> Motion:
+    """The one pose of values of the body's channels."""
+    return _motion(armature, np.array([values]))
+
+
+def shown_values(armature: bpy.types.Object) -> list[float]:
+    """Values of the body's channels as the armature shows them now."""
+    bones = armature.pose.bones
+    return [getattr(bones[c.bone], c.property)[c.index] for c in body_channels(armature)]
+
+
+def show_values(armature: bpy.types.Object, values: Sequence[float]) -> None:
+    """Show values of the body's channels, without a key."""
+    for channel, value in zip(body_channels(armature), values, strict=True):
+        getattr(armature.pose.bones[channel.bone], channel.property)[channel.index] = value
+
+
+def show_pose(armature: bpy.types.Object, pose: Motion, bones: Collection[str] | None = None) -> None:
+    """Show one pose, of these bones or the whole body, without a key.
+
+    Quaternions keep the sign that they have, so that keys of them go with others.
+    """
+    [values], shown = _values(armature, pose), shown_values(armature)
+    q, before = (np.array(x[3:]).reshape(-1, 4) for x in (values, shown))
+    signs = np.where(np.sum(q * before, axis=1, keepdims=True) < 0, -1.0, 1.0)
+    wanted = [*values[:3], *(signs * q).ravel()]
+    moved = [bones is None or channel.bone in bones for channel in body_channels(armature)]
+    show_values(armature, [a if m else b for a, b, m in zip(wanted, shown, moved, strict=True)])
 
 
 def key_current_pose(armature: bpy.types.Object, frame: int, bones: Collection[str] | None = None) -> None:
@@ -259,6 +324,19 @@ def _unrounded(armature: bpy.types.Object, frames: FrameNumbers, read: Motion) -
                 if exact.same(Q0[k, p], Q[i, p]):
                     Q[i, p] = Q0[k, p]
     return Motion(T, Q)
+
+
+def _all_keys(
+    armature: bpy.types.Object, channels: list[Channel]
+) -> Iterator[tuple[int, actions.Keys, NDArray[np.bool_]]]:
+    """Of every channel that has an F-curve: its number, its keys, and which are the animator's."""
+    bag = actions.find_channelbag(armature)
+    record = written.load(armature) if bag else None
+    for c, channel in enumerate(channels):
+        curve = bag.fcurves.find(channel.path, index=channel.index) if bag else None
+        if curve is not None and record is not None:
+            keys = actions.get_keys(curve)
+            yield c, keys, _animators(keys, record, channel)
 
 
 def _animators(keys: actions.Keys, record: written.Written, channel: Channel) -> NDArray[np.bool_]:
@@ -367,7 +445,7 @@ def _beside_keys(values: Array, before: Array, held: NDArray[np.bool_]) -> tuple
 def _fixed_dofs(armature: bpy.types.Object, held: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Degrees of freedom (K, D) fixed by keyed channels (K, C)."""
     axes = _aligned_axes(armature)
-    turns = held[:, 3:].reshape(len(held), -1, 4).any(axis=2)
+    turns = held[:, 3:].reshape(len(held), (held.shape[1] - 3) // 4, 4).any(axis=2)
     moves = np.repeat(held[:, :3].any(axis=1)[:, None], 3, axis=1) if axes is None else held[:, axes]
     return np.concatenate([moves, np.repeat(turns, 3, axis=1)], axis=1)
 

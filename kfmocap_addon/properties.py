@@ -17,6 +17,33 @@ def _show_range(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> N
     self.id_data.frame_end = self.frame_start + max(self.length, 1) - 1
 
 
+def _show_confidence(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
+    """The parts' colours follow what the scene says."""
+    from . import confidence
+
+    confidence.show_colours(self.id_data)
+
+
+def _show_in_time(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
+    """The footage shows the frames that the view's offset and fields say."""
+    from . import views
+
+    shot = self.id_data.kfmocap
+    views.show_in_time(self, shot.first, shot.frame_start)
+
+
+def _show_opacity(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
+    for view in self.views:
+        for background in view.camera.data.background_images if view.camera is not None else ():
+            background.alpha = self.opacity
+
+
+def _show_model(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
+    from . import rig
+
+    rig.show_parts(self.id_data)
+
+
 class KFMocapView(bpy.types.PropertyGroup):
     """A view; its name is the camera's in the calibration. The footage is the camera's background clip."""
 
@@ -40,6 +67,7 @@ class KFMocapView(bpy.types.PropertyGroup):
         name="Offset",
         description="Frame f of the shot is this footage's frame f + offset, which may lie between two frames",
         precision=3,
+        update=_show_in_time,
     )
     fields: bpy.props.EnumProperty(
         items=[
@@ -49,6 +77,7 @@ class KFMocapView(bpy.types.PropertyGroup):
         ],
         name="Fields",
         description="Order of the fields of interlaced footage",
+        update=_show_in_time,
     )
     sequence: bpy.props.StringProperty(
         name="Sequence", description="Pattern of the file names, where the footage is an image sequence"
@@ -60,6 +89,17 @@ class KFMocapView(bpy.types.PropertyGroup):
         name="Distortion",
         description="OpenCV's distortion as JSON, where Blender's movie clip has no model for it",
     )
+    calibrated: bpy.props.BoolProperty(
+        default=True,
+        name="Calibrated",
+        description="The camera's place and lens are known. Tick this after placing the camera by hand",
+    )
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether its camera is known, also from a tracker of Blender's that moves it."""
+        owner = self.camera
+        return self.calibrated or bool(owner and (owner.animation_data or owner.constraints or owner.parent))
 
 
 class KFMocapSuggestion(bpy.types.PropertyGroup):
@@ -71,6 +111,29 @@ class KFMocapSuggestion(bpy.types.PropertyGroup):
     )
 
 
+class KFMocapHelpfulKey(bpy.types.PropertyGroup):
+    """A key frame that would help most; its name is that of the parts which are expected to be farthest off there."""
+
+    frame: bpy.props.IntProperty(name="Frame", description="Scene frame")
+    error: bpy.props.FloatProperty(name="Error", description="Expected error of the bones there, mean, mm")
+    gain: bpy.props.FloatProperty(
+        name="Gain", description="By how much a key pose there would lower the expected error over the shot, mean, mm"
+    )
+
+
+class KFMocapMark(bpy.types.PropertyGroup):
+    """A joint that the animator clicked in a view; its name is the landmark's."""
+
+    view: bpy.props.StringProperty(name="View", description="Name of the view")
+    frame: bpy.props.IntProperty(name="Frame", description="Scene frame")
+    pixel: bpy.props.FloatVectorProperty(
+        size=2,
+        precision=2,
+        name="Pixel",
+        description="Place on the undistorted footage from its upper left, pixels; whole numbers are pixel centres",
+    )
+
+
 class KFMocapPerformer(bpy.types.PropertyGroup):
     """Somebody to track, by name; the armature is the body, its keys are the key poses."""
 
@@ -78,6 +141,8 @@ class KFMocapPerformer(bpy.types.PropertyGroup):
         type=bpy.types.Object, poll=_is_armature, name="Armature", description="The performer's body"
     )
     suggestions: bpy.props.CollectionProperty(type=KFMocapSuggestion)
+    helpful: bpy.props.CollectionProperty(type=KFMocapHelpfulKey)
+    marks: bpy.props.CollectionProperty(type=KFMocapMark)
 
 
 class KFMocapStretch(bpy.types.PropertyGroup):
@@ -104,6 +169,33 @@ class KFMocapScene(bpy.types.PropertyGroup):
     views: bpy.props.CollectionProperty(type=KFMocapView)
     performers: bpy.props.CollectionProperty(type=KFMocapPerformer)
     stretches: bpy.props.CollectionProperty(type=KFMocapStretch)
+    opacity: bpy.props.FloatProperty(
+        min=0.0,
+        max=1.0,
+        default=1.0,
+        subtype="FACTOR",
+        update=_show_opacity,
+        name="Opacity",
+        description="How much of the footage is seen behind the model, in all views",
+    )
+    display: bpy.props.EnumProperty(
+        items=[
+            ("WIRE", "Wire", "The parts' edges"),
+            ("OUTLINE", "Outline", "A white line around each part where it is seen, a grey one where it is hidden"),
+            ("SOLID", "Solid", "The parts before the footage"),
+            ("NONE", "Bones", "The bones alone"),
+        ],
+        update=_show_model,
+        name="Model",
+        description="How the model is drawn over the footage",
+    )
+    performer: bpy.props.StringProperty(
+        name="Performer", description="Who is posed, where no performer's armature is the active object"
+    )
+    show_marks: bpy.props.BoolProperty(
+        default=True, name="Show Marks", description="Show the clicked joints of this frame over the footage"
+    )
+    copied: bpy.props.StringProperty(name="Copied Pose", description="Values of the bones by their names, as JSON")
     solver: bpy.props.EnumProperty(
         items=[
             ("gauss-newton", "Gauss-Newton", "All frames between two key poses at once: the best results"),
@@ -112,7 +204,28 @@ class KFMocapScene(bpy.types.PropertyGroup):
         name="Solver",
         description="How the frames between the key poses are found",
     )
+    show_confidence: bpy.props.BoolProperty(
+        name="Colour by Error",
+        description="Colour the parts by how far they may be off: green where they are sure, red at the limit, "
+        "blue where no camera sees them",
+        update=_show_confidence,
+    )
+    confidence_limit: bpy.props.FloatProperty(
+        name="Red at",
+        description="Expected error from which on a part is red, mm",
+        default=30.0,
+        min=1.0,
+        soft_max=200.0,
+        precision=0,
+        update=_show_confidence,
+    )
     settings: bpy.props.StringProperty(name="Settings", description="Further settings of the tracker as JSON")
+
+    @property
+    def shown_view(self) -> int:
+        """Number of the view that is the scene's camera, -1 where none is."""
+        camera = self.id_data.camera
+        return next((i for i, v in enumerate(self.views) if camera is not None and v.camera == camera), -1)
 
     @property
     def frame_start(self) -> int:
@@ -125,4 +238,12 @@ class KFMocapScene(bpy.types.PropertyGroup):
         return self.last - self.first + 1
 
 
-CLASSES = (KFMocapView, KFMocapSuggestion, KFMocapPerformer, KFMocapStretch, KFMocapScene)
+CLASSES = (
+    KFMocapView,
+    KFMocapSuggestion,
+    KFMocapHelpfulKey,
+    KFMocapMark,
+    KFMocapPerformer,
+    KFMocapStretch,
+    KFMocapScene,
+)

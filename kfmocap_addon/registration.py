@@ -8,16 +8,22 @@ from __future__ import annotations
 
 import bpy
 
-from . import capture, panels, properties
+from . import capture, key_list, panels, properties
 from .operators import (
+    add_footage,
+    body,
     calibrate,
     cameras,
     capture_views,
+    copy_pose,
+    drop_files,
     export,
     go_to_frame,
     load_shot,
     look_through,
+    nudge_pose,
     pick_colour,
+    place_joints,
     refine_cameras,
     set_key_pose,
     track,
@@ -25,9 +31,15 @@ from .operators import (
 
 OPERATORS = (
     load_shot,
+    add_footage,
+    drop_files,
     look_through,
+    body,
     refine_cameras,
     set_key_pose,
+    place_joints,
+    copy_pose,
+    nudge_pose,
     go_to_frame,
     track,
     export,
@@ -37,16 +49,23 @@ OPERATORS = (
     calibrate,
 )
 CLASSES = tuple(cls for module in (properties, capture, *OPERATORS, *panels.SECTIONS) for cls in module.CLASSES)
+MENUS = body.MENUS
+"""Names of Blender's menus and what is appended to them."""
 COMMAND = "kfmocap"
 
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(CLASSES)
 _commands: list[object] = []
+_drawings: list[object] = []
 
 
 def register() -> None:
     _register_classes()
     bpy.types.Scene.kfmocap = bpy.props.PointerProperty(type=properties.KFMocapScene)
     bpy.types.Scene.kfmocap_capture = bpy.props.PointerProperty(type=capture.KFMocapCapture)
+    for menu, entry in MENUS:
+        getattr(bpy.types, menu).append(entry)
+    key_list.register()
+    _drawings.append(bpy.types.SpaceView3D.draw_handler_add(_draw_marks, (), "WINDOW", "POST_PIXEL"))
     if hasattr(bpy.utils, "register_cli_command"):
         _commands.append(bpy.utils.register_cli_command(COMMAND, _command))
 
@@ -54,6 +73,11 @@ def register() -> None:
 def unregister() -> None:
     while _commands:
         bpy.utils.unregister_cli_command(_commands.pop())
+    for menu, entry in MENUS:
+        getattr(bpy.types, menu).remove(entry)
+    key_list.unregister()
+    while _drawings:
+        bpy.types.SpaceView3D.draw_handler_remove(_drawings.pop(), "WINDOW")
     del bpy.types.Scene.kfmocap_capture
     del bpy.types.Scene.kfmocap
     _unregister_classes()
@@ -61,6 +85,12 @@ def unregister() -> None:
 
 def is_registered() -> bool:
     return hasattr(bpy.types.Scene, "kfmocap")
+
+
+def _draw_marks() -> None:
+    from . import marks_overlay
+
+    marks_overlay.draw_marks()
 
 
 def _command(argv: list[str]) -> int:

@@ -13,7 +13,7 @@ from ..core.excerpts import Excerpt, digest, joined
 from ..core.motion import Motion
 from ..core.shot import Shot
 from ..core.tracking import Stretch, TrackResult, segments
-from . import curves, occlusion
+from . import confidence, curves, review
 from . import scene as scenes
 
 
@@ -47,9 +47,8 @@ def write(scene: bpy.types.Scene, shot: Shot, parts: Sequence[Excerpt], results:
     """
     _check_unchanged(scene, shot, parts)
     for part, result in zip(parts, results, strict=True):
-        excerpt = shot.between(part.first, part.last)
         scenes.write_motions(scene, result.motions, first=part.first)
-        occlusion.write_occlusion(scene, excerpt, result.visible, first=part.first)
+        review.write_review(scene, shot.between(part.first, part.last), result, part.first)
     _remember(scene, shot, [s for s in segments(shot) if any(p.first <= s[0] and s[1] <= p.last for p in parts)])
     scene.frame_set(scene.frame_current, subframe=scene.frame_subframe)  # the tracked pose is shown
 
@@ -57,8 +56,12 @@ def write(scene: bpy.types.Scene, shot: Shot, parts: Sequence[Excerpt], results:
 def clear(scene: bpy.types.Scene, shot: Shot, chosen: Sequence[Stretch]) -> int:
     """Remove the tracked keys of some stretches of a scene's shot; tells on how many frames there were any."""
     frames = [scene.kfmocap.frame_start + f for f in sorted({f for a, b in chosen for f in range(a, b + 1)})]
-    cleared = [curves.clear_motion(slot.armature, frames) for slot in scene.kfmocap.performers]
-    return len(set().union(*cleared))
+    cleared: set[int] = set()
+    for slot in scene.kfmocap.performers:
+        if gone := curves.clear_motion(slot.armature, frames):
+            confidence.forget(scene, slot, sorted(gone))
+            cleared |= gone
+    return len(cleared)
 
 
 def _check_unchanged(scene: bpy.types.Scene, shot: Shot, parts: Sequence[Excerpt]) -> None:

@@ -77,6 +77,11 @@ def sights(given: Shot) -> tuple[np.ndarray, ...]:
     return tuple(np.ones((len(given.views), given.length, len(p.body))) for p in given.performers)
 
 
+def deviations(given: Shot, error: float = 0.01) -> tuple[np.ndarray, ...]:
+    """How far off a tracker reports the parts of a shot to be, metres."""
+    return tuple(np.full((given.length, len(p.body)), error) for p in given.performers)
+
+
 @pytest.fixture
 def tracker(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     """Stands in for the tracker: gives the true motion of every performer, or the error that a test sets instead."""
@@ -90,7 +95,9 @@ def tracker(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
             raise stand_in.error
         here = slice(given.frames[0] - FIRST, given.frames[1] + 1 - FIRST)
         motions = tuple(motion(FRAMES, seed)[here] for seed in range(len(given.performers)))
-        return SimpleNamespace(motions=motions, visible=sights(given), seconds={"solve": 1.0})
+        return SimpleNamespace(
+            motions=motions, visible=sights(given), deviation=deviations(given), seconds={"solve": 1.0}
+        )
 
     monkeypatch.setattr(excerpts, "track", track)
     return stand_in

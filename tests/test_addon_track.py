@@ -41,7 +41,7 @@ def generated(built):
     """Shot frames with tracked keys on every channel."""
     frames = []
     for curve in actions.find_channelbag(armature_of(built)).fcurves:
-        if "kfmocap_views" not in curve.data_path:
+        if "kfmocap" not in curve.data_path:
             keys = actions.get_keys(curve)
             frames.append({int(f) - FRAME for f in keys["co"][keys["type"] == GENERATED, 0]})
     assert all(f == frames[0] for f in frames)
@@ -93,7 +93,7 @@ def test_other_stretches_stay_to_the_last_bit(built, tracker):  # noqa: F811
 
 def body_curves(built):
     bag = actions.find_channelbag(armature_of(built))
-    return {(c.data_path, c.array_index): c for c in bag.fcurves if "kfmocap_views" not in c.data_path}
+    return {(c.data_path, c.array_index): c for c in bag.fcurves if "kfmocap" not in c.data_path}
 
 
 def test_what_is_beside_is_held_where_it_is_tracked(built, tracker):  # noqa: F811
@@ -313,7 +313,7 @@ def test_what_is_tracked_beside_blender_is_what_is_tracked_in_it(tmp_path):
 def test_nothing_but_looking_reaches_blender_while_a_job_runs(monkeypatch, tmp_path):
     tool, context = started(partial(pieces_of_work.silent, tmp_path / "pid"), monkeypatch)
     view = SimpleNamespace(type="WINDOW", x=0, y=0, width=100, height=100)
-    sidebar = SimpleNamespace(type="UI", x=80, y=0, width=20, height=100)
+    sidebar = SimpleNamespace(type="UI", x=80, y=0, width=20, height=100, tag_redraw=lambda: None)
     space = SimpleNamespace(active=SimpleNamespace(lock_camera=False))
     area = SimpleNamespace(
         type="VIEW_3D", x=0, y=0, width=100, height=100, regions=[view, sidebar], spaces=space, tag_redraw=None

@@ -100,3 +100,16 @@ def test_storage_is_that_of_lapack() -> None:
     assert stored.shape == (9, 12)
     for k in range(9):
         np.testing.assert_allclose(stored[k, : 12 - k], np.diag(with_ridge(A), -k), rtol=1e-12)
+
+
+@given(st.integers(1, 7), st.integers(1, 5), st.integers(0, 99), st.floats(0, 0.9))
+def test_all_covariances_equal_the_blocks_of_the_dense_inverse(F: int, D: int, seed: int, share: float) -> None:
+    blocks, A = system(F, D, seed)
+    fixed = np.random.default_rng(seed).random((F, D)) < share
+    free = ~fixed.ravel()
+    dense = np.zeros((F * D, F * D))
+    dense[np.ix_(free, free)] = np.linalg.inv(with_ridge(A)[np.ix_(free, free)])
+    expected = dense.reshape(F, D, F, D)[np.arange(F), :, np.arange(F)]
+    factor = BandedFactor(blocks, fixed)
+    np.testing.assert_allclose(factor.covariances(), expected, rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(factor.column(F // 2), dense.reshape(F, D, F, D)[:, :, F // 2], rtol=1e-8, atol=1e-12)

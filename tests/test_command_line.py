@@ -60,6 +60,7 @@ class Result:
         self.segments = ()
         self.visible = tuple(np.ones(count) for count in counts)
         self.residual = tuple(np.linspace(0, 0.1, shot.length) for _ in shot.performers)
+        self.deviation = tuple(np.zeros(count[1:]) for count in counts)
         self.pictures = None
         self.observed = Observed()
 

@@ -135,14 +135,14 @@ def fit_motion(
     return KeypointFit(body, motion, places, sided, changed, deviation, fitting, energy)
 
 
-def posture(body: Body, motion: Motion) -> BandedBlocks:
-    """Joints within their limits, and near rest where nothing else is known; the root is free."""
+def posture(body: Body, motion: Motion, usual: float = POSTURE_DEVIATION) -> BandedBlocks:
+    """Joints within their limits, and near rest, as far as is usual, where nothing else is known; the root is free."""
     F, D = len(motion), body.dof
     blocks = BandedBlocks.zeros(F, D)
     turns = rotations.log(motion.rotations[:, 1:])
     beyond = turns - np.clip(turns, body.limits[1:, :, 0], body.limits[1:, :, 1])
     J = rotations.right_jacobian_inverse(turns)  # of the rotation vector by the joint's increment
-    stop, ease = (beyond != 0) / LIMIT_DEVIATION**2, 1 / (F * POSTURE_DEVIATION**2)
+    stop, ease = (beyond != 0) / LIMIT_DEVIATION**2, 1 / (F * usual**2)
     H = np.einsum("fpra,fpr,fprb->fpab", J, stop + ease, J)
     g = np.einsum("fpra,fpr->fpa", J, stop * beyond + ease * turns)
     blocks.gradient[:, 6:] = g.reshape(F, -1)

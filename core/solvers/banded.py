@@ -36,10 +36,43 @@ class BandedFactor:
 
     def covariance(self, frame: int) -> Array:
         """Block of the inverse at one frame, shape (D, D): the uncertainty of that pose."""
+        return self.column(frame)[frame]
+
+    def column(self, frame: int) -> Array:
+        """Blocks of the inverse between every frame and one, shape (F, D, D): how poses go with that one."""
         F, D = self.free.shape
         unit = np.zeros((F, D, D))
         unit[frame] = np.eye(D)
-        return self.solve(unit)[frame]
+        return self.solve(unit)
+
+    def covariances(self) -> Array:
+        """Blocks of the inverse at all frames, shape (F, D, D), in time linear in F; zero where unknowns are fixed.
+
+        By Takahashi's recurrence, from the last frame to the first: of the inverse only the blocks within the band are
+        formed (K. Takahashi, J. Fagan, M. Chen, Formation of a sparse bus impedance matrix, 1973).
+        """
+        F, D = self.free.shape
+        diagonal, below = self._factor_blocks()
+        inverse = np.linalg.inv(diagonal)
+        found = np.zeros((F + 2, D, D))
+        ahead = np.zeros((2 * D, 2 * D))  # the inverse on the next two frames
+        for j in range(F - 1, -1, -1):
+            G = below[j] @ inverse[j]
+            beside = -ahead @ G
+            block = inverse[j].T @ inverse[j] - G.T @ beside
+            found[j] = (block + block.T) / 2  # what is not symmetric in the rounding would grow from frame to frame
+            ahead = np.block([[found[j], beside[:D].T], [beside[:D], ahead[:D, :D]]])
+        return found[:F] * self.free[:, :, None] * self.free[:, None, :]
+
+    def _factor_blocks(self) -> tuple[Array, Array]:
+        """The factor's blocks of each frame: the diagonal (F, D, D), and those of the next two frames, (F, 2 D, D)."""
+        F, D = self.free.shape
+        stored = self._factor.reshape(3 * D, F, D)
+        rows, columns = np.indices((3 * D, D))
+        within = rows >= columns
+        blocks = np.zeros((F, 3 * D, D))
+        blocks[:, rows[within], columns[within]] = stored[(rows - columns)[within], :, columns[within]].T
+        return blocks[:, :D], blocks[:, D:]
 
 
 def banded(blocks: BandedBlocks, fixed: NDArray[np.bool_], damping: float = 0.0) -> Array:

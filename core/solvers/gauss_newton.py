@@ -245,6 +245,7 @@ def descend(
         evidence.explained.sum(axis=0),
         frame_residual(evidence),
         seconds,
+        evidence,
     )
 
 

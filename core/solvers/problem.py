@@ -178,6 +178,8 @@ class Solution:
         Root mean square grey-level difference of the pairs of frames at each frame, 0 to 1.
     seconds : dict
         Time spent, by what.
+    evidence : Evidence, optional
+        That of the last iteration.
     """
 
     motions: tuple[Motion, ...]
@@ -188,6 +190,7 @@ class Solution:
     explained: Array
     residual: Array
     seconds: dict[str, float]
+    evidence: Evidence | None = None
 
 
 def frame_residual(evidence: Evidence) -> Array:

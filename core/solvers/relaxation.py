@@ -117,6 +117,7 @@ def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step
         evidence.explained.sum(axis=0),
         frame_residual(evidence),
         seconds,
+        evidence,
     )
 
 

@@ -1,8 +1,9 @@
-"""Set Key Pose: the pose that is shown becomes one that the tracker must meet."""
+"""Set Key Pose: the pose that is shown becomes one that the tracker must meet; and back."""
 
 import bpy
 
-from .reporting import explained, reported
+from .. import performers
+from .reporting import reported
 
 
 class SetKeyPose(bpy.types.Operator):
@@ -15,31 +16,82 @@ class SetKeyPose(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if not explained(cls, context):
-            return False
-        if _performers(context):
-            return True
-        cls.poll_message_set("Select a performer's armature")
-        return False
+        return performers.explained(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from .. import curves
 
         with reported(self) as outcome:
-            selected = (context.mode == "POSE" and context.selected_pose_bones) or []
-            for armature in _performers(context):
-                chosen = {bone.name for bone in selected if bone.id_data == armature}
-                if chosen or not selected:
-                    curves.key_current_pose(armature, context.scene.frame_current, chosen or None)
+            frame = context.scene.frame_current
+            for armature in performers.posed(context):
+                bones = performers.chosen_bones(context, armature)
+                curves.key_current_pose(armature, frame, bones or None)
+                self.report({"INFO"}, f"Key pose of {_told(bones)} on frame {frame}")
         return outcome.value
 
 
-def _performers(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """The performers' armatures that are selected or in pose mode; the only one even where it is not."""
-    armatures = [slot.armature for slot in context.scene.kfmocap.performers if slot.armature is not None]
-    if len(armatures) == 1:
-        return armatures
-    return [a for a in armatures if a.select_get() or a.mode == "POSE"]
+class RemoveKeyPose(bpy.types.Operator):
+    """Take your keys on this frame away, of the bones selected in pose mode, else of the whole body: the tracker may
+    move them there again"""
+
+    bl_idname = "kfmocap.remove_key_pose"
+    bl_label = "Remove Key Pose"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return performers.explained(cls, context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from .. import curves
+
+        with reported(self) as outcome:
+            frame, removed = context.scene.frame_current, 0
+            for armature in performers.posed(context):
+                bones = performers.chosen_bones(context, armature)
+                removed += curves.remove_key_pose(armature, frame, bones or None)
+            if not removed:
+                self.report({"WARNING"}, f"There is no key pose on frame {frame}")
+                return {"CANCELLED"}
+        return outcome.value
 
 
-CLASSES = (SetKeyPose,)
+class AcceptProposals(bpy.types.Operator):
+    """Make a proposed key pose your own, so that tracking meets it exactly"""
+
+    bl_idname = "kfmocap.accept_proposals"
+    bl_label = "Accept Proposal"
+    bl_options = {"REGISTER", "UNDO"}
+
+    every: bpy.props.BoolProperty(name="All", description="All proposals, not only that on this frame")
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return performers.explained(cls, context)
+
+    @classmethod
+    def description(cls, _context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
+        if properties.every:
+            return "Make all proposed key poses your own, so that tracking meets them exactly"
+        return cls.__doc__
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from .. import curves
+
+        with reported(self) as outcome:
+            armature, frame = performers.chosen(context).armature, context.scene.frame_current
+            proposed = curves.keyed_bones(armature)[1]
+            chosen = [f for f in proposed if self.every or f == frame]
+            if not chosen:
+                self.report({"WARNING"}, "There is no proposal" + ("" if self.every else f" on frame {frame}"))
+                return {"CANCELLED"}
+            curves.accept_proposals(armature, chosen)
+            self.report({"INFO"}, f"{len(chosen)} proposals are key poses now")
+        return outcome.value
+
+
+def _told(bones: set[str]) -> str:
+    return "the whole body" if not bones else ", ".join(sorted(bones))
+
+
+CLASSES = (SetKeyPose, RemoveKeyPose, AcceptProposals)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from .. import scene as scenes
 from ..jobs import Work
 from .job import JobOperator
 from .reporting import explained, reported
@@ -40,6 +39,7 @@ class Tracking(JobOperator):
     def prepared(self, context: bpy.types.Context) -> Work:
         from ...core.errors import ShotError
         from ...core.excerpts import track_excerpts
+        from .. import scene as scenes
         from .. import stretches
 
         shot = scenes.shot_from_scene(context.scene)
@@ -174,6 +174,7 @@ class ClearBetween(bpy.types.Operator):
         from ...core.errors import ShotError
         from ...core.excerpts import stretches_at
         from ...core.tracking import segments
+        from .. import scene as scenes
         from .. import stretches
 
         with reported(self) as outcome:

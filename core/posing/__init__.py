@@ -1,0 +1,1 @@
+"""Posing by hand: the pose that meets clicked joints, and poses made of other poses."""

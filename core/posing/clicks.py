@@ -1,0 +1,296 @@
+"""The pose that meets clicked joints with the least movement from one that is given.
+
+A click is a 2D keypoint of one view. Clicks of several views meet where their rays do; what a single view does not tell
+stays as it was: every degree of freedom is held to the given pose, the more the more it moves, and landmarks
+that one view alone shows are held at their depth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
+
+from .. import rotations
+from ..blas import one_blas_thread
+from ..body import Body, part_poses, point_jacobian
+from ..cameras import Camera
+from ..constraints import BandedBlocks, block_diagonal
+from ..errors import KeypointError
+from ..evidence.gradients import Poses
+from ..evidence.keypoints import Keypoints, Places, carried, keypoint_system
+from ..inverse_kinematics import fit_poses
+from ..keypoints.fit import posture
+from ..keypoints.triangulation import triangulate
+from ..motion import Motion
+from ..solvers.banded import BandedFactor
+from ..solvers.gauss_newton import limited
+
+Array = NDArray[np.float64]
+
+CLICK_DEVIATION = 0.008
+"""Usual error of a click, metres across the ray: a pixel or two of a person who fills the picture."""
+MOVEMENT_DEVIATION = 0.05
+"""Usual movement of the whole body from the given pose, metres. A joint's turn counts by the radius about which the
+whole body would have to turn to move as much."""
+LEAST_RADIUS = 0.03
+"""Of that radius, metres: even hands and feet turn no more than is needed."""
+DEPTH_DEVIATION = 0.1
+"""Usual movement along its ray of a landmark that one view alone shows, metres."""
+STEPS, FEW = 40, 10
+"""Of a fit, and of one that is only compared with others."""
+LEAST_GAIN = 1e-4
+"""The fit ends when a step lessens the energy by less than this share."""
+POOR = 10.0
+"""A fit with more energy than this for every click, in variances, is reason to look for another."""
+ENOUGH = 4
+"""Clicks that tell which way the body is turned."""
+
+
+@dataclass(frozen=True)
+class Click:
+    """Where a view shows a landmark: a pixel of the undistorted picture, integers at pixel centres."""
+
+    camera: Camera
+    landmark: str
+    pixel: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class ClickFit:
+    """A pose fitted to clicks.
+
+    Attributes
+    ----------
+    pose : Motion
+        One pose.
+    given : Motion
+        The pose that it moved least from: the solver's, or where that was far off, that one moved as a whole.
+    misfit : float
+        Root mean square distance of the clicked landmarks from their rays, metres; 0 without clicks.
+    energy : float
+        Of clicks, joint limits and movement.
+    """
+
+    pose: Motion
+    given: Motion
+    misfit: float = 0.0
+    energy: float = 0.0
+
+
+def clicked(clicks: Sequence[Click], frame: int) -> Keypoints:
+    """Clicks as keypoints of one frame.
+
+    Parameters
+    ----------
+    clicks : sequence of Click
+        At most one of each landmark in each view; the views are told apart by the names of their cameras.
+    frame : int
+        Shot frame, for cameras that move.
+    """
+    cameras = {click.camera.name: click.camera for click in clicks}
+    views, names = list(cameras), list(dict.fromkeys(click.landmark for click in clicks))
+    rays = np.full((len(views), 1, len(names), 2), np.nan)
+    for click in clicks:
+        rays[views.index(click.camera.name), 0, names.index(click.landmark)] = ray(click.camera.matrix, click.pixel)
+    poses = [camera.pose(frame) for camera in cameras.values()]
+    R = np.array([R for R, _ in poses]).reshape(-1, 1, 3, 3)
+    t = np.array([t for _, t in poses]).reshape(-1, 1, 3)
+    return Keypoints(tuple(names), rays, np.isfinite(rays).all(axis=-1).astype(float), R, t)
+
+
+def ray(matrix: Array, pixel: Sequence[float]) -> Array:
+    """Place (x / z, y / z) at a distance of one of a pixel of the undistorted picture, shape (2,); of an intrinsic
+    matrix (3, 3)."""
+    x, y, w = np.linalg.solve(matrix, [*pixel, 1.0])
+    return np.array([x, y]) / w
+
+
+def pixel(matrix: Array, place: Sequence[float]) -> Array:
+    """Pixel of the undistorted picture of a place at a distance of one, shape (2,); inverse of `ray`."""
+    return (matrix @ [*place, 1.0])[:2]
+
+
+class ClickSolver:
+    """Poses of one body on clicks.
+
+    Parameters
+    ----------
+    body : Body
+    given : Motion
+        The pose to move least from.
+    held : ndarray of bool, shape (D,), optional
+        Degrees of freedom that stay as given.
+    """
+
+    def __init__(self, body: Body, given: Motion, held: NDArray[np.bool_] | None = None) -> None:
+        self.body, self.given = body, given
+        locked = np.zeros(body.dof, bool) if held is None else held.copy()
+        locked[3:] |= (body.limits[..., 0] == body.limits[..., 1]).ravel()
+        self._held = locked[None]
+        self._precision = movement_precision(body)
+
+    def fit(
+        self, clicks: Keypoints, start: ClickFit | None = None, steps: int = STEPS, search: bool = True
+    ) -> ClickFit:
+        """Pose the body.
+
+        Parameters
+        ----------
+        clicks : Keypoints
+            On one frame.
+        start : ClickFit, optional
+            An earlier fit to begin from; by default the given pose.
+        steps : int
+            At most so many; few follow a click that is being dragged.
+        search : bool
+            Where the fit is poor, also begin elsewhere: turned about, and from triangulated landmarks.
+
+        Raises
+        ------
+        KeypointError
+            The body has no place for a landmark.
+        """
+        for name in clicks.names:
+            if not carried(self.body, name):
+                raise KeypointError(f"the body has no landmark '{name}'", todo="take its mark away")
+        if not clicks.confidence.any():
+            return ClickFit(self.given, self.given)
+        with one_blas_thread():
+            return self._fitted(clicks, ClickFit(self.given, self.given) if start is None else start, steps, search)
+
+    def _fitted(self, clicks: Keypoints, begin: ClickFit, steps: int, search: bool) -> ClickFit:
+        problem = _Problem(self.body, clicks, self._held, begin.given, self._precision, 1 / DEPTH_DEVIATION**2)
+        best = problem.descended(begin.pose, steps)
+        count = clicks.confidence.sum()
+        if search and count >= ENOUGH and best.energy > POOR * count and not self._held[0, :6].any():
+            others = [replace(problem, given=g).descended(g, FEW) for g in self._elsewhere(problem)]
+            other = min(others, key=lambda fit: fit.energy)
+            if other.energy < best.energy:
+                best = replace(problem, given=other.given).descended(other.pose, steps)
+        return best
+
+    def _elsewhere(self, problem: _Problem) -> list[Motion]:
+        """The given pose, turned about the vertical and moved as a whole to where it meets the clicks best; and one on
+        what two views or more show."""
+        stiff = np.ones_like(self._held)
+        stiff[:, :6] = False
+        rigid = replace(problem, held=stiff, precision=0 * self._precision, depth=0.0)
+        upright = self.body.R_parent_rest[0]
+        found = []
+        for angle in np.pi * np.array([0.0, 0.5, 1.0, -0.5]):
+            Q = self.given.rotations.copy()
+            Q[:, 0] = upright.T @ rotations.exp(np.array([0.0, 0.0, angle])) @ upright @ Q[:, 0]
+            found.append(rigid.descended(rigid.nearest(Motion(self.given.translations, Q)), FEW).pose)
+        points, _ = triangulate(problem.clicks)
+        known = [i for i, name in enumerate(problem.clicks.names) if name in self.body.landmarks]
+        if np.isfinite(points[0, known]).all(axis=-1).sum() >= ENOUGH:
+            found.append(fit_poses(self.body, [problem.clicks.names[i] for i in known], points[:, known]))
+        # Joints that are held stay as given whatever the search proposes.
+        return [self.given.moved(np.where(self._held, 0.0, self.given.difference(pose))) for pose in found]
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """Least squares of clicks, joint limits and movement over the degrees of freedom that are not held."""
+
+    body: Body
+    clicks: Keypoints
+    held: NDArray[np.bool_]  # (1, D)
+    given: Motion
+    precision: Array  # (D,)
+    depth: float
+
+    def descended(self, pose: Motion, steps: int) -> ClickFit:
+        """Levenberg-Marquardt from a pose."""
+        system, damping = self._system(pose), 1e-3
+        for _ in range(steps):
+            step = BandedFactor(system, self.held, damping).solve(system.gradient)
+            moved = pose.moved(-limited(step))
+            after = self._system(moved)
+            if not after.energy < system.energy:
+                damping = 10 * damping
+                if damping > 1e6:
+                    break
+                continue
+            gain = 1 - after.energy / system.energy if np.isfinite(system.energy) else 1.0
+            pose, system, damping = moved, after, max(damping / 10, 1e-9)
+            if gain < LEAST_GAIN:
+                break
+        misses = np.linalg.norm(self._residuals(part_poses(self.body, pose)), axis=-1)[self._seen]
+        return ClickFit(pose, self.given, float(np.sqrt(np.mean(misses**2))), system.energy)
+
+    def nearest(self, pose: Motion) -> Motion:
+        """The pose moved, not turned, to where its clicked landmarks are nearest to their rays."""
+        across, seen = self.clicks.across(), self._seen.astype(float)
+        x = np.einsum("vfab,flb->vfla", self.clicks.R_cam_world, self._places.world(part_poses(self.body, pose)))
+        x += self.clicks.t_cam_world[:, :, None]
+        residual = x[..., :2] - np.nan_to_num(self.clicks.rays) * x[..., 2:]
+        H = np.einsum("vflka,vfl,vflkb->ab", across, seen, across)
+        g = np.einsum("vflka,vfl,vflk->a", across, seen, residual)
+        return replace(pose, translations=pose.translations - np.linalg.lstsq(H, g, rcond=1e-6)[0])
+
+    @property
+    def _places(self) -> Places:
+        return Places.on(self.body, self.clicks.names)
+
+    @property
+    def _seen(self) -> NDArray[np.bool_]:
+        return self.clicks.confidence > 0
+
+    def _residuals(self, poses: Poses) -> Array:
+        """Metres across the rays, infinite for what is behind its camera."""
+        return np.nan_to_num(self.clicks.residuals(self._places.world(poses)), nan=np.inf)
+
+    def _system(self, pose: Motion) -> BandedBlocks:
+        poses = part_poses(self.body, pose)
+        weights = self.clicks.confidence / CLICK_DEVIATION**2
+        blocks = keypoint_system(self.body, poses, self.clicks, self._places, weights).blocks
+        blocks = blocks + posture(self.body, pose, np.inf) + movement(self.given, pose, self.precision)
+        blocks = blocks + self._depths(poses)
+        in_front = np.isfinite(self._residuals(poses)[self._seen]).all()
+        return blocks if in_front else replace(blocks, energy=np.inf)
+
+    def _depths(self, poses: Poses) -> BandedBlocks:
+        """Landmarks that one view alone shows stay as far from it as they are in the given pose."""
+        given, now = self._places.world(part_poses(self.body, self.given)), self._places.world(poses)
+        weight = self.depth * (self._seen & (self._seen.sum(axis=0) == 1))
+        axis = self.clicks.R_cam_world[:, :, 2]
+        error = np.einsum("vfa,fla->vfl", axis, now - given)
+        J = np.einsum("vfa,flad->vfld", axis, point_jacobian(self.body, *poses, self._places.parts, now))
+        H, g = np.einsum("vfld,vfl,vfle->fde", J, weight, J), np.einsum("vfld,vfl,vfl->fd", J, weight, error)
+        return _diagonal(H, g, float(np.sum(weight * error**2)))
+
+
+def movement_precision(body: Body) -> Array:
+    """Inverse variance of the movement of every degree of freedom, shape (D,): by the inertia of what it moves.
+
+    The body's mass is its volume, spread over the vertices of each part's polyhedron; inertia is that about the joint
+    in the rest pose, at least `LEAST_RADIUS` squared.
+    """
+    volume = np.array([ConvexHull(part.vertices).volume for part in body.parts])
+    volume /= volume.sum()
+    inertia = np.zeros(len(body))
+    for k, joint in enumerate(body.parts):
+        for below in np.flatnonzero(body.ancestry[:, k]):
+            part = body.parts[below]
+            reach = part.vertices @ part.R_world_rest.T + part.head_world - joint.head_world
+            inertia[k] += volume[below] * np.mean(np.sum(reach**2, axis=1))
+    turns = np.maximum(inertia, LEAST_RADIUS**2)
+    return np.concatenate([np.ones(3), np.repeat(turns, 3)]) / MOVEMENT_DEVIATION**2
+
+
+def movement(given: Motion, pose: Motion, precision: Array) -> BandedBlocks:
+    """Normal equations of the weighted squared movement from a given pose."""
+    moved = given.difference(pose)
+    J = block_diagonal(rotations.right_jacobian_inverse(moved[:, 3:].reshape(len(pose), -1, 3)))
+    H, g = np.swapaxes(J, 1, 2) @ (precision[:, None] * J), np.einsum("frd,r,fr->fd", J, precision, moved)
+    return _diagonal(H, g, float(np.sum(precision * moved**2)))
+
+
+def _diagonal(H: Array, g: Array, energy: float) -> BandedBlocks:
+    """A system of frames that know nothing of each other."""
+    return replace(BandedBlocks.zeros(*g.shape), diagonal=H, gradient=g, energy=energy)

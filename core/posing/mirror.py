@@ -1,0 +1,35 @@
+"""Mirrored poses, as Blender's Paste Pose Flipped makes them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body import Body
+from ..motion import Motion
+
+_ACROSS = np.diag([1.0, -1.0, -1.0])  # turns about a bone's y and z axes change sign
+_SIDEWAYS = np.diag([-1.0, 1.0, 1.0])
+
+
+def mirrored_poses(body: Body, motion: Motion, partners: Sequence[int], root: bool = True) -> Motion:
+    """Poses with left and right exchanged.
+
+    Parameters
+    ----------
+    body : Body
+    motion : Motion
+    partners : sequence of int, length P
+        The part of the other side, of parts in the middle their own.
+    root : bool
+        Mirror the root's turn, and its place across the middle of the rest pose, as well; else it stays.
+    """
+    Q: NDArray[np.float64] = _ACROSS @ motion.rotations[:, list(partners)] @ _ACROSS
+    if not root:
+        Q[:, 0] = motion.rotations[:, 0]
+        return Motion(motion.translations, Q)
+    R0 = body.R_parent_rest[0]
+    shift = motion.translations - body.offsets[0]
+    return Motion(body.offsets[0] + shift @ (R0 @ _SIDEWAYS @ R0.T), Q)

@@ -1,0 +1,75 @@
+"""Uncertainty: how far every joint may be from where the tracker has it.
+
+The covariance of the poses is the inverse of the solver's normal matrix. Two things that the solver's model of the
+errors leaves out are put in here: that outlines err alike on all frames, as the model's shape is wrong in one way, and
+that a solution may be the wrong one, which shows as foreground left uncovered.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body import Body, part_poses
+from ..body.kinematics import point_jacobian
+from ..evidence.collect import scene_poses
+from ..motion import Motion
+from ..shot import Settings
+from ..solvers.banded import BandedFactor
+from ..solvers.gauss_newton import normal_equations
+from ..solvers.problem import Problem, Solution
+from .misfit import uncovered_gaps
+
+Array = NDArray[np.float64]
+
+ALIKE = 100.0
+"""Lines across the outlines, over the frames, that err alike: they count as one."""
+MISPLACED = 2.0
+"""Error of a joint per gap between the outlines: what is misplaced are a few limbs, the gap is the whole outline's."""
+
+
+def joint_deviations(problem: Problem, solution: Solution, settings: Settings) -> list[Array]:
+    """Expected distance of every part's tip from its true place, metres: per performer, shape (F, P).
+
+    Where the poses are held it is zero.
+
+    Parameters
+    ----------
+    problem : Problem
+        As it was solved.
+    solution : Solution
+    settings : Settings
+    """
+    motions = solution.motions
+    poses = scene_poses(problem.bodies, motions)
+    covariances = pose_covariances(problem, solution, poses, settings)
+    at = {problem.views[i.views[0]].delay: i.poses for i in problem.instants(motions, poses)}
+    gaps = uncovered_gaps(problem.views, problem.geometry(), at, problem.first, problem.spans(), problem.whole_keys())
+    deviations = []
+    for i, (body, motion) in enumerate(zip(problem.bodies, motions, strict=True)):
+        misplaced = MISPLACED * gaps[i] * ~problem.fixed[i].all(axis=1)
+        deviations.append(np.hypot(tip_deviations(body, motion, covariances[i]), misplaced[:, None]))
+    return deviations
+
+
+def pose_covariances(
+    problem: Problem, solution: Solution, poses: tuple[Array, Array], settings: Settings
+) -> list[Array]:
+    """Covariances of every performer's poses, (F, D, D), in the order of the degrees of freedom; see the module."""
+    assert solution.evidence is not None
+    softened = replace(settings, outline_correlation=ALIKE * settings.outline_correlation)
+    hidden = problem.hidden(solution.share) if settings.prediction else []
+    systems = normal_equations(problem, solution.motions, poses, solution.evidence, softened, 1.0, hidden)
+    return [BandedFactor(s, fixed).covariances() for s, fixed in zip(systems, problem.fixed, strict=True)]
+
+
+def tip_deviations(body: Body, motion: Motion, covariances: Array) -> Array:
+    """Standard deviation of the place of every part's tip, (F, P), metres, of covariances of the poses (F, D, D)."""
+    R, T = part_poses(body, motion)
+    tips = np.array([[0.0, np.linalg.norm(part.tail_world - part.head_world), 0.0] for part in body.parts])
+    points = np.einsum("fpab,pb->fpa", R, tips) + T
+    J = point_jacobian(body, R, T, np.arange(len(body)), points)
+    J_C = (J.reshape(len(J), -1, body.dof) @ covariances).reshape(J.shape)
+    return np.sqrt(np.maximum((J * J_C).sum(axis=(2, 3)), 0))

@@ -1,0 +1,46 @@
+"""The joints that the animator clicked: by performer, view and frame, kept in the scene."""
+
+from __future__ import annotations
+
+import bpy
+
+Snapshot = dict[tuple[str, str], tuple[float, float]]
+"""The marks of a frame: pixels by view and landmark."""
+Everything = list[tuple[str, str, int, tuple[float, float]]]
+
+
+def on_frame(slot: bpy.types.PropertyGroup, frame: int) -> Snapshot:
+    """A performer's marks on a scene frame."""
+    return {(mark.view, mark.name): tuple(mark.pixel) for mark in slot.marks if mark.frame == frame}
+
+
+def put(slot: bpy.types.PropertyGroup, frame: int, marks: Snapshot) -> None:
+    """Give a frame these marks and no others."""
+    missing = dict(marks)
+    for index in reversed(range(len(slot.marks))):
+        mark = slot.marks[index]
+        if mark.frame == frame:
+            pixel = missing.pop((mark.view, mark.name), None)
+            if pixel is None:
+                slot.marks.remove(index)
+            else:
+                mark.pixel = pixel
+    for (view, landmark), pixel in missing.items():
+        _add(slot, landmark, view, frame, pixel)
+
+
+def everything(slot: bpy.types.PropertyGroup) -> Everything:
+    """All marks of a performer."""
+    return [(mark.name, mark.view, mark.frame, tuple(mark.pixel)) for mark in slot.marks]
+
+
+def restore(slot: bpy.types.PropertyGroup, marks: Everything) -> None:
+    """Make the marks what `everything` told, in their order."""
+    slot.marks.clear()
+    for mark in marks:
+        _add(slot, *mark)
+
+
+def _add(slot: bpy.types.PropertyGroup, landmark: str, view: str, frame: int, pixel: tuple[float, float]) -> None:
+    mark = slot.marks.add()
+    mark.name, mark.view, mark.frame, mark.pixel = landmark, view, frame, pixel

@@ -1,0 +1,87 @@
+"""Copy, paste and mirror poses, on any frames, in any mode."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import bpy
+
+from .. import performers
+from .posing import PosingOperator
+from .reporting import reported
+
+if TYPE_CHECKING:
+    from ...core.motion import Motion
+
+_ROOT = bpy.props.BoolProperty(
+    name="Place and Heading",
+    description="Mirror where the body is and where it faces as well, across the middle of its rest pose, as "
+    "Blender's Paste Pose Flipped does; else these stay",
+)
+
+
+class CopyPose(bpy.types.Operator):
+    """Copy the pose on this frame, tracked or your own, to paste it on another"""
+
+    bl_idname = "kfmocap.copy_pose"
+    bl_label = "Copy Pose"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return performers.explained(cls, context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from .. import poses
+
+        with reported(self) as outcome:
+            context.scene.kfmocap.copied = poses.copied(performers.chosen(context).armature)
+            self.report({"INFO"}, f"Copied the pose of frame {context.scene.frame_current}")
+        return outcome.value
+
+
+class PastePose(PosingOperator, bpy.types.Operator):
+    """Make the copied pose a key pose on this frame: of the bones selected in pose mode, else of the whole body"""
+
+    bl_idname = "kfmocap.paste_pose"
+    bl_label = "Paste Pose"
+
+    flipped: bpy.props.BoolProperty(name="Mirrored", description="Exchange left and right")
+    root: _ROOT
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not performers.explained(cls, context):
+            return False
+        if context.scene.kfmocap.copied:
+            return True
+        cls.poll_message_set("Copy a pose first")
+        return False
+
+    @classmethod
+    def description(cls, _context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
+        return cls.__doc__ + (". Left and right are exchanged" if properties.flipped else "")
+
+    def pose(self, context: bpy.types.Context, armature: bpy.types.Object) -> Motion:
+        from .. import poses
+
+        pasted = poses.pasted(armature, context.scene.kfmocap.copied)
+        return poses.mirrored(armature, pasted, self.root) if self.flipped else pasted
+
+
+class MirrorPose(PosingOperator, bpy.types.Operator):
+    """Exchange left and right of the pose on this frame, and key it: bones selected in pose mode, else the whole body.
+    Bones are paired by their names, such as forearm.L and forearm.R"""
+
+    bl_idname = "kfmocap.mirror_pose"
+    bl_label = "Mirror Pose"
+
+    root: _ROOT
+
+    def pose(self, _context: bpy.types.Context, armature: bpy.types.Object) -> Motion:
+        from .. import curves, poses
+
+        return poses.mirrored(armature, curves.shown_pose(armature), self.root)
+
+
+CLASSES = (CopyPose, PastePose, MirrorPose)

@@ -1,0 +1,98 @@
+"""Small changes of a pose: towards the key poses beside it, and nearer to the camera or farther."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import bpy
+
+from .posing import PosingOperator
+
+if TYPE_CHECKING:
+    from ...core.motion import Motion
+
+
+class BreakdownPose(PosingOperator, bpy.types.Operator):
+    """Make a key pose between the key pose before and the one after this frame: the bones selected in pose mode, else
+    the whole body"""
+
+    bl_idname = "kfmocap.breakdown_pose"
+    bl_label = "Breakdown"
+
+    share: bpy.props.FloatProperty(
+        default=0.5,
+        soft_min=0.0,
+        soft_max=1.0,
+        subtype="FACTOR",
+        name="Share",
+        description="0 is the key pose before this frame, 1 the one after it; beyond them the pose is exaggerated",
+    )
+
+    def pose(self, context: bpy.types.Context, armature: bpy.types.Object) -> Motion:
+        from .. import poses
+
+        return poses.between(armature, context.scene.frame_current, self.share)
+
+
+class NudgePose(PosingOperator, bpy.types.Operator):
+    """Move the pose on this frame a little towards the key pose beside it, and key it: the bones selected in pose mode,
+    else the whole body"""
+
+    bl_idname = "kfmocap.nudge_pose"
+    bl_label = "Nudge Pose"
+
+    side: bpy.props.EnumProperty(
+        items=[
+            ("BEFORE", "Before", "Towards the key pose before this frame"),
+            ("AFTER", "After", "Towards the key pose after this frame"),
+        ],
+        name="Towards",
+        description="Which key pose",
+    )
+    share: bpy.props.FloatProperty(
+        default=0.1,
+        soft_min=-1.0,
+        soft_max=1.0,
+        subtype="FACTOR",
+        name="Share",
+        description="Of the way to that key pose; below 0 away from it",
+    )
+
+    def pose(self, context: bpy.types.Context, armature: bpy.types.Object) -> Motion:
+        from .. import poses
+
+        return poses.nudged(armature, context.scene.frame_current, self.side == "BEFORE", self.share)
+
+
+class NudgeDepth(PosingOperator, bpy.types.Operator):
+    """Move the body nearer to the camera that the scene looks through, or farther, so that it is seen where it was, and
+    key it: what one camera does not tell is corrected so"""
+
+    bl_idname = "kfmocap.nudge_depth"
+    bl_label = "Nudge Depth"
+
+    distance: bpy.props.FloatProperty(
+        default=0.05,
+        soft_min=-1.0,
+        soft_max=1.0,
+        unit="LENGTH",
+        name="Distance",
+        description="How much farther from the camera, metres; below 0 nearer",
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not super().poll(context):
+            return False
+        if context.scene.camera is not None:
+            return True
+        cls.poll_message_set("The scene has no camera: look through a view first")
+        return False
+
+    def pose(self, context: bpy.types.Context, armature: bpy.types.Object) -> Motion:
+        from .. import poses
+
+        return poses.nudged_in_depth(context.scene, armature, self.distance)
+
+
+CLASSES = (BreakdownPose, NudgePose, NudgeDepth)
