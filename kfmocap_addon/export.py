@@ -58,9 +58,7 @@ class ExportOptions:
     root_motion: bool = True
 
 
-def export_performers(
-    scene: bpy.types.Scene, folder: Path, options: ExportOptions = ExportOptions()
-) -> list[Path]:
+def export_performers(scene: bpy.types.Scene, folder: Path, options: ExportOptions = ExportOptions()) -> list[Path]:
     """Write every performer of a scene's shot: NAME.bvh and NAME.fbx, or NAME_performer.* for several.
 
     Raises
@@ -197,7 +195,7 @@ def _set_time(stage: bpy.types.Scene, scene: bpy.types.Scene, options: ExportOpt
 def _sample(
     copy: bpy.types.Object, armature: bpy.types.Object, first: int, times: Array, options: ExportOptions
 ) -> None:
-    """Give the copy of an armature an action with a key on every frame from the first on, of the scene frames `times`."""
+    """Give the copy of an armature a key on every frame from the first on, of the scene frames `times`."""
     bag = actions.find_channelbag(armature)
     if bag is None:
         return

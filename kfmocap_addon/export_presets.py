@@ -86,7 +86,7 @@ _MIXAMO = _with_sides(
 )
 PRESETS = {
     "BLENDER": Preset("Blender", "The bones' own names, metres"),
-    "UNREAL": Preset("Unreal", "Names of Unreal's mannequin, centimetres, the armature as the bone root", 100, _UNREAL, "root"),
+    "UNREAL": Preset("Unreal", "Names of Unreal's mannequin, centimetres, armature named root", 100, _UNREAL, "root"),
     "UNITY": Preset("Unity", "Names that Unity's humanoid avatar finds by itself, centimetres", 100, _UNITY),
     "MIXAMO": Preset("Mixamo", "Mixamo's names, centimetres", 100, _MIXAMO),
 }

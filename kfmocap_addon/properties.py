@@ -172,8 +172,16 @@ class KFMocapExport(bpy.types.PropertyGroup):
     root_motion: bpy.props.BoolProperty(
         default=True,
         name="Root Motion",
-        description="The performer moves through the world. Off: it stays over its first place, and only rises and sinks",
+        description="The performer moves through the world. Off: it stays over its first place, but rises and sinks",
     )
+
+
+class KFMocapStretch(bpy.types.PropertyGroup):
+    """A stretch between key poses that was tracked."""
+
+    first: bpy.props.IntProperty(name="First", description="In the footage's count")
+    last: bpy.props.IntProperty(name="Last", description="In the footage's count")
+    digest: bpy.props.StringProperty(name="Digest", description="Of all that its motion depends on")
 
 
 class KFMocapScene(bpy.types.PropertyGroup):
@@ -191,6 +199,7 @@ class KFMocapScene(bpy.types.PropertyGroup):
     )
     views: bpy.props.CollectionProperty(type=KFMocapView)
     performers: bpy.props.CollectionProperty(type=KFMocapPerformer)
+    stretches: bpy.props.CollectionProperty(type=KFMocapStretch)
     opacity: bpy.props.FloatProperty(
         min=0.0,
         max=1.0,
@@ -261,4 +270,13 @@ class KFMocapScene(bpy.types.PropertyGroup):
         return self.last - self.first + 1
 
 
-CLASSES = (KFMocapView, KFMocapSuggestion, KFMocapHelpfulKey, KFMocapMark, KFMocapPerformer, KFMocapScene)
+CLASSES = (
+    KFMocapView,
+    KFMocapSuggestion,
+    KFMocapHelpfulKey,
+    KFMocapMark,
+    KFMocapPerformer,
+    KFMocapStretch,
+    KFMocapExport,
+    KFMocapScene,
+)

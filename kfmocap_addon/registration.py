@@ -11,6 +11,7 @@ import bpy
 from . import capture, key_list, panels, properties
 from .operators import (
     add_footage,
+    bake,
     body,
     calibrate,
     cameras,
@@ -26,6 +27,7 @@ from .operators import (
     place_joints,
     refine_cameras,
     set_key_pose,
+    simplify,
     track,
 )
 
@@ -42,6 +44,8 @@ OPERATORS = (
     nudge_pose,
     go_to_frame,
     track,
+    bake,
+    simplify,
     export,
     cameras,
     capture_views,
