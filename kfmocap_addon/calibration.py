@@ -64,6 +64,16 @@ def _collection(scene: bpy.types.Scene) -> bpy.types.Collection:
     return collection
 
 
+def forget(owners: Sequence[bpy.types.Object], scene: bpy.types.Scene) -> None:
+    """Remove those of some camera objects that are in the collection "Calibration": what they say is kept elsewhere."""
+    collection = _existing(scene)
+    for owner in [o for o in owners if collection is not None and o.name in collection.objects]:
+        data = owner.data
+        bpy.data.objects.remove(owner)
+        if data.users == 0:
+            bpy.data.cameras.remove(data)
+
+
 def _existing(scene: bpy.types.Scene) -> bpy.types.Collection | None:
     return next((c for c in scene.collection.children if c.name.split(".")[0] == COLLECTION), None)
 

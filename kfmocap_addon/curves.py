@@ -419,7 +419,7 @@ def _beside_keys(values: Array, before: Array, held: NDArray[np.bool_]) -> tuple
 def _fixed_dofs(armature: bpy.types.Object, held: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Degrees of freedom (K, D) fixed by keyed channels (K, C)."""
     axes = _aligned_axes(armature)
-    turns = held[:, 3:].reshape(len(held), held.shape[1] // 4, 4).any(axis=2)
+    turns = held[:, 3:].reshape(len(held), (held.shape[1] - 3) // 4, 4).any(axis=2)
     moves = np.repeat(held[:, :3].any(axis=1)[:, None], 3, axis=1) if axes is None else held[:, axes]
     return np.concatenate([moves, np.repeat(turns, 3, axis=1)], axis=1)
 

@@ -12,6 +12,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.brown import brown_model
 from ..core.cameras import Camera
 from ..core.errors import CalibrationError
 
@@ -82,18 +83,22 @@ def has_brown_model(camera: Camera) -> bool:
 
 
 def set_clip_lens(clip: bpy.types.MovieClip, camera: Camera) -> None:
-    """Give a movie clip the camera's intrinsics and, where it maps, its lens distortion."""
+    """Give a movie clip the camera's intrinsics and the lens distortion that its footage is shown without.
+
+    Where Blender has no model for it, that is the nearest of those it has.
+    """
     K, height = camera.matrix, camera.size[1]
     tracking = clip.tracking.camera
     tracking.sensor_width = SENSOR_WIDTH
-    tracking.pixel_aspect = K[0, 0] / K[1, 1]
+    tracking.pixel_aspect = K[1, 1] / K[0, 0]  # a pixel's width over its height
+    clip.display_aspect = frame_of(camera).aspect  # by it the footage is fitted before cameras
     tracking.focal_length_pixels = K[0, 0]
     tracking.principal_point_pixels = (K[0, 2] + 0.5, height - (K[1, 2] + 0.5))
     tracking.distortion_model = "BROWN"
-    if has_brown_model(camera):
-        k1, k2, p1, p2, k3 = (*camera.distortions, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
-        tracking.brown_k1, tracking.brown_k2, tracking.brown_k3, tracking.brown_k4 = k1, k2, k3, 0.0
-        tracking.brown_p1, tracking.brown_p2 = p2, -p1  # libmv's order; Blender's y goes up
+    brown = brown_model(camera)
+    tracking.brown_k1, tracking.brown_k2, tracking.brown_k3, tracking.brown_k4 = brown.radial
+    p1, p2 = brown.tangential
+    tracking.brown_p1, tracking.brown_p2 = p2, -p1  # libmv's order; Blender's y goes up
 
 
 def clip_distortions(clip: bpy.types.MovieClip) -> Array:

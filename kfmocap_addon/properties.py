@@ -17,6 +17,33 @@ def _show_range(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> N
     self.id_data.frame_end = self.frame_start + max(self.length, 1) - 1
 
 
+def _show_confidence(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
+    """The parts' colours follow what the scene says."""
+    from . import confidence
+
+    confidence.show_colours(self.id_data)
+
+
+def _show_in_time(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
+    """The footage shows the frames that the view's offset and fields say."""
+    from . import views
+
+    shot = self.id_data.kfmocap
+    views.show_in_time(self, shot.first, shot.frame_start)
+
+
+def _show_opacity(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
+    for view in self.views:
+        for background in view.camera.data.background_images if view.camera is not None else ():
+            background.alpha = self.opacity
+
+
+def _show_model(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
+    from . import rig
+
+    rig.show_parts(self.id_data)
+
+
 class KFMocapView(bpy.types.PropertyGroup):
     """A view; its name is the camera's in the calibration. The footage is the camera's background clip."""
 
@@ -40,6 +67,7 @@ class KFMocapView(bpy.types.PropertyGroup):
         name="Offset",
         description="Frame f of the shot is this footage's frame f + offset, which may lie between two frames",
         precision=3,
+        update=_show_in_time,
     )
     fields: bpy.props.EnumProperty(
         items=[
@@ -49,6 +77,7 @@ class KFMocapView(bpy.types.PropertyGroup):
         ],
         name="Fields",
         description="Order of the fields of interlaced footage",
+        update=_show_in_time,
     )
     sequence: bpy.props.StringProperty(
         name="Sequence", description="Pattern of the file names, where the footage is an image sequence"
@@ -60,6 +89,17 @@ class KFMocapView(bpy.types.PropertyGroup):
         name="Distortion",
         description="OpenCV's distortion as JSON, where Blender's movie clip has no model for it",
     )
+    calibrated: bpy.props.BoolProperty(
+        default=True,
+        name="Calibrated",
+        description="The camera's place and lens are known. Tick this after placing the camera by hand",
+    )
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether its camera is known, also from a tracker of Blender's that moves it."""
+        owner = self.camera
+        return self.calibrated or bool(owner and (owner.animation_data or owner.constraints or owner.parent))
 
 
 class KFMocapSuggestion(bpy.types.PropertyGroup):
@@ -68,6 +108,16 @@ class KFMocapSuggestion(bpy.types.PropertyGroup):
     frame: bpy.props.IntProperty(name="Frame", description="Scene frame on which the parts are seen")
     hidden: bpy.props.IntVectorProperty(
         size=2, name="Hidden", description="First and last scene frame on which they are not"
+    )
+
+
+class KFMocapHelpfulKey(bpy.types.PropertyGroup):
+    """A key frame that would help most; its name is that of the parts which are expected to be farthest off there."""
+
+    frame: bpy.props.IntProperty(name="Frame", description="Scene frame")
+    error: bpy.props.FloatProperty(name="Error", description="Expected error of the bones there, mean, mm")
+    gain: bpy.props.FloatProperty(
+        name="Gain", description="By how much a key pose there would lower the expected error over the shot, mean, mm"
     )
 
 
@@ -112,6 +162,7 @@ class KFMocapPerformer(bpy.types.PropertyGroup):
         type=bpy.types.Object, poll=_is_armature, name="Armature", description="The performer's body"
     )
     suggestions: bpy.props.CollectionProperty(type=KFMocapSuggestion)
+    helpful: bpy.props.CollectionProperty(type=KFMocapHelpfulKey)
     marks: bpy.props.CollectionProperty(type=KFMocapMark)
 
 
@@ -130,6 +181,26 @@ class KFMocapScene(bpy.types.PropertyGroup):
     )
     views: bpy.props.CollectionProperty(type=KFMocapView)
     performers: bpy.props.CollectionProperty(type=KFMocapPerformer)
+    opacity: bpy.props.FloatProperty(
+        min=0.0,
+        max=1.0,
+        default=1.0,
+        subtype="FACTOR",
+        update=_show_opacity,
+        name="Opacity",
+        description="How much of the footage is seen behind the model, in all views",
+    )
+    display: bpy.props.EnumProperty(
+        items=[
+            ("WIRE", "Wire", "The parts' edges"),
+            ("OUTLINE", "Outline", "A white line around each part where it is seen, a grey one where it is hidden"),
+            ("SOLID", "Solid", "The parts before the footage"),
+            ("NONE", "Bones", "The bones alone"),
+        ],
+        update=_show_model,
+        name="Model",
+        description="How the model is drawn over the footage",
+    )
     performer: bpy.props.StringProperty(
         name="Performer", description="Who is posed, where no performer's armature is the active object"
     )
@@ -146,7 +217,28 @@ class KFMocapScene(bpy.types.PropertyGroup):
         name="Solver",
         description="How the frames between the key poses are found",
     )
+    show_confidence: bpy.props.BoolProperty(
+        name="Colour by Error",
+        description="Colour the parts by how far they may be off: green where they are sure, red at the limit, "
+        "blue where no camera sees them",
+        update=_show_confidence,
+    )
+    confidence_limit: bpy.props.FloatProperty(
+        name="Red at",
+        description="Expected error from which on a part is red, mm",
+        default=30.0,
+        min=1.0,
+        soft_max=200.0,
+        precision=0,
+        update=_show_confidence,
+    )
     settings: bpy.props.StringProperty(name="Settings", description="Further settings of the tracker as JSON")
+
+    @property
+    def shown_view(self) -> int:
+        """Number of the view that is the scene's camera, -1 where none is."""
+        camera = self.id_data.camera
+        return next((i for i, v in enumerate(self.views) if camera is not None and v.camera == camera), -1)
 
     @property
     def frame_start(self) -> int:
@@ -159,4 +251,12 @@ class KFMocapScene(bpy.types.PropertyGroup):
         return self.last - self.first + 1
 
 
-CLASSES = (KFMocapView, KFMocapSuggestion, KFMocapMark, KFMocapFrames, KFMocapPerformer, KFMocapScene)
+CLASSES = (
+    KFMocapView,
+    KFMocapSuggestion,
+    KFMocapHelpfulKey,
+    KFMocapMark,
+    KFMocapFrames,
+    KFMocapPerformer,
+    KFMocapScene,
+)

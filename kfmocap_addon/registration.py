@@ -10,10 +10,13 @@ import bpy
 
 from . import capture, key_list, panels, properties
 from .operators import (
+    add_footage,
+    body,
     calibrate,
     cameras,
     capture_views,
     copy_pose,
+    drop_files,
     export,
     go_to_frame,
     load_shot,
@@ -29,7 +32,10 @@ from .operators import (
 
 OPERATORS = (
     load_shot,
+    add_footage,
+    drop_files,
     look_through,
+    body,
     refine_cameras,
     set_key_pose,
     place_joints,
@@ -45,6 +51,8 @@ OPERATORS = (
     calibrate,
 )
 CLASSES = tuple(cls for module in (properties, capture, *OPERATORS, *panels.SECTIONS) for cls in module.CLASSES)
+MENUS = body.MENUS
+"""Names of Blender's menus and what is appended to them."""
 COMMAND = "kfmocap"
 
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(CLASSES)
@@ -56,6 +64,8 @@ def register() -> None:
     _register_classes()
     bpy.types.Scene.kfmocap = bpy.props.PointerProperty(type=properties.KFMocapScene)
     bpy.types.Scene.kfmocap_capture = bpy.props.PointerProperty(type=capture.KFMocapCapture)
+    for menu, entry in MENUS:
+        getattr(bpy.types, menu).append(entry)
     key_list.register()
     _drawings.append(bpy.types.SpaceView3D.draw_handler_add(_draw_marks, (), "WINDOW", "POST_PIXEL"))
     if hasattr(bpy.utils, "register_cli_command"):
@@ -65,6 +75,8 @@ def register() -> None:
 def unregister() -> None:
     while _commands:
         bpy.utils.unregister_cli_command(_commands.pop())
+    for menu, entry in MENUS:
+        getattr(bpy.types, menu).remove(entry)
     key_list.unregister()
     while _drawings:
         bpy.types.SpaceView3D.draw_handler_remove(_drawings.pop(), "WINDOW")

@@ -12,6 +12,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
 
 from ..core import rotations
 from ..core.body import Body, Part
@@ -66,18 +67,23 @@ def build_armature(body: Body, name: str, collection: bpy.types.Collection) -> b
 def _edit_bones(armature: bpy.types.Object) -> Iterator[bpy.types.ArmatureEditBones]:
     """Edit mode needs the object in the active view layer: there for the time of the edit, then taken out."""
     layer, home = bpy.context.view_layer, bpy.context.scene.collection
-    before = layer.objects.active
-    if before is not None and before.mode != "OBJECT":
+    before, there = layer.objects.active, armature.name in home.objects
+    mode = "OBJECT" if before is None else before.mode
+    if mode != "OBJECT":
         bpy.ops.object.mode_set(mode="OBJECT")
-    home.objects.link(armature)
+    if not there:
+        home.objects.link(armature)
     layer.objects.active = armature
     bpy.ops.object.mode_set(mode="EDIT")
     try:
         yield armature.data.edit_bones
     finally:
         bpy.ops.object.mode_set(mode="OBJECT")
-        home.objects.unlink(armature)
+        if not there:
+            home.objects.unlink(armature)
         layer.objects.active = before
+        if mode != "OBJECT":
+            bpy.ops.object.mode_set(mode=mode)
 
 
 def _describe(armature: bpy.types.Object, body: Body) -> None:
@@ -107,7 +113,7 @@ def _build_mesh(part: Part, armature: bpy.types.Object, collection: bpy.types.Co
     # Blender hangs children on the bone's tail; the part's frame is at its head.
     child.matrix_parent_inverse = Matrix.Translation((0.0, -armature.data.bones[part.name].length, 0.0))
     child.hide_select = child.show_in_front = True
-    child.display_type = "WIRE"
+    child.display_type, child.color = "WIRE", (1.0, 1.0, 1.0, 1.0)
 
 
 def _join_triangles(mesh: bpy.types.Mesh) -> None:
@@ -117,6 +123,97 @@ def _join_triangles(mesh: bpy.types.Mesh) -> None:
     bmesh.ops.join_triangles(bm, faces=bm.faces, angle_face_threshold=_FLAT, angle_shape_threshold=np.pi, cmp_uvs=False)
     bm.to_mesh(mesh)
     bm.free()
+
+
+def reshape(armature: bpy.types.Object, body: Body) -> None:
+    """Give an armature the lengths and shapes of another body with the same parts; its keys stay as they are.
+
+    Parameters
+    ----------
+    body : Body
+        As `body_from_armature` gave it, its root where it was, with other joints and vertices.
+    """
+    R_object, place = object_pose(armature)
+    before = {bone.name: bone.length for bone in armature.data.bones}
+    with _edit_bones(armature) as bones:
+        for bone in bones:
+            bone.use_connect = False
+        for part in body.parts:
+            bone = bones[part.name]
+            bone.head, bone.tail = (part.head_world - place) @ R_object, (part.tail_world - place) @ R_object
+            bone.align_roll(Vector(R_object.T @ part.R_world_rest[:, 2]))
+    for part in body.parts:
+        longer = armature.data.bones[part.name].length - before[part.name]
+        _put_vertices(armature, part, longer)
+    _describe(armature, body)
+
+
+def _put_vertices(armature: bpy.types.Object, part: Part, longer: float) -> None:
+    """Move the vertices of the meshes on a bone that grew; inverse of `_vertices`."""
+    length, start = armature.data.bones[part.name].length, 0
+    for child in _meshes_on(armature, part.name):
+        child.matrix_parent_inverse = Matrix.Translation((0.0, -longer, 0.0)) @ child.matrix_parent_inverse
+        to_part, count = _to_bone_tail(child), len(child.data.vertices)
+        points = part.vertices[start : start + count] - [0.0, length, 0.0] - to_part[:3, 3]
+        child.data.vertices.foreach_set("co", (points @ np.linalg.inv(to_part[:3, :3]).T).astype(np.float32).ravel())
+        child.data.update()
+        start += count
+
+
+def check_part(child: bpy.types.Object) -> None:
+    """See that a part's mesh can be one.
+
+    Raises
+    ------
+    BodyError
+        It encloses no volume.
+    """
+    bone = child.parent.data.bones[child.parent_bone]
+    _check_solid(_vertices(child.parent, bone), child.parent, bone)
+
+
+def _check_solid(vertices: Array, armature: bpy.types.Object, bone: bpy.types.Bone) -> None:
+    try:
+        ConvexHull(vertices)
+    except (QhullError, ValueError) as error:
+        raise BodyError(
+            "the mesh on the bone is flat: it encloses no volume",
+            where=f"armature {armature.name}, bone {bone.name}",
+            todo="give it four corners at least that are not in one plane",
+        ) from error
+
+
+def mirror_part(child: bpy.types.Object) -> None:
+    """Give the same part of the other side the mirrored shape of a part's mesh, where there is such a part."""
+    armature = child.parent
+    bone, other = (armature.data.bones.get(n) for n in (child.parent_bone, bpy.utils.flip_name(child.parent_bone)))
+    if other is None or other == bone:
+        return
+    targets = _meshes_on(armature, other.name)
+    if not targets:
+        return
+    target, ratio = targets[0], other.length / bone.length
+    across = Matrix.Diagonal((-1.0, ratio, 1.0, 1.0))  # a bone's frame is mirrored along its x axis
+    to_frame = Matrix.Translation((0.0, bone.length, 0.0)) @ Matrix(_to_bone_tail(child))
+    from_frame = Matrix.Translation((0.0, other.length, 0.0)) @ Matrix(_to_bone_tail(target))
+    bm = bmesh.new()
+    bm.from_mesh(child.data)
+    bm.transform(from_frame.inverted() @ across @ to_frame)
+    bmesh.ops.reverse_faces(bm, faces=bm.faces)
+    bm.to_mesh(target.data)
+    bm.free()
+    target.data.update()
+
+
+def show_parts(scene: bpy.types.Scene) -> None:
+    """Draw the parts of all performers as the scene says: as wire, solid, or not, where outlines are drawn instead."""
+    display = scene.kfmocap.display
+    for slot in scene.kfmocap.performers:
+        for child in _meshes(slot.armature) if slot.armature is not None else ():
+            if child.hide_select:  # it is not being edited
+                child.hide_viewport = display in ("OUTLINE", "NONE")
+                child.display_type = "SOLID" if display == "SOLID" else "WIRE"
+                child.color = (1.0, 1.0, 1.0, 1.0)
 
 
 def object_pose(armature: bpy.types.Object) -> tuple[Array, Array]:
@@ -152,6 +249,15 @@ def _meshes(armature: bpy.types.Object) -> list[bpy.types.Object]:
     return [c for c in armature.children if c.type == "MESH" and c.parent_type == "BONE"]
 
 
+def _meshes_on(armature: bpy.types.Object, bone: str) -> list[bpy.types.Object]:
+    return [child for child in _meshes(armature) if child.parent_bone == bone]
+
+
+def _to_bone_tail(child: bpy.types.Object) -> Array:
+    """Matrix (4, 4) from a mesh to the tail of the bone it hangs on."""
+    return np.array(child.matrix_parent_inverse) @ np.array(child.matrix_basis)
+
+
 def body_from_armature(armature: bpy.types.Object) -> Body:
     """Read a body back from an armature and the meshes parented to its bones.
 
@@ -181,6 +287,7 @@ def body_from_armature(armature: bpy.types.Object) -> Body:
             vertices=_vertices(armature, bone),
             limits=np.array(json.loads(bone[LIMITS]) if LIMITS in bone else UNLIMITED, float),
         )
+        _check_solid(read.vertices, armature, bone)
         rest = exact.recall(bone, REST, _rest(read), 1.0 + float(np.abs(head).max()))
         parts.append(
             replace(
@@ -207,12 +314,13 @@ def rest_rotation(bone: bpy.types.Bone) -> Array:
 def _vertices(armature: bpy.types.Object, bone: bpy.types.Bone) -> Array:
     """Vertices of all meshes on a bone, in the part's frame, shape (V, 3)."""
     clouds = []
-    for child in _meshes(armature):
-        if child.parent_bone == bone.name:
-            local = np.array(child.matrix_parent_inverse) @ np.array(child.matrix_basis)
-            points = np.empty(3 * len(child.data.vertices), np.float32)
-            child.data.vertices.foreach_get("co", points)
-            clouds.append(points.reshape(-1, 3) @ local[:3, :3].T + local[:3, 3] + [0.0, bone.length, 0.0])
+    for child in _meshes_on(armature, bone.name):
+        if child.mode == "EDIT":
+            child.update_from_editmode()
+        local = _to_bone_tail(child)
+        points = np.empty(3 * len(child.data.vertices), np.float32)
+        child.data.vertices.foreach_get("co", points)
+        clouds.append(points.reshape(-1, 3) @ local[:3, :3].T + local[:3, 3] + [0.0, bone.length, 0.0])
     if not clouds:
         raise BodyError(
             "the bone carries no mesh",

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Sequence
+from pathlib import Path
 
 import bpy
 
@@ -47,12 +48,13 @@ def build_scene(
     FootageError
         If Blender cannot read some footage. Nothing was built then.
     """
-    clips = _load_clips(shot)
+    clips = load_clips([view.footage for view in shot.views])
     scene = scene or bpy.data.scenes.new(shot.name)
-    _set_time(scene, shot)
+    set_rate(scene, shot.fps)
+    scene.frame_set(FRAME_START)
     _describe(scene, shot)
     _build_views(scene, shot, clips)
-    bodies = _collection(scene, "Performers")
+    bodies = ensure_collection(scene, "Performers")
     for performer in shot.performers:
         slot = scene.kfmocap.performers.add()
         slot.name = performer.name
@@ -114,23 +116,31 @@ def _read_performer(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> Pe
     )
 
 
-def _load_clips(shot: Shot) -> list[bpy.types.MovieClip]:
+def load_clips(footage: Sequence[Path]) -> list[bpy.types.MovieClip]:
+    """Load footage as movie clips, all or none.
+
+    Raises
+    ------
+    FootageError
+        If Blender cannot read some.
+    """
     clips: list[bpy.types.MovieClip] = []
     try:
-        for view in shot.views:
-            clips.append(views.load_clip(view.footage))
+        for path in footage:
+            clips.append(views.load_clip(path))
     except Exception:
         bpy.data.batch_remove(clips)
         raise
     return clips
 
 
-def _set_time(scene: bpy.types.Scene, shot: Shot) -> None:
-    render = scene.render
-    render.fps = max(1, round(shot.fps))
-    render.fps_base = render.fps / shot.fps
-    exact.keep(scene, _FPS, shot.fps)
-    scene.frame_set(FRAME_START)
+def set_rate(scene: bpy.types.Scene, fps: float | None) -> None:
+    """Give a scene a frame rate, frames per second; None leaves it as it is."""
+    if fps is not None:
+        render = scene.render
+        render.fps = max(1, round(fps))
+        render.fps_base = render.fps / fps
+        exact.keep(scene, _FPS, fps)
 
 
 def _describe(scene: bpy.types.Scene, shot: Shot) -> None:
@@ -143,7 +153,7 @@ def _describe(scene: bpy.types.Scene, shot: Shot) -> None:
 
 
 def _build_views(scene: bpy.types.Scene, shot: Shot, clips: list[bpy.types.MovieClip]) -> None:
-    cameras = _collection(scene, "Views")
+    cameras = ensure_collection(scene, "Views")
     for view, clip in zip(shot.views, clips, strict=True):
         slot = scene.kfmocap.views.add()
         views.build_view(view, clip, slot, cameras, first=shot.frames[0], frame_start=FRAME_START)
@@ -157,7 +167,11 @@ def _read_settings(properties: bpy.types.PropertyGroup) -> Settings:
     return Settings(**{name: tuple(v) if isinstance(v, list) else v for name, v in known.items()})
 
 
-def _collection(scene: bpy.types.Scene, name: str) -> bpy.types.Collection:
+def ensure_collection(scene: bpy.types.Scene, name: str) -> bpy.types.Collection:
+    """The scene's collection of that name, made where it is missing."""
+    for collection in scene.collection.children:
+        if collection.name.split(".")[0] == name:
+            return collection
     collection = bpy.data.collections.new(name)
     scene.collection.children.link(collection)
     return collection

@@ -69,12 +69,10 @@ def build_view(
     """
     camera = view.camera
     owner = _camera_object(camera.name, collection, clip)
-    clip.frame_start = frame_start - file_index(view, first)
-    if is_interlaced(view):
-        _play_at_half_rate(clip, footage_index(view, first) - frame_start)
     slot.name, slot.camera = camera.name, owner
     show_camera(slot, camera, frame_start)
     slot.offset, slot.fields = view.offset, view.fields
+    show_in_time(slot, first, frame_start)
     slot.sequence = view.footage.name if image_files(view.footage) is not None else ""
     slot.keypoints = "" if view.keypoints is None else _relative(view.keypoints, view.footage.parent)
     return owner
@@ -104,6 +102,37 @@ def _camera_object(name: str, collection: bpy.types.Collection, clip: bpy.types.
     return owner
 
 
+def adopt(slot: bpy.types.PropertyGroup, owner: bpy.types.Object, scene: bpy.types.Scene) -> None:
+    """Make a camera object with footage behind it a view, as it stands: whoever solved or placed it."""
+    clip = clip_behind(owner)
+    frame = _frame_behind(scene, owner, clip)
+    slot.name, slot.camera, slot.size, slot.aspect = owner.name, owner, frame.size, frame.aspect
+    packed = json.loads(owner[_DISTORTED]) if _DISTORTED in owner else {"coefficients": []}
+    slot.distortions = owner[_DISTORTED] if packed.get("fisheye") or any(packed["coefficients"][5:]) else ""
+    for background in owner.data.background_images:
+        _undistort(background)
+    slot.offset = scene.kfmocap.zero - clip.frame_start
+
+
+def show_in_time(slot: bpy.types.PropertyGroup, first: int, frame_start: int) -> None:
+    """Let the footage behind a view's camera show the frames that its offset and fields say.
+
+    Parameters
+    ----------
+    first : int
+        First frame of the shot in the footage's count.
+    frame_start : int
+        Scene frame of shot frame 0.
+    """
+    clip = clip_behind(slot.camera) if slot.camera is not None else None
+    if clip is None:
+        return
+    clip.driver_remove("frame_start")
+    clip.frame_start = frame_start - file_index(slot, first)
+    if is_interlaced(slot):
+        _play_at_half_rate(clip, footage_index(slot, first) - frame_start)
+
+
 def show_camera(slot: bpy.types.PropertyGroup, camera: Camera, frame_start: int) -> None:
     """Give a view's camera object and its footage the pose and the lens of a camera."""
     frame = _show_as(slot.camera, camera, frame_start)
@@ -115,7 +144,7 @@ def _show_as(owner: bpy.types.Object, camera: Camera, frame_start: int) -> lens.
     """Give a camera object and the footage behind it the pose and the lens of a camera."""
     frame = lens.set_lens(owner.data, camera)
     _place(owner, camera, frame_start)
-    clip = _clip_behind(owner)
+    clip = clip_behind(owner)
     if clip is not None:
         lens.set_clip_lens(clip, camera)
     for name in ("matrix", "distortions", "R_cam_world", "t_cam_world"):
@@ -152,7 +181,7 @@ def read_cameras(
 
 
 def _read_camera(scene: bpy.types.Scene, owner: bpy.types.Object, R_cam_world: Array, t_cam_world: Array) -> Camera:
-    clip = _clip_behind(owner)
+    clip = clip_behind(owner)
     frame = _frame_behind(scene, owner, clip)
     packed = json.loads(owner[_DISTORTED]) if _DISTORTED in owner else {"coefficients": [0.0] * 4, "fisheye": False}
     brown = not packed["fisheye"] and not any(packed["coefficients"][5:])
@@ -188,7 +217,7 @@ def _frame_behind(scene: bpy.types.Scene, owner: bpy.types.Object, clip: bpy.typ
         return lens.Frame((width, height), (across, down))
     if clip is not None and min(clip.size) > 0:
         aspect = clip.tracking.camera.pixel_aspect
-        return lens.Frame(tuple(clip.size), (1.0, aspect) if aspect >= 1 else (1 / aspect, 1.0))
+        return lens.Frame(tuple(clip.size), (aspect, 1.0) if aspect >= 1 else (1.0, 1 / aspect))
     render = scene.render
     share = render.resolution_percentage / 100
     size = round(render.resolution_x * share), round(render.resolution_y * share)
@@ -245,9 +274,13 @@ def _show_behind(data: bpy.types.Camera, clip: bpy.types.MovieClip) -> None:
     background = data.background_images.new()
     background.source, background.clip = "MOVIE_CLIP", clip
     background.alpha, background.frame_method = 1.0, "STRETCH"
-    # A Blender camera has no distortion: the footage is shown as such a camera would have seen it.
-    background.clip_user.use_render_undistorted = True
+    _undistort(background)
     data.show_background_images = True
+
+
+def _undistort(background: bpy.types.CameraBackgroundImage) -> None:
+    """A Blender camera has no distortion: the footage is shown as such a camera would have seen it."""
+    background.clip_user.use_render_undistorted = True
 
 
 def look_through(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> None:
@@ -257,6 +290,23 @@ def look_through(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> None:
     render.resolution_x, render.resolution_y = slot.size
     render.resolution_percentage = 100
     render.pixel_aspect_x, render.pixel_aspect_y = slot.aspect
+    refresh(scene)
+
+
+def refresh(scene: bpy.types.Scene) -> None:
+    """Lay the footage of all views before their cameras, with the opacity that the scene has for it.
+
+    The scene's resolution is that of one view; before cameras of another shape footage keeps its own. Our cameras' lens
+    goes by their picture's width, so that is what the footage must span.
+    """
+    render = scene.render
+    aspect = render.resolution_x * render.pixel_aspect_x / (render.resolution_y * render.pixel_aspect_y)
+    for slot in scene.kfmocap.views:
+        for background in slot.camera.data.background_images if slot.camera is not None else ():
+            own = slot.size[0] * slot.aspect[0] / (slot.size[1] * slot.aspect[1])
+            same = abs(own - aspect) < 1e-4 * aspect
+            background.frame_method = "STRETCH" if same else "FIT" if own > aspect else "CROP"
+            background.alpha = scene.kfmocap.opacity
 
 
 def read_views(scene: bpy.types.Scene, frame_start: int, length: int) -> tuple[View, ...]:
@@ -271,6 +321,12 @@ def read_views(scene: bpy.types.Scene, frame_start: int, length: int) -> tuple[V
     for slot in slots:
         if slot.camera is None or slot.camera.name not in scene.objects:
             raise CalibrationError("the camera object is gone from the scene", where=f"view {slot.name}")
+        if not slot.is_calibrated:
+            raise CalibrationError(
+                "its camera is not calibrated",
+                where=f"view {slot.name}",
+                todo="import a calibration, calibrate with a wand, or place the camera by hand and tick Calibrated",
+            )
     poses = _camera_poses(scene, [slot.camera for slot in slots], frame_start, length)
     return tuple(_read_view(slot, *pose) for slot, pose in zip(slots, poses, strict=True))
 
@@ -282,8 +338,7 @@ def _read_view(slot: bpy.types.PropertyGroup, R_cam_world: Array, t_cam_world: A
     distortions = packed.get("coefficients") or lens.clip_distortions(clip)
     pose = R_cam_world, t_cam_world
     camera = _core_camera(slot.name, slot.camera, frame, pose, distortions, packed["fisheye"])
-    path = Path(os.path.normpath(bpy.path.abspath(clip.filepath, library=clip.library)))
-    footage = path.with_name(slot.sequence) if slot.sequence else path
+    footage = footage_path(slot)
     keypoints = Path(os.path.normpath(footage.parent / slot.keypoints)) if slot.keypoints else None
     return View(camera, footage, round(slot.offset, 5), slot.fields, keypoints)
 
@@ -302,7 +357,7 @@ def set_keypoints(slot: bpy.types.PropertyGroup, path: Path) -> None:
 
 
 def _background_clip(slot: bpy.types.PropertyGroup) -> bpy.types.MovieClip:
-    clip = _clip_behind(slot.camera)
+    clip = clip_behind(slot.camera)
     if clip is None:
         raise FootageError(
             "the camera has no footage",
@@ -312,7 +367,17 @@ def _background_clip(slot: bpy.types.PropertyGroup) -> bpy.types.MovieClip:
     return clip
 
 
-def _clip_behind(owner: bpy.types.Object) -> bpy.types.MovieClip | None:
+def footage_path(slot: bpy.types.PropertyGroup) -> Path | None:
+    """The footage of a view as a shot names it, or None where there is none."""
+    clip = clip_behind(slot.camera) if slot.camera is not None else None
+    if clip is None:
+        return None
+    path = Path(os.path.normpath(bpy.path.abspath(clip.filepath, library=clip.library)))
+    return path.with_name(slot.sequence) if slot.sequence else path
+
+
+def clip_behind(owner: bpy.types.Object) -> bpy.types.MovieClip | None:
+    """The footage behind a camera object."""
     for background in owner.data.background_images:
         if background.source == "MOVIE_CLIP" and background.clip is not None:
             return background.clip

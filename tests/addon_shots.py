@@ -73,6 +73,11 @@ def sights(given: Shot) -> tuple[np.ndarray, ...]:
     return tuple(np.ones((len(given.views), given.length, len(p.body))) for p in given.performers)
 
 
+def deviations(given: Shot, error: float = 0.01) -> tuple[np.ndarray, ...]:
+    """How far off a tracker reports the parts of a shot to be, metres."""
+    return tuple(np.full((given.length, len(p.body)), error) for p in given.performers)
+
+
 def joint_error(armature: bpy.types.Object, body: Body, truth: Motion, first: float = 1, step: float = 1) -> float:
     """Largest distance in mm between joints as Blender evaluates them and as the core does.
 

@@ -12,7 +12,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, joint_error, motion, shot, sights  # noqa: E402, F401
+from addon_shots import blender, deviations, joint_error, motion, shot, sights  # noqa: E402, F401
 from kfmocap import core, kfmocap_addon  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.errors import CancelledError, FootageError, ShotError  # noqa: E402
@@ -34,7 +34,9 @@ def tracker(monkeypatch):
         if stand_in.error is not None:
             raise stand_in.error
         motions = tuple(motion(given.length, seed) for seed in range(len(given.performers)))
-        return SimpleNamespace(motions=motions, visible=sights(given), seconds={"solve": 1.0})
+        return SimpleNamespace(
+            motions=motions, visible=sights(given), deviation=deviations(given), seconds={"solve": 1.0}
+        )
 
     stand_in = ModuleType("kfmocap.core.tracking")
     stand_in.track, stand_in.shots, stand_in.error = track, [], None

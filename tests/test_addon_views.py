@@ -77,6 +77,44 @@ def test_a_lens_that_blender_has_no_model_for_comes_back(tmp_path, fisheye):
     assert np.array_equal(view.camera.distortions, cam.distortions)
 
 
+def undistorted(clip: bpy.types.MovieClip, pixels: np.ndarray) -> np.ndarray:
+    """Where Blender takes places of the undistorted picture from, by the Brown model in its own units and axes."""
+    t = clip.tracking.camera
+    (cx, cy), focal, ratio = t.principal_point_pixels, t.focal_length_pixels, 1 / t.pixel_aspect
+    x, y = (pixels[:, 0] + 0.5 - cx) / focal, (clip.size[1] - pixels[:, 1] - 0.5 - cy) * ratio / focal
+    r2 = x**2 + y**2
+    scale = 1 + t.brown_k1 * r2 + t.brown_k2 * r2**2 + t.brown_k3 * r2**3 + t.brown_k4 * r2**4
+    u = x * scale + 2 * t.brown_p2 * x * y + t.brown_p1 * (r2 + 2 * x**2)
+    v = y * scale + 2 * t.brown_p1 * x * y + t.brown_p2 * (r2 + 2 * y**2)
+    return np.stack([u * focal + cx - 0.5, clip.size[1] - (v * focal / ratio + cy) - 0.5], axis=1)
+
+
+@pytest.mark.parametrize("stretch", [0.8, 1.0, 1.25])
+@pytest.mark.parametrize("fisheye", [False, True])
+def test_footage_is_undistorted_as_the_core_rectifies_it(tmp_path, stretch, fisheye):
+    cam = camera(1, distortions=(0.02, -0.01, 0.004, -0.001), fisheye=fisheye)
+    cam = replace(cam, matrix=cam.matrix * [[1], [stretch], [1]])
+    slot = built(cam, tmp_path)
+    points = points_in_view(cam.rectified())
+    truth = cam.project(points)
+    seen = ((truth > 0) & (truth < np.array(SIZE) - 1)).all(axis=1)
+    shown = undistorted(views.clip_behind(slot.camera), cam.rectified().project(points))
+    assert np.abs(shown - truth)[seen].max() < (0.1 if fisheye else 1e-3)
+
+
+def test_footage_before_cameras_of_other_shapes_spans_their_width(tmp_path):
+    tall = replace(camera(2), size=(240, 320))
+    slots = [built(cam, tmp_path) for cam in (camera(1), tall)]
+    methods = []
+    for slot in slots:
+        views.look_through(bpy.context.scene, slot)
+        methods.append([s.camera.data.background_images[0].frame_method for s in slots])
+    assert methods == [["STRETCH", "CROP"], ["FIT", "STRETCH"]]
+    for slot in slots:
+        width, height = views.clip_behind(slot.camera).display_aspect
+        assert width / height == pytest.approx(slot.aspect[0] / slot.aspect[1], rel=1e-6)
+
+
 @pytest.mark.parametrize("fit", ["AUTO", "HORIZONTAL", "VERTICAL"])
 @pytest.mark.parametrize(("size", "aspect"), [((640, 480), (1.0, 1.1)), ((480, 640), (1.2, 1.0))])
 def test_any_sensor_fit_is_understood(fit, size, aspect):

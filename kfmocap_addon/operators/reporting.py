@@ -53,8 +53,17 @@ def progress_shown(context: bpy.types.Context) -> Iterator[Progress]:
 
 def explained(operator: type[bpy.types.Operator], context: bpy.types.Context) -> bool:
     """Whether the scene holds a shot; if not, the disabled button says so."""
-    properties = context.scene.kfmocap
-    if properties.views and properties.performers:
-        return True
-    operator.poll_message_set("This scene holds no shot yet: use Load Shot")
-    return False
+    missing = missing_of(context.scene.kfmocap)
+    if missing:
+        operator.poll_message_set(missing)
+    return not missing
+
+
+def missing_of(shot: bpy.types.PropertyGroup) -> str:
+    """What a shot lacks to be tracked and how to come by it; empty where it lacks nothing."""
+    if not shot.views:
+        return "There is no footage yet: use Add Footage or Load Shot"
+    unknown = next((view.name for view in shot.views if not view.is_calibrated), None)
+    if unknown is not None:
+        return f"The camera of {unknown} is not calibrated: use Import Calibration"
+    return "" if shot.performers else "There is nobody to track yet: use Add Body"

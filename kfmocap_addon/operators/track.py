@@ -19,14 +19,14 @@ class Track(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ...core import tracking
-        from .. import occlusion
+        from .. import review
         from .. import scene as scenes
 
         with progress_shown(context) as progress, reported(self) as outcome:
             shot = scenes.shot_from_scene(context.scene)
             result = tracking.track(shot, progress)
             scenes.write_motions(context.scene, result.motions)
-            occlusion.write_occlusion(context.scene, shot, result.visible)
+            review.write_review(context.scene, shot, result)
             self.report({"INFO"}, f"Tracked {shot.length} frames in {sum(result.seconds.values()):.1f} s")
         return outcome.value
 

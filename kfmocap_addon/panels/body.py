@@ -2,6 +2,7 @@
 
 import bpy
 
+from ..operators.body import AddBody, EditPart, FinishPart, RemovePerformer, UseArmature, edited_part
 from .section import Section
 
 
@@ -11,11 +12,24 @@ class BodyPanel(Section, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, performers = self.layout, context.scene.kfmocap.performers
-        layout.use_property_split, layout.use_property_decorate = True, False
         if not performers:
             layout.label(text="No performer yet", icon="INFO")
-        for performer in performers:
-            layout.prop(performer, "armature", text=performer.name)
+        column = layout.column(align=True)
+        for index, performer in enumerate(performers):
+            row = column.row(align=True)
+            row.prop(performer, "name", text="")
+            row.prop(performer, "armature", text="")
+            row.operator(RemovePerformer.bl_idname, text="", icon="REMOVE").performer = index
+        column = layout.column(align=True)
+        column.operator_context = "INVOKE_DEFAULT"
+        column.operator(AddBody.bl_idname, text="Add Body", icon="OUTLINER_OB_ARMATURE")
+        column.operator(UseArmature.bl_idname, icon="ARMATURE_DATA")
+        if not performers:
+            return
+        if edited_part(context) is None:
+            layout.operator(EditPart.bl_idname, icon="EDITMODE_HLT")
+        else:
+            layout.operator(FinishPart.bl_idname, icon="CHECKMARK")
 
 
 CLASSES = (BodyPanel,)

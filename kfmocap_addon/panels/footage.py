@@ -2,8 +2,9 @@
 
 import bpy
 
+from ..operators.add_footage import AddFootage, ImportCalibration, RemoveView, UseSceneCameras
 from ..operators.load_shot import LoadShot
-from ..operators.look_through import LookThrough
+from ..operators.look_through import LookThrough, QuadView, StepView
 from ..operators.refine_cameras import RefineCameras
 from .section import Section
 
@@ -13,35 +14,74 @@ class FootagePanel(Section, bpy.types.Panel):
     bl_label = "Footage and Cameras"
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout, properties = self.layout, context.scene.kfmocap
-        layout.operator(LoadShot.bl_idname, icon="FILE_FOLDER")
-        if not properties.views:
+        layout, shot = self.layout, context.scene.kfmocap
+        if not shot.views:
+            layout.label(text="No footage yet", icon="INFO")
+        row = layout.row(align=True)
+        row.operator(AddFootage.bl_idname, icon="FILE_MOVIE")
+        row.operator(LoadShot.bl_idname, icon="FILE_FOLDER")
+        if not shot.views:
             return
+        if not all(view.is_calibrated for view in shot.views):
+            layout.label(text="Cameras are not calibrated yet", icon="ERROR")
+            column = layout.column(align=True)
+            column.operator(ImportCalibration.bl_idname, icon="IMPORT")
+            column.operator(UseSceneCameras.bl_idname, icon="CAMERA_DATA")
         layout.use_property_split, layout.use_property_decorate = True, False
         column = layout.column(align=True)
-        column.prop(properties, "shot", text="Name")
-        column.prop(properties, "first")
-        column.prop(properties, "last")
+        column.prop(shot, "shot", text="Name")
+        column.prop(shot, "first")
+        column.prop(shot, "last")
+
+
+class LookPanel(Section, bpy.types.Panel):
+    bl_idname = "KFMOCAP_PT_look"
+    bl_label = "Look Through"
+    bl_parent_id = FootagePanel.bl_idname
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return bool(context.scene.kfmocap.views)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, shot = self.layout, context.scene.kfmocap
+        shown = shot.shown_view
         column = layout.column(align=True)
-        for index, view in enumerate(properties.views):
-            _draw_view(column.row(align=True), index, view, context.scene.camera)
+        for index, view in enumerate(shot.views):
+            icon = "ERROR" if not view.is_calibrated else "VIEW_CAMERA" if index == shown else "CAMERA_DATA"
+            column.operator(LookThrough.bl_idname, text=view.name, icon=icon, depress=index == shown).view = index
+        row = layout.row(align=True)
+        row.operator(StepView.bl_idname, text="Previous", icon="TRIA_LEFT").step = -1
+        row.operator(StepView.bl_idname, text="Next", icon="TRIA_RIGHT").step = 1
+        row.operator(QuadView.bl_idname, text="", icon="IMGDISPLAY")
+        layout.prop(shot, "opacity", slider=True)
+        layout.row().prop(shot, "display", expand=True)
+
+
+class ViewPanel(Section, bpy.types.Panel):
+    bl_idname = "KFMOCAP_PT_view"
+    bl_label = "View"
+    bl_parent_id = FootagePanel.bl_idname
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return context.scene.kfmocap.shown_view >= 0
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, shot = self.layout, context.scene.kfmocap
+        view = shot.views[shot.shown_view]
+        layout.use_property_split, layout.use_property_decorate = True, False
+        column = layout.column()
+        column.prop(view, "name", text="Camera")
+        column.prop(view, "offset")
+        column.prop(view, "fields")
+        column.prop(view, "keypoints")
+        column.prop(view, "calibrated")
+        if view.is_calibrated:
+            column.operator(ImportCalibration.bl_idname, icon="IMPORT")
+        column.operator(RemoveView.bl_idname, icon="REMOVE")
         layout.operator(RefineCameras.bl_idname, icon="CON_CAMERASOLVER")
 
 
-def _draw_view(
-    row: bpy.types.UILayout, index: int, view: bpy.types.PropertyGroup, active: bpy.types.Object | None
-) -> None:
-    shown = view.camera is not None and view.camera == active
-    icon = "VIEW_CAMERA" if shown else "CAMERA_DATA"
-    row.operator(LookThrough.bl_idname, text=view.name, icon=icon, depress=shown).view = index
-    background = _background(view)
-    if background is not None:
-        row.prop(background, "alpha", text="Opacity", slider=True)
-
-
-def _background(view: bpy.types.PropertyGroup) -> bpy.types.CameraBackgroundImage | None:
-    images = view.camera.data.background_images if view.camera is not None else ()
-    return images[0] if len(images) else None
-
-
-CLASSES = (FootagePanel,)
+CLASSES = (FootagePanel, LookPanel, ViewPanel)

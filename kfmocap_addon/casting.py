@@ -1,0 +1,48 @@
+"""Performers added to a scene one by one: a new body, or an armature that is there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import bpy
+
+from ..core.body import Body
+from ..core.errors import BodyError
+from . import rig, scene
+
+
+def add_performer(
+    current: bpy.types.Scene, body: Body, name: str, place: Sequence[float] = (0, 0, 0)
+) -> bpy.types.Object:
+    """Build a body's armature, which stands at a place in the world, and make it a performer of the scene's shot."""
+    armature = rig.build_armature(body, free_name(current, name), scene.ensure_collection(current, "Performers"))
+    armature.location = place
+    return take_armature(current, armature)
+
+
+def take_armature(current: bpy.types.Scene, armature: bpy.types.Object) -> bpy.types.Object:
+    """Make an armature whose bones carry meshes a performer of the scene's shot.
+
+    Raises
+    ------
+    BodyError
+        It cannot be a body, or is a performer already.
+    """
+    if any(slot.armature == armature for slot in current.kfmocap.performers):
+        raise BodyError("it is a performer already", where=f"armature {armature.name}")
+    rig.body_from_armature(armature)
+    for bone in rig.body_bones(armature):
+        armature.pose.bones[bone.name].rotation_mode = "QUATERNION"
+    slot = current.kfmocap.performers.add()
+    slot.name, slot.armature = free_name(current, armature.name), armature
+    if not current.kfmocap.shot:
+        current.kfmocap.shot = "shot"
+    return armature
+
+
+def free_name(current: bpy.types.Scene, name: str) -> str:
+    """The name, or with a number where a performer has it."""
+    taken, number, free = {slot.name for slot in current.kfmocap.performers}, 2, name
+    while free in taken:
+        free, number = f"{name} {number}", number + 1
+    return free

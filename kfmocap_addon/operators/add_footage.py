@@ -1,0 +1,148 @@
+"""Views from an empty scene: footage, then the cameras that took it."""
+
+from pathlib import Path
+
+import bpy
+from bpy_extras.io_utils import ImportHelper
+
+from .. import screens
+from .reporting import reported
+
+VIDEOS = ".mp4;.mov;.avi;.mkv;.mts;.m2ts;.m4v;.mpg;.mpeg;.webm;.mxf"
+IMAGES = ".png;.jpg;.jpeg;.bmp;.tif;.tiff;.webp"
+CALIBRATIONS = ".toml;.txt;.yml;.yaml;.json"
+
+
+def globbed(endings: str) -> str:
+    """File endings as a file browser filters by them."""
+    return ";".join(f"*{ending}" for ending in endings.split(";"))
+
+
+class AddFootage(bpy.types.Operator, ImportHelper):
+    """Add a view for each video chosen, or for each sequence of which images are chosen. The first footage sets the
+    scene's frame rate and the frames of the shot"""
+
+    bl_idname = "kfmocap.add_footage"
+    bl_label = "Add Footage"
+    bl_options = {"REGISTER", "UNDO"}
+
+    directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
+    files: bpy.props.CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})
+    filepath: bpy.props.StringProperty(
+        subtype="FILE_PATH", name="Footage", description="A video, or an image of a sequence", options={"SKIP_SAVE"}
+    )
+    filter_glob: bpy.props.StringProperty(default=globbed(f"{VIDEOS};{IMAGES}"), options={"HIDDEN"})
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if self.directory and self.files:  # dropped onto the window
+            return self.execute(context)
+        return super().invoke(context, event)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from .. import footage_views
+
+        scene = context.scene
+        with reported(self) as outcome:
+            names = footage_views.add_footage(scene, self._chosen())
+            known = footage_views.calibrated_by_scene(scene, names)
+            screens.look(context)
+            self.report({"INFO"}, f"Added {', '.join(names)}" + (f"; calibrated {', '.join(known)}" if known else ""))
+        return outcome.value
+
+    def _chosen(self) -> list[Path]:
+        folder = Path(bpy.path.abspath(self.directory or str(Path(self.filepath).parent)))
+        names = [file.name for file in self.files if file.name] or [Path(self.filepath).name]
+        return [folder / name for name in names if name]
+
+
+class ImportCalibration(bpy.types.Operator, ImportHelper):
+    """Give the views the cameras of a calibration file, by their names"""
+
+    bl_idname = "kfmocap.import_calibration"
+    bl_label = "Import Calibration"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filepath: bpy.props.StringProperty(
+        subtype="FILE_PATH",
+        name="Calibration",
+        description="TOML of ours, aniposelib, Pose2Sim or Caliscope; .qca.txt of Qualisys; .yml or .json of OpenCV",
+        options={"SKIP_SAVE"},
+    )
+    filter_glob: bpy.props.StringProperty(default=globbed(CALIBRATIONS), options={"HIDDEN"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return has_views(cls, context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ...core.formats import load_cameras
+        from .. import footage_views
+
+        with reported(self) as outcome:
+            cameras = load_cameras(bpy.path.abspath(self.filepath))
+            told(self, footage_views.calibrate_views(context.scene, cameras))
+        return outcome.value
+
+
+class UseSceneCameras(bpy.types.Operator):
+    """Give the views the cameras that were calibrated in this scene, by their names: with the wand, by Import Cameras
+    or by Blender's own motion tracker. Without views, cameras that have footage behind them become views"""
+
+    bl_idname = "kfmocap.use_scene_cameras"
+    bl_label = "Use Scene Cameras"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        own = {view.camera for view in context.scene.kfmocap.views}
+        if any(owner.type == "CAMERA" and owner not in own for owner in context.scene.objects):
+            return True
+        cls.poll_message_set("The scene has no camera that is not a view: calibrate, or import a calibration")
+        return False
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from .. import footage_views
+
+        with reported(self) as outcome:
+            told(self, footage_views.use_scene_cameras(context.scene))
+        return outcome.value
+
+
+class RemoveView(bpy.types.Operator):
+    """Take the view that is looked through out of the shot, with its camera. The file stays where it is"""
+
+    bl_idname = "kfmocap.remove_view"
+    bl_label = "Remove View"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return has_views(cls, context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from .. import footage_views
+
+        index = context.scene.kfmocap.shown_view
+        if index < 0:
+            self.report({"ERROR"}, "Look through the view first")
+            return {"CANCELLED"}
+        footage_views.remove_view(context.scene, index)
+        return {"FINISHED"}
+
+
+def has_views(operator: type[bpy.types.Operator], context: bpy.types.Context) -> bool:
+    """Whether the scene has views; if not, the disabled button says so."""
+    if context.scene.kfmocap.views:
+        return True
+    operator.poll_message_set("There is no footage yet: use Add Footage or Load Shot")
+    return False
+
+
+def told(operator: bpy.types.Operator, calibrated: object) -> None:
+    """Report which views were calibrated and which were not."""
+    operator.report({"INFO"}, f"Calibrated {', '.join(calibrated.views)}")
+    if calibrated.left:
+        operator.report({"WARNING"}, f"No camera goes by the name of {', '.join(calibrated.left)}")
+
+
+CLASSES = (AddFootage, ImportCalibration, UseSceneCameras, RemoveView)
