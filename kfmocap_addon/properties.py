@@ -207,7 +207,9 @@ class KFMocapScene(bpy.types.PropertyGroup):
     show_marks: bpy.props.BoolProperty(
         default=True, name="Show Marks", description="Show the clicked joints of this frame over the footage"
     )
-    key_frames: bpy.props.PointerProperty(type=KFMocapFrames)
+    key_frames: bpy.props.PointerProperty(
+        type=KFMocapFrames, name="Frames", description="Where key poses are made of keypoints or landmarks"
+    )
     copied: bpy.props.StringProperty(name="Copied Pose", description="Values of the bones by their names, as JSON")
     solver: bpy.props.EnumProperty(
         items=[
