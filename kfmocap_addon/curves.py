@@ -137,6 +137,43 @@ def write_motion(
     written.store(armature, record.updated(frame_start, recorded))
 
 
+def clear_motion(armature: bpy.types.Object, frames: ArrayLike) -> set[int]:
+    """Remove the keys that the tracker wrote on scene frames; the animator's keys and the tracker's proposals stay.
+
+    Returns
+    -------
+    set of int
+        The frames on which there were any.
+    """
+    bag = actions.find_channelbag(armature)
+    record = written.load(armature) if bag else None
+    cleared: set[int] = set()
+    for channel in body_channels(armature) if bag else ():
+        curve = bag.fcurves.find(channel.path, index=channel.index)
+        if curve is None:
+            continue
+        keys = actions.get_keys(curve)
+        gone = ~_animators(keys, record, channel) & _on_frames(keys, np.asarray(frames))
+        gone &= keys["type"] == actions.enum_value("type", "GENERATED")
+        if gone.all():
+            bag.fcurves.remove(curve)
+        elif gone.any():
+            actions.set_keys(curve, [keys[~gone]])
+        cleared.update(_frames(keys)[gone].tolist())
+    return cleared
+
+
+def keyed_frames(armature: bpy.types.Object, frame_start: int, length: int) -> NDArray[np.bool_]:
+    """Scene frames from `frame_start` on that have a key on every channel, whoever set it, shape (length,)."""
+    bag = actions.find_channelbag(armature)
+    frames = frame_start + np.arange(length)
+    keyed = np.full(length, bag is not None)
+    for channel in body_channels(armature) if bag else ():
+        curve = bag.fcurves.find(channel.path, index=channel.index)
+        keyed &= np.isin(frames, _frames(actions.get_keys(curve)) if curve else [])
+    return keyed
+
+
 def read_key_poses(armature: bpy.types.Object, frame_start: int, length: int) -> KeyPoses:
     """The animator's keys as key poses: every shot frame with a key that the tracker did not write.
 

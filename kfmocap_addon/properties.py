@@ -166,6 +166,14 @@ class KFMocapPerformer(bpy.types.PropertyGroup):
     marks: bpy.props.CollectionProperty(type=KFMocapMark)
 
 
+class KFMocapStretch(bpy.types.PropertyGroup):
+    """A stretch between key poses that was tracked."""
+
+    first: bpy.props.IntProperty(name="First", description="In the footage's count")
+    last: bpy.props.IntProperty(name="Last", description="In the footage's count")
+    digest: bpy.props.StringProperty(name="Digest", description="Of all that its motion depends on")
+
+
 class KFMocapScene(bpy.types.PropertyGroup):
     """The shot that a scene shows."""
 
@@ -181,6 +189,7 @@ class KFMocapScene(bpy.types.PropertyGroup):
     )
     views: bpy.props.CollectionProperty(type=KFMocapView)
     performers: bpy.props.CollectionProperty(type=KFMocapPerformer)
+    stretches: bpy.props.CollectionProperty(type=KFMocapStretch)
     opacity: bpy.props.FloatProperty(
         min=0.0,
         max=1.0,
@@ -260,5 +269,6 @@ CLASSES = (
     KFMocapMark,
     KFMocapFrames,
     KFMocapPerformer,
+    KFMocapStretch,
     KFMocapScene,
 )
