@@ -15,7 +15,7 @@ def sample_times(first: int, last: int, rate: float, wanted: float) -> Array:
     The first is the first; the last is at most the last.
     """
     count = int(np.floor((last - first) * wanted / rate + 1e-6)) + 1
-    return first + np.minimum(np.arange(count) * rate / wanted, last - first)
+    return np.minimum(first + np.arange(count) * (rate / wanted), float(last))
 
 
 def continuous_signs(quaternions: Array) -> Array:

@@ -274,7 +274,7 @@ class KFMocapScene(bpy.types.PropertyGroup):
         precision=0,
         update=_show_confidence,
     )
-    export: bpy.props.PointerProperty(type=KFMocapExport)
+    export: bpy.props.PointerProperty(type=KFMocapExport, name="Export", description="What to export")
     settings: bpy.props.StringProperty(name="Settings", description="Further settings of the tracker as JSON")
 
     @property
