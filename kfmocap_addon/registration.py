@@ -15,8 +15,8 @@ from .operators import (
     calibrate,
     cameras,
     capture_views,
-    drop_files,
     copy_pose,
+    drop_files,
     export,
     go_to_frame,
     load_shot,
@@ -65,6 +65,7 @@ def register() -> None:
     for menu, entry in MENUS:
         getattr(bpy.types, menu).append(entry)
     key_list.register()
+    _drawings.append(bpy.types.SpaceView3D.draw_handler_add(_draw_outlines, (), "WINDOW", "POST_VIEW"))
     _drawings.append(bpy.types.SpaceView3D.draw_handler_add(_draw_marks, (), "WINDOW", "POST_PIXEL"))
     if hasattr(bpy.utils, "register_cli_command"):
         _commands.append(bpy.utils.register_cli_command(COMMAND, _command))
@@ -85,6 +86,13 @@ def unregister() -> None:
 
 def is_registered() -> bool:
     return hasattr(bpy.types.Scene, "kfmocap")
+
+
+def _draw_outlines() -> None:
+    if bpy.context.scene.kfmocap.display == "OUTLINE":
+        from . import outlines
+
+        outlines.draw_outlines()
 
 
 def _draw_marks() -> None:
