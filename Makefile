@@ -3,7 +3,7 @@ BIN := .venv/bin
 INSTALLED := .venv/.installed
 BARE := .venv-bare/.installed
 
-.PHONY: install bare demo test lint format extension bench clean
+.PHONY: install bare demo test test-versions lint format extension bench clean
 
 install: $(INSTALLED)
 
@@ -37,6 +37,10 @@ demo: install
 
 test: install
 	$(BIN)/python -m pytest --numprocesses auto --dist loadfile
+
+# The add-on's tests on the other versions of Blender, where their Python is there.
+test-versions: install
+	$(BIN)/python tools/test_versions.py
 
 lint: install
 	$(BIN)/ruff check .

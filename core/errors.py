@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 
 class KFMocapError(Exception):
     """Base of every error that a user can cause.
@@ -20,6 +22,16 @@ class KFMocapError(Exception):
         self.what, self.where, self.todo = what, where, todo
         message = f"{where}: {what}" if where else what
         super().__init__(f"{message} ({todo})" if todo else message)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _unpickled, (type(self), self.args, self.__dict__)
+
+
+def _unpickled(kind: type[KFMocapError], args: tuple[str, ...], state: dict[str, Any]) -> KFMocapError:
+    """An error as it was, whatever its kind needs to be made."""
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(state)
+    return error
 
 
 class ShotError(KFMocapError):

@@ -30,6 +30,9 @@ MEASURE_SIGMA = 0.12
 SHIFT_SIGMA = 0.03
 """Expected departure of a shift (`body.human.SHIFTS`) from the average person's, metres."""
 
+ROUGH = 1e-4
+"""Relative tolerance of poses between which measures are fitted: the next round fits them again."""
+
 
 def fit_poses(body: Body, names: Sequence[str], targets_world: Array, start: Motion | None = None) -> Motion:
     """Pose a body on landmarks.
@@ -57,7 +60,14 @@ def fit_poses(body: Body, names: Sequence[str], targets_world: Array, start: Mot
     return _fit_poses(body, names, targets_world, start, search=True)
 
 
-def _fit_poses(body: Body, names: Sequence[str], targets_world: Array, start: Motion | None, search: bool) -> Motion:
+def _fit_poses(
+    body: Body,
+    names: Sequence[str],
+    targets_world: Array,
+    start: Motion | None,
+    search: bool,
+    tolerance: float = 1e-6,
+) -> Motion:
     """As `fit_poses`; with `search`, a pose that does not fit is tried with its arms turned."""
     used = [i for i, name in enumerate(names) if name in body.landmarks]
     known, targets = [names[i] for i in used], np.asarray(targets_world, float)[:, used]
@@ -67,10 +77,11 @@ def _fit_poses(body: Body, names: Sequence[str], targets_world: Array, start: Mo
         if seen.sum() < 3:
             raise LandmarkError("fewer than three landmarks", where=f"pose {k}", todo="choose another key frame")
         labels, points = [n for n, s in zip(known, seen, strict=True) if s], target[seen]
-        pose = _fit_pose(body, labels, points, _placed(body, labels, points) if start is None else start[[k]])
+        begin = _placed(body, labels, points) if start is None else start[[k]]
+        pose = _fit_pose(body, labels, points, begin, tolerance)
         for side in "LR" if search else "":
             if _misfit(body, labels, points, pose) > ACCEPTED_MISFIT:
-                other = _fit_pose(body, labels, points, _elbow_turned(body, pose, side))
+                other = _fit_pose(body, labels, points, _elbow_turned(body, pose, side), tolerance)
                 pose = min(pose, other, key=lambda p: _misfit(body, labels, points, p))
         poses.append(pose)
     return stacked(poses)
@@ -104,7 +115,7 @@ def _placed(body: Body, names: list[str], points: Array) -> Motion:
     return Motion(turn.apply(rest.translations - centre[0]) + centre[1], rest.rotations)
 
 
-def _fit_pose(body: Body, names: list[str], points: Array, start: Motion) -> Motion:
+def _fit_pose(body: Body, names: list[str], points: Array, start: Motion, tolerance: float) -> Motion:
     parts, local = body.landmark_arrays(names)
     low, high = np.full(body.dof, -np.inf), np.full(body.dof, np.inf)
     low[6:], high[6:] = body.limits[1:, :, 0].ravel(), body.limits[1:, :, 1].ravel()
@@ -128,7 +139,7 @@ def _fit_pose(body: Body, names: list[str], points: Array, start: Motion) -> Mot
         return np.concatenate([J, np.diag(posture), np.diag(stop * ((x < low) | (x > high)))])
 
     x0 = np.concatenate([start.translations[0], rotations.log(start.rotations[0]).ravel()])
-    fit = least_squares(residuals, x0, jacobian, method="lm", xtol=1e-6, ftol=1e-6, gtol=1e-9)
+    fit = least_squares(residuals, x0, jacobian, method="lm", xtol=tolerance, ftol=tolerance, gtol=1e-9)
     return pose(np.clip(fit.x, low, high))
 
 
@@ -151,7 +162,7 @@ def fit_body(names: Sequence[str], targets_world: Array, height: float | None = 
     measures = default_measures(stature)
     body, poses = human(stature, measures), None
     for i in range(rounds):
-        poses = _fit_poses(body, names, targets, poses, search=i == 1)  # by then the body nearly fits
+        poses = _fit_poses(body, names, targets, poses, i == 1, ROUGH)  # by then the body nearly fits
         measures = _fit_measures(stature, measures, poses, names, targets)
         body = human(stature, measures)
     return body

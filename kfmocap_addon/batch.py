@@ -13,7 +13,7 @@ import bpy
 
 from ..core.errors import OutputError
 from ..core.shot import Shot
-from . import export, occlusion, registration
+from . import export, registration, review
 from . import scene as scenes
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def write_blender_outputs(
             _open_on_footage(scene)
         else:
             scenes.write_motions(scene, result.motions, shot)
-        occlusion.write_occlusion(scene, shot, result.visible)
+        review.write_review(scene, shot, result)
         paths = export.export_performers(scene, folder)
         with export.writing(folder / "shot.blend") as target, _portable_paths(Path(home or folder).resolve()):
             bpy.ops.wm.save_as_mainfile(filepath=str(target), copy=True, check_existing=False, relative_remap=False)

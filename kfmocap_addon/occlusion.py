@@ -21,7 +21,7 @@ VIEWS = "kfmocap_views"
 _DESCRIPTION = "Cameras that see this part on this frame, as last tracked. On frames without any its motion is a guess"
 
 
-def write_occlusion(scene: bpy.types.Scene, shot: Shot, visible: Sequence[NDArray[np.float64]]) -> None:
+def write_occlusion(scene: bpy.types.Scene, shot: Shot, visible: Sequence[NDArray[np.float64]], first: int = 0) -> None:
     """Show in a scene what the cameras saw of its performers, and which key frames would help.
 
     Parameters
@@ -30,12 +30,14 @@ def write_occlusion(scene: bpy.types.Scene, shot: Shot, visible: Sequence[NDArra
         As it was tracked.
     visible : sequence of ndarray, shape (V, F, P)
         Visible share of the parts of each performer.
+    first : int
+        Of an excerpt of the scene's shot: its first frame there. What is told of other frames stays.
     """
     from ..core.occlusion import occluded, unseen
 
-    start = scene.kfmocap.frame_start
+    start = scene.kfmocap.frame_start + first
     for slot, performer, share in zip(scene.kfmocap.performers, shot.performers, visible, strict=True):
-        _write_views(slot.armature, ~occluded(share), start)
+        _write_views(slot.armature, ~occluded(share), scene.kfmocap, first)
         _write_suggestions(slot, performer, unseen(share), start)
 
 
@@ -49,7 +51,9 @@ def hidden_parts(armature: bpy.types.Object) -> list[str]:
     return [bone.name for bone in armature.pose.bones if bone.get(VIEWS, 1) < 1]
 
 
-def _write_views(armature: bpy.types.Object, sees: NDArray[np.bool_], frame_start: int) -> None:
+def _write_views(
+    armature: bpy.types.Object, sees: NDArray[np.bool_], shot: bpy.types.PropertyGroup, first: int
+) -> None:
     """Animate the number of cameras that see each part, from sights of shape (V, F, P): keys where it changes."""
     import numpy as np
 
@@ -60,9 +64,13 @@ def _write_views(armature: bpy.types.Object, sees: NDArray[np.bool_], frame_star
         bone, count = armature.pose.bones[rest.name], sees[..., rank].sum(axis=0)
         bone[VIEWS] = int(count[0])
         bone.id_properties_ui(VIEWS).update(min=0, max=len(sees), description=_DESCRIPTION)
-        changes = np.flatnonzero(np.diff(count, prepend=-1))
         curve = actions.ensure_fcurve(bag, _path(bone), 0, bone.name)
-        actions.set_keys(curve, [actions.new_keys(frame_start + changes, count[changes], "GENERATED", "CONSTANT")])
+        told = np.full(shot.length, len(sees))  # where nothing was tracked, nothing is known against it
+        if len(curve.keyframe_points):
+            told[:] = [curve.evaluate(shot.frame_start + f) for f in range(shot.length)]
+        told[first : first + len(count)] = count
+        changes = np.flatnonzero(np.diff(told, prepend=-1))
+        actions.set_keys(curve, [actions.new_keys(shot.frame_start + changes, told[changes], "GENERATED", "CONSTANT")])
         curve.lock = True  # so that moving keys in the timeline leaves it alone
 
 
@@ -71,7 +79,9 @@ def _write_suggestions(
 ) -> None:
     from ..core.occlusion import suggested_keyframes
 
-    slot.suggestions.clear()
+    for index in reversed(range(len(slot.suggestions))):
+        if 0 <= slot.suggestions[index].frame - frame_start < len(blind):
+            slot.suggestions.remove(index)
     for suggestion in suggested_keyframes(blind, performer.key_poses):
         item = slot.suggestions.add()
         item.name = ", ".join(performer.body.names[part] for part in suggestion.parts)

@@ -17,6 +17,13 @@ def _show_range(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> N
     self.id_data.frame_end = self.frame_start + max(self.length, 1) - 1
 
 
+def _show_confidence(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
+    """The parts' colours follow what the scene says."""
+    from . import confidence
+
+    confidence.show_colours(self.id_data)
+
+
 def _show_in_time(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
     """The footage shows the frames that the view's offset and fields say."""
     from . import views
@@ -104,6 +111,16 @@ class KFMocapSuggestion(bpy.types.PropertyGroup):
     )
 
 
+class KFMocapHelpfulKey(bpy.types.PropertyGroup):
+    """A key frame that would help most; its name is that of the parts which are expected to be farthest off there."""
+
+    frame: bpy.props.IntProperty(name="Frame", description="Scene frame")
+    error: bpy.props.FloatProperty(name="Error", description="Expected error of the bones there, mean, mm")
+    gain: bpy.props.FloatProperty(
+        name="Gain", description="By how much a key pose there would lower the expected error over the shot, mean, mm"
+    )
+
+
 class KFMocapMark(bpy.types.PropertyGroup):
     """A joint that the animator clicked in a view; its name is the landmark's."""
 
@@ -117,6 +134,27 @@ class KFMocapMark(bpy.types.PropertyGroup):
     )
 
 
+class KFMocapFrames(bpy.types.PropertyGroup):
+    """The frames on which key poses are made of keypoints or landmarks."""
+
+    choice: bpy.props.EnumProperty(
+        items=[
+            ("CURRENT", "This Frame", "The scene's current frame"),
+            ("EVERY", "Every n-th", "The first frame, and every n-th after it"),
+            ("LISTED", "Listed", "The frames of a list"),
+            ("AUTO", "Proposed", "Frames that show the performer best, every 0.6 s or so, beside your key poses"),
+        ],
+        default="AUTO",
+        name="Frames",
+        description="On which frames key poses are made",
+    )
+    step: bpy.props.IntProperty(min=1, default=20, name="Every", description="From one key pose to the next, frames")
+    listed: bpy.props.StringProperty(name="List", description="Scene frames, such as 1, 20, 40-42")
+    replace: bpy.props.BoolProperty(
+        name="Replace My Keys", description="Make them on frames that have a key of yours, too; else these stay"
+    )
+
+
 class KFMocapPerformer(bpy.types.PropertyGroup):
     """Somebody to track, by name; the armature is the body, its keys are the key poses."""
 
@@ -124,7 +162,16 @@ class KFMocapPerformer(bpy.types.PropertyGroup):
         type=bpy.types.Object, poll=_is_armature, name="Armature", description="The performer's body"
     )
     suggestions: bpy.props.CollectionProperty(type=KFMocapSuggestion)
+    helpful: bpy.props.CollectionProperty(type=KFMocapHelpfulKey)
     marks: bpy.props.CollectionProperty(type=KFMocapMark)
+
+
+class KFMocapStretch(bpy.types.PropertyGroup):
+    """A stretch between key poses that was tracked."""
+
+    first: bpy.props.IntProperty(name="First", description="In the footage's count")
+    last: bpy.props.IntProperty(name="Last", description="In the footage's count")
+    digest: bpy.props.StringProperty(name="Digest", description="Of all that its motion depends on")
 
 
 class KFMocapScene(bpy.types.PropertyGroup):
@@ -142,6 +189,7 @@ class KFMocapScene(bpy.types.PropertyGroup):
     )
     views: bpy.props.CollectionProperty(type=KFMocapView)
     performers: bpy.props.CollectionProperty(type=KFMocapPerformer)
+    stretches: bpy.props.CollectionProperty(type=KFMocapStretch)
     opacity: bpy.props.FloatProperty(
         min=0.0,
         max=1.0,
@@ -168,6 +216,9 @@ class KFMocapScene(bpy.types.PropertyGroup):
     show_marks: bpy.props.BoolProperty(
         default=True, name="Show Marks", description="Show the clicked joints of this frame over the footage"
     )
+    key_frames: bpy.props.PointerProperty(
+        type=KFMocapFrames, name="Frames", description="Where key poses are made of keypoints or landmarks"
+    )
     copied: bpy.props.StringProperty(name="Copied Pose", description="Values of the bones by their names, as JSON")
     solver: bpy.props.EnumProperty(
         items=[
@@ -176,6 +227,21 @@ class KFMocapScene(bpy.types.PropertyGroup):
         ],
         name="Solver",
         description="How the frames between the key poses are found",
+    )
+    show_confidence: bpy.props.BoolProperty(
+        name="Colour by Error",
+        description="Colour the parts by how far they may be off: green where they are sure, red at the limit, "
+        "blue where no camera sees them",
+        update=_show_confidence,
+    )
+    confidence_limit: bpy.props.FloatProperty(
+        name="Red at",
+        description="Expected error from which on a part is red, mm",
+        default=30.0,
+        min=1.0,
+        soft_max=200.0,
+        precision=0,
+        update=_show_confidence,
     )
     settings: bpy.props.StringProperty(name="Settings", description="Further settings of the tracker as JSON")
 
@@ -196,4 +262,13 @@ class KFMocapScene(bpy.types.PropertyGroup):
         return self.last - self.first + 1
 
 
-CLASSES = (KFMocapView, KFMocapSuggestion, KFMocapMark, KFMocapPerformer, KFMocapScene)
+CLASSES = (
+    KFMocapView,
+    KFMocapSuggestion,
+    KFMocapHelpfulKey,
+    KFMocapMark,
+    KFMocapFrames,
+    KFMocapPerformer,
+    KFMocapStretch,
+    KFMocapScene,
+)

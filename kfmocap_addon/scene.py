@@ -68,19 +68,26 @@ def build_scene(
     return scene
 
 
-def write_motions(scene: bpy.types.Scene, motions: Sequence[Motion], shot: Shot | None = None) -> None:
+def write_motions(scene: bpy.types.Scene, motions: Sequence[Motion], shot: Shot | None = None, first: int = 0) -> None:
     """Write tracked motions, one per performer, into the scene's armatures beside the animator's keys.
 
-    What the shot proposes as key poses, by default what the scene does already, is marked as such.
+    What the shot proposes as key poses, by default what the scene does already, is marked as such. The motions begin on
+    that shot frame.
     """
-    start = scene.kfmocap.frame_start
+    start = scene.kfmocap.frame_start + first
     for i, (slot, motion) in enumerate(zip(scene.kfmocap.performers, motions, strict=True)):
         proposed = None if shot is None else start + shot.performers[i].key_poses.proposals()
         curves.write_motion(slot.armature, motion, start, proposed)
 
 
-def shot_from_scene(scene: bpy.types.Scene) -> Shot:
+def shot_from_scene(scene: bpy.types.Scene, footage: bool = True) -> Shot:
     """Read the shot that a scene shows, as it stands now: cameras, bodies and the animator's keys.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    footage : bool
+        Read the views. Without any, the shot still tells where the key poses are.
 
     Raises
     ------
@@ -100,7 +107,7 @@ def shot_from_scene(scene: bpy.types.Scene) -> Shot:
         name=properties.shot,
         fps=float(exact.recall(scene, _FPS, render.fps / render.fps_base)),
         frames=(properties.first, properties.last),
-        views=views.read_views(scene, properties.frame_start, properties.length),
+        views=views.read_views(scene, properties.frame_start, properties.length) if footage else (),
         performers=tuple(_read_performer(scene, slot) for slot in properties.performers),
         settings=_read_settings(properties),
     )

@@ -11,13 +11,17 @@ import cv2
 import numpy as np
 import pytest
 from kfmocap import kfmocap_addon
-from kfmocap.core import rotations
+from kfmocap.core import excerpts, rotations
 from kfmocap.core.body import Body, human, part_poses
 from kfmocap.core.cameras import Camera
 from kfmocap.core.motion import Motion
-from kfmocap.core.shot import KeyPoses, Performer, Shot, View
+from kfmocap.core.shot import KeyPoses, Performer, Progress, Shot, View, report_progress
+from kfmocap.core.tracking import Around
+from kfmocap.kfmocap_addon import actions
 
 SIZE = (320, 240)
+FIRST, FRAMES = 5, 12
+"""First frame of the shot in its footage's count, and its length."""
 LENS = (0.1, -0.05, 0.002, -0.003, 0.01)
 
 
@@ -55,7 +59,7 @@ def motion(frames: int, seed: int = 0, parts: int = 16) -> Motion:
     return Motion(path, rotations.exp(np.cumsum(rng.normal(0, 0.4, (frames, parts, 3)), axis=0)))
 
 
-def shot(folder: Path, performers: tuple[str, ...] = ("man",), fps: float = 60.0, frames: int = 12) -> Shot:
+def shot(folder: Path, performers: tuple[str, ...] = ("man",), fps: float = 60.0, frames: int = FRAMES) -> Shot:
     """A fixed and a moving camera, key poses at the first, sixth and last frame."""
     views = (
         View(camera(1), video(folder / "cam01.mp4"), 2.0, keypoints=folder / "pose" / "cam01_json"),
@@ -65,12 +69,46 @@ def shot(folder: Path, performers: tuple[str, ...] = ("man",), fps: float = 60.0
     for seed, name in enumerate(performers):
         keys = [0, 5, frames - 1]
         people.append(Performer(name, human(1.7 + 0.1 * seed), KeyPoses.whole(keys, motion(frames, seed)[keys])))
-    return Shot("walk", fps, (5, 4 + frames), views, tuple(people))
+    return Shot("walk", fps, (FIRST, FIRST - 1 + frames), views, tuple(people))
 
 
 def sights(given: Shot) -> tuple[np.ndarray, ...]:
     """What a tracker reports of a shot in which every camera sees everything."""
     return tuple(np.ones((len(given.views), given.length, len(p.body))) for p in given.performers)
+
+
+def deviations(given: Shot, error: float = 0.01) -> tuple[np.ndarray, ...]:
+    """How far off a tracker reports the parts of a shot to be, metres."""
+    return tuple(np.full((given.length, len(p.body)), error) for p in given.performers)
+
+
+@pytest.fixture
+def tracker(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """Stands in for the tracker: gives the true motion of every performer, or the error that a test sets instead."""
+    stand_in = SimpleNamespace(shots=[], error=None)
+
+    def track(given: Shot, progress: Progress | None = None, around: Around = (None, None)) -> SimpleNamespace:
+        stand_in.shots.append(given)
+        stand_in.around = around
+        report_progress(progress, "tracking", 0.5)
+        if stand_in.error is not None:
+            raise stand_in.error
+        here = slice(given.frames[0] - FIRST, given.frames[1] + 1 - FIRST)
+        motions = tuple(motion(FRAMES, seed)[here] for seed in range(len(given.performers)))
+        return SimpleNamespace(
+            motions=motions, visible=sights(given), deviation=deviations(given), seconds={"solve": 1.0}
+        )
+
+    monkeypatch.setattr(excerpts, "track", track)
+    return stand_in
+
+
+def keys_of(armature: bpy.types.Object) -> dict[tuple[str, int], bytes]:
+    """All keys of an object's F-curves."""
+    return {
+        (curve.data_path, curve.array_index): actions.get_keys(curve).tobytes()
+        for curve in actions.find_channelbag(armature).fcurves
+    }
 
 
 def joint_error(armature: bpy.types.Object, body: Body, truth: Motion, first: float = 1, step: float = 1) -> float:

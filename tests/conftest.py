@@ -80,8 +80,11 @@ def extension_zip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def extension(extension_zip: Path, tmp_path_factory: pytest.TempPathFactory) -> InstalledExtension:
-    subprocess.run(["make", "--silent", "bare", f"PYTHON={sys.executable}"], cwd=ROOT, check=True)
-    installed = InstalledExtension(ROOT / ".venv-bare/bin/python", tmp_path_factory.mktemp("blender"))
+    bare = os.environ.get("KFMOCAP_BARE")
+    if bare is None:
+        subprocess.run(["make", "--silent", "bare", f"PYTHON={sys.executable}"], cwd=ROOT, check=True)
+        bare = ROOT / ".venv-bare/bin/python"
+    installed = InstalledExtension(Path(bare), tmp_path_factory.mktemp("blender"))
     installed.run_bare(
         f"import bpy\nbpy.ops.extensions.package_install_files(filepath={str(extension_zip)!r}, repo='user_default')\n"
     )

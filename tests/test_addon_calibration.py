@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
@@ -20,7 +19,6 @@ from kfmocap.core.calibration.film import Film, FilmView  # noqa: E402
 from kfmocap.core.errors import CalibrationError, CancelledError  # noqa: E402
 from kfmocap.core.formats import load_cameras, save_cameras  # noqa: E402
 from kfmocap.kfmocap_addon import capture, views  # noqa: E402
-from kfmocap.kfmocap_addon.operators.job import Job  # noqa: E402
 from test_addon_views import largest_difference  # noqa: E402
 
 pytestmark = pytest.mark.blender
@@ -204,41 +202,3 @@ def test_a_camera_that_blenders_tracker_moves_is_exported_frame_by_frame(blender
         np.testing.assert_allclose(read.centre_world(frame), owner.matrix_world.translation, atol=1e-5)
         ahead = read.project(read.centre_world(frame) + [0, 2.0, 0], frame)
         np.testing.assert_allclose(ahead, (np.array(SIZE) - 1) / 2, atol=1e-3)
-
-
-def waited(job: Job) -> None:
-    for _ in range(500):
-        if job.done:
-            return
-        time.sleep(0.01)
-    raise AssertionError("the job does not end")
-
-
-def test_a_job_reports_how_far_it_is_and_gives_its_result():
-    job = Job(lambda progress: (progress("half", 0.5), 42)[1])
-    waited(job)
-    assert job.state == ("half", 0.5) and job.result() == 42
-
-
-def test_a_cancelled_job_ends_at_its_next_report():
-    def work(progress):
-        while progress("on", 0.1):
-            time.sleep(0.005)
-        raise CancelledError
-
-    job = Job(work)
-    assert not job.done
-    job.cancel()
-    waited(job)
-    with pytest.raises(CancelledError):
-        job.result()
-
-
-def test_an_error_in_a_job_is_raised_where_its_result_is_asked_for():
-    def work(_progress):
-        raise CalibrationError("no wand", where="cam01")
-
-    job = Job(work)
-    waited(job)
-    with pytest.raises(CalibrationError, match="cam01: no wand"):
-        job.result()

@@ -12,7 +12,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, joint_error, motion, shot, sights  # noqa: E402, F401
+from addon_shots import blender, deviations, joint_error, motion, shot, sights  # noqa: E402, F401
 from kfmocap import kfmocap_addon  # noqa: E402
 from kfmocap.core import rotations  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
@@ -27,7 +27,7 @@ TOLERANCE = 0.1  # mm
 
 def result_of(original):
     motions = tuple(motion(original.length, seed) for seed in range(len(original.performers)))
-    return SimpleNamespace(motions=motions, visible=sights(original))
+    return SimpleNamespace(motions=motions, visible=sights(original), deviation=deviations(original))
 
 
 def empty_file():

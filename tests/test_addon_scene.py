@@ -3,51 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
 from dataclasses import replace
-from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, joint_error, motion, shot, sights  # noqa: E402, F401
-from kfmocap import core, kfmocap_addon  # noqa: E402
+from addon_shots import blender, joint_error, keys_of, motion, shot, tracker  # noqa: E402, F401
+from kfmocap import kfmocap_addon  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.errors import CancelledError, FootageError, ShotError  # noqa: E402
 from kfmocap.core.shot import KeyPoses, Settings, View  # noqa: E402
-from kfmocap.kfmocap_addon import actions, registration, scene  # noqa: E402
+from kfmocap.kfmocap_addon import registration, scene  # noqa: E402
 from test_addon_views import largest_difference  # noqa: E402
 
 pytestmark = pytest.mark.blender
-
-
-@pytest.fixture
-def tracker(monkeypatch):
-    """Stands in for the tracker: gives the true motion of every performer, or what a test sets instead."""
-
-    def track(given, progress=None):
-        stand_in.shots.append(given)
-        if progress is not None:
-            progress("solve", 0.5)
-        if stand_in.error is not None:
-            raise stand_in.error
-        motions = tuple(motion(given.length, seed) for seed in range(len(given.performers)))
-        return SimpleNamespace(motions=motions, visible=sights(given), seconds={"solve": 1.0})
-
-    stand_in = ModuleType("kfmocap.core.tracking")
-    stand_in.track, stand_in.shots, stand_in.error = track, [], None
-    monkeypatch.setitem(sys.modules, "kfmocap.core.tracking", stand_in)
-    monkeypatch.setattr(core, "tracking", stand_in, raising=False)
-    return stand_in
-
-
-def keys_of(armature):
-    return {
-        (curve.data_path, curve.array_index): actions.get_keys(curve).tobytes()
-        for curve in actions.find_channelbag(armature).fcurves
-    }
 
 
 @pytest.mark.parametrize("fps", [60.0, 29.97, 30000 / 1001, 12.5])

@@ -113,7 +113,9 @@ def test_key_poses_go_through_our_own_exporter(tmp_path: Path) -> None:
     shot = addon_shots.shot(tmp_path)
     (performer,) = shot.performers
     motion = addon_shots.motion(shot.length)
-    result = SimpleNamespace(motions=(motion,), visible=addon_shots.sights(shot))
+    result = SimpleNamespace(
+        motions=(motion,), visible=addon_shots.sights(shot), deviation=addon_shots.deviations(shot)
+    )
     batch.write_blender_outputs(shot, result, tmp_path)
     skeleton = read_bvh(tmp_path / "walk.bvh")
     body = body_of_bvh(skeleton, 1.7)

@@ -1,11 +1,13 @@
 """Calibrate: cameras from videos of an L-frame and a wand."""
 
+from functools import partial
 from pathlib import Path
 
 import bpy
 
 from .. import capture as captures
-from .job import JobOperator, Work
+from ..jobs import Work
+from .job import JobOperator
 
 REPORT = "Calibration Report"
 
@@ -32,8 +34,7 @@ class Calibrate(JobOperator, bpy.types.Operator):
         from ...core.calibration.job import calibrate
 
         self._film = captures.film_of(context.scene.kfmocap_capture)
-        film = self._film
-        return lambda progress: calibrate(film, progress)
+        return partial(calibrate, self._film)
 
     def finish(self, context: bpy.types.Context, result: object) -> None:
         from ...core.calibration.report import sheet, write_report

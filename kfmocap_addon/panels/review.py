@@ -1,4 +1,4 @@
-"""The section "Review": what the cameras saw, and where a key pose would help."""
+"""The section "Review": how far to trust what was tracked, and where a key pose would help."""
 
 import bpy
 
@@ -12,12 +12,19 @@ class ReviewPanel(Section, bpy.types.Panel):
     bl_label = "Review"
 
     def draw(self, context: bpy.types.Context) -> None:
-        tracked = [slot for slot in context.scene.kfmocap.performers if occlusion.is_tracked(slot.armature)]
+        layout, properties = self.layout, context.scene.kfmocap
+        tracked = [slot for slot in properties.performers if occlusion.is_tracked(slot.armature)]
         if not tracked:
-            self.layout.label(text="Not tracked yet", icon="INFO")
+            layout.label(text="Not tracked yet", icon="INFO")
+            layout.operator("kfmocap.track", icon="TRACKING_FORWARDS")
+            return
+        row = layout.row(align=True)
+        row.prop(properties, "show_confidence", toggle=True, icon="COLOR")
+        row.prop(properties, "confidence_limit", text="mm")
         for slot in tracked:
-            column = self.layout.column(align=True)
+            column = layout.column(align=True)
             _draw_hidden(column, slot)
+            _draw_helpful(column, slot)
             _draw_suggestions(column, slot)
 
 
@@ -28,12 +35,26 @@ def _draw_hidden(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup) -> N
         column.label(text=part, icon="HIDE_ON")
 
 
+def _draw_helpful(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup) -> None:
+    if slot.helpful:
+        column.separator()
+        column.label(text="One more key pose would help most at")
+    for key in slot.helpful:
+        text = f"{key.frame}: {key.name}, some {key.error:.0f} mm"
+        button = column.operator(GoToFrame.bl_idname, text=text, icon="KEY_HLT")
+        button.frame = key.frame
+        button.reason = (
+            f"Jump there and correct the pose: its bones may be {key.error:.0f} mm off, these most. A key pose would "
+            f"lower the expected error of the whole shot by {key.gain:.1f} mm"
+        )
+
+
 def _draw_suggestions(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup) -> None:
     if slot.suggestions:
         column.separator()
-        column.label(text="A key pose would help at")
+        column.label(text="Long out of sight: a key pose beside it at")
     for suggestion in slot.suggestions:
-        button = column.operator(GoToFrame.bl_idname, text=f"{suggestion.frame}: {suggestion.name}", icon="KEY_HLT")
+        button = column.operator(GoToFrame.bl_idname, text=f"{suggestion.frame}: {suggestion.name}", icon="HIDE_ON")
         button.frame = suggestion.frame
         first, last = suggestion.hidden
         button.reason = (

@@ -2,7 +2,8 @@
 
 import bpy
 
-from ..operators.track import Track
+from ..operators.job import draw_progress, running_job
+from ..operators.track import ClearBetween, TrackAll, TrackBackward, TrackChanges, TrackForward, TrackHere
 from .section import Section
 
 
@@ -11,8 +12,23 @@ class TrackPanel(Section, bpy.types.Panel):
     bl_label = "Track"
 
     def draw(self, context: bpy.types.Context) -> None:
-        self.layout.prop(context.scene.kfmocap, "solver", text="")
-        self.layout.operator(Track.bl_idname, icon="TRACKING_FORWARDS")
+        layout, job = self.layout, running_job(context.window)
+        layout.prop(context.scene.kfmocap, "solver", text="")
+        if job is not None:
+            draw_progress(layout, job)
+            layout.label(text="Cancel", icon="EVENT_ESC")
+            return
+        column = layout.column(align=True)
+        column.operator(TrackAll.bl_idname, icon="SEQUENCE")
+        column.operator(TrackChanges.bl_idname, icon="FILE_REFRESH")
+        row = layout.row(align=True)
+        row.operator(TrackBackward.bl_idname, text="Backward", icon="TRACKING_BACKWARDS")
+        row.operator(TrackHere.bl_idname, text="Here", icon="ARROW_LEFTRIGHT")
+        row.operator(TrackForward.bl_idname, text="Forward", icon="TRACKING_FORWARDS")
+        row = layout.row(align=True)
+        row.label(text="Clear Between", icon="TRACKING_CLEAR_FORWARDS")
+        row.operator(ClearBetween.bl_idname, text="Here").where = "HERE"
+        row.operator(ClearBetween.bl_idname, text="All").where = "EVERYWHERE"
 
 
 CLASSES = (TrackPanel,)

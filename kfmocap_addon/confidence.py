@@ -1,0 +1,146 @@
+"""How far the tracked bones may be off, in the scene: on every pose bone its expected error, animated, and as colours.
+
+Each tracking writes it for the frames that it tracked. Like `occlusion`'s, it is no channel of the body.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import bpy
+
+from . import occlusion
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from ..core.shot import Shot
+
+ERROR = "kfmocap_error"
+"""Custom property of a pose bone: how far its tip may be from its true place, mm."""
+WHITE = (1.0, 1.0, 1.0, 1.0)
+_DESCRIPTION = "How far the tip of this bone may be from its true place on this frame, as last tracked, mm"
+_RAMP = ("min(1, 2 * e / {limit})", "min(1, 2 - 2 * e / {limit})", "0.1")
+"""Red, green and blue by the error e: green where it is sure, over yellow to red at the limit."""
+_HIDDEN = (0.35, 0.45, 1.0)
+"""Of a bone that no camera sees."""
+_MILLIMETRES = 1000.0
+
+
+def write_confidence(
+    scene: bpy.types.Scene, shot: Shot, deviation: Sequence[NDArray[np.float64]], first: int = 0
+) -> None:
+    """Show in a scene how far its performers' bones may be off, and where one more key pose would help most.
+
+    Parameters
+    ----------
+    shot : Shot
+        As it was tracked.
+    deviation : sequence of ndarray, shape (F, P)
+        Expected error of the parts of each performer, metres.
+    first : int
+        Of an excerpt of the scene's shot: its first frame there. What is told of other frames stays.
+    """
+    import numpy as np
+
+    start = scene.kfmocap.frame_start + first
+    for slot, found in zip(scene.kfmocap.performers, deviation, strict=True):
+        frames = start + np.arange(len(found))
+        _replace(slot.armature, frames, _MILLIMETRES * found)
+        _write_helpful(scene, slot)
+    if scene.kfmocap.show_confidence:
+        show_colours(scene)
+
+
+def forget(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, frames: Sequence[int]) -> None:
+    """Forget what is told of scene frames that are tracked no more."""
+    import numpy as np
+
+    _replace(slot.armature, np.asarray(frames), None)
+    _write_helpful(scene, slot)
+
+
+def read_confidence(armature: bpy.types.Object, frame_start: int, length: int) -> NDArray[np.float64]:
+    """Expected errors of the parts on scene frames from `frame_start` on, (F, P), metres; zero where none is told."""
+    import numpy as np
+
+    from . import actions, rig
+
+    bag, bones = actions.find_channelbag(armature), rig.body_bones(armature)
+    errors = np.zeros((length, len(bones)))
+    for rank, bone in enumerate(bones):
+        curve = bag.fcurves.find(_path(armature.pose.bones[bone.name])) if bag else None
+        if curve is not None:
+            frame, value = actions.get_keys(curve)["co"].T
+            index = np.rint(frame).astype(int) - frame_start
+            inside = (index >= 0) & (index < length)
+            errors[index[inside], rank] = value[inside] / _MILLIMETRES
+    return errors
+
+
+def show_colours(scene: bpy.types.Scene) -> None:
+    """Colour the performers' parts by their errors as the scene's properties say, or white again."""
+    properties = scene.kfmocap
+    for slot in properties.performers:
+        for part in slot.armature.children if slot.armature is not None else ():
+            bone = slot.armature.pose.bones.get(part.parent_bone)
+            if bone is not None and part.type == "MESH":
+                _colour(part, bone, properties.confidence_limit if properties.show_confidence else None)
+
+
+def _replace(armature: bpy.types.Object, frames: NDArray[np.int64], errors: NDArray[np.float64] | None) -> None:
+    """Put errors (F, P), mm, or nothing in place of those of scene frames (F,)."""
+    import numpy as np
+
+    from . import actions, rig
+
+    bag = actions.ensure_channelbag(armature, armature.name)
+    for rank, rest in enumerate(rig.body_bones(armature)):
+        bone = armature.pose.bones[rest.name]
+        curve = actions.ensure_fcurve(bag, _path(bone), 0, bone.name)
+        old = actions.get_keys(curve)
+        kept = [old[~np.isin(np.rint(old["co"][:, 0]), frames)]]
+        if errors is not None:
+            bone[ERROR] = float(errors[0, rank])
+            bone.id_properties_ui(ERROR).update(min=0.0, soft_max=100.0, precision=1, description=_DESCRIPTION)
+            kept.append(actions.new_keys(frames, errors[:, rank], "GENERATED", "LINEAR"))
+        actions.set_keys(curve, kept)
+        curve.lock = True  # so that moving keys in the timeline leaves it alone
+
+
+def _write_helpful(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> None:
+    from ..core.review.suggestions import helpful_keys
+    from . import curves, rig
+
+    start, length = scene.kfmocap.frame_start, scene.kfmocap.length
+    names = [bone.name for bone in rig.body_bones(slot.armature)]
+    errors = read_confidence(slot.armature, start, length)
+    slot.helpful.clear()
+    for key in helpful_keys(errors, curves.read_key_poses(slot.armature, start, length)):
+        item = slot.helpful.add()
+        item.name = ", ".join(names[part] for part in key.parts)
+        item.frame = start + key.frame
+        item.error, item.gain = _MILLIMETRES * key.deviation, _MILLIMETRES * key.gain
+
+
+def _colour(part: bpy.types.Object, bone: bpy.types.PoseBone, limit: float | None) -> None:
+    """Drive the colour of a part by its bone's properties; without a limit it is white."""
+    for channel, (ramp, hidden) in enumerate(zip(_RAMP, _HIDDEN, strict=True)):
+        part.driver_remove("color", channel)
+        if limit is not None and ERROR in bone:
+            driver = part.driver_add("color", channel).driver
+            driver.type = "SCRIPTED"  # Blender evaluates as simple an expression as this without Python
+            driver.expression = f"{ramp.format(limit=f'{limit:.3f}')} if v else {hidden}"
+            for name, prop in (("e", ERROR), ("v", occlusion.VIEWS)):
+                variable = driver.variables.new()
+                variable.name, variable.targets[0].id = name, bone.id_data
+                variable.targets[0].data_path = f'{bone.path_from_id()}["{prop}"]'
+    if limit is None:
+        part.color = WHITE
+
+
+def _path(bone: bpy.types.PoseBone) -> str:
+    return f'{bone.path_from_id()}["{ERROR}"]'

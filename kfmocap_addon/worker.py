@@ -1,0 +1,58 @@
+"""The other end of `jobs.Job`: a process of its own, without Blender, that does one piece of work and tells how far.
+
+It is run as a script. What comes in and goes out are pickles; see `jobs.Job`.
+"""
+
+import importlib.util
+import os
+import pickle
+import sys
+import traceback
+from pathlib import Path
+from types import ModuleType
+
+NICENESS = 5
+"""Where that is known, Blender goes first."""
+
+
+def main() -> None:
+    incoming, outgoing = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what libraries print is not part of the talk
+    if hasattr(os, "nice"):
+        os.nice(NICENESS)
+
+    def tell(*message: object) -> bool:
+        outgoing.write(pickle.dumps(message))
+        outgoing.flush()
+        return True
+
+    try:
+        search, package, folder = pickle.load(incoming)
+        sys.path[:] = search
+        load(package, Path(folder))
+        result = pickle.load(incoming)(lambda what, fraction: tell("progress", (what, fraction)))
+        tell("result", result)
+    except BrokenPipeError:
+        os._exit(1)  # nobody listens any more
+    except Exception as error:
+        error.add_note(traceback.format_exc())
+        tell("error", error)
+
+
+def load(package: str, folder: Path) -> None:
+    """Import a package by the name that it has in Blender, whatever the packages around it are there."""
+    parents = package.split(".")[:-1]
+    for depth in range(1, len(parents) + 1):
+        parent = ModuleType(".".join(parents[:depth]))
+        parent.__path__ = []
+        sys.modules[parent.__name__] = parent
+    spec = importlib.util.spec_from_file_location(
+        package, folder / "__init__.py", submodule_search_locations=[str(folder)]
+    )
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[package] = module
+    spec.loader.exec_module(module)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,36 @@
+"""Work for the tests of jobs: it is done in a process without Blender, which imports it from here."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from kfmocap.core.errors import CaptureError
+
+Progress = Callable[[str, float], bool]
+
+
+def halfway(answer: int, progress: Progress) -> int:
+    print("chatter of a library")
+    progress("half", 0.5)
+    return answer
+
+
+def silent(file: Path, progress: Progress) -> None:
+    """Reports nothing for long."""
+    file.write_text(str(os.getpid()))
+    time.sleep(60)
+
+
+def failing(progress: Progress) -> None:
+    raise CaptureError("it lies in a plane", name="wand-in-a-plane", where="wand.mp4", todo="wave it about")
+
+
+def broken(progress: Progress) -> None:
+    raise ZeroDivisionError("a bug")
+
+
+def killed(progress: Progress) -> None:
+    os._exit(1)
