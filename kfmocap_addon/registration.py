@@ -19,6 +19,7 @@ from .operators import (
     copy_pose,
     drop_files,
     export,
+    fit_body,
     go_to_frame,
     load_shot,
     look_through,
@@ -38,6 +39,7 @@ OPERATORS = (
     drop_files,
     look_through,
     body,
+    fit_body,
     refine_cameras,
     set_key_pose,
     place_joints,
@@ -71,6 +73,7 @@ def register() -> None:
     for menu, entry in MENUS:
         getattr(bpy.types, menu).append(entry)
     key_list.register()
+    _drawings.append(bpy.types.SpaceView3D.draw_handler_add(_draw_outlines, (), "WINDOW", "POST_VIEW"))
     _drawings.append(bpy.types.SpaceView3D.draw_handler_add(_draw_marks, (), "WINDOW", "POST_PIXEL"))
     if hasattr(bpy.utils, "register_cli_command"):
         _commands.append(bpy.utils.register_cli_command(COMMAND, _command))
@@ -91,6 +94,13 @@ def unregister() -> None:
 
 def is_registered() -> bool:
     return hasattr(bpy.types.Scene, "kfmocap")
+
+
+def _draw_outlines() -> None:
+    if bpy.context.scene.kfmocap.display == "OUTLINE":
+        from . import outlines
+
+        outlines.draw_outlines()
 
 
 def _draw_marks() -> None:
