@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from ..core.calibration.colours import Colour
     from ..core.calibration.film import Film, FilmView
 
+LEAST_VIEWS = 2
 SLOTS = ("lframe", "first", "second")
 """The colours that can be picked: of the L-frame's balls, the wand's first and its second."""
 _LABELS = {"lframe": "L-frame", "first": "Wand, first ball", "second": "Wand, second ball"}
@@ -124,6 +125,14 @@ def is_picked(colour: KFMocapColour) -> bool:
     return colour.hue[0] != colour.hue[1]
 
 
+def missing(capture: KFMocapCapture) -> str:
+    """What there is to do before cameras can be solved from a capture; empty when there is nothing."""
+    if len(capture.views) < LEAST_VIEWS:
+        return "Add the videos of two cameras at least"
+    open_slots = [_LABELS[slot] for slot in wanted_slots(capture) if not is_picked(capture.colour(slot))]
+    return f"Pick the colour: {open_slots[0]}" if open_slots else ""
+
+
 def film_of(capture: KFMocapCapture) -> "Film":
     """The capture as the core films it.
 
@@ -136,7 +145,7 @@ def film_of(capture: KFMocapCapture) -> "Film":
 
     from ..core.calibration.film import Film
 
-    if len(capture.views) < 2:
+    if len(capture.views) < LEAST_VIEWS:
         raise CalibrationError("two views at least are needed", where="Calibration", todo="add the cameras' videos")
     for slot in wanted_slots(capture):
         if not is_picked(capture.colour(slot)):

@@ -21,14 +21,10 @@ class Calibrate(JobOperator, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        capture = context.scene.kfmocap_capture
-        if len(capture.views) < 2:
-            cls.poll_message_set("Add the videos of two cameras at least")
-            return False
-        if not all(captures.is_picked(capture.colour(slot)) for slot in captures.wanted_slots(capture)):
-            cls.poll_message_set("Pick the balls' colours")
-            return False
-        return True
+        missing = captures.missing(context.scene.kfmocap_capture)
+        if missing:
+            cls.poll_message_set(missing)
+        return not missing
 
     def prepared(self, context: bpy.types.Context) -> Work:
         from ...core.calibration.job import calibrate

@@ -25,8 +25,13 @@ class CalibrationPanel(Section, bpy.types.Panel):
     bl_label = "Calibration"
     bl_options = {"DEFAULT_CLOSED"}
 
-    def draw(self, _context: bpy.types.Context) -> None:
+    def draw(self, context: bpy.types.Context) -> None:
+        missing = captures.missing(context.scene.kfmocap_capture)
+        if missing:
+            self.layout.label(text=missing, icon="INFO")
         column = self.layout.column(align=True)
+        if len(context.scene.kfmocap_capture.views) < captures.LEAST_VIEWS:
+            column.operator(AddVideos.bl_idname, icon="FILE_MOVIE")
         column.operator(Calibrate.bl_idname, icon="CON_CAMERASOLVER")
         column.operator(ShowReport.bl_idname, icon="IMAGE_DATA")
         row = self.layout.row(align=True)

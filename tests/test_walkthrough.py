@@ -1,0 +1,36 @@
+"""The tutorial, done in the application with mouse and keyboard."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+NEEDED = ("xvfb-run", "xdotool", "import")
+
+
+@pytest.mark.application
+@pytest.mark.skipif(
+    not all(map(shutil.which, NEEDED)), reason=f"needs {', '.join(NEEDED)} beside the Blender application"
+)
+def test_the_tutorial_can_be_done_as_it_is_written(extension_zip: Path, tmp_path: Path) -> None:
+    """From installing the zip to the exported motion; each step waits for what it should bring."""
+    command = [sys.executable, ROOT / "tools" / "tutorial.py", "--zip", extension_zip]
+    run = subprocess.run(
+        [*command, "--work", tmp_path / "work", "--out", tmp_path / "out"], capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, run.stdout + run.stderr
+    shown = {picture.stem for picture in (tmp_path / "out").glob("*.jpg")}
+    page = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
+    named = {line.split("tutorial/")[1].split(".jpg")[0] for line in page.splitlines() if line.startswith("![")}
+    assert shown >= {name for name in named if not name.startswith("beam")}
+
+
+def test_the_tutorials_pictures_are_there() -> None:
+    page = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
+    named = [line.split("](")[1].rstrip(")") for line in page.splitlines() if line.startswith("![")]
+    assert named and all((ROOT / "docs" / name).is_file() for name in named)

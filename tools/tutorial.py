@@ -1,0 +1,79 @@
+"""Make the pictures of docs/tutorial.md: the tutorial is done in Blender with mouse and keyboard, and photographed.
+
+It needs the Blender application, Xvfb, xdotool and ImageMagick. Where they are in another root, `--run` names what runs
+a command there; the work folder must then be visible in it under the same path.
+
+    python tools/tutorial.py --zip dist/kfmocap-0.1.0-linux_x64.zip
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+
+ROOT = Path(__file__).resolve().parents[1]
+SIZE = (1440, 900)
+WIDTH, QUALITY = 1200, 78
+"""Of the pictures on the page."""
+
+
+def prepare(work: Path, extension: Path) -> None:
+    """Lay out all that Blender needs to see in one folder."""
+    shutil.rmtree(work, ignore_errors=True)
+    for folder in ("walkthrough", "user"):
+        (work / folder).mkdir(parents=True)
+    for script in (ROOT / "tools" / "walkthrough").glob("*.py"):
+        shutil.copy(script, work / "walkthrough")
+    shutil.copytree(ROOT / "examples" / "walk", work / "walk")
+    if (ROOT / "examples" / "beam" / "cam01.mp4").exists():
+        shutil.copytree(ROOT / "examples" / "beam", work / "beam")
+    shutil.copy(extension, work / "kfmocap.zip")
+
+
+def run_blender(work: Path, prefix: str, seconds: int) -> int:
+    """Do the tutorial; the exit code is Blender's."""
+    width, height = SIZE
+    command = [
+        *shlex.split(prefix.format(work=work)),
+        *("xvfb-run", "-a", "-s", f"-screen 0 {width}x{height}x24", "timeout", str(seconds)),
+        *("blender", "--gpu-backend", "opengl", "--window-geometry", "0", "0", str(width), str(height)),
+        *("--python", str(work / "walkthrough" / "tutorial.py"), "--", str(work)),
+    ]
+    environment = os.environ | {"BLENDER_USER_RESOURCES": str(work / "user"), "KEEP": "BLENDER_USER_RESOURCES"}
+    return subprocess.run(command, env=environment, check=False).returncode
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--zip", type=Path, required=True, help="the extension, for that Blender's Python")
+    parser.add_argument("--work", type=Path, default=ROOT / "build" / "tutorial")
+    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "tutorial")
+    parser.add_argument(
+        "--run", default="", metavar="COMMAND", help="runs a command where Blender is; {work}: the folder"
+    )
+    parser.add_argument("--seconds", type=int, default=1800, help="at most")
+    arguments = parser.parse_args()
+
+    work = arguments.work.resolve()
+    prepare(work, arguments.zip)
+    code = run_blender(work, arguments.run, arguments.seconds)
+    if code:
+        print(f"The walk-through broke off: see {work / 'pictures' / 'failed.png'}")
+        return code
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    for picture in sorted((work / "pictures").glob("*.png")):
+        image = cv2.imread(str(picture))
+        image = cv2.resize(image, (WIDTH, round(WIDTH * image.shape[0] / image.shape[1])), interpolation=cv2.INTER_AREA)
+        cv2.imwrite(str(arguments.out / f"{picture.stem}.jpg"), image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,265 @@
+"""A person before Blender's window: reads the labels, clicks on them, types, and takes pictures.
+
+Runs within Blender, in an X server; needs xdotool and ImageMagick. What takes time is a generator of seconds to wait.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import blf
+import bpy
+import gpu
+import numpy as np
+from mathutils import Matrix
+from numpy.typing import NDArray
+
+Waits = Iterator[float]
+Place = tuple[int, int]
+"""Pixels of the screen from its upper left."""
+Box = tuple[int, int, int, int]
+"""Left, top, right, bottom."""
+
+_ALIKE = 0.8
+"""Least correlation of a label with what is on the screen: the same letters have more, on any background."""
+
+
+class NotShownError(RuntimeError):
+    """A label is not on the screen."""
+
+
+def run(steps: Waits, picture: Path) -> None:
+    """Take the steps one after the other; end Blender when they are through, with code 1 where one fails."""
+
+    def tick() -> float | None:
+        try:
+            return next(steps)
+        except StopIteration:
+            bpy.ops.wm.quit_blender()
+        except Exception:
+            traceback.print_exc()
+            _photograph_to(picture)
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(1)
+        return None
+
+    bpy.app.timers.register(tick, first_interval=1.5)
+
+
+def click(label: str, **where: Any) -> Waits:
+    """Click on a label; further arguments as of `find`."""
+    yield from click_at(find(label, **where))
+
+
+def click_at(place: Place, button: int = 1) -> Waits:
+    """Move the mouse to a place and click."""
+    yield from hover(place)
+    _xdotool("click", button)
+    yield from settled()
+
+
+def hover(place: Place) -> Waits:
+    """Move the mouse to a place."""
+    _xdotool("mousemove", *place)
+    yield 0.3
+
+
+def click_with(key: str, place: Place) -> Waits:
+    """Click with a key held, such as "ctrl"."""
+    yield from hover(place)
+    _xdotool("keydown", key)
+    yield 0.1
+    _xdotool("click", 1)
+    yield 0.2
+    _xdotool("keyup", key)
+    yield from settled()
+
+
+def click_quickly(place: Place) -> Waits:
+    """Click where the screen need not come to rest before the next click."""
+    yield from hover(place)
+    _xdotool("click", 1)
+    yield 0.3
+
+
+def drag(start: Place, end: Place) -> Waits:
+    """Drag with the left button."""
+    yield from hover(start)
+    _xdotool("mousedown", 1)
+    yield 0.3
+    yield from hover(end)
+    _xdotool("mouseup", 1)
+    yield from settled()
+
+
+def press(key: str, place: Place | None = None) -> Waits:
+    """Press a key, such as "Return" or "ctrl+a", with the mouse at a place or where it is."""
+    if place is not None:
+        yield from hover(place)
+    _xdotool("key", key)
+    yield from settled()
+
+
+def write(text: str, place: Place) -> Waits:
+    """Type a text into the field at a place, in place of what is there, and Return."""
+    yield from click_at(place)
+    yield from press("ctrl+a")
+    _xdotool("type", "--delay", 15, text)
+    yield from settled()
+    yield from press("Return")
+
+
+def choose_file(path: Path, button: str) -> Waits:
+    """In Blender's file browser, over the whole screen, type a path and click on the button that takes it."""
+    height, width = screenshot().shape[:2]
+    yield from write(str(path), (width // 2, 47))
+    yield from click_at((width // 2, height - 8))  # out of the field, which else takes the next click
+    yield from click(button, within=(width // 2, height - 60, width, height))
+
+
+def settled(seconds: float = 5.0) -> Waits:
+    """Wait until the screen has come to rest, for some seconds at most."""
+    yield 0.6
+    end, shown = time.monotonic() + seconds, screenshot()
+    while time.monotonic() < end:
+        yield 0.4
+        before, shown = shown, screenshot()
+        if before.shape == shown.shape and (before == shown).all():
+            return
+
+
+def until(condition: Callable[[], object], seconds: float = 120.0) -> Waits:
+    """Wait for a condition.
+
+    Raises
+    ------
+    TimeoutError
+        It is not met in time.
+    """
+    end = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() > end:
+            raise TimeoutError(f"waited {seconds:.0f} s")
+        yield 0.2
+
+
+def find(label: str, *, within: Box | None = None, nth: int | None = None, sideways: bool = False) -> Place:
+    """The middle of a label on the screen.
+
+    Parameters
+    ----------
+    sideways : bool
+        It reads from above down, as on a tab.
+    within : tuple, optional
+        Where to look, by default everywhere.
+    nth : int, optional
+        Which of several, from above, then from the left; by default what is most like it.
+
+    Raises
+    ------
+    NotShownError
+        It is not there.
+    """
+    screen, text = screenshot().max(axis=2).astype(float), _drawn(label)
+    if sideways:
+        text = np.rot90(text, -1)
+    alike = _correlation(screen, text)
+    h, w = text.shape
+    if within is not None:
+        left, top, right, bottom = within
+        inside = np.zeros_like(alike, bool)
+        inside[top:bottom, left:right] = True
+        alike = np.where(inside, alike, 0.0)
+    places = _peaks(alike, (h, w))
+    if len(places) <= (nth or 0):
+        raise NotShownError(f"'{label}' is {'nowhere' if not places else 'not so often'} on the screen")
+    row, column = places[0] if nth is None else sorted(places)[nth]
+    return column + w // 2, row + h // 2
+
+
+def is_shown(label: str) -> bool:
+    """Whether a label is on the screen."""
+    try:
+        find(label)
+    except NotShownError:
+        return False
+    return True
+
+
+def screenshot() -> NDArray[np.uint8]:
+    """What the screen shows, shape (h, w, 3)."""
+    command = ["import", "-window", "root", "-depth", "8", "ppm:-"]
+    picture = subprocess.run(command, capture_output=True, check=True).stdout
+    _, size, _, pixels = picture.split(b"\n", 3)
+    width, height = map(int, size.split())
+    return np.frombuffer(pixels, np.uint8).reshape(height, width, 3)
+
+
+def _photograph_to(path: Path) -> None:
+    subprocess.run(["import", "-window", "root", str(path)], check=False)
+
+
+def photograph(path: Path) -> Waits:
+    """Take a picture of the screen."""
+    yield from settled()
+    _photograph_to(path)
+
+
+def _xdotool(*arguments: object) -> None:
+    subprocess.run(["xdotool", *map(str, arguments)], check=True)
+
+
+def _drawn(label: str) -> NDArray[np.floating]:
+    """A label as Blender draws it, white on black, trimmed, shape (h, w)."""
+    size = bpy.context.preferences.ui_styles[0].widget.points * bpy.context.preferences.system.ui_scale
+    blf.size(0, size)
+    width, height = int(blf.dimensions(0, label)[0]) + 6, int(1.6 * size)
+    canvas = gpu.types.GPUOffScreen(width, height)
+    with canvas.bind():
+        frame = gpu.state.active_framebuffer_get()
+        frame.clear(color=(0.0, 0.0, 0.0, 1.0))
+        with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
+            gpu.matrix.load_matrix(Matrix.Identity(4))
+            gpu.matrix.load_projection_matrix(
+                Matrix(((2 / width, 0, 0, -1), (0, 2 / height, 0, -1), (0, 0, 1, 0), (0, 0, 0, 1)))
+            )
+            blf.color(0, 1, 1, 1, 1)
+            blf.position(0, 3, round(0.45 * size), 0)
+            blf.draw(0, label)
+        pixels = frame.read_color(0, 0, width, height, 4, 0, "UBYTE")
+    canvas.free()
+    pixels.dimensions = width * height * 4
+    return np.array(pixels, np.uint8).reshape(height, width, 4)[::-1, :, :3].max(axis=2).astype(float)
+
+
+def _correlation(screen: NDArray[np.floating], text: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Normalised correlation at every place of a text's upper left corner."""
+    h, w = text.shape
+    pattern = text - text.mean()
+    spectrum = np.fft.rfft2(screen) * np.conj(np.fft.rfft2(pattern, screen.shape))
+    product = np.fft.irfft2(spectrum, screen.shape)[: screen.shape[0] - h + 1, : screen.shape[1] - w + 1]
+
+    def summed(image: NDArray[np.floating]) -> NDArray[np.floating]:
+        total = np.pad(image.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+        return total[h:, w:] - total[:-h, w:] - total[h:, :-w] + total[:-h, :-w]
+
+    variance = np.maximum(summed(screen**2) - summed(screen) ** 2 / (h * w), 1.0)
+    return product / np.sqrt(variance * (pattern**2).sum())
+
+
+def _peaks(alike: NDArray[np.floating], size: tuple[int, int]) -> list[tuple[int, int]]:
+    """Upper left corners of what is alike enough, the best of each cluster, the most alike first."""
+    alike, found = alike.copy(), []
+    while alike.max() >= _ALIKE:
+        row, column = np.unravel_index(np.argmax(alike), alike.shape)
+        found.append((int(row), int(column)))
+        alike[max(row - size[0], 0) : row + size[0], max(column - size[1], 0) : column + size[1]] = 0
+    return found

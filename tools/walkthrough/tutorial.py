@@ -1,0 +1,274 @@
+"""What the tutorial shows, done as a person would do it: in Blender, with mouse and keyboard.
+
+Run by `tools/tutorial.py`, with the folder of the examples, the extension's zip and the pictures after `--`.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import bpy
+import numpy as np
+from bpy_extras.view3d_utils import location_3d_to_region_2d
+from mathutils import Vector
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
+
+import screen  # noqa: E402
+from screen import Place, Waits, choose_file, click, click_at, click_quickly, find, photograph, press, until  # noqa: E402
+
+WORK = Path(sys.argv[sys.argv.index("--") + 1])
+PICTURES = WORK / "pictures"
+
+
+def picture(name: str) -> Waits:
+    yield from photograph(PICTURES / f"{name}.png")
+
+
+def scene() -> bpy.types.Scene:
+    return bpy.context.window_manager.windows[0].scene
+
+
+def view3d() -> tuple[bpy.types.Area, bpy.types.Region]:
+    """The 3D view and the region of it that shows the scene."""
+    area = next(a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == "VIEW_3D")
+    return area, next(r for r in area.regions if r.type == "WINDOW")
+
+
+def in_view(share: tuple[float, float] = (0.3, 0.5)) -> Place:
+    """A place in the 3D view, as shares of its width and height from its upper left."""
+    _, region = view3d()
+    height = bpy.context.window_manager.windows[0].height
+    return round(region.x + share[0] * region.width), round(height - region.y - (1 - share[1]) * region.height)
+
+
+def shown_at(point: np.ndarray) -> Place:
+    """Where the 3D view shows a point of the world."""
+    area, region = view3d()
+    x, y = location_3d_to_region_2d(region, area.spaces.active.region_3d, Vector(point))
+    return round(region.x + x), round(bpy.context.window_manager.windows[0].height - region.y - y)
+
+
+def truth(example: str) -> dict[str, np.ndarray]:
+    """Where the joints are on every frame (F, 3): what a person sees in the footage, the script reads from a file."""
+    lines = (WORK / example / "landmarks.trc").read_text().splitlines()
+    names = [name for name in lines[3].split("\t")[2:] if name]
+    rows = np.array([[float(x) if x else np.nan for x in line.split("\t")] for line in lines[5:] if line.strip()])
+    points = rows[:, 2 : 2 + 3 * len(names)].reshape(len(rows), len(names), 3)[..., [2, 0, 1]]
+    return {name: points[:, i] for i, name in enumerate(names)}
+
+
+def install() -> Waits:
+    """Preferences > Get Extensions > Install from Disk."""
+    yield from click("Continue")
+    yield from press("Escape", in_view())
+    yield from click("Edit", within=(0, 0, 300, 30))
+    yield from click("Preferences...")
+    yield from click("Get Extensions")
+    beside = find("Repositories")
+    yield from click_at((screen.screenshot().shape[1] - 19, beside[1]))
+    yield from picture("install")
+    yield from click("Install from Disk...")
+    yield from choose_file(WORK / "kfmocap.zip", "Install from Disk")
+    yield from until(lambda: hasattr(bpy.types.Scene, "kfmocap"))
+    yield from click("Back to Previous")
+
+
+def open_tab() -> Waits:
+    """N, then the tab; the default cube, lamp and camera go."""
+    yield from press("a", in_view())
+    yield from press("x", in_view())
+    yield from press("Return")
+    yield from press("n", in_view())
+    yield from click("KF Mocap", sideways=True)
+    yield from picture("tab")
+
+
+def add_footage() -> Waits:
+    """All three videos of the example, then its calibration."""
+    yield from click("Add Footage")
+    yield from screen.write(str(WORK / "walk") + "/", (640, 47))
+    yield from click_at((screen.screenshot().shape[1] // 2, screen.screenshot().shape[0] - 8))
+    yield from press("a", (640, 300))
+    yield from picture("footage_browser")
+    height, width = screen.screenshot().shape[:2]
+    yield from click("Add Footage", within=(width // 2, height - 60, width, height))
+    yield from until(lambda: len(scene().kfmocap.views) == 3)
+    yield from click("Import Calibration")
+    yield from choose_file(WORK / "walk" / "calibration.toml", "Import Calibration")
+    yield from until(lambda: all(view.is_calibrated for view in scene().kfmocap.views))
+    yield from picture("footage")
+
+
+def add_body() -> Waits:
+    """An average body of 1.75 m beside the performer."""
+    yield from only("Body")
+    yield from click("Add Body")
+    yield from until(lambda: len(scene().kfmocap.performers) == 1)
+    yield from picture("body")
+
+
+def only(section: str) -> Waits:
+    """Ctrl-click on a section's title: it opens, the others close."""
+    yield from screen.click_with("ctrl", find(section, within=sidebar()))
+
+
+def sidebar() -> screen.Box:
+    area, _ = view3d()
+    region = next(r for r in area.regions if r.type == "UI")
+    height = bpy.context.window_manager.windows[0].height
+    return region.x, height - region.y - region.height, region.x + region.width, height - region.y
+
+
+def placing() -> object:
+    """The tool Place Joints while it runs."""
+    tools = bpy.context.window_manager.windows[0].modal_operators
+    return next(tool for tool in tools if tool.bl_idname == "KFMOCAP_OT_place_joints")
+
+
+CLICKED = 15
+"""So many of the joints that are asked for: limbs, head and neck. The rest may stay as it is."""
+
+
+def pose(frame: int, joints: dict[str, np.ndarray], photographed: str = "") -> Waits:
+    """Click the joints of a frame (from 0) of the example in two cameras, then Enter."""
+    yield from click("Place Joints")
+    for view in ("cam01", "cam02"):
+        while scene().camera.name != view:
+            yield from press("Next", in_view())
+        for name in [n for n in placing()._placing.missing(view)[:CLICKED] if n in joints]:
+            while placing()._asked_in(view) != name:
+                yield from press("Tab", in_view())
+            yield from click_quickly(shown_at(joints[name][frame]))
+        if view == "cam01" and photographed:
+            yield from picture(f"{photographed}_one_camera")
+    if photographed:
+        yield from picture(f"{photographed}_two_cameras")
+    yield from press("Return")
+    yield from press("Prior" if False else "Home", in_view())
+
+
+def key_poses() -> Waits:
+    """Key poses on the first frame and the last one; then the body is fitted to them."""
+    joints = truth("walk")
+    yield from only("Key Poses")
+    yield from pose(0, joints, "joints")
+    yield from click("To Frame 60")
+    yield from pose(59, joints)
+    yield from picture("key_poses")
+    yield from only("Body")
+    before = bone_lengths()
+    yield from click("Fit Body")
+    yield from until(lambda: idle() and bone_lengths() != before, 300)
+    yield from picture("fitted")
+
+
+def bone_lengths() -> list[float]:
+    return [bone.length for bone in scene().kfmocap.performers[0].armature.data.bones]
+
+
+def tracked_keys() -> int:
+    """How many keys the tracker has written."""
+    action = scene().kfmocap.performers[0].armature.animation_data.action
+    curves = action.layers[0].strips[0].channelbags[0].fcurves
+    return sum(key.type == "GENERATED" for curve in curves for key in curve.keyframe_points)
+
+
+def idle() -> bool:
+    """Whether no tool is at work."""
+    return not bpy.context.window_manager.windows[0].modal_operators
+
+
+def track() -> Waits:
+    yield from only("Track")
+    yield from click("Track All")
+    yield 4.0
+    yield from picture("tracking")
+    yield from until(lambda: idle() and tracked_keys(), 600)
+    yield from to_frame(30)
+    yield from picture("tracked")
+
+
+def to_frame(frame: int) -> Waits:
+    """A click on the timeline."""
+    timeline = next(a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == "DOPESHEET_EDITOR")
+    region = next(r for r in timeline.regions if r.type == "WINDOW")
+    x, _ = region.view2d.view_to_region(frame, 0, clip=False)
+    top = bpy.context.window_manager.windows[0].height - region.y - region.height
+    yield from click_at((region.x + x, top + 10))
+
+
+def correct() -> Waits:
+    """A correcting key pose where the review says that it helps most, and the two stretches beside it again."""
+    joints = truth("walk")
+    yield from only("Review")
+    yield from picture("review")
+    yield from only("Key Poses")
+    yield from pose(scene().frame_current - 1, joints)
+    yield from only("Track")
+    yield from click("Track Changes")
+    yield 2.0
+    yield from until(idle, 600)
+    yield from picture("tracked_again")
+
+
+def export() -> Waits:
+    yield from only("Export")
+    yield from picture("export")
+    yield from click("Export", within=below("Root Motion"))
+    height, width = screen.screenshot().shape[:2]
+    (WORK / "exported").mkdir()
+    yield from screen.write(str(WORK / "exported") + "/", (width // 2, 47))
+    yield from click_at((width // 2, height - 8))
+    yield from click("Export", within=(width // 2, height - 60, width, height))
+    yield from until(lambda: list((WORK / "exported").glob("*.fbx")))
+
+
+def real_shot() -> Waits:
+    """The beam: from its shot file, four cameras side by side, tracked."""
+    if not (WORK / "beam" / "cam01.mp4").exists():
+        return
+    yield from only("Footage and Cameras")
+    yield from click("Load Shot")
+    yield from choose_file(WORK / "beam" / "shot.toml", "Load Shot")
+    yield from until(lambda: len(scene().kfmocap.views) == 4)
+    _, y = find("Next", within=sidebar())
+    yield from click_at((sidebar()[2] - 26, y))
+    yield from picture("beam")
+    yield from only("Track")
+    yield from click("Track All")
+    yield from until(lambda: idle() and tracked_keys(), 600)
+    yield from to_frame(50)
+    yield from only("Review")
+    yield from picture("beam_tracked")
+
+
+def below(label: str) -> screen.Box:
+    """The part of the sidebar below a label."""
+    left, _, right, bottom = sidebar()
+    return left, find(label, within=sidebar())[1] + 8, right, bottom
+
+
+def steps() -> Waits:
+    preferences = bpy.context.preferences
+    preferences.view.show_splash = False
+    preferences.view.filebrowser_display_type = preferences.view.preferences_display_type = "SCREEN"
+    preferences.view.show_tooltips = False
+    preferences.system.use_region_overlap = False
+    yield 1.0
+    yield from install()
+    yield from open_tab()
+    yield from add_footage()
+    yield from add_body()
+    yield from key_poses()
+    yield from track()
+    yield from correct()
+    yield from export()
+    yield from real_shot()
+
+
+if __name__ == "__main__":
+    PICTURES.mkdir(exist_ok=True)
+    screen.run(steps(), PICTURES / "failed.png")
