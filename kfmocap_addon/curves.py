@@ -89,10 +89,7 @@ def write_key_poses(armature: bpy.types.Object, key_poses: KeyPoses, frame_start
         kept = old[~_on_frames(old, frames[keyed])]
         new = actions.new_keys(frames[keyed], values[keyed, c], "KEYFRAME", "BEZIER")
         actions.set_keys(curve, [kept, new])
-    poses = key_poses.poses
-    exact.keep(armature, KEY_FRAMES, frames)
-    exact.keep(armature, KEY_TRANSLATIONS, poses.translations)
-    exact.keep(armature, KEY_ROTATIONS, poses.rotations)
+    _remember(armature, frames, key_poses.poses)
 
 
 def write_motion(
@@ -310,6 +307,19 @@ def key_current_pose(armature: bpy.types.Object, frame: int, bones: Collection[s
             curve.update()
 
 
+def _remember(armature: bpy.types.Object, frames: FrameNumbers, poses: Motion) -> None:
+    """Keep poses of scene frames as they were before rounding, beside those of other frames."""
+    T, Q = poses.translations, poses.rotations
+    if KEY_FRAMES in armature:
+        old, T0, Q0 = (np.array(json.loads(armature[n])) for n in (KEY_FRAMES, KEY_TRANSLATIONS, KEY_ROTATIONS))
+        kept = ~np.isin(old, frames)
+        if kept.any() and Q0.shape[1:] == Q.shape[1:]:
+            frames, T, Q = (np.concatenate(pair) for pair in ((old[kept], frames), (T0[kept], T), (Q0[kept], Q)))
+    exact.keep(armature, KEY_FRAMES, frames)
+    exact.keep(armature, KEY_TRANSLATIONS, T)
+    exact.keep(armature, KEY_ROTATIONS, Q)
+
+
 def _unrounded(armature: bpy.types.Object, frames: FrameNumbers, read: Motion) -> Motion:
     """The poses that `write_key_poses` was given, where the keys still have them; else those read."""
     if KEY_FRAMES not in armature:
@@ -391,7 +401,8 @@ def _evaluate(armature: bpy.types.Object, channels: list[Channel], frames: Frame
 def _values(armature: bpy.types.Object, motion: Motion) -> Array:
     """Channel values of a motion, shape (F, 3 + 4 P)."""
     A, place = _root_frame(armature)
-    return np.concatenate([(motion.translations - place) @ A, motion.quaternions().reshape(len(motion), -1)], axis=1)
+    turns = motion.quaternions().reshape(len(motion), 4 * motion.rotations.shape[1])
+    return np.concatenate([(motion.translations - place) @ A, turns], axis=1)
 
 
 def _motion(armature: bpy.types.Object, values: Array) -> Motion:
@@ -453,7 +464,7 @@ def _fixed_dofs(armature: bpy.types.Object, held: NDArray[np.bool_]) -> NDArray[
 def _fixed_channels(armature: bpy.types.Object, fixed: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Channels (K, C) to key for fixed degrees of freedom (K, D): a bone's quaternion is keyed as a whole."""
     axes = _aligned_axes(armature)
-    turns = fixed[:, 3:].reshape(len(fixed), -1, 3).any(axis=2)
+    turns = fixed[:, 3:].reshape(len(fixed), fixed.shape[1] // 3 - 1, 3).any(axis=2)
     moves = np.repeat(fixed[:, :3].any(axis=1)[:, None], 3, axis=1)
     if axes is not None:
         moves = fixed[:, np.argsort(axes)]

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import bpy
 
 _DELAY = 0.05
-_found: dict[int, tuple[Row, ...]] = {}  # by the armature's number of this session; nothing here outlives a change
+_found: dict[int, tuple[Row, ...]] = {}  # by the armature's number of this session
+_current: set[int] = set()  # those that are as the keys are now
 
 
 @dataclass(frozen=True)
@@ -36,11 +37,10 @@ class Row:
 
 
 def rows(armature: bpy.types.Object) -> tuple[Row, ...] | None:
-    """The key poses of an armature; None while they are being looked up."""
-    found = _found.get(armature.session_uid)
-    if found is None and not bpy.app.timers.is_registered(_look_up):
+    """The key poses of an armature; as they were until they have been looked up anew, None before the first time."""
+    if armature.session_uid not in _current and not bpy.app.timers.is_registered(_look_up):
         bpy.app.timers.register(_look_up, first_interval=_DELAY)
-    return found
+    return _found.get(armature.session_uid)
 
 
 def looked_up(armature: bpy.types.Object) -> tuple[Row, ...]:
@@ -60,8 +60,9 @@ def looked_up(armature: bpy.types.Object) -> tuple[Row, ...]:
 def _look_up() -> None:
     for scene in bpy.data.scenes:
         for slot in scene.kfmocap.performers:
-            if slot.armature is not None and slot.armature.session_uid not in _found:
+            if slot.armature is not None and slot.armature.session_uid not in _current:
                 _found[slot.armature.session_uid] = looked_up(slot.armature)
+                _current.add(slot.armature.session_uid)
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
             if area.type == "VIEW_3D":
@@ -69,14 +70,14 @@ def _look_up() -> None:
 
 
 @bpy.app.handlers.persistent
-def _changed(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
-    if depsgraph is None or any(isinstance(update.id, bpy.types.Action) for update in depsgraph.updates):
-        _found.clear()
+def _changed(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    if any(isinstance(update.id, bpy.types.Action) for update in depsgraph.updates):
+        _current.clear()
 
 
 @bpy.app.handlers.persistent
 def _replaced(*_arguments: object) -> None:
-    _found.clear()
+    _current.clear()
 
 
 def register() -> None:
@@ -92,3 +93,4 @@ def unregister() -> None:
     if bpy.app.timers.is_registered(_look_up):
         bpy.app.timers.unregister(_look_up)
     _found.clear()
+    _current.clear()

@@ -134,6 +134,27 @@ class KFMocapMark(bpy.types.PropertyGroup):
     )
 
 
+class KFMocapFrames(bpy.types.PropertyGroup):
+    """The frames on which key poses are made of keypoints or landmarks."""
+
+    choice: bpy.props.EnumProperty(
+        items=[
+            ("CURRENT", "This Frame", "The scene's current frame"),
+            ("EVERY", "Every n-th", "The first frame, and every n-th after it"),
+            ("LISTED", "Listed", "The frames of a list"),
+            ("AUTO", "Proposed", "Frames that show the performer best, every 0.6 s or so, beside your key poses"),
+        ],
+        default="AUTO",
+        name="Frames",
+        description="On which frames key poses are made",
+    )
+    step: bpy.props.IntProperty(min=1, default=20, name="Every", description="From one key pose to the next, frames")
+    listed: bpy.props.StringProperty(name="List", description="Scene frames, such as 1, 20, 40-42")
+    replace: bpy.props.BoolProperty(
+        name="Replace My Keys", description="Make them on frames that have a key of yours, too; else these stay"
+    )
+
+
 class KFMocapPerformer(bpy.types.PropertyGroup):
     """Somebody to track, by name; the armature is the body, its keys are the key poses."""
 
@@ -195,6 +216,9 @@ class KFMocapScene(bpy.types.PropertyGroup):
     show_marks: bpy.props.BoolProperty(
         default=True, name="Show Marks", description="Show the clicked joints of this frame over the footage"
     )
+    key_frames: bpy.props.PointerProperty(
+        type=KFMocapFrames, name="Frames", description="Where key poses are made of keypoints or landmarks"
+    )
     copied: bpy.props.StringProperty(name="Copied Pose", description="Values of the bones by their names, as JSON")
     solver: bpy.props.EnumProperty(
         items=[
@@ -243,6 +267,7 @@ CLASSES = (
     KFMocapSuggestion,
     KFMocapHelpfulKey,
     KFMocapMark,
+    KFMocapFrames,
     KFMocapPerformer,
     KFMocapStretch,
     KFMocapScene,

@@ -343,6 +343,19 @@ def _read_view(slot: bpy.types.PropertyGroup, R_cam_world: Array, t_cam_world: A
     return View(camera, footage, round(slot.offset, 5), slot.fields, keypoints)
 
 
+def set_keypoints(slot: bpy.types.PropertyGroup, path: Path) -> None:
+    """Give a view a detector's 2D keypoints, a file or a folder; its path is kept relative to the footage's.
+
+    Raises
+    ------
+    FootageError
+        The view's camera has no footage.
+    """
+    clip = _background_clip(slot)
+    footage = Path(os.path.normpath(bpy.path.abspath(clip.filepath, library=clip.library)))
+    slot.keypoints = _relative(path, footage.parent)
+
+
 def _background_clip(slot: bpy.types.PropertyGroup) -> bpy.types.MovieClip:
     clip = clip_behind(slot.camera)
     if clip is None:

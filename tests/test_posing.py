@@ -189,8 +189,9 @@ def test_a_flipped_limb_looks_the_same_and_points_the_other_way():
     assert abs(after[1, 2] - after[0, 2]) > 0.05
 
 
-def test_only_limbs_are_flipped():
-    assert errors(limb_flipped(BODY, WALK[[20]], "Hip", np.eye(3)[1]), WALK[[20]]).max() == 0
+@pytest.mark.parametrize("landmark", ["Hip", "LHip", "LShoulder"])
+def test_only_limbs_are_flipped(landmark: str):
+    assert errors(limb_flipped(BODY, WALK[[20]], landmark, np.eye(3)[1]), WALK[[20]]).max() == 0
 
 
 def test_moved_in_depth_the_root_stays_where_it_is_seen():

@@ -18,7 +18,7 @@ from .files import replacing
 Array = NDArray[np.float64]
 
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
-_WORLD_OF_TRC = [2, 0, 1]
+WORLD_OF_Y_UP = [2, 0, 1]
 _TRC_OF_WORLD = [1, 2, 0]
 _HEADER_LINES = 5
 
@@ -73,7 +73,7 @@ def read_trc(path: Path | str) -> Landmarks:
         for number, line in enumerate(lines[_HEADER_LINES:], _HEADER_LINES + 1)
         if line.strip()
     ]
-    points = np.array(rows).reshape(len(rows), len(names), 3)[..., _WORLD_OF_TRC] * METRES[unit]
+    points = np.array(rows).reshape(len(rows), len(names), 3)[..., WORLD_OF_Y_UP] * METRES[unit]
     return Landmarks(names, points, _rate(header, path))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from ..errors import KeypointError
 from ..formats.tables import named
-from ..shot import KeyPoses, Performer, Shot, Wanted, fixed_degrees
+from ..motion import Motion
+from ..shot import KeyPoses, Performer, Progress, Shot, Wanted, fixed_degrees, report_progress
 from ..solvers.gauss_newton import acceleration_precision
 from .first_pass import first_pass, scaled_first_pass
 from .fit import KeypointFit
@@ -54,18 +55,54 @@ def proposed(shot: Shot, wanted: Sequence[Wanted | None]) -> tuple[Performer, ..
     return tuple(performers)
 
 
-def with_proposals(shot: Shot) -> Shot:
-    """A shot with proposed key poses beside those that it has; these, and the bodies, stay as they are.
+@dataclass(frozen=True, eq=False)
+class SeenPoses:
+    """What keypoints say of one performer of a shot.
+
+    Attributes
+    ----------
+    motion : Motion
+        F poses, held to the key poses that there are.
+    frames : ndarray of int, shape (K,)
+        Shot frames asked for, or chosen.
+    """
+
+    motion: Motion
+    frames: NDArray[np.int64]
+
+    def key_poses(self) -> KeyPoses:
+        """The poses of these frames; they fix nothing."""
+        return KeyPoses.proposed(self.frames, self.motion[self.frames])
+
+
+def seen_poses(
+    shot: Shot, frames: Sequence[int] | None = None, progress: Progress | None = None
+) -> tuple[SeenPoses, ...]:
+    """Fit the motion of every performer of a shot to keypoints; bodies and key poses stay as they are.
+
+    Parameters
+    ----------
+    shot : Shot
+    frames : sequence of int, optional
+        Shot frames on which poses are wanted; by default some are chosen beside the key poses that there are.
+    progress : callable, optional
 
     Raises
     ------
     KeypointError
         The keypoints do not show a performer well enough.
+    CancelledError
+        `progress` returned False.
     """
-    performers = []
-    for performer, keypoints in zip(shot.performers, assigned(shot, read_views(shot)), strict=True):
+    found = []
+    report_progress(progress, "keypoints", 0.0)
+    owned = assigned(shot, read_views(shot))
+    for i, (performer, keypoints) in enumerate(zip(shot.performers, owned, strict=True)):
+        report_progress(progress, performer.name, (1 + i) / (1 + len(owned)))
         body, keys = performer.body, performer.key_poses
         with named(f"performer '{performer.name}'"):
+            if not keypoints.confidence.any():
+                raise KeypointError("no keypoints are its", todo="give the views keypoints that show it")
             fit = first_pass(
                 body,
                 keys,
@@ -75,16 +112,39 @@ def with_proposals(shot: Shot) -> Shot:
                 shot.fps,
                 frames_together(shot.settings, shot.fps),
             )
-        apart = EVERY * shot.fps / 2
-        frames = [f for f in chosen_frames(fit, shot.fps) if not len(keys.frames) or abs(keys.frames - f).min() > apart]
-        more = KeyPoses.proposed(frames, fit.motion[frames])
-        performers.append(replace(performer, key_poses=keys.joined(more)))
+        chosen = beside(chosen_frames(fit, shot.fps), keys.frames, shot.fps) if frames is None else sorted(set(frames))
+        found.append(SeenPoses(fit.motion, np.array(chosen, np.int64)))
+    return tuple(found)
+
+
+def with_proposals(shot: Shot) -> Shot:
+    """A shot with proposed key poses beside those that it has; these, and the bodies, stay as they are.
+
+    Raises
+    ------
+    KeypointError
+        The keypoints do not show a performer well enough.
+    """
+    performers = [
+        replace(performer, key_poses=performer.key_poses.joined(seen.key_poses()))
+        for performer, seen in zip(shot.performers, seen_poses(shot), strict=True)
+    ]
     return replace(shot, performers=tuple(performers))
+
+
+def beside(chosen: NDArray[np.int64], keys: NDArray[np.int64], fps: float) -> NDArray[np.int64]:
+    """Those of some frames that are not near a key pose."""
+    apart = EVERY * fps / 2
+    return np.array([f for f in chosen if not len(keys) or abs(keys - f).min() > apart], np.int64)
 
 
 def chosen_frames(fit: KeypointFit, fps: float) -> NDArray[np.int64]:
     """Of every stretch of `EVERY` seconds, the frame in its middle half that keypoints show best."""
-    quality = seen_quality(fit)
+    return best_frames(seen_quality(fit), fps)
+
+
+def best_frames(quality: Array, fps: float) -> NDArray[np.int64]:
+    """Of every stretch of `EVERY` seconds, the frame in its middle half with the greatest quality (F,)."""
     count = max(1, round(len(quality) / (EVERY * fps)))
     edges = np.linspace(0, len(quality), count + 1)
     frames = []

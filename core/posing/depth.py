@@ -24,13 +24,13 @@ def limb_flipped(body: Body, pose: Motion, landmark: str, axis_world: Array) -> 
     pose : Motion
         One pose.
     landmark : str
-        A joint or the tip of a part; where nothing but the root leads to it, the pose stays.
+        A joint or the tip of a part; where a part of the trunk leads to it, one that carries several, the pose stays.
     axis_world : ndarray, shape (3,)
         The camera's optical axis, of length one.
     """
     carrier, local = body.landmarks[landmark]
     part = carrier if np.linalg.norm(local) > 0 else body.parents[carrier]
-    if part < 1:
+    if part < 1 or body.parents.count(part) > 1:
         return pose
     R, T = (x[0] for x in part_poses(body, pose))
     limb = R[carrier] @ local + T[carrier] - T[part]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from .. import performers, viewport
+from .look_through import show
 from .reporting import reported
 
 _NEAR, _CLICK = 14, 4  # pixels: how near a handle is meant, how far the mouse of a click moves
@@ -189,15 +190,9 @@ class PlaceJoints(bpy.types.Operator):
             self._look_on(context, 0)
 
     def _look_on(self, context: bpy.types.Context, step: int) -> None:
-        from .. import views
-
-        slots = [slot for slot in context.scene.kfmocap.views if slot.name in self._placing.views()]
-        here = next((i for i, slot in enumerate(slots) if slot.camera == context.scene.camera), 0)
-        views.look_through(context.scene, slots[(here + step) % len(slots)])
-        space = context.space_data
-        if space is not None and space.type == "VIEW_3D":
-            space.use_local_camera = False
-            space.region_3d.view_perspective = "CAMERA"
+        usable = [i for i, slot in enumerate(context.scene.kfmocap.views) if slot.name in self._placing.views()]
+        shown = context.scene.kfmocap.shown_view
+        show(context, usable[(usable.index(shown) + step if shown in usable else 0) % len(usable)])
         # Another camera has Blender evaluate the keys anew.
         context.view_layer.update()
         self._placing.show()

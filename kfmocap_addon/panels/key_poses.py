@@ -7,6 +7,7 @@ from ..operators.copy_pose import CopyPose, MirrorPose, PastePose
 from ..operators.go_to_frame import GoToFrame
 from ..operators.nudge_pose import BreakdownPose, NudgeDepth, NudgePose
 from ..operators.place_joints import PlaceJoints
+from ..operators.pose_from_files import ImportKeypoints, MarkKeypoints, PoseFromKeypoints, PoseFromLandmarks
 from ..operators.set_key_pose import AcceptProposals, RemoveKeyPose, SetKeyPose
 from .section import Section
 
@@ -63,6 +64,34 @@ class PoseToolsPanel(Section, bpy.types.Panel):
         row.operator(NudgeDepth.bl_idname, text="Farther").distance = 0.05
 
 
+class PoseFilesPanel(Section, bpy.types.Panel):
+    bl_idname = "KFMOCAP_PT_pose_files"
+    bl_label = "From Keypoints and Landmarks"
+    bl_parent_id = KeyPosesPanel.bl_idname
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return performers.chosen(context) is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, properties = self.layout, context.scene.kfmocap
+        known = [view.name for view in properties.views if view.keypoints]
+        layout.label(text=f"Keypoints of {', '.join(known)}" if known else "No view has keypoints yet", icon="INFO")
+        layout.operator(ImportKeypoints.bl_idname, icon="IMPORT")
+        layout.operator(MarkKeypoints.bl_idname, icon="PIVOT_CURSOR")
+        frames = layout.column()
+        frames.use_property_split, frames.use_property_decorate = True, False
+        frames.prop(properties.key_frames, "choice")
+        for choice, name in (("EVERY", "step"), ("LISTED", "listed")):
+            if properties.key_frames.choice == choice:
+                frames.prop(properties.key_frames, name)
+        frames.prop(properties.key_frames, "replace")
+        column = layout.column(align=True)
+        column.operator(PoseFromKeypoints.bl_idname, icon="ARMATURE_DATA")
+        column.operator(PoseFromLandmarks.bl_idname, icon="EMPTY_AXIS")
+
+
 def _draw_advice(layout: bpy.types.UILayout, scene: bpy.types.Scene, rows: tuple[key_list.Row, ...] | None) -> None:
     """What there is to do next."""
     if rows is None:
@@ -100,4 +129,4 @@ def _draw_rows(layout: bpy.types.UILayout, frame: int, rows: tuple[key_list.Row,
         accept.operator(AcceptProposals.bl_idname, text="All").every = True
 
 
-CLASSES = (KeyPosesPanel, PoseToolsPanel)
+CLASSES = (KeyPosesPanel, PoseToolsPanel, PoseFilesPanel)

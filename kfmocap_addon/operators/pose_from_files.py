@@ -1,0 +1,153 @@
+"""Key poses from what other programs found: 2D keypoints of the views, 3D landmarks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import bpy
+from bpy_extras.io_utils import ImportHelper
+
+from .. import performers
+from .job import JobOperator, Work
+from .reporting import explained, progress_shown, reported
+
+if TYPE_CHECKING:
+    from ...core.keypoints.proposals import SeenPoses
+
+
+class ImportKeypoints(bpy.types.Operator, ImportHelper):
+    """Give the views 2D keypoints of a detector: JSON of OpenPose, COCO, RTMPose and MMPose, AlphaPose, MediaPipe or
+    YOLO, a file for each view or a folder with a file for each picture. The view's name in the file's or the folder's
+    name tells whose they are; else they are of the view that the scene looks through"""
+
+    bl_idname = "kfmocap.import_keypoints"
+    bl_label = "Import Keypoints"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
+    directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
+    files: bpy.props.CollectionProperty(type=bpy.types.OperatorFileListElement, options={"SKIP_SAVE"})
+    filter_glob: bpy.props.StringProperty(default="*.json", options={"HIDDEN"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return explained(cls, context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from .. import keyframing
+
+        folder = Path(bpy.path.abspath(self.directory or str(Path(self.filepath).parent)))
+        names = [file.name for file in self.files if file.name]
+        paths = [folder / name for name in names] or [Path(bpy.path.abspath(self.filepath or self.directory))]
+        with reported(self) as outcome:
+            people = keyframing.attach_keypoints(context.scene, paths)
+            self.report({"INFO"}, ", ".join(f"{view}: {count} poses" for view, count in people.items()))
+        return outcome.value
+
+
+class _FromKeypoints:
+    """Tools that need a view with keypoints."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not (explained(cls, context) and performers.explained(cls, context)):
+            return False
+        if any(view.keypoints for view in context.scene.kfmocap.views):
+            return True
+        cls.poll_message_set("No view has 2D keypoints yet: use Import Keypoints")
+        return False
+
+
+class MarkKeypoints(_FromKeypoints, bpy.types.Operator):
+    """Mark the joints that the detector found on this frame, in all views, as if you had clicked them: Place Joints
+    poses the body on them, and lets you correct them. Joints that are marked already stay"""
+
+    bl_idname = "kfmocap.mark_keypoints"
+    bl_label = "Mark Keypoints"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from .. import keyframing, viewport
+
+        with reported(self) as outcome:
+            count = keyframing.mark_keypoints(context.scene, performers.chosen(context))
+            self.report({"INFO"}, f"{count} joints are marked: pose the body on them with Place Joints")
+            viewport.redraw(context)
+        return outcome.value
+
+
+class PoseFromKeypoints(_FromKeypoints, JobOperator, bpy.types.Operator):
+    """Pose the chosen performer by the 2D keypoints of the views, on the frames chosen below. On proposed frames the
+    poses are proposals, with the motion between them as a first pass: correct and accept them, or just track. On others
+    they are key poses of yours. It takes two views with keypoints, or key poses that you have set"""
+
+    bl_idname = "kfmocap.pose_from_keypoints"
+    bl_label = "Pose from Keypoints"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def prepared(self, context: bpy.types.Context) -> Work:
+        from ...core.keypoints.proposals import seen_poses
+        from .. import keyframing
+        from .. import scene as scenes
+
+        scene, self._slot = context.scene, performers.chosen(context).name
+        frames = keyframing.frames_wanted(scene)
+        number = scene.kfmocap.performers.find(self._slot)
+        shot = keyframing.without_replaced(scene, scenes.shot_from_scene(scene), number, frames)
+        return lambda progress: seen_poses(shot, frames, progress)
+
+    def finish(self, context: bpy.types.Context, result: tuple[SeenPoses, ...]) -> None:
+        from .. import keyframing
+
+        scene = context.scene
+        number = scene.kfmocap.performers.find(self._slot)
+        slot, seen = scene.kfmocap.performers[number], result[number]
+        if scene.kfmocap.key_frames.choice == "AUTO":
+            self.report({"INFO"}, f"{keyframing.propose(scene, slot, seen)} key poses are proposed")
+        else:
+            poses = seen.motion[seen.frames]
+            _tell(self, keyframing.set_key_poses(scene, slot, seen.frames.tolist(), poses), len(seen.frames))
+
+
+class PoseFromLandmarks(bpy.types.Operator, ImportHelper):
+    """Pose the chosen performer by 3D landmarks, on the frames chosen in the panel: a TRC file as Pose2Sim and OpenSim
+    write it, or a C3D file where the package ezc3d is installed. The poses are key poses of yours"""
+
+    bl_idname = "kfmocap.pose_from_landmarks"
+    bl_label = "Pose from Landmarks"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filepath: bpy.props.StringProperty(subtype="FILE_PATH", name="Landmarks", description="TRC or C3D file")
+    filter_glob: bpy.props.StringProperty(default="*.trc;*.c3d", options={"HIDDEN"})
+    first_row: bpy.props.IntProperty(name="First Row", description="Row of the file, from 0, of the shot's first frame")
+    up: bpy.props.EnumProperty(
+        items=[
+            ("auto", "As the File Says", "By its parameter POINT:Y_SCREEN; Z where it has none"),
+            ("z", "Z", "The world as it is here"),
+            ("y", "Y", "As TRC files are"),
+        ],
+        name="Up (C3D)",
+        description="Which axis of a C3D file is up",
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return performers.explained(cls, context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from .. import keyframing
+
+        scene, slot, path = context.scene, performers.chosen(context), Path(bpy.path.abspath(self.filepath))
+        with progress_shown(context), reported(self) as outcome:
+            frames, poses = keyframing.landmark_poses(scene, slot, path, self.up, self.first_row)
+            _tell(self, keyframing.set_key_poses(scene, slot, frames, poses), len(frames))
+        return outcome.value
+
+
+def _tell(operator: bpy.types.Operator, count: int, wanted: int) -> None:
+    kept = f"; {wanted - count} frames keep your own" if count < wanted else ""
+    operator.report({"INFO"} if count else {"WARNING"}, f"{count} key poses are set{kept}")
+
+
+CLASSES = (ImportKeypoints, MarkKeypoints, PoseFromKeypoints, PoseFromLandmarks)
