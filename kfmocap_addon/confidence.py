@@ -82,13 +82,21 @@ def read_confidence(armature: bpy.types.Object, frame_start: int, length: int) -
 
 
 def show_colours(scene: bpy.types.Scene) -> None:
-    """Colour the performers' parts by their errors as the scene's properties say, or white again."""
+    """Colour the performers' bones and parts by their errors as the scene's properties say, or as they were again."""
     properties = scene.kfmocap
+    limit = properties.confidence_limit if properties.show_confidence else None
     for slot in properties.performers:
-        for part in slot.armature.children if slot.armature is not None else ():
-            bone = slot.armature.pose.bones.get(part.parent_bone)
+        armature = slot.armature
+        if armature is None:
+            continue
+        for bone in armature.pose.bones:
+            _colour_bone(bone, limit)
+        for part in armature.children:
+            bone = armature.pose.bones.get(part.parent_bone)
             if bone is not None and part.type == "MESH":
-                _colour(part, bone, properties.confidence_limit if properties.show_confidence else None)
+                _drive(part, "color", bone, limit)
+                if limit is None:
+                    part.color = WHITE
 
 
 def _replace(armature: bpy.types.Object, frames: NDArray[np.int64], errors: NDArray[np.float64] | None) -> None:
@@ -116,30 +124,45 @@ def _write_helpful(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> Non
     from . import curves, rig
 
     start, length = scene.kfmocap.frame_start, scene.kfmocap.length
-    names = [bone.name for bone in rig.body_bones(slot.armature)]
+    bones = rig.body_bones(slot.armature)
+    names = [bone.name for bone in bones]
+    parents = [names.index(bone.parent.name) if bone.parent is not None else -1 for bone in bones]
     errors = read_confidence(slot.armature, start, length)
     slot.helpful.clear()
-    for key in helpful_keys(errors, curves.read_key_poses(slot.armature, start, length)):
+    for key in helpful_keys(errors, curves.read_key_poses(slot.armature, start, length), parents):
         item = slot.helpful.add()
         item.name = ", ".join(names[part] for part in key.parts)
         item.frame = start + key.frame
         item.error, item.gain = _MILLIMETRES * key.deviation, _MILLIMETRES * key.gain
 
 
-def _colour(part: bpy.types.Object, bone: bpy.types.PoseBone, limit: float | None) -> None:
-    """Drive the colour of a part by its bone's properties; without a limit it is white."""
+def _colour_bone(bone: bpy.types.PoseBone, limit: float | None) -> None:
+    """A bone that has a colour of the animator's keeps it."""
+    ours = _drive(bone.id_data, f"{bone.path_from_id()}.color.custom.normal", bone, None)
+    if ours:
+        bone.color.palette = "DEFAULT"
+    if limit is not None and ERROR in bone and bone.color.palette == "DEFAULT":
+        bone.color.palette = "CUSTOM"
+        bone.color.custom.select, bone.color.custom.active = (1.0, 1.0, 1.0), (0.8, 1.0, 1.0)
+        _drive(bone.id_data, f"{bone.path_from_id()}.color.custom.normal", bone, limit)
+
+
+def _drive(owner: bpy.types.Object, path: str, bone: bpy.types.PoseBone, limit: float | None) -> bool:
+    """Drive a colour by a bone's properties; without a limit it is driven no more. Tells whether it was driven."""
+    data = owner.animation_data
+    driven = data is not None and data.drivers.find(path) is not None
     for channel, (ramp, hidden) in enumerate(zip(_RAMP, _HIDDEN, strict=True)):
-        part.driver_remove("color", channel)
+        if driven:
+            owner.driver_remove(path, channel)
         if limit is not None and ERROR in bone:
-            driver = part.driver_add("color", channel).driver
+            driver = owner.driver_add(path, channel).driver
             driver.type = "SCRIPTED"  # Blender evaluates as simple an expression as this without Python
             driver.expression = f"{ramp.format(limit=f'{limit:.3f}')} if v else {hidden}"
             for name, prop in (("e", ERROR), ("v", occlusion.VIEWS)):
                 variable = driver.variables.new()
                 variable.name, variable.targets[0].id = name, bone.id_data
                 variable.targets[0].data_path = f'{bone.path_from_id()}["{prop}"]'
-    if limit is None:
-        part.color = WHITE
+    return driven
 
 
 def _path(bone: bpy.types.PoseBone) -> str:

@@ -195,7 +195,7 @@ def read_key_poses(armature: bpy.types.Object, frame_start: int, length: int) ->
     channels = body_channels(armature)
     held = np.zeros((length, len(channels)), bool)
     proposed = np.zeros(length, bool)
-    for c, keys, own in _all_keys(armature, channels):
+    for c, keys, own in channel_keys(armature, channels):
         if c == 0:
             index = _proposals(keys, own) - frame_start
             proposed[index[(index >= 0) & (index < length)]] = True
@@ -214,7 +214,7 @@ def keyed_bones(armature: bpy.types.Object) -> tuple[dict[int, set[str]], list[i
     channels = body_channels(armature)
     keyed: dict[int, set[str]] = {}
     proposed: list[int] = []
-    for c, keys, own in _all_keys(armature, channels):
+    for c, keys, own in channel_keys(armature, channels):
         if c == 0:
             proposed = _proposals(keys, own).tolist()
         for frame in _frames(keys[own]).tolist():
@@ -226,7 +226,7 @@ def accept_proposals(armature: bpy.types.Object, frames: Collection[int]) -> Non
     """Make proposed key poses of scene frames the animator's own."""
     channels = body_channels(armature)
     bag = actions.find_channelbag(armature)
-    for c, keys, own in _all_keys(armature, channels):
+    for c, keys, own in channel_keys(armature, channels):
         proposed = ~own & np.isin(_frames(keys), list(frames)) & (keys["type"] == actions.enum_value("type", PROPOSAL))
         if proposed.any():
             keys["type"][proposed] = actions.enum_value("type", "KEYFRAME")
@@ -234,11 +234,26 @@ def accept_proposals(armature: bpy.types.Object, frames: Collection[int]) -> Non
             actions.set_keys(bag.fcurves.find(channels[c].path, index=channels[c].index), [keys])
 
 
+def bake(armature: bpy.types.Object, bones: Collection[str] | None = None) -> int:
+    """Make the tracker's keys ordinary ones, of these bones or the whole body; on how many frames there were any.
+
+    They are the animator's from then on: no tracking replaces them.
+    """
+    channels = body_channels(armature)
+    bag, baked = actions.find_channelbag(armature), set()
+    for c, keys, own in channel_keys(armature, channels):
+        if not own.all() and (bones is None or channels[c].bone in bones):
+            baked.update(_frames(keys)[~own].tolist())
+            keys["type"][~own] = actions.enum_value("type", "KEYFRAME")
+            actions.set_keys(bag.fcurves.find(channels[c].path, index=channels[c].index), [keys])
+    return len(baked)
+
+
 def remove_key_pose(armature: bpy.types.Object, frame: int, bones: Collection[str] | None = None) -> int:
     """Take the animator's keys on a scene frame away, of these bones or the whole body; how many there were."""
     channels = body_channels(armature)
     bag, count = actions.find_channelbag(armature), 0
-    for c, keys, own in _all_keys(armature, channels):
+    for c, keys, own in channel_keys(armature, channels):
         gone = own & _on_frames(keys, np.array([frame]))
         if gone.any() and (bones is None or channels[c].bone in bones):
             count += int(gone.sum())
@@ -336,7 +351,7 @@ def _unrounded(armature: bpy.types.Object, frames: FrameNumbers, read: Motion) -
     return Motion(T, Q)
 
 
-def _all_keys(
+def channel_keys(
     armature: bpy.types.Object, channels: list[Channel]
 ) -> Iterator[tuple[int, actions.Keys, NDArray[np.bool_]]]:
     """Of every channel that has an F-curve: its number, its keys, and which are the animator's."""

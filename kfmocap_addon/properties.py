@@ -2,6 +2,8 @@
 
 import bpy
 
+from .export_presets import PRESETS
+
 
 def _is_camera(_self: bpy.types.PropertyGroup, candidate: bpy.types.Object) -> bool:
     return candidate.type == "CAMERA"
@@ -166,6 +168,35 @@ class KFMocapPerformer(bpy.types.PropertyGroup):
     marks: bpy.props.CollectionProperty(type=KFMocapMark)
 
 
+class KFMocapExport(bpy.types.PropertyGroup):
+    """What to export."""
+
+    preset: bpy.props.EnumProperty(
+        items=[(key, preset.label, preset.description) for key, preset in PRESETS.items()],
+        name="For",
+        description="The program that is to read the files: names of the bones, and unit",
+    )
+    bvh: bpy.props.BoolProperty(default=True, name="BVH", description="Skeleton and motion as text, Y up")
+    fbx: bpy.props.BoolProperty(default=True, name="FBX", description="Skeleton and motion for other programs, Y up")
+    use_range: bpy.props.BoolProperty(name="Frame Range", description="Export some frames alone, not the whole shot")
+    first: bpy.props.IntProperty(default=1, name="First", description="First scene frame to export")
+    last: bpy.props.IntProperty(default=250, name="Last", description="Last scene frame to export, inclusive")
+    use_rate: bpy.props.BoolProperty(name="Frame Rate", description="Export at another frame rate than the scene's")
+    fps: bpy.props.FloatProperty(
+        default=30.0,
+        min=1.0,
+        soft_max=240.0,
+        precision=3,
+        name="Rate",
+        description="Frames per second of the files; between the shot's frames rotations are interpolated by slerp",
+    )
+    root_motion: bpy.props.BoolProperty(
+        default=True,
+        name="Root Motion",
+        description="The performer moves through the world. Off: it stays over its first place, but rises and sinks",
+    )
+
+
 class KFMocapStretch(bpy.types.PropertyGroup):
     """A stretch between key poses that was tracked."""
 
@@ -243,6 +274,7 @@ class KFMocapScene(bpy.types.PropertyGroup):
         precision=0,
         update=_show_confidence,
     )
+    export: bpy.props.PointerProperty(type=KFMocapExport, name="Export", description="What to export")
     settings: bpy.props.StringProperty(name="Settings", description="Further settings of the tracker as JSON")
 
     @property
@@ -270,5 +302,6 @@ CLASSES = (
     KFMocapFrames,
     KFMocapPerformer,
     KFMocapStretch,
+    KFMocapExport,
     KFMocapScene,
 )

@@ -11,6 +11,7 @@ import bpy
 from . import capture, key_list, panels, properties
 from .operators import (
     add_footage,
+    bake,
     body,
     calibrate,
     cameras,
@@ -18,6 +19,7 @@ from .operators import (
     copy_pose,
     drop_files,
     export,
+    fit_body,
     go_to_frame,
     load_shot,
     look_through,
@@ -27,6 +29,7 @@ from .operators import (
     pose_from_files,
     refine_cameras,
     set_key_pose,
+    simplify,
     track,
 )
 
@@ -36,6 +39,7 @@ OPERATORS = (
     drop_files,
     look_through,
     body,
+    fit_body,
     refine_cameras,
     set_key_pose,
     place_joints,
@@ -44,6 +48,8 @@ OPERATORS = (
     pose_from_files,
     go_to_frame,
     track,
+    bake,
+    simplify,
     export,
     cameras,
     capture_views,
@@ -67,6 +73,7 @@ def register() -> None:
     for menu, entry in MENUS:
         getattr(bpy.types, menu).append(entry)
     key_list.register()
+    _drawings.append(bpy.types.SpaceView3D.draw_handler_add(_draw_outlines, (), "WINDOW", "POST_VIEW"))
     _drawings.append(bpy.types.SpaceView3D.draw_handler_add(_draw_marks, (), "WINDOW", "POST_PIXEL"))
     if hasattr(bpy.utils, "register_cli_command"):
         _commands.append(bpy.utils.register_cli_command(COMMAND, _command))
@@ -87,6 +94,13 @@ def unregister() -> None:
 
 def is_registered() -> bool:
     return hasattr(bpy.types.Scene, "kfmocap")
+
+
+def _draw_outlines() -> None:
+    if bpy.context.scene.kfmocap.display == "OUTLINE":
+        from . import outlines
+
+        outlines.draw_outlines()
 
 
 def _draw_marks() -> None:

@@ -311,6 +311,13 @@ def rest_rotation(bone: bpy.types.Bone) -> Array:
     return rotations.orthonormal(np.array(bone.matrix_local)[:3, :3])
 
 
+def part_clouds(armature: bpy.types.Object) -> dict[str, Array]:
+    """Vertices of the meshes on every bone that carries some, by its name, in the part's frame, shape (V, 3)."""
+    carried = dict.fromkeys(child.parent_bone for child in _meshes(armature))
+    bones = armature.data.bones
+    return {name: _vertices(armature, bones[name]) for name in carried if name in bones}
+
+
 def _vertices(armature: bpy.types.Object, bone: bpy.types.Bone) -> Array:
     """Vertices of all meshes on a bone, in the part's frame, shape (V, 3)."""
     clouds = []

@@ -10,6 +10,8 @@ from functools import partial
 
 import bpy
 
+from .panels.section import Section
+
 MOST = 4
 _NEXT_DRAW = 0.05  # seconds
 
@@ -55,7 +57,7 @@ def split(context: bpy.types.Context, cameras: Sequence[bpy.types.Object]) -> No
     for area, camera in zip(areas, cameras, strict=True):
         area.spaces.active.use_local_camera, area.spaces.active.camera = True, camera
     names = [camera.name for camera in cameras]
-    bpy.app.timers.register(partial(_arrange, window, area, names), first_interval=_NEXT_DRAW)
+    bpy.app.timers.register(partial(_arrange, window, names), first_interval=_NEXT_DRAW)
 
 
 def join(context: bpy.types.Context) -> None:
@@ -66,11 +68,12 @@ def join(context: bpy.types.Context) -> None:
     bpy.app.timers.register(partial(_close_others, context.window), first_interval=0.0)
 
 
-def _arrange(window: bpy.types.Window, with_sidebar: bpy.types.Area, cameras: Sequence[str]) -> None:
-    """Give the 3D views their cameras as one reads, the first at the top left; the sidebar stays in one of them."""
+def _arrange(window: bpy.types.Window, cameras: Sequence[str]) -> None:
+    """Give the 3D views their cameras as one reads, the first at the top left; our sidebar stays in one of them."""
     areas = layout_of(window)
     middle = (min(a.y for a in areas) + max(a.y + a.height for a in areas)) / 2
     reading = sorted(areas, key=lambda a: (a.y + a.height <= middle + 2, a.x))
+    with_sidebar = next((area for area in reading if _tab(area) == Section.bl_category), None)
     for area, name in zip(reading, cameras, strict=False):
         space = area.spaces.active
         space.camera = bpy.data.objects.get(name)
@@ -109,5 +112,10 @@ def _through_camera(window: bpy.types.Window, screen: bpy.types.Screen, area: bp
             bpy.ops.view3d.view_center_camera()
 
 
-def _region(area: bpy.types.Area) -> bpy.types.Region:
-    return next(region for region in area.regions if region.type == "WINDOW")
+def _region(area: bpy.types.Area, kind: str = "WINDOW") -> bpy.types.Region:
+    return next(region for region in area.regions if region.type == kind)
+
+
+def _tab(area: bpy.types.Area) -> str:
+    """The sidebar's tab that is open in a 3D view."""
+    return _region(area, "UI").active_panel_category if area.spaces.active.show_region_ui else ""

@@ -9,12 +9,12 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, joint_error, motion  # noqa: E402, F401
+from addon_shots import blender, joint_error, motion, shot  # noqa: E402, F401
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.motion import Motion  # noqa: E402
 from kfmocap.core.shot import KeyPoses  # noqa: E402
-from kfmocap.kfmocap_addon import curves, rig  # noqa: E402
+from kfmocap.kfmocap_addon import curves, rig, scene  # noqa: E402
 from mathutils import Matrix  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
@@ -130,6 +130,38 @@ def test_a_reshaped_armature_is_the_new_body_and_keeps_its_keys(armature, moved)
     assert np.abs(keys.poses.difference(truth[[0, 3, 5]])).max() < 1e-5
     poses = Motion(truth.translations[:1], truth.rotations[:1])
     assert joint_error(armature, read, poses) < 0.05
+
+
+@pytest.fixture
+def fitter(monkeypatch):
+    """Stands in for the fit: makes every body a tenth larger and moves its key poses by 1 cm."""
+    from kfmocap.core import body_fit
+    from kfmocap.core.body.shaping import shaped
+
+    def fit(shot, _progress=None):
+        bodies = [p.body for p in shot.performers]
+        larger = tuple(shaped(b, np.full((len(b), 3), 0.1), np.zeros((len(b), 3))) for b in bodies)
+        keys = shot.performers[0].key_poses
+        moved = tuple(
+            Motion(p.key_poses.poses.translations + 0.01, p.key_poses.poses.rotations) for p in shot.performers
+        )
+        return body_fit.BodyFit(larger, moved, keys.frames, (0.1,) * len(bodies))
+
+    monkeypatch.setattr(body_fit, "fit_bodies", fit)
+
+
+@pytest.mark.parametrize("adjusted", [False, True])
+def test_a_fitted_body_takes_the_old_ones_place(tmp_path, fitter, adjusted):
+    original = shot(tmp_path)
+    built = scene.build_scene(original, scene=bpy.context.scene)
+    armature = built.kfmocap.performers[0].armature
+    before, keys = rig.body_from_armature(armature), curves.read_key_poses(armature, 1, original.length)
+    assert bpy.ops.kfmocap.fit_body(adjust_poses=adjusted) == {"FINISHED"}
+    read = scene.shot_from_scene(built).performers[0]
+    assert np.allclose(read.body.offsets[1:], 1.1 * before.offsets[1:], atol=1e-6)
+    assert np.array_equal(read.key_poses.frames, keys.frames) and read.key_poses.fixed.all()
+    shift = keys.poses.difference(read.key_poses.poses)
+    assert np.allclose(shift[:, :3], 0.01 if adjusted else 0, atol=1e-5) and np.abs(shift[:, 3:]).max() < 1e-5
 
 
 def test_the_model_is_drawn_as_asked(armature):

@@ -15,9 +15,10 @@ bpy = pytest.importorskip("bpy")
 from addon_shots import blender, deviations, joint_error, motion, shot, sights  # noqa: E402, F401
 from kfmocap import kfmocap_addon  # noqa: E402
 from kfmocap.core import rotations  # noqa: E402
-from kfmocap.core.body import human  # noqa: E402
+from kfmocap.core.body import human, part_poses  # noqa: E402
 from kfmocap.core.errors import OutputError, ShotError  # noqa: E402
-from kfmocap.kfmocap_addon import batch, curves, export, registration, rig, scene  # noqa: E402
+from kfmocap.core.motion import Motion  # noqa: E402
+from kfmocap.kfmocap_addon import batch, curves, export, export_presets, registration, rig, scene  # noqa: E402
 from mathutils import Matrix  # noqa: E402
 
 pytestmark = pytest.mark.blender
@@ -161,8 +162,129 @@ def test_exporting_a_moved_armature_puts_it_where_it_is(blender, tmp_path):  # n
 def test_the_export_tool_writes_what_was_asked_for(blender, tmp_path):  # noqa: F811
     original = shot(tmp_path)
     scene.build_scene(original, result_of(original).motions, bpy.context.scene)
-    assert bpy.ops.kfmocap.export(directory=str(tmp_path / "new"), fbx=False) == {"FINISHED"}
+    bpy.context.scene.kfmocap.export.fbx = False
+    assert bpy.ops.kfmocap.export(directory=str(tmp_path / "new")) == {"FINISHED"}
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["walk.bvh"]
+
+
+def read_joints(armature, names: list[str], frames: list[int]) -> np.ndarray:
+    """World places of the heads of bones on scene frames, (F, P, 3)."""
+    places = []
+    for frame in frames:
+        bpy.context.scene.frame_set(frame)
+        posed = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
+        places.append([posed.matrix_world @ posed.pose.bones[name].head for name in names])
+    return np.array(places)
+
+
+def exported(folder: Path, suffix: str, **options):
+    """A file of the scene's one performer, read back: its armature."""
+    chosen = export.ExportOptions(bvh=suffix == ".bvh", fbx=suffix == ".fbx", **options)
+    [path] = export.export_performers(bpy.context.scene, folder, chosen)
+    scale = export_presets.PRESETS[chosen.preset].scale
+    empty_file()
+    if suffix == ".bvh":
+        bpy.ops.import_anim.bvh(filepath=str(path), global_scale=1 / scale)
+    else:
+        bpy.ops.import_scene.fbx(filepath=str(path), anim_offset=0.0)
+    [armature] = [o for o in bpy.data.objects if o.type == "ARMATURE"]
+    return armature
+
+
+EXPECTED = {
+    "BLENDER": ("pelvis", "chest", "forearm.L", "shin.R"),
+    "UNREAL": ("pelvis", "spine_03", "lowerarm_l", "calf_r"),
+    "UNITY": ("Hips", "Chest", "LeftLowerArm", "RightLowerLeg"),
+    "MIXAMO": ("mixamorig:Hips", "mixamorig:Spine2", "mixamorig:LeftForeArm", "mixamorig:RightLeg"),
+}
+
+
+@pytest.mark.parametrize("suffix", [".bvh", ".fbx"])
+@pytest.mark.parametrize("preset", EXPECTED)
+def test_every_presets_motion_read_back_is_the_cores_under_its_names(blender, tmp_path, preset, suffix):  # noqa: F811
+    original = shot(tmp_path)
+    scene.build_scene(original, result_of(original).motions, bpy.context.scene)
+    armature = exported(tmp_path / "out", suffix, preset=preset)
+    body = human(1.7)
+    names = [export_presets.PRESETS[preset].names.get(name, name) for name in body.names]
+    assert set(EXPECTED[preset]) <= {bone.name for bone in armature.data.bones} == set(names)
+    found = read_joints(armature, names, list(range(1, 13)))
+    assert 1000 * np.linalg.norm(found - part_poses(body, motion(12))[1], axis=-1).max() < TOLERANCE
+    if suffix == ".fbx":
+        assert armature.name == ("root" if preset == "UNREAL" else "man")
+
+
+@pytest.mark.parametrize("preset", ["UNREAL", "UNITY", "MIXAMO"])
+def test_centimetres_are_the_files_unit_and_no_node_is_scaled(blender, tmp_path, preset):  # noqa: F811
+    original = shot(tmp_path)
+    scene.build_scene(original, result_of(original).motions, bpy.context.scene)
+    armature = exported(tmp_path / "out", ".fbx", preset=preset)
+    np.testing.assert_allclose(armature.scale, 0.01, rtol=1e-5)  # what Blender's importer makes of centimetres
+    length = np.linalg.norm(human(1.7).offsets[human(1.7).index("shin.L")])
+    thigh = export_presets.PRESETS[preset].names["thigh.L"]
+    assert armature.data.bones[thigh].length == pytest.approx(100 * length, rel=1e-4)
+
+
+@pytest.mark.parametrize("suffix", [".bvh", ".fbx"])
+def test_a_frame_range_alone_is_written(blender, tmp_path, suffix):  # noqa: F811
+    original = shot(tmp_path)
+    scene.build_scene(original, result_of(original).motions, bpy.context.scene)
+    armature = exported(tmp_path / "out", suffix, frames=(4, 9))
+    first = round(armature.animation_data.action.frame_range[0])
+    found = read_joints(armature, human(1.7).names, list(range(first, first + 6)))
+    assert 1000 * np.linalg.norm(found - part_poses(human(1.7), motion(12)[3:9])[1], axis=-1).max() < TOLERANCE
+    assert round(np.ptp(armature.animation_data.action.frame_range)) == 5
+
+
+@pytest.mark.parametrize("suffix", [".bvh", ".fbx"])
+def test_another_rate_shows_the_same_motion_and_rotations_go_the_shortest_way(blender, tmp_path, suffix):  # noqa: F811
+    """At twice the rate every other frame is one of the shot's, and those between are half-way by slerp."""
+    original = shot(tmp_path)
+    scene.build_scene(original, result_of(original).motions, bpy.context.scene)
+    armature = exported(tmp_path / "out", suffix, fps=120.0)
+    T, Q = motion(12).translations, motion(12).rotations
+    halves = Motion(
+        (T[1:] + T[:-1]) / 2, Q[:-1] @ rotations.exp(rotations.log(np.swapaxes(Q[:-1], -1, -2) @ Q[1:]) / 2)
+    )
+    body = human(1.7)
+    found = read_joints(armature, body.names, list(range(1, 24)))
+    assert 1000 * np.linalg.norm(found[::2] - part_poses(body, motion(12))[1], axis=-1).max() < TOLERANCE
+    assert 1000 * np.linalg.norm(found[1::2] - part_poses(body, halves)[1], axis=-1).max() < TOLERANCE
+
+
+@pytest.mark.parametrize("suffix", [".bvh", ".fbx"])
+def test_without_root_motion_the_performer_stays_over_its_first_place(blender, tmp_path, suffix):  # noqa: F811
+    original = shot(tmp_path)
+    scene.build_scene(original, result_of(original).motions, bpy.context.scene)
+    armature = exported(tmp_path / "out", suffix, root_motion=False)
+    T = motion(12).translations.copy()
+    T[:, :2] = T[0, :2]
+    expected = part_poses(human(1.7), Motion(T, motion(12).rotations))[1]
+    found = read_joints(armature, human(1.7).names, list(range(1, 13)))
+    assert 1000 * np.linalg.norm(found - expected, axis=-1).max() < TOLERANCE
+
+
+def test_an_export_changes_nothing_in_the_scene_and_leaves_nothing_behind(blender, tmp_path):  # noqa: F811
+    original = shot(tmp_path)
+    built = scene.build_scene(original, result_of(original).motions, bpy.context.scene)
+    armature = built.kfmocap.performers[0].armature
+    names = [bone.name for bone in armature.data.bones]
+    kept = [len(kind) for kind in (bpy.data.actions, bpy.data.armatures, bpy.data.objects, bpy.data.scenes)]
+    options = export.ExportOptions("MIXAMO", frames=(2, 7), fps=24.0, root_motion=False)
+    export.export_performers(built, tmp_path / "out", options)
+    with pytest.raises(ShotError, match="before the first"):
+        export.export_performers(built, tmp_path / "out", export.ExportOptions(frames=(7, 2)))
+    assert [len(kind) for kind in (bpy.data.actions, bpy.data.armatures, bpy.data.objects, bpy.data.scenes)] == kept
+    assert [bone.name for bone in armature.data.bones] == names
+    assert joint_error(armature, human(1.7), motion(12)) < 0.05
+
+
+def test_the_export_button_says_what_is_missing(blender, tmp_path):  # noqa: F811
+    original = shot(tmp_path)
+    built = scene.build_scene(original, scene=bpy.context.scene)
+    built.kfmocap.export.bvh = built.kfmocap.export.fbx = False
+    with pytest.raises(RuntimeError, match="Choose BVH, FBX or both"):
+        bpy.ops.kfmocap.export(directory=str(tmp_path / "out"))
 
 
 def test_what_cannot_be_written_is_named_and_leaves_nothing(blender, tmp_path):  # noqa: F811

@@ -9,20 +9,21 @@ bpy = pytest.importorskip("bpy")
 
 from addon_shots import blender, motion, shot, sights  # noqa: E402, F401
 from kfmocap.core.body import human  # noqa: E402
+from kfmocap.core.review.uncertainty import expected_errors  # noqa: E402
 from kfmocap.kfmocap_addon import actions, confidence, curves, occlusion, scene  # noqa: E402
 
 pytestmark = pytest.mark.blender
 
 FRAMES, START = 24, 1
 BODY = human()
-HAND = BODY.index("hand.L")
+HAND, FOREARM = BODY.index("hand.L"), BODY.index("forearm.L")
 
 
 def errors(peak: int = 15) -> np.ndarray:
     """Metres: largest on one frame, and of the left hand, zero on the key frames."""
     found = np.zeros((FRAMES, len(BODY)))
     found[6:-1] = 0.02 * np.exp(-(((np.arange(6, FRAMES - 1) - peak) / 3) ** 2))[:, None]
-    found[:, HAND] *= 3
+    found[:, [HAND, FOREARM]] *= 3
     return found
 
 
@@ -79,8 +80,8 @@ def test_the_most_helpful_frame_is_listed_first_with_its_parts(built):
     made, *_ = built
     first, *_ = made.kfmocap.performers[0].helpful
     assert abs(first.frame - (START + 15)) <= 1
-    assert first.name == "hand.L"
-    assert first.error == pytest.approx(1000 * errors()[first.frame - START].mean(), rel=1e-5)
+    assert first.name == "forearm.L"
+    assert first.error == pytest.approx(1000 * expected_errors(errors(), BODY.parents)[first.frame - START], rel=1e-5)
     assert first.gain > 0
 
 
@@ -108,20 +109,43 @@ def test_what_no_camera_sees_is_blue(built):
     assert colour(armature, START + 10, "hand.R")[2] == pytest.approx(0.1)
 
 
+def bone_colour(armature, bone: str = "hand.L") -> list[float]:
+    posed = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    return list(posed.pose.bones[bone].color.custom.normal)
+
+
+def test_bones_have_the_colours_of_their_parts(built):
+    made, armature, _ = built
+    made.kfmocap.show_confidence = True
+    for frame in (5, 11, 15):
+        np.testing.assert_allclose(colour(armature, START + frame)[:3], bone_colour(armature), atol=0.01)
+    made.kfmocap.show_confidence = False
+    assert armature.pose.bones["hand.L"].color.palette == "DEFAULT"
+
+
+def test_a_bone_that_the_animator_coloured_keeps_its_colour(built):
+    made, armature, _ = built
+    armature.pose.bones["hand.L"].color.palette = "THEME03"
+    for shown in (True, False):
+        made.kfmocap.show_confidence = shown
+        assert armature.pose.bones["hand.L"].color.palette == "THEME03"
+
+
 def test_switched_off_the_parts_are_white_again_and_nothing_is_left(built):
     made, armature, _ = built
     made.kfmocap.show_confidence = True
     made.kfmocap.show_confidence = False
     assert colour(armature, START + 15) == [1, 1, 1, 1]
-    data = part_of(armature).animation_data
-    assert data is None or not len(data.drivers)
+    for owner in (part_of(armature), armature):
+        data = owner.animation_data
+        assert data is None or not len(data.drivers)
 
 
 def test_the_drivers_need_no_python(built):
     """A file from elsewhere, in which scripts may not run, has its colours, too; and Python would cost time."""
     made, armature, _ = built
     made.kfmocap.show_confidence = True
-    for curve in part_of(armature).animation_data.drivers:
+    for curve in [*part_of(armature).animation_data.drivers, *armature.animation_data.drivers]:
         assert curve.driver.is_simple_expression and curve.driver.is_valid
 
 

@@ -247,7 +247,7 @@ def test_rows_are_the_derivatives_of_the_pictures() -> None:
     seen = world @ camera.R_cam_world[0].T + camera.t_cam_world[0]
     one = np.ones(2 * P)
     lines = Lines(frame, part, camera.project(world), normal, seen, one, one, one)
-    sums = resection._sums(lines, camera, (R, T))
+    sums = resection.outline_products(lines, camera, (R, T))
     B = resection._jacobian(BODY, camera, (R, T))
     rows = np.einsum("kpr,kprc->kpc", sums[..., :-1, -1], B)
     columns = resection._columns(state.camera_columns(0), state.shape_columns(), state.pose_columns()[0])

@@ -144,7 +144,7 @@ def refine_cameras(shot: Shot, progress: Progress | None = None) -> Refinement:
     for v, view in enumerate(shot.views):
         check_view(view, shot.frames[0], shot.length)
         report_progress(progress, "footage", v / len(shot.views))
-        looks.append(_look(view, shot, frames))
+        looks.append(look_at_keys(view, shot, frames))
     state = start = _start(shot, looks, frames)
     for s, stage in enumerate(STAGES):
         for i in range(stage.iterations):
@@ -162,7 +162,7 @@ def refine_cameras(shot: Shot, progress: Progress | None = None) -> Refinement:
     return Refinement(views, frames)
 
 
-def _look(view: View, shot: Shot, frames: NDArray[np.int64]) -> Look:
+def look_at_keys(view: View, shot: Shot, frames: NDArray[np.int64]) -> Look:
     """What a view shows of the key frames, decoded once; rectified only later, as the focal length changes."""
     factor = working_factor(view, shot.settings.working_size)
     as_stored = replace(view, camera=view.camera.rectified())

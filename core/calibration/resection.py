@@ -231,9 +231,9 @@ def normal_equations(state: State, looks: Sequence[Look], reach: float, toleranc
     H, g, clearness = np.zeros((n, n)), np.zeros(n), np.zeros(len(looks))
     for v, look in enumerate(looks):
         camera, (R, T) = look.camera(state.cameras[v]), scene_poses(state.bodies, state.motions[look.delay])
-        lines = _lines(look.rectified(state.cameras[v]), camera, state.geometry, (R, T), reach, tolerance)
+        lines = key_outlines(look.rectified(state.cameras[v]), camera, state.geometry, (R, T), reach, tolerance)
         clearness[v] = _clearness(lines, camera)
-        sums = _sums(lines, camera, (R, T)) / (correlation * tolerance**2)
+        sums = outline_products(lines, camera, (R, T)) / (correlation * tolerance**2)
         for body, span, pose in zip(state.bodies, state.spans(), state.pose_columns(), strict=True):
             B = _jacobian(body, camera, (R[:, span], T[:, span]))
             B_t, own = np.swapaxes(B, -1, -2), sums[:, span]
@@ -250,13 +250,27 @@ def _columns(camera: Columns, shape: Columns, pose: Columns) -> Columns:
     return np.concatenate(parts, axis=-1)
 
 
-def _lines(
-    pictures: NDArray[np.uint8], camera: Camera, geometry: Geometry, poses: Poses, reach: float, tolerance: float
+def key_outlines(
+    pictures: NDArray[np.uint8],
+    camera: Camera,
+    geometry: Geometry,
+    poses: Poses,
+    reach: float,
+    tolerance: float,
+    sure: Geometry | None = None,
 ) -> Lines:
-    """The outlines in the key frames' pictures, by the colours that the poses show now."""
+    """The outlines in the key frames' pictures, by the colours that the poses show now.
+
+    Parameters
+    ----------
+    sure : Geometry, optional
+        Solids that are all within the performers', for their colours; by default they are those of `geometry`.
+    """
     body = render_labels(geometry, camera, 0, *poses).part >= 0
+    core = body if sure is None else render_labels(sure, camera, 0, *poses).part >= 0
     scale = ViewFrames(camera, pictures[..., 0], 0).pixels_per_metre(poses[1].mean(axis=(0, 1)), 0)
-    foreground = foreground_images(pictures, dict(enumerate(body)), scale, camera.stands_still)
+    still, masks = camera.stands_still, dict(enumerate(body))
+    foreground = foreground_images(pictures, masks, scale, still, dict(enumerate(core)))
     labels = render_labels(geometry, camera.subsampled(_STRIDE), 0, *poses)
     half = max(4, round(reach * scale))
     return outline_lines(camera, 0, foreground, labels, geometry, poses, _STRIDE, half, tolerance)
@@ -269,7 +283,7 @@ def _clearness(lines: Lines, camera: Camera) -> float:
     return float((lines.weight * lines.length).sum() / sharp.sum()) if len(sharp) else 0.0
 
 
-def _sums(lines: Lines, camera: Camera, poses: Poses) -> Array:
+def outline_products(lines: Lines, camera: Camera, poses: Poses) -> Array:
     """Products of the lines' rows per frame and part, shape (K, P, 11, 11).
 
     A row is the wrench in camera axes (6), the shift by the focal length's logarithm, that by the part's stretches (3),

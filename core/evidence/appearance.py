@@ -37,7 +37,11 @@ def log_ratio(foreground: Bytes) -> Array:
 
 
 def foreground_images(
-    colour: Bytes, masks: Mapping[int, NDArray[np.bool_]], pixels_per_metre: float, fixed: bool
+    colour: Bytes,
+    masks: Mapping[int, NDArray[np.bool_]],
+    pixels_per_metre: float,
+    fixed: bool,
+    sure: Mapping[int, NDArray[np.bool_]] | None = None,
 ) -> Bytes:
     """Foreground images of the frames of one view.
 
@@ -50,6 +54,8 @@ def foreground_images(
         At the performers.
     fixed : bool
         The camera does not move.
+    sure : mapping of int to ndarray of bool, shape (h, w), optional
+        Of the same frames: where nothing but the performers is, if the masks may be too large.
 
     Returns
     -------
@@ -57,7 +63,7 @@ def foreground_images(
         See `log_ratio`.
     """
     behind = {f: cv2.dilate(mask.astype(np.uint8), _disc(_MARGIN * pixels_per_metre)) == 0 for f, mask in masks.items()}
-    inside = {f: cv2.erode(mask.astype(np.uint8), _disc(2)) > 0 for f, mask in masks.items()}
+    inside = {f: cv2.erode(mask.astype(np.uint8), _disc(2)) > 0 for f, mask in (sure or masks).items()}
     body, background = _histogram(colour, inside), _histogram(colour, behind)
     plate, known = _plate(colour, behind)
     known &= fixed

@@ -106,8 +106,9 @@ class Places:
 
     @classmethod
     def on(cls, body: Body, names: Sequence[str]) -> Places:
-        parts, local = zip(*(place(body, name) for name in names), strict=True)
-        return cls(np.array(parts, np.int64), np.array(local, float), np.zeros((len(names), 3)))
+        placed = [place(body, name) for name in names]
+        local = np.array([point for _, point in placed], float).reshape(-1, 3)
+        return cls(np.array([part for part, _ in placed], np.int64), local, np.zeros_like(local))
 
     def world(self, poses: Poses) -> Array:
         """The keypoints in the world, metres, shape (F, L, 3)."""

@@ -8,7 +8,7 @@ from .reporting import explained, reported
 
 
 class Export(bpy.types.Operator):
-    """Write every performer's motion over the frames of the shot as BVH and FBX, in metres"""
+    """Write every performer's motion as BVH and FBX, as the settings in the panel say"""
 
     bl_idname = "kfmocap.export"
     bl_label = "Export"
@@ -17,12 +17,16 @@ class Export(bpy.types.Operator):
     directory: bpy.props.StringProperty(
         subtype="DIR_PATH", name="Folder", description="Where the files go; they take the shot's name"
     )
-    bvh: bpy.props.BoolProperty(default=True, name="BVH", description="Skeleton and motion as text, Y up")
-    fbx: bpy.props.BoolProperty(default=True, name="FBX", description="Skeleton and motion for other programs, Y up")
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return explained(cls, context)
+        if not explained(cls, context):
+            return False
+        settings = context.scene.kfmocap.export
+        if settings.bvh or settings.fbx:
+            return True
+        cls.poll_message_set("Choose BVH, FBX or both")
+        return False
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         context.window_manager.fileselect_add(self)
@@ -33,7 +37,16 @@ class Export(bpy.types.Operator):
 
         with reported(self) as outcome:
             folder = Path(bpy.path.abspath(self.directory))
-            written = export.export_performers(context.scene, folder, bvh=self.bvh, fbx=self.fbx)
+            settings = context.scene.kfmocap.export
+            options = export.ExportOptions(
+                settings.preset,
+                settings.bvh,
+                settings.fbx,
+                (settings.first, settings.last) if settings.use_range else None,
+                settings.fps if settings.use_rate else None,
+                settings.root_motion,
+            )
+            written = export.export_performers(context.scene, folder, options)
             self.report({"INFO"}, f"Wrote {', '.join(path.name for path in written)} to {folder}")
         return outcome.value
 

@@ -3,6 +3,7 @@
 import bpy
 
 from ..operators.body import AddBody, EditPart, FinishPart, RemovePerformer, UseArmature, edited_part
+from ..operators.fit_body import FitBody
 from .section import Section
 
 
@@ -26,6 +27,9 @@ class BodyPanel(Section, bpy.types.Panel):
         column.operator(UseArmature.bl_idname, icon="ARMATURE_DATA")
         if not performers:
             return
+        row = layout.row(align=True)
+        row.operator(FitBody.bl_idname, icon="MOD_SIMPLEDEFORM").adjust_poses = False
+        row.operator(FitBody.bl_idname, text="With Poses").adjust_poses = True
         if edited_part(context) is None:
             layout.operator(EditPart.bl_idname, icon="EDITMODE_HLT")
         else:

@@ -1,0 +1,46 @@
+"""Fit Body: lengths and widths of the parts, from the key poses over the footage."""
+
+import bpy
+
+from .job import JobOperator, Work
+from .reporting import explained
+
+
+class FitBody(JobOperator, bpy.types.Operator):
+    """Make the parts as long and as wide as the performers in the footage, from the frames on which you posed the whole
+    body: three or more in different postures are best. 2D keypoints tell lengths more exactly. Esc cancels"""
+
+    bl_idname = "kfmocap.fit_body"
+    bl_label = "Fit Body"
+    bl_options = {"REGISTER", "UNDO"}
+
+    adjust_poses: bpy.props.BoolProperty(
+        name="Adjust Key Poses",
+        description="Also move your key poses of the whole body to where the fitted body lies best on the footage",
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return explained(cls, context)
+
+    def prepared(self, context: bpy.types.Context) -> Work:
+        from ...core.body_fit import fit_bodies
+        from .. import scene as scenes
+
+        shot = scenes.shot_from_scene(context.scene)
+        return lambda progress: fit_bodies(shot, progress)
+
+    def finish(self, context: bpy.types.Context, result: object) -> None:
+        from ...core.shot import KeyPoses
+        from .. import curves, rig
+
+        shot = context.scene.kfmocap
+        for slot, body, poses, growth in zip(shot.performers, result.bodies, result.poses, result.growth, strict=True):
+            rig.reshape(slot.armature, body)
+            if self.adjust_poses:
+                curves.write_key_poses(slot.armature, KeyPoses.whole(result.frames, poses), shot.frame_start)
+            change = f"{abs(growth):.0%} {'larger' if growth > 0 else 'smaller'}"
+            self.report({"INFO"}, f"{slot.name}: fitted to {len(result.frames)} key poses; {change} than before")
+
+
+CLASSES = (FitBody,)

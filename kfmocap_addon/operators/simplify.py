@@ -1,0 +1,53 @@
+"""Simplify: the tracked keys that are needed, and no others."""
+
+import bpy
+
+from .. import performers
+from .reporting import reported
+
+
+class Simplify(bpy.types.Operator):
+    """Take out tracked keys that smooth curves through the others tell anyway, of the bones selected in pose mode, else
+    of the whole body. Your own keys stay. Tracking again puts keys on every frame"""
+
+    bl_idname = "kfmocap.simplify"
+    bl_label = "Simplify"
+    bl_options = {"REGISTER", "UNDO"}
+
+    angle: bpy.props.FloatProperty(
+        default=0.0174533,
+        min=0.0,
+        soft_max=0.174533,
+        subtype="ANGLE",
+        name="Rotation",
+        description="How far a bone may turn away from what it was, on any frame",
+    )
+    distance: bpy.props.FloatProperty(
+        default=2.0,
+        min=0.0,
+        soft_max=50.0,
+        name="Location (mm)",
+        description="How far the root may move away from where it was, on any frame, mm",
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return performers.explained(cls, context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from .. import simplification
+
+        with reported(self) as outcome:
+            before = after = 0
+            for armature in performers.posed(context):
+                bones = performers.chosen_bones(context, armature)
+                counts = simplification.simplify(armature, self.angle, self.distance / 1000, bones or None)
+                before, after = before + counts[0], after + counts[1]
+            if not before:
+                self.report({"WARNING"}, "There are no tracked keys to simplify: track first")
+                return {"CANCELLED"}
+            self.report({"INFO"}, f"{after} of {before} keys are left")
+        return outcome.value
+
+
+CLASSES = (Simplify,)
