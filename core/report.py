@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from .formats.files import replacing
 from .occlusion import OCCLUDED_BELOW, intervals, occluded, suggested_keyframes, unseen
 from .review.suggestions import helpful_keys
+from .review.uncertainty import expected_errors
 from .shot import Performer, Shot
 
 if TYPE_CHECKING:
@@ -126,10 +127,12 @@ def _performer(
 
 
 def _expected_errors(shot: Shot, performer: Performer, deviation: NDArray[np.float64]) -> dict[str, Any]:
-    """How far off the parts may be, and the key frames that would help, in millimetres."""
+    """How far off the joints may be, and the key frames that would help, in millimetres."""
     first, names = shot.frames[0], performer.body.names
     return {
-        "expected_error": [round(1000 * float(value), 1) for value in deviation.mean(axis=1)],
+        "expected_error": [
+            round(1000 * float(value), 1) for value in expected_errors(deviation, performer.body.parents)
+        ],
         "helpful_keyframes": [
             {
                 "frame": first + key.frame,
@@ -137,7 +140,7 @@ def _expected_errors(shot: Shot, performer: Performer, deviation: NDArray[np.flo
                 "gain": round(1000 * key.gain, 2),
                 "parts": [names[part] for part in key.parts],
             }
-            for key in helpful_keys(deviation, performer.key_poses)
+            for key in helpful_keys(deviation, performer.key_poses, performer.body.parents)
         ],
     }
 

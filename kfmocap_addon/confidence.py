@@ -124,10 +124,12 @@ def _write_helpful(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> Non
     from . import curves, rig
 
     start, length = scene.kfmocap.frame_start, scene.kfmocap.length
-    names = [bone.name for bone in rig.body_bones(slot.armature)]
+    bones = rig.body_bones(slot.armature)
+    names = [bone.name for bone in bones]
+    parents = [names.index(bone.parent.name) if bone.parent is not None else -1 for bone in bones]
     errors = read_confidence(slot.armature, start, length)
     slot.helpful.clear()
-    for key in helpful_keys(errors, curves.read_key_poses(slot.armature, start, length)):
+    for key in helpful_keys(errors, curves.read_key_poses(slot.armature, start, length), parents):
         item = slot.helpful.add()
         item.name = ", ".join(names[part] for part in key.parts)
         item.frame = start + key.frame

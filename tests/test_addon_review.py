@@ -9,20 +9,21 @@ bpy = pytest.importorskip("bpy")
 
 from addon_shots import blender, motion, shot, sights  # noqa: E402, F401
 from kfmocap.core.body import human  # noqa: E402
+from kfmocap.core.review.uncertainty import expected_errors  # noqa: E402
 from kfmocap.kfmocap_addon import actions, confidence, curves, occlusion, scene  # noqa: E402
 
 pytestmark = pytest.mark.blender
 
 FRAMES, START = 24, 1
 BODY = human()
-HAND = BODY.index("hand.L")
+HAND, FOREARM = BODY.index("hand.L"), BODY.index("forearm.L")
 
 
 def errors(peak: int = 15) -> np.ndarray:
     """Metres: largest on one frame, and of the left hand, zero on the key frames."""
     found = np.zeros((FRAMES, len(BODY)))
     found[6:-1] = 0.02 * np.exp(-(((np.arange(6, FRAMES - 1) - peak) / 3) ** 2))[:, None]
-    found[:, HAND] *= 3
+    found[:, [HAND, FOREARM]] *= 3
     return found
 
 
@@ -79,8 +80,8 @@ def test_the_most_helpful_frame_is_listed_first_with_its_parts(built):
     made, *_ = built
     first, *_ = made.kfmocap.performers[0].helpful
     assert abs(first.frame - (START + 15)) <= 1
-    assert first.name == "hand.L"
-    assert first.error == pytest.approx(1000 * errors()[first.frame - START].mean(), rel=1e-5)
+    assert first.name == "forearm.L"
+    assert first.error == pytest.approx(1000 * expected_errors(errors(), BODY.parents)[first.frame - START], rel=1e-5)
     assert first.gain > 0
 
 

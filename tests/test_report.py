@@ -52,7 +52,7 @@ def tracked() -> tuple[Shot, type]:
         segments = (Segment(0, 23, 3, (5.0, 2.0, 1.5)),)
 
     deviation = np.full((F, len(body)), 0.004) * np.sin(np.pi * np.arange(F) / (F - 1))[:, None]
-    deviation[13:18, body.index("hand.L")] = 0.2
+    deviation[13:18, body.index("forearm.L")] = 0.2
     Result.visible, Result.residual, Result.deviation = (visible,), (values,), (deviation,)
     return Shot("jump", 25.0, (100, 123), views, (performer,)), Result
 
@@ -94,7 +94,7 @@ def test_the_report_has_how_far_off_the_parts_may_be_and_where_one_more_key_pose
     (man,) = report(*tracked)["performers"]
     assert len(man["expected_error"]) == 24 and man["expected_error"][0] == man["expected_error"][-1] == 0
     first, *others = man["helpful_keyframes"]
-    assert 114 <= first["frame"] <= 116 and first["parts"] == ["hand.L"]
+    assert 114 <= first["frame"] <= 116 and first["parts"] == ["forearm.L"]
     assert first["expected_error"] == man["expected_error"][first["frame"] - 100]
     assert all(first["gain"] >= other["gain"] > 0 for other in others)
 
@@ -104,7 +104,7 @@ def test_blind_spots_are_told_in_a_line_each(tracked: tuple[Shot, type]) -> None
     unseen, helpful, suggested = blind_spots(report(shot, result))
     assert unseen == "man: frames on which no camera sees a part: shin.L 1, hand.R 7"
     assert suggested == "man: key poses would help at 107 (hand.R hidden 108-114), 115 (hand.R hidden 108-114)"
-    assert helpful.startswith("man: where one more key pose would help most: ") and "(hand.L some" in helpful
+    assert helpful.startswith("man: where one more key pose would help most: ") and "(forearm.L some" in helpful
     result.visible = tuple(np.ones_like(visible) for visible in result.visible)
     result.deviation = tuple(np.zeros_like(deviation) for deviation in result.deviation)
     assert not blind_spots(report(shot, result))

@@ -10,9 +10,10 @@ import pytest
 from kfmocap.core.body import part_poses
 from kfmocap.core.evidence.images import ViewFrames
 from kfmocap.core.motion import Motion
+from kfmocap.core.review import suggestions
 from kfmocap.core.review.misfit import uncovered_gaps
-from kfmocap.core.review.suggestions import APART, MOST, helpful_keys
-from kfmocap.core.review.uncertainty import tip_deviations
+from kfmocap.core.review.suggestions import APART, MOST, HelpfulKey
+from kfmocap.core.review.uncertainty import expected_errors, tip_deviations
 from kfmocap.core.rotations import exp
 from kfmocap.core.shot import KeyPoses
 from kfmocap.core.visibility import Geometry
@@ -105,6 +106,10 @@ def test_a_view_that_sees_nobody_or_has_no_foreground_changes_no_gap() -> None:
     assert not uncovered_gaps([blind], Geometry.of([BODY]), at, 0, [slice(0, P)], np.array([0, 3])).any()
 
 
+def helpful_keys(deviation: Array, keys: KeyPoses) -> list[HelpfulKey]:
+    return suggestions.helpful_keys(deviation, keys, BODY.parents)
+
+
 def keys_at(*frames: int) -> KeyPoses:
     return KeyPoses.whole(list(frames), at_rest(BODY, len(frames)))
 
@@ -118,6 +123,14 @@ def test_the_first_suggestion_is_where_most_is_wrong() -> None:
     first, second, *_ = helpful_keys(deviation, keys_at(0, 18, 39))
     assert abs(first.frame - 27) <= 2 and abs(second.frame - 9) <= 2
     assert first.deviation == pytest.approx(deviation[first.frame].mean())
+
+
+def test_the_ends_of_limbs_do_not_count() -> None:
+    deviation = bump(27)
+    deviation[:, [2, 3]] += bump(9, height=1.0)[:, [2, 3]]  # the forearm's and the right arm's tips are no joints
+    first, *_ = helpful_keys(deviation, keys_at(0, 18, 39))
+    assert abs(first.frame - 27) <= 2 and set(first.parts) == {0, 1}
+    np.testing.assert_allclose(expected_errors(deviation, BODY.parents), deviation[:, [0, 1]].mean(axis=1))
 
 
 def test_suggestions_lose_in_gain_and_keep_apart() -> None:
@@ -139,9 +152,9 @@ def test_the_gain_is_what_a_correction_that_fades_to_the_key_poses_beside_it_tak
 
 def test_the_parts_that_are_farthest_off_are_named() -> None:
     deviation = bump(20)
-    deviation[:, 2] *= 3
+    deviation[:, 0] *= 3
     deviation[:, 1] *= 2.5
-    assert helpful_keys(deviation, keys_at(0, 39))[0].parts == (2, 1)
+    assert helpful_keys(deviation, keys_at(0, 39))[0].parts == (0, 1)
 
 
 def test_a_partial_key_pose_does_not_end_the_need_of_a_whole_one() -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..shot import KeyPoses
+from .uncertainty import expected_errors, joint_parts
 
 Array = NDArray[np.float64]
 
@@ -31,12 +33,12 @@ class HelpfulKey:
     ----------
     frame : int
     deviation : float
-        Expected error of the parts there, mean, metres.
+        Expected error there, mean over the joints, metres.
     gain : float
         By how much a key pose there, after those that stand before it in the list, would lower the expected error
         over the whole shot, mean, metres.
     parts : tuple of int
-        Those that are expected to be farthest off there, the farthest first.
+        Those whose tips, where they are joints, are expected to be farthest off there, the farthest first.
     """
 
     frame: int
@@ -45,7 +47,7 @@ class HelpfulKey:
     parts: tuple[int, ...]
 
 
-def helpful_keys(deviation: Array, keys: KeyPoses) -> list[HelpfulKey]:
+def helpful_keys(deviation: Array, keys: KeyPoses, parents: Sequence[int]) -> list[HelpfulKey]:
     """Frames on which one more key pose would help most, the most helpful first.
 
     A correction spreads to the key poses on both sides, fading evenly on the way. The frame whose correction takes
@@ -56,8 +58,10 @@ def helpful_keys(deviation: Array, keys: KeyPoses) -> list[HelpfulKey]:
     deviation : ndarray, shape (F, P)
         Expected error of every part, metres; see `uncertainty.joint_deviations`.
     keys : KeyPoses
+    parents : sequence of int
+        Of the body's parts.
     """
-    expected = deviation.mean(axis=1)
+    expected, joints = expected_errors(deviation, parents), np.array(joint_parts(parents))
     keyed = {int(f) for f in keys.full()}
     found: list[HelpfulKey] = []
     least = WORTH * float(expected.sum())
@@ -67,9 +71,9 @@ def helpful_keys(deviation: Array, keys: KeyPoses) -> list[HelpfulKey]:
         best = max(gains, key=lambda c: gains[c], default=None)
         if best is None or gains[best] <= least:
             break
-        row = deviation[best]
-        parts = [int(p) for p in np.argsort(-row, kind="stable")[:NAMED] if row[p] >= DOUBTFUL * row.max()]
-        found.append(HelpfulKey(best, float(row.mean()), gains[best] / len(expected), tuple(parts)))
+        row = deviation[best, joints]
+        worst = [int(joints[p]) for p in np.argsort(-row, kind="stable")[:NAMED] if row[p] >= DOUBTFUL * row.max()]
+        found.append(HelpfulKey(best, float(row.mean()), gains[best] / len(expected), tuple(worst)))
         expected = expected * (1 - spreads[best])
         keyed.add(best)
     return found
