@@ -3,6 +3,7 @@
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
+from .. import screens
 from .reporting import reported
 
 
@@ -25,6 +26,7 @@ class LoadShot(bpy.types.Operator, ImportHelper):
             scene = scenes.build_scene(shot)
             if context.window is not None:
                 context.window.scene = scene
+                screens.look(context)
             self.report({"INFO"}, f"{shot.name}: {len(shot.views)} views, {shot.length} frames")
         return outcome.value
 

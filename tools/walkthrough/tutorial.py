@@ -204,6 +204,8 @@ def correct() -> Waits:
     """A correcting key pose where the review says that it helps most, and the two stretches beside it again."""
     joints = truth("walk")
     yield from only("Review")
+    x, y = find("One more key pose would help most at", within=sidebar())
+    yield from click_at((x, y + 20))
     yield from picture("review")
     yield from only("Key Poses")
     yield from pose(scene().frame_current - 1, joints)
@@ -234,8 +236,8 @@ def real_shot() -> Waits:
     yield from click("Load Shot")
     yield from choose_file(WORK / "beam" / "shot.toml", "Load Shot")
     yield from until(lambda: len(scene().kfmocap.views) == 4)
-    _, y = find("Next", within=sidebar())
-    yield from click_at((sidebar()[2] - 26, y))
+    x, y = find("Next", within=sidebar())
+    yield from click_at((x + 57, y))  # the icon of four views
     yield from picture("beam")
     yield from only("Track")
     yield from click("Track All")
