@@ -32,8 +32,11 @@ def show(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, frame: int) -> M
     if behind is None:
         behind = data.background_images.new()
         behind.source, behind.image = "IMAGE", image
-    index = list(data.background_images).index(behind)
-    _only_on(data, index, frame)
+    for index, background in enumerate(data.background_images):
+        # What is first in the list covers the others: the footage makes room on that frame.
+        _drive(
+            data, index, f"1 if frame == {frame} else 0" if background == behind else f"0 if frame == {frame} else 1"
+        )
     views.refresh(scene)
     return found
 
@@ -42,15 +45,17 @@ def hide(scene: bpy.types.Scene) -> int:
     """Take all residuals away; tells how many there were."""
     gone = 0
     for slot in scene.kfmocap.views:
-        data = slot.camera.data if slot.camera is not None else None
-        for index in reversed(range(len(data.background_images) if data else 0)):
-            behind = data.background_images[index]
-            if behind.image is not None and behind.image.name.startswith(PREFIX):
-                data.driver_remove(_alpha(index))
-                image = behind.image
-                data.background_images.remove(behind)
-                bpy.data.images.remove(image)
-                gone += 1
+        image = shown(slot)
+        if image is None or slot.camera is None:
+            continue
+        data = slot.camera.data
+        for index, background in enumerate(data.background_images):
+            data.driver_remove(_shown(index))
+            background.show_background_image = True
+        for background in [b for b in data.background_images if b.image == image]:
+            data.background_images.remove(background)
+        bpy.data.images.remove(image)
+        gone += 1
     return gone
 
 
@@ -75,12 +80,12 @@ def _image(name: str, picture: np.ndarray) -> bpy.types.Image:
     return image
 
 
-def _only_on(data: bpy.types.Camera, index: int, frame: int) -> None:
-    """Let a picture behind a camera be seen on one frame alone: on others it would be wrong."""
-    data.driver_remove(_alpha(index))
-    driver = data.driver_add(_alpha(index)).driver
-    driver.type, driver.expression = "SCRIPTED", f"1 if frame == {frame} else 0"
+def _drive(data: bpy.types.Camera, index: int, expression: str) -> None:
+    """Let a picture behind a camera be seen on some frames alone: a residual would be wrong on others."""
+    data.driver_remove(_shown(index))
+    driver = data.driver_add(_shown(index)).driver
+    driver.type, driver.expression = "SCRIPTED", expression
 
 
-def _alpha(index: int) -> str:
-    return f"background_images[{index}].alpha"
+def _shown(index: int) -> str:
+    return f"background_images[{index}].show_background_image"

@@ -200,12 +200,13 @@ def test_the_residual_is_behind_the_camera_on_its_frame_alone_and_goes_again(ble
     footage, shown = camera.data.background_images
     assert footage.source == "MOVIE_CLIP" and shown.source == "IMAGE"
     assert tuple(shown.image.size) == (160, 120) and shown.image.packed_file is not None
-    for frame, alpha in ((3, 0), (4, 1), (5, 0)):
+    for frame, expected in ((3, [True, False]), (4, [False, True]), (5, [True, False])):
         built.frame_set(START + frame)
         evaluated = camera.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
-        assert evaluated.background_images[1].alpha == alpha
+        assert [b.show_background_image for b in evaluated.background_images] == expected
     assert bpy.ops.kfmocap.hide_residual() == {"FINISHED"}
-    assert [b.source for b in camera.data.background_images] == ["MOVIE_CLIP"]
+    assert [(b.source, b.show_background_image) for b in camera.data.background_images] == [("MOVIE_CLIP", True)]
+    assert not len(camera.data.animation_data.drivers)
     assert not len(bpy.data.images) and not bpy.ops.kfmocap.hide_residual.poll()
     assert scene.shot_from_scene(built).views[0].footage == original.views[0].footage
 
