@@ -38,8 +38,8 @@ class Row:
 
 def rows(armature: bpy.types.Object) -> tuple[Row, ...] | None:
     """The key poses of an armature; as they were until they have been looked up anew, None before the first time."""
-    if armature.session_uid not in _current and not bpy.app.timers.is_registered(_look_up):
-        bpy.app.timers.register(_look_up, first_interval=_DELAY)
+    if armature.session_uid not in _current:
+        _schedule()
     return _found.get(armature.session_uid)
 
 
@@ -57,6 +57,11 @@ def looked_up(armature: bpy.types.Object) -> tuple[Row, ...]:
     return tuple(sorted(found + [Row(frame, (), True) for frame in proposed], key=lambda row: row.frame))
 
 
+def _schedule() -> None:
+    if not bpy.app.timers.is_registered(_look_up):
+        bpy.app.timers.register(_look_up, first_interval=_DELAY)
+
+
 def _look_up() -> None:
     for scene in bpy.data.scenes:
         for slot in scene.kfmocap.performers:
@@ -72,12 +77,19 @@ def _look_up() -> None:
 @bpy.app.handlers.persistent
 def _changed(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     if any(isinstance(update.id, bpy.types.Action) for update in depsgraph.updates):
-        _current.clear()
+        _outdated()
 
 
 @bpy.app.handlers.persistent
 def _replaced(*_arguments: object) -> None:
+    _outdated()
+
+
+def _outdated() -> None:
+    """Have what was drawn before looked up anew."""
     _current.clear()
+    if _found:
+        _schedule()
 
 
 def register() -> None:

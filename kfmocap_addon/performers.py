@@ -28,9 +28,13 @@ def chosen_bones(context: bpy.types.Context, armature: bpy.types.Object) -> set[
 
 def explained(operator: type[bpy.types.Operator], context: bpy.types.Context) -> bool:
     """Whether there is a performer to pose; if not, the disabled button says so."""
-    if chosen(context) is not None:
+    slot = chosen(context)
+    if slot is None:
+        operator.poll_message_set("This scene has no performer yet: use Load Shot, or add a body")
+    elif slot.armature.mode == "EDIT":
+        operator.poll_message_set("The body is being edited: leave edit mode first")
+    else:
         return True
-    operator.poll_message_set("This scene has no performer yet: use Load Shot, or add a body")
     return False
 
 

@@ -160,8 +160,9 @@ def _held(body: Body, bones: set[str]) -> NDArray[np.bool_]:
 
 
 def _cameras_now(scene: bpy.types.Scene) -> dict[str, Camera]:
-    """The cameras of the shot as they stand on the scene's present frame, by the names of their views."""
-    slots = [s for s in scene.kfmocap.views if s.camera is not None and s.camera.name in scene.objects]
+    """The calibrated cameras of the shot as they stand on the scene's present frame, by the names of their views."""
+    slots = [s for s in scene.kfmocap.views if s.is_calibrated and s.camera is not None]
+    slots = [slot for slot in slots if slot.camera.name in scene.objects]
     cameras = views.read_cameras(scene, [slot.camera for slot in slots], scene.frame_current, 1)
     return {slot.name: camera for slot, camera in zip(slots, cameras, strict=True)}
 

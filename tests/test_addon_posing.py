@@ -35,6 +35,8 @@ def walk_scene(folder: Path, keys: tuple[int, ...] = (0, 29), tracked: bool = Fa
     key_poses = KeyPoses.whole(list(keys), WALK[list(keys)])
     shot = Shot("walk", 30.0, (0, 29), views, (Performer("man", BODY, key_poses),))
     bpy.context.window.scene = scene.build_scene(shot, [WALK] if tracked else None)
+    bpy.context.view_layer.update()
+    bpy.context.scene.frame_set(1)
     return bpy.context.scene.kfmocap.performers[0]
 
 

@@ -29,9 +29,9 @@ class PlaceJoints(bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         if not performers.explained(cls, context):
             return False
-        if any(view.camera is not None for view in context.scene.kfmocap.views):
+        if any(view.camera is not None and view.is_calibrated for view in context.scene.kfmocap.views):
             return True
-        cls.poll_message_set("This scene has no camera with footage to click in yet")
+        cls.poll_message_set("No view has a calibrated camera yet: clicks need one")
         return False
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -65,8 +65,12 @@ class PlaceJoints(bpy.types.Operator):
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         self._pointer = event.mouse_x, event.mouse_y
-        with reported(self) as outcome:
-            result = self._handled(context, event)
+        try:
+            with reported(self) as outcome:
+                result = self._handled(context, event)
+        except Exception:
+            self._cancelled(context)
+            raise
         if outcome.value != {"FINISHED"}:
             return self._cancelled(context)
         if not result & {"FINISHED", "CANCELLED"}:

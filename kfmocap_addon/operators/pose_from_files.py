@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -95,7 +96,7 @@ class PoseFromKeypoints(_FromKeypoints, JobOperator, bpy.types.Operator):
         frames = keyframing.frames_wanted(scene)
         number = scene.kfmocap.performers.find(self._slot)
         shot = keyframing.without_replaced(scene, scenes.shot_from_scene(scene), number, frames)
-        return lambda progress: seen_poses(shot, frames, progress)
+        return partial(seen_poses, shot, frames)
 
     def finish(self, context: bpy.types.Context, result: tuple[SeenPoses, ...]) -> None:
         from .. import keyframing

@@ -99,8 +99,8 @@ def _draw_advice(layout: bpy.types.UILayout, scene: bpy.types.Scene, rows: tuple
     own = [row.frame for row in rows if not row.proposed]
     column = layout.column(align=True)
     if not rows:
-        column.label(text="No key pose yet: pose the body on", icon="INFO")
-        column.label(text="the first frame, then Set Key Pose", icon="BLANK1")
+        column.label(text="No key pose yet: on the first frame", icon="INFO")
+        column.label(text="Place Joints, or Set Key Pose", icon="BLANK1")
         if scene.frame_current != scene.frame_start:
             column.operator(GoToFrame.bl_idname, text="To the First Frame", icon="REW").frame = scene.frame_start
     elif not own:
