@@ -227,7 +227,8 @@ def remove_view(current: bpy.types.Scene, index: int) -> None:
     bpy.data.objects.remove(owner)
     if data.users == 0:
         bpy.data.cameras.remove(data)
-    if clip is not None and clip.users == 0:
+    shown = {image.clip for camera in bpy.data.cameras for image in camera.background_images}
+    if clip is not None and clip.users == 0 and clip not in shown:
         bpy.data.movieclips.remove(clip)
     if current.kfmocap.views:
         views.look_through(current, current.kfmocap.views[min(index, len(current.kfmocap.views) - 1)])

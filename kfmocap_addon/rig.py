@@ -73,12 +73,17 @@ def _edit_bones(armature: bpy.types.Object) -> Iterator[bpy.types.ArmatureEditBo
         bpy.ops.object.mode_set(mode="OBJECT")
     if not there:
         home.objects.link(armature)
+    hidden = armature.hide_viewport, armature.hide_get()
+    armature.hide_viewport = False
+    armature.hide_set(False)
     layer.objects.active = armature
     bpy.ops.object.mode_set(mode="EDIT")
     try:
         yield armature.data.edit_bones
     finally:
         bpy.ops.object.mode_set(mode="OBJECT")
+        armature.hide_viewport = hidden[0]
+        armature.hide_set(hidden[1])
         if not there:
             home.objects.unlink(armature)
         layer.objects.active = before

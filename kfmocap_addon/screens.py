@@ -22,9 +22,9 @@ def look(context: bpy.types.Context) -> None:
     One of several that look through cameras of their own goes on doing so; the others stay as they are.
     """
     area = view3d_of(context)
-    if area is None or context.scene.camera is None:
+    if area is None or context.window is None or context.scene.camera is None:
         return
-    several = layout_of(context.window) if context.window is not None else []
+    several = layout_of(context.window)
     space = area.spaces.active
     if area in several and len(several) > 1:
         space.camera = context.scene.camera

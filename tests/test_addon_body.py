@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.motion import Motion  # noqa: E402
 from kfmocap.core.shot import KeyPoses  # noqa: E402
 from kfmocap.kfmocap_addon import curves, rig, scene  # noqa: E402
+from kfmocap.kfmocap_addon.operators.fit_body import FitBody  # noqa: E402
 from mathutils import Matrix  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
@@ -162,6 +164,12 @@ def test_a_fitted_body_takes_the_old_ones_place(tmp_path, fitter, adjusted):
     assert np.array_equal(read.key_poses.frames, keys.frames) and read.key_poses.fixed.all()
     shift = keys.poses.difference(read.key_poses.poses)
     assert np.allclose(shift[:, :3], 0.01 if adjusted else 0, atol=1e-5) and np.abs(shift[:, 3:]).max() < 1e-5
+
+
+def test_the_work_of_a_fit_can_go_to_another_process(tmp_path):
+    scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    work = pickle.loads(pickle.dumps(FitBody.prepared(None, bpy.context)))
+    assert [view.camera.name for view in work.args[0].views] == ["cam01", "cam02"]
 
 
 def test_the_model_is_drawn_as_asked(armature):

@@ -155,6 +155,11 @@ class EditPart(bpy.types.Operator):
             return {"CANCELLED"}
         bpy.ops.object.mode_set(mode="OBJECT")
         part.hide_select = part.hide_viewport = False
+        context.view_layer.update()
+        if not part.visible_get():
+            part.hide_select = True
+            self.report({"ERROR"}, f"{part.name} is hidden: show it and its collection first")
+            return {"CANCELLED"}
         select_only(context, part)
         bpy.ops.object.mode_set(mode="EDIT")
         return {"FINISHED"}
@@ -191,7 +196,8 @@ class FinishPart(bpy.types.Operator):
             part.hide_select = True
             rig.show_parts(context.scene)
             select_only(context, part.parent)
-            bpy.ops.object.mode_set(mode="POSE")
+            if part.parent.visible_get():
+                bpy.ops.object.mode_set(mode="POSE")
         return outcome.value
 
 

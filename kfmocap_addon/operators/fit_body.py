@@ -1,5 +1,7 @@
 """Fit Body: lengths and widths of the parts, from the key poses over the footage."""
 
+from functools import partial
+
 import bpy
 
 from .job import JobOperator, Work
@@ -28,7 +30,7 @@ class FitBody(JobOperator, bpy.types.Operator):
         from .. import scene as scenes
 
         shot = scenes.shot_from_scene(context.scene)
-        return lambda progress: fit_bodies(shot, progress)
+        return partial(fit_bodies, shot)
 
     def finish(self, context: bpy.types.Context, result: object) -> None:
         from ...core.shot import KeyPoses
