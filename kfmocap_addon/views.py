@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import bpy
@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 
 _FLIP = np.diag([1.0, -1.0, -1.0])  # Blender's cameras look along -z with y up, OpenCV's along z with y down
 _FRAME, _DISTORTED = "kfmocap_frame", "kfmocap_lens"
+_POSED = ("location", "rotation_quaternion", "rotation_euler", "scale")
 _SAME = 1e-6  # metres, and differences of rotations: a camera that moves by less is fixed
 
 
@@ -396,20 +397,30 @@ def _camera_poses(
         frames = [scene.frame_current]
     else:
         frames = list(range(frame_start, frame_start + length))
-    before = scene.frame_current, scene.frame_subframe
     matrices = np.empty((len(frames), len(cameras), 4, 4))
     layer = _view_layer(scene, cameras)
-    try:
+    with _coming_back(scene) if len(frames) > 1 else contextlib.nullcontext():
         for i, frame in enumerate(frames):
             if len(frames) > 1:
                 scene.frame_set(frame)
             layer.update()
             for c, camera in enumerate(cameras):
                 matrices[i, c] = np.array(camera.evaluated_get(layer.depsgraph).matrix_world)
-    finally:
-        if len(frames) > 1:
-            scene.frame_set(before[0], subframe=before[1])
     return [_cv_poses(matrices[:, c]) for c in range(len(cameras))]
+
+
+@contextlib.contextmanager
+def _coming_back(scene: bpy.types.Scene) -> Iterator[None]:
+    """Other frames are visited in the block; then the frame is shown again, with poses that nobody has keyed yet."""
+    before = scene.frame_current, scene.frame_subframe
+    bones = [bone for thing in scene.objects if thing.pose for bone in thing.pose.bones]
+    posed = [(bone, name, getattr(bone, name).copy()) for bone in bones for name in _POSED]
+    try:
+        yield
+    finally:
+        scene.frame_set(before[0], subframe=before[1])
+        for bone, name, value in posed:
+            setattr(bone, name, value)
 
 
 def _stands_still(camera: bpy.types.Object) -> bool:

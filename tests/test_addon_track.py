@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from contextlib import contextmanager
 from functools import partial
 from types import SimpleNamespace
 
@@ -18,7 +19,9 @@ from kfmocap.core.errors import CancelledError, CaptureError, ShotError  # noqa:
 from kfmocap.core.excerpts import Excerpt, track_excerpts  # noqa: E402
 from kfmocap.kfmocap_addon import actions, curves, scene  # noqa: E402
 from kfmocap.kfmocap_addon.jobs import Job, duration  # noqa: E402
+from kfmocap.kfmocap_addon.operators import job  # noqa: E402
 from kfmocap.kfmocap_addon.operators.job import JobOperator  # noqa: E402
+from scene_state import differences, state  # noqa: E402
 from synthetic import figure, film, look_at, shot_of, swing  # noqa: E402
 
 pytestmark = pytest.mark.blender
@@ -197,6 +200,68 @@ def test_a_scene_that_changed_meanwhile_is_left_alone(built, tracker):  # noqa: 
     with pytest.raises(ShotError, match="changed while"):
         stretches.write(built, given, parts, results)
     assert keys_of(armature_of(built)) == before
+
+
+@pytest.fixture
+def filmed(blender, tmp_path):  # noqa: F811
+    """A small filmed shot as the open scene, with a key pose that was set in Blender."""
+    truth = swing(figure(), 9)
+    cameras = (look_at("front", (0.5, -2.8, 1.5)), look_at("side", (-2.4, -1.4, 1.3)))
+    given = shot_of(film(tmp_path, [figure()], [truth], cameras), [figure()], [truth], (0, 8))
+    built = scene.build_scene(given, scene=bpy.context.scene)
+    built.frame_set(FRAME + 4)
+    armature_of(built).pose.bones["forearm.L"].rotation_quaternion = (0.96, 0.28, 0, 0)
+    curves.key_current_pose(armature_of(built), FRAME + 4)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    return tmp_path / "scene.blend"
+
+
+def reopened(file):
+    bpy.ops.wm.save_as_mainfile(filepath=str(file))
+    bpy.ops.wm.open_mainfile(filepath=str(file))
+    return bpy.context.scene
+
+
+@pytest.mark.parametrize("tool", ["track", "track_here"])
+def test_saved_and_reopened_a_scene_is_tracked_to_the_same_last_bit(filmed, tool):
+    built = bpy.context.scene
+    bpy.ops.kfmocap.track()
+    built.frame_set(FRAME + 2)
+    getattr(bpy.ops.kfmocap, tool)()
+    first = keys_of(armature_of(built))
+    built = reopened(filmed)
+    assert keys_of(armature_of(built)) == first
+    getattr(bpy.ops.kfmocap, tool)()
+    assert keys_of(armature_of(built)) == first
+    with pytest.raises(RuntimeError, match="nothing has changed"):
+        bpy.ops.kfmocap.track_changes()
+
+
+def test_tracking_that_is_cancelled_at_any_moment_leaves_the_scene_as_it_was(filmed, monkeypatch):
+    built, told, ends = bpy.context.scene, [], [10**6]
+
+    @contextmanager
+    def cancelling(_context):
+        told.clear()
+        yield lambda what, fraction: told.append(fraction) or len(told) <= ends[0]
+
+    monkeypatch.setattr(job, "progress_shown", cancelling)
+    bpy.ops.kfmocap.track()
+    armature_of(built).pose.bones["forearm.L"].rotation_quaternion = (0.8, 0.6, 0, 0)  # not keyed
+    before = state()
+    for ends[0] in np.random.default_rng(0).integers(0, len(told), 20).tolist():
+        assert bpy.ops.kfmocap.track() == {"CANCELLED"}
+        assert len(told) == ends[0] + 1
+        assert not differences(state(), before)
+
+
+def test_a_pose_that_is_not_keyed_outlives_a_tracking_that_fails(built, tracker):  # noqa: F811
+    """Also where cameras move, for which other frames are visited."""
+    built.frame_set(FRAME + 5)
+    armature_of(built).pose.bones["forearm.L"].rotation_quaternion = (0.8, 0.6, 0, 0)
+    before, tracker.error = state(), CancelledError()
+    assert bpy.ops.kfmocap.track() == {"CANCELLED"}
+    assert not differences(state(), before)
 
 
 class Tool(JobOperator):

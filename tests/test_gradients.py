@@ -437,8 +437,9 @@ def test_no_more_gradient_images_are_kept_than_the_bound_allows(monkeypatch: pyt
     view, box = ViewFrames(CAMERA, np.zeros((12, 90, 120), np.uint8), 0), (0, 0, 120, 90)
     one = view.images(0, 2, 1.0, box).nbytes
     monkeypatch.setattr("kfmocap.core.evidence.images.KEPT_BYTES", 3 * one)
-    runs = [view.images(f, 2, 1.0, box) for f in range(0, 10)]
-    assert sum(view.images(f, 2, 1.0, box) is run for f, run in enumerate(runs)) == 3
+    for order in (range(10), reversed(range(10))):  # as threads come
+        runs = {f: view.images(f, 2, 1.0, box) for f in order}
+        assert [f for f, run in sorted(runs.items()) if view.images(f, 2, 1.0, box) is run] == [0, 1, 2]
 
 
 def test_gradient_images_are_derivatives_of_the_smoothed_picture() -> None:

@@ -156,7 +156,9 @@ class ViewFrames:
         for start, count in list(self._kept):
             if min(start + count, stop) - max(start, first) > 1:
                 self._kept.pop((start, count), None)  # another run may have done it
-        if images.nbytes + sum(kept.nbytes for _, kept in list(self._kept.values())) <= KEPT_BYTES:
+        # The same are kept whichever thread comes first: what lies beyond a window's edge depends on it.
+        windows = 1 + (first - self.first) / max(images.count - 1, 1)
+        if windows * images.nbytes <= KEPT_BYTES:
             self._kept[first, images.count] = sigma, images
 
     def foreground_at(self, first: int, count: int) -> NDArray[np.uint8]:

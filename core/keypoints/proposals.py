@@ -145,6 +145,8 @@ def chosen_frames(fit: KeypointFit, fps: float) -> NDArray[np.int64]:
 
 def best_frames(quality: Array, fps: float) -> NDArray[np.int64]:
     """Of every stretch of `EVERY` seconds, the frame in its middle half with the greatest quality (F,)."""
+    if not len(quality):
+        return np.zeros(0, np.int64)
     count = max(1, round(len(quality) / (EVERY * fps)))
     edges = np.linspace(0, len(quality), count + 1)
     frames = []
