@@ -157,3 +157,13 @@ def test_lists_that_make_no_sense_are_told(blender, tmp_path, text: str):  # noq
 
 def test_lists_of_frames_have_ranges():
     assert keyframing.frames_listed("1, 20,40-42 , ") == [1, 20, 40, 41, 42]
+
+
+def test_dropped_keypoints_and_landmarks_are_taken(blender, tmp_path):  # noqa: F811
+    slot = walk_scene(tmp_path, keys=(0,))
+    write_keypoints(tmp_path)
+    assert bpy.ops.kfmocap.open_file(filepath=str(tmp_path / "cam01_json" / "cam01_000000.json")) == {"FINISHED"}
+    assert bpy.context.scene.kfmocap.views[0].keypoints == "cam01_json"
+    ask("LISTED", listed="20")
+    assert bpy.ops.kfmocap.open_file(filepath=str(landmark_file(tmp_path))) == {"FINISHED"}
+    assert keyed(slot) == {0: True, 19: True}

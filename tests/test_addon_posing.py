@@ -136,6 +136,17 @@ def test_undo_takes_back_one_mark_at_a_time(blender, tmp_path):  # noqa: F811
     assert np.abs(placed.pose.difference(WALK[[0]])).max() < 1e-5
 
 
+def test_the_marks_of_a_frame_are_cleared(blender, tmp_path):  # noqa: F811
+    slot = walk_scene(tmp_path)
+    with pytest.raises(RuntimeError, match="No joint is marked"):
+        bpy.ops.kfmocap.clear_marks()
+    for frame in (7, 13):
+        mark_joints(slot, frame, WALK[[frame - 1]], ("cam01",))
+    bpy.context.scene.frame_set(13)
+    assert bpy.ops.kfmocap.clear_marks() == {"FINISHED"}
+    assert not marks.on_frame(slot, 13) and len(marks.on_frame(slot, 7)) == len(LIMBS)
+
+
 def test_joints_are_asked_for_limb_by_limb_with_names_that_people_say():
     names = placing.order(BODY)
     assert names[:3] == ["LShoulder", "LElbow", "LWrist"] and sorted(names) == sorted(BODY.landmarks)

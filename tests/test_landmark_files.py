@@ -11,6 +11,7 @@ import pytest
 from kfmocap.core.body import human
 from kfmocap.core.errors import LandmarkError
 from kfmocap.core.formats.c3d import read_c3d
+from kfmocap.core.formats.kinds import file_kind
 from kfmocap.core.formats.landmarks import landmarks_of, read_landmarks
 from kfmocap.core.formats.trc import Landmarks, write_trc
 
@@ -95,3 +96,20 @@ def test_landmarks_are_matched_however_they_are_written():
 def test_landmarks_of_something_else_are_refused():
     with pytest.raises(LandmarkError, match=r"walk\.c3d: only 0 of its landmarks are the body's; it has RFHD"):
         landmarks_of(human(), Landmarks(("RFHD", "LFHD"), np.zeros((1, 2, 3)), 30.0), "walk.c3d")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "kind"),
+    [
+        ("walk.TRC", "", "landmarks"),
+        ("walk.c3d", "", "landmarks"),
+        ("pose.json", '{"people": []}', "keypoints"),
+        ("cameras.json", '{"camera_matrix": {"rows": 3, "cols": 3, "data": [1]}}', "calibration"),
+        ("broken.json", "{", "calibration"),
+        ("cameras.yml", "", "calibration"),
+        ("shot.toml", "[shot]", "shot"),
+    ],
+)
+def test_files_are_told_by_what_they_hold(tmp_path: Path, name: str, text: str, kind: str):
+    (tmp_path / name).write_text(text)
+    assert file_kind(tmp_path / name) == kind

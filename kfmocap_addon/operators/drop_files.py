@@ -1,4 +1,4 @@
-"""Files dropped onto the 3D view: footage, calibrations, shot files."""
+"""Files dropped onto the 3D view: footage, calibrations, shot files, keypoints and landmarks."""
 
 import bpy
 
@@ -8,16 +8,17 @@ from .reporting import reported
 
 class OpenFile(bpy.types.Operator):
     """Open a file by what it holds: a shot becomes a scene, a calibration is given to the views or shown as cameras, a
-    capture of L-frame and wand fills in Calibration"""
+    capture of L-frame and wand fills in Calibration, 2D keypoints go to the view that their name tells, 3D landmarks
+    become key poses"""
 
     bl_idname = "kfmocap.open_file"
-    bl_label = "Open Shot or Calibration"
+    bl_label = "Open File"
     bl_options = {"REGISTER", "UNDO"}
 
     filepath: bpy.props.StringProperty(
         subtype="FILE_PATH",
         name="File",
-        description="A shot file, a calibration, or a capture of L-frame and wand",
+        description="A shot file, a calibration, a capture of L-frame and wand, 2D keypoints, or 3D landmarks",
         options={"SKIP_SAVE"},
     )
 
@@ -27,8 +28,14 @@ class OpenFile(bpy.types.Operator):
         tools, path = bpy.ops.kfmocap, bpy.path.abspath(self.filepath)
         with reported(self) as outcome:
             cameras = tools.import_calibration if context.scene.kfmocap.views else tools.import_cameras
-            tool = {"shot": tools.load_shot, "capture": tools.load_capture, "calibration": cameras}[file_kind(path)]
-            outcome.value = run(self, tool, filepath=path)
+            tool = {
+                "shot": tools.load_shot,
+                "capture": tools.load_capture,
+                "calibration": cameras,
+                "keypoints": tools.import_keypoints,
+                "landmarks": tools.pose_from_landmarks,
+            }
+            outcome.value = run(self, tool[file_kind(path)], filepath=path)
         return outcome.value
 
 
@@ -54,9 +61,9 @@ class DroppedFootage(bpy.types.FileHandler):
 
 class DroppedFile(bpy.types.FileHandler):
     bl_idname = "KFMOCAP_FH_file"
-    bl_label = "KF Mocap Shot or Calibration"
+    bl_label = "KF Mocap File"
     bl_import_operator = OpenFile.bl_idname
-    bl_file_extensions = CALIBRATIONS
+    bl_file_extensions = f"{CALIBRATIONS};.trc;.c3d"
 
     @classmethod
     def poll_drop(cls, context: bpy.types.Context) -> bool:

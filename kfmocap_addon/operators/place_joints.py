@@ -1,10 +1,10 @@
-"""Place Joints: the body is posed by clicking its joints in the footage."""
+"""Place Joints: the body is posed by clicking its joints in the footage; and their marks are taken away."""
 
 from __future__ import annotations
 
 import bpy
 
-from .. import performers, viewport
+from .. import marks, performers, viewport
 from .look_through import show
 from .reporting import reported
 
@@ -52,6 +52,8 @@ class PlaceJoints(bpy.types.Operator):
             self._begin(context)
         if outcome.value != {"FINISHED"}:
             return outcome.value
+        if context.screen.is_animation_playing:
+            bpy.ops.screen.animation_cancel(restore_frame=False)
         self._look_through_one(context)
         self._asked: dict[str, str] = {}
         self._press: tuple[int, int] | None = None
@@ -243,6 +245,8 @@ class PlaceJoints(bpy.types.Operator):
             return self._cancelled(context)
         self._placing.key()
         self._ended(context)
+        count, off = len(self._placing.marks), 1000 * self._placing.fitted.misfit
+        self.report({"INFO"}, f"Key pose on frame {self._placing.frame} from {count} marks, {off:.0f} mm off")
         return {"FINISHED"}
 
     def _cancelled(self, context: bpy.types.Context) -> set[str]:
@@ -257,10 +261,36 @@ class PlaceJoints(bpy.types.Operator):
         viewport.redraw(context)
 
 
+class ClearMarks(bpy.types.Operator):
+    """Take all clicked joints of the chosen performer on this frame away. Poses stay"""
+
+    bl_idname = "kfmocap.clear_marks"
+    bl_label = "Clear Marks"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not performers.explained(cls, context):
+            return False
+        if len(performers.chosen(context).marks):
+            return True
+        cls.poll_message_set("No joint is marked")
+        return False
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        slot, frame = performers.chosen(context), context.scene.frame_current
+        if not marks.on_frame(slot, frame):
+            self.report({"WARNING"}, f"No joint is marked on frame {frame}")
+            return {"CANCELLED"}
+        marks.put(slot, frame, {})
+        viewport.redraw(context)
+        return {"FINISHED"}
+
+
 def _spoken(landmark: str) -> str:
     from ..placing import spoken
 
     return spoken(landmark)
 
 
-CLASSES = (PlaceJoints,)
+CLASSES = (PlaceJoints, ClearMarks)

@@ -6,7 +6,7 @@ from .. import key_list, performers
 from ..operators.copy_pose import CopyPose, MirrorPose, PastePose
 from ..operators.go_to_frame import GoToFrame
 from ..operators.nudge_pose import BreakdownPose, NudgeDepth, NudgePose
-from ..operators.place_joints import PlaceJoints
+from ..operators.place_joints import ClearMarks, PlaceJoints
 from ..operators.pose_from_files import ImportKeypoints, MarkKeypoints, PoseFromKeypoints, PoseFromLandmarks
 from ..operators.set_key_pose import AcceptProposals, RemoveKeyPose, SetKeyPose
 from .section import Section
@@ -29,11 +29,13 @@ class KeyPosesPanel(Section, bpy.types.Panel):
                 layout.prop_search(properties, "performer", properties, "performers", text="")
             _draw_advice(layout, context.scene, key_list.rows(slot.armature))
         column = layout.column(align=True)
-        column.operator(PlaceJoints.bl_idname, icon="OUTLINER_OB_ARMATURE")
+        row = column.row(align=True)
+        row.operator(PlaceJoints.bl_idname, icon="OUTLINER_OB_ARMATURE")
+        row.operator(ClearMarks.bl_idname, text="", icon="X")
+        row.prop(properties, "show_marks", text="", icon="HIDE_OFF" if properties.show_marks else "HIDE_ON")
         row = column.row(align=True)
         row.operator(SetKeyPose.bl_idname, icon="KEY_HLT")
         row.operator(RemoveKeyPose.bl_idname, text="", icon="KEY_DEHLT")
-        row.prop(properties, "show_marks", text="", icon="HIDE_OFF" if properties.show_marks else "HIDE_ON")
         if slot is not None:
             _draw_rows(layout, context.scene.frame_current, key_list.rows(slot.armature) or ())
 
