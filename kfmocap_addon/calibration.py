@@ -39,8 +39,6 @@ def show_cameras(
         clip.frame_start = scene.frame_start - round((offsets or {}).get(name, 0.0))
     collection = _emptied(scene)
     built = [views.build_camera(c, collection, scene.frame_start, clips.get(name)) for name, c in cameras.items()]
-    for owner in built:
-        owner.data.display_size = 0.3
     if built and scene.camera is None:
         scene.camera = built[0]
     return built

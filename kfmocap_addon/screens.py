@@ -50,14 +50,10 @@ def layout_of(window: bpy.types.Window) -> list[bpy.types.Area]:
 
 def split(context: bpy.types.Context, cameras: Sequence[bpy.types.Object]) -> None:
     """Split the context's 3D view into one for each of two to four cameras."""
-    window, area = context.window, view3d_of(context)
-    areas = [area, _split(window, area, "VERTICAL")]
-    for half in areas[: len(cameras) - 2]:
-        areas.append(_split(window, half, "HORIZONTAL"))
-    for area, camera in zip(areas, cameras, strict=True):
-        area.spaces.active.use_local_camera, area.spaces.active.camera = True, camera
+    space = view3d_of(context).spaces.active
+    space.use_local_camera, space.camera = True, cameras[0]
     names = [camera.name for camera in cameras]
-    bpy.app.timers.register(partial(_arrange, window, names), first_interval=_NEXT_DRAW)
+    bpy.app.timers.register(partial(_split_next, context.window, names), first_interval=0.0)
 
 
 def join(context: bpy.types.Context) -> None:
@@ -66,6 +62,18 @@ def join(context: bpy.types.Context) -> None:
     kept = context.area if context.area in areas else areas[0]
     kept.spaces.active.use_local_camera = False
     bpy.app.timers.register(partial(_close_others, context.window), first_interval=0.0)
+
+
+def _split_next(window: bpy.types.Window, cameras: Sequence[str]) -> float | None:
+    """Split one 3D view of a layout that has too few; the time until the next, or None after the last."""
+    areas = layout_of(window)
+    if 0 < len(areas) < len(cameras):
+        direction = "VERTICAL" if len(areas) == 1 else "HORIZONTAL"
+        if _split(window, max(areas, key=lambda area: area.height), direction):
+            return _NEXT_DRAW
+    if areas:
+        _arrange(window, cameras)
+    return None
 
 
 def _arrange(window: bpy.types.Window, cameras: Sequence[str]) -> None:
@@ -95,12 +103,10 @@ def _close_others(window: bpy.types.Window) -> float | None:
     return None
 
 
-def _split(window: bpy.types.Window, area: bpy.types.Area, direction: str) -> bpy.types.Area:
-    before = set(window.screen.areas)
+def _split(window: bpy.types.Window, area: bpy.types.Area, direction: str) -> bool:
+    """Split an area in halves that show the same; whether it was large enough."""
     with bpy.context.temp_override(window=window, screen=window.screen, area=area, region=_region(area)):
-        bpy.ops.screen.area_split(direction=direction, factor=0.5)
-    (new,) = set(window.screen.areas) - before
-    return new
+        return bpy.ops.screen.area_split(direction=direction, factor=0.5) == {"FINISHED"}
 
 
 def _through_camera(window: bpy.types.Window, screen: bpy.types.Screen, area: bpy.types.Area) -> None:

@@ -96,6 +96,7 @@ def build_camera(
 
 def _camera_object(name: str, collection: bpy.types.Collection, clip: bpy.types.MovieClip | None) -> bpy.types.Object:
     data = bpy.data.cameras.new(name)
+    data.display_size = 0.3  # metres: in the pictures of other cameras it shall not be in the way
     owner = bpy.data.objects.new(name, data)
     collection.objects.link(owner)
     if clip is not None:

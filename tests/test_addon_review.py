@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ bpy = pytest.importorskip("bpy")
 from addon_shots import blender, motion, shot, sights  # noqa: E402, F401
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.review.uncertainty import expected_errors  # noqa: E402
-from kfmocap.kfmocap_addon import actions, confidence, curves, occlusion, scene  # noqa: E402
+from kfmocap.kfmocap_addon import actions, confidence, curves, occlusion, residual, scene  # noqa: E402
 
 pytestmark = pytest.mark.blender
 
@@ -155,3 +157,66 @@ def test_a_body_that_was_never_tracked_stays_white(blender, tmp_path):  # noqa: 
     made.kfmocap.show_confidence = True
     assert colour(armature, START) == [1, 1, 1, 1]
     assert not any(confidence.ERROR in curve.data_path for curve in actions.find_channelbag(armature).fcurves)
+
+
+def film_of_a_body(folder, wrong: int | None = None):
+    """A shot of a body that stands before a grey wall, filmed by one camera; its motion strays on one frame."""
+    import cv2
+    from kfmocap.core.shot import KeyPoses, Performer, Shot, View
+    from synthetic import at_rest, figure, look_at, poses_of, silhouette
+
+    body, truth = figure(), at_rest(figure(), 9)
+    truth = replace(truth, translations=truth.translations + np.linspace([-0.5, 0, 0], [0.5, 0, 0], 9))
+    camera = look_at("cam01", (0.0, -3.2, 1.2), size=(160, 120), focal=120)
+    writer = cv2.VideoWriter(str(folder / "cam01.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 25.0, (160, 120))
+    poses = poses_of([body], [truth])
+    for f in range(9):
+        share = np.clip((silhouette([body], poses, f, camera, samples=2) - 4.0) / 248, 0, 1)[..., None]
+        writer.write((share * (40, 40, 220) + (1 - share) * (120, 130, 110)).astype(np.uint8))
+    writer.release()
+    found = truth.translations.copy()
+    if wrong is not None:
+        found[wrong, 2] += 0.15
+    keys = KeyPoses.whole([0, 8], truth[[0, 8]])
+    shot_of_it = Shot("wall", 25.0, (0, 8), (View(camera, folder / "cam01.avi"),), (Performer("figure", body, keys),))
+    return shot_of_it, replace(truth, translations=found)
+
+
+def test_the_residual_picture_tells_a_misplaced_model_from_one_that_fits(blender, tmp_path):  # noqa: F811
+    original, strayed = film_of_a_body(tmp_path, wrong=4)
+    built = scene.build_scene(original, [strayed], bpy.context.scene)
+    found = [residual.show(built, built.kfmocap.views[0], START + frame) for frame in (3, 4)]
+    assert found[0].uncovered < 0.08 and found[0].beyond < 0.08
+    assert found[1].uncovered > 0.1 and found[1].beyond > 0.1
+
+
+def test_the_residual_is_behind_the_camera_on_its_frame_alone_and_goes_again(blender, tmp_path):  # noqa: F811
+    original, strayed = film_of_a_body(tmp_path, wrong=4)
+    built = scene.build_scene(original, [strayed], bpy.context.scene)
+    built.frame_set(START + 4)
+    for _ in range(2):
+        assert bpy.ops.kfmocap.show_residual() == {"FINISHED"}
+    camera = built.kfmocap.views[0].camera
+    footage, shown = camera.data.background_images
+    assert footage.source == "MOVIE_CLIP" and shown.source == "IMAGE"
+    assert tuple(shown.image.size) == (160, 120) and shown.image.packed_file is not None
+    for frame, expected in ((3, [True, False]), (4, [False, True]), (5, [True, False])):
+        built.frame_set(START + frame)
+        evaluated = camera.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+        assert [b.show_background_image for b in evaluated.background_images] == expected
+    assert bpy.ops.kfmocap.hide_residual() == {"FINISHED"}
+    assert [(b.source, b.show_background_image) for b in camera.data.background_images] == [("MOVIE_CLIP", True)]
+    assert not len(camera.data.animation_data.drivers)
+    assert not len(bpy.data.images) and not bpy.ops.kfmocap.hide_residual.poll()
+    assert scene.shot_from_scene(built).views[0].footage == original.views[0].footage
+
+
+def test_without_a_key_pose_around_there_is_no_residual_and_the_tool_says_why(blender, tmp_path):  # noqa: F811
+    original, strayed = film_of_a_body(tmp_path)
+    built = scene.build_scene(original, [strayed], bpy.context.scene)
+    armature = built.kfmocap.performers[0].armature
+    for frame in (1, 9):
+        curves.remove_key_pose(armature, frame)
+    with pytest.raises(RuntimeError, match="no key pose of the whole body"):
+        bpy.ops.kfmocap.show_residual()
+    assert not len(bpy.data.images)

@@ -4,6 +4,7 @@ import bpy
 
 from .. import occlusion
 from ..operators.go_to_frame import GoToFrame
+from ..operators.residual import HideResidual, ShowResidual
 from .section import Section
 
 
@@ -21,6 +22,9 @@ class ReviewPanel(Section, bpy.types.Panel):
         row = layout.row(align=True)
         row.prop(properties, "show_confidence", toggle=True, icon="COLOR")
         row.prop(properties, "confidence_limit", text="mm")
+        row = layout.row(align=True)
+        row.operator(ShowResidual.bl_idname, icon="IMAGE_BACKGROUND")
+        row.operator(HideResidual.bl_idname, text="", icon="X")
         for slot in tracked:
             column = layout.column(align=True)
             _draw_hidden(column, slot)

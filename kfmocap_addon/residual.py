@@ -1,0 +1,91 @@
+"""The residual view: pictures of what the footage shows and the model does not, behind cameras and in image editors."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ..core.review.pictures import MisfitPicture, misfit_picture
+from . import curves, views
+from . import scene as scenes
+
+PREFIX = "KF Mocap residual"
+"""Of the names of the images; the view's follows."""
+
+
+def show(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, frame: int) -> MisfitPicture:
+    """Show the residual of one view on a scene frame over its footage; it is seen on that frame alone.
+
+    Raises
+    ------
+    KFMocapError
+        The scene's shot cannot be read, or there is nothing to compare with on that frame.
+    """
+    shot = scenes.shot_from_scene(scene)
+    start = scene.kfmocap.frame_start
+    view = next(v for v in shot.views if v.camera.name == slot.name)
+    motions = [curves.read_motion(s.armature, start, shot.length) for s in scene.kfmocap.performers]
+    found = misfit_picture(shot, view, motions, frame - start)
+    image = _image(slot.name, found.image)
+    data = slot.camera.data
+    behind = next((b for b in data.background_images if b.image == image), None)
+    if behind is None:
+        behind = data.background_images.new()
+        behind.source, behind.image = "IMAGE", image
+    for index, background in enumerate(data.background_images):
+        # What is first in the list covers the others: the footage makes room on that frame.
+        _drive(
+            data, index, f"1 if frame == {frame} else 0" if background == behind else f"0 if frame == {frame} else 1"
+        )
+    views.refresh(scene)
+    return found
+
+
+def hide(scene: bpy.types.Scene) -> int:
+    """Take all residuals away; tells how many there were."""
+    gone = 0
+    for slot in scene.kfmocap.views:
+        image = shown(slot)
+        if image is None or slot.camera is None:
+            continue
+        data = slot.camera.data
+        for index, background in enumerate(data.background_images):
+            data.driver_remove(_shown(index))
+            background.show_background_image = True
+        for background in [b for b in data.background_images if b.image == image]:
+            data.background_images.remove(background)
+        bpy.data.images.remove(image)
+        gone += 1
+    return gone
+
+
+def shown(slot: bpy.types.PropertyGroup) -> bpy.types.Image | None:
+    """The residual picture of a view, if there is one."""
+    return bpy.data.images.get(f"{PREFIX} {slot.name}")
+
+
+def _image(name: str, picture: np.ndarray) -> bpy.types.Image:
+    """Blender's image of a picture in blue, green and red, made or filled anew, and kept in the file."""
+    height, width = picture.shape[:2]
+    image = bpy.data.images.get(f"{PREFIX} {name}")
+    if image is not None and tuple(image.size) != (width, height):
+        image.scale(width, height)
+    if image is None:
+        image = bpy.data.images.new(f"{PREFIX} {name}", width, height)
+    pixels = np.ones((height, width, 4), np.float32)
+    pixels[..., :3] = picture[::-1, :, ::-1] / np.float32(255)
+    image.pixels.foreach_set(pixels.ravel())
+    image.update()
+    image.pack()
+    return image
+
+
+def _drive(data: bpy.types.Camera, index: int, expression: str) -> None:
+    """Let a picture behind a camera be seen on some frames alone: a residual would be wrong on others."""
+    data.driver_remove(_shown(index))
+    driver = data.driver_add(_shown(index)).driver
+    driver.type, driver.expression = "SCRIPTED", expression
+
+
+def _shown(index: int) -> str:
+    return f"background_images[{index}].show_background_image"
