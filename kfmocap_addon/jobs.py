@@ -48,7 +48,8 @@ class Job:
                 creationflags=flags,
             )
         except OSError as error:
-            raise KFMocapError("Blender's Python cannot be started", where=sys.executable, todo=str(error)) from error
+            what = f"Blender's Python cannot be started: {error.strerror}"
+            raise KFMocapError(what, where=sys.executable, todo="use the command line") from error
         self._thread = threading.Thread(target=self._listen, args=(sent,), daemon=True)
         self._thread.start()
 

@@ -13,6 +13,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from addon_shots import blender, shot, tracker  # noqa: E402, F401
+from kfmocap.core import body_fit  # noqa: E402
 from kfmocap.core.calibration import job, refine  # noqa: E402
 from kfmocap.core.errors import CalibrationError, CancelledError  # noqa: E402
 from kfmocap.kfmocap_addon import registration, scene  # noqa: E402
@@ -34,6 +35,7 @@ def quick(tracker, monkeypatch):  # noqa: F811
 
     monkeypatch.setattr(refine, "refine_cameras", refused)
     monkeypatch.setattr(job, "calibrate", refused)
+    monkeypatch.setattr(body_fit, "fit_bodies", refused)
     return tracker
 
 
