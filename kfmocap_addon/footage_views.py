@@ -177,7 +177,9 @@ def use_scene_cameras(current: bpy.types.Scene, names: Sequence[str] | None = No
     owners = _spare_cameras(current)
     if not owners:
         todo = "import a calibration, or calibrate with a wand"
-        raise CalibrationError("the scene has no camera that is not a view", where=f"scene {current.name}", todo=todo)
+        raise CalibrationError(
+            "the scene has no calibrated camera that is not a view", where=f"scene {current.name}", todo=todo
+        )
     if not current.kfmocap.views:
         return _adopted(current, owners)
     properties = current.kfmocap
@@ -188,10 +190,14 @@ def use_scene_cameras(current: bpy.types.Scene, names: Sequence[str] | None = No
 
 
 def _spare_cameras(current: bpy.types.Scene) -> list[bpy.types.Object]:
-    """Camera objects that are no views: the calibrated ones, else all."""
+    """Camera objects that are no views and that somebody calibrated: those of ours, else all with footage behind them.
+
+    A camera of the scene that Blender starts with has neither.
+    """
     own = [slot.camera for slot in current.kfmocap.views]
-    calibrated = [owner for owner in calibration.camera_objects(current) if owner not in own]
-    return calibrated or [owner for owner in current.objects if owner.type == "CAMERA" and owner not in own]
+    spare = [owner for owner in current.objects if owner.type == "CAMERA" and owner not in own]
+    ours = [owner for owner in calibration.camera_objects(current) if owner in spare and views.is_built(owner)]
+    return ours or [owner for owner in spare if views.is_built(owner) or views.clip_behind(owner) is not None]
 
 
 def _plain(name: str) -> str:

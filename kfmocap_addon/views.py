@@ -378,6 +378,11 @@ def footage_path(slot: bpy.types.PropertyGroup) -> Path | None:
     return path.with_name(slot.sequence) if slot.sequence else path
 
 
+def is_built(owner: bpy.types.Object) -> bool:
+    """Whether a camera object was built here from a calibration."""
+    return _FRAME in owner
+
+
 def clip_behind(owner: bpy.types.Object) -> bpy.types.MovieClip | None:
     """The footage behind a camera object."""
     for background in owner.data.background_images:

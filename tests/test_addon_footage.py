@@ -101,6 +101,17 @@ def test_cameras_just_calibrated_in_the_scene_become_the_views(take, footage_fir
     assert bpy.context.scene.camera == shot().views[0].camera
 
 
+def test_the_camera_that_blender_starts_with_calibrates_nothing(take):
+    current = bpy.context.scene
+    owner = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    current.collection.objects.link(owner)
+    current.camera = owner
+    add(take, "walk_cam01.mp4")
+    assert not shot().views[0].is_calibrated and current.camera == shot().views[0].camera
+    with pytest.raises(RuntimeError, match="no calibrated camera"):
+        bpy.ops.kfmocap.use_scene_cameras()
+
+
 def test_a_camera_with_footage_behind_it_becomes_a_view_as_it_stands(take):
     current = bpy.context.scene
     current.frame_start, current.frame_end = 11, 30

@@ -147,6 +147,20 @@ def test_the_marks_of_a_frame_are_cleared(blender, tmp_path):  # noqa: F811
     assert not marks.on_frame(slot, 13) and len(marks.on_frame(slot, 7)) == len(LIMBS)
 
 
+def test_marks_are_pixels_of_the_undistorted_footage(blender, tmp_path):  # noqa: F811
+    slot = walk_scene(tmp_path)
+    placed, camera = placing.Placing(bpy.context.scene, slot), cameras(1)[0]
+    R, t = camera.pose(0)
+    point = landmark_positions(BODY, WALK[[0]], ["LWrist"])[0, 0]
+    x, y, z = R @ point + t
+    placed.mark("cam01", "LWrist", (x / z, y / z))
+    np.testing.assert_allclose(marks.on_frame(slot, 1)["cam01", "LWrist"], camera.project(point), atol=1e-3)
+    assert placed.place_of("cam01", "LWrist") == pytest.approx((x / z, y / z))
+    assert placed.fitted.misfit < 1e-4
+    edge = (camera.size[0] - 0.5 - camera.matrix[0, 2]) / camera.matrix[0, 0]
+    assert placed.is_inside("cam01", (edge - 1e-4, 0.0)) and not placed.is_inside("cam01", (edge + 1e-4, 0.0))
+
+
 def test_joints_are_asked_for_limb_by_limb_with_names_that_people_say():
     names = placing.order(BODY)
     assert names[:3] == ["LShoulder", "LElbow", "LWrist"] and sorted(names) == sorted(BODY.landmarks)

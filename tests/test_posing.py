@@ -137,6 +137,12 @@ def test_clicks_are_of_the_undistorted_picture():
     assert errors(a.pose, b.pose).max() < 1e-9
 
 
+def test_the_rays_of_clicks_go_through_what_was_clicked():
+    keypoints = clicked(clicks_on(VIEWS, WALK[[5]]), 0)
+    points = landmark_positions(BODY, WALK[[5]], list(keypoints.names))
+    np.testing.assert_allclose(keypoints.residuals(points), 0, atol=1e-9)
+
+
 def test_pixels_and_places_are_each_others_inverse():
     np.testing.assert_allclose(pixel(VIEWS[1].matrix, ray(VIEWS[1].matrix, (12.5, 300.0))), (12.5, 300.0))
 

@@ -21,6 +21,7 @@ class FootagePanel(Section, bpy.types.Panel):
         row.operator(AddFootage.bl_idname, icon="FILE_MOVIE")
         row.operator(LoadShot.bl_idname, icon="FILE_FOLDER")
         if not shot.views:
+            layout.operator(UseSceneCameras.bl_idname, icon="CAMERA_DATA")
             return
         if not all(view.is_calibrated for view in shot.views):
             layout.label(text="Cameras are not calibrated yet", icon="ERROR")
