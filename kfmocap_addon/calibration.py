@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.cameras import Camera
-from . import views
+from . import backdrop, views
 
 Array = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ def show_cameras(
     offsets : mapping of str to float, optional
         The scene's first frame shows each video's frame of that number, or the nearest.
     """
-    clips = {name: views.load_clip(path) for name, path in (footage or {}).items()}
+    clips = {name: backdrop.load_clip(path) for name, path in (footage or {}).items()}
     for name, clip in clips.items():
         clip.frame_start = scene.frame_start - round((offsets or {}).get(name, 0.0))
     collection = _emptied(scene)

@@ -15,7 +15,7 @@ from ..core.errors import CalibrationError, FootageError, ShotError
 from ..core.footage import Footage, probe
 from ..core.pairing import footage_name, footage_of, paired
 from ..core.shot import View
-from . import calibration, scene, views
+from . import backdrop, calibration, scene, views
 
 _USUAL_FOCAL = 1.1
 """Of a camera that nothing is known of, in longer sides of its picture."""
@@ -53,7 +53,7 @@ def add_footage(current: bpy.types.Scene, files: Sequence[Path]) -> list[str]:
     paths = footage_of(files)
     if not paths:
         raise FootageError("no file is chosen", todo="choose videos, or the images of a sequence")
-    known = {views.footage_path(slot) for slot in current.kfmocap.views}
+    known = {backdrop.footage_path(slot) for slot in current.kfmocap.views}
     for path in paths:
         if path in known:
             raise FootageError("the scene shows this footage already", where=str(path))
@@ -78,8 +78,8 @@ def add_footage(current: bpy.types.Scene, files: Sequence[Path]) -> list[str]:
         slot.calibrated = False
         names.append(slot.name)
     if current.camera is None or not any(slot.camera == current.camera for slot in current.kfmocap.views):
-        views.look_through(current, current.kfmocap.views[0])
-    views.refresh(current)
+        backdrop.look_through(current, current.kfmocap.views[0])
+    backdrop.refresh(current)
     return names
 
 
@@ -135,7 +135,7 @@ def calibrate_views(
     views.check_can_be_placed(slots[name] for name in pairs)
     for name, camera_name in pairs.items():
         _calibrate(current, slots[name], cameras[camera_name])
-    views.refresh(current)
+    backdrop.refresh(current)
     return Calibrated(tuple(pairs.values()), tuple(name for name in slots if name not in pairs))
 
 
@@ -197,7 +197,7 @@ def _spare_cameras(current: bpy.types.Scene) -> list[bpy.types.Object]:
     own = [slot.camera for slot in current.kfmocap.views]
     spare = [owner for owner in current.objects if owner.type == "CAMERA" and owner not in own]
     ours = [owner for owner in calibration.camera_objects(current) if owner in spare and views.is_built(owner)]
-    return ours or [owner for owner in spare if views.is_built(owner) or views.clip_behind(owner) is not None]
+    return ours or [owner for owner in spare if views.is_built(owner) or backdrop.clip_behind(owner) is not None]
 
 
 def _plain(name: str) -> str:
@@ -207,7 +207,7 @@ def _plain(name: str) -> str:
 
 
 def _adopted(current: bpy.types.Scene, owners: Sequence[bpy.types.Object]) -> Calibrated:
-    with_footage = [owner for owner in owners if views.clip_behind(owner) is not None]
+    with_footage = [owner for owner in owners if backdrop.clip_behind(owner) is not None]
     if not with_footage:
         todo = "add the footage first: it is then given these cameras"
         raise ShotError("no camera of the scene has footage behind it", where=f"scene {current.name}", todo=todo)
@@ -217,7 +217,7 @@ def _adopted(current: bpy.types.Scene, owners: Sequence[bpy.types.Object]) -> Ca
     properties.first, properties.last = 0, last
     for owner in with_footage:
         views.adopt(properties.views.add(), owner, current)
-    views.look_through(current, properties.views[0])
+    backdrop.look_through(current, properties.views[0])
     return Calibrated(tuple(slot.name for slot in properties.views), ())
 
 
@@ -228,7 +228,7 @@ def remove_view(current: bpy.types.Scene, index: int) -> None:
     current.kfmocap.views.remove(index)
     if owner is None:
         return
-    clip = views.clip_behind(owner)
+    clip = backdrop.clip_behind(owner)
     data = owner.data
     bpy.data.objects.remove(owner)
     if data.users == 0:
@@ -237,4 +237,4 @@ def remove_view(current: bpy.types.Scene, index: int) -> None:
     if clip is not None and clip.users == 0 and clip not in shown:
         bpy.data.movieclips.remove(clip)
     if current.kfmocap.views:
-        views.look_through(current, current.kfmocap.views[min(index, len(current.kfmocap.views) - 1)])
+        backdrop.look_through(current, current.kfmocap.views[min(index, len(current.kfmocap.views) - 1)])

@@ -28,10 +28,10 @@ def _show_confidence(self: bpy.types.PropertyGroup, _context: bpy.types.Context)
 
 def _show_in_time(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
     """The footage shows the frames that the view's offset and fields say."""
-    from . import views
+    from . import backdrop
 
     shot = self.id_data.kfmocap
-    views.show_in_time(self, shot.first, shot.frame_start)
+    backdrop.show_in_time(self, shot.first, shot.frame_start)
 
 
 def _show_opacity(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:

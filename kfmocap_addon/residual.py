@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 
 from ..core.review.pictures import MisfitPicture, misfit_picture
-from . import curves, views
+from . import backdrop, curves
 from . import scene as scenes
 
 PREFIX = "KF Mocap residual"
@@ -37,7 +37,7 @@ def show(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, frame: int) -> M
         _drive(
             data, index, f"1 if frame == {frame} else 0" if background == behind else f"0 if frame == {frame} else 1"
         )
-    views.refresh(scene)
+    backdrop.refresh(scene)
     return found
 
 

@@ -17,7 +17,7 @@ from ..core.errors import ShotError
 from ..core.interpolation import spline
 from ..core.motion import Motion
 from ..core.shot import Performer, Settings, Shot
-from . import curves, exact, rig, views
+from . import backdrop, curves, exact, rig, views
 
 FRAME_START = 1
 """Scene frame of shot frame 0 in the scenes that we build, as Blender's own scenes start."""
@@ -134,7 +134,7 @@ def load_clips(footage: Sequence[Path]) -> list[bpy.types.MovieClip]:
     clips: list[bpy.types.MovieClip] = []
     try:
         for path in footage:
-            clips.append(views.load_clip(path))
+            clips.append(backdrop.load_clip(path))
     except Exception:
         bpy.data.batch_remove(clips)
         raise
@@ -164,7 +164,7 @@ def _build_views(scene: bpy.types.Scene, shot: Shot, clips: list[bpy.types.Movie
     for view, clip in zip(shot.views, clips, strict=True):
         slot = scene.kfmocap.views.add()
         views.build_view(view, clip, slot, cameras, first=shot.frames[0], frame_start=FRAME_START)
-    views.look_through(scene, scene.kfmocap.views[0])
+    backdrop.look_through(scene, scene.kfmocap.views[0])
 
 
 def _read_settings(properties: bpy.types.PropertyGroup) -> Settings:

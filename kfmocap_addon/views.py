@@ -15,10 +15,10 @@ from scipy.spatial.transform import Rotation
 
 from ..core import rotations
 from ..core.cameras import Camera
-from ..core.errors import CalibrationError, FootageError
-from ..core.footage import file_index, footage_index, image_files, is_interlaced
+from ..core.errors import CalibrationError
+from ..core.footage import image_files
 from ..core.shot import View
-from . import actions, exact, lens
+from . import actions, backdrop, exact, lens
 
 Array = NDArray[np.float64]
 
@@ -26,25 +26,6 @@ _FLIP = np.diag([1.0, -1.0, -1.0])  # Blender's cameras look along -z with y up,
 _FRAME, _DISTORTED = "kfmocap_frame", "kfmocap_lens"
 _POSED = ("location", "rotation_quaternion", "rotation_euler", "scale")
 _SAME = 1e-6  # metres, and differences of rotations: a camera that moves by less is fixed
-
-
-def load_clip(path: Path) -> bpy.types.MovieClip:
-    """Load footage as a movie clip.
-
-    Raises
-    ------
-    FootageError
-        If Blender cannot read it.
-    """
-    images = image_files(path)
-    first = path if images is None else images[min(images)]
-    if not first.is_file():
-        raise FootageError("there is no such footage", where=str(path))
-    clip = bpy.data.movieclips.load(str(first.resolve()))
-    if clip.source == "MOVIE" and clip.frame_duration < 1:
-        bpy.data.movieclips.remove(clip)
-        raise FootageError("Blender cannot read the footage", where=str(path))
-    return clip
 
 
 def build_view(
@@ -73,7 +54,7 @@ def build_view(
     slot.name, slot.camera = camera.name, owner
     show_camera(slot, camera, frame_start)
     slot.offset, slot.fields = view.offset, view.fields
-    show_in_time(slot, first, frame_start)
+    backdrop.show_in_time(slot, first, frame_start)
     slot.sequence = view.footage.name if image_files(view.footage) is not None else ""
     slot.keypoints = "" if view.keypoints is None else _relative(view.keypoints, view.footage.parent)
     return owner
@@ -100,39 +81,20 @@ def _camera_object(name: str, collection: bpy.types.Collection, clip: bpy.types.
     owner = bpy.data.objects.new(name, data)
     collection.objects.link(owner)
     if clip is not None:
-        _show_behind(data, clip)
+        backdrop.show_behind(data, clip)
     return owner
 
 
 def adopt(slot: bpy.types.PropertyGroup, owner: bpy.types.Object, scene: bpy.types.Scene) -> None:
     """Make a camera object with footage behind it a view, as it stands: whoever solved or placed it."""
-    clip = clip_behind(owner)
+    clip = backdrop.clip_behind(owner)
     frame = _frame_behind(scene, owner, clip)
     slot.name, slot.camera, slot.size, slot.aspect = owner.name, owner, frame.size, frame.aspect
     packed = json.loads(owner[_DISTORTED]) if _DISTORTED in owner else {"coefficients": []}
     slot.distortions = owner[_DISTORTED] if packed.get("fisheye") or any(packed["coefficients"][5:]) else ""
     for background in owner.data.background_images:
-        _undistort(background)
+        backdrop.undistort(background)
     slot.offset = scene.kfmocap.zero - clip.frame_start
-
-
-def show_in_time(slot: bpy.types.PropertyGroup, first: int, frame_start: int) -> None:
-    """Let the footage behind a view's camera show the frames that its offset and fields say.
-
-    Parameters
-    ----------
-    first : int
-        First frame of the shot in the footage's count.
-    frame_start : int
-        Scene frame of shot frame 0.
-    """
-    clip = clip_behind(slot.camera) if slot.camera is not None else None
-    if clip is None:
-        return
-    clip.driver_remove("frame_start")
-    clip.frame_start = frame_start - file_index(slot, first)
-    if is_interlaced(slot):
-        _play_at_half_rate(clip, footage_index(slot, first) - frame_start)
 
 
 def show_camera(slot: bpy.types.PropertyGroup, camera: Camera, frame_start: int) -> None:
@@ -146,7 +108,7 @@ def _show_as(owner: bpy.types.Object, camera: Camera, frame_start: int) -> lens.
     """Give a camera object and the footage behind it the pose and the lens of a camera."""
     frame = lens.set_lens(owner.data, camera)
     _place(owner, camera, frame_start)
-    clip = clip_behind(owner)
+    clip = backdrop.clip_behind(owner)
     if clip is not None:
         lens.set_clip_lens(clip, camera)
     for name in ("matrix", "distortions", "R_cam_world", "t_cam_world"):
@@ -183,7 +145,7 @@ def read_cameras(
 
 
 def _read_camera(scene: bpy.types.Scene, owner: bpy.types.Object, R_cam_world: Array, t_cam_world: Array) -> Camera:
-    clip = clip_behind(owner)
+    clip = backdrop.clip_behind(owner)
     frame = _frame_behind(scene, owner, clip)
     packed = json.loads(owner[_DISTORTED]) if _DISTORTED in owner else {"coefficients": [0.0] * 4, "fisheye": False}
     brown = not packed["fisheye"] and not any(packed["coefficients"][5:])
@@ -243,16 +205,6 @@ def check_can_be_placed(slots: Iterable[bpy.types.PropertyGroup]) -> None:
             )
 
 
-def _play_at_half_rate(clip: bpy.types.MovieClip, ahead: int) -> None:
-    """Show each frame of interlaced footage, both fields woven, for the two scene frames that are its fields.
-
-    A movie clip knows no rate: its start is driven instead. `ahead` is how far fields count ahead of scene frames.
-    """
-    driver = clip.driver_add("frame_start").driver
-    # Of functions that Blender evaluates itself: a file may drive it where Python is not trusted.
-    driver.expression = f"frame - floor((frame {ahead:+d}) / 2)"
-
-
 def _place(owner: bpy.types.Object, camera: Camera, frame_start: int) -> None:
     """Give an object a camera's pose: keyed on every frame where it moves, or was keyed before."""
     R = np.swapaxes(camera.R_cam_world, -1, -2) @ _FLIP
@@ -270,45 +222,6 @@ def _place(owner: bpy.types.Object, camera: Camera, frame_start: int) -> None:
             for k in range(values.shape[1]):
                 curve = actions.ensure_fcurve(bag, path, k, "Object Transforms")
                 actions.set_keys(curve, [actions.new_keys(frames, values[:, k], "KEYFRAME", "LINEAR")])
-
-
-def _show_behind(data: bpy.types.Camera, clip: bpy.types.MovieClip) -> None:
-    background = data.background_images.new()
-    background.source, background.clip = "MOVIE_CLIP", clip
-    background.alpha, background.frame_method = 1.0, "STRETCH"
-    _undistort(background)
-    data.show_background_images = True
-
-
-def _undistort(background: bpy.types.CameraBackgroundImage) -> None:
-    """A Blender camera has no distortion: the footage is shown as such a camera would have seen it."""
-    background.clip_user.use_render_undistorted = True
-
-
-def look_through(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> None:
-    """Make a view the scene's camera, with the resolution and pixel aspect of its footage."""
-    scene.camera = slot.camera
-    render = scene.render
-    render.resolution_x, render.resolution_y = slot.size
-    render.resolution_percentage = 100
-    render.pixel_aspect_x, render.pixel_aspect_y = slot.aspect
-    refresh(scene)
-
-
-def refresh(scene: bpy.types.Scene) -> None:
-    """Lay the footage of all views before their cameras, with the opacity that the scene has for it.
-
-    The scene's resolution is that of one view; before cameras of another shape footage keeps its own. Our cameras' lens
-    goes by their picture's width, so that is what the footage must span.
-    """
-    render = scene.render
-    aspect = render.resolution_x * render.pixel_aspect_x / (render.resolution_y * render.pixel_aspect_y)
-    for slot in scene.kfmocap.views:
-        for background in slot.camera.data.background_images if slot.camera is not None else ():
-            own = slot.size[0] * slot.aspect[0] / (slot.size[1] * slot.aspect[1])
-            same = abs(own - aspect) < 1e-4 * aspect
-            background.frame_method = "STRETCH" if same else "FIT" if own > aspect else "CROP"
-            background.alpha = scene.kfmocap.opacity
 
 
 def read_views(scene: bpy.types.Scene, frame_start: int, length: int) -> tuple[View, ...]:
@@ -334,13 +247,13 @@ def read_views(scene: bpy.types.Scene, frame_start: int, length: int) -> tuple[V
 
 
 def _read_view(slot: bpy.types.PropertyGroup, R_cam_world: Array, t_cam_world: Array) -> View:
-    clip = _background_clip(slot)
+    clip = backdrop.background_clip(slot)
     frame = lens.Frame(tuple(slot.size), tuple(slot.aspect))
     packed = json.loads(slot.distortions) if slot.distortions else {"fisheye": False}
     distortions = packed.get("coefficients") or lens.clip_distortions(clip)
     pose = R_cam_world, t_cam_world
     camera = _core_camera(slot.name, slot.camera, frame, pose, distortions, packed["fisheye"])
-    footage = footage_path(slot)
+    footage = backdrop.footage_path(slot)
     keypoints = Path(os.path.normpath(footage.parent / slot.keypoints)) if slot.keypoints else None
     return View(camera, footage, round(slot.offset, 5), slot.fields, keypoints)
 
@@ -353,42 +266,14 @@ def set_keypoints(slot: bpy.types.PropertyGroup, path: Path) -> None:
     FootageError
         The view's camera has no footage.
     """
-    clip = _background_clip(slot)
+    clip = backdrop.background_clip(slot)
     footage = Path(os.path.normpath(bpy.path.abspath(clip.filepath, library=clip.library)))
     slot.keypoints = _relative(path, footage.parent)
-
-
-def _background_clip(slot: bpy.types.PropertyGroup) -> bpy.types.MovieClip:
-    clip = clip_behind(slot.camera)
-    if clip is None:
-        raise FootageError(
-            "the camera has no footage",
-            where=f"camera {slot.camera.name}",
-            todo="give it a movie clip as background image",
-        )
-    return clip
-
-
-def footage_path(slot: bpy.types.PropertyGroup) -> Path | None:
-    """The footage of a view as a shot names it, or None where there is none."""
-    clip = clip_behind(slot.camera) if slot.camera is not None else None
-    if clip is None:
-        return None
-    path = Path(os.path.normpath(bpy.path.abspath(clip.filepath, library=clip.library)))
-    return path.with_name(slot.sequence) if slot.sequence else path
 
 
 def is_built(owner: bpy.types.Object) -> bool:
     """Whether a camera object was built here from a calibration."""
     return _FRAME in owner
-
-
-def clip_behind(owner: bpy.types.Object) -> bpy.types.MovieClip | None:
-    """The footage behind a camera object."""
-    for background in owner.data.background_images:
-        if background.source == "MOVIE_CLIP" and background.clip is not None:
-            return background.clip
-    return None
 
 
 def _camera_poses(

@@ -18,7 +18,7 @@ from kfmocap.core.calibration.colours import parsed, to_hsv  # noqa: E402
 from kfmocap.core.calibration.film import Film, FilmView  # noqa: E402
 from kfmocap.core.errors import CalibrationError, CancelledError  # noqa: E402
 from kfmocap.core.formats import load_cameras, save_cameras  # noqa: E402
-from kfmocap.kfmocap_addon import capture, views  # noqa: E402
+from kfmocap.kfmocap_addon import backdrop, capture, views  # noqa: E402
 from test_addon_views import largest_difference  # noqa: E402
 
 pytestmark = pytest.mark.blender
@@ -188,7 +188,7 @@ def test_a_camera_that_blenders_tracker_moves_is_exported_frame_by_frame(blender
     scene.collection.objects.link(owner)
     owner.parent, owner.location = parent, (0, -4, 1)
     owner.rotation_euler = (np.pi / 2, 0, 0)
-    clip = views.load_clip(video(tmp_path / "take.mp4"))
+    clip = backdrop.load_clip(video(tmp_path / "take.mp4"))
     clip.tracking.camera.distortion_model = "BROWN"
     clip.tracking.camera.brown_k1 = LENS[0]
     background = owner.data.background_images.new()

@@ -11,7 +11,7 @@ bpy = pytest.importorskip("bpy")
 
 from addon_shots import SIZE, blender, camera, video  # noqa: E402, F401
 from kfmocap.core.formats.calibration import save_cameras  # noqa: E402
-from kfmocap.kfmocap_addon import calibration, scene, views  # noqa: E402
+from kfmocap.kfmocap_addon import backdrop, calibration, scene, views  # noqa: E402
 from test_addon_views import largest_difference  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
@@ -125,7 +125,7 @@ def test_a_camera_with_footage_behind_it_becomes_a_view_as_it_stands(take):
 def test_moving_a_views_offset_moves_its_footage(take):
     add(take, "walk_cam01.mp4", "walk_cam02.mp4")
     view = shot().views[1]
-    clip = views.clip_behind(view.camera)
+    clip = backdrop.clip_behind(view.camera)
     for offset, index in ((4.0, 4), (-2.0, -2), (1.6, 2), (0.0, 0)):
         view.offset = offset
         assert 1 - clip.frame_start == index  # scene frame 1 shows the footage's frame of that number

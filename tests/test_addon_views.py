@@ -15,7 +15,7 @@ from bpy_extras.object_utils import world_to_camera_view  # noqa: E402
 from kfmocap.core.cameras import Camera  # noqa: E402
 from kfmocap.core.errors import CalibrationError, FootageError  # noqa: E402
 from kfmocap.core.shot import View  # noqa: E402
-from kfmocap.kfmocap_addon import lens, scene, views  # noqa: E402
+from kfmocap.kfmocap_addon import backdrop, lens, scene, views  # noqa: E402
 from mathutils import Vector  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
@@ -37,7 +37,7 @@ def largest_difference(a: Camera, b: Camera, frame: int = 0) -> float:
 def built(cam: Camera, folder: Path, first: int = 0) -> bpy.types.PropertyGroup:
     slot = bpy.context.scene.kfmocap.views.add()
     view = View(cam, video(folder / "footage.mp4"))
-    clip = views.load_clip(view.footage)
+    clip = backdrop.load_clip(view.footage)
     views.build_view(view, clip, slot, bpy.context.scene.collection, first=first, frame_start=1)
     return slot
 
@@ -47,7 +47,7 @@ def test_blender_projects_as_the_core_does(tmp_path, moving):
     cam = camera(1, 4 if moving else 1).rectified()
     slot = built(cam, tmp_path)
     current = bpy.context.scene
-    views.look_through(current, slot)
+    backdrop.look_through(current, slot)
     for frame in range(4):
         current.frame_set(1 + frame)
         points = points_in_view(cam, frame)
@@ -98,7 +98,7 @@ def test_footage_is_undistorted_as_the_core_rectifies_it(tmp_path, stretch, fish
     points = points_in_view(cam.rectified())
     truth = cam.project(points)
     seen = ((truth > 0) & (truth < np.array(SIZE) - 1)).all(axis=1)
-    shown = undistorted(views.clip_behind(slot.camera), cam.rectified().project(points))
+    shown = undistorted(backdrop.clip_behind(slot.camera), cam.rectified().project(points))
     assert np.abs(shown - truth)[seen].max() < (0.1 if fisheye else 1e-3)
 
 
@@ -107,11 +107,11 @@ def test_footage_before_cameras_of_other_shapes_spans_their_width(tmp_path):
     slots = [built(cam, tmp_path) for cam in (camera(1), tall)]
     methods = []
     for slot in slots:
-        views.look_through(bpy.context.scene, slot)
+        backdrop.look_through(bpy.context.scene, slot)
         methods.append([s.camera.data.background_images[0].frame_method for s in slots])
     assert methods == [["STRETCH", "CROP"], ["FIT", "STRETCH"]]
     for slot in slots:
-        width, height = views.clip_behind(slot.camera).display_aspect
+        width, height = backdrop.clip_behind(slot.camera).display_aspect
         assert width / height == pytest.approx(slot.aspect[0] / slot.aspect[1], rel=1e-6)
 
 
@@ -181,7 +181,7 @@ def test_an_image_sequence_comes_back_as_its_pattern(tmp_path):
     for number in range(3, 7):
         cv2.imwrite(str(tmp_path / f"image_{number:04d}.png"), np.zeros((SIZE[1], SIZE[0]), np.uint8))
     view = View(camera(1), tmp_path / "image_%04d.png")
-    clip = views.load_clip(view.footage)
+    clip = backdrop.load_clip(view.footage)
     slot = bpy.context.scene.kfmocap.views.add()
     views.build_view(view, clip, slot, bpy.context.scene.collection, first=0, frame_start=1)
     assert clip.source == "SEQUENCE" and clip.filepath.endswith("image_0003.png")
@@ -193,7 +193,7 @@ def test_cameras_of_other_sizes_are_each_seen_at_their_own(tmp_path):
     tall = replace(camera(2), size=(240, 320))
     for cam in (camera(1), tall):
         slot = built(cam, tmp_path)
-        views.look_through(bpy.context.scene, slot)
+        backdrop.look_through(bpy.context.scene, slot)
         assert (render.resolution_x, render.resolution_y) == cam.size
         assert render.pixel_aspect_y / render.pixel_aspect_x == pytest.approx(
             cam.matrix[0, 0] / cam.matrix[1, 1], rel=1e-6
@@ -210,7 +210,7 @@ def test_what_blender_cannot_show_is_refused(tmp_path):
     broken = tmp_path / "broken.mp4"
     broken.write_bytes(b"no video")
     with pytest.raises(FootageError, match=r"broken\.mp4"):
-        views.load_clip(broken)
+        backdrop.load_clip(broken)
 
 
 def test_a_view_that_lost_its_camera_or_footage_is_named(tmp_path):

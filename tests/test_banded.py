@@ -113,3 +113,25 @@ def test_all_covariances_equal_the_blocks_of_the_dense_inverse(F: int, D: int, s
     factor = BandedFactor(blocks, fixed)
     np.testing.assert_allclose(factor.covariances(), expected, rtol=1e-8, atol=1e-12)
     np.testing.assert_allclose(factor.column(F // 2), dense.reshape(F, D, F, D)[:, :, F // 2], rtol=1e-8, atol=1e-12)
+
+
+def test_covariances_keep_their_digits_over_many_frames_of_a_smooth_motion() -> None:
+    """Rounding that is let grow from frame to frame is larger than the covariances after some forty."""
+    F, D = 120, 6
+    rng = np.random.default_rng(0)
+    blocks = BandedBlocks.zeros(F, D)
+    for j in range(F - 2):
+        A = [np.linalg.qr(rng.normal(0, 1, (D, D)))[0] for _ in range(3)]
+        rows = (A[0], -A[0] - A[2], A[2])
+        for a in range(3):
+            blocks.diagonal[j + a] += 1e6 * rows[a].T @ rows[a]
+            if a < 2:
+                blocks.first[j + a] += 1e6 * rows[a + 1].T @ rows[a]
+        blocks.second[j] += 1e6 * rows[2].T @ rows[0]
+    blocks.diagonal[:] += np.eye(D)
+    fixed = np.zeros((F, D), bool)
+    fixed[[0, -1]] = True
+    factor = BandedFactor(blocks, fixed)
+    found = factor.covariances()
+    for frame in (1, 5, 40, 80, F - 2):
+        np.testing.assert_allclose(found[frame], factor.covariance(frame), rtol=1e-6, atol=1e-9 * found[frame].max())

@@ -87,9 +87,9 @@ class QuadView(bpy.types.Operator):
 
 def show(context: bpy.types.Context, index: int) -> None:
     """Look through a view's camera."""
-    from .. import views
+    from .. import backdrop
 
-    views.look_through(context.scene, context.scene.kfmocap.views[index])
+    backdrop.look_through(context.scene, context.scene.kfmocap.views[index])
     screens.look(context)
 
 
