@@ -28,7 +28,6 @@ from .evidence.collect import scene_poses
 from .evidence.gradients import Poses, camera_twist
 from .evidence.keypoints import USUAL_DEVIATION, Keypoints, Places, offset_deviation, robust_weights
 from .evidence.shape import SHIFT, STRETCH, stretched
-from .footage import check_view
 from .interpolation import spline
 from .keypoints.observed import assigned, read_views
 from .keypoints.sides import righted
@@ -96,11 +95,7 @@ def fit_bodies(shot: Shot, progress: Progress | None = None) -> BodyFit:
     if not len(frames):
         todo = "pose the whole body over the footage on some frames first"
         raise BodyError("bodies are fitted to key poses of the whole body, and there is none", todo=todo)
-    looks = []
-    for v, view in enumerate(shot.views):
-        check_view(view, shot.frames[0], shot.length)
-        report_progress(progress, "footage", v / len(shot.views))
-        looks.append(look_at_keys(view, shot, frames))
+    looks = look_at_keys(shot, frames, progress)
     people = _start(shot, looks, frames)
     for s, (stage, doubt) in enumerate(STAGES):
         for i in range(stage.iterations):

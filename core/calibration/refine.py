@@ -140,11 +140,7 @@ def refine_cameras(shot: Shot, progress: Progress | None = None) -> Refinement:
     if not len(frames):
         todo = "pose the whole body on some frames first"
         raise CalibrationError("cameras are refined from key poses of the whole body, and there is none", todo=todo)
-    looks = []
-    for v, view in enumerate(shot.views):
-        check_view(view, shot.frames[0], shot.length)
-        report_progress(progress, "footage", v / len(shot.views))
-        looks.append(look_at_keys(view, shot, frames))
+    looks = look_at_keys(shot, frames, progress)
     state = start = _start(shot, looks, frames)
     for s, stage in enumerate(STAGES):
         for i in range(stage.iterations):
@@ -162,8 +158,25 @@ def refine_cameras(shot: Shot, progress: Progress | None = None) -> Refinement:
     return Refinement(views, frames)
 
 
-def look_at_keys(view: View, shot: Shot, frames: NDArray[np.int64]) -> Look:
-    """What a view shows of the key frames, decoded once; rectified only later, as the focal length changes."""
+def look_at_keys(shot: Shot, frames: NDArray[np.int64], progress: Progress | None) -> list[Look]:
+    """What every view shows of the key frames.
+
+    Raises
+    ------
+    FootageError
+        See `core.tracking.track`.
+    CancelledError
+    """
+    looks = []
+    for v, view in enumerate(shot.views):
+        check_view(view, shot.frames[0], shot.length)
+        report_progress(progress, "footage", v / len(shot.views))
+        looks.append(_look(view, shot, frames))
+    return looks
+
+
+def _look(view: View, shot: Shot, frames: NDArray[np.int64]) -> Look:
+    """What a view shows, decoded once; rectified only later, as the focal length changes."""
     factor = working_factor(view, shot.settings.working_size)
     as_stored = replace(view, camera=view.camera.rectified())
     pictures = frames_at(as_stored, [shot.frames[0] + int(f) for f in frames], factor, grey=False)

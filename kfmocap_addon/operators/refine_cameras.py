@@ -1,13 +1,16 @@
 """Refine Cameras: moved until the key poses lie on the performers."""
 
+from functools import partial
+
 import bpy
 
-from .reporting import explained, progress_shown, reported
+from .job import JobOperator, Work
+from .reporting import explained
 
 
-class RefineCameras(bpy.types.Operator):
+class RefineCameras(JobOperator, bpy.types.Operator):
     """Move, turn and zoom the cameras a little, until your key poses of the whole body lie on the performers in the
-    footage. The key poses stay as they are"""
+    footage. The key poses stay as they are. Esc cancels"""
 
     bl_idname = "kfmocap.refine_cameras"
     bl_label = "Refine Cameras"
@@ -17,23 +20,25 @@ class RefineCameras(bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         return explained(cls, context)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def prepared(self, context: bpy.types.Context) -> Work:
         from ...core.calibration.refine import refine_cameras
         from .. import scene as scenes
+        from .. import views
+
+        shot = scenes.shot_from_scene(context.scene)
+        views.check_can_be_placed(context.scene.kfmocap.views)
+        return partial(refine_cameras, shot)
+
+    def finish(self, context: bpy.types.Context, result: object) -> None:
         from .. import views
         from ..refinement import told
 
         properties = context.scene.kfmocap
-        with progress_shown(context) as progress, reported(self) as outcome:
-            shot = scenes.shot_from_scene(context.scene)
-            views.check_can_be_placed(properties.views)
-            refinement = refine_cameras(shot, progress)
-            for slot, found in zip(properties.views, refinement.views, strict=True):
-                if not found.lost:
-                    views.show_camera(slot, found.camera, properties.frame_start)
-            for view, line in zip(refinement.views, told(refinement), strict=True):
-                self.report({"WARNING" if view.lost else "INFO"}, line)
-        return outcome.value
+        for slot, found in zip(properties.views, result.views, strict=True):
+            if not found.lost:
+                views.show_camera(slot, found.camera, properties.frame_start)
+        for view, line in zip(result.views, told(result), strict=True):
+            self.report({"WARNING" if view.lost else "INFO"}, line)
 
 
 CLASSES = (RefineCameras,)
