@@ -32,8 +32,9 @@ def scene() -> bpy.types.Scene:
 
 
 def view3d() -> tuple[bpy.types.Area, bpy.types.Region]:
-    """The 3D view and the region of it that shows the scene."""
-    area = next(a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == "VIEW_3D")
+    """The 3D view with the open sidebar, or the only one, and the region of it that shows the scene."""
+    areas = [a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == "VIEW_3D"]
+    area = max(areas, key=lambda a: a.spaces.active.show_region_ui)
     return area, next(r for r in area.regions if r.type == "WINDOW")
 
 
@@ -240,7 +241,11 @@ def real_shot() -> Waits:
         yield from click("Look Through", within=sidebar())
     x, y = find("Next", within=sidebar())
     yield from click_at((x + 57, y))  # the icon of four views
+    yield 2.0
     yield from picture("beam")
+    x, y = find("Next", within=sidebar())
+    yield from click_at((x + 57, y))
+    yield 2.0
     yield from only("Track")
     yield from click("Track All")
     yield from until(lambda: idle() and tracked_keys(), 600)
