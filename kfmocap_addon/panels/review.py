@@ -44,7 +44,7 @@ def _draw_helpful(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup) -> 
         column.separator()
         column.label(text="One more key pose would help most at")
     for key in slot.helpful:
-        text = f"{key.frame}: {key.name}, some {key.error:.0f} mm"
+        text = f"{key.frame}: {key.name}, {key.error:.0f} mm"
         button = column.operator(GoToFrame.bl_idname, text=text, icon="KEY_HLT")
         button.frame = key.frame
         button.reason = (

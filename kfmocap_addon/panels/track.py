@@ -26,7 +26,7 @@ class TrackPanel(Section, bpy.types.Panel):
         row.operator(TrackHere.bl_idname, text="Here", icon="ARROW_LEFTRIGHT")
         row.operator(TrackForward.bl_idname, text="Forward", icon="TRACKING_FORWARDS")
         row = layout.row(align=True)
-        row.label(text="Clear Between", icon="TRACKING_CLEAR_FORWARDS")
+        row.label(text="Clear", icon="TRACKING_CLEAR_FORWARDS")
         row.operator(ClearBetween.bl_idname, text="Here").where = "HERE"
         row.operator(ClearBetween.bl_idname, text="All").where = "EVERYWHERE"
 
