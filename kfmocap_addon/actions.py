@@ -99,6 +99,11 @@ def get_keys(curve: bpy.types.FCurve) -> Keys:
     return keys
 
 
+def frames_of(keys: Keys) -> NDArray[np.int64]:
+    """The scene frames that keys lie on, or nearest to."""
+    return np.rint(keys["co"][:, 0]).astype(np.int64)
+
+
 def set_keys(curve: bpy.types.FCurve, groups: Sequence[Keys]) -> None:
     """Replace all keys of an F-curve by those of the groups, in the order of their frames."""
     keys = np.concatenate(list(groups))

@@ -70,7 +70,7 @@ def write_blender_outputs(
             _open_on_footage(scene)
         else:
             scenes.write_motions(scene, result.motions, shot)
-        review.write_review(scene, shot, result)
+        review.write_review(scene, [(shot, result, 0)])
         paths = export.export_performers(scene, folder)
         with export.writing(folder / "shot.blend") as target, _portable_paths(Path(home or folder).resolve()):
             bpy.ops.wm.save_as_mainfile(filepath=str(target), copy=True, check_existing=False, relative_remap=False)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..core.cameras import Camera
 from . import backdrop, views
+from . import scene as scenes
 
 Array = NDArray[np.float64]
 
@@ -50,21 +51,13 @@ def show_points(scene: bpy.types.Scene, name: str, points: Array, edges: Sequenc
     mesh.from_pydata(np.asarray(points, float).tolist(), list(edges), [])
     owner = bpy.data.objects.new(name, mesh)
     owner.hide_select, owner.hide_render = True, True
-    _collection(scene).objects.link(owner)
+    scenes.ensure_collection(scene, COLLECTION).objects.link(owner)
     return owner
-
-
-def _collection(scene: bpy.types.Scene) -> bpy.types.Collection:
-    collection = _existing(scene)
-    if collection is None:
-        collection = bpy.data.collections.new(COLLECTION)
-        scene.collection.children.link(collection)
-    return collection
 
 
 def forget(owners: Sequence[bpy.types.Object], scene: bpy.types.Scene) -> None:
     """Remove those of some camera objects that are in the collection "Calibration": what they say is kept elsewhere."""
-    collection = _existing(scene)
+    collection = scenes.find_collection(scene, COLLECTION)
     for owner in [o for o in owners if collection is not None and o.name in collection.objects]:
         data = owner.data
         bpy.data.objects.remove(owner)
@@ -72,12 +65,8 @@ def forget(owners: Sequence[bpy.types.Object], scene: bpy.types.Scene) -> None:
             bpy.data.cameras.remove(data)
 
 
-def _existing(scene: bpy.types.Scene) -> bpy.types.Collection | None:
-    return next((c for c in scene.collection.children if c.name.split(".")[0] == COLLECTION), None)
-
-
 def _emptied(scene: bpy.types.Scene) -> bpy.types.Collection:
-    collection = _collection(scene)
+    collection = scenes.ensure_collection(scene, COLLECTION)
     for owner in list(collection.objects):
         data = owner.data
         bpy.data.objects.remove(owner)
@@ -89,7 +78,7 @@ def _emptied(scene: bpy.types.Scene) -> bpy.types.Collection:
 def camera_objects(scene: bpy.types.Scene, selected: Sequence[bpy.types.Object] = ()) -> list[bpy.types.Object]:
     """The cameras that are meant: those selected, else those of the collection "Calibration", else all."""
     chosen = [owner for owner in selected if owner.type == "CAMERA"]
-    collection = _existing(scene)
+    collection = scenes.find_collection(scene, COLLECTION)
     calibrated = [owner for owner in collection.objects if owner.type == "CAMERA"] if collection is not None else []
     return chosen or calibrated or [owner for owner in scene.objects if owner.type == "CAMERA"]
 
@@ -99,8 +88,7 @@ def show_picture(name: str, picture: NDArray[np.uint8]) -> bpy.types.Image:
     height, width = picture.shape[:2]
     image = bpy.data.images.get(name)
     if image is not None and tuple(image.size) != (width, height):
-        bpy.data.images.remove(image)
-        image = None
+        image.scale(width, height)  # what shows it goes on showing it
     image = image or bpy.data.images.new(name, width, height)
     rgba = np.ones((height, width, 4), np.float32)
     rgba[..., :3] = picture[::-1, :, ::-1] / np.float32(255)

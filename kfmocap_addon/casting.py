@@ -15,7 +15,9 @@ def add_performer(
     current: bpy.types.Scene, body: Body, name: str, place: Sequence[float] = (0, 0, 0)
 ) -> bpy.types.Object:
     """Build a body's armature, which stands at a place in the world, and make it a performer of the scene's shot."""
-    armature = rig.build_armature(body, free_name(current, name), scene.ensure_collection(current, "Performers"))
+    armature = rig.build_armature(
+        body, scene.free_name(name, current.kfmocap.performers), scene.ensure_collection(current, "Performers")
+    )
     armature.location = place
     return take_armature(current, armature)
 
@@ -34,15 +36,7 @@ def take_armature(current: bpy.types.Scene, armature: bpy.types.Object) -> bpy.t
     for bone in rig.body_bones(armature):
         armature.pose.bones[bone.name].rotation_mode = "QUATERNION"
     slot = current.kfmocap.performers.add()
-    slot.name, slot.armature = free_name(current, armature.name), armature
+    slot.name, slot.armature = scene.free_name(armature.name, current.kfmocap.performers), armature
     if not current.kfmocap.shot:
         current.kfmocap.shot = "shot"
     return armature
-
-
-def free_name(current: bpy.types.Scene, name: str) -> str:
-    """The name, or with a number where a performer has it."""
-    taken, number, free = {slot.name for slot in current.kfmocap.performers}, 2, name
-    while free in taken:
-        free, number = f"{name} {number}", number + 1
-    return free

@@ -5,19 +5,14 @@ Each tracking writes it for the frames that it tracked. Like `occlusion`'s, it i
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import bpy
+import numpy as np
+from numpy.typing import NDArray
 
-from . import occlusion
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from ..core.shot import Shot
+from ..core.review.suggestions import helpful_keys
+from . import actions, curves, occlusion, rig
 
 ERROR = "kfmocap_error"
 """Custom property of a pose bone: how far its tip may be from its true place, mm."""
@@ -30,26 +25,25 @@ _HIDDEN = (0.35, 0.45, 1.0)
 _MILLIMETRES = 1000.0
 
 
-def write_confidence(
-    scene: bpy.types.Scene, shot: Shot, deviation: Sequence[NDArray[np.float64]], first: int = 0
-) -> None:
-    """Show in a scene how far its performers' bones may be off, and where one more key pose would help most.
+def write_confidence(scene: bpy.types.Scene, deviation: Sequence[NDArray[np.float64]], first: int = 0) -> None:
+    """Write into a scene how far its performers' bones may be off; `refresh` then shows what follows from it.
 
     Parameters
     ----------
-    shot : Shot
-        As it was tracked.
     deviation : sequence of ndarray, shape (F, P)
         Expected error of the parts of each performer, metres.
     first : int
         Of an excerpt of the scene's shot: its first frame there. What is told of other frames stays.
     """
-    import numpy as np
-
     start = scene.kfmocap.frame_start + first
     for slot, found in zip(scene.kfmocap.performers, deviation, strict=True):
         frames = start + np.arange(len(found))
         _replace(slot.armature, frames, _MILLIMETRES * found)
+
+
+def refresh(scene: bpy.types.Scene) -> None:
+    """Show where one more key pose would help most, and the colours, by the errors that are told now."""
+    for slot in scene.kfmocap.performers:
         _write_helpful(scene, slot)
     if scene.kfmocap.show_confidence:
         show_colours(scene)
@@ -57,27 +51,21 @@ def write_confidence(
 
 def forget(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, frames: Sequence[int]) -> None:
     """Forget what is told of scene frames that are tracked no more."""
-    import numpy as np
-
     _replace(slot.armature, np.asarray(frames), None)
     _write_helpful(scene, slot)
 
 
 def read_confidence(armature: bpy.types.Object, frame_start: int, length: int) -> NDArray[np.float64]:
     """Expected errors of the parts on scene frames from `frame_start` on, (F, P), metres; zero where none is told."""
-    import numpy as np
-
-    from . import actions, rig
-
     bag, bones = actions.find_channelbag(armature), rig.body_bones(armature)
     errors = np.zeros((length, len(bones)))
     for rank, bone in enumerate(bones):
-        curve = bag.fcurves.find(_path(armature.pose.bones[bone.name])) if bag else None
+        curve = bag.fcurves.find(occlusion.property_path(armature.pose.bones[bone.name], ERROR)) if bag else None
         if curve is not None:
-            frame, value = actions.get_keys(curve)["co"].T
-            index = np.rint(frame).astype(int) - frame_start
+            keys = actions.get_keys(curve)
+            index = actions.frames_of(keys) - frame_start
             inside = (index >= 0) & (index < length)
-            errors[index[inside], rank] = value[inside] / _MILLIMETRES
+            errors[index[inside], rank] = keys["co"][inside, 1] / _MILLIMETRES
     return errors
 
 
@@ -101,16 +89,12 @@ def show_colours(scene: bpy.types.Scene) -> None:
 
 def _replace(armature: bpy.types.Object, frames: NDArray[np.int64], errors: NDArray[np.float64] | None) -> None:
     """Put errors (F, P), mm, or nothing in place of those of scene frames (F,)."""
-    import numpy as np
-
-    from . import actions, rig
-
     bag = actions.ensure_channelbag(armature, armature.name)
     for rank, rest in enumerate(rig.body_bones(armature)):
         bone = armature.pose.bones[rest.name]
-        curve = actions.ensure_fcurve(bag, _path(bone), 0, bone.name)
+        curve = actions.ensure_fcurve(bag, occlusion.property_path(bone, ERROR), 0, bone.name)
         old = actions.get_keys(curve)
-        kept = [old[~np.isin(np.rint(old["co"][:, 0]), frames)]]
+        kept = [old[~np.isin(actions.frames_of(old), frames)]]
         if errors is not None:
             bone[ERROR] = float(errors[0, rank])
             bone.id_properties_ui(ERROR).update(min=0.0, soft_max=100.0, precision=1, description=_DESCRIPTION)
@@ -120,9 +104,6 @@ def _replace(armature: bpy.types.Object, frames: NDArray[np.int64], errors: NDAr
 
 
 def _write_helpful(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> None:
-    from ..core.review.suggestions import helpful_keys
-    from . import curves, rig
-
     start, length = scene.kfmocap.frame_start, scene.kfmocap.length
     bones = rig.body_bones(slot.armature)
     names = [bone.name for bone in bones]
@@ -161,9 +142,5 @@ def _drive(owner: bpy.types.Object, path: str, bone: bpy.types.PoseBone, limit: 
             for name, prop in (("e", ERROR), ("v", occlusion.VIEWS)):
                 variable = driver.variables.new()
                 variable.name, variable.targets[0].id = name, bone.id_data
-                variable.targets[0].data_path = f'{bone.path_from_id()}["{prop}"]'
+                variable.targets[0].data_path = occlusion.property_path(bone, prop)
     return driven
-
-
-def _path(bone: bpy.types.PoseBone) -> str:
-    return f'{bone.path_from_id()}["{ERROR}"]'

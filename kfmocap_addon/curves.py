@@ -122,7 +122,7 @@ def write_motion(
     own = [_animators(k, record, c) for k, c in zip(keys, channels, strict=True)]
     if proposed is None:
         proposed = _proposals(keys[0], own[0])
-    held = np.stack([np.isin(frames, _frames(k[o])) for k, o in zip(keys, own, strict=True)], axis=1)
+    held = np.stack([np.isin(frames, actions.frames_of(k[o])) for k, o in zip(keys, own, strict=True)], axis=1)
     values, breaks = _beside_keys(_values(armature, motion), before, held)
 
     recorded = {}
@@ -145,21 +145,14 @@ def clear_motion(armature: bpy.types.Object, frames: ArrayLike) -> set[int]:
     set of int
         The frames on which there were any.
     """
-    bag = actions.find_channelbag(armature)
-    record = written.load(armature) if bag else None
     cleared: set[int] = set()
-    for channel in body_channels(armature) if bag else ():
-        curve = bag.fcurves.find(channel.path, index=channel.index)
-        if curve is None:
-            continue
-        keys = actions.get_keys(curve)
-        gone = ~_animators(keys, record, channel) & _on_frames(keys, np.asarray(frames))
-        gone &= keys["type"] == actions.enum_value("type", "GENERATED")
+    for _, curve, keys, own in channel_keys(armature, body_channels(armature)):
+        gone = ~own & _on_frames(keys, np.asarray(frames)) & (keys["type"] == actions.enum_value("type", "GENERATED"))
         if gone.all():
-            bag.fcurves.remove(curve)
+            actions.find_channelbag(armature).fcurves.remove(curve)
         elif gone.any():
             actions.set_keys(curve, [keys[~gone]])
-        cleared.update(_frames(keys)[gone].tolist())
+        cleared.update(actions.frames_of(keys)[gone].tolist())
     return cleared
 
 
@@ -170,7 +163,7 @@ def keyed_frames(armature: bpy.types.Object, frame_start: int, length: int) -> N
     keyed = np.full(length, bag is not None)
     for channel in body_channels(armature) if bag else ():
         curve = bag.fcurves.find(channel.path, index=channel.index)
-        keyed &= np.isin(frames, _frames(actions.get_keys(curve)) if curve else [])
+        keyed &= np.isin(frames, actions.frames_of(actions.get_keys(curve)) if curve else [])
     return keyed
 
 
@@ -195,13 +188,13 @@ def read_key_poses(armature: bpy.types.Object, frame_start: int, length: int) ->
     channels = body_channels(armature)
     held = np.zeros((length, len(channels)), bool)
     proposed = np.zeros(length, bool)
-    for c, keys, own in channel_keys(armature, channels):
+    for c, _, keys, own in channel_keys(armature, channels):
         if c == 0:
             index = _proposals(keys, own) - frame_start
             proposed[index[(index >= 0) & (index < length)]] = True
         keys = keys[own]
         _refuse_subframes(armature, channels[c], keys)
-        index = _frames(keys) - frame_start
+        index = actions.frames_of(keys) - frame_start
         held[index[(index >= 0) & (index < length)], c] = True
     frames = np.flatnonzero(held.any(axis=1) | proposed)
     values = _evaluate(armature, channels, frame_start + frames)
@@ -214,24 +207,26 @@ def keyed_bones(armature: bpy.types.Object) -> tuple[dict[int, set[str]], list[i
     channels = body_channels(armature)
     keyed: dict[int, set[str]] = {}
     proposed: list[int] = []
-    for c, keys, own in channel_keys(armature, channels):
+    for c, _, keys, own in channel_keys(armature, channels):
         if c == 0:
             proposed = _proposals(keys, own).tolist()
-        for frame in _frames(keys[own]).tolist():
+        for frame in actions.frames_of(keys[own]).tolist():
             keyed.setdefault(frame, set()).add(channels[c].bone)
     return keyed, [frame for frame in proposed if frame not in keyed]
 
 
 def accept_proposals(armature: bpy.types.Object, frames: Collection[int]) -> None:
     """Make proposed key poses of scene frames the animator's own."""
-    channels = body_channels(armature)
-    bag = actions.find_channelbag(armature)
-    for c, keys, own in channel_keys(armature, channels):
-        proposed = ~own & np.isin(_frames(keys), list(frames)) & (keys["type"] == actions.enum_value("type", PROPOSAL))
+    for _, curve, keys, own in channel_keys(armature, body_channels(armature)):
+        proposed = (
+            ~own
+            & np.isin(actions.frames_of(keys), list(frames))
+            & (keys["type"] == actions.enum_value("type", PROPOSAL))
+        )
         if proposed.any():
             keys["type"][proposed] = actions.enum_value("type", "KEYFRAME")
             keys["interpolation"][proposed] = actions.enum_value("interpolation", "BEZIER")
-            actions.set_keys(bag.fcurves.find(channels[c].path, index=channels[c].index), [keys])
+            actions.set_keys(curve, [keys])
 
 
 def bake(armature: bpy.types.Object, bones: Collection[str] | None = None) -> int:
@@ -239,25 +234,23 @@ def bake(armature: bpy.types.Object, bones: Collection[str] | None = None) -> in
 
     They are the animator's from then on: no tracking replaces them.
     """
-    channels = body_channels(armature)
-    bag, baked = actions.find_channelbag(armature), set()
-    for c, keys, own in channel_keys(armature, channels):
+    channels, baked = body_channels(armature), set()
+    for c, curve, keys, own in channel_keys(armature, channels):
         if not own.all() and (bones is None or channels[c].bone in bones):
-            baked.update(_frames(keys)[~own].tolist())
+            baked.update(actions.frames_of(keys)[~own].tolist())
             keys["type"][~own] = actions.enum_value("type", "KEYFRAME")
-            actions.set_keys(bag.fcurves.find(channels[c].path, index=channels[c].index), [keys])
+            actions.set_keys(curve, [keys])
     return len(baked)
 
 
 def remove_key_pose(armature: bpy.types.Object, frame: int, bones: Collection[str] | None = None) -> int:
     """Take the animator's keys on a scene frame away, of these bones or the whole body; how many there were."""
-    channels = body_channels(armature)
-    bag, count = actions.find_channelbag(armature), 0
-    for c, keys, own in channel_keys(armature, channels):
+    channels, count = body_channels(armature), 0
+    for c, curve, keys, own in channel_keys(armature, channels):
         gone = own & _on_frames(keys, np.array([frame]))
         if gone.any() and (bones is None or channels[c].bone in bones):
             count += int(gone.sum())
-            actions.set_keys(bag.fcurves.find(channels[c].path, index=channels[c].index), [keys[~gone]])
+            actions.set_keys(curve, [keys[~gone]])
     return count
 
 
@@ -353,44 +346,42 @@ def _unrounded(armature: bpy.types.Object, frames: FrameNumbers, read: Motion) -
 
 def channel_keys(
     armature: bpy.types.Object, channels: list[Channel]
-) -> Iterator[tuple[int, actions.Keys, NDArray[np.bool_]]]:
-    """Of every channel that has an F-curve: its number, its keys, and which are the animator's."""
+) -> Iterator[tuple[int, bpy.types.FCurve, actions.Keys, NDArray[np.bool_]]]:
+    """Of every channel that has an F-curve: its number, the curve, its keys, and which are the animator's."""
     bag = actions.find_channelbag(armature)
     record = written.load(armature) if bag else None
     for c, channel in enumerate(channels):
         curve = bag.fcurves.find(channel.path, index=channel.index) if bag else None
         if curve is not None and record is not None:
             keys = actions.get_keys(curve)
-            yield c, keys, _animators(keys, record, channel)
+            yield c, curve, keys, _animators(keys, record, channel)
 
 
 def _animators(keys: actions.Keys, record: written.Written, channel: Channel) -> NDArray[np.bool_]:
     """Which keys are the animator's, shape (K,): not of the tracker's types, or not where it wrote one."""
     other = keys["type"] != actions.enum_value("type", "GENERATED")
-    values = record.at(channel.key, _frames(keys))
+    values = record.at(channel.key, actions.frames_of(keys))
     if values is None:
         return other
     other &= keys["type"] != actions.enum_value("type", PROPOSAL)
-    between = np.abs(keys["co"][:, 0] - _frames(keys)) > _SAME_FRAME
+    between = np.abs(keys["co"][:, 0] - actions.frames_of(keys)) > _SAME_FRAME
     return other | between | (keys["co"][:, 1] != values)
 
 
 def _proposals(keys: actions.Keys, own: NDArray[np.bool_]) -> FrameNumbers:
     """Scene frames of proposals, of a channel's keys and which of them are the animator's."""
-    return _frames(keys)[~own & (keys["type"] == actions.enum_value("type", PROPOSAL))]
-
-
-def _frames(keys: actions.Keys) -> FrameNumbers:
-    return np.rint(keys["co"][:, 0]).astype(np.int64)
+    return actions.frames_of(keys)[~own & (keys["type"] == actions.enum_value("type", PROPOSAL))]
 
 
 def _on_frames(keys: actions.Keys, frames: FrameNumbers) -> NDArray[np.bool_]:
     """Which keys lie on one of the scene frames, shape (K,)."""
-    return np.isin(_frames(keys), frames) & (np.abs(keys["co"][:, 0] - _frames(keys)) <= _SAME_FRAME)
+    return np.isin(actions.frames_of(keys), frames) & (
+        np.abs(keys["co"][:, 0] - actions.frames_of(keys)) <= _SAME_FRAME
+    )
 
 
 def _refuse_subframes(armature: bpy.types.Object, channel: Channel, keys: actions.Keys) -> None:
-    between = np.abs(keys["co"][:, 0] - _frames(keys)) > _SAME_FRAME
+    between = np.abs(keys["co"][:, 0] - actions.frames_of(keys)) > _SAME_FRAME
     if between.any():
         frame = float(keys["co"][between, 0][0])
         raise ShotError(

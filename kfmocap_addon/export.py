@@ -25,6 +25,7 @@ from ..core.formats.shot_toml import shot_name
 from ..core.resampling import sample_times, slerped
 from . import actions, rig
 from .export_presets import PRESETS
+from .scene import set_rate
 
 Array = NDArray[np.float64]
 
@@ -186,8 +187,7 @@ def _set_time(stage: bpy.types.Scene, scene: bpy.types.Scene, options: ExportOpt
     rate = scene.render.fps / scene.render.fps_base
     wanted = options.fps or rate
     times = sample_times(first, last, rate, wanted)
-    stage.render.fps = max(1, round(wanted))
-    stage.render.fps_base = stage.render.fps / wanted
+    set_rate(stage, wanted)
     stage.frame_start, stage.frame_end = first, first + len(times) - 1
     return first, times
 

@@ -65,7 +65,7 @@ def add_footage(current: bpy.types.Scene, files: Sequence[Path]) -> list[str]:
     names = []
     for footage, clip in zip(probed, clips, strict=True):
         slots = current.kfmocap.views
-        camera = _unknown_camera(_free_name(footage_name(footage.path), slots), footage.size, len(slots))
+        camera = _unknown_camera(scene.free_name(footage_name(footage.path), slots), footage.size, len(slots))
         properties, slot = current.kfmocap, slots.add()
         views.build_view(
             View(camera, footage.path),
@@ -91,13 +91,6 @@ def _begin_shot(current: bpy.types.Scene, probed: Sequence[Footage]) -> None:
     properties.zero, properties.first = scene.FRAME_START, 0
     properties.last = max(min(footage.count for footage in probed) - 1, 0)
     current.frame_set(scene.FRAME_START)
-
-
-def _free_name(name: str, slots: bpy.types.bpy_prop_collection) -> str:
-    taken, number, free = {slot.name for slot in slots}, 2, name
-    while free in taken:
-        free, number = f"{name} {number}", number + 1
-    return free
 
 
 def _unknown_camera(name: str, size: tuple[int, int], rank: int) -> Camera:

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import bpy
 
+from . import viewport
+
 _DELAY = 0.05
 _found: dict[int, tuple[Row, ...]] = {}  # by the armature's number of this session
 _current: set[int] = set()  # those that are as the keys are now
@@ -68,10 +70,7 @@ def _look_up() -> None:
             if slot.armature is not None and slot.armature.session_uid not in _current:
                 _found[slot.armature.session_uid] = looked_up(slot.armature)
                 _current.add(slot.armature.session_uid)
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                area.tag_redraw()
+    viewport.redraw(bpy.context)
 
 
 @bpy.app.handlers.persistent

@@ -167,7 +167,7 @@ def landmark_poses(
     if frames is None:
         own = np.array(sorted(curves.keyed_bones(slot.armature)[0]), np.int64) - scene.kfmocap.frame_start
         known = [np.isfinite(landmarks.points_world[row]).all(axis=-1).mean() if row >= 0 else 0.0 for row in rows]
-        chosen = beside(best_frames(np.array(known), scene.render.fps / scene.render.fps_base), own, _fps(scene))
+        chosen = beside(best_frames(np.array(known), _fps(scene)), own, _fps(scene))
         frames = [int(frame) for frame in chosen if known[frame] > 0]
     return frames, _fitted(scene, body, landmarks, [int(rows[frame]) for frame in frames], frames, str(path))
 
@@ -218,8 +218,8 @@ def _view_of(scene: bpy.types.Scene, source: Path, alone: bool) -> bpy.types.Pro
         named = [slot for slot in slots if slot.name.lower() in name.lower()]
         if named:
             return max(named, key=lambda slot: len(slot.name))
-    here = [slot for slot in slots if slot.camera is not None and slot.camera == scene.camera]
-    if alone and here:
-        return here[0]
+    shown = scene.kfmocap.shown_view
+    if alone and shown >= 0:
+        return slots[shown]
     known = ", ".join(slot.name for slot in slots)
     raise KeypointError("its name tells no view", where=str(source), todo=f"name it by its view: {known}")

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import bpy
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..core.brown import brown_model
 from ..core.cameras import Camera
@@ -77,9 +77,9 @@ def intrinsic_matrix(data: bpy.types.Camera, frame: Frame) -> Array:
     return np.array([[fx, 0.0, cx], [0.0, fx / ratio, cy], [0.0, 0.0, 1.0]])
 
 
-def has_brown_model(camera: Camera) -> bool:
-    """Whether Blender's Brown model can hold the camera's distortion: OpenCV's first five coefficients."""
-    return not camera.fisheye and not camera.distortions[5:].any()
+def fits_brown_model(distortions: ArrayLike, fisheye: bool) -> bool:
+    """Whether Blender's Brown model can hold a camera's distortion: OpenCV's first five coefficients."""
+    return not fisheye and not np.any(np.asarray(distortions)[5:])
 
 
 def set_clip_lens(clip: bpy.types.MovieClip, camera: Camera) -> None:

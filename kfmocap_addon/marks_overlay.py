@@ -29,7 +29,7 @@ def colour_of(landmark: str) -> Colour:
 def draw_marks() -> None:
     """Draw the chosen performer's marks of this frame in a 3D view that looks through a camera of the shot."""
     context = bpy.context
-    if not getattr(context.scene, "kfmocap", None) or not context.scene.kfmocap.show_marks:
+    if not context.scene.kfmocap.show_marks:
         return
     slot = performers.chosen(context)
     if slot is None or not len(slot.marks):

@@ -64,7 +64,7 @@ def _write_views(
         bone, count = armature.pose.bones[rest.name], sees[..., rank].sum(axis=0)
         bone[VIEWS] = int(count[0])
         bone.id_properties_ui(VIEWS).update(min=0, max=len(sees), description=_DESCRIPTION)
-        curve = actions.ensure_fcurve(bag, _path(bone), 0, bone.name)
+        curve = actions.ensure_fcurve(bag, property_path(bone, VIEWS), 0, bone.name)
         told = np.full(shot.length, len(sees))  # where nothing was tracked, nothing is known against it
         if len(curve.keyframe_points):
             told[:] = [curve.evaluate(shot.frame_start + f) for f in range(shot.length)]
@@ -89,5 +89,6 @@ def _write_suggestions(
         item.hidden = [frame_start + frame for frame in suggestion.hidden]
 
 
-def _path(bone: bpy.types.PoseBone) -> str:
-    return f'{bone.path_from_id()}["{VIEWS}"]'
+def property_path(bone: bpy.types.PoseBone, name: str) -> str:
+    """Where a bone's custom property is found from its armature, as F-curves and drivers name it."""
+    return f'{bone.path_from_id()}["{name}"]'

@@ -19,11 +19,11 @@ def chosen(context: bpy.types.Context) -> bpy.types.PropertyGroup | None:
     return next((slot for slot in slots if slot.name == properties.performer), slots[0] if slots else None)
 
 
-def chosen_bones(context: bpy.types.Context, armature: bpy.types.Object) -> set[str]:
-    """Names of the bones that are selected in pose mode; none outside it."""
+def chosen_bones(context: bpy.types.Context, armature: bpy.types.Object) -> set[str] | None:
+    """Names of the bones that are selected in pose mode; None, for the whole body, outside it and where none is."""
     if armature.mode != "POSE":
-        return set()
-    return {bone.name for bone in context.selected_pose_bones or [] if bone.id_data == armature}
+        return None
+    return {bone.name for bone in context.selected_pose_bones or [] if bone.id_data == armature} or None
 
 
 def explained(operator: type[bpy.types.Operator], context: bpy.types.Context) -> bool:

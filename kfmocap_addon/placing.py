@@ -34,8 +34,8 @@ class Placing:
     ----------
     scene : bpy.types.Scene
     slot : KFMocapPerformer
-    bones : collection of str
-        These alone are moved; empty for the whole body.
+    bones : set of str, optional
+        These alone are moved; by default the whole body.
 
     Raises
     ------
@@ -45,7 +45,7 @@ class Placing:
 
     def __init__(self, scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, bones: set[str] | None = None) -> None:
         self.slot, self.scene, self.frame = slot, scene, scene.frame_current
-        self.bones = bones or set()
+        self.bones = bones
         self.body = rig.body_from_armature(slot.armature)
         self.landmarks = order(self.body)
         self.marks = marks.on_frame(slot, self.frame)
@@ -131,7 +131,7 @@ class Placing:
     def show(self) -> None:
         """Let scene and armature show marks and pose."""
         marks.put(self.slot, self.frame, self.marks)
-        curves.show_pose(self.slot.armature, self.pose, self.bones or None)
+        curves.show_pose(self.slot.armature, self.pose, self.bones)
 
     def key(self) -> None:
         """Make the pose a key pose."""
@@ -140,7 +140,7 @@ class Placing:
                 "no joint is marked on this frame", where=f"frame {self.frame}", todo="click joints with Place Joints"
             )
         self.show()
-        curves.key_current_pose(self.slot.armature, self.frame, self.bones or None)
+        curves.key_current_pose(self.slot.armature, self.frame, self.bones)
 
     def restore(self) -> None:
         """Leave scene and armature as they were."""
@@ -153,9 +153,9 @@ class Placing:
         self._fit()
 
 
-def _held(body: Body, bones: set[str]) -> NDArray[np.bool_]:
-    """Degrees of freedom (D,) of what is not to move: all but those of the bones, if there are any."""
-    free = np.array([not bones or name in bones for name in body.names])
+def _held(body: Body, bones: set[str] | None) -> NDArray[np.bool_]:
+    """Degrees of freedom (D,) of what is not to move: all but those of the bones, where some are named."""
+    free = np.array([bones is None or name in bones for name in body.names])
     return ~np.concatenate([np.repeat(free[0], 3), np.repeat(free, 3)])
 
 

@@ -14,10 +14,10 @@ from ..core.posing.mirror import mirrored_poses
 from . import curves, rig, views
 
 
-def set_pose(armature: bpy.types.Object, pose: Motion, frame: int, bones: set[str]) -> None:
-    """Show a pose and key it on a scene frame: of these bones, or where there are none of the whole body."""
-    curves.show_pose(armature, pose, bones or None)
-    curves.key_current_pose(armature, frame, bones or None)
+def set_pose(armature: bpy.types.Object, pose: Motion, frame: int, bones: set[str] | None) -> None:
+    """Show a pose and key it on a scene frame: of these bones or the whole body."""
+    curves.show_pose(armature, pose, bones)
+    curves.key_current_pose(armature, frame, bones)
 
 
 def beside(armature: bpy.types.Object, frame: int) -> tuple[Motion | None, Motion | None]:

@@ -103,6 +103,15 @@ class KFMocapView(bpy.types.PropertyGroup):
         owner = self.camera
         return self.calibrated or bool(owner and (owner.animation_data or owner.constraints or owner.parent))
 
+    @property
+    def residual(self) -> bpy.types.Image | None:
+        """The picture of where the footage contradicts the model, if one is shown."""
+        return bpy.data.images.get(self.residual_name)
+
+    @property
+    def residual_name(self) -> str:
+        return f"KF Mocap residual {self.name}"
+
 
 class KFMocapSuggestion(bpy.types.PropertyGroup):
     """A key frame that would help; its name is that of the parts which no camera sees just before or after."""

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import bpy
-import numpy as np
 
 from ..core.review.pictures import MisfitPicture, misfit_picture
-from . import backdrop, curves
+from . import backdrop, calibration, curves
 from . import scene as scenes
-
-PREFIX = "KF Mocap residual"
-"""Of the names of the images; the view's follows."""
 
 
 def show(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, frame: int) -> MisfitPicture:
@@ -26,7 +22,8 @@ def show(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, frame: int) -> M
     view = next(v for v in shot.views if v.camera.name == slot.name)
     motions = [curves.read_motion(s.armature, start, shot.length) for s in scene.kfmocap.performers]
     found = misfit_picture(shot, view, motions, frame - start)
-    image = _image(slot.name, found.image)
+    image = calibration.show_picture(slot.residual_name, found.image)
+    image.pack()
     data = slot.camera.data
     behind = next((b for b in data.background_images if b.image == image), None)
     if behind is None:
@@ -45,7 +42,7 @@ def hide(scene: bpy.types.Scene) -> int:
     """Take all residuals away; tells how many there were."""
     gone = 0
     for slot in scene.kfmocap.views:
-        image = shown(slot)
+        image = slot.residual
         if image is None or slot.camera is None:
             continue
         data = slot.camera.data
@@ -57,27 +54,6 @@ def hide(scene: bpy.types.Scene) -> int:
         bpy.data.images.remove(image)
         gone += 1
     return gone
-
-
-def shown(slot: bpy.types.PropertyGroup) -> bpy.types.Image | None:
-    """The residual picture of a view, if there is one."""
-    return bpy.data.images.get(f"{PREFIX} {slot.name}")
-
-
-def _image(name: str, picture: np.ndarray) -> bpy.types.Image:
-    """Blender's image of a picture in blue, green and red, made or filled anew, and kept in the file."""
-    height, width = picture.shape[:2]
-    image = bpy.data.images.get(f"{PREFIX} {name}")
-    if image is not None and tuple(image.size) != (width, height):
-        image.scale(width, height)
-    if image is None:
-        image = bpy.data.images.new(f"{PREFIX} {name}", width, height)
-    pixels = np.ones((height, width, 4), np.float32)
-    pixels[..., :3] = picture[::-1, :, ::-1] / np.float32(255)
-    image.pixels.foreach_set(pixels.ravel())
-    image.update()
-    image.pack()
-    return image
 
 
 def _drive(data: bpy.types.Camera, index: int, expression: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import bpy
@@ -13,16 +14,16 @@ if TYPE_CHECKING:
     from ..core.tracking import TrackResult
 
 
-def write_review(scene: bpy.types.Scene, shot: Shot, result: TrackResult, first: int = 0) -> None:
+def write_review(scene: bpy.types.Scene, tracked: Sequence[tuple[Shot, TrackResult, int]]) -> None:
     """Show in a scene what the cameras saw of its performers, how far they may be off, and where key poses would help.
 
     Parameters
     ----------
-    shot : Shot
-        As it was tracked.
-    result : TrackResult
-    first : int
-        Of an excerpt of the scene's shot: its first frame there. What is told of other frames stays.
+    tracked : sequence of (Shot, TrackResult, int)
+        Excerpts of the scene's shot as they were tracked, or all of it, each with its first frame there. What is told
+        of other frames stays.
     """
-    occlusion.write_occlusion(scene, shot, result.visible, first)
-    confidence.write_confidence(scene, shot, result.deviation, first)
+    for shot, result, first in tracked:
+        occlusion.write_occlusion(scene, shot, result.visible, first)
+        confidence.write_confidence(scene, result.deviation, first)
+    confidence.refresh(scene)

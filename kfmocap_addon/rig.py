@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -156,7 +156,7 @@ def reshape(armature: bpy.types.Object, body: Body) -> None:
 def _put_vertices(armature: bpy.types.Object, part: Part, longer: float) -> None:
     """Move the vertices of the meshes on a bone that grew; inverse of `_vertices`."""
     length, start = armature.data.bones[part.name].length, 0
-    for child in _meshes_on(armature, part.name):
+    for child in meshes_on(armature, part.name):
         child.matrix_parent_inverse = Matrix.Translation((0.0, -longer, 0.0)) @ child.matrix_parent_inverse
         to_part, count = _to_bone_tail(child), len(child.data.vertices)
         points = part.vertices[start : start + count] - [0.0, length, 0.0] - to_part[:3, 3]
@@ -174,7 +174,7 @@ def check_part(child: bpy.types.Object) -> None:
         It encloses no volume.
     """
     bone = child.parent.data.bones[child.parent_bone]
-    _check_solid(_vertices(child.parent, bone), child.parent, bone)
+    _check_solid(_vertices(child.parent, bone, meshes_on(child.parent, bone.name)), child.parent, bone)
 
 
 def _check_solid(vertices: Array, armature: bpy.types.Object, bone: bpy.types.Bone) -> None:
@@ -194,7 +194,7 @@ def mirror_part(child: bpy.types.Object) -> None:
     bone, other = (armature.data.bones.get(n) for n in (child.parent_bone, bpy.utils.flip_name(child.parent_bone)))
     if other is None or other == bone:
         return
-    targets = _meshes_on(armature, other.name)
+    targets = meshes_on(armature, other.name)
     if not targets:
         return
     target, ratio = targets[0], other.length / bone.length
@@ -241,7 +241,7 @@ def object_pose(armature: bpy.types.Object) -> tuple[Array, Array]:
 
 def body_bones(armature: bpy.types.Object) -> list[bpy.types.Bone]:
     """The bones that are parts of the body, in the body's order: parents before children."""
-    carried = {child.parent_bone for child in _meshes(armature)}
+    carried = _meshes_by_bone(armature)
     bones = [bone for bone in armature.data.bones if bone.name in carried or PART in bone]
     if all(PART in bone for bone in bones):
         bones.sort(key=lambda bone: bone[PART])
@@ -254,8 +254,17 @@ def _meshes(armature: bpy.types.Object) -> list[bpy.types.Object]:
     return [c for c in armature.children if c.type == "MESH" and c.parent_type == "BONE"]
 
 
-def _meshes_on(armature: bpy.types.Object, bone: str) -> list[bpy.types.Object]:
-    return [child for child in _meshes(armature) if child.parent_bone == bone]
+def meshes_on(armature: bpy.types.Object, bone: str) -> list[bpy.types.Object]:
+    """The meshes that a bone carries."""
+    return _meshes_by_bone(armature).get(bone, [])
+
+
+def _meshes_by_bone(armature: bpy.types.Object) -> dict[str, list[bpy.types.Object]]:
+    """All of them at once: an object's children are looked for among all objects of the file."""
+    found: dict[str, list[bpy.types.Object]] = {}
+    for child in _meshes(armature):
+        found.setdefault(child.parent_bone, []).append(child)
+    return found
 
 
 def _to_bone_tail(child: bpy.types.Object) -> Array:
@@ -272,7 +281,7 @@ def body_from_armature(armature: bpy.types.Object) -> Body:
         If a bone of the tree carries no mesh, or the bones are not one tree.
     """
     R_object, place = object_pose(armature)
-    bones = body_bones(armature)
+    bones, meshes = body_bones(armature), _meshes_by_bone(armature)
     index = {bone.name: i for i, bone in enumerate(bones)}
     parts = []
     for bone in bones:
@@ -289,7 +298,7 @@ def body_from_armature(armature: bpy.types.Object) -> Body:
             head_world=head,
             tail_world=tail,
             R_world_rest=R_object @ rest_rotation(bone),
-            vertices=_vertices(armature, bone),
+            vertices=_vertices(armature, bone, meshes.get(bone.name, ())),
             limits=np.array(json.loads(bone[LIMITS]) if LIMITS in bone else UNLIMITED, float),
         )
         _check_solid(read.vertices, armature, bone)
@@ -318,15 +327,14 @@ def rest_rotation(bone: bpy.types.Bone) -> Array:
 
 def part_clouds(armature: bpy.types.Object) -> dict[str, Array]:
     """Vertices of the meshes on every bone that carries some, by its name, in the part's frame, shape (V, 3)."""
-    carried = dict.fromkeys(child.parent_bone for child in _meshes(armature))
     bones = armature.data.bones
-    return {name: _vertices(armature, bones[name]) for name in carried if name in bones}
+    return {name: _vertices(armature, bones[name], m) for name, m in _meshes_by_bone(armature).items() if name in bones}
 
 
-def _vertices(armature: bpy.types.Object, bone: bpy.types.Bone) -> Array:
+def _vertices(armature: bpy.types.Object, bone: bpy.types.Bone, meshes: Sequence[bpy.types.Object]) -> Array:
     """Vertices of all meshes on a bone, in the part's frame, shape (V, 3)."""
     clouds = []
-    for child in _meshes_on(armature, bone.name):
+    for child in meshes:
         if child.mode == "EDIT":
             child.update_from_editmode()
         local = _to_bone_tail(child)

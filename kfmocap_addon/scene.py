@@ -174,11 +174,23 @@ def _read_settings(properties: bpy.types.PropertyGroup) -> Settings:
     return Settings(**{name: tuple(v) if isinstance(v, list) else v for name, v in known.items()})
 
 
+def find_collection(scene: bpy.types.Scene, name: str) -> bpy.types.Collection | None:
+    """The scene's collection of that name, numbered or not."""
+    return next((c for c in scene.collection.children if c.name.split(".")[0] == name), None)
+
+
 def ensure_collection(scene: bpy.types.Scene, name: str) -> bpy.types.Collection:
     """The scene's collection of that name, made where it is missing."""
-    for collection in scene.collection.children:
-        if collection.name.split(".")[0] == name:
-            return collection
-    collection = bpy.data.collections.new(name)
-    scene.collection.children.link(collection)
+    collection = find_collection(scene, name)
+    if collection is None:
+        collection = bpy.data.collections.new(name)
+        scene.collection.children.link(collection)
     return collection
+
+
+def free_name(name: str, slots: bpy.types.bpy_prop_collection) -> str:
+    """The name, or with a number where one of the slots has it."""
+    taken, number, free = {slot.name for slot in slots}, 2, name
+    while free in taken:
+        free, number = f"{name} {number}", number + 1
+    return free

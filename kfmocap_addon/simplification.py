@@ -6,7 +6,7 @@ the curve as it was, on any frame. What is between the kept keys is measured on 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import groupby, pairwise
 
@@ -49,7 +49,7 @@ class _Track:
     def keep(self, frames: Collection[int]) -> None:
         """Leave the animator's keys and, of the tracker's, those on some frames: smooth from one to the next."""
         for curve, own, tracked in zip(self.fcurves, self.own, self.tracked, strict=True):
-            kept = tracked[np.isin(np.rint(tracked["co"][:, 0]), list(frames))]
+            kept = tracked[np.isin(actions.frames_of(tracked), list(frames))]
             held = kept["interpolation"] == actions.enum_value("interpolation", "CONSTANT")
             kept["interpolation"][~held] = actions.enum_value("interpolation", "BEZIER")
             actions.set_keys(curve, [own, kept])
@@ -57,7 +57,7 @@ class _Track:
     def breaks(self) -> set[int]:
         """Frames beside those on which a curve jumps."""
         constant = actions.enum_value("interpolation", "CONSTANT")
-        jumps = {int(f) for keys in self.tracked for f in np.rint(keys["co"][keys["interpolation"] == constant, 0])}
+        jumps = _frames(keys[keys["interpolation"] == constant] for keys in self.tracked)
         return jumps | {f + 1 for f in jumps}
 
     def strays(self, before: Array, now: Array) -> Array:
@@ -99,25 +99,29 @@ def simplify(
 def _tracks(armature: bpy.types.Object, bones: Collection[str] | None) -> Iterator[_Track]:
     channels = curves.body_channels(armature)
     found = [row for row in curves.channel_keys(armature, channels) if bones is None or channels[row[0]].bone in bones]
-    bag = actions.find_channelbag(armature)
     for path, rows in groupby(found, key=lambda row: channels[row[0]].path):
-        numbers, keys, own = zip(*rows, strict=True)
+        _, fcurves, keys, own = zip(*rows, strict=True)
         if any((~mask).any() for mask in own):
             yield _Track(
                 path.endswith("rotation_quaternion"),
-                tuple(bag.fcurves.find(path, index=channels[c].index) for c in numbers),
+                fcurves,
                 tuple(k[mask] for k, mask in zip(keys, own, strict=True)),
                 tuple(k[~mask] for k, mask in zip(keys, own, strict=True)),
             )
+
+
+def _frames(groups: Iterable[actions.Keys]) -> set[int]:
+    """All frames that keys of some curves lie on."""
+    return {frame for keys in groups for frame in actions.frames_of(keys).tolist()}
 
 
 def _thin_out(track: _Track, tolerance: float) -> None:
     """From the fewest keys on, keys come back where the curves stray most, until they stray too far nowhere."""
     frames = track.frames()
     target = track.values(frames)
-    able = {int(f) for keys in track.tracked for f in np.rint(keys["co"][:, 0])}
+    able = _frames(track.tracked)
     kept = ({int(frames[0]), int(frames[-1])} | track.breaks()) & able
-    anchors = {int(f) for keys in track.own for f in np.rint(keys["co"][:, 0])}
+    anchors = _frames(track.own)
     while True:
         track.keep(kept)
         stray = track.strays(target, track.values(frames))

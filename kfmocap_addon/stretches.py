@@ -48,7 +48,8 @@ def write(scene: bpy.types.Scene, shot: Shot, parts: Sequence[Excerpt], results:
     _check_unchanged(scene, shot, parts)
     for part, result in zip(parts, results, strict=True):
         scenes.write_motions(scene, result.motions, first=part.first)
-        review.write_review(scene, shot.between(part.first, part.last), result, part.first)
+    tracked = [(shot.between(p.first, p.last), result, p.first) for p, result in zip(parts, results, strict=True)]
+    review.write_review(scene, tracked)
     _remember(scene, shot, [s for s in segments(shot) if any(p.first <= s[0] and s[1] <= p.last for p in parts)])
     scene.frame_set(scene.frame_current, subframe=scene.frame_subframe)  # the tracked pose is shown
 

@@ -90,8 +90,7 @@ def adopt(slot: bpy.types.PropertyGroup, owner: bpy.types.Object, scene: bpy.typ
     clip = backdrop.clip_behind(owner)
     frame = _frame_behind(scene, owner, clip)
     slot.name, slot.camera, slot.size, slot.aspect = owner.name, owner, frame.size, frame.aspect
-    packed = json.loads(owner[_DISTORTED]) if _DISTORTED in owner else {"coefficients": []}
-    slot.distortions = owner[_DISTORTED] if packed.get("fisheye") or any(packed["coefficients"][5:]) else ""
+    slot.distortions = "" if _built_lens(owner)[2] else owner[_DISTORTED]
     for background in owner.data.background_images:
         backdrop.undistort(background)
     slot.offset = scene.kfmocap.zero - clip.frame_start
@@ -101,7 +100,7 @@ def show_camera(slot: bpy.types.PropertyGroup, camera: Camera, frame_start: int)
     """Give a view's camera object and its footage the pose and the lens of a camera."""
     frame = _show_as(slot.camera, camera, frame_start)
     slot.size, slot.aspect = frame.size, frame.aspect
-    slot.distortions = "" if lens.has_brown_model(camera) else _packed_distortions(camera)
+    slot.distortions = "" if lens.fits_brown_model(camera.distortions, camera.fisheye) else _packed_distortions(camera)
 
 
 def _show_as(owner: bpy.types.Object, camera: Camera, frame_start: int) -> lens.Frame:
@@ -147,10 +146,17 @@ def read_cameras(
 def _read_camera(scene: bpy.types.Scene, owner: bpy.types.Object, R_cam_world: Array, t_cam_world: Array) -> Camera:
     clip = backdrop.clip_behind(owner)
     frame = _frame_behind(scene, owner, clip)
+    coefficients, fisheye, brown = _built_lens(owner)
+    distortions = lens.clip_distortions(clip) if clip is not None and brown else coefficients
+    return _core_camera(owner.name, owner, frame, (R_cam_world, t_cam_world), distortions, fisheye)
+
+
+def _built_lens(owner: bpy.types.Object) -> tuple[list[float], bool, bool]:
+    """The distortion that a camera object was built with: OpenCV's coefficients, whether a fisheye's, and whether
+    Blender's Brown model can hold it."""
     packed = json.loads(owner[_DISTORTED]) if _DISTORTED in owner else {"coefficients": [0.0] * 4, "fisheye": False}
-    brown = not packed["fisheye"] and not any(packed["coefficients"][5:])
-    distortions = lens.clip_distortions(clip) if clip is not None and brown else packed["coefficients"]
-    return _core_camera(owner.name, owner, frame, (R_cam_world, t_cam_world), distortions, packed["fisheye"])
+    coefficients, fisheye = packed["coefficients"], packed["fisheye"]
+    return coefficients, fisheye, lens.fits_brown_model(coefficients, fisheye)
 
 
 def _core_camera(
@@ -266,9 +272,8 @@ def set_keypoints(slot: bpy.types.PropertyGroup, path: Path) -> None:
     FootageError
         The view's camera has no footage.
     """
-    clip = backdrop.background_clip(slot)
-    footage = Path(os.path.normpath(bpy.path.abspath(clip.filepath, library=clip.library)))
-    slot.keypoints = _relative(path, footage.parent)
+    backdrop.background_clip(slot)
+    slot.keypoints = _relative(path, backdrop.footage_path(slot).parent)
 
 
 def is_built(owner: bpy.types.Object) -> bool:

@@ -34,7 +34,8 @@ def built(blender, tmp_path):  # noqa: F811
     original = shot(tmp_path, frames=FRAMES)
     made = scene.build_scene(original, [motion(FRAMES)], bpy.context.scene)
     occlusion.write_occlusion(made, original, sights(original))
-    confidence.write_confidence(made, original, [errors()])
+    confidence.write_confidence(made, [errors()])
+    confidence.refresh(made)
     return made, made.kfmocap.performers[0].armature, original
 
 
@@ -64,8 +65,8 @@ def test_errors_are_no_key_poses_and_change_none(built):
 
 
 def test_an_excerpt_replaces_its_own_frames_alone(built):
-    made, armature, original = built
-    confidence.write_confidence(made, original, [np.full((4, len(BODY)), 0.005)], first=8)
+    made, armature, _ = built
+    confidence.write_confidence(made, [np.full((4, len(BODY)), 0.005)], first=8)
     expected = errors()
     expected[8:12] = 0.005
     np.testing.assert_allclose(confidence.read_confidence(armature, START, FRAMES), expected, atol=1e-8)

@@ -63,7 +63,9 @@ def keys_of(armature) -> dict:
 def animators(armature) -> dict:
     channels = curves.body_channels(armature)
     rows = curves.channel_keys(armature, channels)
-    return {channels[c].key: [keys[own][f].tolist() for f in ("co", "type", "interpolation")] for c, keys, own in rows}
+    return {
+        channels[c].key: [keys[own][f].tolist() for f in ("co", "type", "interpolation")] for c, _, keys, own in rows
+    }
 
 
 @pytest.mark.parametrize(("degrees", "millimetres"), [(0.2, 1.0), (1.0, 5.0), (5.0, 30.0)])

@@ -24,7 +24,7 @@ class Bake(bpy.types.Operator):
         with reported(self) as outcome:
             frames = 0
             for armature in performers.posed(context):
-                frames = max(frames, curves.bake(armature, performers.chosen_bones(context, armature) or None))
+                frames = max(frames, curves.bake(armature, performers.chosen_bones(context, armature)))
             if not frames:
                 self.report({"WARNING"}, "There are no tracked keys to bake: track first")
                 return {"CANCELLED"}

@@ -148,8 +148,10 @@ class EditPart(bpy.types.Operator):
         return False
 
     def execute(self, context: bpy.types.Context) -> set[str]:
+        from .. import rig
+
         armature, bone = context.active_object, context.active_pose_bone.name
-        part = next((c for c in armature.children if c.type == "MESH" and c.parent_bone == bone), None)
+        part = next(iter(rig.meshes_on(armature, bone)), None)
         if part is None:
             self.report({"ERROR"}, f"No mesh is parented to the bone {bone}")
             return {"CANCELLED"}

@@ -7,6 +7,7 @@ from typing import Any
 
 import bpy
 
+from .. import viewport
 from ..jobs import Job, Work
 from .reporting import progress_shown, reported
 
@@ -125,12 +126,8 @@ def _only_looks(window: bpy.types.Window, event: bpy.types.Event) -> bool:
         return True
     if event.type not in _LOOKS or event.alt or (event.ctrl and event.type.startswith("NUMPAD")):
         return False
-    for area in window.screen.areas:
-        if area.type == "VIEW_3D" and _within(area, event):
-            aside = [r for r in area.regions if r.type != "WINDOW" and _within(r, event)]
-            return not aside and not area.spaces.active.lock_camera
-    return False
-
-
-def _within(place: bpy.types.Area | bpy.types.Region, event: bpy.types.Event) -> bool:
-    return 0 <= event.mouse_x - place.x < place.width and 0 <= event.mouse_y - place.y < place.height
+    under = viewport.area_under(window, event.mouse_x, event.mouse_y)
+    if under is None:
+        return False
+    area, region = under
+    return area.type == "VIEW_3D" and region.type == "WINDOW" and not area.spaces.active.lock_camera

@@ -79,7 +79,7 @@ class QuadView(bpy.types.Operator):
             return {"FINISHED"}
         shot = context.scene.kfmocap
         cameras = [view.camera for view in shot.views if view.camera is not None]
-        start = max(shot.shown_view, 0)
+        start = cameras.index(context.scene.camera) if context.scene.camera in cameras else 0
         ordered = cameras if len(cameras) <= screens.MOST else (cameras[start:] + cameras[:start])[: screens.MOST]
         screens.split(context, ordered)
         return {"FINISHED"}

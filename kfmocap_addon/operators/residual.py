@@ -30,7 +30,7 @@ class ShowResidual(bpy.types.Operator):
             found = residual.show(context.scene, slot, context.scene.frame_current)
             for area in context.screen.areas if context.screen is not None else ():
                 if area.type == "IMAGE_EDITOR":
-                    area.spaces.active.image = residual.shown(slot)
+                    area.spaces.active.image = slot.residual
             self.report(
                 {"INFO"},
                 f"{slot.name}, frame {context.scene.frame_current}: of the model's area, {found.uncovered:.0%} lies "
@@ -48,7 +48,7 @@ class HideResidual(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if any(f"KF Mocap residual {view.name}" in bpy.data.images for view in context.scene.kfmocap.views):
+        if any(view.residual is not None for view in context.scene.kfmocap.views):
             return True
         cls.poll_message_set("No residual is shown")
         return False

@@ -25,7 +25,7 @@ class SetKeyPose(bpy.types.Operator):
             frame = context.scene.frame_current
             for armature in performers.posed(context):
                 bones = performers.chosen_bones(context, armature)
-                curves.key_current_pose(armature, frame, bones or None)
+                curves.key_current_pose(armature, frame, bones)
                 self.report({"INFO"}, f"Key pose of {_told(bones)} on frame {frame}")
         return outcome.value
 
@@ -49,7 +49,7 @@ class RemoveKeyPose(bpy.types.Operator):
             frame, removed = context.scene.frame_current, 0
             for armature in performers.posed(context):
                 bones = performers.chosen_bones(context, armature)
-                removed += curves.remove_key_pose(armature, frame, bones or None)
+                removed += curves.remove_key_pose(armature, frame, bones)
             if not removed:
                 self.report({"WARNING"}, f"There is no key pose on frame {frame}")
                 return {"CANCELLED"}
@@ -90,8 +90,8 @@ class AcceptProposals(bpy.types.Operator):
         return outcome.value
 
 
-def _told(bones: set[str]) -> str:
-    return "the whole body" if not bones else ", ".join(sorted(bones))
+def _told(bones: set[str] | None) -> str:
+    return "the whole body" if bones is None else ", ".join(sorted(bones))
 
 
 CLASSES = (SetKeyPose, RemoveKeyPose, AcceptProposals)

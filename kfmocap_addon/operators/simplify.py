@@ -41,7 +41,7 @@ class Simplify(bpy.types.Operator):
             before = after = 0
             for armature in performers.posed(context):
                 bones = performers.chosen_bones(context, armature)
-                counts = simplification.simplify(armature, self.angle, self.distance / 1000, bones or None)
+                counts = simplification.simplify(armature, self.angle, self.distance / 1000, bones)
                 before, after = before + counts[0], after + counts[1]
             if not before:
                 self.report({"WARNING"}, "There are no tracked keys to simplify: track first")

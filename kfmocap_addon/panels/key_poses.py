@@ -21,13 +21,14 @@ class KeyPosesPanel(Section, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout, properties = self.layout, context.scene.kfmocap
         slot = performers.chosen(context)
+        rows = key_list.rows(slot.armature) if slot is not None else None
         if slot is None:
             layout.label(text="No performer to pose yet", icon="INFO")
         else:
             if len(properties.performers) > 1:
                 layout.label(text=f"Posing {slot.name}", icon="ARMATURE_DATA")
                 layout.prop_search(properties, "performer", properties, "performers", text="")
-            _draw_advice(layout, context.scene, key_list.rows(slot.armature))
+            _draw_advice(layout, context.scene, rows)
         column = layout.column(align=True)
         row = column.row(align=True)
         row.operator(PlaceJoints.bl_idname, icon="OUTLINER_OB_ARMATURE")
@@ -37,7 +38,7 @@ class KeyPosesPanel(Section, bpy.types.Panel):
         row.operator(SetKeyPose.bl_idname, icon="KEY_HLT")
         row.operator(RemoveKeyPose.bl_idname, text="", icon="KEY_DEHLT")
         if slot is not None:
-            _draw_rows(layout, context.scene.frame_current, key_list.rows(slot.armature) or ())
+            _draw_rows(layout, context.scene.frame_current, rows or ())
 
 
 class PoseToolsPanel(Section, bpy.types.Panel):

@@ -90,16 +90,6 @@ def click_quickly(place: Place) -> Waits:
     yield 0.3
 
 
-def drag(start: Place, end: Place) -> Waits:
-    """Drag with the left button."""
-    yield from hover(start)
-    _xdotool("mousedown", 1)
-    yield 0.3
-    yield from hover(end)
-    _xdotool("mouseup", 1)
-    yield from settled()
-
-
 def press(key: str, place: Place | None = None) -> Waits:
     """Press a key, such as "Return" or "ctrl+a", with the mouse at a place or where it is."""
     if place is not None:
@@ -117,7 +107,7 @@ def write(text: str, place: Place) -> Waits:
     yield from press("Return")
 
 
-def choose_file(path: Path, button: str) -> Waits:
+def choose_file(path: Path | str, button: str) -> Waits:
     """In Blender's file browser, over the whole screen, type a path and click on the button that takes it."""
     height, width = screenshot().shape[:2]
     yield from write(str(path), (width // 2, 47))
@@ -151,8 +141,8 @@ def until(condition: Callable[[], object], seconds: float = 120.0) -> Waits:
         yield 0.2
 
 
-def find(label: str, *, within: Box | None = None, nth: int | None = None, sideways: bool = False) -> Place:
-    """The middle of a label on the screen.
+def find(label: str, *, within: Box | None = None, sideways: bool = False) -> Place:
+    """The middle of a label on the screen, where it is most like it.
 
     Parameters
     ----------
@@ -160,8 +150,6 @@ def find(label: str, *, within: Box | None = None, nth: int | None = None, sidew
         It reads from above down, as on a tab.
     within : tuple, optional
         Where to look, by default everywhere.
-    nth : int, optional
-        Which of several, from above, then from the left; by default what is most like it.
 
     Raises
     ------
@@ -178,10 +166,9 @@ def find(label: str, *, within: Box | None = None, nth: int | None = None, sidew
         inside = np.zeros_like(alike, bool)
         inside[top:bottom, left:right] = True
         alike = np.where(inside, alike, 0.0)
-    places = _peaks(alike, (h, w))
-    if len(places) <= (nth or 0):
-        raise NotShownError(f"'{label}' is {'nowhere' if not places else 'not so often'} on the screen")
-    row, column = places[0] if nth is None else sorted(places)[nth]
+    if alike.max() < _ALIKE:
+        raise NotShownError(f"'{label}' is nowhere on the screen")
+    row, column = (int(index) for index in np.unravel_index(np.argmax(alike), alike.shape))
     return column + w // 2, row + h // 2
 
 
@@ -253,13 +240,3 @@ def _correlation(screen: NDArray[np.floating], text: NDArray[np.floating]) -> ND
 
     variance = np.maximum(summed(screen**2) - summed(screen) ** 2 / (h * w), 1.0)
     return product / np.sqrt(variance * (pattern**2).sum())
-
-
-def _peaks(alike: NDArray[np.floating], size: tuple[int, int]) -> list[tuple[int, int]]:
-    """Upper left corners of what is alike enough, the best of each cluster, the most alike first."""
-    alike, found = alike.copy(), []
-    while alike.max() >= _ALIKE:
-        row, column = np.unravel_index(np.argmax(alike), alike.shape)
-        found.append((int(row), int(column)))
-        alike[max(row - size[0], 0) : row + size[0], max(column - size[1], 0) : column + size[1]] = 0
-    return found

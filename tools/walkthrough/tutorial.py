@@ -27,13 +27,17 @@ def picture(name: str) -> Waits:
     yield from photograph(PICTURES / f"{name}.png")
 
 
+def window() -> bpy.types.Window:
+    return bpy.context.window_manager.windows[0]
+
+
 def scene() -> bpy.types.Scene:
-    return bpy.context.window_manager.windows[0].scene
+    return window().scene
 
 
 def view3d() -> tuple[bpy.types.Area, bpy.types.Region]:
     """The 3D view with the open sidebar, or the only one, and the region of it that shows the scene."""
-    areas = [a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == "VIEW_3D"]
+    areas = [a for a in window().screen.areas if a.type == "VIEW_3D"]
     area = max(areas, key=lambda a: a.spaces.active.show_region_ui)
     return area, next(r for r in area.regions if r.type == "WINDOW")
 
@@ -41,7 +45,7 @@ def view3d() -> tuple[bpy.types.Area, bpy.types.Region]:
 def in_view(share: tuple[float, float] = (0.3, 0.5)) -> Place:
     """A place in the 3D view, as shares of its width and height from its upper left."""
     _, region = view3d()
-    height = bpy.context.window_manager.windows[0].height
+    height = window().height
     return round(region.x + share[0] * region.width), round(height - region.y - (1 - share[1]) * region.height)
 
 
@@ -49,7 +53,7 @@ def shown_at(point: np.ndarray) -> Place:
     """Where the 3D view shows a point of the world."""
     area, region = view3d()
     x, y = location_3d_to_region_2d(region, area.spaces.active.region_3d, Vector(point))
-    return round(region.x + x), round(bpy.context.window_manager.windows[0].height - region.y - y)
+    return round(region.x + x), round(window().height - region.y - y)
 
 
 def truth(example: str) -> dict[str, np.ndarray]:
@@ -119,13 +123,13 @@ def only(section: str) -> Waits:
 def sidebar() -> screen.Box:
     area, _ = view3d()
     region = next(r for r in area.regions if r.type == "UI")
-    height = bpy.context.window_manager.windows[0].height
+    height = window().height
     return region.x, height - region.y - region.height, region.x + region.width, height - region.y
 
 
 def placing() -> object:
     """The tool Place Joints while it runs."""
-    tools = bpy.context.window_manager.windows[0].modal_operators
+    tools = window().modal_operators
     return next(tool for tool in tools if tool.bl_idname == "KFMOCAP_OT_place_joints")
 
 
@@ -148,7 +152,7 @@ def pose(frame: int, joints: dict[str, np.ndarray], photographed: str = "") -> W
     if photographed:
         yield from picture(f"{photographed}_two_cameras")
     yield from press("Return")
-    yield from press("Prior" if False else "Home", in_view())
+    yield from press("Home", in_view())
 
 
 def key_poses() -> Waits:
@@ -179,7 +183,7 @@ def tracked_keys() -> int:
 
 def idle() -> bool:
     """Whether no tool is at work."""
-    return not bpy.context.window_manager.windows[0].modal_operators
+    return not window().modal_operators
 
 
 def track() -> Waits:
@@ -194,10 +198,10 @@ def track() -> Waits:
 
 def to_frame(frame: int) -> Waits:
     """A click on the timeline."""
-    timeline = next(a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == "DOPESHEET_EDITOR")
+    timeline = next(a for a in window().screen.areas if a.type == "DOPESHEET_EDITOR")
     region = next(r for r in timeline.regions if r.type == "WINDOW")
     x, _ = region.view2d.view_to_region(frame, 0, clip=False)
-    top = bpy.context.window_manager.windows[0].height - region.y - region.height
+    top = window().height - region.y - region.height
     yield from click_at((region.x + x, top + 10))
 
 
@@ -221,11 +225,8 @@ def export() -> Waits:
     yield from only("Export")
     yield from picture("export")
     yield from click("Export", within=below("Root Motion"))
-    height, width = screen.screenshot().shape[:2]
     (WORK / "exported").mkdir()
-    yield from screen.write(str(WORK / "exported") + "/", (width // 2, 47))
-    yield from click_at((width // 2, height - 8))
-    yield from click("Export", within=(width // 2, height - 60, width, height))
+    yield from choose_file(f"{WORK / 'exported'}/", "Export")
     yield from until(lambda: list((WORK / "exported").glob("*.fbx")))
 
 
