@@ -25,11 +25,14 @@ class Excerpt:
         Shot frames, inclusive: where stretches begin and end.
     around : tuple of (tuple of Motion or None)
         The poses beside them, see `tracking.track`.
+    footage_offset : float, optional
+        As the rest of the shot told it, see `core.shot.Settings`; None looks for it in the excerpt.
     """
 
     first: int
     last: int
     around: Around = (None, None)
+    footage_offset: float | None = None
 
 
 def stretches_at(stretches: Sequence[Stretch], frame: int) -> list[Stretch]:
@@ -85,7 +88,10 @@ def track_excerpts(shot: Shot, excerpts: Sequence[Excerpt], progress: Progress |
             report_progress(progress, what, float(begin + fraction * (end - begin)))
             return True
 
-        results.append(track(shot.between(part.first, part.last), so_far, around=part.around))
+        asked = shot.between(part.first, part.last)
+        if shot.settings.footage_offset is None and part.footage_offset is not None:
+            asked = asked.in_step(part.footage_offset)
+        results.append(track(asked, so_far, around=part.around))
     return results
 
 

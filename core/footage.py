@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from .cameras import field_of_frame
 from .errors import FootageError
-from .shot import View
+from .shot import Settings, View
 
 Image = NDArray[Any]
 
@@ -92,6 +92,11 @@ def footage_index(view: View, frame: int) -> int:
 def footage_delay(view: View) -> float:
     """How much later than a frame of the shot its footage frame was taken, above -1/2 to 1/2 frames."""
     return footage_index(view, 0) - view.offset
+
+
+def shown_delay(view: View, settings: Settings) -> float:
+    """The same with the offset of all footage, where it is known."""
+    return footage_delay(view) - (settings.footage_offset or 0.0)
 
 
 def file_index(view: View, frame: int) -> int:

@@ -18,7 +18,7 @@ from .delay import poses_after
 from .errors import OutputError
 from .evidence.collect import scene_poses
 from .evidence.gradients import Poses
-from .footage import footage_delay, frames_at
+from .footage import frames_at, shown_delay
 from .formats.files import replacing
 from .motion import Motion
 from .shot import Progress, Shot, View, report_progress
@@ -82,7 +82,7 @@ def contact_sheet(
     chosen = sheet_frames(shot) if frames is None else sorted(frames)
     bodies = [performer.body for performer in shot.performers]
     geometry = Geometry.of(bodies)
-    poses = [scene_poses(bodies, poses_after(motions, footage_delay(view), chosen)) for view in shot.views]
+    poses = [scene_poses(bodies, poses_after(motions, shown_delay(view, shot.settings), chosen)) for view in shot.views]
     width = (SHEET_WIDTH + _GAP) // max(len(chosen), 3) - _GAP
     rows = []
     with ThreadPoolExecutor(_WORKERS) as pool:

@@ -61,6 +61,7 @@ def report(shot: Shot, result: TrackResult, seconds: Mapping[str, float] | None 
             }
             for segment in result.segments
         ],
+        "footage_offset": round(result.footage_offset, 3),
         "performers": [
             _performer(shot, p, visible, residual)
             | _expected_errors(shot, p, deviation)
@@ -167,6 +168,10 @@ def _spans(names: list[str], hidden: NDArray[np.bool_], first: int) -> dict[str,
 def blind_spots(values: Mapping[str, Any]) -> list[str]:
     """A report in a few lines: what could not be read, what no camera saw, and where key poses would help."""
     lines = [f"left out, {file}" for view in values["views"] for file in view["skipped"]]
+    offset = values["footage_offset"]
+    if offset and values["settings"]["footage_offset"] is None:
+        when = f"{abs(offset):.2f} frames {'later' if offset > 0 else 'earlier'}"
+        lines.append(f"the footage shows the key poses {when} than on their frames; the motion allows for it")
     for performer in values["performers"]:
         counts = [f"{part} {sum(b + 1 - a for a, b in spans)}" for part, spans in performer["unseen"].items()]
         if counts:

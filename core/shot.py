@@ -167,6 +167,9 @@ class Settings:
         How far apart in time a detector's errors are independent, seconds: keypoints within that time count as one.
     broken_keypoints : str
         "refuse" or "skip": what to do with files of a folder of keypoints that cannot be read.
+    footage_offset : float, optional
+        Of all footage, beside its views' own: the key pose of a frame shows the performers this many frames later,
+        -0.5 to 0.5. None looks for it (`core.evidence.synchrony`).
     """
 
     solver: str = "gauss-newton"
@@ -179,6 +182,7 @@ class Settings:
     prediction: bool = True
     keypoint_correlation: float = 0.3
     broken_keypoints: str = "refuse"
+    footage_offset: float | None = None
 
     def __post_init__(self) -> None:
         if self.solver not in SOLVERS:
@@ -188,6 +192,9 @@ class Settings:
         if self.broken_keypoints not in BROKEN_KEYPOINTS:
             what, todo = f"unknown value '{self.broken_keypoints}'", f"use {' or '.join(BROKEN_KEYPOINTS)}"
             raise ShotError(what, where="[track] broken_keypoints", todo=todo)
+        offset = self.footage_offset
+        if offset is not None and not abs(offset) <= 0.5:
+            raise ShotError(f"it is {offset!r}", where="[track] footage_offset", todo="give -0.5 to 0.5 frames")
         for item in fields(self):
             value = getattr(self, item.name)
             if item.type in ("int", "float") and not (
@@ -217,6 +224,10 @@ class Shot:
     def length(self) -> int:
         """Number of frames."""
         return self.frames[1] - self.frames[0] + 1
+
+    def in_step(self, footage_offset: float) -> Shot:
+        """The shot with the offset of all footage, see `Settings`."""
+        return replace(self, settings=replace(self.settings, footage_offset=footage_offset))
 
     def between(self, first: int, last: int) -> Shot:
         """An excerpt: shot frames first to last, with the key poses on these alone."""

@@ -20,6 +20,7 @@ from .evidence.appearance import HALO, foreground_images
 from .evidence.collect import scene_poses
 from .evidence.images import ViewFrames
 from .evidence.shape import fitted_shape
+from .evidence.synchrony import Offset, key_frame_offset
 from .footage import Album, check_view, footage_delay, frames_at
 from .interpolation import spline
 from .keypoints.observed import Observed, observe_keypoints
@@ -95,6 +96,8 @@ class TrackResult:
         Per view: the pictures that were asked for, by shot frame; rectified; blue, green, red.
     observed : Observed
         What keypoints said; empty where none were used.
+    footage_offset : float
+        How much later than on their frames the key poses are shown, frames; see `core.shot.Settings`.
     """
 
     motions: tuple[Motion, ...]
@@ -106,6 +109,7 @@ class TrackResult:
     deviation: tuple[Array, ...]
     pictures: tuple[dict[int, Image], ...] = ()
     observed: Observed = field(default_factory=Observed)
+    footage_offset: float = 0.0
 
 
 @one_blas_thread()
@@ -157,6 +161,7 @@ def track(
     for stretch, views, colour in _footage_by_segment(shot, stretches, albums, job.seconds):
         views = job.look(stretch, views, colour)
         job.solve(stretch, views)
+        job.synchronise(stretch, views)
         if waiting is not None:
             job.refine(*waiting)
             job.judge(waiting[0])
@@ -176,6 +181,7 @@ class _Job:
         self.motions = [spline(performer.key_poses, shot.length) for performer in shot.performers]
         self.seconds = Seconds()
         self._shapes: dict[Stretch, Geometry] = {}
+        self._offsets: dict[Stretch, Offset] = {}
         self._results: dict[Stretch, SegmentResult] = {}
         self._unjudged: dict[Stretch, tuple[Problem, Solution]] = {}
         self._share = np.ones((len(shot.views), shot.length, sum(len(p.body) for p in shot.performers)))
@@ -202,7 +208,9 @@ class _Job:
             return views  # the papers' solver looks at gradients alone
         bodies = [performer.body for performer in self.shot.performers]
         geometry = Geometry.of(bodies)
-        poses = {d: scene_poses(bodies, poses_after(self.motions, d, keys)) for d in {view.delay for view in views}}
+        offset = self.footage_offset
+        shown = {d: poses_after(self.motions, d - offset, keys) for d in {view.delay for view in views}}
+        poses = {d: scene_poses(bodies, there) for d, there in shown.items()}
         with self.seconds.measure("appearance"):
             with ThreadPoolExecutor(_WORKERS) as pool:
                 looks = [
@@ -210,9 +218,32 @@ class _Job:
                     for v, c in zip(views, colour, strict=True)
                 ]
                 views = tuple(look.result() for look in looks)
-            telling = [view for view in views if view.foreground is not None]
-            self._shapes[stretch] = fitted_shape(telling, geometry, poses, keys.tolist())
+            self._shapes[stretch] = fitted_shape(_telling(views), geometry, poses, keys.tolist())
         return views
+
+    def synchronise(self, stretch: Stretch, views: tuple[ViewFrames, ...]) -> None:
+        """Learn from a stretch that is solved how far its key poses and the footage are out of step."""
+        settings, keys = self.shot.settings, whole_keys(self.shot, *stretch)
+        if settings.footage_offset is not None or stretch not in self._shapes:
+            return
+        bodies = [performer.body for performer in self.shot.performers]
+        motions = [motion[stretch[0] : stretch[1] + 1] for motion in self.motions]
+        with self.seconds.measure("appearance"):
+            self._offsets[stretch] = key_frame_offset(
+                _telling(views),
+                Geometry.of(bodies),
+                bodies,
+                motions,
+                stretch[0],
+                (keys - stretch[0]).tolist(),
+                settings.outline_correlation,
+            )
+
+    @property
+    def footage_offset(self) -> float:
+        """As the settings give it, or as the stretches solved so far tell it."""
+        given = self.shot.settings.footage_offset
+        return Offset.likeliest(self._offsets.values()).value if given is None else given
 
     def solve(self, stretch: Stretch, views: tuple[ViewFrames, ...]) -> None:
         """Solve a stretch that follows what is solved already."""
@@ -247,6 +278,7 @@ class _Job:
             self._context(stretch[1] + 1),
             self._shapes.get(stretch),
             tuple(sighting.pointers[frames] for sighting in self.observed.sightings),
+            self.footage_offset,
         )
 
     def _context(self, frame: int) -> tuple[Motion, ...] | None:
@@ -294,6 +326,7 @@ class _Job:
             tuple(self._deviation),
             tuple({f - self.shot.frames[0]: image for f, image in albums[v].pictures.items()} for v in views),
             self.observed.of_views(views),
+            self.footage_offset,
         )
 
 
@@ -379,6 +412,11 @@ def _read(stream: Iterator[Image], held: Image, count: int, stop: threading.Even
     while len(frames) < count and not stop.is_set():
         frames.append(next(stream))
     return np.stack(frames)
+
+
+def _telling(views: Sequence[ViewFrames]) -> list[ViewFrames]:
+    """Those that know how the performers look."""
+    return [view for view in views if view.foreground is not None]
 
 
 def _with_foreground(

@@ -13,7 +13,7 @@ import bpy
 
 from ..core.errors import OutputError
 from ..core.shot import Shot
-from . import export, registration, review
+from . import export, registration, review, stretches
 from . import scene as scenes
 
 if TYPE_CHECKING:
@@ -71,6 +71,7 @@ def write_blender_outputs(
         else:
             scenes.write_motions(scene, result.motions, shot)
         review.write_review(scene, [(shot, result, 0)])
+        stretches.remember_offset(scene, result)
         paths = export.export_performers(scene, folder)
         with export.writing(folder / "shot.blend") as target, _portable_paths(Path(home or folder).resolve()):
             bpy.ops.wm.save_as_mainfile(filepath=str(target), copy=True, check_existing=False, relative_remap=False)

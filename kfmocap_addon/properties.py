@@ -285,6 +285,12 @@ class KFMocapScene(bpy.types.PropertyGroup):
     )
     export: bpy.props.PointerProperty(type=KFMocapExport, name="Export", description="What to export")
     settings: bpy.props.StringProperty(name="Settings", description="Further settings of the tracker as JSON")
+    footage_offset: bpy.props.FloatProperty(
+        name="Footage Offset",
+        description="How much later than on their frames the footage shows the key poses, in frames, as the tracker "
+        "found it",
+        precision=3,
+    )
 
     @property
     def shown_view(self) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..core.review.pictures import MisfitPicture, misfit_picture
-from . import backdrop, calibration, curves
+from . import backdrop, calibration, curves, stretches
 from . import scene as scenes
 
 
@@ -17,7 +17,7 @@ def show(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, frame: int) -> M
     KFMocapError
         The scene's shot cannot be read, or there is nothing to compare with on that frame.
     """
-    shot = scenes.shot_from_scene(scene)
+    shot = stretches.in_step(scene, scenes.shot_from_scene(scene))
     start = scene.kfmocap.frame_start
     view = next(v for v in shot.views if v.camera.name == slot.name)
     motions = [curves.read_motion(s.armature, start, shot.length) for s in scene.kfmocap.performers]

@@ -69,7 +69,7 @@ def run_track(
         result = track(shot, progress, pictures=shown)
         clock = _Clock(dict(seconds or {}))
         write_landmarks(shot, result, stage)
-        sheet = contact_sheet(shot, result.motions, shown, progress, result.pictures)
+        sheet = contact_sheet(shot.in_step(result.footage_offset), result.motions, shown, progress, result.pictures)
         write_contact_sheet(stage / "overlay.png", sheet)
         clock.lap("overlay")
         if blender:

@@ -13,8 +13,10 @@ from ..core.excerpts import Excerpt, digest, joined
 from ..core.motion import Motion
 from ..core.shot import Shot
 from ..core.tracking import Stretch, TrackResult, segments
-from . import confidence, curves, review
+from . import confidence, curves, exact, review
 from . import scene as scenes
+
+_OFFSET = "kfmocap_footage_offset"
 
 
 def out_of_date(scene: bpy.types.Scene, shot: Shot) -> list[Stretch]:
@@ -30,9 +32,15 @@ def out_of_date(scene: bpy.types.Scene, shot: Shot) -> list[Stretch]:
 
 
 def excerpts(scene: bpy.types.Scene, shot: Shot, chosen: Sequence[Stretch]) -> list[Excerpt]:
-    """The runs of some stretches, each with the poses beside it that are tracked or keyed."""
+    """The runs of some stretches, each with what is known of the rest of the shot: the poses beside it that are
+    tracked or keyed, and the offset of the footage."""
     return [
-        Excerpt(first, last, (_pose(scene, shot, first - 1), _pose(scene, shot, last + 1)))
+        Excerpt(
+            first,
+            last,
+            (_pose(scene, shot, first - 1), _pose(scene, shot, last + 1)),
+            None if (first, last) == (0, shot.length - 1) else _footage_offset(scene),
+        )
         for first, last in joined(chosen)
     ]
 
@@ -48,10 +56,24 @@ def write(scene: bpy.types.Scene, shot: Shot, parts: Sequence[Excerpt], results:
     _check_unchanged(scene, shot, parts)
     for part, result in zip(parts, results, strict=True):
         scenes.write_motions(scene, result.motions, first=part.first)
+        if part.footage_offset is None:
+            remember_offset(scene, result)
     tracked = [(shot.between(p.first, p.last), result, p.first) for p, result in zip(parts, results, strict=True)]
     review.write_review(scene, tracked)
     _remember(scene, shot, [s for s in segments(shot) if any(p.first <= s[0] and s[1] <= p.last for p in parts)])
     scene.frame_set(scene.frame_current, subframe=scene.frame_subframe)  # the tracked pose is shown
+
+
+def remember_offset(scene: bpy.types.Scene, result: TrackResult) -> None:
+    """Keep the offset of the footage that a track has found, for tracking parts again and for looking at it."""
+    scene.kfmocap.footage_offset = result.footage_offset
+    exact.keep(scene, _OFFSET, result.footage_offset)
+
+
+def in_step(scene: bpy.types.Scene, shot: Shot) -> Shot:
+    """A scene's shot, its key poses and its footage in step as they were found to be."""
+    offset = _footage_offset(scene)
+    return shot if offset is None or shot.settings.footage_offset is not None else shot.in_step(offset)
 
 
 def clear(scene: bpy.types.Scene, shot: Shot, chosen: Sequence[Stretch]) -> int:
@@ -83,6 +105,11 @@ def _remember(scene: bpy.types.Scene, shot: Shot, tracked: Sequence[Stretch]) ->
         if (first, last) in kept:
             slot = scene.kfmocap.stretches.add()
             slot.first, slot.last, slot.digest = zero + first, zero + last, kept[first, last]
+
+
+def _footage_offset(scene: bpy.types.Scene) -> float | None:
+    """The offset of the footage as it was found; None where nothing was tracked."""
+    return float(exact.recall(scene, _OFFSET, scene.kfmocap.footage_offset)) if _OFFSET in scene else None
 
 
 def _pose(scene: bpy.types.Scene, shot: Shot, frame: int) -> tuple[Motion, ...] | None:

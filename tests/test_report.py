@@ -49,6 +49,7 @@ def tracked() -> tuple[Shot, type]:
         observed = Observed()
         seconds = {"footage": 1.0, "solve": 3.0}
         camera_frames = 8
+        footage_offset = 0.0
         segments = (Segment(0, 23, 3, (5.0, 2.0, 1.5)),)
 
     deviation = np.full((F, len(body)), 0.004) * np.sin(np.pi * np.arange(F) / (F - 1))[:, None]
@@ -108,6 +109,15 @@ def test_blind_spots_are_told_in_a_line_each(tracked: tuple[Shot, type]) -> None
     result.visible = tuple(np.ones_like(visible) for visible in result.visible)
     result.deviation = tuple(np.zeros_like(deviation) for deviation in result.deviation)
     assert not blind_spots(report(shot, result))
+
+
+def test_footage_out_of_step_is_told_unless_it_was_given(tracked: tuple[Shot, type]) -> None:
+    shot, result = tracked
+    result.footage_offset = 0.38
+    values = report(shot, result)
+    assert values["footage_offset"] == 0.38
+    assert any("0.38 frames later" in line for line in blind_spots(values))
+    assert not any("frames later" in line for line in blind_spots(report(shot.in_step(0.38), result)))
 
 
 def landmarks(names: list[str], points: np.ndarray) -> Landmarks:

@@ -18,7 +18,7 @@ from ..cameras import Camera
 from ..delay import poses_after
 from ..errors import CalibrationError
 from ..evidence.gradients import wrenches
-from ..footage import check_view, footage_delay, frames_at
+from ..footage import check_view, frames_at, shown_delay
 from ..interpolation import spline
 from ..shot import Progress, Shot, View, report_progress
 from ..tracking import whole_keys, working_factor
@@ -180,7 +180,7 @@ def _look(view: View, shot: Shot, frames: NDArray[np.int64]) -> Look:
     factor = working_factor(view, shot.settings.working_size)
     as_stored = replace(view, camera=view.camera.rectified())
     pictures = frames_at(as_stored, [shot.frames[0] + int(f) for f in frames], factor, grey=False)
-    return Look(frames, np.stack(list(pictures)), factor, footage_delay(view))
+    return Look(frames, np.stack(list(pictures)), factor, shown_delay(view, shot.settings))
 
 
 def _start(shot: Shot, looks: list[Look], frames: NDArray[np.int64]) -> State:

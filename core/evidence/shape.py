@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..visibility import Geometry, render_labels
-from .gradients import Poses
+from .gradients import Poses, camera_twist
 from .images import ViewFrames
 from .outlines import outline_lines
 
@@ -21,6 +21,7 @@ SHIFT = 0.015
 """Usual shift of a part along each of its axes, metres."""
 REACH = 0.12
 """How far from the model's outline the body's is looked for, metres."""
+PRIOR = np.diag([1 / STRETCH**2] * 3 + [1 / SHIFT**2] * 3)
 ITERATIONS = 4
 TOLERANCE = 2.0
 _STRIDE = 2
@@ -45,19 +46,38 @@ def fitted_shape(
     frames : sequence of int
         Shot frames.
     """
-    prior = np.diag([1 / STRETCH**2] * 3 + [1 / SHIFT**2] * 3)
     for _ in range(ITERATIONS):
-        H, g = np.zeros((len(geometry.spans), 6, 6)), np.zeros((len(geometry.spans), 6))
-        for view in views:
-            R, T = poses[view.delay]
-            for k, frame in enumerate(frames):
-                _add_lines(H, g, view, geometry, (R[[k]], T[[k]]), frame)
-        geometry = stretched(geometry, np.linalg.solve(H + prior, g[..., None])[..., 0])
+        H, g = outline_system(views, geometry, poses, frames)
+        geometry = stretched(geometry, np.linalg.solve(H + PRIOR, g[..., None])[..., 0])
     return geometry
 
 
-def _add_lines(H: Array, g: Array, view: ViewFrames, geometry: Geometry, poses: Poses, frame: int) -> None:
-    """Add one frame's normal equations of (stretch, shift) per part, (P, 6, 6) and (P, 6)."""
+def outline_system(
+    views: Sequence[ViewFrames],
+    geometry: Geometry,
+    poses: Mapping[float, Poses],
+    frames: Sequence[int],
+    twists: Mapping[float, Array] | None = None,
+) -> tuple[Array, Array]:
+    """Normal equations of every part's (stretch, shift), shape (P, 6, 6) and (P, 6).
+
+    With `twists` of the parts about the world's origin (K, P, 6), by the delay of the views, a seventh unknown is how
+    far the parts have gone on along them.
+    """
+    unknowns = 6 if twists is None else 7
+    H, g = np.zeros((len(geometry.spans), unknowns, unknowns)), np.zeros((len(geometry.spans), unknowns))
+    for view in views:
+        R, T = poses[view.delay]
+        for k, frame in enumerate(frames):
+            twist = None if twists is None else twists[view.delay][k]
+            _add_lines(H, g, view, geometry, (R[[k]], T[[k]]), frame, twist)
+    return H, g
+
+
+def _add_lines(
+    H: Array, g: Array, view: ViewFrames, geometry: Geometry, poses: Poses, frame: int, twist: Array | None
+) -> None:
+    """Add one frame's normal equations."""
     (R,), (T,) = poses
     camera, (foreground,) = view.camera, view.foreground_at(frame, 1)
     labels = render_labels(geometry, camera.subsampled(_STRIDE), frame, *poses)
@@ -66,10 +86,14 @@ def _add_lines(H: Array, g: Array, view: ViewFrames, geometry: Geometry, poses: 
         camera, frame, foreground[None], labels, geometry, poses, _STRIDE, reach, TOLERANCE, view.halo
     )
     Rc, tc = camera.pose(frame)
+    wrenches = lines.wrenches(camera)
     to_part = np.einsum("ab,nbc->nac", Rc, R[lines.part])
-    slope = np.einsum("na,nab->nb", lines.wrenches(camera)[:, :3], to_part)
+    slope = np.einsum("na,nab->nb", wrenches[:, :3], to_part)
     x_part = np.einsum("na,nab->nb", lines.points_cam - (T @ Rc.T + tc)[lines.part], to_part)
-    rows = np.concatenate([slope * x_part, slope], axis=1)
+    columns = [slope * x_part, slope]
+    if twist is not None:
+        columns.append(np.einsum("na,na->n", wrenches @ camera_twist(Rc, tc), twist[lines.part])[:, None])
+    rows = np.concatenate(columns, axis=1)
     weighted = rows * (lines.weight * lines.length)[:, None]
     np.add.at(H, lines.part, weighted[:, :, None] * rows[:, None])
     np.add.at(g, lines.part, weighted * lines.shift[:, None])

@@ -14,7 +14,7 @@ from ..errors import ShotError
 from ..evidence.appearance import foreground_images, log_ratio
 from ..evidence.collect import scene_poses
 from ..evidence.images import ViewFrames
-from ..footage import check_view, footage_delay, frames_at
+from ..footage import check_view, frames_at, shown_delay
 from ..motion import Motion
 from ..shot import Shot, View
 from ..tracking import PICTURE_SIZE, posed_frames, segments, working_factor
@@ -76,7 +76,7 @@ def misfit_picture(shot: Shot, view: View, motions: Sequence[Motion], frame: int
     check_view(view, shot.frames[0], shot.length)
     colour = np.stack(list(frames_at(view, [shot.frames[0] + f for f in frames], factor, grey=False)))
     bodies = [performer.body for performer in shot.performers]
-    R, T = scene_poses(bodies, poses_after(motions, footage_delay(view), frames))
+    R, T = scene_poses(bodies, poses_after(motions, shown_delay(view, shot.settings), frames))
     geometry = Geometry.of(bodies)
     models = [render_labels(geometry, camera, f, R[[k]], T[[k]]).part[0] >= 0 for k, f in enumerate(frames)]
     if not any(models[frames.index(key)].any() for key in keys):

@@ -265,15 +265,17 @@ def normal_equations(
     precision = view_precision(evidence, settings)
     # Lines that reach farther than the error find other limbs' outlines: far from the solution they count for little.
     outlines = 1 / (settings.outline_correlation * tolerance**2)
-    R, T = poses
     systems = [BandedBlocks.zeros(problem.length, body.dof) for body in problem.bodies]
     for instants in problem.instants(motions, poses):
         own_systems = _image_systems(problem, instants, evidence, precision, outlines)
         systems = [system + own for system, own in zip(systems, own_systems, strict=True)]
+    if problem.pointers:
+        instants = problem.footage_instants(motions, poses)
+        R, T = instants.poses
+        for i, (body, span) in enumerate(zip(problem.bodies, problem.spans(), strict=True)):
+            seen = problem.pointers[i].blocks(body, (R[:, span], T[:, span]), tolerance)
+            systems[i] += instants.on_frames(i, seen)
     for i, body in enumerate(problem.bodies):
-        if problem.pointers:
-            own = R[:, problem.spans()[i]], T[:, problem.spans()[i]]
-            systems[i] += problem.pointers[i].blocks(body, own, tolerance)
         systems[i] += problem.smoothness(
             i, motions[i], acceleration_precision(body, problem.fps, settings), expected[i] if expected else None
         )

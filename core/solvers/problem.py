@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body import Body, part_poses
+from ..body import Body
 from ..constraints import BandedBlocks, smoothness
 from ..delay import Delayed, delayed
 from ..evidence.collect import Evidence, image_evidence, scene_poses
@@ -31,6 +31,8 @@ class Instants:
     Attributes
     ----------
     views : list of int
+    delay : float
+        How much later than the frames the instants are, frames.
     poses : tuple of ndarray, shape (F, P, 3, 3) and (F, P, 3)
         World poses of all performers' parts.
     delayed : tuple of Delayed, optional
@@ -38,6 +40,7 @@ class Instants:
     """
 
     views: list[int]
+    delay: float
     poses: tuple[Array, Array]
     delayed: tuple[Delayed, ...] | None = None
 
@@ -67,6 +70,8 @@ class Problem:
         motion passes smoothly from and to it.
     pointers : tuple of Pointers
         One per performer, or none.
+    footage_offset : float
+        See `core.shot.Settings`: what the views show on a frame is that much earlier, frames.
     """
 
     views: tuple[ViewFrames, ...]
@@ -78,6 +83,7 @@ class Problem:
     after: tuple[Motion, ...] | None = None
     shape: Geometry | None = None
     pointers: tuple[Pointers, ...] = ()
+    footage_offset: float = 0.0
 
     @property
     def length(self) -> int:
@@ -93,9 +99,10 @@ class Problem:
 
     def agreement(self, motions: Sequence[Motion]) -> float:
         """How far keypoints agree with motions, 0 to 1."""
+        R, T = self.footage_instants(motions, scene_poses(self.bodies, motions)).poses
         each = [
-            pointer.agreement(part_poses(body, motion))
-            for pointer, body, motion in zip(self.pointers, self.bodies, motions, strict=True)
+            pointer.agreement((R[:, span], T[:, span]))
+            for pointer, span in zip(self.pointers, self.spans(), strict=True)
         ]
         return float(np.mean(each))
 
@@ -143,12 +150,20 @@ class Problem:
         found = []
         for delay in dict.fromkeys(delays):
             views = [v for v, own in enumerate(delays) if own == delay]
-            if delay == 0:
-                found.append(Instants(views, poses))
-            else:
-                there = tuple(delayed(motion, delay, *self._around(i)) for i, motion in enumerate(motions))
-                found.append(Instants(views, scene_poses(self.bodies, [d.motion for d in there]), there))
+            found.append(self._instants(views, delay - self.footage_offset, motions, poses))
         return found
+
+    def footage_instants(self, motions: Sequence[Motion], poses: tuple[Array, Array]) -> Instants:
+        """When footage without a delay was taken; keypoints are brought to these instants."""
+        return self._instants([], -self.footage_offset, motions, poses)
+
+    def _instants(
+        self, views: list[int], delay: float, motions: Sequence[Motion], poses: tuple[Array, Array]
+    ) -> Instants:
+        if delay == 0:
+            return Instants(views, delay, poses)
+        there = tuple(delayed(motion, delay, *self._around(i)) for i, motion in enumerate(motions))
+        return Instants(views, delay, scene_poses(self.bodies, [d.motion for d in there]), there)
 
     def _around(self, performer: int) -> tuple[Motion | None, Motion | None]:
         """A performer's poses on the frame before the first and after the last, where they are known."""

@@ -234,7 +234,7 @@ def _rows_of_steps(
         for i, (body, span) in enumerate(zip(problem.bodies, problem.spans(), strict=True)):
             own = spatio_temporal(body, (R[:, span], T[:, span]), H[:, span], g[:, span], there[i])
             for total, rows in zip((A[i], b[i]), own, strict=True):
-                total += shared_out(rows, problem.views[views[0]].delay)
+                total += shared_out(rows, instants.delay)
     return list(zip(A, b, strict=True))
 
 

@@ -13,7 +13,8 @@ class TrackPanel(Section, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, job = self.layout, running_job(context.window)
-        layout.prop(context.scene.kfmocap, "solver", text="")
+        properties = context.scene.kfmocap
+        layout.prop(properties, "solver", text="")
         if job is not None:
             draw_progress(layout, job)
             layout.label(text="Cancel", icon="EVENT_ESC")
@@ -29,6 +30,9 @@ class TrackPanel(Section, bpy.types.Panel):
         row.label(text="Clear", icon="TRACKING_CLEAR_FORWARDS")
         row.operator(ClearBetween.bl_idname, text="Here").where = "HERE"
         row.operator(ClearBetween.bl_idname, text="All").where = "EVERYWHERE"
+        if properties.footage_offset:
+            early = "late" if properties.footage_offset < 0 else "early"
+            layout.label(text=f"Key poses {abs(properties.footage_offset):.2f} frames {early}", icon="TIME")
 
 
 CLASSES = (TrackPanel,)
