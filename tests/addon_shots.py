@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -82,10 +82,23 @@ def deviations(given: Shot, error: float = 0.01) -> tuple[np.ndarray, ...]:
     return tuple(np.full((given.length, len(p.body)), error) for p in given.performers)
 
 
+def track_result(
+    given: Shot, motions: Sequence[Motion], visible: tuple[np.ndarray, ...] | None = None, footage_offset: float = 0.0
+) -> SimpleNamespace:
+    """What of a tracker's result goes into a scene."""
+    return SimpleNamespace(
+        motions=tuple(motions),
+        visible=sights(given) if visible is None else visible,
+        deviation=deviations(given),
+        seconds={"solve": 1.0},
+        footage_offset=footage_offset,
+    )
+
+
 @pytest.fixture
 def tracker(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     """Stands in for the tracker: gives the true motion of every performer, or the error that a test sets instead."""
-    stand_in = SimpleNamespace(shots=[], error=None)
+    stand_in = SimpleNamespace(shots=[], error=None, footage_offset=0.0)
 
     def track(given: Shot, progress: Progress | None = None, around: Around = (None, None)) -> SimpleNamespace:
         stand_in.shots.append(given)
@@ -95,9 +108,7 @@ def tracker(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
             raise stand_in.error
         here = slice(given.frames[0] - FIRST, given.frames[1] + 1 - FIRST)
         motions = tuple(motion(FRAMES, seed)[here] for seed in range(len(given.performers)))
-        return SimpleNamespace(
-            motions=motions, visible=sights(given), deviation=deviations(given), seconds={"solve": 1.0}
-        )
+        return track_result(given, motions, footage_offset=stand_in.footage_offset)
 
     monkeypatch.setattr(excerpts, "track", track)
     return stand_in

@@ -5,14 +5,13 @@ from __future__ import annotations
 import re
 import shutil
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, deviations, joint_error, motion, shot, sights  # noqa: E402, F401
+from addon_shots import blender, joint_error, motion, shot, track_result  # noqa: E402, F401
 from kfmocap import kfmocap_addon  # noqa: E402
 from kfmocap.core import rotations  # noqa: E402
 from kfmocap.core.body import human, part_poses  # noqa: E402
@@ -28,7 +27,7 @@ TOLERANCE = 0.1  # mm
 
 def result_of(original):
     motions = tuple(motion(original.length, seed) for seed in range(len(original.performers)))
-    return SimpleNamespace(motions=motions, visible=sights(original), deviation=deviations(original))
+    return track_result(original, motions)
 
 
 def empty_file():

@@ -9,7 +9,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, deviations, motion, shot  # noqa: E402, F401
+from addon_shots import blender, motion, shot, track_result  # noqa: E402, F401
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.kfmocap_addon import actions, batch, curves, export, occlusion, panels, scene  # noqa: E402
 
@@ -105,7 +105,7 @@ def test_the_animators_keys_and_key_poses_stay(blender, tmp_path):  # noqa: F811
 
 def test_a_saved_scene_still_says_what_was_hidden(blender, tmp_path):  # noqa: F811
     original = shot(tmp_path, frames=FRAMES)
-    result = SimpleNamespace(motions=(motion(FRAMES),), visible=(UNSEEN,), deviation=deviations(original))
+    result = track_result(original, [motion(FRAMES)], (UNSEEN,))
     batch.write_blender_outputs(original, result, tmp_path / "out")
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "out" / "shot.blend"))
     slot = bpy.context.scene.kfmocap.performers[0]
@@ -117,7 +117,7 @@ def test_a_saved_scene_still_says_what_was_hidden(blender, tmp_path):  # noqa: F
 def test_a_batch_of_an_open_scene_writes_it_too(blender, tmp_path):  # noqa: F811
     original = shot(tmp_path, frames=FRAMES)
     built = scene.build_scene(original, scene=bpy.context.scene)
-    result = SimpleNamespace(motions=(motion(FRAMES),), visible=(UNSEEN,), deviation=deviations(original))
+    result = track_result(original, [motion(FRAMES)], (UNSEEN,))
     batch.write_blender_outputs(original, result, tmp_path / "out", built)
     assert hidden(built.kfmocap.performers[0], 8) == ["hand.L"]
 

@@ -17,7 +17,7 @@ import pieces_of_work  # noqa: E402
 from addon_shots import blender, keys_of, motion, shot, tracker  # noqa: E402, F401
 from kfmocap.core.errors import CancelledError, CaptureError, ShotError  # noqa: E402
 from kfmocap.core.excerpts import Excerpt, track_excerpts  # noqa: E402
-from kfmocap.kfmocap_addon import actions, curves, scene  # noqa: E402
+from kfmocap.kfmocap_addon import actions, curves, scene, stretches  # noqa: E402
 from kfmocap.kfmocap_addon.jobs import Job, duration  # noqa: E402
 from kfmocap.kfmocap_addon.operators import job  # noqa: E402
 from kfmocap.kfmocap_addon.operators.job import JobOperator  # noqa: E402
@@ -403,3 +403,25 @@ def test_nothing_but_looking_reaches_blender_while_a_job_runs(monkeypatch, tmp_p
 
 def test_durations_are_told_as_people_tell_them():
     assert [duration(s) for s in (0.2, 59.4, 59.6, 125, 3725)] == ["0 s", "59 s", "1:00 min", "2:05 min", "1:02 h"]
+
+
+def test_parts_are_tracked_again_with_the_offset_that_the_whole_shot_told(built, tracker):  # noqa: F811
+    tracker.footage_offset = 0.387
+    bpy.ops.kfmocap.track()
+    assert tracker.shots[-1].settings.footage_offset is None
+    built.frame_set(3 + FRAME)
+    tracker.footage_offset = 0.1
+    bpy.ops.kfmocap.track_here()
+    assert tracker.shots[-1].settings.footage_offset == 0.387
+    assert stretches.in_step(built, scene.shot_from_scene(built)).settings.footage_offset == 0.387
+    shift_key_pose(built, 0)
+    bpy.ops.kfmocap.track_changes()
+    assert tracker.shots[-1].frames == (5, 10)  # the offset that was found is no change
+
+
+def test_without_a_track_of_the_whole_shot_a_part_tells_its_own_offset(built, tracker):  # noqa: F811
+    tracker.footage_offset = -0.25
+    built.frame_set(3 + FRAME)
+    bpy.ops.kfmocap.track_here()
+    assert tracker.shots[-1].settings.footage_offset is None
+    assert built.kfmocap.footage_offset == -0.25

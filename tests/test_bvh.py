@@ -105,18 +105,13 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 @pytest.mark.blender
 def test_key_poses_go_through_our_own_exporter(tmp_path: Path) -> None:
     pytest.importorskip("bpy")
-    from types import SimpleNamespace
-
     import addon_shots
     from kfmocap.kfmocap_addon import batch
 
     shot = addon_shots.shot(tmp_path)
     (performer,) = shot.performers
     motion = addon_shots.motion(shot.length)
-    result = SimpleNamespace(
-        motions=(motion,), visible=addon_shots.sights(shot), deviation=addon_shots.deviations(shot)
-    )
-    batch.write_blender_outputs(shot, result, tmp_path)
+    batch.write_blender_outputs(shot, addon_shots.track_result(shot, [motion]), tmp_path)
     skeleton = read_bvh(tmp_path / "walk.bvh")
     body = body_of_bvh(skeleton, 1.7)
     keys = performer.key_poses.frames
