@@ -82,6 +82,29 @@ class Geometry:
 
 
 @dataclass(frozen=True, eq=False)
+class Outlines:
+    """The convex outlines of the parts that are drawn, in n frames.
+
+    Attributes
+    ----------
+    uv : ndarray, shape (n, V, 2)
+        Where the vertices of all parts are in the image, pixels.
+    depth : ndarray, shape (n, V)
+        How far they are, metres.
+    frame, part : ndarray of int, shape (N,)
+        Of each outline.
+    corners : list of ndarray of int
+        Its vertices, of the V; clockwise as the image is seen.
+    """
+
+    uv: Array
+    depth: Array
+    frame: NDArray[np.intp]
+    part: NDArray[np.intp]
+    corners: list[NDArray[np.intp]]
+
+
+@dataclass(frozen=True, eq=False)
 class LabelImages:
     """What a camera sees of the posed parts in n frames.
 
@@ -98,6 +121,7 @@ class LabelImages:
     share : ndarray, shape (n, P)
         Visible area of each part over its whole projected area, 0 to 1 (section 5.3). Hidden by itself, by others, and
         beyond the picture's edge count alike.
+    outlines : Outlines
     """
 
     part: NDArray[np.int16]
@@ -105,6 +129,7 @@ class LabelImages:
     ends: NDArray[np.intp]
     inverse_depth: NDArray[np.float32]
     share: Array
+    outlines: Outlines
 
     def box(self) -> tuple[int, int, int, int]:
         """Left, top, right and bottom of the pixels that show a part in any frame, the latter two exclusive."""
@@ -168,10 +193,13 @@ def render_labels(geometry: Geometry, camera: Camera, first: int, R: Array, T: A
 
     label = np.full((n, camera.size[1], camera.size[0]), -1, dtype=np.int16)
     whole = np.ones((n, P))
+    hulls = []
     for j in range(n):
         for i in far_to_near[j]:
             if drawn[j, i]:
-                outline = cv2.convexHull(corners[j, geometry.spans[i]])
+                hull = starts[i] + cv2.convexHull(corners[j, geometry.spans[i]], returnPoints=False)[:, 0]
+                hulls.append((j, int(i), hull))
+                outline = corners[j, hull]
                 cv2.fillConvexPoly(label[j], outline, int(i), shift=_SHIFT)
                 # A filled outline also covers the pixels that it runs through: half its length more than its area.
                 area = cv2.contourArea(outline) / 4**_SHIFT
@@ -186,7 +214,10 @@ def render_labels(geometry: Geometry, camera: Camera, first: int, R: Array, T: A
     # A filled outline's rim lies just outside the part, where its planes may meet far behind it.
     farthest = 1 / np.maximum.reduceat(depth, starts, axis=1)
     inverse_depth = np.maximum(inverse_depth, np.repeat(farthest.ravel(), np.diff(ends)).astype(np.float32))
-    return LabelImages(label, index, ends, inverse_depth, np.minimum(np.diff(ends).reshape(n, P) / whole, 1.0))
+    share = np.minimum(np.diff(ends).reshape(n, P) / whole, 1.0)
+    frames, parts = (np.array([hull[k] for hull in hulls], dtype=np.intp) for k in range(2))
+    outlines = Outlines(pixels, depth, frames, parts, [hull[2] for hull in hulls])
+    return LabelImages(label, index, ends, inverse_depth, share, outlines)
 
 
 def _inverse_depths(

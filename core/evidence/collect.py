@@ -189,9 +189,7 @@ def _run(
         shown = log_ratio(foreground[:, ::stride, ::stride]) * (labels.part >= 0)
         explained = stride**2 * shown.sum(axis=(1, 2), dtype=float)
         half = max(4, round(reach * view.pixels_per_metre(T.mean(axis=(0, 1)), first + start)))
-        outlines = outline_sums(
-            view.camera, first + start, foreground, labels, geometry, (R, T), stride, half, tolerance, view.halo
-        )
+        outlines = outline_sums(view.camera, first + start, foreground, labels, stride, half, tolerance, view.halo)
     return _Run(sums, outlines, explained, labels.share, (drawn - begin, summed - drawn, time.perf_counter() - summed))
 
 

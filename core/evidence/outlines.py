@@ -11,14 +11,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ..cameras import Camera
-from ..visibility import NEAR, Geometry, LabelImages
+from ..visibility import LabelImages, Outlines
 from .appearance import log_ratio
-from .gradients import Poses, camera_twist, summed_products, wrenches
+from .gradients import camera_twist, summed_products, wrenches
 from .images import interpolated, stacked_places
 
 Array = NDArray[np.float64]
@@ -96,16 +95,15 @@ def outline_sums(
     first: int,
     foreground: NDArray[np.uint8],
     labels: LabelImages,
-    geometry: Geometry,
-    poses: Poses,
     stride: int,
     reach: int,
     tolerance: float,
     halo: float = 0.0,
 ) -> OutlineSums:
-    """Sum the outline evidence of n frames of one view; parameters as of `outline_lines`."""
-    lines = outline_lines(camera, first, foreground, labels, geometry, poses, stride, reach, tolerance, halo)
-    n, P = poses[1].shape[:2]
+    """Sum the outline evidence of n frames of one view, of which `first` is the first shot frame; other parameters as
+    of `outline_lines`."""
+    lines = outline_lines(camera, foreground, labels, stride, reach, tolerance, halo)
+    n, P = labels.share.shape
     group = lines.frame * P + lines.part
     order = np.argsort(group, kind="stable")
     ends = np.searchsorted(group[order], np.arange(n * P + 1))
@@ -119,11 +117,8 @@ def outline_sums(
 
 def outline_lines(
     camera: Camera,
-    first: int,
     foreground: NDArray[np.uint8],
     labels: LabelImages,
-    geometry: Geometry,
-    poses: Poses,
     stride: int,
     reach: int,
     tolerance: float,
@@ -135,15 +130,10 @@ def outline_lines(
     ----------
     camera : Camera
         Of the view's reduced, rectified frames.
-    first : int
-        Shot frame of the first of the n frames.
     foreground : ndarray of uint8, shape (n, h, w)
         See `core.evidence.appearance`.
     labels : LabelImages
         Of the n frames, with every stride-th pixel.
-    geometry : Geometry
-    poses : tuple
-        (R, T) of all parts, (n, P, 3, 3) and (n, P, 3).
     reach : int
         Half length of the lines, pixels.
     tolerance : float
@@ -151,7 +141,7 @@ def outline_lines(
     halo : float
         How far the foreground images show the body beyond its edge, pixels.
     """
-    frame, part, uv, normal, z, length = _against_background(camera, first, labels, geometry, poses, stride)
+    frame, part, uv, normal, z, length = _against_background(labels, stride)
     places = np.arange(-reach, reach + 1)
     ratio = _along(foreground, labels, frame, uv, normal, places, stride)
     inside = np.cumsum(ratio, axis=1)
@@ -172,12 +162,10 @@ def outline_lines(
     return Lines(frame, part, uv, normal, points, length * z / focal.mean(), shift, weight)
 
 
-def _against_background(
-    camera: Camera, first: int, labels: LabelImages, geometry: Geometry, poses: Poses, stride: int
-) -> tuple[Indices, Indices, Array, Array, Array, Array]:
+def _against_background(labels: LabelImages, stride: int) -> tuple[Indices, Indices, Array, Array, Array, Array]:
     """Frame, part, place, outward normal, depth and length in pixels of the pieces of outline that part the body from
     the background."""
-    frame, part, a, b, z_a, z_b = _edges(camera, first, geometry, poses)
+    frame, part, a, b, z_a, z_b = _edges(labels.outlines, stride)
     length = np.linalg.norm(b - a, axis=1)
     spacing = SPACING * stride
     pieces = np.where(length > 0.1 * spacing, np.ceil(length / spacing), 0).astype(np.intp)
@@ -185,7 +173,7 @@ def _against_background(
     t = (np.arange(len(edge)) - np.repeat(np.cumsum(pieces) - pieces, pieces) + 0.5) / pieces[edge]
     along = (b - a)[edge]
     uv, z = a[edge] + along * t[:, None], 1 / ((1 - t) / z_a[edge] + t / z_b[edge])
-    # `cv2.convexHull` goes clockwise as the picture is seen: outward lies to the left.
+    # Outlines go clockwise as the picture is seen: outward lies to the left.
     normal = np.stack([along[:, 1], -along[:, 0]], axis=1) / length[edge, None]
     frame, part = frame[edge], part[edge]
     within = labels.part_at(frame, *(uv - 0.75 * stride * normal).T / stride) == part
@@ -194,32 +182,16 @@ def _against_background(
     return frame[kept], part[kept], uv[kept], normal[kept], z[kept], (length / np.maximum(pieces, 1))[edge][kept]
 
 
-def _edges(
-    camera: Camera, first: int, geometry: Geometry, poses: Poses
-) -> tuple[Indices, Indices, Array, Array, Array, Array]:
-    """Edges of the parts' convex outlines: frame, part, both ends in pixels, both depths."""
-    R, T = poses
-    n = len(T)
-    Rc, tc = camera.poses(first, n)
-    R_cam, T_cam = Rc[:, None] @ R, T @ np.swapaxes(Rc, 1, 2) + tc[:, None]
-    points = np.einsum("nvab,vb->nva", R_cam[:, geometry.owner], geometry.vertices) + T_cam[:, geometry.owner]
-    z = np.maximum(points[..., 2], NEAR)
-    uv = points[..., :2] / z[..., None] @ camera.matrix[:2, :2].T + camera.matrix[:2, 2]
-    corners = uv.astype(np.float32)
-    drawn = np.minimum.reduceat(points[..., 2], [span.start for span in geometry.spans], axis=1) >= NEAR
-    hulls = [
-        (j, i, span.start + cv2.convexHull(corners[j, span], returnPoints=False).ravel())
-        for j in range(n)
-        for i, span in enumerate(geometry.spans)
-        if drawn[j, i]
-    ]
-    counts = np.array([len(hull) for _, _, hull in hulls], dtype=np.intp)
-    frame, part = (np.repeat([hull[k] for hull in hulls], counts).astype(np.intp) for k in range(2))
-    start = np.concatenate([hull for _, _, hull in hulls] or [np.zeros(0, np.intp)])
+def _edges(outlines: Outlines, stride: int) -> tuple[Indices, Indices, Array, Array, Array, Array]:
+    """Edges of outlines in images of every stride-th pixel: frame, part, both ends in pixels, both depths."""
+    counts = np.array([len(corners) for corners in outlines.corners], dtype=np.intp)
+    frame, part = np.repeat(outlines.frame, counts), np.repeat(outlines.part, counts)
+    start = np.concatenate(outlines.corners or [np.zeros(0, np.intp)])
     following = np.arange(len(start)) + 1
     following[np.cumsum(counts) - 1] -= counts  # the last corner is followed by the first
     stop = start[following]
-    return frame, part, uv[frame, start], uv[frame, stop], z[frame, start], z[frame, stop]
+    uv, z = outlines.uv, outlines.depth
+    return frame, part, stride * uv[frame, start], stride * uv[frame, stop], z[frame, start], z[frame, stop]
 
 
 def _along(

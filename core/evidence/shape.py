@@ -82,9 +82,7 @@ def _add_lines(
     camera, (foreground,) = view.camera, view.foreground_at(frame, 1)
     labels = render_labels(geometry, camera.subsampled(_STRIDE), frame, *poses)
     reach = max(4, round(REACH * view.pixels_per_metre(T.mean(axis=0), frame)))
-    lines = outline_lines(
-        camera, frame, foreground[None], labels, geometry, poses, _STRIDE, reach, TOLERANCE, view.halo
-    )
+    lines = outline_lines(camera, foreground[None], labels, _STRIDE, reach, TOLERANCE, view.halo)
     Rc, tc = camera.pose(frame)
     wrenches = lines.wrenches(camera)
     to_part = np.einsum("ab,nbc->nac", Rc, R[lines.part])

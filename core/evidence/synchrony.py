@@ -26,7 +26,7 @@ DEVIATION = 0.5 / np.sqrt(3)
 """Usual offset, frames: anything within half a frame, as the nearest frame leaves it."""
 SIGNIFICANT = 2.0
 """Standard deviations from which on an offset is not chance."""
-ITERATIONS = 3
+ITERATIONS = 2
 
 
 @dataclass(frozen=True)

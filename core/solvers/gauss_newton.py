@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 
 SMALLEST_STEP = 5e-3
 """A stage ends when no joint moves more than this, radians (and metres)."""
+SMALL_STEP = 0.025
+"""A stage that another follows ends when joints move less than this, root mean square: the next moves them more."""
 OVERRELAXATION = 1.5
 """All steps of a stage but its last are taken this much longer: weights that follow the residuals, and slopes measured
 beside the solution, make every step too short by about the same share."""
@@ -60,6 +62,8 @@ class Stage:
         At most.
     reach : float
         How far from the model's outlines the body's are looked for, metres.
+    views : int, optional
+        At least that many views are looked at in an iteration, in turn; None looks at all.
     """
 
     sigma: float
@@ -67,9 +71,10 @@ class Stage:
     stride: int
     iterations: int
     reach: float = 0.07
+    views: int | None = None
 
 
-STAGES = (Stage(2.0, 8.0, 4, 2, 0.10), Stage(1.0, 4.0, 4, 3), Stage(1.0, 1.0, 3, 2))
+STAGES = (Stage(2.0, 8.0, 4, 2, 0.10, 2), Stage(1.0, 4.0, 4, 3), Stage(1.0, 1.0, 3, 2))
 """From the curve through the key poses to the solution."""
 SETTLING = (Stage(1.0, 4.0, 3, 2), Stage(1.0, 1.0, 3, 1))
 """Of limbs that were looked for, around a trunk that is held."""
@@ -218,22 +223,21 @@ def descend(
         for i in range(stage.iterations):
             if on_step is not None:
                 on_step((before + i) / planned, motions)
-            poses, evidence = problem.evidence(
-                geometry, motions, stage.sigma, stage.tolerance, stage.stride, stage.reach
-            )
+            seen = problem if stage.views is None else problem.some_views(stage.views, i)
+            poses, evidence = seen.evidence(geometry, motions, stage.sigma, stage.tolerance, stage.stride, stage.reach)
             seconds.add(evidence.seconds)
             pace = OVERRELAXATION if i + 1 < stage.iterations else 1.0
             with seconds.measure("solve"):
                 if settings.prediction and (i == 0 or not hidden):
-                    hidden = problem.hidden(evidence.share)
+                    hidden = seen.hidden(evidence.share)
                     expected = foretold_accelerations(motions, hidden)
-                systems = normal_equations(
-                    problem, motions, poses, evidence, settings, stage.tolerance, hidden, expected
-                )
+                systems = normal_equations(seen, motions, poses, evidence, settings, stage.tolerance, hidden, expected)
                 factors = [BandedFactor(n, fixed) for n, fixed in zip(systems, problem.fixed, strict=True)]
                 steps = [limited(-pace * f.solve(n.gradient)) for f, n in zip(factors, systems, strict=True)]
                 motions = [motion.moved(step) for motion, step in zip(motions, steps, strict=True)]
                 energies.append(sum(n.energy for n in systems))
+            if stage is not stages[-1] and _size(steps) < SMALL_STEP:
+                break
             if max(float(np.abs(step).max()) for step in steps) < SMALLEST_STEP:
                 break
     return Solution(
@@ -247,6 +251,11 @@ def descend(
         seconds,
         evidence,
     )
+
+
+def _size(steps: Sequence[Array]) -> float:
+    """Root mean square of steps."""
+    return float(np.sqrt(np.mean(np.concatenate([step.ravel() for step in steps]) ** 2)))
 
 
 def normal_equations(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,6 +88,11 @@ class Problem:
     @property
     def length(self) -> int:
         return len(self.fixed[0])
+
+    def some_views(self, least: int, turn: int) -> Problem:
+        """The problem with every k-th view alone, beginning elsewhere with every turn, so that `least` are left."""
+        every = max(1, len(self.views) // least)
+        return replace(self, views=self.views[turn % every :: every])
 
     def geometry(self) -> Geometry:
         return self.shape or Geometry.of(self.bodies)
