@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import platform
 from collections.abc import Mapping
 from importlib import metadata
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -15,7 +13,6 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from .formats.files import replacing
 from .occlusion import OCCLUDED_BELOW, intervals, occluded, suggested_keyframes, unseen
 from .review.suggestions import helpful_keys
 from .review.uncertainty import expected_errors
@@ -85,18 +82,6 @@ def report(shot: Shot, result: TrackResult, seconds: Mapping[str, float] | None 
         ],
         "versions": _versions(),
     }
-
-
-def write_report(path: Path, values: Mapping[str, Any]) -> None:
-    """Write a report as JSON.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
-    """
-    with replacing(path) as temporary:
-        temporary.write_text(json.dumps(values, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def _performer(

@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING
 
 from ..core.body import landmark_positions
 from ..core.errors import OutputError
+from ..core.formats.files import write_json
 from ..core.formats.shot_toml import shot_name
 from ..core.formats.trc import write_trc
 from ..core.overlay import contact_sheet, sheet_frames, write_contact_sheet
-from ..core.report import report, write_report
+from ..core.report import report
 from ..core.shot import Progress, Shot
 from ..core.tracking import TrackResult, track
 
@@ -77,7 +78,7 @@ def run_track(
 
             batch.write_blender_outputs(shot, result, stage, scene, home=out_dir)
             clock.lap("Blender")
-        write_report(stage / "report.json", report(shot, result, clock.seconds))
+        write_json(stage / "report.json", report(shot, result, clock.seconds))
         names = sorted(file.name for file in stage.iterdir())
     return [out_dir / name for name in names]
 

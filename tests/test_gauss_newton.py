@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -348,3 +348,34 @@ def test_whether_a_solution_is_doubted_goes_by_the_key_poses() -> None:
     first = np.zeros((5, D), bool)
     first[0] = True
     assert doubted(total, first) and not doubted(total, np.zeros((5, D), bool))
+
+
+def test_views_are_looked_at_in_turn_and_never_fewer_than_asked() -> None:
+    def turns(count: int) -> list[list[int]]:
+        problem = Problem(tuple(range(count)), (BODY,), 0, FPS, (ends_held(5),))
+        return [list(problem.some_views(2, turn).views) for turn in range(3)]
+
+    assert turns(1) == [[0]] * 3 and turns(3) == [[0, 1, 2]] * 3
+    assert turns(4) == [[0, 2], [1, 3], [0, 2]]
+    assert turns(5) == [[0, 2, 4], [1, 3], [0, 2, 4]]
+    for count in range(2, 12):
+        assert min(len(views) for views in turns(count)) >= 2
+
+
+def test_coarse_stages_end_early_and_the_last_looks_at_every_view() -> None:
+    truth = swing(BODY, 5, 0.2)
+    problem = Counting(coloured(truth) * 2, (BODY,), 0, FPS, (ends_held(5),))
+    gauss_newton.descend(problem, [truth], SETTINGS)
+    looked = Counting.looked
+    assert looked[0] == (2, 8.0) and looked[-1] == (4, 1.0)
+    assert len(looked) < sum(stage.iterations for stage in gauss_newton.STAGES)
+
+
+class Counting(Problem):
+    """Notes how many views are looked at, and with what tolerance."""
+
+    looked: ClassVar[list[tuple[int, float]]] = []
+
+    def evidence(self, geometry, motions, sigma, tolerance, stride, reach=0.0):  # type: ignore[no-untyped-def]
+        self.looked.append((len(self.views), tolerance))
+        return super().evidence(geometry, motions, sigma, tolerance, stride, reach)

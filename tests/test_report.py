@@ -12,9 +12,10 @@ from kfmocap.core.body import human
 from kfmocap.core.cameras import Camera
 from kfmocap.core.errors import LandmarkError
 from kfmocap.core.formats import Landmarks
+from kfmocap.core.formats.files import write_json
 from kfmocap.core.keypoints.observed import Observed
 from kfmocap.core.motion import Motion
-from kfmocap.core.report import blind_spots, report, write_report
+from kfmocap.core.report import blind_spots, report
 from kfmocap.core.scoring import joint_error
 from kfmocap.core.shot import KeyPoses, Performer, Shot, View
 
@@ -68,7 +69,7 @@ def test_the_report_counts_frames_as_the_footage_does(tracked: tuple[Shot, type]
     assert man["keyframes"] == [100, 123]
     assert man["worst_frames"][0] == {"frame": 106, "residual": 0.2}
     assert 100 not in [w["frame"] for w in man["worst_frames"]]
-    write_report(tmp_path / "report.json", values)
+    write_json(tmp_path / "report.json", values)
     assert json.loads((tmp_path / "report.json").read_text()) == values
 
 

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import OutputError
-from ..formats.files import replacing
-from ..report import write_report as write_numbers
+from ..formats.files import replacing, write_json
 from .plots import GREY, INK, Chart, Image, blank, colour_of, stacked, text
 from .trust import measured_lengths, trust
 
@@ -57,7 +56,7 @@ def write_report(folder: Path, solution: Solution) -> list[Path]:
     numbers, picture = trust(solution), sheet(solution)
     png = cv2.imencode(".png", picture)[1].tobytes()
     files = [folder / name for name in ("report.json", "report.png", "report.html")]
-    write_numbers(files[0], numbers)
+    write_json(files[0], numbers)
     for file, content in zip(files[1:], (png, page(numbers, png).encode()), strict=True):
         with replacing(file) as temporary:
             temporary.write_bytes(content)

@@ -46,7 +46,7 @@ def joint_deviations(problem: Problem, solution: Solution, settings: Settings) -
     motions = solution.motions
     poses = scene_poses(problem.bodies, motions)
     covariances = pose_covariances(problem, solution, poses, settings)
-    at = {problem.views[i.views[0]].delay: i.poses for i in problem.instants(motions, poses)}
+    at = problem.poses_by_delay(motions, poses)
     gaps = uncovered_gaps(problem.views, problem.geometry(), at, problem.first, problem.spans(), problem.whole_keys())
     deviations = []
     for i, (body, motion) in enumerate(zip(problem.bodies, motions, strict=True)):

@@ -146,8 +146,12 @@ class Problem:
     ) -> tuple[tuple[Array, Array], Evidence]:
         """World poses of all parts, and the evidence around them."""
         poses = scene_poses(self.bodies, motions)
-        at = {self.views[i.views[0]].delay: i.poses for i in self.instants(motions, poses)}
+        at = self.poses_by_delay(motions, poses)
         return poses, image_evidence(self.views, geometry, poses, self.first, sigma, tolerance, stride, reach, at)
+
+    def poses_by_delay(self, motions: Sequence[Motion], poses: tuple[Array, Array]) -> dict[float, tuple[Array, Array]]:
+        """World poses of all parts that the views show, by the views' delay."""
+        return {self.views[i.views[0]].delay: i.poses for i in self.instants(motions, poses)}
 
     def instants(self, motions: Sequence[Motion], poses: tuple[Array, Array]) -> list[Instants]:
         """The views by when they were taken; `poses` are the motions' world poses on the frames."""
