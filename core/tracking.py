@@ -264,7 +264,8 @@ class _Job:
 
     def _refines(self, stretch: Stretch) -> bool:
         alone = stretch == (0, self.shot.length - 1) and self.around == (None, None)
-        return self.shot.settings.solver in REFINE and not alone
+        in_step = self.footage_offset == (self.shot.settings.footage_offset or 0.0)
+        return self.shot.settings.solver in REFINE and not (alone and in_step)
 
     def _problem(self, stretch: Stretch, views: tuple[ViewFrames, ...]) -> Problem:
         frames = slice(stretch[0], stretch[1] + 1)

@@ -13,7 +13,7 @@ from kfmocap.core.evidence.synchrony import DEVIATION, Offset
 from kfmocap.core.excerpts import Excerpt, track_excerpts
 from kfmocap.core.footage import shown_delay
 from kfmocap.core.motion import Motion
-from kfmocap.core.shot import Settings, Shot
+from kfmocap.core.shot import KeyPoses, Performer, Settings, Shot
 from kfmocap.core.tracking import track
 from synthetic import figure, film, look_at, shot_of, swing
 
@@ -56,6 +56,16 @@ def test_what_key_poses_out_of_step_would_cost_is_saved(shots: dict[int, Shot]) 
     ignored, in_step = error_mm(shots[2].in_step(0.0), 2), error_mm(shots[0], 0)
     assert known < unknown < 0.3 * ignored
     assert known < 1.1 * in_step + 2
+
+
+def test_a_shot_of_one_stretch_is_brought_into_step_too(shots: dict[int, Shot]) -> None:
+    ends = replace(shots[2], performers=tuple(only_ends(p) for p in shots[2].performers))
+    assert track(ends).footage_offset > 0.3
+    assert error_mm(ends, 2) < 0.6 * error_mm(ends.in_step(0.0), 2)
+
+
+def only_ends(performer: Performer) -> Performer:
+    return replace(performer, key_poses=KeyPoses.whole([KEYS[0], KEYS[-1]], truth(2)[[KEYS[0], KEYS[-1]]]))
 
 
 def test_what_is_in_step_is_left_alone_to_the_last_bit(shots: dict[int, Shot]) -> None:
