@@ -60,11 +60,8 @@ class Motion:
     def quaternions(self) -> Array:
         """Blender's (w, x, y, z) of every part, without sign jumps along time, shape (F, P, 4)."""
         F, P = self.rotations.shape[:2]
-        q = Rotation.from_matrix(self.rotations.reshape(-1, 3, 3)).as_quat().reshape(F, P, 4)[..., [3, 0, 1, 2]]
-        flips = np.sign(np.sum(q[1:] * q[:-1], axis=-1))
-        flips[flips == 0] = 1
-        q[1:] *= np.cumprod(flips, axis=0)[..., None]
-        return q
+        q = Rotation.from_matrix(self.rotations.reshape(-1, 3, 3)).as_quat().reshape(F, P, 4)
+        return rotations.continuous_signs(q[..., [3, 0, 1, 2]])
 
 
 def stacked(motions: list[Motion]) -> Motion:

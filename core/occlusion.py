@@ -96,11 +96,11 @@ def suggested_keyframes(unseen: NDArray[np.bool_], keys: KeyPoses) -> list[Sugge
     for part, first, last in _longest_hidden(hidden, keys):
         for beside in (range(first - 1, first - 1 - REACH, -1), range(last + 1, last + 1 + REACH)):
             near = [f for f in beside if 0 <= f < len(hidden) and not hidden[f, part]]
-            near = _apart(near, _keyed(keys, part))
+            near = apart(near, _keyed(keys, part))
             shared = next((i for i, other in enumerate(found) if other.frame in near), None)
             if shared is not None:
                 found[shared] = found[shared].with_part(part)
-            elif free := _apart(near, [other.frame for other in found]):
+            elif free := apart(near, [other.frame for other in found]):
                 frame = min(free, key=lambda f: hidden[f].sum())
                 found.append(Suggestion(frame, (part,), (first, last)))
     return found[:MOST]
@@ -120,5 +120,6 @@ def _keyed(keys: KeyPoses, part: int) -> list[int]:
     return [int(f) for f in keys.frames[keys.fixed[:, 3 + 3 * part : 6 + 3 * part].all(axis=1)]]
 
 
-def _apart(frames: Sequence[int], others: Sequence[int]) -> list[int]:
+def apart(frames: Sequence[int], others: Sequence[int]) -> list[int]:
+    """Those frames that are far enough from others to be key frames beside them."""
     return [f for f in frames if all(abs(f - other) >= APART for other in others)]

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
+from .rotations import continuous_signs
+
 Array = NDArray[np.float64]
 
 
@@ -16,13 +18,6 @@ def sample_times(first: int, last: int, rate: float, wanted: float) -> Array:
     """
     count = int(np.floor((last - first) * wanted / rate + 1e-6)) + 1
     return np.minimum(first + np.arange(count) * (rate / wanted), float(last))
-
-
-def continuous_signs(quaternions: Array) -> Array:
-    """The same rotations (F, 4) with signs that do not jump along time: q and -q are one rotation."""
-    turned = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
-    signs = np.cumprod(np.concatenate([[1.0], np.where(turned, -1.0, 1.0)]))
-    return quaternions * signs[:, None]
 
 
 def slerped(wxyz: Array, frames: Array, times: Array) -> Array:

@@ -62,3 +62,10 @@ def right_jacobian_inverse(v: Array) -> Array:
 def left_jacobian_inverse(v: Array) -> Array:
     """log(exp(d) exp(v)) = v + Jl^-1(v) d to first order, shape (..., 3, 3)."""
     return np.swapaxes(right_jacobian_inverse(v), -1, -2)
+
+
+def continuous_signs(quaternions: Array) -> Array:
+    """The same rotations (F, ..., 4) with signs that do not jump along time: q and -q are one rotation."""
+    jumps = np.sum(quaternions[1:] * quaternions[:-1], axis=-1, keepdims=True) < 0
+    signs = np.cumprod(np.where(jumps, -1.0, 1.0), axis=0)
+    return np.concatenate([quaternions[:1], quaternions[1:] * signs])

@@ -10,9 +10,10 @@ import pytest
 from kfmocap.core.body import part_poses
 from kfmocap.core.evidence.images import ViewFrames
 from kfmocap.core.motion import Motion
+from kfmocap.core.occlusion import APART
 from kfmocap.core.review import suggestions
 from kfmocap.core.review.misfit import uncovered_gaps
-from kfmocap.core.review.suggestions import APART, MOST, HelpfulKey
+from kfmocap.core.review.suggestions import MOST, HelpfulKey
 from kfmocap.core.review.uncertainty import expected_errors, tip_deviations
 from kfmocap.core.rotations import exp
 from kfmocap.core.shot import KeyPoses

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..occlusion import apart
 from ..shot import KeyPoses
 from .uncertainty import expected_errors, joint_parts
 
@@ -15,8 +16,6 @@ Array = NDArray[np.float64]
 
 MOST = 5
 """Key frames suggested for one performer, at most."""
-APART = 5
-"""Frames between a suggested key frame and another, or one that there is, at least."""
 NAMED = 3
 """Parts that are named with a suggestion, at most."""
 DOUBTFUL = 0.7
@@ -66,7 +65,7 @@ def helpful_keys(deviation: Array, keys: KeyPoses, parents: Sequence[int]) -> li
     found: list[HelpfulKey] = []
     least = WORTH * float(expected.sum())
     while len(found) < MOST:
-        spreads = {c: _spread(c, keyed, len(expected)) for c in _candidates(keyed, len(expected))}
+        spreads = {c: _spread(c, keyed, len(expected)) for c in apart(range(len(expected)), sorted(keyed))}
         gains = {c: float(spread @ expected) for c, spread in spreads.items()}
         best = max(gains, key=lambda c: gains[c], default=None)
         if best is None or gains[best] <= least:
@@ -77,10 +76,6 @@ def helpful_keys(deviation: Array, keys: KeyPoses, parents: Sequence[int]) -> li
         expected = expected * (1 - spreads[best])
         keyed.add(best)
     return found
-
-
-def _candidates(keyed: set[int], length: int) -> list[int]:
-    return [f for f in range(length) if all(abs(f - key) >= APART for key in keyed)]
 
 
 def _spread(frame: int, keyed: set[int], length: int) -> Array:
