@@ -187,6 +187,7 @@ def render_labels(geometry: Geometry, camera: Camera, first: int, R: Array, T: A
     depth = np.maximum(points[..., 2], NEAR)
     pixels = points[..., :2] / depth[..., None] @ camera.matrix[:2, :2].T + camera.matrix[:2, 2]
     corners = np.clip(np.round(pixels * (1 << _SHIFT)), -_FARTHEST, _FARTHEST).astype(np.int32)
+    exact = pixels.astype(np.float32)
     starts = [span.start for span in geometry.spans]
     drawn = np.minimum.reduceat(points[..., 2], starts, axis=1) >= NEAR
     far_to_near = np.argsort(-np.add.reduceat(points[..., 2], starts, axis=1) / geometry.counts, axis=1)
@@ -197,7 +198,7 @@ def render_labels(geometry: Geometry, camera: Camera, first: int, R: Array, T: A
     for j in range(n):
         for i in far_to_near[j]:
             if drawn[j, i]:
-                hull = starts[i] + cv2.convexHull(corners[j, geometry.spans[i]], returnPoints=False)[:, 0]
+                hull = starts[i] + cv2.convexHull(exact[j, geometry.spans[i]], returnPoints=False)[:, 0]
                 hulls.append((j, int(i), hull))
                 outline = corners[j, hull]
                 cv2.fillConvexPoly(label[j], outline, int(i), shift=_SHIFT)

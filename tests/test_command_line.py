@@ -62,6 +62,7 @@ class Result:
         self.residual = tuple(np.linspace(0, 0.1, shot.length) for _ in shot.performers)
         self.deviation = tuple(np.zeros(count[1:]) for count in counts)
         self.pictures = None
+        self.footage_offset = 0.0
         self.observed = Observed()
 
 
