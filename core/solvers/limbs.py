@@ -204,13 +204,15 @@ def _likeliest(
         drawn = np.where(limb.fixed[:, None], path[:, None], np.clip(path[:, None] + offsets, low, high))
         score = _covered(limb, uncovered, drawn)
         score -= 0.5 * np.einsum("fn,fkna->fk", limb.held, ((drawn - begin[:, None]) / (HELD * limb.range)) ** 2)
-        way = _Way.through(score, (drawn / cost).reshape(*score.shape, -1))
+        places = (drawn / cost).reshape(*score.shape, -1)
+        best, value = _best_way(score, places)
         if not values:
             values.append(float(score[:, 0].sum() - 0.5 * (np.diff(path / cost, axis=0) ** 2).sum()))
-        values.append(way.value)
+        values.append(value)
         # While draws are far apart the best are of different kinds; later their mean is smoother than any of them.
         wide = spread > SPREADS[len(SPREADS) // 2]
-        path = drawn[np.arange(len(drawn)), way.best] if wide else np.einsum("fk,fkna->fna", way.share, drawn)
+        frames = np.arange(len(drawn))
+        path = drawn[frames, best] if wide else np.einsum("fk,fkna->fna", _shares(score, places), drawn)
     return path, values[-1] - values[0]
 
 
@@ -260,38 +262,33 @@ def _placed(limb: _Limb, frames: slice, drawn: Array) -> Array:
     return np.stack(placed, axis=2)
 
 
-@dataclass(frozen=True, eq=False)
-class _Way:
-    """The way through K places on each of F frames: the best (Viterbi), its value, and every place's probability.
+def _best_way(score: Array, places: Array) -> tuple[NDArray[np.intp], float]:
+    """The best way through K places on each of F frames (Viterbi), and its value.
 
-    The value is the sum of the places' scores less half the squared distances from one to the next.
+    The value is the sum of the places' scores (F, K) less half the squared distances between places (F, K, d).
     """
+    F, K = score.shape
+    best, total = np.zeros(F, np.intp), score[0]
+    back = np.zeros((F, K), np.intp)
+    for f in range(1, F):
+        through = total[:, None] + _link(places[f - 1], places[f])
+        back[f] = through.argmax(axis=0)
+        total = np.take_along_axis(through, back[f][None], axis=0)[0] + score[f]
+    best[-1] = total.argmax()
+    for f in range(F - 1, 0, -1):
+        best[f - 1] = back[f, best[f]]
+    return best, float(total.max())
 
-    best: NDArray[np.intp]
-    value: float
-    share: Array
 
-    @classmethod
-    def through(cls, score: Array, places: Array) -> _Way:
-        """Of scores (F, K) and places (F, K, d)."""
-        F, K = score.shape
-        best, total = np.zeros(F, np.intp), score[0]
-        back, ahead = np.zeros((F, K), np.intp), np.empty((F, K))
-        ahead[0] = score[0]
-        for f in range(1, F):
-            link = _link(places[f - 1], places[f])
-            through = total[:, None] + link
-            back[f] = through.argmax(axis=0)
-            total = through.max(axis=0) + score[f]
-            ahead[f] = logsumexp(ahead[f - 1][:, None] + link, axis=0) + score[f]
-        behind = np.zeros((F, K))
-        for f in range(F - 2, -1, -1):
-            behind[f] = logsumexp(behind[f + 1] + score[f + 1] + _link(places[f], places[f + 1]), axis=1)
-        best[-1] = total.argmax()
-        for f in range(F - 1, 0, -1):
-            best[f - 1] = back[f, best[f]]
-        log = ahead + behind
-        return cls(best, float(total.max()), np.exp(log - logsumexp(log, axis=1, keepdims=True)))
+def _shares(score: Array, places: Array) -> Array:
+    """The probability of every place, (F, K), where ways are the likelier the better; parameters as of `_best_way`."""
+    ahead, behind = score.copy(), np.zeros(score.shape)
+    for f in range(1, len(score)):
+        ahead[f] += logsumexp(ahead[f - 1][:, None] + _link(places[f - 1], places[f]), axis=0)
+    for f in range(len(score) - 2, -1, -1):
+        behind[f] = logsumexp(behind[f + 1] + score[f + 1] + _link(places[f], places[f + 1]), axis=1)
+    log = ahead + behind
+    return np.exp(log - logsumexp(log, axis=1, keepdims=True))
 
 
 def _link(a: Array, b: Array) -> Array:
