@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.random import Generator
@@ -18,7 +19,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import argrelmin
 from scipy.spatial import ConvexHull
-from scipy.special import logsumexp
 
 from .. import rotations
 from ..body import Body, part_poses
@@ -132,14 +132,16 @@ class _Look:
         labels = self.labels(geometry, poses)
         return _Look(self.camera, self.first, np.where(labels.part < 0, self.ratio, np.float32(0)))
 
-    def at(self, frames: slice, points_world: Array) -> Array:
+    def at(self, frames: slice, points_world: NDArray[np.float32]) -> NDArray[np.float32]:
         """Ratios of the pixels that points (m, K, n, points, 3) of some frames fall on, 0 beyond the picture."""
         Rc, tc = self.camera.poses(self.first + frames.start, len(points_world))
-        x = points_world @ np.swapaxes(Rc, -1, -2)[:, None, None] + tc[:, None, None, None]
         K = self.camera.matrix
-        uv = x[..., :2] / np.maximum(x[..., 2:], NEAR) * K[[0, 1], [0, 1]] + K[:2, 2]
-        frame = np.arange(len(x))[:, None, None, None]
-        return pixels_at(self.ratio[frames], frame, uv[..., 0], uv[..., 1], 0.0)
+        m, *shape, _ = points_world.shape
+        x = points_world.reshape(m, -1, 3) @ np.swapaxes(K @ Rc, -1, -2).astype(np.float32)
+        x += (tc @ K.T).astype(np.float32)[:, None]
+        uv = x[..., :2] / np.maximum(x[..., 2:], np.float32(NEAR))
+        ratio = pixels_at(self.ratio[frames], np.arange(m)[:, None], uv[..., 0], uv[..., 1], np.float32(0))
+        return ratio.reshape(m, *shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,7 +252,7 @@ def _chunks(frames: int) -> Iterator[slice]:
     return (slice(f, min(f + _AT_A_TIME, frames)) for f in range(0, frames, _AT_A_TIME))
 
 
-def _placed(limb: _Limb, frames: slice, drawn: Array) -> Array:
+def _placed(limb: _Limb, frames: slice, drawn: Array) -> NDArray[np.float32]:
     """World points (m, K, n, points, 3) of the limb in poses drawn (m, K, n, 3)."""
     R, T = limb.parent[0][frames, None], limb.parent[1][frames, None]
     Q = rotations.exp(drawn)
@@ -258,7 +260,8 @@ def _placed(limb: _Limb, frames: slice, drawn: Array) -> Array:
     for k, part in enumerate(limb.chain):
         T = T + R @ limb.body.offsets[part]
         R = R @ (limb.body.R_parent_rest[part] @ Q[:, :, k])
-        placed.append(limb.points[k] @ np.swapaxes(R, -1, -2) + T[:, :, None])
+        turned = limb.points[k].astype(np.float32) @ np.swapaxes(R, -1, -2).astype(np.float32)
+        placed.append(turned + T[:, :, None].astype(np.float32))
     return np.stack(placed, axis=2)
 
 
@@ -282,19 +285,28 @@ def _best_way(score: Array, places: Array) -> tuple[NDArray[np.intp], float]:
 
 def _shares(score: Array, places: Array) -> Array:
     """The probability of every place, (F, K), where ways are the likelier the better; parameters as of `_best_way`."""
+    links = [np.exp(_link(a, b)) for a, b in pairwise(places)]
     ahead, behind = score.copy(), np.zeros(score.shape)
-    for f in range(1, len(score)):
-        ahead[f] += logsumexp(ahead[f - 1][:, None] + _link(places[f - 1], places[f]), axis=0)
-    for f in range(len(score) - 2, -1, -1):
-        behind[f] = logsumexp(behind[f + 1] + score[f + 1] + _link(places[f], places[f + 1]), axis=1)
+    for f, link in enumerate(links, start=1):
+        ahead[f] += _log_sum(ahead[f - 1], link)
+    for f, link in reversed(list(enumerate(links))):
+        behind[f] = _log_sum(behind[f + 1] + score[f + 1], link.T)
     log = ahead + behind
-    return np.exp(log - logsumexp(log, axis=1, keepdims=True))
+    share = np.exp(log - log.max(axis=1, keepdims=True))
+    return share / share.sum(axis=1, keepdims=True)
+
+
+def _log_sum(log: Array, factors: Array) -> Array:
+    """Logarithms of sums of K numbers, given by their logarithms, with each column of factors (K, L)."""
+    top = log.max()
+    return top + np.log(np.maximum(np.exp(log - top) @ factors, np.finfo(float).tiny))
 
 
 def _link(a: Array, b: Array) -> Array:
     """Less half the squared distance from each of the places (K, d) to each of the next, (K, K)."""
-    apart = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2 * a @ b.T
-    return -0.5 * np.maximum(apart, 0)
+    here, there = (-0.5 * np.einsum("kd,kd->k", p, p)[:, None] for p in (a, b))
+    one = np.ones_like(here)
+    return np.concatenate([a, here, one], axis=1) @ np.concatenate([b, one, there], axis=1).T
 
 
 def untangled(
