@@ -37,8 +37,8 @@ SPREADS = (1.0, 0.5, 0.25, 0.12)
 others is in proportion to their range."""
 DRAWS = 80
 """Poses drawn per round; a third and two thirds of the way to each are tried as well."""
-SPEED = 6.0
-"""Usual angular speed of a joint that can turn half a circle, rad/s."""
+SPEED = 3.0
+"""How fast the error of a joint that can turn half a circle usually changes, rad/s: half as fast as the joint turns."""
 PATCH = 0.06
 """Pixels within this length of each other on the body count as one, metres."""
 HELD = 0.1
@@ -194,7 +194,10 @@ def _found(
 def _likeliest(
     limb: _Limb, uncovered: Sequence[_Look], begin: Array, fps: float, rng: Generator
 ) -> tuple[Array, float]:
-    """The limb's rotation vectors (F, n, 3) that are likeliest around those it begins with, and by how much."""
+    """The limb's rotation vectors (F, n, 3) that are likeliest around those it begins with, and by how much.
+
+    How far they are from those costs by how fast it changes; how fast the limb itself moves costs nothing.
+    """
     low = np.minimum(limb.body.limits[limb.chain, :, 0], begin.min(axis=0))
     high = np.maximum(limb.body.limits[limb.chain, :, 1], begin.max(axis=0))
     cost = SPEED * limb.range / fps
@@ -206,10 +209,10 @@ def _likeliest(
         drawn = np.where(limb.fixed[:, None], path[:, None], np.clip(path[:, None] + offsets, low, high))
         score = _covered(limb, uncovered, drawn)
         score -= 0.5 * np.einsum("fn,fkna->fk", limb.held, ((drawn - begin[:, None]) / (HELD * limb.range)) ** 2)
-        places = (drawn / cost).reshape(*score.shape, -1)
+        places = ((drawn - begin[:, None]) / cost).reshape(*score.shape, -1)
         best, value = _best_way(score, places)
         if not values:
-            values.append(float(score[:, 0].sum() - 0.5 * (np.diff(path / cost, axis=0) ** 2).sum()))
+            values.append(float(score[:, 0].sum()))
         values.append(value)
         # While draws are far apart the best are of different kinds; later their mean is smoother than any of them.
         wide = spread > SPREADS[len(SPREADS) // 2]
