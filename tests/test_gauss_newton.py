@@ -412,3 +412,23 @@ def test_limbs_are_looked_for_around_the_best_until_it_has_an_equal(monkeypatch:
     found = gauss_newton.searched(problem, first.motions, [worse, first], SETTINGS)
     assert [id(begin) for begin in begins] == [id(s.motions) for s in (first, better[0], better[1])]
     assert found is better[1]
+
+
+def test_where_the_best_is_doubtful_limbs_are_looked_for_around_all_and_around_the_start(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    best, worse, start = covering(1000), covering(900), covering(1)
+    begins: list[object] = []
+
+    def looked_for(_problem: object, _around: object, motions: object, *_: object) -> Solution:
+        begins.append(motions)
+        return best
+
+    monkeypatch.setattr(gauss_newton, "doubtful", lambda *_: True)
+    monkeypatch.setattr(
+        gauss_newton, "descend", lambda _problem, motions, *_: best if motions is best.motions else worse
+    )
+    monkeypatch.setattr(gauss_newton, "_looked_for", looked_for)
+    problem = Problem(dark(LONG + 2), (BODY,), 0, FPS, (ends_held(LONG + 2),))
+    gauss_newton.searched(problem, start.motions, [worse, best], SETTINGS)
+    assert [id(begin) for begin in begins] == [id(s.motions) for s in (worse, best, start)]

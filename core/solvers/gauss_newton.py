@@ -183,12 +183,14 @@ def searched(
 ) -> Solution:
     """The solution from looking for limbs around some solutions, and then around the best until that has an equal.
 
-    Only equals of the best are looked around, and settle first. If all are doubtful, limbs are also looked for around a
-    trunk that moves as at the start, which limbs in wrong places have not led astray. Poses are drawn by chance: limbs
+    Of the solutions only equals of the best are looked around, or all where that is doubtful; they settle first. While
+    all are doubtful, limbs are also looked for around a trunk that moves as at the start, which limbs in wrong places
+    have not led astray. Poses are drawn by chance: limbs
     stay where they were when what is found is no better than an equal.
     """
     held = replace(problem, fixed=tuple(fixed | (np.arange(fixed.shape[1]) < 6) for fixed in problem.fixed))
-    settled = [descend(problem, s.motions, settings, None, SETTLED) for s in equals(solutions)]
+    likely = solutions if doubtful(problem, better(problem, *solutions)) else equals(solutions)
+    settled = [descend(problem, solution.motions, settings, None, SETTLED) for solution in likely]
     begins: list[tuple[Sequence[Motion], Problem]] = [(solution.motions, problem) for solution in settled]
     found: list[Solution] = []
     while begins and len(found) < LOOKS:
