@@ -11,7 +11,7 @@ from kfmocap.core.body import human, landmark_positions, part_poses
 from kfmocap.core.errors import CancelledError
 from kfmocap.core.evidence.images import ViewFrames
 from kfmocap.core.motion import Motion
-from kfmocap.core.solvers.limbs import _Way, found_limbs, limbs, pairs, untangled
+from kfmocap.core.solvers.limbs import _best_way, _shares, found_limbs, limbs, pairs, untangled
 from kfmocap.core.solvers.problem import Problem
 from synthetic import at_rest, figure, look_at, poses_of, silhouette
 
@@ -103,10 +103,10 @@ def test_the_way_is_the_best_of_all_and_its_places_are_as_likely_as_they_are(see
     share = np.zeros((4, 3))
     for w, chance in zip(ways, np.exp(values) / np.exp(values).sum(), strict=True):
         share[frames, w] += chance
-    way = _Way.through(score, places)
-    np.testing.assert_array_equal(way.best, ways[values.argmax()])
-    assert way.value == pytest.approx(values.max())
-    np.testing.assert_allclose(way.share, share, atol=1e-12)
+    best, value = _best_way(score, places)
+    np.testing.assert_array_equal(best, ways[values.argmax()])
+    assert value == pytest.approx(values.max())
+    np.testing.assert_allclose(_shares(score, places), share, atol=1e-12)
 
 
 def test_an_arm_half_a_metre_away_is_found() -> None:

@@ -19,12 +19,13 @@ from ..body import Body
 from ..constraints import BandedBlocks, acceleration
 from ..evidence.collect import Evidence, joint_blocks, single_blocks
 from ..motion import Motion
+from ..occlusion import LONG, intervals
 from ..prediction import predict_unseen
 from ..shot import Settings
 from ..timing import Seconds
 from .banded import BandedFactor
 from .initial import blended, follow
-from .limbs import found_limbs, untangled_limbs
+from .limbs import found_limbs, limbs, untangled_limbs
 from .problem import Instants, Problem, Solution, Step, frame_residual
 
 Array = NDArray[np.float64]
@@ -80,8 +81,11 @@ SETTLING = (Stage(1.0, 4.0, 3, 2), Stage(1.0, 1.0, 3, 1))
 """Of limbs that were looked for, around a trunk that is held."""
 SETTLED = (Stage(1.0, 1.0, 3, 4),)
 """From there to the solution."""
-ATTEMPTS, ROUNDS = 3, 2
-"""How often limbs are looked for around the start, and how many times in a row each time."""
+EQUAL = 0.005
+"""Solutions whose covers of the performers differ by less than this share of them are equals: which of them covers the
+most is chance."""
+LOOKS = 5
+"""How often limbs are looked for, at most."""
 WINDOW = (Stage(2.0, 4.0, 4, 2, 0.10), Stage(1.0, 1.0, 4, 2))
 """Within the window of `initial.follow`."""
 REFINEMENT = (Stage(1.0, 1.0, 2, 2),)
@@ -92,8 +96,8 @@ def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step
     """Fit the motion of all performers between their key poses.
 
     The curve through the key poses is one start. Where the images disagree with what it led to, and no keypoints
-    confirm it, limbs are looked for around it, and where they still do, the motion is followed from the key poses. The
-    best of the solutions counts.
+    confirm it, or limbs are out of all views' sight for long, the motion is followed from the key poses, and then
+    limbs are looked for around the solutions. The best of them all counts.
 
     Parameters
     ----------
@@ -109,19 +113,20 @@ def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step
 
     def unsure() -> bool:
         best = better(problem, *solutions)
-        return doubtful(problem, best) and not confirmed(problem, start, best)
+        return (doubtful(problem, best) and not confirmed(problem, start, best)) or concealed(problem, best)
 
-    if unsure() and len(problem.whole_keys()) > 1 and not problem.pointers:  # keypoints tell where limbs are
-        with seconds.measure("initial solution"):
-            found = searched(problem, start, solutions[0].motions, settings, _share_of(on_step, 0.2, 0.6))
-        solutions.append(replace(found, seconds=Seconds()))
     if unsure():
         with seconds.measure("initial solution"):
-            initial = followed(problem, start, settings, _share_of(on_step, 0.6, 0.9))
-        solutions.append(descend(problem, initial, settings, _share_of(on_step, 0.9, 1.0)))
+            initial = followed(problem, start, settings, _share_of(on_step, 0.2, 0.3))
+        solutions.append(descend(problem, initial, settings, _share_of(on_step, 0.3, 0.4)))
+    if unsure() and len(problem.whole_keys()) > 1 and not problem.pointers:  # keypoints tell where limbs are
+        with seconds.measure("initial solution"):
+            best = searched(problem, start, solutions, settings, _share_of(on_step, 0.4, 1.0))
+    else:
+        best = better(problem, *solutions)
     for solution in solutions:
         seconds.add(solution.seconds)
-    return replace(better(problem, *solutions), seconds=seconds)
+    return replace(best, seconds=seconds)
 
 
 def confirmed(problem: Problem, start: Sequence[Motion], solution: Solution) -> bool:
@@ -157,29 +162,75 @@ def doubtful(problem: Problem, solution: Solution) -> bool:
     return bool((solution.explained < EXPLAINED * expected).any())
 
 
-def searched(
-    problem: Problem, start: Sequence[Motion], solved: Sequence[Motion], settings: Settings, on_step: Step | None = None
-) -> Solution:
-    """The solution from looking for limbs: around the motion that was solved, or around a trunk that moves as at the
-    start, which limbs in wrong places have not led astray.
+def concealed(problem: Problem, solution: Solution) -> bool:
+    """Whether part of a limb is out of all views' sight, between whole key poses, for longer than prediction bridges.
 
-    Which poses are drawn is chance: the best of a few attempts counts, or the first that leaves no doubt.
+    It may come into sight elsewhere than the solution has it. Foreground images would tell; keypoints do anyway.
     """
-    held = tuple(fixed | (np.arange(fixed.shape[1]) < 6) for fixed in problem.fixed)
-    begins = [(solved, problem)] + [(start, replace(problem, fixed=held))] * ATTEMPTS
+    telling = any(view.foreground is not None for view in problem.views)
+    if not telling or problem.pointers or len(problem.whole_keys()) < 2:
+        return False
+    return any(
+        last + 1 - first >= LONG
+        for body, hidden in zip(problem.bodies, problem.hidden(solution.share), strict=True)
+        for chain in limbs(body)
+        for part in chain
+        for first, last in intervals(hidden[:, part])
+    )
+
+
+def searched(
+    problem: Problem,
+    start: Sequence[Motion],
+    solutions: Sequence[Solution],
+    settings: Settings,
+    on_step: Step | None = None,
+) -> Solution:
+    """The solution from looking for limbs around some solutions, and then around the best until that has an equal.
+
+    Of the solutions only equals of the best are looked around, or all where that is doubtful; they settle first. While
+    all are doubtful, limbs are also looked for around a trunk that moves as at the start, which limbs in wrong places
+    have not led astray. Poses are drawn by chance: limbs stay where they were when what is found is no better than an
+    equal.
+    """
+    held = replace(problem, fixed=tuple(fixed | (np.arange(fixed.shape[1]) < 6) for fixed in problem.fixed))
+    likely = solutions if doubtful(problem, better(problem, *solutions)) else equals(solutions)
+    settled = [descend(problem, solution.motions, settings, None, SETTLED) for solution in likely]
+    begins: list[tuple[Sequence[Motion], Problem]] = [(solution.motions, problem) for solution in settled]
     found: list[Solution] = []
-    for attempt, (motions, around) in enumerate(begins):
-        for turn in range(ROUNDS):
-            begin = (attempt + turn / (ROUNDS + 1)) / len(begins)
-            part = 0.5 / (ROUNDS + 1) / len(begins)
-            motions = found_limbs(problem, motions, attempt, _share_of(on_step, begin, begin + part))
-            settled = descend(around, motions, settings, _share_of(on_step, begin + part, begin + 2 * part), SETTLING)
-            motions = untangled_limbs(problem, settled.motions)
-        last = _share_of(on_step, (attempt + ROUNDS / (ROUNDS + 1)) / len(begins), (attempt + 1) / len(begins))
-        found.append(descend(problem, motions, settings, last, SETTLED))
-        if not doubtful(problem, found[-1]):
-            break
-    return better(problem, *found)
+    while begins and len(found) < LOOKS:
+        motions, around = begins.pop(0)
+        part = _share_of(on_step, len(found) / LOOKS, (len(found) + 1) / LOOKS)
+        found.append(_looked_for(problem, around, motions, settings, len(found), part))
+        best = better(problem, *settled, *found)
+        if not begins and doubtful(problem, best) and around is not held:
+            begins.append((start, held))
+        elif not begins and len(equals([*settled, *found])) == 1:
+            begins.append((best.motions, problem))
+    kept = better(problem, *settled)
+    return kept if kept in equals([*settled, *found]) else better(problem, *found)
+
+
+def equals(solutions: Sequence[Solution]) -> list[Solution]:
+    """Those of some solutions that cover as much of the performers as the one that covers the most."""
+    covers = [float(solution.explained.sum()) for solution in solutions]
+    least = max(covers) - EQUAL * abs(max(covers))
+    return [solution for solution, cover in zip(solutions, covers, strict=True) if cover >= least]
+
+
+def _looked_for(
+    problem: Problem,
+    around: Problem,
+    motions: Sequence[Motion],
+    settings: Settings,
+    seed: int,
+    on_step: Step | None = None,
+) -> Solution:
+    """The solution from looking for limbs around motions, which settle first with what `around` has fixed."""
+    begin = found_limbs(problem, motions, seed, _share_of(on_step, 0.0, 0.6))
+    settled = descend(around, begin, settings, _share_of(on_step, 0.6, 0.8), SETTLING)
+    begin = untangled_limbs(problem, settled.motions)
+    return descend(problem, begin, settings, _share_of(on_step, 0.8, 1.0), SETTLED)
 
 
 def followed(

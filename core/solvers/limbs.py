@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.random import Generator
@@ -18,7 +19,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import argrelmin
 from scipy.spatial import ConvexHull
-from scipy.special import logsumexp
 
 from .. import rotations
 from ..body import Body, part_poses
@@ -37,8 +37,8 @@ SPREADS = (1.0, 0.5, 0.25, 0.12)
 others is in proportion to their range."""
 DRAWS = 80
 """Poses drawn per round; a third and two thirds of the way to each are tried as well."""
-SPEED = 6.0
-"""Usual angular speed of a joint that can turn half a circle, rad/s."""
+SPEED = 3.0
+"""How fast the error of a joint that can turn half a circle usually changes, rad/s: half as fast as the joint turns."""
 PATCH = 0.06
 """Pixels within this length of each other on the body count as one, metres."""
 HELD = 0.1
@@ -132,14 +132,16 @@ class _Look:
         labels = self.labels(geometry, poses)
         return _Look(self.camera, self.first, np.where(labels.part < 0, self.ratio, np.float32(0)))
 
-    def at(self, frames: slice, points_world: Array) -> Array:
+    def at(self, frames: slice, points_world: NDArray[np.float32]) -> NDArray[np.float32]:
         """Ratios of the pixels that points (m, K, n, points, 3) of some frames fall on, 0 beyond the picture."""
         Rc, tc = self.camera.poses(self.first + frames.start, len(points_world))
-        x = points_world @ np.swapaxes(Rc, -1, -2)[:, None, None] + tc[:, None, None, None]
         K = self.camera.matrix
-        uv = x[..., :2] / np.maximum(x[..., 2:], NEAR) * K[[0, 1], [0, 1]] + K[:2, 2]
-        frame = np.arange(len(x))[:, None, None, None]
-        return pixels_at(self.ratio[frames], frame, uv[..., 0], uv[..., 1], 0.0)
+        m, *shape, _ = points_world.shape
+        x = points_world.reshape(m, -1, 3) @ np.swapaxes(K @ Rc, -1, -2).astype(np.float32)
+        x += (tc @ K.T).astype(np.float32)[:, None]
+        uv = x[..., :2] / np.maximum(x[..., 2:], np.float32(NEAR))
+        ratio = pixels_at(self.ratio[frames], np.arange(m)[:, None], uv[..., 0], uv[..., 1], np.float32(0))
+        return ratio.reshape(m, *shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +194,10 @@ def _found(
 def _likeliest(
     limb: _Limb, uncovered: Sequence[_Look], begin: Array, fps: float, rng: Generator
 ) -> tuple[Array, float]:
-    """The limb's rotation vectors (F, n, 3) that are likeliest around those it begins with, and by how much."""
+    """The limb's rotation vectors (F, n, 3) that are likeliest around those it begins with, and by how much.
+
+    How far they are from those costs by how fast it changes; how fast the limb itself moves costs nothing.
+    """
     low = np.minimum(limb.body.limits[limb.chain, :, 0], begin.min(axis=0))
     high = np.maximum(limb.body.limits[limb.chain, :, 1], begin.max(axis=0))
     cost = SPEED * limb.range / fps
@@ -204,13 +209,15 @@ def _likeliest(
         drawn = np.where(limb.fixed[:, None], path[:, None], np.clip(path[:, None] + offsets, low, high))
         score = _covered(limb, uncovered, drawn)
         score -= 0.5 * np.einsum("fn,fkna->fk", limb.held, ((drawn - begin[:, None]) / (HELD * limb.range)) ** 2)
-        way = _Way.through(score, (drawn / cost).reshape(*score.shape, -1))
+        places = ((drawn - begin[:, None]) / cost).reshape(*score.shape, -1)
+        best, value = _best_way(score, places)
         if not values:
-            values.append(float(score[:, 0].sum() - 0.5 * (np.diff(path / cost, axis=0) ** 2).sum()))
-        values.append(way.value)
+            values.append(float(score[:, 0].sum()))
+        values.append(value)
         # While draws are far apart the best are of different kinds; later their mean is smoother than any of them.
         wide = spread > SPREADS[len(SPREADS) // 2]
-        path = drawn[np.arange(len(drawn)), way.best] if wide else np.einsum("fk,fkna->fna", way.share, drawn)
+        frames = np.arange(len(drawn))
+        path = drawn[frames, best] if wide else np.einsum("fk,fkna->fna", _shares(score, places), drawn)
     return path, values[-1] - values[0]
 
 
@@ -248,7 +255,7 @@ def _chunks(frames: int) -> Iterator[slice]:
     return (slice(f, min(f + _AT_A_TIME, frames)) for f in range(0, frames, _AT_A_TIME))
 
 
-def _placed(limb: _Limb, frames: slice, drawn: Array) -> Array:
+def _placed(limb: _Limb, frames: slice, drawn: Array) -> NDArray[np.float32]:
     """World points (m, K, n, points, 3) of the limb in poses drawn (m, K, n, 3)."""
     R, T = limb.parent[0][frames, None], limb.parent[1][frames, None]
     Q = rotations.exp(drawn)
@@ -256,48 +263,53 @@ def _placed(limb: _Limb, frames: slice, drawn: Array) -> Array:
     for k, part in enumerate(limb.chain):
         T = T + R @ limb.body.offsets[part]
         R = R @ (limb.body.R_parent_rest[part] @ Q[:, :, k])
-        placed.append(limb.points[k] @ np.swapaxes(R, -1, -2) + T[:, :, None])
+        turned = limb.points[k].astype(np.float32) @ np.swapaxes(R, -1, -2).astype(np.float32)
+        placed.append(turned + T[:, :, None].astype(np.float32))
     return np.stack(placed, axis=2)
 
 
-@dataclass(frozen=True, eq=False)
-class _Way:
-    """The way through K places on each of F frames: the best (Viterbi), its value, and every place's probability.
+def _best_way(score: Array, places: Array) -> tuple[NDArray[np.intp], float]:
+    """The best way through K places on each of F frames (Viterbi), and its value.
 
-    The value is the sum of the places' scores less half the squared distances from one to the next.
+    The value is the sum of the places' scores (F, K) less half the squared distances between places (F, K, d).
     """
+    F, K = score.shape
+    best, total = np.zeros(F, np.intp), score[0]
+    back = np.zeros((F, K), np.intp)
+    for f in range(1, F):
+        through = total[:, None] + _link(places[f - 1], places[f])
+        back[f] = through.argmax(axis=0)
+        total = np.take_along_axis(through, back[f][None], axis=0)[0] + score[f]
+    best[-1] = total.argmax()
+    for f in range(F - 1, 0, -1):
+        best[f - 1] = back[f, best[f]]
+    return best, float(total.max())
 
-    best: NDArray[np.intp]
-    value: float
-    share: Array
 
-    @classmethod
-    def through(cls, score: Array, places: Array) -> _Way:
-        """Of scores (F, K) and places (F, K, d)."""
-        F, K = score.shape
-        best, total = np.zeros(F, np.intp), score[0]
-        back, ahead = np.zeros((F, K), np.intp), np.empty((F, K))
-        ahead[0] = score[0]
-        for f in range(1, F):
-            link = _link(places[f - 1], places[f])
-            through = total[:, None] + link
-            back[f] = through.argmax(axis=0)
-            total = through.max(axis=0) + score[f]
-            ahead[f] = logsumexp(ahead[f - 1][:, None] + link, axis=0) + score[f]
-        behind = np.zeros((F, K))
-        for f in range(F - 2, -1, -1):
-            behind[f] = logsumexp(behind[f + 1] + score[f + 1] + _link(places[f], places[f + 1]), axis=1)
-        best[-1] = total.argmax()
-        for f in range(F - 1, 0, -1):
-            best[f - 1] = back[f, best[f]]
-        log = ahead + behind
-        return cls(best, float(total.max()), np.exp(log - logsumexp(log, axis=1, keepdims=True)))
+def _shares(score: Array, places: Array) -> Array:
+    """The probability of every place, (F, K), where ways are the likelier the better; parameters as of `_best_way`."""
+    links = [np.exp(_link(a, b)) for a, b in pairwise(places)]
+    ahead, behind = score.copy(), np.zeros(score.shape)
+    for f, link in enumerate(links, start=1):
+        ahead[f] += _log_sum(ahead[f - 1], link)
+    for f, link in reversed(list(enumerate(links))):
+        behind[f] = _log_sum(behind[f + 1] + score[f + 1], link.T)
+    log = ahead + behind
+    share = np.exp(log - log.max(axis=1, keepdims=True))
+    return share / share.sum(axis=1, keepdims=True)
+
+
+def _log_sum(log: Array, factors: Array) -> Array:
+    """Logarithms of sums of K numbers, given by their logarithms, with each column of factors (K, L)."""
+    top = log.max()
+    return top + np.log(np.maximum(np.exp(log - top) @ factors, np.finfo(float).tiny))
 
 
 def _link(a: Array, b: Array) -> Array:
     """Less half the squared distance from each of the places (K, d) to each of the next, (K, K)."""
-    apart = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2 * a @ b.T
-    return -0.5 * np.maximum(apart, 0)
+    here, there = (-0.5 * np.einsum("kd,kd->k", p, p)[:, None] for p in (a, b))
+    one = np.ones_like(here)
+    return np.concatenate([a, here, one], axis=1) @ np.concatenate([b, one, there], axis=1).T
 
 
 def untangled(
