@@ -90,9 +90,10 @@ def test_relaxation_looks_for_no_offset_and_takes_one_that_is_given(shots: dict[
     assert track(replace(shots[2], settings=replace(few, footage_offset=0.5))).footage_offset == 0.5
 
 
-def test_an_offset_that_may_be_chance_is_none() -> None:
+def test_an_offset_that_is_next_to_nothing_or_hardly_measured_is_none() -> None:
     assert Offset.likeliest([]).value == 0
-    assert Offset.likeliest([Offset(0.1, 100.0)]).value == 0
+    assert Offset.likeliest([Offset(0.09, 1e6)]).value == 0
+    assert Offset.likeliest([Offset(0.4, 0.3 * DEVIATION**-2)]).value == 0
     assert Offset.likeliest([Offset(0.4, 100.0)]).value == pytest.approx(0.4 * 100 / (100 + DEVIATION**-2))
 
 
