@@ -88,9 +88,7 @@ def track_excerpts(shot: Shot, excerpts: Sequence[Excerpt], progress: Progress |
             report_progress(progress, what, float(begin + fraction * (end - begin)))
             return True
 
-        asked = shot.between(part.first, part.last)
-        if shot.settings.footage_offset is None and part.footage_offset is not None:
-            asked = asked.in_step(part.footage_offset)
+        asked = shot.between(part.first, part.last).in_step(part.footage_offset)
         results.append(track(asked, so_far, around=part.around))
     return results
 

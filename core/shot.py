@@ -225,9 +225,11 @@ class Shot:
         """Number of frames."""
         return self.frames[1] - self.frames[0] + 1
 
-    def in_step(self, footage_offset: float) -> Shot:
-        """The shot with the offset of all footage, see `Settings`."""
-        return replace(self, settings=replace(self.settings, footage_offset=footage_offset))
+    def in_step(self, found: float | None) -> Shot:
+        """The shot with the offset of all footage that was found, if any; one that its settings give stays."""
+        if found is None or self.settings.footage_offset is not None:
+            return self
+        return replace(self, settings=replace(self.settings, footage_offset=found))
 
     def between(self, first: int, last: int) -> Shot:
         """An excerpt: shot frames first to last, with the key poses on these alone."""

@@ -18,7 +18,7 @@ from .delay import poses_after
 from .errors import ShotError
 from .evidence.appearance import HALO, foreground_images
 from .evidence.collect import scene_poses
-from .evidence.images import ViewFrames
+from .evidence.images import ViewFrames, telling
 from .evidence.shape import fitted_shape
 from .evidence.synchrony import Offset, key_frame_offset
 from .footage import Album, check_view, footage_delay, frames_at
@@ -218,7 +218,7 @@ class _Job:
                     for v, c in zip(views, colour, strict=True)
                 ]
                 views = tuple(look.result() for look in looks)
-            self._shapes[stretch] = fitted_shape(_telling(views), geometry, poses, keys.tolist())
+            self._shapes[stretch] = fitted_shape(telling(views), geometry, poses, keys.tolist())
         return views
 
     def synchronise(self, stretch: Stretch, views: tuple[ViewFrames, ...]) -> None:
@@ -230,7 +230,7 @@ class _Job:
         motions = [motion[stretch[0] : stretch[1] + 1] for motion in self.motions]
         with self.seconds.measure("appearance"):
             self._offsets[stretch] = key_frame_offset(
-                _telling(views),
+                telling(views),
                 Geometry.of(bodies),
                 bodies,
                 motions,
@@ -413,11 +413,6 @@ def _read(stream: Iterator[Image], held: Image, count: int, stop: threading.Even
     while len(frames) < count and not stop.is_set():
         frames.append(next(stream))
     return np.stack(frames)
-
-
-def _telling(views: Sequence[ViewFrames]) -> list[ViewFrames]:
-    """Those that know how the performers look."""
-    return [view for view in views if view.foreground is not None]
 
 
 def _with_foreground(

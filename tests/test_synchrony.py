@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -108,7 +107,7 @@ def test_an_offset_of_more_than_half_a_frame_is_refused() -> None:
         Settings(footage_offset=0.7)
 
 
-def test_a_later_offset_shows_the_body_earlier(shots: dict[int, Shot], tmp_path: Path) -> None:
+def test_a_later_offset_shows_the_body_earlier(shots: dict[int, Shot]) -> None:
     view = replace(shots[0].views[0], offset=2.25)
     assert shown_delay(view, Settings()) == -0.25
     assert shown_delay(view, Settings(footage_offset=0.25)) == -0.5

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -171,3 +172,8 @@ class ViewFrames:
         """How large a metre that faces the camera is at a point; of points behind it, as before it."""
         R, t = self.camera.pose(frame)
         return float(self.camera.matrix[[0, 1], [0, 1]].mean() / max((R @ point_world + t)[2], _NEAREST))
+
+
+def telling(views: Sequence[ViewFrames]) -> list[ViewFrames]:
+    """The views that know how the performers look: those with foreground images."""
+    return [view for view in views if view.foreground is not None]

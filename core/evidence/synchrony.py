@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body import Body, twist_jacobian
+from ..body import Body, part_poses, twist_jacobian
 from ..motion import Motion
 from ..visibility import Geometry
 from .collect import scene_poses
@@ -108,6 +108,6 @@ def _twists(bodies: Sequence[Body], motions: Sequence[Motion], rates: Sequence[A
     """Twists of all performers' parts per frame, (K, P, 6)."""
     found = []
     for body, motion, rate in zip(bodies, motions, rates, strict=True):
-        J = twist_jacobian(body, *scene_poses([body], [motion]))
+        J = twist_jacobian(body, *part_poses(body, motion))
         found.append(np.einsum("kpid,kd->kpi", J, rate))
     return np.concatenate(found, axis=1)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..evidence.appearance import log_ratio
 from ..evidence.gradients import Poses
-from ..evidence.images import ViewFrames
+from ..evidence.images import ViewFrames, telling
 from ..visibility import Geometry, render_labels
 
 Array = NDArray[np.float64]
@@ -58,12 +58,12 @@ def uncovered_gaps(
     ndarray, shape (N, F)
     """
     frames = len(next(iter(poses.values()))[0])
-    telling = [view for view in views if view.foreground is not None]
-    if not telling:
+    shown = telling(views)
+    if not shown:
         return np.zeros((len(spans), frames))
     with ThreadPoolExecutor(_WORKERS) as pool:
         gaps_of = partial(_view_gaps, geometry=geometry, first=first, spans=spans)
-        found = np.stack(list(pool.map(lambda view: gaps_of(view, poses=poses[view.delay]), telling)))
+        found = np.stack(list(pool.map(lambda view: gaps_of(view, poses=poses[view.delay]), shown)))
     gaps = np.nansum(found, axis=0) / np.maximum(np.isfinite(found).sum(axis=0), 1)
     if len(known):
         gaps -= np.stack([np.interp(np.arange(frames), known, row[known]) for row in gaps])

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ..body import Body
 from ..constraints import BandedBlocks, acceleration
 from ..evidence.collect import Evidence, joint_blocks, single_blocks
+from ..evidence.images import telling
 from ..motion import Motion
 from ..occlusion import LONG, intervals
 from ..prediction import predict_unseen
@@ -114,11 +115,12 @@ def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step
         with seconds.measure("initial solution"):
             initial = followed(problem, start, settings, _share_of(on_step, 0.2, 0.3))
         solutions.append(descend(problem, initial, settings, _share_of(on_step, 0.3, 0.4)))
-        best = better(problem, *solutions)
         if len(problem.whole_keys()) > 1 and not problem.pointers:  # keypoints tell where limbs are
             # That a doubt is gone does not tell that no arm is lost: it is a small part of what is to be covered.
             with seconds.measure("initial solution"):
                 best = searched(problem, start, solutions, settings, _share_of(on_step, 0.4, 1.0))
+        else:
+            best = better(problem, *solutions)
     for solution in solutions:
         seconds.add(solution.seconds)
     return replace(best, seconds=seconds)
@@ -162,8 +164,7 @@ def concealed(problem: Problem, solution: Solution) -> bool:
 
     It may come into sight elsewhere than the solution has it. Foreground images would tell; keypoints do anyway.
     """
-    telling = any(view.foreground is not None for view in problem.views)
-    if not telling or problem.pointers or len(problem.whole_keys()) < 2:
+    if not telling(problem.views) or problem.pointers or len(problem.whole_keys()) < 2:
         return False
     return any(
         last + 1 - first >= LONG

@@ -25,7 +25,7 @@ from ..body import Body, part_poses
 from ..cameras import Camera
 from ..evidence.appearance import log_ratio
 from ..evidence.collect import scene_poses
-from ..evidence.images import ViewFrames
+from ..evidence.images import ViewFrames, telling
 from ..motion import Motion
 from ..visibility import NEAR, Geometry, LabelImages, pixels_at, render_labels
 from .problem import Problem, Step
@@ -91,7 +91,7 @@ def found_limbs(problem: Problem, motions: Sequence[Motion], seed: int, on_step:
     on_step : callable, optional
         Called before each limb with the share of them done and the motions; may raise to end the job.
     """
-    looks = [_Look.of(view, problem) for view in problem.views if view.foreground is not None]
+    looks = [_Look.of(view, problem) for view in telling(problem.views)]
     found, rng = list(motions), np.random.default_rng(seed)
     chains = [(i, chain) for i, body in enumerate(problem.bodies) for chain in limbs(body)]
     for done, (i, chain) in enumerate(chains):

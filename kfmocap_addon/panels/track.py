@@ -31,8 +31,8 @@ class TrackPanel(Section, bpy.types.Panel):
         row.operator(ClearBetween.bl_idname, text="Here").where = "HERE"
         row.operator(ClearBetween.bl_idname, text="All").where = "EVERYWHERE"
         if properties.footage_offset:
-            early = "late" if properties.footage_offset < 0 else "early"
-            layout.label(text=f"Key poses {abs(properties.footage_offset):.2f} frames {early}", icon="TIME")
+            when = "late" if properties.footage_offset < 0 else "early"
+            layout.label(text=f"Key poses {abs(properties.footage_offset):.2f} frames {when}", icon="TIME")
 
 
 CLASSES = (TrackPanel,)
