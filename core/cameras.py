@@ -6,6 +6,7 @@ centres. Metres and pixels throughout.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -84,15 +85,19 @@ class Camera:
 
     def poses(self, first: int, count: int) -> tuple[Array, Array]:
         """World to camera rotations (n, 3, 3) and translations (n, 3) of consecutive shot frames."""
-        R, t = zip(*(self.pose(first + j) for j in range(count)), strict=True)
-        return np.stack(R), np.stack(t)
+        i = np.minimum(np.arange(first, first + count), len(self.R_cam_world) - 1)
+        return self.R_cam_world[i], self.t_cam_world[i]
+
+    def at(self, frames: Sequence[int]) -> Camera:
+        """The camera of some shot frames, which are counted from zero then."""
+        if not self.moving:
+            return self
+        R, t = zip(*(self.pose(frame) for frame in frames), strict=True)
+        return replace(self, R_cam_world=np.stack(R), t_cam_world=np.stack(t))
 
     def between(self, first: int, last: int) -> Camera:
         """The camera of an excerpt of its shot, shot frames first to last."""
-        if not self.moving:
-            return self
-        R, t = self.poses(first, last + 1 - first)
-        return replace(self, R_cam_world=R, t_cam_world=t)
+        return self.at(range(first, last + 1))
 
     def centre_world(self, frame: int = 0) -> Array:
         """Optical centre in the world, shape (3,), metres."""

@@ -167,13 +167,12 @@ def draw_outlines(image: Image, geometry: Geometry, camera: Camera, frame: int, 
     R, T : ndarray, shape (P, 3, 3) and (P, 3)
         World poses of the parts on that frame.
     """
-    label = render_labels(geometry, camera, frame, R[None], T[None]).part[0]
+    labels = render_labels(geometry, camera, frame, R[None], T[None])
     outlines = []
-    for i, span in enumerate(geometry.spans):
-        pixels = camera.project(geometry.vertices[span] @ R[i].T + T[i], frame)
-        if np.isfinite(pixels).all():
-            outline = _resampled(cv2.convexHull(pixels.astype(np.float32))[:, 0])
-            outlines.append((outline, _seen(outline, label, i)))
+    for i, (a, b) in enumerate(pairwise(labels.outlines.ends.tolist())):
+        if a < b:
+            outline = _resampled(labels.outlines.uv[a:b])
+            outlines.append((outline, _seen(outline, labels.part[0], i)))
     for outline, seen in outlines:
         _draw_runs(image, outline, ~seen, _HIDDEN, 1)
     for outline, seen in outlines:

@@ -1,20 +1,23 @@
 """Label and depth images: which part, and how far, every pixel of a posed scene shows (paper 000, section 2.3).
 
-OpenCV fills the convex outlines of the parts, painted far to near. A convex polyhedron is entered through the farthest
+A vertex of a convex polyhedron is on its outline where some of the faces that meet there look at the camera and others
+do not. OpenCV fills the outlines of the parts, painted far to near. A convex polyhedron is entered through the farthest
 of the planes of its faces that look at the camera, and in the image the inverse depth of a plane is linear, so the
 depth of a pixel is the minimum of a few linear functions: exact, and without drawing a single triangle.
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from .body import Body
 from .cameras import Camera
@@ -25,6 +28,7 @@ NEAR = 0.05
 """Parts with a vertex nearer than this (metres before the camera) are not drawn."""
 _SHIFT = 4  # fractional bits of the outlines given to OpenCV
 _FARTHEST = 1 << 20
+_TOUCHING = 1e-6  # metres
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +47,8 @@ class Geometry:
         The parts' face planes, see `Part.planes`; faces in one plane are listed once.
     face_owner : ndarray of int, shape (N,)
         The part that each plane belongs to.
+    meeting : sparse array of int, shape (V, N)
+        One where a plane goes through a vertex of its part.
     """
 
     vertices: Array
@@ -50,6 +56,7 @@ class Geometry:
     spans: tuple[slice, ...]
     planes: Array
     face_owner: NDArray[np.int64]
+    meeting: sparse.csr_array
 
     @property
     def counts(self) -> NDArray[np.int64]:
@@ -66,12 +73,14 @@ class Geometry:
         """From every part's vertices and planes."""
         count = np.arange(len(vertices))
         ends = np.cumsum([0] + [len(v) for v in vertices])
+        touching = [v @ p[:, :3].T + p[:, 3] > -_TOUCHING for v, p in zip(vertices, planes, strict=True)]
         return cls(
             np.concatenate(vertices),
             np.repeat(count, [len(v) for v in vertices]),
-            tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(ends)),
+            tuple(slice(int(a), int(b)) for a, b in pairwise(ends)),
             np.concatenate(planes),
             np.repeat(count, [len(p) for p in planes]),
+            sparse.csr_array(sparse.block_diag([touch.astype(np.int64) for touch in touching])),
         )
 
     def subset(self, parts: Sequence[int]) -> Geometry:
@@ -83,25 +92,54 @@ class Geometry:
 
 @dataclass(frozen=True, eq=False)
 class Outlines:
-    """The convex outlines of the parts that are drawn, in n frames.
+    """The convex outlines of the P parts in n frames, where they are drawn.
 
     Attributes
     ----------
-    uv : ndarray, shape (n, V, 2)
-        Where the vertices of all parts are in the image, pixels.
-    depth : ndarray, shape (n, V)
+    uv : ndarray, shape (K, 2)
+        The outlines' corners in the image, pixels; each outline clockwise as the image is seen.
+    depth : ndarray, shape (K,)
         How far they are, metres.
-    frame, part : ndarray of int, shape (N,)
-        Of each outline.
-    corners : list of ndarray of int
-        Its vertices, of the V; clockwise as the image is seen.
+    ends : ndarray of int, shape (n P + 1,)
+        Corners ends[k] to ends[k + 1] are those of part k % P in frame k // P.
     """
 
     uv: Array
     depth: Array
-    frame: NDArray[np.intp]
-    part: NDArray[np.intp]
-    corners: list[NDArray[np.intp]]
+    ends: NDArray[np.intp]
+
+    @property
+    def group(self) -> NDArray[np.intp]:
+        """The k that each corner belongs to, shape (K,)."""
+        return np.repeat(np.arange(len(self.ends) - 1), np.diff(self.ends))
+
+    @property
+    def following(self) -> NDArray[np.intp]:
+        """Which of the K corners comes after each on its outline, shape (K,)."""
+        after = np.arange(1, len(self.uv) + 1)
+        there = np.diff(self.ends) > 0
+        after[self.ends[1:][there] - 1] = self.ends[:-1][there]
+        return after
+
+
+@dataclass(frozen=True, eq=False)
+class Faces:
+    """The faces of the P parts that look at the camera in n frames.
+
+    Attributes
+    ----------
+    planes : ndarray of float32, shape (M, 3)
+        1/z of each plane as a linear function of the pixel (u, v, 1).
+    ends : ndarray of int, shape (n P + 1,)
+        Planes ends[k] to ends[k + 1] are those of part k % P in frame k // P.
+    farthest : ndarray of float32, shape (n P,)
+        1/z of the farthest vertex of each part: a filled outline's rim lies just outside the part, where its planes may
+        meet far behind it.
+    """
+
+    planes: NDArray[np.float32]
+    ends: NDArray[np.intp]
+    farthest: NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,20 +154,31 @@ class LabelImages:
         The pixels of the flattened images that show a part, sorted by frame and part.
     ends : ndarray of int, shape (n P + 1,)
         Pixels ends[k] to ends[k + 1] of these show part k % P of frame k // P.
-    inverse_depth : ndarray of float32, shape (N,)
-        1/z of the surface there, 1/metres.
     share : ndarray, shape (n, P)
         Visible area of each part over its whole projected area, 0 to 1 (section 5.3). Hidden by itself, by others, and
         beyond the picture's edge count alike.
     outlines : Outlines
+    faces : Faces
     """
 
     part: NDArray[np.int16]
     index: NDArray[np.intp]
     ends: NDArray[np.intp]
-    inverse_depth: NDArray[np.float32]
     share: Array
     outlines: Outlines
+    faces: Faces
+
+    @cached_property
+    def inverse_depth(self) -> NDArray[np.float32]:
+        """1/z of the surface at the pixels of `index`, 1/metres, shape (N,)."""
+        _, u, v = self.places()
+        rays = np.ones((3, len(u)), dtype=np.float32)
+        rays[:2] = u, v
+        entered = np.empty(len(u), dtype=np.float32)
+        for (a, b), (c, d) in zip(pairwise(self.ends.tolist()), pairwise(self.faces.ends.tolist()), strict=True):
+            if a < b:
+                np.minimum.reduce(self.faces.planes[c:d] @ rays[:, a:b], axis=0, out=entered[a:b])
+        return np.maximum(entered, np.repeat(self.faces.farthest, np.diff(self.ends)))
 
     def box(self) -> tuple[int, int, int, int]:
         """Left, top, right and bottom of the pixels that show a part in any frame, the latter two exclusive."""
@@ -137,13 +186,13 @@ class LabelImages:
         u, v = np.flatnonzero(seen.any(axis=0)), np.flatnonzero(seen.any(axis=1))
         return (int(u[0]), int(v[0]), int(u[-1]) + 1, int(v[-1]) + 1) if len(u) else (0, 0, 0, 0)
 
-    def places(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Column and row, in their images, of the pixels of `index`."""
+    def places(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+        """Frame, and column and row in its image, of the pixels of `index`."""
         n, height, width = self.part.shape
-        per_frame = np.diff(self.ends[:: self.share.shape[1]])
-        pixel = self.index - np.repeat(np.arange(n) * height * width, per_frame)
+        frame = np.repeat(np.arange(n), np.diff(self.ends[:: self.share.shape[1]]))
+        pixel = self.index - frame * (height * width)
         v = pixel // width
-        return pixel - v * width, v
+        return frame, pixel - v * width, v
 
     def part_at(self, frame: NDArray[np.intp], u: NDArray[np.floating], v: NDArray[np.floating]) -> NDArray[np.int16]:
         """The parts seen nearest to places in frames; -2 beyond the picture."""
@@ -159,12 +208,19 @@ class LabelImages:
 def pixels_at(
     images: NDArray[Any], frame: NDArray[np.intp], u: NDArray[np.floating], v: NDArray[np.floating], beyond: Any
 ) -> NDArray[Any]:
-    """The pixels of images (n, h, w) nearest to places in frames, all broadcast; `beyond` where there is none."""
+    """The pixels of images (n, h, w) nearest to places in frames, which are broadcast to the places; `beyond` where
+    there is none."""
     _, height, width = images.shape
-    column, row = np.rint(u), np.rint(v)
-    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    index = np.where(inside, (frame * height + row) * width + column, 0).astype(np.intp)
-    return np.where(inside, images.ravel().take(index), beyond)
+    with np.errstate(invalid="ignore"):  # what is no number becomes one that is far beyond
+        column, row = np.rint(u).astype(np.intp), np.rint(v).astype(np.intp)
+    # As an unsigned number a negative one is large.
+    inside = (column.view(np.uintp) < width) & (row.view(np.uintp) < height)
+    index = row * width + column
+    index += frame * (height * width)
+    index *= inside
+    found = images.ravel().take(index)
+    np.copyto(found, beyond, where=~inside)
+    return found
 
 
 def render_labels(geometry: Geometry, camera: Camera, first: int, R: Array, T: Array) -> LabelImages:
@@ -183,65 +239,72 @@ def render_labels(geometry: Geometry, camera: Camera, first: int, R: Array, T: A
     n, P = T.shape[:2]
     Rc, tc = camera.poses(first, n)
     R_cam, T_cam = Rc[:, None] @ R, T @ np.swapaxes(Rc, 1, 2) + tc[:, None]
-    points = np.einsum("nvab,vb->nva", R_cam[:, geometry.owner], geometry.vertices) + T_cam[:, geometry.owner]
-    depth = np.maximum(points[..., 2], NEAR)
-    pixels = points[..., :2] / depth[..., None] @ camera.matrix[:2, :2].T + camera.matrix[:2, 2]
-    corners = np.clip(np.round(pixels * (1 << _SHIFT)), -_FARTHEST, _FARTHEST).astype(np.int32)
-    exact = pixels.astype(np.float32)
+    points = _turned(geometry.vertices, geometry.owner, R_cam) + np.swapaxes(T_cam, 1, 2)[..., geometry.owner]
+    normals = _turned(geometry.planes[:, :3], geometry.face_owner, R_cam)
+    distance = geometry.planes[:, 3] - (normals * np.swapaxes(T_cam, 1, 2)[..., geometry.face_owner]).sum(axis=1)
+    facing = distance > _TOUCHING
     starts = [span.start for span in geometry.spans]
-    drawn = np.minimum.reduceat(points[..., 2], starts, axis=1) >= NEAR
-    far_to_near = np.argsort(-np.add.reduceat(points[..., 2], starts, axis=1) / geometry.counts, axis=1)
+    nearest, farthest = (f.reduceat(points[:, 2], starts, axis=1) for f in (np.minimum, np.maximum))
+    outlines = _outlines(geometry, camera, points, facing, nearest >= NEAR)
+    corners = np.clip(np.round(outlines.uv * (1 << _SHIFT)), -_FARTHEST, _FARTHEST).astype(np.int32)
 
     label = np.full((n, camera.size[1], camera.size[0]), -1, dtype=np.int16)
-    whole = np.ones((n, P))
-    hulls = []
-    for j in range(n):
-        for i in far_to_near[j]:
-            if drawn[j, i]:
-                hull = starts[i] + cv2.convexHull(exact[j, geometry.spans[i]], returnPoints=False)[:, 0]
-                hulls.append((j, int(i), hull))
-                outline = corners[j, hull]
-                cv2.fillConvexPoly(label[j], outline, int(i), shift=_SHIFT)
-                # A filled outline also covers the pixels that it runs through: half its length more than its area.
-                area = cv2.contourArea(outline) / 4**_SHIFT
-                whole[j, i] = max(area + cv2.arcLength(outline, True) / 2 ** (_SHIFT + 1), 1.0)
+    far_to_near = np.argsort(-np.add.reduceat(points[:, 2], starts, axis=1) / geometry.counts, axis=1)
+    bounds = outlines.ends.tolist()
+    for j, order in enumerate(far_to_near.tolist()):
+        image = label[j]
+        for i in order:
+            a, b = bounds[j * P + i], bounds[j * P + i + 1]
+            if a < b:
+                cv2.fillConvexPoly(image, corners[a:b], i, shift=_SHIFT)
 
     flat = label.ravel()
     index = np.flatnonzero(flat >= 0)
     group = index // label[0].size * P + flat[index]
     order = np.argsort(group.astype(np.int16) if n * P < 1 << 15 else group, kind="stable")
     index, ends = index[order], np.searchsorted(group[order], np.arange(n * P + 1))
-    inverse_depth = _inverse_depths(geometry, R_cam, T_cam, np.linalg.inv(camera.matrix), index, ends, label.shape)
-    # A filled outline's rim lies just outside the part, where its planes may meet far behind it.
-    farthest = 1 / np.maximum.reduceat(depth, starts, axis=1)
-    inverse_depth = np.maximum(inverse_depth, np.repeat(farthest.ravel(), np.diff(ends)).astype(np.float32))
-    share = np.minimum(np.diff(ends).reshape(n, P) / whole, 1.0)
-    frames, parts = (np.array([hull[k] for hull in hulls], dtype=np.intp) for k in range(2))
-    outlines = Outlines(pixels, depth, frames, parts, [hull[2] for hull in hulls])
-    return LabelImages(label, index, ends, inverse_depth, share, outlines)
+    frame, face = np.nonzero(facing)
+    linear = -(normals[frame, :, face] / distance[frame, face, None]) @ np.linalg.inv(camera.matrix)
+    faces = Faces(
+        linear.astype(np.float32),
+        np.searchsorted(frame * P + geometry.face_owner[face], np.arange(len(ends))),
+        (1 / np.maximum(farthest, NEAR)).astype(np.float32).ravel(),
+    )
+    share = np.minimum(np.diff(ends) / _filled(outlines), 1.0).reshape(n, P)
+    return LabelImages(label, index, ends, share, outlines, faces)
 
 
-def _inverse_depths(
-    geometry: Geometry,
-    R_cam: Array,
-    T_cam: Array,
-    K_inv: Array,
-    index: NDArray[np.intp],
-    ends: NDArray[np.intp],
-    shape: tuple[int, ...],
-) -> NDArray[np.float32]:
-    """1/z where the rays of pixels enter the parts that they show, shape (N,)."""
-    owner, P = geometry.face_owner, len(geometry.spans)
-    normals = np.einsum("nfab,fb->nfa", R_cam[:, owner], geometry.planes[:, :3])
-    distance = geometry.planes[:, 3] - np.einsum("nfa,nfa->nf", normals, T_cam[:, owner])
-    frame, face = np.nonzero(distance > 1e-6)  # the camera is before these faces
-    linear = (-(normals[frame, face] / distance[frame, face, None]) @ K_inv).astype(np.float32)
-    faces = np.searchsorted(frame * P + owner[face], np.arange(len(ends)))
-    rays = np.ones((3, len(index)), dtype=np.float32)
-    row, rays[0] = np.divmod(index, shape[2])
-    rays[1] = row % shape[1]
-    out = np.empty(len(index), dtype=np.float32)
-    for k in np.flatnonzero(np.diff(ends)):
-        pixels = slice(ends[k], ends[k + 1])
-        np.minimum.reduce(linear[faces[k] : faces[k + 1]] @ rays[:, pixels], axis=0, out=out[pixels])
-    return out
+def _turned(vectors: Array, owner: NDArray[np.int64], R: Array) -> Array:
+    """Vectors (V, 3) of parts, sorted by part, turned by the parts' rotations (n, P, 3, 3); shape (n, 3, V)."""
+    n, P = R.shape[:2]
+    ends = np.searchsorted(owner, np.arange(P + 1))
+    parts = (R[:, i].reshape(-1, 3) @ vectors[ends[i] : ends[i + 1]].T for i in range(P))
+    return np.concatenate([part.reshape(n, 3, -1) for part in parts], axis=2)
+
+
+def _outlines(
+    geometry: Geometry, camera: Camera, points: Array, facing: NDArray[np.bool_], drawn: NDArray[np.bool_]
+) -> Outlines:
+    """The outlines of the parts that are drawn (n, P), from vertices in camera axes (n, 3, V) and which faces look at
+    the camera (n, N)."""
+    n, P = drawn.shape
+    looking = (geometry.meeting @ facing.T.astype(np.int64)).T
+    edge = (looking > 0) & (looking < geometry.meeting.sum(axis=1)) & drawn[:, geometry.owner]
+    frame, vertex = np.nonzero(edge)
+    x, y, z = points[frame, :, vertex].T
+    uv = np.stack([x / z, y / z], axis=1) @ camera.matrix[:2, :2].T + camera.matrix[:2, 2]
+    group = frame * P + geometry.owner[vertex]
+    count = np.bincount(group, minlength=n * P)
+    middle = np.stack([np.bincount(group, a, minlength=n * P) for a in uv.T], axis=1) / np.maximum(count, 1)[:, None]
+    u, v = (uv - middle[group]).T
+    order = np.lexsort((np.arctan2(v, u), group))
+    return Outlines(uv[order], z[order], np.concatenate([[0], np.cumsum(count)]))
+
+
+def _filled(outlines: Outlines) -> Array:
+    """How many pixels each filled outline covers where nothing is before it, at least 1, shape (n P,)."""
+    (u, v), after = outlines.uv.T, outlines.following
+    twice = np.bincount(outlines.group, u * v[after] - u[after] * v, minlength=len(outlines.ends) - 1)
+    length = np.hypot(u[after] - u, v[after] - v)
+    # A filled outline also covers the pixels that it runs through: half its length more than its area.
+    return np.maximum((twice + np.bincount(outlines.group, length, minlength=len(twice))) / 2, 1.0)

@@ -162,6 +162,16 @@ def test_rectified_is_a_pinhole_and_needs_no_maps() -> None:
     assert camera((0, 0, 0, 0), fisheye=True).rectify_maps() is not None
 
 
+def test_a_camera_of_some_frames_counts_these_from_zero() -> None:
+    turns = np.stack([cv2.Rodrigues(np.array([0, 0.1 * f, 0]))[0] for f in range(6)])
+    moving = Camera.create("cam", SIZE, K, turns, np.arange(18.0).reshape(6, 3))
+    some = moving.at([5, 2])
+    for k, frame in enumerate((5, 2)):
+        for a, b in zip(some.pose(k), moving.pose(frame), strict=True):
+            np.testing.assert_array_equal(a, b)
+    assert not camera().at([5, 2]).moving
+
+
 def test_no_picture_is_reduced_to_nothing() -> None:
     assert reduced_size((30, 2), 100) == (1, 1)
 

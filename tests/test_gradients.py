@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 import pytest
 from kfmocap.core import rotations
@@ -59,7 +60,7 @@ def gradient_images(pictures: Sequence[Brightness], size: tuple[int, int]) -> Gr
         [(f(u, v + step) - f(u, v - step)) / (2 * step) for f in pictures],
     ]
     b, du, dv = (np.float32(c).reshape(-1, size[0]) for c in channels)
-    return GradientImages((b, du, dv), len(pictures))
+    return GradientImages(cv2.merge((b, du, dv)), len(pictures))
 
 
 def labels_of(motion: Motion, camera: Camera, stride: int = 1) -> tuple[LabelImages, tuple[Array, Array]]:
@@ -429,13 +430,12 @@ def test_gradient_images_are_kept_while_they_show_what_is_looked_for() -> None:
     for first, sigma, other in ((10, 2.0, box), (10, 1.0, (20, 30, 70, 50)), (11, 1.0, box)):
         images = view.images(first, 3, sigma, other)
         fresh = ViewFrames(CAMERA, grey, 10).images(first, 3, sigma, other)
-        for channel, expected in zip(images.channels, fresh.channels, strict=True):
-            np.testing.assert_array_equal(channel, expected)
+        np.testing.assert_array_equal(images.values, fresh.values)
 
 
 def test_no_more_gradient_images_are_kept_than_the_bound_allows(monkeypatch: pytest.MonkeyPatch) -> None:
     view, box = ViewFrames(CAMERA, np.zeros((12, 90, 120), np.uint8), 0), (0, 0, 120, 90)
-    one = view.images(0, 2, 1.0, box).nbytes
+    one = view.images(0, 2, 1.0, box).values.nbytes
     monkeypatch.setattr("kfmocap.core.evidence.images.KEPT_BYTES", 3 * one)
     for order in (range(10), reversed(range(10))):  # as threads come
         runs = {f: view.images(f, 2, 1.0, box) for f in order}
@@ -445,7 +445,7 @@ def test_no_more_gradient_images_are_kept_than_the_bound_allows(monkeypatch: pyt
 def test_gradient_images_are_derivatives_of_the_smoothed_picture() -> None:
     u, v = np.meshgrid(np.arange(60.0), np.arange(40.0))
     ramp = np.uint8(np.stack([2 * u + 3 * v, 4 * u]))
-    b, du, dv = (c.reshape(2, 40, 60)[:, 8:-8, 8:-8] for c in GradientImages.of(ramp, 1.0).channels)
+    b, du, dv = (c.reshape(2, 40, 60)[:, 8:-8, 8:-8] for c in cv2.split(GradientImages.of(ramp, 1.0).values))
     np.testing.assert_allclose(b, ramp[:, 8:-8, 8:-8] / 255, atol=1e-5)
     np.testing.assert_allclose(du, np.full(b.shape, 1) * np.array([2, 4])[:, None, None] / 255, atol=1e-5)
     np.testing.assert_allclose(dv, np.full(b.shape, 1) * np.array([3, 0])[:, None, None] / 255, atol=1e-5)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -72,6 +73,28 @@ def test_labels_and_depths_are_those_of_cast_rays(body: Body) -> None:
         same = inner & (label >= 0) & (images.part[f] == label)
         np.testing.assert_allclose(depths[f][same], depth[same], rtol=2e-5)
         assert np.isinf(depths[f][images.part[f] < 0]).all()
+
+
+@pytest.mark.parametrize("body", [figure(), human()], ids=["figure", "human"])
+def test_outlines_are_the_hulls_of_the_projected_vertices_clockwise(body: Body) -> None:
+    motion = swing(body, 4, seed=5)
+    R, T = poses_of([body], [motion])
+    outlines = seen(NEARBY, (body, motion)).outlines
+    for k, (a, b) in enumerate(pairwise(outlines.ends)):
+        f, i = divmod(k, len(body))
+        pixels = NEARBY.project(body.parts[i].vertices @ R[f, i].T + T[f, i], f)
+        hull = cv2.convexHull(np.float32(pixels), clockwise=True)[:, 0]
+        (u, v), n = outlines.uv[a:b].T, np.roll(outlines.uv[a:b], -1, axis=0)
+        area = (u * n[:, 1] - n[:, 0] * v).sum() / 2  # of what goes clockwise as the picture is seen, positive
+        np.testing.assert_allclose(area, cv2.contourArea(hull), rtol=1e-4)
+        for corner in hull:  # the hull's corners are among the outline's
+            assert np.linalg.norm(outlines.uv[a:b] - corner, axis=1).min() < 1e-3
+
+
+def test_a_part_before_and_behind_the_camera_has_no_outline() -> None:
+    body, motion = solid((0, 0, 1), 0.3, 0.3)
+    labels = seen(look_at("within", (0, 0.05, 1), (0, 5, 1)), (body, motion))
+    assert not len(labels.outlines.uv) and (labels.part == -1).all()
 
 
 def test_a_plane_square_to_the_view_has_one_depth() -> None:

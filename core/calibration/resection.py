@@ -21,10 +21,10 @@ from ..body import Body, twist_jacobian
 from ..cameras import Camera
 from ..evidence.appearance import foreground_images
 from ..evidence.collect import scene_poses
-from ..evidence.gradients import Poses, camera_twist, summed_products
+from ..evidence.gradients import Poses, camera_twist
 from ..evidence.images import ViewFrames
 from ..evidence.outlines import EDGE_DEVIATION, MODEL_DEVIATION, Lines, outline_lines
-from ..evidence.shape import SHIFT, STRETCH, stretched
+from ..evidence.shape import SHIFT, STRETCH, shape_columns, stretched
 from ..motion import Motion
 from ..visibility import Geometry, render_labels
 
@@ -289,20 +289,10 @@ def outline_products(lines: Lines, camera: Camera, poses: Poses) -> Array:
     A row is the wrench in camera axes (6), the shift by the focal length's logarithm, that by the part's stretches (3),
     and the shift itself.
     """
-    (R, T), (Rc, tc) = poses, camera.poses(0, len(poses[0]))
-    K, P = T.shape[:2]
-    of = lines.frame, lines.part
     wrench = lines.wrenches(camera)
     radial = ((lines.uv - camera.matrix[:2, 2]) * lines.normal).sum(axis=1)
-    to_part = (Rc[:, None] @ R)[of]
-    joints = T @ np.swapaxes(Rc, 1, 2) + tc[:, None]
-    place, slope = (np.einsum("na,nab->nb", a, to_part) for a in (lines.points_cam - joints[of], wrench[:, :3]))
-    rows = np.concatenate([wrench, radial[:, None], slope * place, lines.shift[:, None]], axis=1)
-    group = lines.frame * P + lines.part
-    order = np.argsort(group, kind="stable")
-    ends = np.searchsorted(group[order], np.arange(K * P + 1))
-    weight = lines.weight * lines.length
-    return summed_products(rows[order].T, weight[order], ends).reshape(K, P, rows.shape[1], rows.shape[1])
+    stretch, _ = shape_columns(lines, wrench, camera, poses)
+    return lines.products(np.column_stack([wrench, radial, stretch, lines.shift]), *poses[1].shape[:2])
 
 
 def _jacobian(body: Body, camera: Camera, poses: Poses) -> Array:

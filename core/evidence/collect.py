@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
+from itertools import pairwise
 from operator import attrgetter
 
 import numpy as np
@@ -23,7 +24,7 @@ from .outlines import OutlineSums, outline_sums
 Array = NDArray[np.float64]
 
 RUN = 32
-"""How many pairs of frames are worked on at a time: enough to keep NumPy busy, few enough to stay in the cache."""
+"""Pairs of frames that are worked on at a time, about: enough to keep NumPy busy, few enough to stay in the cache."""
 _WORKERS = 2
 
 
@@ -118,12 +119,13 @@ def image_evidence(
     """
     at = {0.0: poses, **(delayed or {})}
     F = len(poses[0])
-    starts = range(0, max(F - 1, 1), RUN)
-    tasks = [(view, a, min(a + RUN, F - 1), geometry, at[view.delay]) for view in views for a in starts]
+    runs = max(round((F - 1) / RUN), 1)
+    bounds = [(F - 1) * k // runs for k in range(runs + 1)]
+    tasks = [(view, a, b, geometry, at[view.delay]) for view in views for a, b in pairwise(bounds)]
     with ThreadPoolExecutor(_WORKERS) as pool:
         jobs = [pool.submit(_run, *task, first, sigma, tolerance, stride, reach) for task in tasks]
         done = [job.result() for job in jobs]
-    rows = [done[i : i + len(starts)] for i in range(0, len(done), len(starts))]
+    rows = [done[i : i + runs] for i in range(0, len(done), runs)]
 
     def joined(name: str) -> Array:
         return np.stack([np.concatenate([getattr(run.sums, name) for run in row]) for row in rows])
@@ -186,8 +188,9 @@ def _run(
     outlines = OutlineSums(np.zeros((*T.shape[:2], 6, 6)), np.zeros((*T.shape[:2], 6)), np.zeros(len(T)))
     explained = np.zeros(len(T))
     if foreground is not None:
-        shown = log_ratio(foreground[:, ::stride, ::stride]) * (labels.part >= 0)
-        explained = stride**2 * shown.sum(axis=(1, 2), dtype=float)
+        frame, u, v = labels.places()
+        shown = stride**2 * log_ratio(foreground[frame, stride * v, stride * u])
+        explained = np.bincount(frame, shown, minlength=len(T)).astype(float)
         half = max(4, round(reach * view.pixels_per_metre(T.mean(axis=(0, 1)), first + start)))
         outlines = outline_sums(view.camera, first + start, foreground, labels, stride, half, tolerance, view.halo)
     return _Run(sums, outlines, explained, labels.share, (drawn - begin, summed - drawn, time.perf_counter() - summed))

@@ -85,12 +85,13 @@ class Pixels:
         """Of the first label images, which have every stride-th pixel of the camera's frames."""
         P = labels.share.shape[1]
         ends = labels.ends[: frames * P + 1]
-        frame, part = np.repeat(np.indices((frames, P)).reshape(2, -1), np.diff(ends), axis=1)
-        uv = stride * np.stack([a[: ends[-1]] for a in labels.places()])
-        K = camera.matrix
+        frame, u, v = (a[: ends[-1]] for a in labels.places())
+        part = np.repeat(np.tile(np.arange(P), frames), np.diff(ends))
+        uv = stride * np.stack([u, v])
+        K = camera.matrix.astype(np.float32)
         points = np.empty((3, ends[-1]), np.float32)
         points[2] = 1 / labels.inverse_depth[: ends[-1]]
-        points[:2] = (uv - K[:2, 2:]) / K[[0, 1], [0, 1]][:, None] * points[2]
+        points[:2] = (uv.astype(np.float32) - K[:2, 2:]) / K[[0, 1], [0, 1]][:, None] * points[2]
         return cls(frame, part, ends, uv.T, points.T)
 
 

@@ -30,7 +30,7 @@ class GradientImages:
 
     Attributes
     ----------
-    channels : tuple of ndarray, shape (n h, w)
+    values : ndarray, shape (n h, w, 3)
         Brightness and its derivatives by u and v, the windows one below the other.
     count : int
         n.
@@ -38,29 +38,27 @@ class GradientImages:
         The frames' pixel (u, v) that is the window's first.
     """
 
-    channels: tuple[Image, Image, Image]
+    values: Image
     count: int
     origin: tuple[int, int] = (0, 0)
 
     @classmethod
     def of(cls, grey: NDArray[np.uint8], sigma: float, origin: tuple[int, int] = (0, 0)) -> GradientImages:
         """From windows of 8 bits (n, h, w), smoothed by a Gaussian of `sigma` pixels."""
-        stack = grey.reshape(-1, grey.shape[2]).astype(np.float32) * np.float32(1 / 255)
-        smooth = cv2.GaussianBlur(stack, (0, 0), sigma)
-        du, dv = (cv2.Scharr(smooth, cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1)))
-        return cls((smooth, du, dv), len(grey), origin)
+        values = np.empty((*grey.shape, 3), np.float32)
+        for image, out in zip(grey, values, strict=True):
+            smooth = cv2.GaussianBlur(image * np.float32(1 / 255), (0, 0), sigma)
+            du, dv = (cv2.Scharr(smooth, cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1)))
+            cv2.merge((smooth, du, dv), out)
+        return cls(values.reshape(-1, grey.shape[2], 3), len(grey), origin)
 
     @property
     def height(self) -> int:
-        return self.channels[0].shape[0] // self.count
-
-    @property
-    def nbytes(self) -> int:
-        return sum(channel.nbytes for channel in self.channels)
+        return self.values.shape[0] // self.count
 
     def shows(self, box: tuple[int, int, int, int]) -> bool:
         """Whether a box (left, top, right, bottom) of the frames lies within the window."""
-        (left, top), width = self.origin, self.channels[0].shape[1]
+        (left, top), width = self.origin, self.values.shape[1]
         return left <= box[0] and top <= box[1] and box[2] <= left + width and box[3] <= top + self.height
 
     def sample(self, image: NDArray[np.intp], pixels: Image) -> Image:
@@ -79,13 +77,13 @@ class GradientImages:
         """
         u, v = pixels.T - np.array(self.origin, np.float32)[:, None]
         places = stacked_places(u, v, image, self.height)
-        return np.stack([interpolated(channel, places, u.shape) for channel in self.channels])
+        return interpolated(self.values, places, u.shape).T
 
     def at(self, image: NDArray[np.intp], pixels: NDArray[np.intp]) -> Image:
         """Brightness and derivatives at whole pixels (N, 2) within the window, shape (3, N)."""
         u, v = pixels.T
-        index = (v - self.origin[1] + image * self.height) * self.channels[0].shape[1] + u - self.origin[0]
-        return np.stack([channel.ravel().take(index) for channel in self.channels])
+        index = (v - self.origin[1] + image * self.height) * self.values.shape[1] + u - self.origin[0]
+        return self.values.reshape(-1, 3).take(index, axis=0).T
 
 
 def stacked_places(
@@ -98,15 +96,20 @@ def stacked_places(
     places = np.zeros((2, (u.size // _ROW + 1) * _ROW), np.float32)  # OpenCV takes no more than 32767 rows
     places[0, : u.size] = u.ravel()
     # As OpenCV rounds them; in single precision, a place far down the stack would be rounded otherwise.
-    row = np.rint(np.clip(v, 0, height - 1) * _STEPS) / _STEPS
-    places[1, : u.size] = (row + image * height).ravel()
+    row = np.clip(v, 0, height - 1).astype(np.float32) * np.float32(_STEPS)
+    np.rint(row, out=row)
+    row *= np.float32(1 / _STEPS)
+    row += (image * height).astype(np.float32)
+    places[1, : u.size] = row.ravel()
     return places.reshape(2, -1, _ROW)
 
 
 def interpolated(image: NDArray[Any], places: Image, shape: tuple[int, ...]) -> NDArray[Any]:
-    """An image's bilinear values at the places that `stacked_places` made of arrays of that shape."""
+    """An image's bilinear values at the places that `stacked_places` made of arrays of that shape; an image of several
+    channels gives so many values each."""
     values = cv2.remap(image, places[0], places[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return values.ravel()[: math.prod(shape)].reshape(shape)
+    channels = image.shape[2:]
+    return values.reshape(-1, *channels)[: math.prod(shape)].reshape(*shape, *channels)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +162,7 @@ class ViewFrames:
                 self._kept.pop((start, count), None)  # another run may have done it
         # The same are kept whichever thread comes first: what lies beyond a window's edge depends on it.
         windows = 1 + (first - self.first) / max(images.count - 1, 1)
-        if windows * images.nbytes <= KEPT_BYTES:
+        if windows * images.values.nbytes <= KEPT_BYTES:
             self._kept[first, images.count] = sigma, images
 
     def foreground_at(self, first: int, count: int) -> NDArray[np.uint8]:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..cameras import Camera
-from ..visibility import LabelImages, Outlines
+from ..visibility import LabelImages
 from .appearance import log_ratio
 from .gradients import camera_twist, summed_products, wrenches
 from .images import interpolated, stacked_places
@@ -38,7 +38,8 @@ _FARTHEST = 0.75  # share of a line's half length: an edge found beyond is the l
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """Lines across the outlines of the parts in n frames, where a part is seen against the background.
+    """Lines across the outlines of the parts in n frames, where a part is seen against the background; sorted by frame
+    and part.
 
     Attributes
     ----------
@@ -70,6 +71,11 @@ class Lines:
         """Rows of the shifts against twists in camera axes, shape (N, 6)."""
         focal = camera.matrix[[0, 1], [0, 1]].astype(np.float32)
         return wrenches(self.points_cam.astype(np.float32), self.normal.T.astype(np.float32), focal).astype(float)
+
+    def products(self, rows: Array, n: int, P: int) -> Array:
+        """Weighted sums of the products of the lines' rows (N, k) with themselves, per frame and part, (n, P, k, k)."""
+        ends = np.searchsorted(self.frame * P + self.part, np.arange(n * P + 1))
+        return summed_products(rows.T, self.weight * self.length, ends).reshape(n, P, rows.shape[1], -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,12 +110,7 @@ def outline_sums(
     of `outline_lines`."""
     lines = outline_lines(camera, foreground, labels, stride, reach, tolerance, halo)
     n, P = labels.share.shape
-    group = lines.frame * P + lines.part
-    order = np.argsort(group, kind="stable")
-    ends = np.searchsorted(group[order], np.arange(n * P + 1))
-    rows = np.concatenate([lines.wrenches(camera), -lines.shift[:, None]], axis=1)[order]
-    weight = (lines.weight * lines.length)[order]
-    sums = summed_products(rows.T, weight, ends).reshape(n, P, 7, 7)
+    sums = lines.products(np.concatenate([lines.wrenches(camera), -lines.shift[:, None]], axis=1), n, P)
     A = camera_twist(*camera.poses(first, n))[:, None]
     A_t = np.swapaxes(A, -1, -2)
     return OutlineSums(A_t @ sums[..., :6, :6] @ A, (A_t @ sums[..., :6, 6:])[..., 0], sums[..., 6, 6].sum(axis=1))
@@ -165,33 +166,24 @@ def outline_lines(
 def _against_background(labels: LabelImages, stride: int) -> tuple[Indices, Indices, Array, Array, Array, Array]:
     """Frame, part, place, outward normal, depth and length in pixels of the pieces of outline that part the body from
     the background."""
-    frame, part, a, b, z_a, z_b = _edges(labels.outlines, stride)
-    length = np.linalg.norm(b - a, axis=1)
+    outlines, after = labels.outlines, labels.outlines.following
+    group = outlines.group
+    a, z_a = stride * outlines.uv, outlines.depth
+    step, z_b = a[after] - a, z_a[after]
+    length = np.hypot(*step.T)
     spacing = SPACING * stride
     pieces = np.where(length > 0.1 * spacing, np.ceil(length / spacing), 0).astype(np.intp)
-    edge = np.repeat(np.arange(len(frame)), pieces)
+    edge = np.repeat(np.arange(len(a)), pieces)
     t = (np.arange(len(edge)) - np.repeat(np.cumsum(pieces) - pieces, pieces) + 0.5) / pieces[edge]
-    along = (b - a)[edge]
+    along = step[edge]
     uv, z = a[edge] + along * t[:, None], 1 / ((1 - t) / z_a[edge] + t / z_b[edge])
     # Outlines go clockwise as the picture is seen: outward lies to the left.
     normal = np.stack([along[:, 1], -along[:, 0]], axis=1) / length[edge, None]
-    frame, part = frame[edge], part[edge]
+    frame, part = np.divmod(group[edge], labels.share.shape[1])
     within = labels.part_at(frame, *(uv - 0.75 * stride * normal).T / stride) == part
     beyond = labels.part_at(frame, *(uv + stride * normal).T / stride) == -1
     kept = within & beyond
     return frame[kept], part[kept], uv[kept], normal[kept], z[kept], (length / np.maximum(pieces, 1))[edge][kept]
-
-
-def _edges(outlines: Outlines, stride: int) -> tuple[Indices, Indices, Array, Array, Array, Array]:
-    """Edges of outlines in images of every stride-th pixel: frame, part, both ends in pixels, both depths."""
-    counts = np.array([len(corners) for corners in outlines.corners], dtype=np.intp)
-    frame, part = np.repeat(outlines.frame, counts), np.repeat(outlines.part, counts)
-    start = np.concatenate(outlines.corners or [np.zeros(0, np.intp)])
-    following = np.arange(len(start)) + 1
-    following[np.cumsum(counts) - 1] -= counts  # the last corner is followed by the first
-    stop = start[following]
-    uv, z = outlines.uv, outlines.depth
-    return frame, part, stride * uv[frame, start], stride * uv[frame, stop], z[frame, start], z[frame, stop]
 
 
 def _along(
@@ -205,11 +197,13 @@ def _along(
 ) -> Array:
     """Log likelihood ratios along the lines, shape (N, len(places)); 0 where the model does not foretell them: another
     part beyond the outline, or background within."""
-    u, v = (uv[:, k, None] + normal[:, k, None] * places for k in range(2))
+    across = places.astype(np.float32)
+    place, outward = uv.astype(np.float32), normal.astype(np.float32)
+    u, v = (place[:, k, None] + outward[:, k, None] * across for k in range(2))
     n, height, width = foreground.shape
     stacked = foreground.reshape(n * height, width)
     seen = interpolated(stacked, stacked_places(u, v, frame[:, None], height), u.shape)
-    label = labels.part_at(frame[:, None], u / stride, v / stride)
+    label = labels.part_at(frame[:, None], u / np.float32(stride), v / np.float32(stride))
     foretold = (label == -1) == (places > 0)
     foretold |= np.abs(places) <= stride
     return np.where(foretold & (label != -2), log_ratio(seen), 0.0)

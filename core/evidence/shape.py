@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cameras import Camera
 from ..visibility import Geometry, render_labels
 from .gradients import Poses, camera_twist
 from .images import ViewFrames
-from .outlines import outline_lines
+from .outlines import Lines, outline_lines
 
 Array = NDArray[np.float64]
 
@@ -64,37 +65,39 @@ def outline_system(
     With `twists` of the parts about the world's origin (K, P, 6), by the delay of the views, a seventh unknown is how
     far the parts have gone on along them.
     """
-    unknowns = 6 if twists is None else 7
-    H, g = np.zeros((len(geometry.spans), unknowns, unknowns)), np.zeros((len(geometry.spans), unknowns))
+    P, unknowns = len(geometry.spans), 6 if twists is None else 7
+    sums = np.zeros((P, unknowns + 1, unknowns + 1))
     for view in views:
-        R, T = poses[view.delay]
-        for k, frame in enumerate(frames):
-            twist = None if twists is None else twists[view.delay][k]
-            _add_lines(H, g, view, geometry, (R[[k]], T[[k]]), frame, twist)
-    return H, g
+        rows, lines = _rows(view, geometry, poses[view.delay], frames, None if twists is None else twists[view.delay])
+        sums += lines.products(np.column_stack([rows, lines.shift]), len(frames), P).sum(axis=0)
+    return sums[:, :-1, :-1], sums[:, :-1, -1]
 
 
-def _add_lines(
-    H: Array, g: Array, view: ViewFrames, geometry: Geometry, poses: Poses, frame: int, twist: Array | None
-) -> None:
-    """Add one frame's normal equations."""
-    (R,), (T,) = poses
-    camera, (foreground,) = view.camera, view.foreground_at(frame, 1)
-    labels = render_labels(geometry, camera.subsampled(_STRIDE), frame, *poses)
-    reach = max(4, round(REACH * view.pixels_per_metre(T.mean(axis=0), frame)))
-    lines = outline_lines(camera, foreground[None], labels, _STRIDE, reach, TOLERANCE, view.halo)
-    Rc, tc = camera.pose(frame)
-    wrenches = lines.wrenches(camera)
-    to_part = np.einsum("ab,nbc->nac", Rc, R[lines.part])
-    slope = np.einsum("na,nab->nb", wrenches[:, :3], to_part)
-    x_part = np.einsum("na,nab->nb", lines.points_cam - (T @ Rc.T + tc)[lines.part], to_part)
-    columns = [slope * x_part, slope]
-    if twist is not None:
-        columns.append(np.einsum("na,na->n", wrenches @ camera_twist(Rc, tc), twist[lines.part])[:, None])
-    rows = np.concatenate(columns, axis=1)
-    weighted = rows * (lines.weight * lines.length)[:, None]
-    np.add.at(H, lines.part, weighted[:, :, None] * rows[:, None])
-    np.add.at(g, lines.part, weighted * lines.shift[:, None])
+def _rows(
+    view: ViewFrames, geometry: Geometry, poses: Poses, frames: Sequence[int], twists: Array | None
+) -> tuple[Array, Lines]:
+    """One view's lines on all frames, and their rows against the unknowns of their parts."""
+    (R, T), camera = poses, view.camera.at(frames)
+    foreground = np.concatenate([view.foreground_at(frame, 1) for frame in frames])
+    labels = render_labels(geometry, camera.subsampled(_STRIDE), 0, R, T)
+    scale = max(view.pixels_per_metre(places.mean(axis=0), frame) for places, frame in zip(T, frames, strict=True))
+    reach = max(4, round(REACH * scale))
+    lines = outline_lines(camera, foreground, labels, _STRIDE, reach, TOLERANCE, view.halo)
+    wrench = lines.wrenches(camera)
+    columns = shape_columns(lines, wrench, camera, poses)
+    if twists is not None:
+        turned = np.einsum("na,nab->nb", wrench, camera_twist(*camera.poses(0, len(T)))[lines.frame])
+        columns.append(np.einsum("na,na->n", turned, twists[lines.frame, lines.part])[:, None])
+    return np.concatenate(columns, axis=1), lines
+
+
+def shape_columns(lines: Lines, wrench: Array, camera: Camera, poses: Poses) -> list[Array]:
+    """The lines' rows against their parts' stretches and shifts, (N, 3) each, of the rows against twists (N, 6)."""
+    (R, T), (Rc, tc) = poses, camera.poses(0, len(poses[0]))
+    of = lines.frame, lines.part
+    to_part, joints = (Rc[:, None] @ R)[of], (T @ np.swapaxes(Rc, 1, 2) + tc[:, None])[of]
+    place, slope = (np.einsum("na,nab->nb", a, to_part) for a in (lines.points_cam - joints, wrench[:, :3]))
+    return [slope * place, slope]
 
 
 def stretched(geometry: Geometry, change: Array) -> Geometry:
