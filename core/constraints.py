@@ -99,27 +99,36 @@ def smoothness(motion: Motion, weights: Array, expected: Array | None = None) ->
         return blocks
     residual = acceleration(motion) - (0.0 if expected is None else expected)
     ahead, behind = _turns(motion.rotations)
-    J_next = block_diagonal(rotations.right_jacobian_inverse(ahead))
-    J_last = block_diagonal(rotations.right_jacobian_inverse(behind))
+    J_next = with_translation(rotations.right_jacobian_inverse(ahead))
+    J_last = with_translation(rotations.right_jacobian_inverse(behind))
     J_here = -np.swapaxes(J_next + J_last, -1, -2)  # Jl^-1 is the transpose of Jr^-1
-    J = (J_last, J_here, J_next)
-    weighted = [weights[:, None] * x for x in J]
+    J: list[Array] = [J_last, J_here, J_next]
+    weighted: list[Array] = [weights.reshape(-1, 3, 1) * x for x in J]
+
+    def product(a: int, b: int) -> Array:
+        block: Array = np.swapaxes(J[a], -1, -2) @ weighted[b]
+        return block_diagonal(block)
+
     for a in range(3):
-        blocks.gradient[a : F - 2 + a] += np.einsum("frd,fr->fd", weighted[a], residual)
-        blocks.diagonal[a : F - 2 + a] += np.swapaxes(J[a], 1, 2) @ weighted[a]
-    blocks.first[:-1] += np.swapaxes(J_here, 1, 2) @ weighted[0]
-    blocks.first[1:] += np.swapaxes(J_next, 1, 2) @ weighted[1]
-    blocks.second[:] = np.swapaxes(J_next, 1, 2) @ weighted[0]
+        gradient = np.swapaxes(weighted[a], -1, -2) @ residual.reshape(F - 2, -1, 3, 1)
+        blocks.gradient[a : F - 2 + a] += gradient.reshape(F - 2, D)
+        blocks.diagonal[a : F - 2 + a] += product(a, a)
+    blocks.first[:-1] += product(1, 0)
+    blocks.first[1:] += product(2, 1)
+    blocks.second[:] = product(2, 0)
     energy = float(np.sum(weights * residual**2))
     return BandedBlocks(blocks.diagonal, blocks.first, blocks.second, blocks.gradient, energy)
 
 
-def block_diagonal(J: Array, translation: Array | float = 1.0) -> Array:
-    """The Jacobians of all parts' turns (N, P, 3, 3), and a factor of the translation (N,), as (N, D, D)."""
-    N, P = J.shape[:2]
-    out = np.zeros((N, 3 + 3 * P, 3 + 3 * P))
-    out[:, range(3), range(3)] = np.reshape(translation, (-1, 1))
-    for p in range(P):
-        s = slice(3 + 3 * p, 6 + 3 * p)
-        out[:, s, s] = J[:, p]
-    return out
+def with_translation(J: Array, translation: Array | float = 1.0) -> Array:
+    """The Jacobians of the translation, by a factor (N,), and of all parts' turns (N, P, 3, 3): (N, 1 + P, 3, 3)."""
+    first = np.reshape(translation, (-1, 1, 1, 1)) * np.eye(3)
+    return np.concatenate([np.broadcast_to(first, (len(J), 1, 3, 3)), J], axis=1)
+
+
+def block_diagonal(J: Array) -> Array:
+    """Jacobians of three degrees of freedom each (N, B, 3, 3) as those of all of them, (N, 3 B, 3 B)."""
+    N, B = J.shape[:2]
+    out, b = np.zeros((N, B, 3, B, 3)), np.arange(B)
+    out[:, b, :, b] = np.swapaxes(J, 0, 1)
+    return out.reshape(N, 3 * B, 3 * B)

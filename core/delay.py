@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import rotations
-from .constraints import BandedBlocks, block_diagonal
+from .constraints import BandedBlocks, with_translation
 from .motion import Motion, stacked
 
 Array = NDArray[np.float64]
@@ -32,8 +32,9 @@ class Delayed:
         The first of the two poses known, of N.
     start : int
         Which of the N is the first that the F instants belong to; those before and after the F are held.
-    jacobians : tuple of ndarray, shape (F, D, D)
-        The instants' increments by those of the first and of the second pose, see `Motion.moved`.
+    jacobians : tuple of ndarray, shape (F, 1 + P, 3, 3)
+        The instants' increments by those of the first and of the second pose, see `Motion.moved`: of the translation,
+        and of every part's turn. The others are zero.
     """
 
     motion: Motion
@@ -47,22 +48,34 @@ class Delayed:
         N = max(self.start + F, int(self.earlier.max()) + 2)
         out = BandedBlocks.zeros(N, D)
         for a, b in product((0, 1), repeat=2):
-            left, right = np.swapaxes(self.jacobians[a], 1, 2), self.jacobians[b]
-            _add(out, self.earlier + a, self.earlier + b, left @ blocks.diagonal @ right)
-            across = left[1:] @ blocks.first @ right[:-1]
+            left, right = self.jacobians[a], self.jacobians[b]
+            _add(out, self.earlier + a, self.earlier + b, _between(left, blocks.diagonal, right))
+            across = _between(left[1:], blocks.first, right[:-1])
             _add(out, self.earlier[1:] + a, self.earlier[:-1] + b, across)
             _add(out, self.earlier[:-1] + b, self.earlier[1:] + a, np.swapaxes(across, 1, 2))
         for a in (0, 1):
-            np.add.at(out.gradient, self.earlier + a, np.einsum("frd,fr->fd", self.jacobians[a], blocks.gradient))
+            np.add.at(out.gradient, self.earlier + a, _through(self.jacobians[a], blocks.gradient[..., None])[..., 0])
         whole = BandedBlocks(out.diagonal, out.first, out.second, out.gradient, blocks.energy)
         return whole.cut(self.start, self.start + F)
+
+
+def _through(J: Array, blocks: Array) -> Array:
+    """J^T times blocks (F, D, n)."""
+    F, D, n = blocks.shape
+    return (np.swapaxes(J, -1, -2) @ blocks.reshape(F, -1, 3, n)).reshape(F, D, n)
+
+
+def _between(left: Array, blocks: Array, right: Array) -> Array:
+    """Left^T times blocks (F, D, D) times right."""
+    return np.swapaxes(_through(right, np.swapaxes(_through(left, blocks), 1, 2)), 1, 2)
 
 
 def _add(out: BandedBlocks, row: NDArray[np.intp], column: NDArray[np.intp], blocks: Array) -> None:
     """Add the blocks on and below the diagonal; those above mirror them."""
     for distance, band in enumerate((out.diagonal, out.first, out.second)):
         at = row - column == distance
-        np.add.at(band, column[at], blocks[at])
+        for there, block in zip(column[at], blocks[at], strict=True):  # np.add.at takes several times as long
+            band[there] += block
 
 
 def delayed(motion: Motion, delay: float, before: Motion | None = None, after: Motion | None = None) -> Delayed:
@@ -93,7 +106,7 @@ def delayed(motion: Motion, delay: float, before: Motion | None = None, after: M
         one.moved(share[:, None] * step),
         earlier,
         start,
-        (block_diagonal(by_one, 1 - share), block_diagonal(by_other, share)),
+        (with_translation(by_one, 1 - share), with_translation(by_other, share)),
     )
 
 

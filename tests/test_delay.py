@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from kfmocap.core import rotations
 from kfmocap.core.body import landmark_positions
-from kfmocap.core.constraints import BandedBlocks
+from kfmocap.core.constraints import BandedBlocks, block_diagonal
 from kfmocap.core.delay import delayed, poses_after
 from kfmocap.core.footage import footage_delay
 from kfmocap.core.motion import Motion
@@ -68,7 +68,7 @@ def weights(found: object, F: int) -> np.ndarray:
     W = np.zeros((F, D, F + 2, D))
     for r, first in enumerate(found.earlier - found.start + 1):
         for a in (0, 1):
-            W[r, :, first + a] += found.jacobians[a][r]
+            W[r, :, first + a] += block_diagonal(found.jacobians[a])[r]
     return W[:, :, 1:-1].reshape(F * D, F * D)
 
 

@@ -147,7 +147,7 @@ def posture(body: Body, motion: Motion, usual: float = POSTURE_DEVIATION) -> Ban
     g = np.einsum("fpra,fpr->fpa", J, stop * beyond + ease * turns)
     blocks.gradient[:, 6:] = g.reshape(F, -1)
     energy = float(np.sum(stop * beyond**2) + ease * np.sum(turns**2))
-    diagonal = block_diagonal(np.pad(H, ((0, 0), (1, 0), (0, 0), (0, 0))), 0.0)
+    diagonal = block_diagonal(np.pad(H, ((0, 0), (2, 0), (0, 0), (0, 0))))
     return BandedBlocks(diagonal, blocks.first, blocks.second, blocks.gradient, energy)
 
 

@@ -18,7 +18,7 @@ from .. import rotations
 from ..blas import one_blas_thread
 from ..body import Body, part_poses, point_jacobian
 from ..cameras import Camera
-from ..constraints import BandedBlocks, block_diagonal
+from ..constraints import BandedBlocks, block_diagonal, with_translation
 from ..errors import KeypointError
 from ..evidence.gradients import Poses
 from ..evidence.keypoints import Keypoints, Places, carried, keypoint_system
@@ -286,7 +286,7 @@ def movement_precision(body: Body) -> Array:
 def movement(given: Motion, pose: Motion, precision: Array) -> BandedBlocks:
     """Normal equations of the weighted squared movement from a given pose."""
     moved = given.difference(pose)
-    J = block_diagonal(rotations.right_jacobian_inverse(moved[:, 3:].reshape(len(pose), -1, 3)))
+    J = block_diagonal(with_translation(rotations.right_jacobian_inverse(moved[:, 3:].reshape(len(pose), -1, 3))))
     H, g = np.swapaxes(J, 1, 2) @ (precision[:, None] * J), np.einsum("frd,r,fr->fd", J, precision, moved)
     return _diagonal(H, g, float(np.sum(precision * moved**2)))
 
