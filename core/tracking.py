@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .blas import one_blas_thread
+from .body import Body
 from .delay import poses_after
 from .errors import ShotError
 from .evidence.appearance import HALO, foreground_images
@@ -158,8 +159,8 @@ def track(
     albums = [Album(kept, working_factor(view, PICTURE_SIZE)) for view in shot.views]
     stretches = segments(shot)
     waiting: tuple[Stretch, tuple[ViewFrames, ...]] | None = None
-    for stretch, views, colour in _footage_by_segment(shot, stretches, albums, job.seconds):
-        views = job.look(stretch, views, colour)
+    for stretch, views in _footage_by_segment(shot, stretches, albums, job.motions, job.seconds):
+        job.look(stretch, views)
         job.solve(stretch, views)
         job.synchronise(stretch, views)
         if waiting is not None:
@@ -201,25 +202,16 @@ class _Job:
         self.motions = [sighting.motion for sighting in observed.sightings]
         return observed
 
-    def look(self, stretch: Stretch, views: tuple[ViewFrames, ...], colour: Sequence[Image]) -> tuple[ViewFrames, ...]:
-        """Learn from a stretch's key frames how the performers look: their colours, and their shapes."""
-        keys = posed_frames(self.shot, *stretch)
-        if not len(keys) or self.shot.settings.solver != "gauss-newton":
-            return views  # the papers' solver looks at gradients alone
+    def look(self, stretch: Stretch, views: tuple[ViewFrames, ...]) -> None:
+        """Learn from a stretch's key frames how the performers are shaped."""
+        keys, seeing = posed_frames(self.shot, *stretch), telling(views)
+        if not seeing:
+            return
         bodies = [performer.body for performer in self.shot.performers]
-        geometry = Geometry.of(bodies)
-        offset = self.footage_offset
-        shown = {d: poses_after(self.motions, d - offset, keys) for d in {view.delay for view in views}}
-        poses = {d: scene_poses(bodies, there) for d, there in shown.items()}
         with self.seconds.measure("appearance"):
-            with ThreadPoolExecutor(_WORKERS) as pool:
-                looks = [
-                    pool.submit(_with_foreground, v, c, geometry, poses[v.delay], keys)
-                    for v, c in zip(views, colour, strict=True)
-                ]
-                views = tuple(look.result() for look in looks)
-            self._shapes[stretch] = fitted_shape(telling(views), geometry, poses, keys.tolist())
-        return views
+            shown = {d: poses_after(self.motions, d - self.footage_offset, keys) for d in {v.delay for v in seeing}}
+            poses = {d: scene_poses(bodies, there) for d, there in shown.items()}
+            self._shapes[stretch] = fitted_shape(seeing, Geometry.of(bodies), poses, keys.tolist())
 
     def synchronise(self, stretch: Stretch, views: tuple[ViewFrames, ...]) -> None:
         """Learn from a stretch that is solved how far its key poses and the footage are out of step."""
@@ -371,55 +363,62 @@ def working_factor(view: View, working_size: int) -> float:
 
 
 def _footage_by_segment(
-    shot: Shot, stretches: Sequence[Stretch], albums: Sequence[Album], seconds: Seconds
-) -> Iterator[tuple[Stretch, tuple[ViewFrames, ...], list[Image]]]:
-    """Every stretch with its frames, also in colour, decoded once and in order; three stretches are held at most."""
-    factors = [working_factor(view, shot.settings.working_size) for view in shot.views]
-    frames = range(shot.frames[0], shot.frames[1] + 1)
-    streams = [
-        frames_at(v, frames, f, grey=False, album=a) for v, f, a in zip(shot.views, factors, albums, strict=True)
-    ]
-    cameras = [v.camera.reduced(f).rectified() for v, f in zip(shot.views, factors, strict=True)]
-    stop = threading.Event()
+    shot: Shot, stretches: Sequence[Stretch], albums: Sequence[Album], start: Sequence[Motion], seconds: Seconds
+) -> Iterator[tuple[Stretch, tuple[ViewFrames, ...]]]:
+    """Every stretch with its frames, decoded once and in order; three stretches are held at most."""
+    readers = [_Reader(shot, view, album, start) for view, album in zip(shot.views, albums, strict=True)]
     with ThreadPoolExecutor(_WORKERS) as pool:
 
-        def read(stretch: Stretch, held: Sequence[Image]) -> list[Future[Image]]:
-            length = stretch[1] + 1 - stretch[0]
-            return [pool.submit(_read, s, h, length, stop) for s, h in zip(streams, held, strict=True)]
+        def read(stretch: Stretch) -> list[Future[ViewFrames]]:
+            return [pool.submit(reader.read, stretch) for reader in readers]
 
-        coming = read(stretches[0], [np.empty(0, np.uint8)] * len(streams))
+        coming = read(stretches[0])
         try:
             for stretch, following in zip_longest(stretches, stretches[1:]):
                 with seconds.measure("footage"):
-                    stacks = [job.result() for job in coming]
-                if following is not None:  # it is decoded while this one is solved
-                    coming = read(following, [colour[-1:] for colour in stacks])
-                greys = [np.stack([cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) for image in colour]) for colour in stacks]
-                yield (
-                    stretch,
-                    tuple(
-                        ViewFrames(camera, grey, stretch[0], delay=footage_delay(view))
-                        for view, camera, grey in zip(shot.views, cameras, greys, strict=True)
-                    ),
-                    stacks,
-                )
+                    views = tuple(job.result() for job in coming)
+                if following is not None:  # it is read while this one is solved
+                    coming = read(following)
+                yield stretch, views
         finally:
-            stop.set()
+            for reader in readers:
+                reader.stopped.set()
 
 
-def _read(stream: Iterator[Image], held: Image, count: int, stop: threading.Event) -> Image:
-    """Frames of a stream up to a count, those that are held already first; fewer when told to stop."""
-    frames = list(held)
-    while len(frames) < count and not stop.is_set():
-        frames.append(next(stream))
-    return np.stack(frames)
+class _Reader:
+    """Reads one view's frames, stretch by stretch, and tells there what looks like the performers.
+
+    Their key poses are those of the motion at the start: what is learned does not hang on when it is read.
+    """
+
+    def __init__(self, shot: Shot, view: View, album: Album, start: Sequence[Motion]) -> None:
+        factor = working_factor(view, shot.settings.working_size)
+        self.shot, self.view, self.start, self.stopped = shot, view, start, threading.Event()
+        self.camera = view.camera.reduced(factor).rectified()
+        self._stream = frames_at(view, range(shot.frames[0], shot.frames[1] + 1), factor, grey=False, album=album)
+        self._held: list[Image] = []
+
+    def read(self, stretch: Stretch) -> ViewFrames:
+        """A stretch that begins where the last one ended; fewer frames when stopped meanwhile."""
+        frames = self._held
+        while len(frames) < stretch[1] + 1 - stretch[0] and not self.stopped.is_set():
+            frames.append(next(self._stream))
+        self._held = frames[-1:]
+        colour = np.stack(frames)
+        grey = np.stack([cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) for image in colour])
+        found = ViewFrames(self.camera, grey, stretch[0], delay=footage_delay(self.view))
+        settings, keys = self.shot.settings, posed_frames(self.shot, *stretch)
+        if not len(keys) or settings.solver != "gauss-newton" or self.stopped.is_set():
+            return found  # the papers' solver looks at gradients alone
+        shown = poses_after(self.start, found.delay - (settings.footage_offset or 0.0), keys)
+        return _with_foreground(found, colour, [performer.body for performer in self.shot.performers], shown, keys)
 
 
 def _with_foreground(
-    view: ViewFrames, colour: Image, geometry: Geometry, poses: tuple[Array, Array], keys: NDArray[np.int64]
+    view: ViewFrames, colour: Image, bodies: Sequence[Body], shown: Sequence[Motion], keys: NDArray[np.int64]
 ) -> ViewFrames:
-    """A view with the foreground images that the performers' poses on key frames lead to."""
-    R, T = poses
+    """A view with the foreground images that the performers' poses on key frames, as shown there, lead to."""
+    geometry, (R, T) = Geometry.of(bodies), scene_poses(bodies, shown)
     masks = {
         int(key) - view.first: render_labels(geometry, view.camera, int(key), R[[k]], T[[k]]).part[0] >= 0
         for k, key in enumerate(keys)

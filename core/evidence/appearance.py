@@ -22,8 +22,8 @@ SCALE = 31.0
 HALO = 0.25
 """How far beyond the body's edge pixels show enough of it to be unlike the background, pixels."""
 _LEVELS = 16
-_SQUARES = np.minimum(np.arange(256) ** 2, 1 << 12).astype(np.uint16)
-"""Of differences from the background; what is far is far."""
+_STEPS = 16
+"""Of the distance from the background, per unit of the logarithm of how likely it is; there are 255 of them at most."""
 _UNKNOWN = 0.1
 """Share of pixels that show something else than either model foretells: bystanders, shadows, highlights."""
 _LEAST_DEVIATION = 4.0
@@ -68,19 +68,28 @@ def foreground_images(
     plate, known = _plate(colour, behind)
     known &= fixed
     deviation = _deviation(colour, plate, known)
-    distance = np.arange(3 * int(_SQUARES[-1]) + 1) / deviation**2  # from the plate, in its variances
-    volume = (256 / _LEVELS) ** 3  # of a bin of the histograms, whose values are per bin
-    nearness = np.minimum(volume * np.exp(-0.5 * distance) / (np.sqrt(2 * np.pi) * deviation) ** 3, 1)
-    nearness = ((1 - _UNKNOWN) * nearness).astype(np.float32)
-    still, moving = known.astype(np.float32), np.where(known, _UNKNOWN, 1).astype(np.float32)
+    table = _table(body, background, deviation)
+    squares = np.minimum(np.round(np.arange(256) ** 2 * _STEPS / (2 * deviation**2)), 255).astype(np.uint8)
+    unknown = np.where(known, 0, 255).astype(np.uint8)
     out = np.empty(colour.shape[:3], np.uint8)
     for image, result in zip(colour, out, strict=True):
-        bins = _bins(image).astype(np.intp)
-        b, g, r = cv2.split(cv2.LUT(cv2.absdiff(image, plate), _SQUARES))
-        likely = still * nearness.take((b + g + r).astype(np.intp)) + moving * background.take(bins)
-        ratio = cv2.log(body.take(bins) / likely)
-        result[:] = np.float32(128.5) + np.float32(SCALE) * np.clip(ratio, -STRONGEST, STRONGEST)
+        b, g, r = cv2.split(cv2.LUT(cv2.absdiff(image, plate), squares))
+        distance = cv2.min(cv2.add(cv2.add(b, g), r), 254) | unknown  # these sums end at 255
+        table.take(_bins(image).astype(np.intp) << 8 | distance, out=result, mode="clip")
     return out
+
+
+def _table(body: Array, background: Array, deviation: float) -> Bytes:
+    """The foreground image's values by the bin of a pixel's colour and its distance from the plate, in steps.
+
+    The last distance is that of pixels where no plate is known.
+    """
+    volume = (256 / _LEVELS) ** 3  # of a bin of the histograms, whose values are per bin
+    nearness = volume * np.exp(-np.arange(255) / _STEPS) / (np.sqrt(2 * np.pi) * deviation) ** 3
+    still = ((1 - _UNKNOWN) * np.minimum(nearness, 1)).astype(np.float32)
+    likely = np.column_stack([_UNKNOWN * background[:, None] + still, background])
+    ratio = cv2.log(body[:, None] / likely)
+    return (np.float32(128.5) + np.float32(SCALE) * np.clip(ratio, -STRONGEST, STRONGEST)).astype(np.uint8)
 
 
 def _disc(radius: float) -> Bytes:
