@@ -364,6 +364,12 @@ def test_views_are_looked_at_in_turn_and_never_fewer_than_asked() -> None:
         assert min(len(views) for views in turns(count)) >= 2
 
 
+def test_of_more_views_fewer_pixels_each_are_looked_at() -> None:
+    fine, coarse = gauss_newton.Stage(1.0, 1.0, 2, 1), gauss_newton.Stage(1.0, 1.0, 6, 1)
+    assert [fine.strided(views) for views in (1, 2, 3, 4, 9)] == [2, 2, 3, 4, 4]
+    assert [coarse.strided(views) for views in (1, 4)] == [6, 6]
+
+
 def test_coarse_stages_end_early_and_the_last_looks_at_every_view() -> None:
     truth = swing(BODY, 5, 0.2)
     problem = Counting(coloured(truth) * 2, (BODY,), 0, FPS, (ends_held(5),))

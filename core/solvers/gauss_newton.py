@@ -36,8 +36,8 @@ SMALLEST_STEP = 5e-3
 SMALL_STEP = 0.025
 """A stage that another follows ends when joints move less than this, root mean square: the next moves them more."""
 OVERRELAXATION = 1.5
-"""All steps of a stage but its last are taken this much longer: weights that follow the residuals, and slopes measured
-beside the solution, make every step too short by about the same share."""
+"""All steps of a stage but its last are taken this much longer, where all views are looked at: weights that follow the
+residuals, and slopes measured beside the solution, make every step too short by about the same share."""
 EXPLAINED = 0.8
 """Share of what the key poses explain of their images that a solution should explain of every other frame's."""
 CONFIRMED = 0.9
@@ -59,7 +59,7 @@ class Stage:
     tolerance : float
         Of Huber's limit: far from the solution large residuals still have to pull.
     stride : int
-        Every how many pixels, each way, the evidence is taken.
+        Every how many pixels, each way, the evidence of a few views is taken; see `strided`.
     iterations : int
         At most.
     reach : float
@@ -75,8 +75,14 @@ class Stage:
     reach: float = 0.07
     views: int | None = None
 
+    def strided(self, views: int) -> int:
+        """The stride with so many views: all of them together tell as much with fewer pixels each."""
+        return max(self.stride, min(views, COARSEST))
 
-STAGES = (Stage(2.0, 8.0, 4, 2, 0.10, 2), Stage(1.0, 4.0, 4, 3), Stage(1.0, 1.0, 3, 2))
+
+COARSEST = 4
+"""Stride that no number of views makes larger, pixels: parts are not much wider."""
+STAGES = (Stage(2.0, 8.0, 4, 2, 0.10, 2), Stage(1.0, 4.0, 4, 3, views=2), Stage(1.0, 1.0, 3, 2))
 """From the curve through the key poses to the solution."""
 SETTLING = (Stage(1.0, 4.0, 3, 2), Stage(1.0, 1.0, 3, 1))
 """Of limbs that were looked for, around a trunk that is held."""
@@ -271,9 +277,11 @@ def descend(
             if on_step is not None:
                 on_step((before + i) / planned, motions)
             seen = problem if stage.views is None else problem.some_views(stage.views, i)
-            poses, evidence = seen.evidence(geometry, motions, stage.sigma, stage.tolerance, stage.stride, stage.reach)
+            stride = stage.strided(len(seen.views))
+            poses, evidence = seen.evidence(geometry, motions, stage.sigma, stage.tolerance, stride, stage.reach)
             seconds.add(evidence.seconds)
-            pace = OVERRELAXATION if i + 1 < stage.iterations else 1.0
+            longer = i + 1 < stage.iterations and len(seen.views) == len(problem.views)
+            pace = OVERRELAXATION if longer else 1.0
             with seconds.measure("solve"):
                 if settings.prediction and (i == 0 or not hidden):
                     hidden = seen.hidden(evidence.share)
