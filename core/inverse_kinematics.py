@@ -199,7 +199,7 @@ def _fit_measures(
     labels = [names[i] for i in used]
 
     def placed(values: dict[str, float]) -> Array:
-        return landmark_positions(human(stature, values), poses, labels)
+        return landmark_positions(human(stature, values, solid=False), poses, labels)
 
     base = placed(measures)
     step = 1e-4

@@ -94,7 +94,7 @@ def measure_names(name: str) -> tuple[str, ...]:
     return (name,) if name in _CENTRAL else (f"{name}.L", f"{name}.R")
 
 
-def human(height: float = 1.75, measures: Mapping[str, float] | None = None) -> Body:
+def human(height: float = 1.75, measures: Mapping[str, float] | None = None, solid: bool = True) -> Body:
     """Build the default body.
 
     Parameters
@@ -103,6 +103,8 @@ def human(height: float = 1.75, measures: Mapping[str, float] | None = None) -> 
         Metres. Gives what `measures` leaves open, and all widths of the parts.
     measures : mapping, optional
         Measures in metres by the names of `default_measures`; a name without its side sets both.
+    solid : bool
+        Give the parts their polyhedra; joints and landmarks, which are there sooner, need none.
 
     Returns
     -------
@@ -119,10 +121,10 @@ def human(height: float = 1.75, measures: Mapping[str, float] | None = None) -> 
             raise BodyError(f"measure '{name}' is {value}", todo="give a positive number of metres")
         for key in keys:
             m[key] = value
-    return _assemble(m, height / 1.75)
+    return _assemble(m, height / 1.75, solid)
 
 
-def _assemble(m: Mapping[str, float], girth: float) -> Body:
+def _assemble(m: Mapping[str, float], girth: float, solid: bool) -> Body:
     parts: list[Part] = []
     landmarks: dict[str, tuple[int, Array]] = {}
     forward, up = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0])
@@ -136,6 +138,8 @@ def _assemble(m: Mapping[str, float], girth: float) -> Body:
         return len(parts) - 1
 
     def ringed(name: str, length: float) -> Array:
+        if not solid:
+            return np.empty((0, 3))
         return tapered([(y * length, *(girth * r for r in ring)) for y, *ring in _RINGS[name.split(".")[0]]], _SIDES)
 
     legs = [m[f"thigh.{s}"] + m[f"shin.{s}"] + m[f"foot_down.{s}"] for s in "LR"]
@@ -173,7 +177,8 @@ def _assemble(m: Mapping[str, float], girth: float) -> Body:
         toe = joint + forward * m[f"foot_forward.{side}"] - up * m[f"foot_down.{side}"]
         heel = joint - forward * m[f"heel_back.{side}"] - up * m[f"foot_down.{side}"]
         axes = bone_axes(toe - joint, up)
-        index = add(f"foot.{side}", parent, joint, toe, up, (_foot(joint, toe, heel, girth) - joint) @ axes)
+        shape = (_foot(joint, toe, heel, girth) - joint) @ axes if solid else np.empty((0, 3))
+        index = add(f"foot.{side}", parent, joint, toe, up, shape)
         landmarks[side + "Ankle"] = (index, np.zeros(3))
         landmarks[side + "BigToe"] = (index, axes.T @ (toe - joint))
         landmarks[side + "Heel"] = (index, axes.T @ (heel - joint))
@@ -196,9 +201,10 @@ def bone_axes(direction: Array, z_hint: Array) -> Array:
 def tapered(rings: Sequence[tuple[float, ...]], sides: int) -> Array:
     """Vertices of a solid of elliptic rings (y, half width, half depth, shift in depth), shape (rings * sides, 3)."""
     angle = np.arange(sides) * 2 * np.pi / sides
-    return np.concatenate(
-        [np.stack([rx * np.cos(angle), np.full(sides, y), rz * np.sin(angle) + z], 1) for y, rx, rz, z in rings]
-    )
+    y, rx, rz, z = np.array(rings).T[:, :, None]
+    corners = np.empty((len(rings), sides, 3))
+    corners[..., 0], corners[..., 1], corners[..., 2] = rx * np.cos(angle), y, rz * np.sin(angle) + z
+    return corners.reshape(-1, 3)
 
 
 def _foot(ankle: Array, toe: Array, heel: Array, girth: float) -> Array:
