@@ -366,7 +366,8 @@ def _footage_by_segment(
     shot: Shot, stretches: Sequence[Stretch], albums: Sequence[Album], start: Sequence[Motion], seconds: Seconds
 ) -> Iterator[tuple[Stretch, tuple[ViewFrames, ...]]]:
     """Every stretch with its frames, decoded once and in order; three stretches are held at most."""
-    readers = [_Reader(shot, view, album, start) for view, album in zip(shot.views, albums, strict=True)]
+    stopped = threading.Event()
+    readers = [_Reader(shot, view, album, start, stopped) for view, album in zip(shot.views, albums, strict=True)]
     with ThreadPoolExecutor(_WORKERS) as pool:
 
         def read(stretch: Stretch) -> list[Future[ViewFrames]]:
@@ -381,8 +382,7 @@ def _footage_by_segment(
                     coming = read(following)
                 yield stretch, views
         finally:
-            for reader in readers:
-                reader.stopped.set()
+            stopped.set()
 
 
 class _Reader:
@@ -391,9 +391,9 @@ class _Reader:
     Their key poses are those of the motion at the start: what is learned does not hang on when it is read.
     """
 
-    def __init__(self, shot: Shot, view: View, album: Album, start: Sequence[Motion]) -> None:
+    def __init__(self, shot: Shot, view: View, album: Album, start: Sequence[Motion], stopped: threading.Event) -> None:
         factor = working_factor(view, shot.settings.working_size)
-        self.shot, self.view, self.start, self.stopped = shot, view, start, threading.Event()
+        self.shot, self.view, self.start, self.stopped = shot, view, start, stopped
         self.camera = view.camera.reduced(factor).rectified()
         self._stream = frames_at(view, range(shot.frames[0], shot.frames[1] + 1), factor, grey=False, album=album)
         self._held: list[Image] = []
@@ -418,14 +418,12 @@ def _with_foreground(
     view: ViewFrames, colour: Image, bodies: Sequence[Body], shown: Sequence[Motion], keys: NDArray[np.int64]
 ) -> ViewFrames:
     """A view with the foreground images that the performers' poses on key frames, as shown there, lead to."""
-    geometry, (R, T) = Geometry.of(bodies), scene_poses(bodies, shown)
-    masks = {
-        int(key) - view.first: render_labels(geometry, view.camera, int(key), R[[k]], T[[k]]).part[0] >= 0
-        for k, key in enumerate(keys)
-    }
-    if not any(mask.any() for mask in masks.values()):
+    R, T = scene_poses(bodies, shown)
+    seen = render_labels(Geometry.of(bodies), view.camera.at(keys.tolist()), 0, R, T).part >= 0
+    if not seen.any():
         return view  # it saw nobody to learn from
     scale = view.pixels_per_metre(T[0].mean(axis=0), int(keys[0]))
+    masks = dict(zip((keys - view.first).tolist(), seen, strict=True))
     foreground = foreground_images(colour, masks, scale, view.camera.stands_still)
     return replace(view, foreground=foreground, halo=HALO)
 

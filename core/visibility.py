@@ -171,7 +171,7 @@ class LabelImages:
     @cached_property
     def inverse_depth(self) -> NDArray[np.float32]:
         """1/z of the surface at the pixels of `index`, 1/metres, shape (N,)."""
-        _, u, v = self.places()
+        _, u, v = self.places
         rays = np.ones((3, len(u)), dtype=np.float32)
         rays[:2] = u, v
         entered = np.empty(len(u), dtype=np.float32)
@@ -186,6 +186,7 @@ class LabelImages:
         u, v = np.flatnonzero(seen.any(axis=0)), np.flatnonzero(seen.any(axis=1))
         return (int(u[0]), int(v[0]), int(u[-1]) + 1, int(v[-1]) + 1) if len(u) else (0, 0, 0, 0)
 
+    @cached_property
     def places(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
         """Frame, and column and row in its image, of the pixels of `index`."""
         n, height, width = self.part.shape

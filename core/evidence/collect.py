@@ -188,7 +188,7 @@ def _run(
     outlines = OutlineSums(np.zeros((*T.shape[:2], 6, 6)), np.zeros((*T.shape[:2], 6)), np.zeros(len(T)))
     explained = np.zeros(len(T))
     if foreground is not None:
-        frame, u, v = labels.places()
+        frame, u, v = labels.places
         shown = stride**2 * log_ratio(foreground[frame, stride * v, stride * u])
         explained = np.bincount(frame, shown, minlength=len(T)).astype(float)
         half = max(4, round(reach * view.pixels_per_metre(T.mean(axis=(0, 1)), first + start)))

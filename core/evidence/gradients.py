@@ -85,7 +85,7 @@ class Pixels:
         """Of the first label images, which have every stride-th pixel of the camera's frames."""
         P = labels.share.shape[1]
         ends = labels.ends[: frames * P + 1]
-        frame, u, v = (a[: ends[-1]] for a in labels.places())
+        frame, u, v = (a[: ends[-1]] for a in labels.places)
         part = np.repeat(np.tile(np.arange(P), frames), np.diff(ends))
         uv = stride * np.stack([u, v])
         K = camera.matrix.astype(np.float32)
