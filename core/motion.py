@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +40,12 @@ class Motion:
         T, Q = self.translations.copy(), self.rotations.copy()
         T[start : start + len(part)], Q[start : start + len(part)] = part.translations, part.rotations
         return Motion(T, Q)
+
+    def with_parts(self, parts: Sequence[int], other: Motion) -> Motion:
+        """A copy whose parts given turn as in another motion."""
+        Q = self.rotations.copy()
+        Q[:, parts] = other.rotations[:, parts]
+        return Motion(self.translations, Q)
 
     def moved(self, delta: Array) -> Motion:
         """Move along the manifold: T + d_T, Q exp(d_Q).

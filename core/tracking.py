@@ -28,7 +28,7 @@ from .keypoints.observed import Observed, observe_keypoints
 from .motion import Motion
 from .review.uncertainty import joint_deviations
 from .shot import Performer, Progress, Shot, View, fixed_degrees, report_progress
-from .solvers import gauss_newton, relaxation
+from .solvers import gauss_newton, relaxation, search
 from .solvers.banded import BandedFactor
 from .solvers.problem import Problem, Solution
 from .timing import Seconds
@@ -43,7 +43,7 @@ Around = tuple[tuple[Motion, ...] | None, tuple[Motion, ...] | None]
 """Every performer's pose on the frame before some frames, and on the one after them, where they are known."""
 Observer = Callable[[Stretch, int, Sequence[Motion]], None]
 
-SOLVE: dict[str, Callable[..., Solution]] = {"gauss-newton": gauss_newton.solve, "relaxation": relaxation.solve}
+SOLVE: dict[str, Callable[..., Solution]] = {"gauss-newton": search.solve, "relaxation": relaxation.solve}
 REFINE: dict[str, Callable[..., Solution]] = {"gauss-newton": gauss_newton.refine}
 PICTURE_SIZE = 960
 """The longer side of pictures that are kept to be looked at is at most about this, pixels."""

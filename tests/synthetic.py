@@ -13,6 +13,7 @@ from kfmocap.core import rotations
 from kfmocap.core.body import Body, Part, part_poses
 from kfmocap.core.body.human import bone_axes
 from kfmocap.core.cameras import Camera
+from kfmocap.core.evidence.images import ViewFrames
 from kfmocap.core.motion import Motion
 from kfmocap.core.shot import KeyPoses, Performer, Settings, Shot, View
 
@@ -204,6 +205,13 @@ def silhouette(
     rays = (cast(bodies, R[frame], T[frame], camera, frame, grid + d)[0] >= 0 for d in product(offsets, offsets))
     share = np.mean(list(rays), axis=0).reshape(camera.size[1], camera.size[0])
     return (128 + 124 * (2 * share - 1)).round().astype(np.uint8)
+
+
+def coloured(body: Body, motion: Motion, cameras: Sequence[Camera]) -> tuple[ViewFrames, ...]:
+    """Views that tell the body from the background, and show nothing else."""
+    poses = poses_of([body], [motion])
+    shown = [np.stack([silhouette([body], poses, f, c, samples=1) for f in range(len(motion))]) for c in cameras]
+    return tuple(ViewFrames(c, np.zeros_like(s), 0, s) for c, s in zip(cameras, shown, strict=True))
 
 
 def film(folder: Path, bodies: Sequence[Body], motions: Sequence[Motion], cameras: Sequence[Camera]) -> list[View]:

@@ -13,12 +13,10 @@ from kfmocap.core.constraints import BandedBlocks, acceleration, smoothness
 from kfmocap.core.evidence.collect import Evidence
 from kfmocap.core.evidence.images import ViewFrames
 from kfmocap.core.motion import Motion, stacked
-from kfmocap.core.occlusion import LONG
 from kfmocap.core.shot import Settings
 from kfmocap.core.solvers import gauss_newton
-from kfmocap.core.solvers.gauss_newton import EQUAL
-from kfmocap.core.solvers.problem import Problem, Solution, frame_residual
-from synthetic import at_rest, figure, look_at, picture, poses_of, random_motion, silhouette, swing
+from kfmocap.core.solvers.problem import Problem, frame_residual
+from synthetic import at_rest, coloured, figure, look_at, picture, poses_of, random_motion, swing
 
 BODY = figure()
 D = BODY.dof
@@ -71,17 +69,6 @@ def test_without_evidence_the_motion_between_key_poses_is_the_smoothest() -> Non
     expected = stacked([start[:1].moved(j * uniform[None]) for j in range(F)])
     np.testing.assert_allclose(expected.difference(found), 0, atol=2e-3)
     np.testing.assert_array_equal(found.translations[[0, -1]], start.translations[[0, -1]])
-
-
-def test_fixed_degrees_of_freedom_do_not_move() -> None:
-    F = 7
-    start = swing(BODY, F, 0.3)
-    fixed = ends_held(F)
-    fixed[3, 6:9] = fixed[2, 0] = True
-    found = gauss_newton.solve(Problem(dark(F), (BODY,), 0, FPS, (fixed,)), [start], SETTINGS).motions[0]
-    moved = start.difference(found)
-    np.testing.assert_allclose(moved[fixed], 0, atol=1e-12)
-    assert np.abs(moved[1:-1]).max() > 1e-2
 
 
 def test_views_add_to_the_normal_equations() -> None:
@@ -312,46 +299,6 @@ def test_where_a_part_is_seen_nothing_is_expected_of_it() -> None:
     assert not none.any() and none.shape == (72, D)
 
 
-def coloured(motion: Motion) -> tuple[ViewFrames, ...]:
-    """Views that tell the body from the background."""
-    poses = poses_of([BODY], [motion])
-    shown = [np.stack([silhouette([BODY], poses, f, c, samples=1) for f in range(len(motion))]) for c in CAMERAS]
-    return tuple(ViewFrames(c, np.zeros_like(s), 0, s) for c, s in zip(CAMERAS, shown, strict=True))
-
-
-def explained(problem: Problem, motion: Motion) -> Solution:
-    """A motion as if it had been found."""
-    _, evidence = problem.evidence(problem.geometry(), [motion], 1.0, 1.0, 2, 0.07)
-    total, none = evidence.explained.sum(axis=0), np.zeros(len(motion))
-    return Solution((motion,), 1, (0.0,), (), evidence.share, total, none, {})
-
-
-def test_a_body_that_covers_background_is_doubted() -> None:
-    truth = swing(BODY, 5, 0.2)
-    problem = Problem(coloured(truth), (BODY,), 0, FPS, (ends_held(5),))
-    assert not gauss_newton.doubtful(problem, explained(problem, truth))
-    beside = np.zeros((5, D))
-    beside[2, 0] = 0.35
-    assert gauss_newton.doubtful(problem, explained(problem, truth.moved(beside)))
-
-
-def test_whether_a_solution_is_doubted_goes_by_the_key_poses() -> None:
-    """What is expected between them lies between what they explain."""
-    total = np.array([100.0, 90, 80, 70, 60])
-    share, none = np.ones((1, 5, len(BODY))), np.zeros(5)
-
-    def doubted(explained: np.ndarray, fixed: np.ndarray) -> bool:
-        problem = Problem((), (BODY,), 0, FPS, (fixed,))
-        return gauss_newton.doubtful(problem, Solution((swing(BODY, 5),), 1, (), (), share, explained, none, {}))
-
-    assert not doubted(total, ends_held(5))
-    assert not doubted(total * [1, 0.85, 0.85, 0.85, 1], ends_held(5))
-    assert doubted(total * [1, 1, 1, 0.75, 1], ends_held(5))
-    first = np.zeros((5, D), bool)
-    first[0] = True
-    assert doubted(total, first) and not doubted(total, np.zeros((5, D), bool))
-
-
 def test_views_are_looked_at_in_turn_and_never_fewer_than_asked() -> None:
     def turns(count: int) -> list[list[int]]:
         problem = Problem(tuple(range(count)), (BODY,), 0, FPS, (ends_held(5),))
@@ -372,7 +319,7 @@ def test_of_more_views_fewer_pixels_each_are_looked_at() -> None:
 
 def test_coarse_stages_end_early_and_the_last_looks_at_every_view() -> None:
     truth = swing(BODY, 5, 0.2)
-    problem = Counting(coloured(truth) * 2, (BODY,), 0, FPS, (ends_held(5),))
+    problem = Counting(coloured(BODY, truth, CAMERAS) * 2, (BODY,), 0, FPS, (ends_held(5),))
     gauss_newton.descend(problem, [truth], SETTINGS)
     looked = Counting.looked
     assert looked[0] == (2, 8.0) and looked[-1] == (4, 1.0)
@@ -387,85 +334,3 @@ class Counting(Problem):
     def evidence(self, geometry, motions, sigma, tolerance, stride, reach=0.0):  # type: ignore[no-untyped-def]
         self.looked.append((len(self.views), tolerance))
         return super().evidence(geometry, motions, sigma, tolerance, stride, reach)
-
-
-def covering(cover: float, share: np.ndarray | None = None) -> Solution:
-    """A solution that covers so much of the performers on every frame."""
-    share = np.ones((1, LONG + 2, len(BODY))) if share is None else share
-    frames = share.shape[1]
-    none = np.zeros(frames)
-    return Solution((at_rest(BODY, frames),), 1, (), (), share, np.full(frames, cover), none, {})
-
-
-@pytest.mark.parametrize(("hidden", "expected"), [(LONG, True), (LONG - 1, False)])
-def test_a_limb_that_no_view_sees_for_longer_than_prediction_bridges_is_concealed(hidden: int, expected: bool) -> None:
-    frames = LONG + 2
-    problem = Problem(coloured(at_rest(BODY, frames)), (BODY,), 0, FPS, (ends_held(frames),))
-    share = np.ones((2, frames, len(BODY)))
-    share[0] = 0  # of what one view hides the other shows
-    assert not gauss_newton.concealed(problem, covering(1, share))
-    share[1, 1 : 1 + hidden, BODY.index("forearm.L")] = 0
-    assert gauss_newton.concealed(problem, covering(1, share)) == expected
-    trunk = np.ones_like(share)
-    trunk[..., 0] = 0
-    assert not gauss_newton.concealed(problem, covering(1, trunk))
-    keyed = replace(problem, fixed=(np.ones((frames, D), bool),))
-    assert not gauss_newton.concealed(keyed, covering(1, share))
-    blind = replace(problem, views=dark(frames))
-    assert not gauss_newton.concealed(blind, covering(1, share))
-
-
-def test_solutions_are_equals_of_the_best_within_what_is_chance() -> None:
-    best, near, far = (covering(cover) for cover in (1000, 1000 * (1 - 0.9 * EQUAL), 1000 * (1 - 1.1 * EQUAL)))
-    assert gauss_newton.equals([far, best, near]) == [best, near]
-    assert gauss_newton.equals([covering(0.0)] * 2)  # views that tell nothing
-
-
-@pytest.mark.parametrize(("gain", "moved"), [(0.5, False), (3, True)])
-def test_limbs_stay_where_they_were_unless_others_cover_more_than_chance_would(
-    monkeypatch: pytest.MonkeyPatch, gain: float, moved: bool
-) -> None:
-    before, after = covering(1000), covering(1000 * (1 + gain * EQUAL))
-    monkeypatch.setattr(gauss_newton, "descend", lambda *_: before)
-    monkeypatch.setattr(gauss_newton, "_looked_for", lambda *_: after)
-    problem = Problem(dark(LONG + 2), (BODY,), 0, FPS, (ends_held(LONG + 2),))
-    found = gauss_newton.searched(problem, before.motions, [before], SETTINGS)
-    assert found is (after if moved else before)
-
-
-def test_limbs_are_looked_for_around_the_best_until_it_has_an_equal(monkeypatch: pytest.MonkeyPatch) -> None:
-    first = covering(1000)
-    better = [covering(1000 * (1 + 3 * EQUAL) ** k) for k in (1, 2, 2)]
-    begins: list[object] = []
-
-    def looked_for(_problem: object, _around: object, motions: object, *_: object) -> Solution:
-        begins.append(motions)
-        return better[len(begins) - 1]
-
-    monkeypatch.setattr(gauss_newton, "descend", lambda *_: first)
-    monkeypatch.setattr(gauss_newton, "_looked_for", looked_for)
-    problem = Problem(dark(LONG + 2), (BODY,), 0, FPS, (ends_held(LONG + 2),))
-    worse = covering(900)  # is not looked around
-    found = gauss_newton.searched(problem, first.motions, [worse, first], SETTINGS)
-    assert [id(begin) for begin in begins] == [id(s.motions) for s in (first, better[0], better[1])]
-    assert found is better[1]
-
-
-def test_where_the_best_is_doubtful_limbs_are_looked_for_around_all_and_around_the_start(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    best, worse, start = covering(1000), covering(900), covering(1)
-    begins: list[object] = []
-
-    def looked_for(_problem: object, _around: object, motions: object, *_: object) -> Solution:
-        begins.append(motions)
-        return best
-
-    monkeypatch.setattr(gauss_newton, "doubtful", lambda *_: True)
-    monkeypatch.setattr(
-        gauss_newton, "descend", lambda _problem, motions, *_: best if motions is best.motions else worse
-    )
-    monkeypatch.setattr(gauss_newton, "_looked_for", looked_for)
-    problem = Problem(dark(LONG + 2), (BODY,), 0, FPS, (ends_held(LONG + 2),))
-    gauss_newton.searched(problem, start.motions, [worse, best], SETTINGS)
-    assert [id(begin) for begin in begins] == [id(s.motions) for s in (worse, best, start)]

@@ -12,7 +12,7 @@ from kfmocap.core.errors import CancelledError
 from kfmocap.core.evidence.images import ViewFrames
 from kfmocap.core.motion import Motion, stacked
 from kfmocap.core.shot import Settings
-from kfmocap.core.solvers import gauss_newton, initial
+from kfmocap.core.solvers import gauss_newton, initial, search
 from kfmocap.core.solvers.initial import blended, follow
 from kfmocap.core.solvers.problem import Problem, Solution
 from synthetic import figure, look_at, picture, poses_of, random_motion, silhouette, swing
@@ -59,7 +59,7 @@ def views() -> tuple[ViewFrames, ...]:
 
 
 def in_window(problem: Problem, start: Sequence[Motion], settings: Settings) -> Solution:
-    return gauss_newton.descend(problem, start, replace(settings, prediction=False), None, gauss_newton.WINDOW)
+    return gauss_newton.descend(problem, start, replace(settings, prediction=False), None, search.WINDOW)
 
 
 @pytest.mark.parametrize(("backward", "limit_mm"), [(False, 25), (True, 60)])

@@ -20,8 +20,9 @@ from kfmocap.core.keypoints.triangulation import triangulate
 from kfmocap.core.motion import Motion
 from kfmocap.core.shot import KeyPoses, Settings
 from kfmocap.core.solvers.banded import BandedFactor, bordered_solution
-from kfmocap.core.solvers.gauss_newton import acceleration_precision, better, confirmed
+from kfmocap.core.solvers.gauss_newton import acceleration_precision
 from kfmocap.core.solvers.problem import Problem, Solution
+from kfmocap.core.solvers.search import better, confirmed
 from synthetic import figure, numeric_jacobian, random_motion
 
 FPS = 30.0

@@ -10,7 +10,7 @@ freedom are not among the unknowns.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,15 +18,11 @@ from numpy.typing import NDArray
 from ..body import Body
 from ..constraints import BandedBlocks, acceleration
 from ..evidence.collect import Evidence, joint_blocks, single_blocks
-from ..evidence.images import telling
 from ..motion import Motion
-from ..occlusion import LONG, intervals
 from ..prediction import predict_unseen
 from ..shot import Settings
 from ..timing import Seconds
 from .banded import BandedFactor
-from .initial import blended, follow
-from .limbs import found_limbs, limbs, untangled_limbs
 from .problem import Instants, Problem, Solution, Step, frame_residual
 
 Array = NDArray[np.float64]
@@ -38,10 +34,6 @@ SMALL_STEP = 0.025
 OVERRELAXATION = 1.5
 """All steps of a stage but its last are taken this much longer, where all views are looked at: weights that follow the
 residuals, and slopes measured beside the solution, make every step too short by about the same share."""
-EXPLAINED = 0.8
-"""Share of what the key poses explain of their images that a solution should explain of every other frame's."""
-CONFIRMED = 0.9
-"""Share of the keypoints' agreement with the first pass that clears a solution of doubt."""
 LEAST_MOBILITY = 0.05
 """A joint that can hardly turn about an axis has this share of the usual acceleration there, at least."""
 LONGEST_STEP = 0.5
@@ -84,176 +76,12 @@ COARSEST = 4
 """Stride that no number of views makes larger, pixels: parts are not much wider."""
 STAGES = (Stage(2.0, 8.0, 4, 2, 0.10, 2), Stage(1.0, 4.0, 4, 3, views=2), Stage(1.0, 1.0, 3, 2))
 """From the curve through the key poses to the solution."""
-SETTLING = (Stage(1.0, 4.0, 3, 2), Stage(1.0, 1.0, 3, 1))
-"""Of limbs that were looked for, around a trunk that is held."""
-SETTLED = (Stage(1.0, 1.0, 3, 4),)
-"""From there to the solution."""
-EQUAL = 0.005
-"""Solutions whose covers of the performers differ by less than this share of them are equals: which of them covers the
-most is chance."""
-LOOKS = 5
-"""How often limbs are looked for, at most."""
-WINDOW = (Stage(2.0, 4.0, 4, 2, 0.10), Stage(1.0, 1.0, 4, 2))
-"""Within the window of `initial.follow`."""
 REFINEMENT = (Stage(1.0, 1.0, 2, 2),)
 """From a solution to the better one that motion known on both sides allows."""
 
 
-def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step: Step | None = None) -> Solution:
-    """Fit the motion of all performers between their key poses.
-
-    The curve through the key poses is one start. Where the images disagree with what it led to, and no keypoints
-    confirm it, or limbs are out of all views' sight for long, the motion is followed from the key poses, and then
-    limbs are looked for around the solutions. The best of them all counts.
-
-    Parameters
-    ----------
-    problem : Problem
-    start : sequence of Motion
-        F poses per performer; their fixed degrees of freedom are kept.
-    settings : Settings
-    on_step : callable, optional
-        Called before each iteration with the share of the work done and the motions; may raise to end the job.
-    """
-    solutions = [descend(problem, start, settings, _share_of(on_step, 0.0, 0.2))]
-    seconds, best = Seconds(), solutions[0]
-    if (doubtful(problem, best) and not confirmed(problem, start, best)) or concealed(problem, best):
-        with seconds.measure("initial solution"):
-            initial = followed(problem, start, settings, _share_of(on_step, 0.2, 0.3))
-        solutions.append(descend(problem, initial, settings, _share_of(on_step, 0.3, 0.4)))
-        if len(problem.whole_keys()) > 1 and not problem.pointers:  # keypoints tell where limbs are
-            # That a doubt is gone does not tell that no arm is lost: it is a small part of what is to be covered.
-            with seconds.measure("initial solution"):
-                best = searched(problem, start, solutions, settings, _share_of(on_step, 0.4, 1.0))
-        else:
-            best = better(problem, *solutions)
-    for solution in solutions:
-        seconds.add(solution.seconds)
-    return replace(best, seconds=seconds)
-
-
-def confirmed(problem: Problem, start: Sequence[Motion], solution: Solution) -> bool:
-    """Whether keypoints agree with a solution nearly as well as with the start, which they led to."""
-    return bool(problem.pointers) and problem.agreement(solution.motions) >= CONFIRMED * problem.agreement(start)
-
-
-def better(problem: Problem, *solutions: Solution) -> Solution:
-    """The solution that covers the most of what looks like the performers and meets the most keypoints, if any."""
-    merit = [float(found.explained.sum()) for found in solutions]
-    if problem.pointers:
-        most = max(*merit, 1.0)
-        merit = [m / most + problem.agreement(s.motions) for m, s in zip(merit, solutions, strict=True)]
-    return solutions[int(np.argmax(merit))]
-
-
-def _share_of(on_step: Step | None, begin: float, end: float) -> Step | None:
-    """Reports a part of the work as its share of the whole."""
-    if on_step is None:
-        return None
-    return lambda done, motions: on_step(begin + done * (end - begin), motions)
-
-
-def doubtful(problem: Problem, solution: Solution) -> bool:
-    """Whether the images leave a doubt that a solution is near the true one.
-
-    The body covers what looks like it on the key frames; on every other frame it should do so nearly as well.
-    """
-    keys = problem.whole_keys()
-    if len(keys) < 2:
-        return len(keys) == 1  # the curve that it began with stands still
-    expected = np.interp(np.arange(problem.length), keys, solution.explained[keys])
-    return bool((solution.explained < EXPLAINED * expected).any())
-
-
-def concealed(problem: Problem, solution: Solution) -> bool:
-    """Whether part of a limb is out of all views' sight, between whole key poses, for longer than prediction bridges.
-
-    It may come into sight elsewhere than the solution has it. Foreground images would tell; keypoints do anyway.
-    """
-    if not telling(problem.views) or problem.pointers or len(problem.whole_keys()) < 2:
-        return False
-    return any(
-        last + 1 - first >= LONG
-        for body, hidden in zip(problem.bodies, problem.hidden(solution.share), strict=True)
-        for chain in limbs(body)
-        for part in chain
-        for first, last in intervals(hidden[:, part])
-    )
-
-
-def searched(
-    problem: Problem,
-    start: Sequence[Motion],
-    solutions: Sequence[Solution],
-    settings: Settings,
-    on_step: Step | None = None,
-) -> Solution:
-    """The solution from looking for limbs around some solutions, and then around the best until that has an equal.
-
-    Of the solutions only equals of the best are looked around, or all where that is doubtful; they settle first. While
-    all are doubtful, limbs are also looked for around a trunk that moves as at the start, which limbs in wrong places
-    have not led astray. Poses are drawn by chance: limbs stay where they were when what is found is no better than an
-    equal.
-    """
-    held = replace(problem, fixed=tuple(fixed | (np.arange(fixed.shape[1]) < 6) for fixed in problem.fixed))
-    likely = solutions if doubtful(problem, better(problem, *solutions)) else equals(solutions)
-    settled = [descend(problem, solution.motions, settings, None, SETTLED) for solution in likely]
-    begins: list[tuple[Sequence[Motion], Problem]] = [(solution.motions, problem) for solution in settled]
-    found: list[Solution] = []
-    while begins and len(found) < LOOKS:
-        motions, around = begins.pop(0)
-        part = _share_of(on_step, len(found) / LOOKS, (len(found) + 1) / LOOKS)
-        found.append(_looked_for(problem, around, motions, settings, len(found), part))
-        best = better(problem, *settled, *found)
-        if not begins and doubtful(problem, best) and around is not held:
-            begins.append((start, held))
-        elif not begins and len(equals([*settled, *found])) == 1:
-            begins.append((best.motions, problem))
-    kept = better(problem, *settled)
-    return kept if kept in equals([*settled, *found]) else better(problem, *found)
-
-
-def equals(solutions: Sequence[Solution]) -> list[Solution]:
-    """Those of some solutions that cover as much of the performers as the one that covers the most."""
-    covers = [float(solution.explained.sum()) for solution in solutions]
-    least = max(covers) - EQUAL * abs(max(covers))
-    return [solution for solution, cover in zip(solutions, covers, strict=True) if cover >= least]
-
-
-def _looked_for(
-    problem: Problem,
-    around: Problem,
-    motions: Sequence[Motion],
-    settings: Settings,
-    seed: int,
-    on_step: Step | None = None,
-) -> Solution:
-    """The solution from looking for limbs around motions, which settle first with what `around` has fixed."""
-    begin = found_limbs(problem, motions, seed, _share_of(on_step, 0.0, 0.6))
-    settled = descend(around, begin, settings, _share_of(on_step, 0.6, 0.8), SETTLING)
-    begin = untangled_limbs(problem, settled.motions)
-    return descend(problem, begin, settings, _share_of(on_step, 0.8, 1.0), SETTLED)
-
-
-def followed(
-    problem: Problem, start: Sequence[Motion], settings: Settings, on_step: Step | None = None
-) -> list[Motion]:
-    """The initial solution from the key poses at one or both ends of the problem."""
-    keyed = [end in problem.whole_keys() for end in (0, problem.length - 1)]
-    directions = [backward for backward in (False, True) if keyed[backward]]
-    found = []
-    for k, backward in enumerate(directions):
-        part = _share_of(on_step, k / len(directions), (k + 1) / len(directions))
-        found.append(follow(problem, start, settings, _in_window, backward, part))
-    return blended(*found) if len(found) == 2 else found[0] if found else list(start)
-
-
-def _in_window(problem: Problem, start: Sequence[Motion], settings: Settings) -> Solution:
-    return descend(problem, start, replace(settings, prediction=False), None, WINDOW)
-
-
 def refine(problem: Problem, start: Sequence[Motion], settings: Settings, on_step: Step | None = None) -> Solution:
-    """Go on from a solution of `solve`, when more is known of the motion around it."""
+    """Go on from a solution, when more is known of the motion around it."""
     return descend(problem, start, settings, on_step, REFINEMENT)
 
 
@@ -264,7 +92,18 @@ def descend(
     on_step: Step | None = None,
     stages: Sequence[Stage] = STAGES,
 ) -> Solution:
-    """Go down from a start to the nearest solution; parameters as of `solve`."""
+    """Go down from a start to the nearest solution.
+
+    Parameters
+    ----------
+    problem : Problem
+    start : sequence of Motion
+        F poses per performer; their fixed degrees of freedom are kept.
+    settings : Settings
+    on_step : callable, optional
+        Called before each iteration with the share of the work done and the motions; may raise to end the job.
+    stages : sequence of Stage
+    """
     geometry, motions = problem.geometry(), list(start)
     seconds = Seconds()
     energies: list[float] = []

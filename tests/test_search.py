@@ -1,0 +1,228 @@
+"""Solutions are doubted, limbs are looked for, and the best of what is found counts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import chain, repeat
+
+import numpy as np
+import pytest
+from kfmocap.core.body import human
+from kfmocap.core.evidence.images import ViewFrames
+from kfmocap.core.motion import Motion
+from kfmocap.core.occlusion import LONG
+from kfmocap.core.shot import Settings
+from kfmocap.core.solvers import search
+from kfmocap.core.solvers.limbs import pairs
+from kfmocap.core.solvers.problem import Problem, Solution
+from kfmocap.core.solvers.search import ALIKE, EQUAL, NEAR
+from synthetic import at_rest, coloured, figure, look_at, swing
+
+BODY = figure()
+HUMAN = human(1.75)
+ARMS, LEGS = (left + right for left, right in pairs(HUMAN))
+CAMERAS = (look_at("front", (0.5, -2.8, 1.5)), look_at("side", (-2.4, -1.4, 1.3)))
+SETTINGS = Settings()
+FPS = 30.0
+
+
+def ends_held(frames: int) -> np.ndarray:
+    fixed = np.zeros((frames, BODY.dof), bool)
+    fixed[[0, -1]] = True
+    return fixed
+
+
+def dark(frames: int) -> tuple[ViewFrames, ...]:
+    """Pictures that show nothing."""
+    return (ViewFrames(CAMERAS[0], np.full((frames, 120, 160), 90, np.uint8), 0),)
+
+
+def test_fixed_degrees_of_freedom_do_not_move() -> None:
+    F = 7
+    start = swing(BODY, F, 0.3)
+    fixed = ends_held(F)
+    fixed[3, 6:9] = fixed[2, 0] = True
+    found = search.solve(Problem(dark(F), (BODY,), 0, FPS, (fixed,)), [start], SETTINGS).motions[0]
+    moved = start.difference(found)
+    np.testing.assert_allclose(moved[fixed], 0, atol=1e-12)
+    assert np.abs(moved[1:-1]).max() > 1e-2
+
+
+def explained(problem: Problem, motion: Motion) -> Solution:
+    """A motion as if it had been found."""
+    _, evidence = problem.evidence(problem.geometry(), [motion], 1.0, 1.0, 2, 0.07)
+    total, none = evidence.explained.sum(axis=0), np.zeros(len(motion))
+    return Solution((motion,), 1, (0.0,), (), evidence.share, total, none, {})
+
+
+def test_a_body_that_covers_background_is_doubted() -> None:
+    truth = swing(BODY, 5, 0.2)
+    problem = Problem(coloured(BODY, truth, CAMERAS), (BODY,), 0, FPS, (ends_held(5),))
+    assert not search.doubtful(problem, explained(problem, truth))
+    beside = np.zeros((5, BODY.dof))
+    beside[2, 0] = 0.35
+    assert search.doubtful(problem, explained(problem, truth.moved(beside)))
+
+
+def test_whether_a_solution_is_doubted_goes_by_the_key_poses() -> None:
+    """What is expected between them lies between what they explain."""
+    total = np.array([100.0, 90, 80, 70, 60])
+    share, none = np.ones((1, 5, len(BODY))), np.zeros(5)
+
+    def doubted(explained: np.ndarray, fixed: np.ndarray) -> bool:
+        problem = Problem((), (BODY,), 0, FPS, (fixed,))
+        return search.doubtful(problem, Solution((swing(BODY, 5),), 1, (), (), share, explained, none, {}))
+
+    assert not doubted(total, ends_held(5))
+    assert not doubted(total * [1, 0.85, 0.85, 0.85, 1], ends_held(5))
+    assert doubted(total * [1, 1, 1, 0.75, 1], ends_held(5))
+    first = np.zeros((5, BODY.dof), bool)
+    first[0] = True
+    assert doubted(total, first) and not doubted(total, np.zeros((5, BODY.dof), bool))
+
+
+def covering(cover: float, share: np.ndarray | None = None) -> Solution:
+    """A solution that covers so much of the performers on every frame."""
+    share = np.ones((1, LONG + 2, len(BODY))) if share is None else share
+    frames = share.shape[1]
+    none = np.zeros(frames)
+    return Solution((at_rest(BODY, frames),), 1, (), (), share, np.full(frames, cover), none, {})
+
+
+@pytest.mark.parametrize(("hidden", "expected"), [(LONG, True), (LONG - 1, False)])
+def test_a_limb_that_no_view_sees_for_longer_than_prediction_bridges_is_concealed(hidden: int, expected: bool) -> None:
+    frames = LONG + 2
+    problem = Problem(coloured(BODY, at_rest(BODY, frames), CAMERAS), (BODY,), 0, FPS, (ends_held(frames),))
+    share = np.ones((2, frames, len(BODY)))
+    share[0] = 0  # of what one view hides the other shows
+    assert not search.concealed(problem, covering(1, share))
+    share[1, 1 : 1 + hidden, BODY.index("forearm.L")] = 0
+    assert search.concealed(problem, covering(1, share)) == expected
+    trunk = np.ones_like(share)
+    trunk[..., 0] = 0
+    assert not search.concealed(problem, covering(1, trunk))
+    keyed = replace(problem, fixed=(np.ones((frames, BODY.dof), bool),))
+    assert not search.concealed(keyed, covering(1, share))
+    blind = replace(problem, views=dark(frames))
+    assert not search.concealed(blind, covering(1, share))
+
+
+def test_solutions_are_equals_of_the_best_within_what_is_chance() -> None:
+    best, near, far = (covering(cover) for cover in (1000, 1000 * (1 - 0.9 * EQUAL), 1000 * (1 - 1.1 * EQUAL)))
+    assert search.equals([far, best, near]) == [best, near]
+    assert search.equals([covering(0.0)] * 2)  # views that tell nothing
+
+
+@pytest.mark.parametrize(("gain", "moved"), [(0.5, False), (3, True)])
+def test_limbs_stay_where_they_were_unless_others_cover_more_than_chance_would(
+    monkeypatch: pytest.MonkeyPatch, gain: float, moved: bool
+) -> None:
+    before, after = covering(1000), covering(1000 * (1 + gain * EQUAL))
+    monkeypatch.setattr(search, "descend", lambda *_: before)
+    monkeypatch.setattr(search, "_looked_for", lambda *_: after)
+    problem = Problem(dark(LONG + 2), (BODY,), 0, FPS, (ends_held(LONG + 2),))
+    found = search.searched(problem, before.motions, [before], SETTINGS)
+    assert found is (after if moved else before)
+
+
+def test_limbs_are_looked_for_around_the_best_until_it_has_an_equal(monkeypatch: pytest.MonkeyPatch) -> None:
+    first = covering(1000)
+    better = [covering(1000 * (1 + 3 * EQUAL) ** k) for k in (1, 2, 2)]
+    begins: list[object] = []
+
+    def looked_for(_problem: object, _around: object, motions: object, *_: object) -> Solution:
+        begins.append(motions)
+        return better[len(begins) - 1]
+
+    monkeypatch.setattr(search, "descend", lambda *_: first)
+    monkeypatch.setattr(search, "_looked_for", looked_for)
+    problem = Problem(dark(LONG + 2), (BODY,), 0, FPS, (ends_held(LONG + 2),))
+    worse = covering(900)  # is not looked around
+    found = search.searched(problem, first.motions, [worse, first], SETTINGS)
+    assert [id(begin) for begin in begins] == [id(s.motions) for s in (first, better[0], better[1])]
+    assert found is better[1]
+
+
+def test_where_the_best_is_doubtful_limbs_are_looked_for_around_all_and_around_the_start(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    best, worse, start = covering(1000), covering(900), covering(1)
+    begins: list[object] = []
+
+    def looked_for(_problem: object, _around: object, motions: object, *_: object) -> Solution:
+        begins.append(motions)
+        return best
+
+    monkeypatch.setattr(search, "doubtful", lambda *_: True)
+    monkeypatch.setattr(search, "descend", lambda _problem, motions, *_: best if motions is best.motions else worse)
+    monkeypatch.setattr(search, "_looked_for", looked_for)
+    problem = Problem(dark(LONG + 2), (BODY,), 0, FPS, (ends_held(LONG + 2),))
+    search.searched(problem, start.motions, [worse, best], SETTINGS)
+    assert [id(begin) for begin in begins] == [id(s.motions) for s in (worse, best, start)]
+
+
+@dataclass
+class Settled:
+    """Stands in for `descend`, counts what it settles: the farther motions are from the truth the less they cover."""
+
+    truth: Motion
+    loss: float = 0.1
+    settled: int = 0
+
+    def __call__(self, _problem: object, motions: tuple[Motion, ...], *_: object) -> Solution:
+        self.settled += 1
+        return self.of(motions[0])
+
+    def of(self, motion: Motion) -> Solution:
+        error = float(np.sqrt(np.mean(motion.difference(self.truth) ** 2)))
+        return replace(covering(1000 * (1 - self.loss * error)), motions=(motion,), energy=(error,))
+
+
+def off(motion: Motion, parts: list[int], angle: float) -> Motion:
+    """A motion with some parts turned between its ends."""
+    steps = np.zeros((len(motion), HUMAN.dof))
+    steps[1:-1, 3:].reshape(len(motion) - 2, -1, 3)[:, parts, 0] = angle
+    return motion.moved(steps)
+
+
+def recombined(monkeypatch: pytest.MonkeyPatch, settled: Settled, *solutions: Solution) -> Solution:
+    """What comes of some solutions, the best first."""
+    monkeypatch.setattr(search, "descend", settled)
+    problem = Problem(dark(LONG + 2), (HUMAN,), 0, FPS, (np.zeros((LONG + 2, HUMAN.dof), bool),))
+    return search.recombined(problem, solutions[0], solutions, SETTINGS)
+
+
+def test_arms_right_in_one_solution_and_legs_right_in_another_are_put_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    settled = Settled(swing(HUMAN, LONG + 2))
+    best, other = (settled.of(off(settled.truth, parts, 5 * ALIKE)) for parts in ([0, *ARMS], LEGS))
+    for solutions in ((best, other), (other, best)):
+        found = recombined(monkeypatch, settled, *solutions)
+        assert np.abs(found.motions[0].difference(settled.truth)).max() < 1e-9
+
+
+def test_limbs_are_lent_only_where_that_covers_more_than_chance_would(monkeypatch: pytest.MonkeyPatch) -> None:
+    settled = Settled(swing(HUMAN, LONG + 2), 0.05)
+    best, other = (settled.of(off(settled.truth, parts, 2.2 * ALIKE)) for parts in (ARMS, LEGS))
+    assert settled.of(settled.truth).explained.sum() > best.explained.sum()
+    assert recombined(monkeypatch, settled, best, other) is best
+    assert settled.settled > 0
+
+
+def test_limbs_of_what_covers_too_little_or_lies_in_the_same_places_are_not_tried(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    settled = Settled(swing(HUMAN, LONG + 2))
+    best, same = (settled.of(off(settled.truth, ARMS, angle)) for angle in (5 * ALIKE, 6 * ALIKE))
+    far = settled.of(off(settled.truth, LEGS, 5 * ALIKE))
+    far = replace(far, explained=(1 - 1.1 * NEAR) * best.explained)
+    assert recombined(monkeypatch, settled, best, same, far) is best
+    assert settled.settled == 0
+
+
+def test_of_mixtures_that_cover_as_much_the_likeliest_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    truth = swing(HUMAN, LONG + 2)
+    best, other = (replace(covering(1), motions=(off(truth, ARMS + LEGS, angle),)) for angle in (-1, 1))
+    energies = chain((3.0, 2.0), repeat(4.0))
+    even = replace(covering(2), motions=(truth,))
+    monkeypatch.setattr(Settled, "of", lambda *_: replace(even, energy=(next(energies),)))
+    assert recombined(monkeypatch, Settled(truth), best, other).energy == (2.0,)
