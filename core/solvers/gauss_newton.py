@@ -27,10 +27,11 @@ from .problem import Instants, Problem, Solution, Step, frame_residual
 
 Array = NDArray[np.float64]
 
-SMALLEST_STEP = 5e-3
-"""A stage ends when no joint moves more than this, radians (and metres)."""
+SMALLEST_STEP = 0.007
+"""The last stage ends when joints move less than this, root mean square, radians (and metres): what is left is a third
+of it."""
 SMALL_STEP = 0.025
-"""A stage that another follows ends when joints move less than this, root mean square: the next moves them more."""
+"""A stage that another follows ends when joints move less than this: the next moves them more."""
 OVERRELAXATION = 1.5
 """All steps of a stage but its last are taken this much longer, where all views are looked at: weights that follow the
 residuals, and slopes measured beside the solution, make every step too short by about the same share."""
@@ -130,9 +131,7 @@ def descend(
                 steps = [limited(-pace * f.solve(n.gradient)) for f, n in zip(factors, systems, strict=True)]
                 motions = [motion.moved(step) for motion, step in zip(motions, steps, strict=True)]
                 energies.append(sum(n.energy for n in systems))
-            if stage is not stages[-1] and _size(steps) < SMALL_STEP:
-                break
-            if max(float(np.abs(step).max()) for step in steps) < SMALLEST_STEP:
+            if _size(steps) < (SMALLEST_STEP if stage is stages[-1] else SMALL_STEP):
                 break
     return Solution(
         tuple(motions),

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
-from scipy.signal import argrelmin
 from scipy.spatial import ConvexHull
 
 from .. import rotations
@@ -335,7 +334,8 @@ def untangled(
     left, right = (np.swapaxes(R[:, [body.parents[chain[0]]]], -1, -2) @ R[:, chain] for chain in pair)
     apart = (right - left)[..., 1].reshape(len(motion), -1)  # of the bones' directions
     apart = gaussian_filter1d(apart, MEETING * fps, axis=0, mode="nearest")
-    meetings = argrelmin(np.linalg.norm(apart, axis=1))[0]
+    distance = np.linalg.norm(apart, axis=1)
+    meetings = 1 + np.flatnonzero((distance[1:-1] < distance[:-2]) & (distance[1:-1] < distance[2:]))
     exchanged = np.zeros(len(motion), dtype=bool)
     for (a, b), swapped in zip(
         zip(meetings, [*meetings, len(motion)][1:], strict=True), _exchanges(apart, meetings, fps), strict=True
