@@ -226,3 +226,10 @@ def test_of_mixtures_that_cover_as_much_the_likeliest_counts(monkeypatch: pytest
     even = replace(covering(2), motions=(truth,))
     monkeypatch.setattr(Settled, "of", lambda *_: replace(even, energy=(next(energies),)))
     assert recombined(monkeypatch, Settled(truth), best, other).energy == (2.0,)
+
+
+def test_motions_are_alike_only_if_those_of_every_performer_are() -> None:
+    motion = swing(HUMAN, 5)
+    near, far = (off(motion, list(range(len(HUMAN))), angle * ALIKE) for angle in (0.5, 1.5))
+    assert search.alike([motion] * 4, [near] * 4)
+    assert not search.alike([motion] * 4, [near, far, near, near])

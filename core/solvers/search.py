@@ -35,7 +35,8 @@ most is chance."""
 NEAR = 0.03
 """A solution that covers less than the best by more than this share has no limbs to lend to it."""
 ALIKE = np.radians(8)
-"""Motions whose parts' rotations differ by less, root mean square, radians, are one once they are solved."""
+"""Motions of a performer are one once they are solved if their parts' rotations differ by less, root mean square,
+radians."""
 LOOKS = 5
 """How often limbs are looked for, at most."""
 WINDOW = (Stage(2.0, 4.0, 4, 2, 0.10), Stage(1.0, 1.0, 4, 2))
@@ -186,9 +187,9 @@ def recombined(
 
 
 def alike(motions: Sequence[Motion], others: Sequence[Motion]) -> bool:
-    """Whether motions of the same bodies are so near to each other that solving makes them one."""
-    turns = [a.difference(b)[:, 3:].ravel() for a, b in zip(motions, others, strict=True)]
-    return float(np.sqrt(3 * np.mean(np.concatenate(turns) ** 2))) < ALIKE
+    """Whether motions of all performers are so near to each other that solving makes them one."""
+    turns = [a.difference(b)[:, 3:] for a, b in zip(motions, others, strict=True)]
+    return all(np.sqrt(3 * np.mean(turn**2)) < ALIKE for turn in turns)
 
 
 def equals(solutions: Sequence[Solution], share: float = EQUAL) -> list[Solution]:
