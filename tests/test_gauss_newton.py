@@ -23,7 +23,7 @@ D = BODY.dof
 CAMERAS = (look_at("front", (0.5, -2.8, 1.5)), look_at("side", (-2.4, -1.4, 1.3)))
 SETTINGS = Settings()
 FPS = 30.0
-CONVERGED = (gauss_newton.Stage(1.0, 1.0, 2, 20),)
+CONVERGED = (gauss_newton.Stage(1.0, 1.0, 2, 20, small=1e-4),)
 """How soon it comes there is not what is tested here."""
 
 

@@ -27,11 +27,10 @@ from .problem import Instants, Problem, Solution, Step, frame_residual
 
 Array = NDArray[np.float64]
 
-SMALLEST_STEP = 0.007
-"""The last stage ends when joints move less than this, root mean square, radians (and metres): what is left is a third
-of it."""
-SMALL_STEP = 0.025
-"""A stage that another follows ends when joints move less than this: the next moves them more."""
+SMALL_STEP = 0.007
+"""Root mean square of joints' steps, radians (and metres), after which what is left, a third of it, does not count."""
+ROUGH_STEP = 0.025
+"""The same where another stage follows, which moves joints more than what is left."""
 OVERRELAXATION = 1.5
 """All steps of a stage but its last are taken this much longer, where all views are looked at: weights that follow the
 residuals, and slopes measured beside the solution, make every step too short by about the same share."""
@@ -59,6 +58,8 @@ class Stage:
         How far from the model's outlines the body's are looked for, metres.
     views : int, optional
         At least that many views are looked at in an iteration, in turn; None looks at all.
+    small : float
+        The stage ends when steps are smaller, see `SMALL_STEP`.
     """
 
     sigma: float
@@ -67,6 +68,7 @@ class Stage:
     iterations: int
     reach: float = 0.07
     views: int | None = None
+    small: float = SMALL_STEP
 
     def strided(self, views: int) -> int:
         """The stride with so many views: all of them together tell as much with fewer pixels each."""
@@ -75,7 +77,11 @@ class Stage:
 
 COARSEST = 4
 """Stride that no number of views makes larger, pixels: parts are not much wider."""
-STAGES = (Stage(2.0, 8.0, 4, 2, 0.10, 2), Stage(1.0, 4.0, 4, 3, views=2), Stage(1.0, 1.0, 3, 2))
+STAGES = (
+    Stage(2.0, 8.0, 4, 2, 0.10, views=2, small=ROUGH_STEP),
+    Stage(1.0, 4.0, 4, 3, views=2, small=ROUGH_STEP),
+    Stage(1.0, 1.0, 3, 2),
+)
 """From the curve through the key poses to the solution."""
 REFINEMENT = (Stage(1.0, 1.0, 2, 2),)
 """From a solution to the better one that motion known on both sides allows."""
@@ -131,7 +137,7 @@ def descend(
                 steps = [limited(-pace * f.solve(n.gradient)) for f, n in zip(factors, systems, strict=True)]
                 motions = [motion.moved(step) for motion, step in zip(motions, steps, strict=True)]
                 energies.append(sum(n.energy for n in systems))
-            if _size(steps) < (SMALLEST_STEP if stage is stages[-1] else SMALL_STEP):
+            if _size(steps) < stage.small:
                 break
     return Solution(
         tuple(motions),

@@ -16,7 +16,7 @@ from ..motion import Motion
 from ..occlusion import LONG, intervals
 from ..shot import Settings
 from ..timing import Seconds
-from .gauss_newton import Stage, descend
+from .gauss_newton import ROUGH_STEP, Stage, descend
 from .initial import blended, follow
 from .limbs import found_limbs, limbs, pairs, untangled_limbs
 from .problem import Problem, Solution, Step
@@ -25,7 +25,7 @@ EXPLAINED = 0.8
 """Share of what the key poses explain of their images that a solution should explain of every other frame's."""
 CONFIRMED = 0.9
 """Share of the keypoints' agreement with the first pass that clears a solution of doubt."""
-SETTLING = (Stage(1.0, 4.0, 3, 2), Stage(1.0, 1.0, 3, 1))
+SETTLING = (Stage(1.0, 4.0, 3, 2, small=ROUGH_STEP), Stage(1.0, 1.0, 3, 1))
 """Of limbs that were looked for, around a trunk that is held."""
 SETTLED = (Stage(1.0, 1.0, 3, 4),)
 """From there to the solution."""
@@ -39,7 +39,7 @@ ALIKE = np.radians(8)
 radians."""
 LOOKS = 5
 """How often limbs are looked for, at most."""
-WINDOW = (Stage(2.0, 4.0, 4, 2, 0.10), Stage(1.0, 1.0, 4, 2))
+WINDOW = (Stage(2.0, 4.0, 4, 2, 0.10, small=ROUGH_STEP), Stage(1.0, 1.0, 4, 2))
 """Within the window of `initial.follow`."""
 
 
