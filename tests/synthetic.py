@@ -89,6 +89,13 @@ def swing(body: Body, frames: int, size: float = 0.5, seed: int = 0) -> Motion:
     return Motion(at_rest(body, frames).translations + path, rotations.exp(turns))
 
 
+def ends_held(body: Body, frames: int) -> Array:
+    """The degrees of freedom that key poses on the first and the last frame hold, bool (frames, D)."""
+    fixed = np.zeros((frames, body.dof), bool)
+    fixed[[0, -1]] = True
+    return fixed
+
+
 def rigidly_moved(body: Body, motion: Motion, G: Array, s: Array) -> Motion:
     """The motion in a world that is turned by G, then shifted by s."""
     R0, Q = body.R_parent_rest[0], motion.rotations.copy()
@@ -205,6 +212,11 @@ def silhouette(
     rays = (cast(bodies, R[frame], T[frame], camera, frame, grid + d)[0] >= 0 for d in product(offsets, offsets))
     share = np.mean(list(rays), axis=0).reshape(camera.size[1], camera.size[0])
     return (128 + 124 * (2 * share - 1)).round().astype(np.uint8)
+
+
+def dark(camera: Camera, frames: int) -> tuple[ViewFrames, ...]:
+    """One view whose pictures show nothing."""
+    return (ViewFrames(camera, np.full((frames, *camera.size[::-1]), 90, np.uint8), 0),)
 
 
 def coloured(body: Body, motion: Motion, cameras: Sequence[Camera]) -> tuple[ViewFrames, ...]:

@@ -16,7 +16,7 @@ from kfmocap.core.motion import Motion, stacked
 from kfmocap.core.shot import Settings
 from kfmocap.core.solvers import gauss_newton
 from kfmocap.core.solvers.problem import Problem, frame_residual
-from synthetic import at_rest, coloured, figure, look_at, picture, poses_of, random_motion, swing
+from synthetic import at_rest, coloured, dark, ends_held, figure, look_at, picture, poses_of, random_motion, swing
 
 BODY = figure()
 D = BODY.dof
@@ -25,17 +25,6 @@ SETTINGS = Settings()
 FPS = 30.0
 CONVERGED = (gauss_newton.Stage(1.0, 1.0, 2, 20, small=1e-4),)
 """How soon it comes there is not what is tested here."""
-
-
-def ends_held(frames: int) -> np.ndarray:
-    fixed = np.zeros((frames, D), bool)
-    fixed[[0, -1]] = True
-    return fixed
-
-
-def dark(frames: int) -> tuple[ViewFrames, ...]:
-    """Pictures that show nothing."""
-    return (ViewFrames(CAMERAS[0], np.full((frames, 120, 160), 90, np.uint8), 0),)
 
 
 def filmed(motion: Motion) -> tuple[ViewFrames, ...]:
@@ -64,7 +53,7 @@ def test_without_evidence_the_motion_between_key_poses_is_the_smoothest() -> Non
     F = 9
     start = swing(BODY, F, 0.3)
     uniform = start[:1].difference(start[-1:])[0] / (F - 1)
-    problem = Problem(dark(F), (BODY,), 0, FPS, (ends_held(F),))
+    problem = Problem(dark(CAMERAS[0], F), (BODY,), 0, FPS, (ends_held(BODY, F),))
     found = gauss_newton.descend(problem, [start], SETTINGS, stages=CONVERGED).motions[0]
     expected = stacked([start[:1].moved(j * uniform[None]) for j in range(F)])
     np.testing.assert_allclose(expected.difference(found), 0, atol=2e-3)
@@ -76,7 +65,7 @@ def test_views_add_to_the_normal_equations() -> None:
     views = filmed(motion)
 
     def gradients(chosen: tuple[ViewFrames, ...]) -> BandedBlocks:
-        problem = Problem(chosen, (BODY,), 0, FPS, (ends_held(4),))
+        problem = Problem(chosen, (BODY,), 0, FPS, (ends_held(BODY, 4),))
         smooth = problem.smoothness(0, motion, gauss_newton.acceleration_precision(BODY, FPS, SETTINGS))
         [system], _ = systems(problem, motion)
         return replace(
@@ -99,13 +88,13 @@ def test_smoothness_reaches_into_the_frames_known_around() -> None:
     motion = random_motion(BODY, 8, turn=0.3)
     precision = np.random.default_rng(0).uniform(1, 2, D)
     whole = smoothness(motion, precision)
-    problem = Problem(dark(4), (BODY,), 2, FPS, (ends_held(4),), (motion[[1]],), (motion[[6]],))
+    problem = Problem(dark(CAMERAS[0], 4), (BODY,), 2, FPS, (ends_held(BODY, 4),), (motion[[1]],), (motion[[6]],))
     part = problem.smoothness(0, motion[2:6], precision)
     inner = smoothness(motion[1:7], precision)
     np.testing.assert_array_equal(part.diagonal, inner.diagonal[1:5])
     np.testing.assert_array_equal(part.gradient, inner.gradient[1:5])
     np.testing.assert_allclose(part.second, whole.second[2:4])
-    alone = Problem(dark(4), (BODY,), 2, FPS, (ends_held(4),)).smoothness(0, motion[2:6], precision)
+    alone = Problem(dark(CAMERAS[0], 4), (BODY,), 2, FPS, (ends_held(BODY, 4),)).smoothness(0, motion[2:6], precision)
     np.testing.assert_array_equal(alone.gradient, smoothness(motion[2:6], precision).gradient)
 
 
@@ -118,14 +107,14 @@ def test_a_stretch_leaves_a_known_frame_with_its_speed() -> None:
     start = stacked([whole[[1]]] * F)
     fixed = np.zeros((F, D), bool)
     fixed[0] = True
-    problem = Problem(dark(F), (BODY,), 1, FPS, (fixed,), (whole[[0]],))
+    problem = Problem(dark(CAMERAS[0], F), (BODY,), 1, FPS, (fixed,), (whole[[0]],))
     found = gauss_newton.descend(problem, [start], SETTINGS, stages=CONVERGED).motions[0]
     np.testing.assert_allclose(whole[1:].difference(found), 0, atol=5e-3)
 
 
 def test_at_the_true_motion_it_stays_and_from_another_smooth_one_it_comes_back() -> None:
     truth, names = swing(BODY, 6, 0.15), list(BODY.landmarks)
-    problem = Problem(filmed(truth), (BODY,), 0, 12.0, (ends_held(6),))
+    problem = Problem(filmed(truth), (BODY,), 0, 12.0, (ends_held(BODY, 6),))
     bow = np.sin(np.pi * np.arange(6) / 5)[:, None]
     wrong = truth.moved(0.05 * bow * np.random.default_rng(1).normal(0, 1, D))
 
@@ -170,7 +159,7 @@ def test_the_acceleration_that_is_weighed_is_that_of_the_motion() -> None:
     motion = swing(BODY, 6)
     motion.rotations[:, 1] = rotations.exp(np.linspace(0, 1, 6)[:, None] ** 2 * np.array([0, 0, 1.0]))
     precision = gauss_newton.acceleration_precision(BODY, FPS, SETTINGS)
-    problem = Problem(dark(6), (BODY,), 0, FPS, (ends_held(6),))
+    problem = Problem(dark(CAMERAS[0], 6), (BODY,), 0, FPS, (ends_held(BODY, 6),))
     [system], evidence = systems(problem, motion)
     assert system.energy == pytest.approx(float(np.sum(precision * acceleration(motion) ** 2)))
     assert evidence.energy.max() < 1e-9
@@ -189,10 +178,10 @@ def test_accelerations_that_are_expected_cost_nothing(around: bool) -> None:
     motion = random_motion(BODY, 8, turn=0.3)
     precision = np.random.default_rng(0).uniform(1, 2, D)
     if around:
-        problem = Problem((), (BODY,), 1, FPS, (ends_held(6),), (motion[[0]],), (motion[[7]],))
+        problem = Problem((), (BODY,), 1, FPS, (ends_held(BODY, 6),), (motion[[0]],), (motion[[7]],))
         inner, expected = motion[1:7], acceleration(motion)
     else:
-        problem, inner = Problem((), (BODY,), 0, FPS, (ends_held(8),)), motion
+        problem, inner = Problem((), (BODY,), 0, FPS, (ends_held(BODY, 8),)), motion
         expected = np.pad(acceleration(motion), ((1, 1), (0, 0)))
     told = problem.smoothness(0, inner, precision, expected)
     assert told.energy == pytest.approx(0, abs=1e-20)
@@ -231,7 +220,7 @@ def test_a_part_is_hidden_where_no_view_sees_it_and_no_key_pose_holds_it() -> No
     share = np.ones((2, 6, len(BODY)))
     share[:, 2:5, 1] = 0.1  # neither view sees the upper arm
     share[0, 1:4, 3] = 0.1  # one view sees the right arm
-    fixed = ends_held(6)
+    fixed = ends_held(BODY, 6)
     fixed[3, 6:9] = True
     [hidden] = Problem((), (BODY,), 0, FPS, (fixed,)).hidden(share)
     expected = np.zeros((6, len(BODY)), bool)
@@ -278,7 +267,7 @@ def test_a_part_that_nobody_sees_moves_as_it_is_foretold() -> None:
     start = truth.moved(np.where(free, truth.difference(start), 0.0))
     errors = {}
     for prediction in (True, False):
-        problem = Blindfolded(dark(F), (BODY,), 0, FPS, (~free,))
+        problem = Blindfolded(dark(CAMERAS[0], F), (BODY,), 0, FPS, (~free,))
         settings = replace(SETTINGS, prediction=prediction)
         errors[prediction] = forearm_mm(gauss_newton.descend(problem, [start], settings).motions[0], truth)
     assert forearm_mm(start, truth).max() > 100
@@ -301,7 +290,7 @@ def test_where_a_part_is_seen_nothing_is_expected_of_it() -> None:
 
 def test_views_are_looked_at_in_turn_and_never_fewer_than_asked() -> None:
     def turns(count: int) -> list[list[int]]:
-        problem = Problem(tuple(range(count)), (BODY,), 0, FPS, (ends_held(5),))
+        problem = Problem(tuple(range(count)), (BODY,), 0, FPS, (ends_held(BODY, 5),))
         return [list(problem.some_views(2, turn).views) for turn in range(3)]
 
     assert turns(1) == [[0]] * 3 and turns(3) == [[0, 1, 2]] * 3
@@ -319,7 +308,7 @@ def test_of_more_views_fewer_pixels_each_are_looked_at() -> None:
 
 def test_coarse_stages_end_early_and_the_last_looks_at_every_view() -> None:
     truth = swing(BODY, 5, 0.2)
-    problem = Counting(coloured(BODY, truth, CAMERAS) * 2, (BODY,), 0, FPS, (ends_held(5),))
+    problem = Counting(coloured(BODY, truth, CAMERAS) * 2, (BODY,), 0, FPS, (ends_held(BODY, 5),))
     gauss_newton.descend(problem, [truth], SETTINGS)
     looked = Counting.looked
     assert looked[0] == (2, 8.0) and looked[-1] == (4, 1.0)

@@ -13,7 +13,7 @@ from kfmocap.core.evidence.images import ViewFrames
 from kfmocap.core.motion import Motion
 from kfmocap.core.solvers.limbs import _best_way, _shares, found_limbs, limbs, pairs, untangled
 from kfmocap.core.solvers.problem import Problem
-from synthetic import at_rest, figure, look_at, poses_of, silhouette
+from synthetic import at_rest, ends_held, figure, look_at, poses_of, silhouette
 
 Array = np.ndarray
 BODY = human(1.75)
@@ -43,9 +43,7 @@ def seen(motion: Motion) -> ViewFrames:
 
 
 def problem_of(motion: Motion, *views: ViewFrames) -> Problem:
-    fixed = np.zeros((len(motion), BODY.dof), bool)
-    fixed[[0, -1]] = True
-    return Problem(views, (BODY,), 0, FPS, (fixed,))
+    return Problem(views, (BODY,), 0, FPS, (ends_held(BODY, len(motion)),))
 
 
 def error_mm(found: Motion, truth: Motion, name: str) -> Array:

@@ -25,19 +25,13 @@ from kfmocap.core.solvers.relaxation import (
     solve,
 )
 from kfmocap.core.visibility import Geometry
-from synthetic import at_rest, figure, look_at, numeric_jacobian, picture, poses_of, random_motion, swing
+from synthetic import at_rest, ends_held, figure, look_at, numeric_jacobian, picture, poses_of, random_motion, swing
 
 BODY = figure()
 D, PARTS = BODY.dof, len(BODY)
 ARM = [BODY.index("upper_arm.L"), BODY.index("forearm.L")]
 HIDDEN_FROM = 8
 WITH, WITHOUT = Settings("relaxation", sweeps=20), Settings("relaxation", sweeps=20, prediction=False)
-
-
-def held_at_the_ends(frames: int) -> np.ndarray:
-    fixed = np.zeros((frames, D), bool)
-    fixed[[0, -1]] = True
-    return fixed
 
 
 def no_gradients(n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -103,7 +97,7 @@ def test_without_gradients_the_last_pose_is_met_and_the_error_shared_evenly() ->
     turn = np.array([[0.3, 0, 0], [0, 0.5, 0.2], [0, 0, -0.4], [0.1, 0.1, 0.1]])
     keyed.rotations[-1] = rotations.exp(turn)
     keyed.translations[-1] += [0.2, -0.1, 0.3]
-    found = relax(at_rest(BODY, n + 1), keyed, held_at_the_ends(n + 1), *no_gradients(n), 1000)
+    found = relax(at_rest(BODY, n + 1), keyed, ends_held(BODY, n + 1), *no_gradients(n), 1000)
     steps = Steps.of(found)
     np.testing.assert_allclose(steps.shifts, np.tile(np.array([0.2, -0.1, 0.3]) / n, (n, 1)), atol=1e-6)
     np.testing.assert_allclose(steps.turns, np.tile(turn / n, (n, 1, 1)), atol=0.11**3 / 6)
@@ -114,7 +108,7 @@ def test_one_sweep_takes_a_part_of_the_error_and_never_all_of_it_in_one_frame() 
     n = 8
     keyed = at_rest(BODY, n + 1)
     keyed.translations[-1] += [1.0, 0, 0]
-    found = relax(at_rest(BODY, n + 1), keyed, held_at_the_ends(n + 1), *no_gradients(n), 1)
+    found = relax(at_rest(BODY, n + 1), keyed, ends_held(BODY, n + 1), *no_gradients(n), 1)
     steps = Steps.of(found).shifts[:, 0]
     assert (steps > 0).all() and steps.max() <= 1 / n + 1e-9
     assert 0.4 < steps.sum() < 1
@@ -129,13 +123,13 @@ def test_a_sweep_goes_frame_after_frame_and_each_sees_what_the_one_before_has_be
         x_e = x[j] + (target - x.sum()) / n
         ends = x[max(j - 1, 0)] + x[min(j + 1, n - 1)]
         x[j] = (NU * x_e + SMOOTHNESS * ends / 2) / (NU + SMOOTHNESS)
-    found = relax(at_rest(BODY, n + 1), keyed, held_at_the_ends(n + 1), *no_gradients(n), 1)
+    found = relax(at_rest(BODY, n + 1), keyed, ends_held(BODY, n + 1), *no_gradients(n), 1)
     np.testing.assert_allclose(Steps.of(found).shifts[:, 0], x, rtol=1e-9)
 
 
 def test_the_first_pose_stays_and_smooth_steps_stay_smooth() -> None:
     truth = swing(BODY, 9)
-    found = relax(truth, truth, held_at_the_ends(9), *no_gradients(8), 300)
+    found = relax(truth, truth, ends_held(BODY, 9), *no_gradients(8), 300)
     np.testing.assert_array_equal(found.translations[0], truth.translations[0])
     np.testing.assert_allclose(found.rotations[0], truth.rotations[0], atol=1e-12)
     assert np.abs(found[[-1]].difference(truth[[-1]])).max() < 2e-2
@@ -156,7 +150,7 @@ def test_a_partial_last_key_pose_pulls_its_own_degrees_of_freedom() -> None:
     keyed = at_rest(BODY, 6)
     keyed.translations[-1] += [0.1, 0.2, 0.3]
     keyed.rotations[-1] = rotations.exp(np.full((PARTS, 3), 0.2))
-    fixed = held_at_the_ends(6)
+    fixed = ends_held(BODY, 6)
     fixed[-1] = False
     fixed[-1, [0, *range(9, 12)]] = True
     found = relax(at_rest(BODY, 6), keyed, fixed, *no_gradients(5), 600)
@@ -184,7 +178,7 @@ def test_of_translations_alone_it_finds_the_minimum_of_the_energy_as_a_dense_sol
         b[j, :3] = A[j, :3, :3] @ rng.normal(0.05, 0.05, 3)
     keyed, target = at_rest(BODY, n + 1), np.array([0.7, 0.4, -0.2])
     keyed.translations[-1] += target
-    found = relax(at_rest(BODY, n + 1), keyed, held_at_the_ends(n + 1), A, b, 1500)
+    found = relax(at_rest(BODY, n + 1), keyed, ends_held(BODY, n + 1), A, b, 1500)
 
     system = np.zeros((n, 3, n, 3))
     right = b[:, :3].copy()
@@ -212,7 +206,7 @@ def test_of_turns_about_one_axis_it_finds_the_minimum_too() -> None:
     A[:, 6, 6], b[:, 6] = a, a * wanted
     keyed = at_rest(BODY, n + 1)
     keyed.rotations[-1, 1] = rotations.exp(np.array([target, 0, 0]))
-    found = relax(at_rest(BODY, n + 1), keyed, held_at_the_ends(n + 1), A, b, 2000)
+    found = relax(at_rest(BODY, n + 1), keyed, ends_held(BODY, n + 1), A, b, 2000)
     D2 = np.diff(np.eye(n), axis=0)
     system = np.diag(a) + LAMBDA / n * np.ones((n, n)) + SMOOTHNESS / 2 * D2.T @ D2
     expected = np.linalg.solve(system, a * wanted + LAMBDA / n * target)
@@ -226,10 +220,10 @@ def test_it_does_not_matter_where_the_world_is() -> None:
     A = np.swapaxes(rows, 1, 2) @ rows
     keyed = swing(BODY, n + 1)
     b = (A @ Steps.of(keyed).vectors()[..., None])[..., 0] + rng.normal(0, 0.01, (n, D))
-    here = relax(keyed, keyed, held_at_the_ends(n + 1), A, b, 50)
+    here = relax(keyed, keyed, ends_held(BODY, n + 1), A, b, 50)
     shift = np.array([5.0, -3.0, 1.0])
     moved = Motion(keyed.translations + shift, keyed.rotations)
-    there = relax(moved, moved, held_at_the_ends(n + 1), A, b, 50)
+    there = relax(moved, moved, ends_held(BODY, n + 1), A, b, 50)
     np.testing.assert_allclose(there.translations - shift, here.translations, atol=1e-9)
     np.testing.assert_allclose(there.rotations, here.rotations, atol=1e-9)
 
@@ -281,8 +275,7 @@ def passing() -> tuple[Problem, list[Motion]]:
     camera = look_at("side", (-3.5, 0.0, 1.3), (0, 0, 1.2))
     poses = poses_of([BODY], [motion])
     grey = np.stack([picture([BODY], poses, f, camera) for f in range(len(motion))])
-    fixed = np.zeros((len(motion), D), bool)
-    fixed[[0, -1]] = True
+    fixed = ends_held(BODY, len(motion))
     return Problem((ViewFrames(camera, grey, 0),), (BODY,), 0, 30.0, (fixed,)), [motion]
 
 

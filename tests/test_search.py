@@ -8,7 +8,6 @@ from itertools import chain, repeat
 import numpy as np
 import pytest
 from kfmocap.core.body import human
-from kfmocap.core.evidence.images import ViewFrames
 from kfmocap.core.motion import Motion
 from kfmocap.core.occlusion import LONG
 from kfmocap.core.shot import Settings
@@ -16,7 +15,7 @@ from kfmocap.core.solvers import search
 from kfmocap.core.solvers.limbs import pairs
 from kfmocap.core.solvers.problem import Problem, Solution
 from kfmocap.core.solvers.search import ALIKE, EQUAL, NEAR
-from synthetic import at_rest, coloured, figure, look_at, swing
+from synthetic import at_rest, coloured, dark, ends_held, figure, look_at, swing
 
 BODY = figure()
 HUMAN = human(1.75)
@@ -26,23 +25,12 @@ SETTINGS = Settings()
 FPS = 30.0
 
 
-def ends_held(frames: int) -> np.ndarray:
-    fixed = np.zeros((frames, BODY.dof), bool)
-    fixed[[0, -1]] = True
-    return fixed
-
-
-def dark(frames: int) -> tuple[ViewFrames, ...]:
-    """Pictures that show nothing."""
-    return (ViewFrames(CAMERAS[0], np.full((frames, 120, 160), 90, np.uint8), 0),)
-
-
 def test_fixed_degrees_of_freedom_do_not_move() -> None:
     F = 7
     start = swing(BODY, F, 0.3)
-    fixed = ends_held(F)
+    fixed = ends_held(BODY, F)
     fixed[3, 6:9] = fixed[2, 0] = True
-    found = search.solve(Problem(dark(F), (BODY,), 0, FPS, (fixed,)), [start], SETTINGS).motions[0]
+    found = search.solve(Problem(dark(CAMERAS[0], F), (BODY,), 0, FPS, (fixed,)), [start], SETTINGS).motions[0]
     moved = start.difference(found)
     np.testing.assert_allclose(moved[fixed], 0, atol=1e-12)
     assert np.abs(moved[1:-1]).max() > 1e-2
@@ -57,7 +45,7 @@ def explained(problem: Problem, motion: Motion) -> Solution:
 
 def test_a_body_that_covers_background_is_doubted() -> None:
     truth = swing(BODY, 5, 0.2)
-    problem = Problem(coloured(BODY, truth, CAMERAS), (BODY,), 0, FPS, (ends_held(5),))
+    problem = Problem(coloured(BODY, truth, CAMERAS), (BODY,), 0, FPS, (ends_held(BODY, 5),))
     assert not search.doubtful(problem, explained(problem, truth))
     beside = np.zeros((5, BODY.dof))
     beside[2, 0] = 0.35
@@ -73,9 +61,9 @@ def test_whether_a_solution_is_doubted_goes_by_the_key_poses() -> None:
         problem = Problem((), (BODY,), 0, FPS, (fixed,))
         return search.doubtful(problem, Solution((swing(BODY, 5),), 1, (), (), share, explained, none, {}))
 
-    assert not doubted(total, ends_held(5))
-    assert not doubted(total * [1, 0.85, 0.85, 0.85, 1], ends_held(5))
-    assert doubted(total * [1, 1, 1, 0.75, 1], ends_held(5))
+    assert not doubted(total, ends_held(BODY, 5))
+    assert not doubted(total * [1, 0.85, 0.85, 0.85, 1], ends_held(BODY, 5))
+    assert doubted(total * [1, 1, 1, 0.75, 1], ends_held(BODY, 5))
     first = np.zeros((5, BODY.dof), bool)
     first[0] = True
     assert doubted(total, first) and not doubted(total, np.zeros((5, BODY.dof), bool))
@@ -92,7 +80,7 @@ def covering(cover: float, share: np.ndarray | None = None) -> Solution:
 @pytest.mark.parametrize(("hidden", "expected"), [(LONG, True), (LONG - 1, False)])
 def test_a_limb_that_no_view_sees_for_longer_than_prediction_bridges_is_concealed(hidden: int, expected: bool) -> None:
     frames = LONG + 2
-    problem = Problem(coloured(BODY, at_rest(BODY, frames), CAMERAS), (BODY,), 0, FPS, (ends_held(frames),))
+    problem = Problem(coloured(BODY, at_rest(BODY, frames), CAMERAS), (BODY,), 0, FPS, (ends_held(BODY, frames),))
     share = np.ones((2, frames, len(BODY)))
     share[0] = 0  # of what one view hides the other shows
     assert not search.concealed(problem, covering(1, share))
@@ -103,7 +91,7 @@ def test_a_limb_that_no_view_sees_for_longer_than_prediction_bridges_is_conceale
     assert not search.concealed(problem, covering(1, trunk))
     keyed = replace(problem, fixed=(np.ones((frames, BODY.dof), bool),))
     assert not search.concealed(keyed, covering(1, share))
-    blind = replace(problem, views=dark(frames))
+    blind = replace(problem, views=dark(CAMERAS[0], frames))
     assert not search.concealed(blind, covering(1, share))
 
 
@@ -120,7 +108,7 @@ def test_limbs_stay_where_they_were_unless_others_cover_more_than_chance_would(
     before, after = covering(1000), covering(1000 * (1 + gain * EQUAL))
     monkeypatch.setattr(search, "descend", lambda *_: before)
     monkeypatch.setattr(search, "_looked_for", lambda *_: after)
-    problem = Problem(dark(LONG + 2), (BODY,), 0, FPS, (ends_held(LONG + 2),))
+    problem = Problem(dark(CAMERAS[0], LONG + 2), (BODY,), 0, FPS, (ends_held(BODY, LONG + 2),))
     found = search.searched(problem, before.motions, [before], SETTINGS)
     assert found is (after if moved else before)
 
@@ -136,7 +124,7 @@ def test_limbs_are_looked_for_around_the_best_until_it_has_an_equal(monkeypatch:
 
     monkeypatch.setattr(search, "descend", lambda *_: first)
     monkeypatch.setattr(search, "_looked_for", looked_for)
-    problem = Problem(dark(LONG + 2), (BODY,), 0, FPS, (ends_held(LONG + 2),))
+    problem = Problem(dark(CAMERAS[0], LONG + 2), (BODY,), 0, FPS, (ends_held(BODY, LONG + 2),))
     worse = covering(900)  # is not looked around
     found = search.searched(problem, first.motions, [worse, first], SETTINGS)
     assert [id(begin) for begin in begins] == [id(s.motions) for s in (first, better[0], better[1])]
@@ -156,7 +144,7 @@ def test_where_the_best_is_doubtful_limbs_are_looked_for_around_all_and_around_t
     monkeypatch.setattr(search, "doubtful", lambda *_: True)
     monkeypatch.setattr(search, "descend", lambda _problem, motions, *_: best if motions is best.motions else worse)
     monkeypatch.setattr(search, "_looked_for", looked_for)
-    problem = Problem(dark(LONG + 2), (BODY,), 0, FPS, (ends_held(LONG + 2),))
+    problem = Problem(dark(CAMERAS[0], LONG + 2), (BODY,), 0, FPS, (ends_held(BODY, LONG + 2),))
     search.searched(problem, start.motions, [worse, best], SETTINGS)
     assert [id(begin) for begin in begins] == [id(s.motions) for s in (worse, best, start)]
 
@@ -188,7 +176,7 @@ def off(motion: Motion, parts: list[int], angle: float) -> Motion:
 def recombined(monkeypatch: pytest.MonkeyPatch, settled: Settled, *solutions: Solution) -> Solution:
     """What comes of some solutions, the best first."""
     monkeypatch.setattr(search, "descend", settled)
-    problem = Problem(dark(LONG + 2), (HUMAN,), 0, FPS, (np.zeros((LONG + 2, HUMAN.dof), bool),))
+    problem = Problem(dark(CAMERAS[0], LONG + 2), (HUMAN,), 0, FPS, (np.zeros((LONG + 2, HUMAN.dof), bool),))
     return search.recombined(problem, solutions[0], solutions, SETTINGS)
 
 

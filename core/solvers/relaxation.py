@@ -84,7 +84,7 @@ class Steps:
 
 
 def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step: Step | None = None) -> Solution:
-    """Fit the motion of all performers by relaxation; parameters as of `search.solve`.
+    """Fit the motion of all performers by relaxation; parameters as of `gauss_newton.descend`.
 
     A stretch that ends without a key pose has no terminal constraint. Key poses of some degrees of freedom within
     the stretch are held as they are.

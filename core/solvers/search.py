@@ -48,16 +48,7 @@ def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step
 
     The curve through the key poses is one start. Where the images disagree with what it led to, and no keypoints
     confirm it, or limbs are out of all views' sight for long, the motion is followed from the key poses, and then
-    limbs are looked for around the solutions. The best of them all counts.
-
-    Parameters
-    ----------
-    problem : Problem
-    start : sequence of Motion
-        F poses per performer; their fixed degrees of freedom are kept.
-    settings : Settings
-    on_step : callable, optional
-        Called before each iteration with the share of the work done and the motions; may raise to end the job.
+    limbs are looked for around the solutions. The best of them all counts. Parameters as of `gauss_newton.descend`.
     """
     solutions = [descend(problem, start, settings, _share_of(on_step, 0.0, 0.2))]
     seconds, best = Seconds(), solutions[0]
@@ -137,16 +128,17 @@ def searched(
     Of the solutions only equals of the best are looked around, or all where that is doubtful; they settle first. While
     all are doubtful, limbs are also looked for around a trunk that moves as at the start, which limbs in wrong places
     have not led astray. Poses are drawn by chance: limbs stay where they were when what is found is no better than an
-    equal.
+    equal. At last the solutions exchange limbs, see `recombined`.
     """
     held = replace(problem, fixed=tuple(fixed | (np.arange(fixed.shape[1]) < 6) for fixed in problem.fixed))
     likely = solutions if doubtful(problem, better(problem, *solutions)) else equals(solutions)
     settled = [descend(problem, solution.motions, settings, None, SETTLED) for solution in likely]
     begins: list[tuple[Sequence[Motion], Problem]] = [(solution.motions, problem) for solution in settled]
     found: list[Solution] = []
+    looking, exchanging = _share_of(on_step, 0.0, 0.7), _share_of(on_step, 0.7, 1.0)
     while begins and len(found) < LOOKS:
         motions, around = begins.pop(0)
-        part = _share_of(on_step, 0.7 * len(found) / LOOKS, 0.7 * (len(found) + 1) / LOOKS)
+        part = _share_of(looking, len(found) / LOOKS, (len(found) + 1) / LOOKS)
         found.append(_looked_for(problem, around, motions, settings, len(found), part))
         best = better(problem, *settled, *found)
         if not begins and doubtful(problem, best) and around is not held:
@@ -155,7 +147,7 @@ def searched(
             begins.append((best.motions, problem))
     kept = better(problem, *settled)
     best = kept if kept in equals([*settled, *found]) else better(problem, *found)
-    return recombined(problem, best, [*settled, *found], settings, _share_of(on_step, 0.7, 1.0))
+    return recombined(problem, best, [*settled, *found], settings, exchanging)
 
 
 def recombined(
@@ -170,6 +162,7 @@ def recombined(
     tried = [solution.motions for solution in lenders]
     places = [(i, left + right) for i, body in enumerate(problem.bodies) for left, right in pairs(body)]
     for k, (i, parts) in enumerate(places):
+        share = _share_of(on_step, k / len(places), (k + 1) / len(places))
         mixtures = []
         for a, b in [pair for other in lenders for pair in ((best, other), (other, best))]:
             lent = a.motions[i].with_parts(parts, b.motions[i])
@@ -179,8 +172,8 @@ def recombined(
                 mixtures.append(motions)
         found = [best]
         for n, motions in enumerate(mixtures):
-            begin, end = ((k + m / len(mixtures)) / len(places) for m in (n, n + 1))
-            found.append(descend(problem, motions, settings, _share_of(on_step, begin, end), SETTLED))
+            part = _share_of(share, n / len(mixtures), (n + 1) / len(mixtures))
+            found.append(descend(problem, motions, settings, part, SETTLED))
         if best not in equals(found):
             best = min(equals(found), key=lambda solution: solution.energy[-1])
     return best
