@@ -14,9 +14,9 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from ..cli.demo_command import example_folder
+from ..cli.track_command import check_output, staged
 from ..core.errors import FootageError, KFMocapError
-from ..kfmocap_addon.demo import example_folder
-from ..kfmocap_addon.results import check_output, staged
 from . import tables
 from .rows import CONVERGENCE, ROWS, Case, cases
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import bpy
 
-from ..core.motion import Motion
-from ..core.shot import Performer
-from ..kfmocap_addon import curves, rig
+from ..core.body.motion import Motion
+from ..core.shot.shot import Performer
+from ..kfmocap_addon.scene_io import body_armature, keyframes
 
 
 def interpolated(performer: Performer, length: int) -> Motion:
@@ -15,6 +15,6 @@ def interpolated(performer: Performer, length: int) -> Motion:
     It closes the open file.
     """
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    armature = rig.build_armature(performer.body, performer.name, bpy.context.scene.collection)
-    curves.write_key_poses(armature, performer.key_poses, 0)
-    return curves.read_motion(armature, 0, length)
+    armature = body_armature.build_armature(performer.body, performer.name, bpy.context.scene.collection)
+    keyframes.write_key_poses(armature, performer.key_poses, 0)
+    return keyframes.read_motion(armature, 0, length)

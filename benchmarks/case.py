@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from ..core.body import landmark_positions
+from ..core.body.motion import Motion
 from ..core.formats import Landmarks, load_shot, read_trc
-from ..core.interpolation import spline
-from ..core.motion import Motion
-from ..core.scoring import Score, joint_error
-from ..core.shot import Shot
-from ..core.tracking import Stretch, track
+from ..core.review.scoring import Score, joint_error
+from ..core.shot.keypose_spline import spline
+from ..core.shot.shot import Shot
+from ..core.tracking.segments import Stretch
+from ..core.tracking.tracker import track
 
 
 class Reference:

@@ -15,9 +15,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..cli.track_command import check_output, staged
 from ..core.errors import FootageError, KFMocapError
-from ..core.formats.files import replacing
-from ..kfmocap_addon.results import check_output, staged
+from ..core.runtime.files import replacing
 from .experiments_pictures import write_jpeg
 from .experiments_runs import Footage, Outcome, say, throw, walk, whirl
 

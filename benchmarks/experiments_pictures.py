@@ -13,15 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.body import part_poses
-from ..core.cameras import Camera
+from ..core.body.motion import Motion
+from ..core.cameras.camera import Camera
 from ..core.errors import OutputError
-from ..core.footage import frames_at
+from ..core.evidence.label_images import Geometry
 from ..core.formats import Landmarks
-from ..core.formats.files import replacing
-from ..core.motion import Motion
-from ..core.overlay import draw_outlines
-from ..core.shot import Shot, View
-from ..core.visibility import Geometry
+from ..core.review.overlay import draw_outlines
+from ..core.runtime.files import replacing
+from ..core.shot.footage import frames_at
+from ..core.shot.shot import Shot, View
 
 Image = NDArray[Any]
 Panel = tuple[int, Motion | None, str]

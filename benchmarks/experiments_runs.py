@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 
 from ..core.body import landmark_positions
+from ..core.body.motion import Motion, stacked
 from ..core.formats import Landmarks, load_shot, read_trc
-from ..core.interpolation import spline
-from ..core.motion import Motion, stacked
-from ..core.scoring import Score, joint_error
-from ..core.selection import selected
-from ..core.shot import KeyPoses, Shot
-from ..core.tracking import track
+from ..core.review.scoring import Score, joint_error
+from ..core.shot.keypose_spline import spline
+from ..core.shot.shot import KeyPoses, Shot
+from ..core.tracking.selection import selected
+from ..core.tracking.tracker import track
 from .case import Watch
 from .experiments_pictures import Image, Panels, stacked_rows
 from .tables import convergence, markdown

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from ..core.shot import SOLVERS
+from ..core.shot.shot import SOLVERS
 
 BEAM = ("cam01", "cam02", "cam03", "cam04")
 WALK = ("cam01", "cam02", "cam03")

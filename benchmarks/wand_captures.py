@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.calibration.capture import Capture, CaptureView, Markers
-from ..core.cameras import Camera
+from ..core.cameras.camera import Camera
+from ..core.capture.capture import Capture, CaptureView, Markers
 
 Array = NDArray[np.float64]
 

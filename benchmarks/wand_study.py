@@ -14,16 +14,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import rotations
 from ..core.calibration.bundle import Evidence, Observations, Scene, covariance, unknowns
-from ..core.calibration.capture import Capture
+from ..core.calibration.camera_rig import CAMERA_DOF, FOCAL, K1, OFFSET, SHIFT, TURN, Wand, rig_of
 from ..core.calibration.lframe import resting
-from ..core.calibration.matching import matched
-from ..core.calibration.rig import CAMERA_DOF, FOCAL, K1, OFFSET, SHIFT, TURN, Wand, rig_of
-from ..core.calibration.solve import Solution, solve
-from ..core.cameras import Camera
+from ..core.calibration.solution import Solution
+from ..core.calibration.solve import solve
+from ..core.calibration.wand_matching import matched
+from ..core.cameras.camera import Camera
+from ..core.capture.capture import Capture
 from ..core.errors import KFMocapError
-from ..core.formats.files import replacing
+from ..core.numerics import rotations
+from ..core.runtime.files import replacing
 from .wand_captures import FPS, HARD, LFRAME, WAND_LENGTH, Faults, capture, ring, scattered, waved
 
 Array = NDArray[np.float64]

@@ -2,7 +2,7 @@
 
 import bpy
 
-from .export_presets import PRESETS
+from .export.presets import PRESETS
 
 
 def _is_camera(_self: bpy.types.PropertyGroup, candidate: bpy.types.Object) -> bool:
@@ -21,17 +21,17 @@ def _show_range(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> N
 
 def _show_confidence(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
     """The parts' colours follow what the scene says."""
-    from . import confidence
+    from .scene_io import bone_confidence
 
-    confidence.show_colours(self.id_data)
+    bone_confidence.show_colours(self.id_data)
 
 
 def _show_in_time(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
     """The footage shows the frames that the view's offset and fields say."""
-    from . import backdrop
+    from .scene_io import footage_background
 
     shot = self.id_data.kfmocap
-    backdrop.show_in_time(self, shot.first, shot.frame_start)
+    footage_background.show_in_time(self, shot.first, shot.frame_start)
 
 
 def _show_opacity(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
@@ -41,9 +41,9 @@ def _show_opacity(self: bpy.types.PropertyGroup, _context: bpy.types.Context) ->
 
 
 def _show_model(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
-    from . import rig
+    from .scene_io import body_armature
 
-    rig.show_parts(self.id_data)
+    body_armature.show_parts(self.id_data)
 
 
 class KFMocapView(bpy.types.PropertyGroup):

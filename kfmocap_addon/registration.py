@@ -8,17 +8,17 @@ from __future__ import annotations
 
 import bpy
 
-from . import capture, key_list, panels, properties
+from . import panels, properties
 from .operators import (
     add_footage,
     bake,
-    body,
-    calibrate,
-    cameras,
+    calibrate_cameras,
+    camera_files,
     capture_views,
     copy_pose,
     drop_files,
-    export,
+    edit_body,
+    export_motion,
     fit_body,
     go_to_frame,
     load_shot,
@@ -28,18 +28,20 @@ from .operators import (
     place_joints,
     pose_from_files,
     refine_cameras,
-    residual,
     set_key_pose,
+    show_misfit,
     simplify,
-    track,
+    track_motion,
 )
+from .panels import key_list
+from .scene_io import capture_scene
 
 OPERATORS = (
     load_shot,
     add_footage,
     drop_files,
     look_through,
-    body,
+    edit_body,
     fit_body,
     refine_cameras,
     set_key_pose,
@@ -48,18 +50,18 @@ OPERATORS = (
     nudge_pose,
     pose_from_files,
     go_to_frame,
-    track,
-    residual,
+    track_motion,
+    show_misfit,
     bake,
     simplify,
-    export,
-    cameras,
+    export_motion,
+    camera_files,
     capture_views,
     pick_colour,
-    calibrate,
+    calibrate_cameras,
 )
-CLASSES = tuple(cls for module in (properties, capture, *OPERATORS, *panels.SECTIONS) for cls in module.CLASSES)
-MENUS = body.MENUS
+CLASSES = tuple(cls for module in (properties, capture_scene, *OPERATORS, *panels.SECTIONS) for cls in module.CLASSES)
+MENUS = edit_body.MENUS
 """Names of Blender's menus and what is appended to them."""
 COMMAND = "kfmocap"
 
@@ -71,7 +73,7 @@ _drawings: list[object] = []
 def register() -> None:
     _register_classes()
     bpy.types.Scene.kfmocap = bpy.props.PointerProperty(type=properties.KFMocapScene)
-    bpy.types.Scene.kfmocap_capture = bpy.props.PointerProperty(type=capture.KFMocapCapture)
+    bpy.types.Scene.kfmocap_capture = bpy.props.PointerProperty(type=capture_scene.KFMocapCapture)
     for menu, entry in MENUS:
         getattr(bpy.types, menu).append(entry)
     key_list.register()
@@ -100,18 +102,18 @@ def is_registered() -> bool:
 
 def _draw_outlines() -> None:
     if bpy.context.scene.kfmocap.display == "OUTLINE":
-        from . import outlines
+        from .overlays import model_outlines
 
-        outlines.draw_outlines()
+        model_outlines.draw_outlines()
 
 
 def _draw_marks() -> None:
-    from . import marks_overlay
+    from .overlays import mark_drawing
 
-    marks_overlay.draw_marks()
+    mark_drawing.draw_marks()
 
 
 def _command(argv: list[str]) -> int:
-    from . import command_line
+    from ..cli import command_line
 
     return command_line.main(argv)

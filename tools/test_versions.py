@@ -52,7 +52,7 @@ def tested(blender: str, python: str) -> bool:
     except subprocess.CalledProcessError as error:
         print(f"Blender {blender}: left out, it cannot be installed ({error})", flush=True)
         return True
-    files = [*sorted((ROOT / "tests").glob("test_addon_*.py")), ROOT / "tests" / "test_extension.py"]
+    files = sorted((ROOT / "tests" / "addon").glob("test_*.py"))
     command = [full, "-m", "pytest", "-q", "--numprocesses", "auto", "--dist", "loadfile", *files]
     run = subprocess.run(command, cwd=ROOT, env=os.environ | {"KFMOCAP_BARE": str(bare)}, check=False)
     return run.returncode == 0

@@ -1,8 +1,8 @@
 """The body: parts on a tree, their kinematics, and the default human."""
 
+from .body import Body, Part
 from .human import default_measures, human
 from .kinematics import landmark_positions, part_poses, point_jacobian, twist_jacobian
-from .model import Body, Part
 
 __all__ = [
     "Body",

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BodyError
-from .model import Body, Part
+from .body import Body, Part
 
 Array = NDArray[np.float64]
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import rotations
-from ..motion import Motion
-from .model import Body
+from ..numerics import rotations
+from .body import Body
+from .motion import Motion
 
 Array = NDArray[np.float64]
+Poses = tuple[Array, Array]
+"""World rotations (F, P, 3, 3) and translations (F, P, 3) of parts."""
 
 
 def part_poses(body: Body, motion: Motion) -> tuple[Array, Array]:
@@ -63,3 +67,9 @@ def point_jacobian(body: Body, R: Array, T: Array, parts: NDArray[np.int64], poi
     """Velocity of world points (F, L, 3) fixed to parts (L,) per degree of freedom, shape (F, L, 3, D)."""
     J = twist_jacobian(body, R, T)[:, parts]
     return J[..., :3, :] - rotations.skew(points_world) @ J[..., 3:, :]
+
+
+def scene_poses(bodies: Sequence[Body], motions: Sequence[Motion]) -> Poses:
+    """World poses (F, P, 3, 3) and (F, P, 3) of all performers' parts, one performer after the other."""
+    posed = [part_poses(body, motion) for body, motion in zip(bodies, motions, strict=True)]
+    return np.concatenate([R for R, _ in posed], axis=1), np.concatenate([T for _, T in posed], axis=1)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .model import Body
+from .body import Body
 
 Array = NDArray[np.float64]
 

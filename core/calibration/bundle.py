@@ -17,7 +17,22 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from .rig import CAMERA_DOF, CENTRE, DRIFT, FOCAL, K1, K2, OFFSET, SHIFT, TURN, WAND_DOF, Rig, Stencil, Wand, tangents
+from .camera_rig import (
+    CAMERA_DOF,
+    CENTRE,
+    DRIFT,
+    FOCAL,
+    K1,
+    K2,
+    OFFSET,
+    SHIFT,
+    TURN,
+    WAND_DOF,
+    Rig,
+    Stencil,
+    Wand,
+    tangents,
+)
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -14,10 +14,10 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from .capture import Markers
+from ..capture.capture import Markers
+from .camera_rig import DRIFT, OFFSET, Rig
 from .pairwise import sampson
-from .rig import DRIFT, OFFSET, Rig
-from .tracks import sampled
+from .wand_tracks import sampled
 
 Array = NDArray[np.float64]
 

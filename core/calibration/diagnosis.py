@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..capture.capture import LFRAME_BALLS, Capture
 from ..errors import CaptureError
 from . import findings
-from .capture import LFRAME_BALLS, Capture
+from .camera_rig import FOCAL, OFFSET, Wand
 from .findings import Finding
-from .initial import FEWEST_SHARED, FLAT, Link
-from .rig import FOCAL, OFFSET, Wand
-from .tracks import Tracks
-from .trust import coverage, depths, path_error, seen_points, thickness
+from .first_cameras import FEWEST_SHARED, FLAT, Link
+from .quality import coverage, depths, path_error, seen_points, thickness
+from .wand_tracks import Tracks
 
 if TYPE_CHECKING:
-    from .solve import Solution
+    from .solution import Solution
 
 Array = NDArray[np.float64]
 

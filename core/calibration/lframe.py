@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ..capture.capture import LFRAME_BALLS, Markers
 from . import findings
 from .bundle import LFRAME_SIGMA, Observations
-from .capture import LFRAME_BALLS, Markers
-from .rig import Rig
-from .triangulation import projected, rays, triangulated
+from .camera_rig import Rig
+from .wand_triangulation import projected, rays, triangulated
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .triangulation import triangulated
+from .wand_triangulation import triangulated
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -8,20 +8,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras import Camera
-from ..shot import Progress, report_progress
-from . import diagnosis, lenses, lframe
+from ..capture.capture import Capture, CaptureView
+from ..runtime.progress import Progress, report_progress
+from . import diagnosis, lens_selection, lframe
 from .bundle import Evidence, Observations, Scene, adjust, covariance
-from .capture import Capture, CaptureView
-from .clocks import Clocks
-from .findings import Finding
-from .initial import FEWEST_SHARED, crossed_views, find_links, first_rig, unknown_lens
-from .matching import labelled
+from .camera_rig import DRIFT, OFFSET, Rig, Wand
+from .first_cameras import FEWEST_SHARED, crossed_views, find_links, first_rig, unknown_lens
 from .pairwise import FOCAL_GRID, Lens
-from .rig import CAMERA_DOF, DRIFT, OFFSET, Rig, Wand
+from .quality import measured_lengths
+from .solution import Solution
 from .synchrony import Synchrony, in_step, synchrony
-from .triangulation import sight
-from .trust import measured_lengths
+from .wand_matching import labelled
+from .wand_triangulation import sight
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -37,79 +35,6 @@ _LEAST_NOISE = 0.2
 _HELD_OUT = 10
 """One in so many stretches of frames is held out."""
 _STRETCH = 10
-
-
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """Solved cameras and how far to trust them.
-
-    Attributes
-    ----------
-    capture : Capture
-    rig : Rig
-        Cameras and clocks in the L-frame's world.
-    wand : Wand
-    lframe_world : ndarray, shape (4, 3)
-    seen : Observations
-        The wand's balls that were used; ends that were swapped are swapped back.
-    lframe_seen : Observations
-    residual : ndarray, shape (n, 2)
-        Of the wand's balls, then the L-frame's: predicted less seen, pixels.
-    used : ndarray, shape (C,)
-        Share of the wand's balls in each view that were used.
-    free : ndarray of bool, shape (C, 13)
-        What was solved for, in the order of `rig.CAMERA_DOF`.
-    covariance : ndarray, shape (13 C, 13 C)
-        Of the steps of `Rig.moved`, in the world that the L-frame's measures lay down.
-    noise : float
-        How many times their sigma the balls lie off.
-    lframe_scale : float
-        How many times larger the L-frame is by the wand than by its own measures.
-    moved : dict of int to float
-        Cameras that see the L-frame so many pixels aside: they were moved between its take and the wand's. Their
-        view of the L-frame took no part.
-    held_out : ndarray, shape (h,)
-        Lengths of the wand, metres, on frames that were held out of a solution of their own.
-    findings : tuple of Finding
-        What to know before trusting it.
-    """
-
-    capture: Capture
-    rig: Rig
-    wand: Wand
-    lframe_world: Array
-    seen: Observations
-    lframe_seen: Observations
-    residual: Array
-    used: Array
-    free: Bools
-    covariance: Array
-    noise: float
-    lframe_scale: float
-    moved: dict[int, float]
-    held_out: Array
-    findings: tuple[Finding, ...]
-
-    @property
-    def cameras(self) -> dict[str, Camera]:
-        """The cameras by their names."""
-        counts = [4 if view.distortions is None else len(view.distortions) for view in self.capture.views]
-        return {name: self.rig.camera(c, counts[c]) for c, name in enumerate(self.rig.names)}
-
-    @property
-    def scene(self) -> Scene:
-        """All that was solved for."""
-        return Scene(self.rig, self.wand, self.lframe_world)
-
-    @property
-    def clocks(self) -> Clocks:
-        """When the videos began."""
-        return Clocks.of(self.rig, self.sigma)
-
-    @property
-    def sigma(self) -> Array:
-        """Standard deviations of the cameras' unknowns, shape (C, 13)."""
-        return np.sqrt(np.diag(self.covariance)).reshape(-1, CAMERA_DOF)
 
 
 def solve(capture: Capture, progress: Progress | None = None, *, drift: bool = False) -> Solution:
@@ -242,7 +167,7 @@ def _finished(
     evidence = replace(_evidence(capture, draft.seen, together), lframe=resting, lframe_measures=capture.lframe_points)
     steps.next("lenses", 0.7)
     fit = adjust(scene, evidence, free, cancel=steps.check)
-    free = lenses.chosen(fit.scene, evidence, free, known, steps.check)
+    free = lens_selection.chosen(fit.scene, evidence, free, known, steps.check)
     seen, used = labelled(fit.scene, capture.views, draft.noise)
     evidence = replace(evidence, wand=seen)
     fit = adjust(fit.scene, evidence, free, tolerance=1e-9, cancel=steps.check)

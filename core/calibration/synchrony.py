@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..capture.capture import Capture, Markers
 from . import findings
-from .capture import Capture, Markers
+from .camera_rig import Rig
 from .clocks import find_offsets
-from .rig import Rig
-from .tracks import Tracks, cleaned, is_waved, synchronised
+from .wand_tracks import Tracks, cleaned, is_waved, synchronised
 
 Array = NDArray[np.float64]
 

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .balls import Balls, Picture, find_balls, without_rods
-from .colours import Colour
+from ..capture.colours import Colour
+from .ball_detection import Balls, Picture, find_balls, without_rods
 
 Array = NDArray[np.float64]
 Image = NDArray[Any]

@@ -1,0 +1,1 @@
+"""Evidence of the motion in the images."""

@@ -14,14 +14,14 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import rotations
-from ..cameras import Camera
-from ..visibility import LabelImages
-from .appearance import log_ratio
-from .images import GradientImages, Image
+from ..body.kinematics import Poses
+from ..cameras.camera import Camera
+from ..numerics import rotations
+from .foreground import log_ratio
+from .label_images import LabelImages
+from .view_frames import GradientImages, Image
 
 Array = NDArray[np.float64]
-Poses = tuple[Array, Array]
 
 HUBER = 1.345
 """Where Huber's error turns from square to linear, in standard deviations (95 % efficiency under normal noise)."""
@@ -122,7 +122,7 @@ def brightness_constancy(
     tolerance : float
         Huber's limit in units of `HUBER` standard deviations: 1 near the solution, more far from it.
     foreground : ndarray of uint8, shape (n, h, w), optional
-        Pixels that show the background say nothing; see `core.evidence.appearance`.
+        Pixels that show the background say nothing; see `core.evidence.foreground`.
 
     Returns
     -------

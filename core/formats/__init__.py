@@ -1,6 +1,6 @@
 """Files of other programs and our own: landmarks, calibrations, the shot file."""
 
-from .calibration import load_cameras, save_cameras
+from .calibration_files import load_cameras, save_cameras
 from .shot_toml import load_shot
 from .trc import Landmarks, read_trc, write_trc
 

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from ..body import Body, default_measures, human
 from ..body.human import FRACTIONS
+from ..body.motion import Motion
 from ..errors import BodyError, ShotError
-from ..motion import Motion
 
 Array = NDArray[np.float64]
 

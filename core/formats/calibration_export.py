@@ -10,11 +10,11 @@ from xml.etree import ElementTree
 import cv2
 import numpy as np
 
-from .. import rotations
-from ..cameras import Camera
+from ..cameras.camera import Camera
 from ..errors import CalibrationError
-from .calibration import save_cameras
-from .files import replacing
+from ..numerics import rotations
+from ..runtime.files import replacing
+from .calibration_files import save_cameras
 from .qualisys import FLIP, SUBPIXELS
 
 _ENDINGS = {"toml": (".toml",), "qualisys": (".qca.txt", ".qca"), "opencv": (".yml", ".yaml", ".json")}

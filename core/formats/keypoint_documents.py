@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..keypoints.layouts import landmark_of
+from .keypoint_layouts import landmark_of
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..calibration.capture import LFRAME_BALLS, WAND_BALLS, Capture, Markers
+from ..capture.capture import LFRAME_BALLS, WAND_BALLS, Capture, Markers
 from ..errors import CalibrationError
-from .files import replacing
+from ..runtime.files import replacing
 
 TAKES = {"lframe": LFRAME_BALLS, "wand": WAND_BALLS}
 """Balls of each take."""

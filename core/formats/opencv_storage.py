@@ -17,9 +17,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import rotations
-from ..cameras import Camera
+from ..cameras.camera import Camera
 from ..errors import CalibrationError
+from ..numerics import rotations
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from ..cameras import Camera
+from ..cameras.camera import Camera
 from ..errors import CalibrationError
 
 SUBPIXELS = 64.0

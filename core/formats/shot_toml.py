@@ -12,14 +12,14 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from ..cameras import Camera
+from ..body.inverse_kinematics import fit_body, fit_poses
+from ..cameras.camera import Camera
 from ..errors import LandmarkError, ShotError
-from ..footage import check_view
-from ..inverse_kinematics import fit_body, fit_poses
-from ..shot import FIELD_ORDERS, KeyPoses, Performer, Settings, Shot, View, Wanted
+from ..shot.footage import check_view
+from ..shot.shot import FIELD_ORDERS, KeyPoses, Performer, Settings, Shot, View, Wanted
 from .bvh import body_of_bvh, poses_of_bvh, read_bvh
-from .calibration import load_cameras
-from .tables import Table, named, read_toml
+from .calibration_files import load_cameras
+from .toml_tables import Table, named, read_toml
 from .trc import Landmarks, read_trc
 
 _TABLES = ("shot", "calibration", "view", "performer", "track")
@@ -83,7 +83,7 @@ def load_shot(
 
 def _from_keypoints(shot: Shot, wanted: Sequence[Wanted | None], path: Path) -> tuple[Performer, ...]:
     """The performers, with those that only keypoints tell of."""
-    from ..keypoints.proposals import proposed  # which reads keypoint files with this package
+    from ..keypoints.proposals import proposed
 
     where = f"{path} [[performer]] {[p is not None for p in wanted].index(True) + 1}"
     if not any(view.keypoints for view in shot.views):

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LandmarkError
-from .files import replacing
+from ..runtime.files import replacing
 
 Array = NDArray[np.float64]
 

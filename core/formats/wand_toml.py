@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..calibration.capture import LFRAME_BALLS, WAND_BALLS, Capture, CaptureView, Markers
-from ..calibration.colours import Colour, parsed
-from ..calibration.film import Film, FilmView
+from ..capture.capture import LFRAME_BALLS, WAND_BALLS, Capture, CaptureView, Markers
+from ..capture.colours import Colour, parsed
+from ..capture.film import Film, FilmView
 from ..errors import CalibrationError, ShotError
 from .marker_points import TAKES, read_marker_points
-from .tables import Table, read_toml
+from .toml_tables import Table, read_toml
 
 Array = NDArray[np.float64]
 

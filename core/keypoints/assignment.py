@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from ..evidence.keypoints import Keypoints
-from .sides import swapped
+from .keypoint_factor import Keypoints
+from .left_right import swapped
 from .triangulation import triangulate
 
 Array = NDArray[np.float64]

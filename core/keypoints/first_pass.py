@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body import Body, default_measures, human, landmark_positions
+from ..body.inverse_kinematics import estimate_height, fit_poses
+from ..body.motion import Motion, stacked
 from ..errors import KeypointError
-from ..evidence.keypoints import Keypoints
-from ..interpolation import spline
-from ..inverse_kinematics import estimate_height, fit_poses
-from ..motion import Motion, stacked
-from ..shot import KeyPoses
-from .fit import KeypointFit, fit_motion
-from .laying import laid_along
+from ..shot.keypose_spline import spline
+from ..shot.shot import KeyPoses
+from .closed_form import laid_along
+from .keypoint_factor import Keypoints
+from .keypoint_fit import KeypointFit, fit_motion
 from .triangulation import triangulate
 
 Array = NDArray[np.float64]

@@ -9,14 +9,15 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body.motion import Motion
 from ..errors import KeypointError
-from ..formats.tables import named
-from ..motion import Motion
-from ..shot import KeyPoses, Performer, Progress, Shot, Wanted, fixed_degrees, report_progress
-from ..solvers.gauss_newton import acceleration_precision
+from ..formats.toml_tables import named
+from ..runtime.progress import Progress, report_progress
+from ..shot.acceleration_prior import acceleration_precision
+from ..shot.shot import KeyPoses, Performer, Shot, Wanted, fixed_degrees
 from .first_pass import first_pass, scaled_first_pass
-from .fit import KeypointFit
-from .observed import assigned, frames_together, read_views
+from .keypoint_fit import KeypointFit
+from .observations import assigned, frames_together, read_views
 
 Array = NDArray[np.float64]
 

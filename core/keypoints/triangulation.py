@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..evidence.keypoints import Keypoints
+from .keypoint_factor import Keypoints
 
 Array = NDArray[np.float64]
 

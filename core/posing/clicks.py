@@ -14,20 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from .. import rotations
-from ..blas import one_blas_thread
 from ..body import Body, part_poses, point_jacobian
-from ..cameras import Camera
-from ..constraints import BandedBlocks, block_diagonal, with_translation
+from ..body.inverse_kinematics import fit_poses
+from ..body.motion import Motion
+from ..body.smoothness import limited
+from ..cameras.camera import Camera
 from ..errors import KeypointError
 from ..evidence.gradients import Poses
-from ..evidence.keypoints import Keypoints, Places, carried, keypoint_system
-from ..inverse_kinematics import fit_poses
-from ..keypoints.fit import posture
+from ..keypoints.keypoint_factor import Keypoints, Places, carried, keypoint_system
+from ..keypoints.keypoint_fit import posture
 from ..keypoints.triangulation import triangulate
-from ..motion import Motion
-from ..solvers.banded import BandedFactor
-from ..solvers.gauss_newton import limited
+from ..numerics import rotations
+from ..numerics.banded import BandedFactor
+from ..numerics.banded_blocks import BandedBlocks, block_diagonal, with_translation
+from ..runtime.threads import one_blas_thread
 
 Array = NDArray[np.float64]
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from .. import rotations
 from ..body import Body, part_poses
-from ..motion import Motion
+from ..body.motion import Motion
+from ..numerics import rotations
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body import Body
-from ..motion import Motion
+from ..body.motion import Motion
 
 _ACROSS = np.diag([1.0, -1.0, -1.0])  # turns about a bone's y and z axes change sign
 _SIDEWAYS = np.diag([-1.0, 1.0, 1.0])

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..occlusion import apart
-from ..shot import KeyPoses
-from .uncertainty import expected_errors, joint_parts
+from ..evidence.occlusion import apart
+from ..shot.shot import KeyPoses
+from ..tracking.uncertainty import expected_errors, joint_parts
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
-from .. import screens
+from ..viewports import screens
 from .reporting import reported
 
 VIDEOS = ".mp4;.mov;.avi;.mkv;.mts;.m2ts;.m4v;.mpg;.mpeg;.webm;.mxf"
@@ -39,12 +39,12 @@ class AddFootage(bpy.types.Operator, ImportHelper):
         return super().invoke(context, event)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from .. import footage_views
+        from ..scene_io import added_views
 
         scene = context.scene
         with reported(self) as outcome:
-            names = footage_views.add_footage(scene, self._chosen())
-            known = footage_views.calibrated_by_scene(scene, names)
+            names = added_views.add_footage(scene, self._chosen())
+            known = added_views.calibrated_by_scene(scene, names)
             screens.look(context)
             self.report({"INFO"}, f"Added {', '.join(names)}" + (f"; calibrated {', '.join(known)}" if known else ""))
         return outcome.value
@@ -76,11 +76,11 @@ class ImportCalibration(bpy.types.Operator, ImportHelper):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ...core.formats import load_cameras
-        from .. import footage_views
+        from ..scene_io import added_views
 
         with reported(self) as outcome:
             cameras = load_cameras(bpy.path.abspath(self.filepath))
-            told(self, footage_views.calibrate_views(context.scene, cameras))
+            told(self, added_views.calibrate_views(context.scene, cameras))
         return outcome.value
 
 
@@ -101,10 +101,10 @@ class UseSceneCameras(bpy.types.Operator):
         return False
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from .. import footage_views
+        from ..scene_io import added_views
 
         with reported(self) as outcome:
-            told(self, footage_views.use_scene_cameras(context.scene))
+            told(self, added_views.use_scene_cameras(context.scene))
         return outcome.value
 
 
@@ -120,13 +120,13 @@ class RemoveView(bpy.types.Operator):
         return has_views(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from .. import footage_views
+        from ..scene_io import added_views
 
         index = context.scene.kfmocap.shown_view
         if index < 0:
             self.report({"ERROR"}, "Look through the view first")
             return {"CANCELLED"}
-        footage_views.remove_view(context.scene, index)
+        added_views.remove_view(context.scene, index)
         return {"FINISHED"}
 
 

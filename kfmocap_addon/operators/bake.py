@@ -2,7 +2,7 @@
 
 import bpy
 
-from .. import performers
+from . import active_performer
 from .reporting import reported
 
 
@@ -16,15 +16,15 @@ class Bake(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return performers.explained(cls, context)
+        return active_performer.explained(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from .. import curves
+        from ..scene_io import keyframes
 
         with reported(self) as outcome:
             frames = 0
-            for armature in performers.posed(context):
-                frames = max(frames, curves.bake(armature, performers.chosen_bones(context, armature)))
+            for armature in active_performer.posed(context):
+                frames = max(frames, keyframes.bake(armature, active_performer.chosen_bones(context, armature)))
             if not frames:
                 self.report({"WARNING"}, "There are no tracked keys to bake: track first")
                 return {"CANCELLED"}

@@ -6,7 +6,7 @@ import bpy
 from bpy_extras.io_utils import ImportHelper
 
 from ...core.errors import CalibrationError
-from .. import capture as captures
+from ..scene_io import capture_scene as captures
 from .reporting import reported
 
 
@@ -69,7 +69,7 @@ class LoadCapture(bpy.types.Operator, ImportHelper):
     filter_glob: bpy.props.StringProperty(default="*.toml", options={"HIDDEN"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ...core.calibration.film import Film
+        from ...core.capture.film import Film
         from ...core.formats.wand_toml import load_wand
 
         with reported(self) as outcome:

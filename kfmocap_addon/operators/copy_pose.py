@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from .. import performers
-from .posing import PosingOperator
+from . import active_performer
+from .posing_operator import PosingOperator
 from .reporting import reported
 
 if TYPE_CHECKING:
-    from ...core.motion import Motion
+    from ...core.body.motion import Motion
 
 _ROOT = bpy.props.BoolProperty(
     name="Place and Heading",
@@ -29,13 +29,13 @@ class CopyPose(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return performers.explained(cls, context)
+        return active_performer.explained(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from .. import poses
+        from ..editing import pose_editing
 
         with reported(self) as outcome:
-            context.scene.kfmocap.copied = poses.copied(performers.chosen(context).armature)
+            context.scene.kfmocap.copied = pose_editing.copied(active_performer.chosen(context).armature)
             self.report({"INFO"}, f"Copied the pose of frame {context.scene.frame_current}")
         return outcome.value
 
@@ -51,7 +51,7 @@ class PastePose(PosingOperator, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if not performers.explained(cls, context):
+        if not active_performer.explained(cls, context):
             return False
         if context.scene.kfmocap.copied:
             return True
@@ -63,10 +63,10 @@ class PastePose(PosingOperator, bpy.types.Operator):
         return cls.__doc__ + (". Left and right are exchanged" if properties.flipped else "")
 
     def pose(self, context: bpy.types.Context, armature: bpy.types.Object) -> Motion:
-        from .. import poses
+        from ..editing import pose_editing
 
-        pasted = poses.pasted(armature, context.scene.kfmocap.copied)
-        return poses.mirrored(armature, pasted, self.root) if self.flipped else pasted
+        pasted = pose_editing.pasted(armature, context.scene.kfmocap.copied)
+        return pose_editing.mirrored(armature, pasted, self.root) if self.flipped else pasted
 
 
 class MirrorPose(PosingOperator, bpy.types.Operator):
@@ -79,9 +79,10 @@ class MirrorPose(PosingOperator, bpy.types.Operator):
     root: _ROOT
 
     def pose(self, _context: bpy.types.Context, armature: bpy.types.Object) -> Motion:
-        from .. import curves, poses
+        from ..editing import pose_editing
+        from ..scene_io import keyframes
 
-        return poses.mirrored(armature, curves.shown_pose(armature), self.root)
+        return pose_editing.mirrored(armature, keyframes.shown_pose(armature), self.root)
 
 
 CLASSES = (CopyPose, PastePose, MirrorPose)

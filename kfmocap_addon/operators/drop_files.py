@@ -23,7 +23,7 @@ class OpenFile(bpy.types.Operator):
     )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ...core.formats.kinds import file_kind
+        from ...core.formats.file_kind import file_kind
 
         tools, path = bpy.ops.kfmocap, bpy.path.abspath(self.filepath)
         with reported(self) as outcome:

@@ -4,7 +4,7 @@ from functools import partial
 
 import bpy
 
-from .job import JobOperator, Work
+from .job_operator import JobOperator, Work
 from .reporting import explained
 
 
@@ -26,21 +26,21 @@ class FitBody(JobOperator, bpy.types.Operator):
         return explained(cls, context)
 
     def prepared(self, context: bpy.types.Context) -> Work:
-        from ...core.body_fit import fit_bodies
-        from .. import scene as scenes
+        from ...core.fitting.body_fit import fit_bodies
+        from ..scene_io import scene as scenes
 
         shot = scenes.shot_from_scene(context.scene)
         return partial(fit_bodies, shot)
 
     def finish(self, context: bpy.types.Context, result: object) -> None:
-        from ...core.shot import KeyPoses
-        from .. import curves, rig
+        from ...core.shot.shot import KeyPoses
+        from ..scene_io import body_armature, keyframes
 
         shot = context.scene.kfmocap
         for slot, body, poses, growth in zip(shot.performers, result.bodies, result.poses, result.growth, strict=True):
-            rig.reshape(slot.armature, body)
+            body_armature.reshape(slot.armature, body)
             if self.adjust_poses:
-                curves.write_key_poses(slot.armature, KeyPoses.whole(result.frames, poses), shot.frame_start)
+                keyframes.write_key_poses(slot.armature, KeyPoses.whole(result.frames, poses), shot.frame_start)
             change = f"{abs(growth):.0%} {'larger' if growth > 0 else 'smaller'}"
             self.report({"INFO"}, f"{slot.name}: fitted to {len(result.frames)} key poses; {change} than before")
 

@@ -3,7 +3,7 @@
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
-from .. import screens
+from ..viewports import screens
 from .reporting import reported
 
 
@@ -19,7 +19,7 @@ class LoadShot(bpy.types.Operator, ImportHelper):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ...core.formats.shot_toml import load_shot
-        from .. import scene as scenes
+        from ..scene_io import scene as scenes
 
         with reported(self) as outcome:
             shot = load_shot(bpy.path.abspath(self.filepath))

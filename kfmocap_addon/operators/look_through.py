@@ -2,7 +2,7 @@
 
 import bpy
 
-from .. import screens
+from ..viewports import screens
 from .add_footage import has_views
 
 
@@ -87,9 +87,9 @@ class QuadView(bpy.types.Operator):
 
 def show(context: bpy.types.Context, index: int) -> None:
     """Look through a view's camera."""
-    from .. import backdrop
+    from ..scene_io import footage_background
 
-    backdrop.look_through(context.scene, context.scene.kfmocap.views[index])
+    footage_background.look_through(context.scene, context.scene.kfmocap.views[index])
     screens.look(context)
 
 

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from .posing import PosingOperator
+from .posing_operator import PosingOperator
 
 if TYPE_CHECKING:
-    from ...core.motion import Motion
+    from ...core.body.motion import Motion
 
 
 class BreakdownPose(PosingOperator, bpy.types.Operator):
@@ -29,9 +29,9 @@ class BreakdownPose(PosingOperator, bpy.types.Operator):
     )
 
     def pose(self, context: bpy.types.Context, armature: bpy.types.Object) -> Motion:
-        from .. import poses
+        from ..editing import pose_editing
 
-        return poses.between(armature, context.scene.frame_current, self.share)
+        return pose_editing.between(armature, context.scene.frame_current, self.share)
 
 
 class NudgePose(PosingOperator, bpy.types.Operator):
@@ -59,9 +59,9 @@ class NudgePose(PosingOperator, bpy.types.Operator):
     )
 
     def pose(self, context: bpy.types.Context, armature: bpy.types.Object) -> Motion:
-        from .. import poses
+        from ..editing import pose_editing
 
-        return poses.nudged(armature, context.scene.frame_current, self.side == "BEFORE", self.share)
+        return pose_editing.nudged(armature, context.scene.frame_current, self.side == "BEFORE", self.share)
 
 
 class NudgeDepth(PosingOperator, bpy.types.Operator):
@@ -90,9 +90,9 @@ class NudgeDepth(PosingOperator, bpy.types.Operator):
         return False
 
     def pose(self, context: bpy.types.Context, armature: bpy.types.Object) -> Motion:
-        from .. import poses
+        from ..editing import pose_editing
 
-        return poses.nudged_in_depth(context.scene, armature, self.distance)
+        return pose_editing.nudged_in_depth(context.scene, armature, self.distance)
 
 
 CLASSES = (BreakdownPose, NudgePose, NudgeDepth)

@@ -3,7 +3,7 @@
 import bpy
 
 from ...core.errors import CalibrationError
-from .. import capture as captures
+from ..scene_io import capture_scene as captures
 from .reporting import reported
 
 PICTURE = "Calibration Footage"
@@ -73,7 +73,7 @@ class PickColour(bpy.types.Operator):
         return {"PASS_THROUGH"}
 
     def _open(self, context: bpy.types.Context) -> None:
-        from ...core.footage import probe
+        from ...core.shot.footage import probe
 
         capture = context.scene.kfmocap_capture
         take = "lframe" if self.slot == "lframe" else "wand"
@@ -84,13 +84,13 @@ class PickColour(bpy.types.Operator):
         self._show_frame()
 
     def _show_frame(self) -> None:
-        from ...core.footage import picture
+        from ...core.shot.footage import picture
 
         self._picture = picture(self._path, self.frame)
         self._show_found()
 
     def _learn(self, point: tuple[int, int]) -> None:
-        from ...core.calibration.colours import learned
+        from ...core.capture.colours import learned
 
         height, width = self._picture.shape[:2]
         if not (0 <= point[0] < width and 0 <= point[1] < height):
@@ -102,14 +102,14 @@ class PickColour(bpy.types.Operator):
 
     def _show_found(self) -> int:
         """Show the frame with circles round what is found; returns how many."""
-        from ...core.calibration.balls import Picture, find_balls, marked
-        from .. import calibration
+        from ...core.calibration.ball_detection import Picture, find_balls, marked
+        from ..scene_io import solved_cameras
 
         shown, count = self._picture, 0
         if captures.is_picked(self._colour):
             balls = find_balls(Picture.of(self._picture), self._colour.get())
             shown, count = marked(self._picture, balls), len(balls)
-        calibration.show_picture(PICTURE, shown)
+        solved_cameras.show_picture(PICTURE, shown)
         return count
 
     def _pixel(self, event: bpy.types.Event) -> tuple[int, int] | None:

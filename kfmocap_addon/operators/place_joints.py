@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import bpy
 
-from .. import marks, performers, viewport
+from ..scene_io import joint_marks
+from ..viewports import viewport
+from . import active_performer
 from .look_through import show
 from .reporting import reported
 
@@ -27,7 +29,7 @@ class PlaceJoints(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if not performers.explained(cls, context):
+        if not active_performer.explained(cls, context):
             return False
         if any(view.camera is not None and view.is_calibrated for view in context.scene.kfmocap.views):
             return True
@@ -84,10 +86,10 @@ class PlaceJoints(bpy.types.Operator):
         self._cancelled(context)
 
     def _begin(self, context: bpy.types.Context) -> None:
-        from ..placing import Placing
+        from ..editing.click_posing import Placing
 
-        slot = performers.chosen(context)
-        self._placing = Placing(context.scene, slot, performers.chosen_bones(context, slot.armature))
+        slot = active_performer.chosen(context)
+        self._placing = Placing(context.scene, slot, active_performer.chosen_bones(context, slot.armature))
 
     def _handled(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if event.type == "MOUSEMOVE":
@@ -215,7 +217,7 @@ class PlaceJoints(bpy.types.Operator):
         viewport.redraw(context)
 
     def _draw(self) -> None:
-        from .. import marks_overlay as overlay
+        from ..overlays import mark_drawing as overlay
 
         context = bpy.context
         look = viewport.look_of(context.scene, context.area, context.region, context.space_data)
@@ -270,25 +272,25 @@ class ClearMarks(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if not performers.explained(cls, context):
+        if not active_performer.explained(cls, context):
             return False
-        if len(performers.chosen(context).marks):
+        if len(active_performer.chosen(context).marks):
             return True
         cls.poll_message_set("No joint is marked")
         return False
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        slot, frame = performers.chosen(context), context.scene.frame_current
-        if not marks.on_frame(slot, frame):
+        slot, frame = active_performer.chosen(context), context.scene.frame_current
+        if not joint_marks.on_frame(slot, frame):
             self.report({"WARNING"}, f"No joint is marked on frame {frame}")
             return {"CANCELLED"}
-        marks.put(slot, frame, {})
+        joint_marks.put(slot, frame, {})
         viewport.redraw(context)
         return {"FINISHED"}
 
 
 def _spoken(landmark: str) -> str:
-    from ..placing import spoken
+    from ..editing.click_posing import spoken
 
     return spoken(landmark)
 

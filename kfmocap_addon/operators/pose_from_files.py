@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
-from .. import performers
-from .job import JobOperator, Work
+from . import active_performer
+from .job_operator import JobOperator, Work
 from .reporting import explained, progress_shown, reported
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ class ImportKeypoints(bpy.types.Operator, ImportHelper):
         return explained(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from .. import keyframing
+        from ..editing import keyframing
 
         folder = Path(bpy.path.abspath(self.directory or str(Path(self.filepath).parent)))
         names = [file.name for file in self.files if file.name]
@@ -52,7 +52,7 @@ class _FromKeypoints:
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if not (explained(cls, context) and performers.explained(cls, context)):
+        if not (explained(cls, context) and active_performer.explained(cls, context)):
             return False
         if any(view.keypoints for view in context.scene.kfmocap.views):
             return True
@@ -69,10 +69,11 @@ class MarkKeypoints(_FromKeypoints, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from .. import keyframing, viewport
+        from ..editing import keyframing
+        from ..viewports import viewport
 
         with reported(self) as outcome:
-            count = keyframing.mark_keypoints(context.scene, performers.chosen(context))
+            count = keyframing.mark_keypoints(context.scene, active_performer.chosen(context))
             self.report({"INFO"}, f"{count} joints are marked: pose the body on them with Place Joints")
             viewport.redraw(context)
         return outcome.value
@@ -89,17 +90,17 @@ class PoseFromKeypoints(_FromKeypoints, JobOperator, bpy.types.Operator):
 
     def prepared(self, context: bpy.types.Context) -> Work:
         from ...core.keypoints.proposals import seen_poses
-        from .. import keyframing
-        from .. import scene as scenes
+        from ..editing import keyframing
+        from ..scene_io import scene as scenes
 
-        scene, self._slot = context.scene, performers.chosen(context).name
+        scene, self._slot = context.scene, active_performer.chosen(context).name
         frames = keyframing.frames_wanted(scene)
         number = scene.kfmocap.performers.find(self._slot)
         shot = keyframing.without_replaced(scene, scenes.shot_from_scene(scene), number, frames)
         return partial(seen_poses, shot, frames)
 
     def finish(self, context: bpy.types.Context, result: tuple[SeenPoses, ...]) -> None:
-        from .. import keyframing
+        from ..editing import keyframing
 
         scene = context.scene
         number = scene.kfmocap.performers.find(self._slot)
@@ -134,12 +135,12 @@ class PoseFromLandmarks(bpy.types.Operator, ImportHelper):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return performers.explained(cls, context)
+        return active_performer.explained(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from .. import keyframing
+        from ..editing import keyframing
 
-        scene, slot, path = context.scene, performers.chosen(context), Path(bpy.path.abspath(self.filepath))
+        scene, slot, path = context.scene, active_performer.chosen(context), Path(bpy.path.abspath(self.filepath))
         with progress_shown(context), reported(self) as outcome:
             frames, poses = keyframing.landmark_poses(scene, slot, path, self.up, self.first_row)
             _tell(self, keyframing.set_key_poses(scene, slot, frames, poses), len(frames))

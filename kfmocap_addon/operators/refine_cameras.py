@@ -4,7 +4,7 @@ from functools import partial
 
 import bpy
 
-from .job import JobOperator, Work
+from .job_operator import JobOperator, Work
 from .reporting import explained
 
 
@@ -21,22 +21,22 @@ class RefineCameras(JobOperator, bpy.types.Operator):
         return explained(cls, context)
 
     def prepared(self, context: bpy.types.Context) -> Work:
-        from ...core.calibration.refine import refine_cameras
-        from .. import scene as scenes
-        from .. import views
+        from ...core.fitting.camera_refinement import refine_cameras
+        from ..scene_io import scene as scenes
+        from ..scene_io import view_cameras
 
         shot = scenes.shot_from_scene(context.scene)
-        views.check_can_be_placed(context.scene.kfmocap.views)
+        view_cameras.check_can_be_placed(context.scene.kfmocap.views)
         return partial(refine_cameras, shot)
 
     def finish(self, context: bpy.types.Context, result: object) -> None:
-        from .. import views
-        from ..refinement import told
+        from ...cli.refine_command import told
+        from ..scene_io import view_cameras
 
         properties = context.scene.kfmocap
         for slot, found in zip(properties.views, result.views, strict=True):
             if not found.lost:
-                views.show_camera(slot, found.camera, properties.frame_start)
+                view_cameras.show_camera(slot, found.camera, properties.frame_start)
         for view, line in zip(result.views, told(result), strict=True):
             self.report({"WARNING" if view.lost else "INFO"}, line)
 

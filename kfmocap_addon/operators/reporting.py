@@ -11,7 +11,7 @@ import bpy
 from ...core.errors import CancelledError, KFMocapError
 
 if TYPE_CHECKING:
-    from ...core.shot import Progress
+    from ...core.runtime.progress import Progress
 
 
 class Outcome:

@@ -2,7 +2,7 @@
 
 import bpy
 
-from .. import performers
+from . import active_performer
 from .reporting import reported
 
 
@@ -16,16 +16,16 @@ class SetKeyPose(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return performers.explained(cls, context)
+        return active_performer.explained(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from .. import curves
+        from ..scene_io import keyframes
 
         with reported(self) as outcome:
             frame = context.scene.frame_current
-            for armature in performers.posed(context):
-                bones = performers.chosen_bones(context, armature)
-                curves.key_current_pose(armature, frame, bones)
+            for armature in active_performer.posed(context):
+                bones = active_performer.chosen_bones(context, armature)
+                keyframes.key_current_pose(armature, frame, bones)
                 self.report({"INFO"}, f"Key pose of {_told(bones)} on frame {frame}")
         return outcome.value
 
@@ -40,16 +40,16 @@ class RemoveKeyPose(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return performers.explained(cls, context)
+        return active_performer.explained(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from .. import curves
+        from ..scene_io import keyframes
 
         with reported(self) as outcome:
             frame, removed = context.scene.frame_current, 0
-            for armature in performers.posed(context):
-                bones = performers.chosen_bones(context, armature)
-                removed += curves.remove_key_pose(armature, frame, bones)
+            for armature in active_performer.posed(context):
+                bones = active_performer.chosen_bones(context, armature)
+                removed += keyframes.remove_key_pose(armature, frame, bones)
             if not removed:
                 self.report({"WARNING"}, f"There is no key pose on frame {frame}")
                 return {"CANCELLED"}
@@ -67,7 +67,7 @@ class AcceptProposals(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return performers.explained(cls, context)
+        return active_performer.explained(cls, context)
 
     @classmethod
     def description(cls, _context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
@@ -76,16 +76,16 @@ class AcceptProposals(bpy.types.Operator):
         return cls.__doc__
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from .. import curves
+        from ..scene_io import keyframes
 
         with reported(self) as outcome:
-            armature, frame = performers.chosen(context).armature, context.scene.frame_current
-            proposed = curves.keyed_bones(armature)[1]
+            armature, frame = active_performer.chosen(context).armature, context.scene.frame_current
+            proposed = keyframes.keyed_bones(armature)[1]
             chosen = [f for f in proposed if self.every or f == frame]
             if not chosen:
                 self.report({"WARNING"}, "There is no proposal" + ("" if self.every else f" on frame {frame}"))
                 return {"CANCELLED"}
-            curves.accept_proposals(armature, chosen)
+            keyframes.accept_proposals(armature, chosen)
             self.report({"INFO"}, f"{len(chosen)} proposals are key poses now")
         return outcome.value
 

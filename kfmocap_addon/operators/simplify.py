@@ -2,7 +2,7 @@
 
 import bpy
 
-from .. import performers
+from . import active_performer
 from .reporting import reported
 
 
@@ -32,15 +32,15 @@ class Simplify(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return performers.explained(cls, context)
+        return active_performer.explained(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from .. import simplification
+        from ..editing import simplification
 
         with reported(self) as outcome:
             before = after = 0
-            for armature in performers.posed(context):
-                bones = performers.chosen_bones(context, armature)
+            for armature in active_performer.posed(context):
+                bones = active_performer.chosen_bones(context, armature)
                 counts = simplification.simplify(armature, self.angle, self.distance / 1000, bones)
                 before, after = before + counts[0], after + counts[1]
             if not before:

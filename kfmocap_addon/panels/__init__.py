@@ -1,6 +1,6 @@
 """The sidebar tab "KF Mocap" of the 3D view: a section for each step of the work, in its order."""
 
-from . import body, calibration, export, footage, key_poses, review, track
+from . import body_panel, calibration_panel, export_panel, footage_panel, key_poses_panel, review_panel, track_panel
 
-SECTIONS = (footage, calibration, body, key_poses, track, review, export)
+SECTIONS = (footage_panel, calibration_panel, body_panel, key_poses_panel, track_panel, review_panel, export_panel)
 """Modules with a tuple `CLASSES` each."""

@@ -11,7 +11,7 @@ from functools import cache
 
 import cv2
 import numpy as np
-from kfmocap.core.cameras import Camera
+from kfmocap.core.cameras.camera import Camera
 from numpy.typing import ArrayLike, NDArray
 
 from .textures import planks, plaster

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from kfmocap.core.body import Body, part_poses
-from kfmocap.core.motion import Motion
+from kfmocap.core.body.motion import Motion
 from numpy.typing import NDArray
 
 from .posing import hanging_arm

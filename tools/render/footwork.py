@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from kfmocap.core.body import Body, part_poses
-from kfmocap.core.motion import Motion
+from kfmocap.core.body.motion import Motion
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation

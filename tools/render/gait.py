@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from kfmocap.core.body import Body
-from kfmocap.core.motion import Motion
+from kfmocap.core.body.motion import Motion
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation

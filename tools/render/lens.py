@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from kfmocap.core.cameras import Camera
+from kfmocap.core.cameras.camera import Camera
 from numpy.typing import NDArray
 
 NOISE = 1.2

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from kfmocap.core.body import Body
-from kfmocap.core.motion import Motion
+from kfmocap.core.body.motion import Motion
 
 from .gait import crossing, walk
 from .gestures import throw, whirl

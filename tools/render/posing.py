@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from kfmocap.core.body import Body
-from kfmocap.core.motion import Motion
+from kfmocap.core.body.motion import Motion
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 

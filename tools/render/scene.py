@@ -8,7 +8,7 @@ from pathlib import Path
 import bpy
 import cv2
 import numpy as np
-from kfmocap.core.cameras import Camera
+from kfmocap.core.cameras.camera import Camera
 from mathutils import Matrix
 from numpy.typing import NDArray
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 from kfmocap.core.body import Body, human, landmark_positions
-from kfmocap.core.cameras import Camera
+from kfmocap.core.body.motion import Motion
+from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.formats import save_cameras, write_trc
-from kfmocap.core.motion import Motion
 from numpy.typing import ArrayLike
 
 from .motions import MOTIONS

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
-from kfmocap.core.cameras import Camera
+from kfmocap.core.cameras.camera import Camera
 from numpy.typing import NDArray
 
 from .drawing import GAMMA, Ball, Canvas, Rod, linear

@@ -1,0 +1,222 @@
+"""Key poses and body measures from landmarks: inverse kinematics with joint limits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from ..errors import LandmarkError
+from ..numerics import rotations
+from . import Body, default_measures, human, landmark_positions, part_poses, point_jacobian
+from .human import FRACTIONS, SHIFTS
+from .motion import Motion, stacked
+
+Array = NDArray[np.float64]
+
+LANDMARK_SIGMA = 0.01
+"""Expected error of a landmark, metres."""
+ACCEPTED_MISFIT = 0.03
+"""A landmark farther than this from its place, metres, is reason to look for another pose."""
+POSTURE_SIGMA = 2.0
+"""Expected departure of a joint from its rest orientation, radians: only decides what no landmark shows."""
+LIMIT_SIGMA = 0.02
+"""How far a joint may go beyond its limits while the fit is searching, radians."""
+MEASURE_SIGMA = 0.12
+"""Expected relative departure of a measure from the average person's."""
+SHIFT_SIGMA = 0.03
+"""Expected departure of a shift (`body.human.SHIFTS`) from the average person's, metres."""
+
+ROUGH = 1e-4
+"""Relative tolerance of poses between which measures are fitted: the next round fits them again."""
+
+
+def fit_poses(body: Body, names: Sequence[str], targets_world: Array, start: Motion | None = None) -> Motion:
+    """Pose a body on landmarks.
+
+    Parameters
+    ----------
+    body : Body
+    names : sequence of str, length L
+        Landmark names; those that the body does not have are left out.
+    targets_world : ndarray, shape (K, L, 3)
+        Metres; NaN where a landmark is not known.
+    start : Motion, optional
+        K poses to start from; by default the rest pose, placed and turned onto the landmarks.
+
+    Returns
+    -------
+    Motion
+        K poses within the joint limits.
+
+    Raises
+    ------
+    LandmarkError
+        If a pose has fewer than three landmarks.
+    """
+    return _fit_poses(body, names, targets_world, start, search=True)
+
+
+def _fit_poses(
+    body: Body,
+    names: Sequence[str],
+    targets_world: Array,
+    start: Motion | None,
+    search: bool,
+    tolerance: float = 1e-6,
+) -> Motion:
+    """As `fit_poses`; with `search`, a pose that does not fit is tried with its arms turned."""
+    used = [i for i, name in enumerate(names) if name in body.landmarks]
+    known, targets = [names[i] for i in used], np.asarray(targets_world, float)[:, used]
+    poses: list[Motion] = []
+    for k, target in enumerate(targets):
+        seen = np.isfinite(target).all(axis=1)
+        if seen.sum() < 3:
+            raise LandmarkError("fewer than three landmarks", where=f"pose {k}", todo="choose another key frame")
+        labels, points = [n for n, s in zip(known, seen, strict=True) if s], target[seen]
+        begin = _placed(body, labels, points) if start is None else start[[k]]
+        pose = _fit_pose(body, labels, points, begin, tolerance)
+        for side in "LR" if search else "":
+            if _misfit(body, labels, points, pose) > ACCEPTED_MISFIT:
+                other = _fit_pose(body, labels, points, _elbow_turned(body, pose, side), tolerance)
+                pose = min(pose, other, key=lambda p: _misfit(body, labels, points, p))
+        poses.append(pose)
+    return stacked(poses)
+
+
+def _misfit(body: Body, names: list[str], points: Array, pose: Motion) -> float:
+    """The farthest that a landmark is from its place, metres."""
+    return float(np.linalg.norm(landmark_positions(body, pose, names)[0] - points, axis=1).max())
+
+
+def _elbow_turned(body: Body, pose: Motion, side: str) -> Motion:
+    """The pose with an elbow bent and turned to the other side: a fit may be caught with an arm twisted wrongly."""
+    Q = pose.rotations.copy()
+    if f"forearm.{side}" in body.names:
+        upper, lower = body.index(f"upper_arm.{side}"), body.index(f"forearm.{side}")
+        Q[0, upper] = Q[0, upper] @ rotations.exp(np.array([0.0, np.pi, 0.0]))
+        Q[0, lower] = rotations.exp(np.array([np.pi / 2, 0.0, 0.0]))
+    return Motion(pose.translations, Q)
+
+
+def _placed(body: Body, names: list[str], points: Array) -> Motion:
+    """The rest pose moved rigidly onto the landmarks, the trunk's above all (Kabsch)."""
+    rest = Motion(body.offsets[:1], np.tile(np.eye(3), (1, len(body), 1, 1)))
+    model = landmark_positions(body, rest, names)[0]
+    trunk = [n.endswith(("Hip", "Shoulder", "Neck")) for n in names]
+    weight = np.where(trunk, 1.0, 0.02)
+    centre = [np.average(x, axis=0, weights=weight) for x in (model, points)]
+    turn, _ = Rotation.align_vectors(points - centre[1], model - centre[0], weights=weight)
+    R0 = body.R_parent_rest[0]
+    rest.rotations[0, 0] = R0.T @ turn.as_matrix() @ R0
+    return Motion(turn.apply(rest.translations - centre[0]) + centre[1], rest.rotations)
+
+
+def _fit_pose(body: Body, names: list[str], points: Array, start: Motion, tolerance: float) -> Motion:
+    parts, local = body.landmark_arrays(names)
+    low, high = np.full(body.dof, -np.inf), np.full(body.dof, np.inf)
+    low[6:], high[6:] = body.limits[1:, :, 0].ravel(), body.limits[1:, :, 1].ravel()
+    posture = np.zeros(body.dof)
+    posture[6:] = LANDMARK_SIGMA / POSTURE_SIGMA
+    stop = LANDMARK_SIGMA / LIMIT_SIGMA
+
+    def pose(x: Array) -> Motion:
+        return Motion(x[None, :3], rotations.exp(x[3:].reshape(1, -1, 3)))
+
+    def residuals(x: Array) -> Array:
+        error = landmark_positions(body, pose(x), names)[0] - points
+        return np.concatenate([error.ravel(), posture * x, stop * (x - np.clip(x, low, high))])
+
+    def jacobian(x: Array) -> Array:
+        R, T = part_poses(body, pose(x))
+        placed = np.einsum("lab,lb->la", R[0, parts], local) + T[0, parts]
+        J = point_jacobian(body, R, T, parts, placed[None])[0].reshape(-1, body.dof)
+        chain = rotations.right_jacobian(x[3:].reshape(-1, 3))
+        J[:, 3:] = np.einsum("rpi,pij->rpj", J[:, 3:].reshape(len(J), -1, 3), chain).reshape(len(J), -1)
+        return np.concatenate([J, np.diag(posture), np.diag(stop * ((x < low) | (x > high)))])
+
+    x0 = np.concatenate([start.translations[0], rotations.log(start.rotations[0]).ravel()])
+    fit = least_squares(residuals, x0, jacobian, method="lm", xtol=tolerance, ftol=tolerance, gtol=1e-9)
+    return pose(np.clip(fit.x, low, high))
+
+
+def fit_body(names: Sequence[str], targets_world: Array, height: float | None = None, rounds: int = 5) -> Body:
+    """Scale the default human to landmarks of some poses.
+
+    Measures and poses are fitted in turns: poses by `fit_poses`, then the measures to which the landmarks are
+    linear, held near an average person's of that height where the landmarks do not show them.
+
+    Parameters
+    ----------
+    names : sequence of str, length L
+    targets_world : ndarray, shape (K, L, 3)
+        Metres; NaN where a landmark is not known.
+    height : float, optional
+        Metres; by default judged from the limbs.
+    """
+    targets = np.asarray(targets_world, float)
+    stature = estimate_height(names, targets) if height is None else height
+    measures = default_measures(stature)
+    body, poses = human(stature, measures), None
+    for i in range(rounds):
+        poses = _fit_poses(body, names, targets, poses, i == 1, ROUGH)  # by then the body nearly fits
+        measures = _fit_measures(stature, measures, poses, names, targets)
+        body = human(stature, measures)
+    return body
+
+
+def estimate_height(names: Sequence[str], targets_world: Array) -> float:
+    """Height in metres of the average person whose limbs are as long as the distances between the landmarks."""
+    column = {name: i for i, name in enumerate(names)}
+    heights = []
+    for measure, ends in (
+        ("upper_arm", ("Shoulder", "Elbow")),
+        ("forearm", ("Elbow", "Wrist")),
+        ("thigh", ("Hip", "Knee")),
+        ("shin", ("Knee", "Ankle")),
+    ):
+        for side in "LR":
+            if all(side + end in column for end in ends):
+                a, b = (targets_world[:, column[side + end]] for end in ends)
+                length = np.nanmedian(np.linalg.norm(a - b, axis=1))
+                heights.append(length / FRACTIONS[measure])
+    if not heights or not np.isfinite(heights).any():
+        raise LandmarkError("no limb has both its landmarks, so the body cannot be scaled", todo="give a height")
+    return float(np.nanmedian(heights))
+
+
+def _fit_measures(
+    stature: float, measures: dict[str, float], poses: Motion, names: Sequence[str], targets: Array
+) -> dict[str, float]:
+    """One least-squares step on the measures, the poses' rotations held."""
+    keys = list(measures)
+    average = default_measures(stature)
+    body = human(stature, measures)
+    used = [i for i, n in enumerate(names) if n in body.landmarks]
+    labels = [names[i] for i in used]
+
+    def placed(values: dict[str, float]) -> Array:
+        return landmark_positions(human(stature, values, solid=False), poses, labels)
+
+    base = placed(measures)
+    step = 1e-4
+    columns = [(placed({**measures, k: measures[k] + step}) - base) / step for k in keys]
+    J = np.stack(columns, axis=-1)  # (K, L, 3, measures)
+    error = targets[:, used] - base
+    # The root's place is free in every pose: take out each pose's mean, which is the same as solving for it.
+    seen = np.isfinite(error).all(axis=-1)
+    error = np.where(seen[..., None], error, 0.0)
+    J = np.where(seen[..., None, None], J, 0.0)
+    count = np.maximum(seen.sum(axis=1), 1)[:, None]
+    error -= (error.sum(axis=1) / count)[:, None] * seen[..., None]
+    J -= (J.sum(axis=1) / count[..., None])[:, None] * seen[..., None, None]
+    mean = np.array([average[k] for k in keys])
+    sigma = np.array([SHIFT_SIGMA if k in SHIFTS else MEASURE_SIGMA * average[k] for k in keys])
+    A = np.concatenate([J.reshape(-1, len(keys)) / LANDMARK_SIGMA, np.diag(1 / sigma)])
+    b = np.concatenate([error.ravel() / LANDMARK_SIGMA, (mean - np.array([measures[k] for k in keys])) / sigma])
+    delta = np.linalg.lstsq(A, b, rcond=None)[0]
+    fitted = {k: measures[k] + float(d) for k, d in zip(keys, delta, strict=True)}
+    return {k: v if k in SHIFTS else max(v, 0.2 * average[k]) for k, v in fitted.items()}

@@ -1,0 +1,76 @@
+"""Motion: the pose of a body on every frame, and its degrees of freedom as the solvers see them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ..numerics import rotations
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Poses of one body.
+
+    Attributes
+    ----------
+    translations : ndarray, shape (F, 3)
+        T_1: the root's joint in the world, metres.
+    rotations : ndarray, shape (F, P, 3, 3)
+        Q: rotation of each part from its rest orientation, Blender's pose-bone rotation.
+    """
+
+    translations: Array
+    rotations: Array
+
+    def __len__(self) -> int:
+        return len(self.translations)
+
+    def __getitem__(self, frames: slice | NDArray | list[int]) -> Motion:
+        return Motion(self.translations[frames], self.rotations[frames])
+
+    def replaced(self, start: int, part: Motion) -> Motion:
+        """A copy whose frames from `start` on are those of `part`."""
+        T, Q = self.translations.copy(), self.rotations.copy()
+        T[start : start + len(part)], Q[start : start + len(part)] = part.translations, part.rotations
+        return Motion(T, Q)
+
+    def with_parts(self, parts: Sequence[int], other: Motion) -> Motion:
+        """A copy whose parts given turn as in another motion."""
+        Q = self.rotations.copy()
+        Q[:, parts] = other.rotations[:, parts]
+        return Motion(self.translations, Q)
+
+    def moved(self, delta: Array) -> Motion:
+        """Move along the manifold: T + d_T, Q exp(d_Q).
+
+        Parameters
+        ----------
+        delta : ndarray, shape (F, D)
+            Increments in the order of the degrees of freedom: translation in metres, then each part's rotation
+            vector in its own frame, radians.
+        """
+        steps = delta[:, 3:].reshape(len(self), -1, 3)
+        return Motion(self.translations + delta[:, :3], rotations.orthonormal(self.rotations @ rotations.exp(steps)))
+
+    def difference(self, other: Motion) -> Array:
+        """The increments that take this motion to `other`, shape (F, D); inverse of `moved`."""
+        steps = rotations.log(np.swapaxes(self.rotations, -1, -2) @ other.rotations)
+        return np.concatenate([other.translations - self.translations, steps.reshape(len(self), -1)], axis=1)
+
+    def quaternions(self) -> Array:
+        """Blender's (w, x, y, z) of every part, without sign jumps along time, shape (F, P, 4)."""
+        F, P = self.rotations.shape[:2]
+        q = Rotation.from_matrix(self.rotations.reshape(-1, 3, 3)).as_quat().reshape(F, P, 4)
+        return rotations.continuous_signs(q[..., [3, 0, 1, 2]])
+
+
+def stacked(motions: list[Motion]) -> Motion:
+    """Motions one after the other."""
+    return Motion(np.concatenate([m.translations for m in motions]), np.concatenate([m.rotations for m in motions]))

@@ -1,0 +1,116 @@
+"""Views that were taken between the frames: the poses at their instants, and how these depend on those of the frames.
+
+A camera that is not synchronised shows the performers a little later, or earlier, than the shot's frames. Between two
+frames a joint turns, and the root moves, at a constant rate; beyond the first and last of those known they go on so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..numerics import rotations
+from ..numerics.banded_blocks import BandedBlocks, with_translation
+from .motion import Motion, stacked
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Delayed:
+    """The poses of a motion at F instants, each on the way between two of the N poses that are known.
+
+    Attributes
+    ----------
+    motion : Motion
+        F poses, at the instants.
+    earlier : ndarray of int, shape (F,)
+        The first of the two poses known, of N.
+    start : int
+        Which of the N is the first that the F instants belong to; those before and after the F are held.
+    jacobians : tuple of ndarray, shape (F, 1 + P, 3, 3)
+        The instants' increments by those of the first and of the second pose, see `Motion.moved`: of the translation,
+        and of every part's turn. The others are zero.
+    """
+
+    motion: Motion
+    earlier: NDArray[np.intp]
+    start: int
+    jacobians: tuple[Array, Array]
+
+    def spread(self, blocks: BandedBlocks) -> BandedBlocks:
+        """The system of the frames' poses for one of the instants' that couples only neighbours."""
+        F, D = blocks.gradient.shape
+        N = max(self.start + F, int(self.earlier.max()) + 2)
+        out = BandedBlocks.zeros(N, D)
+        for a, b in product((0, 1), repeat=2):
+            left, right = self.jacobians[a], self.jacobians[b]
+            _add(out, self.earlier + a, self.earlier + b, _between(left, blocks.diagonal, right))
+            across = _between(left[1:], blocks.first, right[:-1])
+            _add(out, self.earlier[1:] + a, self.earlier[:-1] + b, across)
+            _add(out, self.earlier[:-1] + b, self.earlier[1:] + a, np.swapaxes(across, 1, 2))
+        for a in (0, 1):
+            np.add.at(out.gradient, self.earlier + a, _through(self.jacobians[a], blocks.gradient[..., None])[..., 0])
+        whole = BandedBlocks(out.diagonal, out.first, out.second, out.gradient, blocks.energy)
+        return whole.cut(self.start, self.start + F)
+
+
+def _through(J: Array, blocks: Array) -> Array:
+    """J^T times blocks (F, D, n)."""
+    F, D, n = blocks.shape
+    return (np.swapaxes(J, -1, -2) @ blocks.reshape(F, -1, 3, n)).reshape(F, D, n)
+
+
+def _between(left: Array, blocks: Array, right: Array) -> Array:
+    """Left^T times blocks (F, D, D) times right."""
+    return np.swapaxes(_through(right, np.swapaxes(_through(left, blocks), 1, 2)), 1, 2)
+
+
+def _add(out: BandedBlocks, row: NDArray[np.intp], column: NDArray[np.intp], blocks: Array) -> None:
+    """Add the blocks on and below the diagonal; those above mirror them."""
+    for distance, band in enumerate((out.diagonal, out.first, out.second)):
+        at = row - column == distance
+        for there, block in zip(column[at], blocks[at], strict=True):  # np.add.at takes several times as long
+            band[there] += block
+
+
+def delayed(motion: Motion, delay: float, before: Motion | None = None, after: Motion | None = None) -> Delayed:
+    """The poses of F >= 2 frames some time after each of them.
+
+    Parameters
+    ----------
+    motion : Motion
+        F poses.
+    delay : float
+        Frames, between -1 and 1.
+    before, after : Motion, optional
+        The poses on the frame before the first and after the last, where they are known.
+    """
+    known = stacked([m for m in (before, motion, after) if m is not None])
+    start = 0 if before is None else 1
+    instants = start + np.arange(len(motion)) + delay
+    earlier = np.clip(np.floor(instants).astype(np.intp), 0, len(known) - 2)
+    share = instants - earlier
+    one, other = known[earlier], known[earlier + 1]
+    turn = rotations.log(np.swapaxes(one.rotations, -1, -2) @ other.rotations)
+    part = share[:, None, None] * turn
+    step = np.concatenate([other.translations - one.translations, turn.reshape(len(turn), -1)], axis=1)
+    along = share[:, None, None, None] * rotations.right_jacobian(part)
+    by_one = rotations.exp(-part) - along @ rotations.left_jacobian_inverse(turn)
+    by_other = along @ rotations.right_jacobian_inverse(turn)
+    return Delayed(
+        one.moved(share[:, None] * step),
+        earlier,
+        start,
+        (with_translation(by_one, 1 - share), with_translation(by_other, share)),
+    )
+
+
+def poses_after(motions: Sequence[Motion], delay: float, frames: NDArray[np.int64] | Sequence[int]) -> list[Motion]:
+    """The poses of some performers some time after frames; see `delayed`."""
+    picked = np.asarray(frames, dtype=np.int64)
+    return [motion[picked] if delay == 0 else delayed(motion, delay).motion[picked] for motion in motions]

@@ -1,0 +1,85 @@
+"""Calibrating from a capture, filmed or as points: the same for the command line, for Blender and for Python."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..cameras.camera import Camera
+from ..capture.capture import LFRAME_BALLS, Capture, CaptureView, Markers
+from ..capture.film import Film
+from ..runtime.progress import Progress
+from ..shot.footage import probe
+from .resync import Clocks, known_camera, synchronise
+from .solution import Solution
+from .solve import solve
+from .video_markers import find_all, find_wand
+
+_SEEING = 0.7
+"""Share of the work that is looking for markers."""
+
+
+def calibrate(source: Film | Capture, progress: Progress | None = None, *, drift: bool = False) -> Solution:
+    """Find the markers where they were filmed, and solve for the cameras.
+
+    Where the middle of a ball lies within its outline depends on the camera: so what was found is corrected by the
+    first solution, and solved again.
+
+    Parameters
+    ----------
+    drift : bool
+        Clocks may also run faster or slower; see `solve`.
+
+    Raises
+    ------
+    KFMocapError
+        A video cannot be read, the markers are not found, or they do not tell where the cameras are.
+    CancelledError
+        `progress` returned False.
+    """
+    if isinstance(source, Capture):
+        return solve(source, progress, drift=drift)
+    found = find_all(source, _part(progress, 0.0, _SEEING))
+    middle = (1 + _SEEING) / 2
+    first = solve(found.capture(), _part(progress, _SEEING, middle), drift=drift)
+    return solve(found.capture(first.cameras), _part(progress, middle, 1.0), drift=drift)
+
+
+def synchronise_take(
+    source: Film | Capture, cameras: Mapping[str, Camera], progress: Progress | None = None, *, drift: bool = False
+) -> Clocks:
+    """Find the clocks of one more take of cameras that stand as they were solved.
+
+    Raises
+    ------
+    KFMocapError, CancelledError
+        As `calibrate`.
+    """
+    if isinstance(source, Capture):
+        return synchronise(source, cameras, progress, drift=drift)
+    capture = _wands(source, cameras, _part(progress, 0.0, _SEEING))
+    return synchronise(capture, cameras, _part(progress, _SEEING, 1.0), drift=drift)
+
+
+def _wands(film: Film, cameras: Mapping[str, Camera], progress: Progress | None) -> Capture:
+    """What the videos show of the wand."""
+    views, count = [], len(film.views)
+    for k, view in enumerate(film.views):
+        footage = probe(view.wand)
+        camera = known_camera(cameras, view.camera, footage.size)
+        seen = find_wand(view, film, footage.count, _part(progress, k / count, (k + 1) / count))
+        wand = seen.corrected(camera.matrix, camera.distortions)
+        views.append(CaptureView(view.camera, footage.size, footage.fps or None, _unseen(), wand, view.offset))
+    return Capture(film.lframe_points, film.wand_length, tuple(views))
+
+
+def _unseen() -> Markers:
+    return Markers(np.zeros(0, np.int64), np.zeros((0, LFRAME_BALLS, 2)), np.zeros((0, LFRAME_BALLS)))
+
+
+def _part(progress: Progress | None, begin: float, end: float) -> Progress | None:
+    """A progress callback for a part of the work."""
+    if progress is None:
+        return None
+    return lambda what, fraction: progress(what, begin + (end - begin) * fraction)

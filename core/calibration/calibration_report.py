@@ -1,0 +1,232 @@
+"""The report of a calibration: how far to trust it, in numbers and in pictures."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable, Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import OutputError
+from ..runtime.files import replacing, write_json
+from .charts import GREY, INK, Chart, Image, blank, colour_of, stacked, text
+from .quality import measured_lengths, trust
+
+if TYPE_CHECKING:
+    from .solution import Solution
+
+Array = NDArray[np.float64]
+
+_WIDTH = 1200
+_WORST = 1.0
+"""Residuals of so many pixels have the last colour of the scale."""
+_ARMS = ((0, 1), (1, 2), (0, 3))
+_AXES = ((40, 40, 220), (40, 160, 40), (200, 90, 30))
+_FRUSTUM = 0.35
+_STYLE = (
+    "body{font:15px system-ui,sans-serif;max-width:1240px;margin:2em auto;padding:0 1em;color:#222}"
+    "table{border-collapse:collapse;margin:1em 0}"
+    "td,th{padding:.25em .8em;text-align:right;border-bottom:1px solid #ddd}"
+    "th:first-child,td:first-child{text-align:left}img{max-width:100%}.warning{background:#fff3d0;padding:.6em 1em}"
+)
+
+
+def write_report(folder: Path, solution: Solution) -> list[Path]:
+    """Write report.json (the numbers), report.png (the pictures) and report.html (both) into a folder.
+
+    Returns
+    -------
+    list of Path
+        The files written.
+
+    Raises
+    ------
+    OutputError
+        The folder or a file cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot be made: {error.strerror or error}", where=str(folder)) from error
+    numbers, picture = trust(solution), sheet(solution)
+    png = cv2.imencode(".png", picture)[1].tobytes()
+    files = [folder / name for name in ("report.json", "report.png", "report.html")]
+    write_json(files[0], numbers)
+    for file, content in zip(files[1:], (png, page(numbers, png).encode()), strict=True):
+        with replacing(file) as temporary:
+            temporary.write_bytes(content)
+    return files
+
+
+def page(numbers: Mapping[str, Any], png: bytes) -> str:
+    """The numbers and a picture as one HTML page that needs nothing else."""
+    findings = "".join(f'<p class="warning">{escape(_sentence(f))}</p>' for f in numbers["findings"])
+    picture = base64.b64encode(png).decode()
+    cameras = {str(camera["camera"]): _flat(camera) for camera in numbers["cameras"]}
+    rest = _flat({key: value for key, value in numbers.items() if key not in ("cameras", "findings")})
+    return (
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Calibration</title><style>{_STYLE}</style>'
+        f"<h1>Calibration</h1>{findings}{_table(cameras)}{_table({'': rest})}"
+        f'<img alt="Residuals, coverage, lengths and cameras" src="data:image/png;base64,{picture}"></html>\n'
+    )
+
+
+def _sentence(finding: Mapping[str, Any]) -> str:
+    place = f"{finding['where']}: " if finding.get("where") else ""
+    return f"{place}{finding['what']} ({finding['todo']})."
+
+
+def _flat(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+    """Nested values by the names that lead to them."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            flat |= _flat(value, f"{before}{key} ")
+        elif key != "camera":
+            flat[f"{before}{key}"] = value
+    return flat
+
+
+def _table(columns: Mapping[str, Mapping[str, Any]]) -> str:
+    """A table with a column for each mapping and a row for each key."""
+    keys = list(dict.fromkeys(key for column in columns.values() for key in column))
+    head = "".join(f"<th>{escape(name)}</th>" for name in columns)
+    rows = "".join(
+        f"<tr><td>{escape(key.replace('_', ' '))}</td>"
+        + "".join(f"<td>{escape(_shown(column.get(key)))}</td>" for column in columns.values())
+        + "</tr>"
+        for key in keys
+    )
+    return f"<table><tr><th></th>{head}</tr>{rows}</table>"
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return ", ".join(_shown(item) for item in value)
+    return "" if value is None else str(value)
+
+
+def sheet(solution: Solution) -> Image:
+    """All pictures on one sheet: coverage and residuals of every camera, histograms, cameras and wand from two sides.
+
+    Returns
+    -------
+    ndarray of uint8, shape (h, w, 3)
+        Blue, green, red.
+    """
+    names = list(solution.cameras)
+    pictures = [_coverage(solution, c, name, _WIDTH // min(len(names), 4)) for c, name in enumerate(names)]
+    rows = [np.hstack(pictures[k : k + 4]) for k in range(0, len(pictures), 4)]
+    half = _WIDTH // 2
+    histograms = np.hstack([_residuals(solution, names, half), _lengths(solution, half)])
+    views = np.hstack([_space(solution, view, half) for view in (_from_above, _from_aside)])
+    return stacked([*rows, histograms, views])
+
+
+def _wand_residuals(solution: Solution) -> Array:
+    """Distances of the wand's balls from where they should be, pixels."""
+    return np.linalg.norm(solution.residual[: len(solution.seen)], axis=1)
+
+
+def _coverage(solution: Solution, c: int, name: str, width: int) -> Image:
+    """Where in its picture a camera saw the wand, and how far off."""
+    size = np.array(solution.rig.sizes[c], float)
+    scale = (width - 12) / size[0]
+    picture = blank(width, round(size[1] * scale) + 34)
+    own = solution.seen.camera == c
+    off = _wand_residuals(solution)[own]
+    low = np.array([6, 28])
+    cv2.rectangle(picture, low, (low + size * scale).astype(int), GREY, 1)
+    for uv, distance in zip(solution.seen.uv[own], off, strict=True):
+        cv2.circle(picture, (low + uv * scale).astype(int), 2, colour_of(distance / _WORST), -1, cv2.LINE_AA)
+    median = f"{np.median(off):.2f} px" if len(off) else "not used"
+    text(picture, f"{name}: {len(off)} balls, {median}", (8, 18))
+    return picture
+
+
+def _residuals(solution: Solution, names: Sequence[str], width: int) -> Image:
+    """Histogram of the residuals of every camera."""
+    off, most = _wand_residuals(solution), 2 * _WORST
+    edges = np.linspace(0, most, 41)
+    shares = []
+    for c in range(len(names)):
+        counts = np.histogram(np.minimum(off[solution.seen.camera == c], most), edges)[0]
+        shares.append(counts / max(counts.sum(), 1))
+    chart = Chart(width, 300, (0, most), (0, float(np.max(shares, initial=0.01))), "Reprojection, px")
+    for c, name in enumerate(names):
+        colour = colour_of(c / max(len(names) - 1, 1))
+        chart.line((edges[1:] + edges[:-1]) / 2, shares[c], colour)
+        text(chart.picture, name, (width - 90, 46 + 18 * c), colour)
+    return chart.picture
+
+
+def _lengths(solution: Solution, width: int) -> Image:
+    """Histogram of the wand's length as the cameras see it, its ends triangulated."""
+    lengths = measured_lengths(solution.rig, solution.seen, solution.wand.frames)
+    off = 1000 * (lengths - solution.wand.length)
+    span = max(1.0, float(np.percentile(np.abs(off), 98)) if len(off) else 1.0)
+    counts, edges = np.histogram(off, np.linspace(-span, span, 41))
+    title = f"Wand's length less {1000 * solution.wand.length:g} mm"
+    if len(off):
+        title += f": {np.median(off):+.2f}, spread {off.std():.2f}"
+    chart = Chart(width, 300, (-span, span), (0, max(1.0, float(counts.max(initial=1)))), title)
+    chart.bars(edges, counts, (170, 120, 60))
+    return chart.picture
+
+
+def _from_above(points: Array) -> Array:
+    return points[..., :2] * [1, -1]
+
+
+def _from_aside(points: Array) -> Array:
+    """Obliquely from above, without perspective."""
+    turn, tilt = np.radians(30), np.radians(22)
+    x = np.cos(turn) * points[..., 0] + np.sin(turn) * points[..., 1]
+    away = -np.sin(turn) * points[..., 0] + np.cos(turn) * points[..., 1]
+    return np.stack([x, -np.cos(tilt) * points[..., 2] - np.sin(tilt) * away], axis=-1)
+
+
+def _space(solution: Solution, view: Callable[[Array], Array], width: int, height: int = 420) -> Image:
+    """Cameras, the wand's way and the L-frame, seen from somewhere."""
+    frusta = {name: _frustum(camera) for name, camera in solution.cameras.items()}
+    everything = view(np.concatenate([*frusta.values(), solution.wand.ends_world.reshape(-1, 3), np.zeros((1, 3))]))
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    scale = float(np.min((np.array([width, height]) - [130, 50]) / np.maximum(high - low, 1e-6)))
+    picture = blank(width, height)
+
+    def at(points: Array) -> NDArray[np.int32]:
+        return ((view(points) - (low + high) / 2) * scale + [width / 2 - 25, height / 2]).round().astype(np.int32)
+
+    for a, b in at(solution.wand.ends_world):
+        cv2.line(picture, a, b, (215, 200, 190), 1, cv2.LINE_AA)
+    for point in at(solution.wand.ends_world.reshape(-1, 3)):
+        cv2.circle(picture, point, 1, (170, 120, 60), -1, cv2.LINE_AA)
+    for axis, colour in zip(0.5 * np.eye(3), _AXES, strict=True):
+        start, end = at(np.stack([np.zeros(3), axis]))
+        cv2.arrowedLine(picture, start, end, colour, 2, cv2.LINE_AA, tipLength=0.15)
+    for start, end in at(solution.lframe_world[np.array(_ARMS)]):
+        cv2.line(picture, start, end, INK, 1, cv2.LINE_AA)
+    for name, corners in frusta.items():
+        tip, *rest = at(corners)
+        cv2.polylines(picture, [np.array(rest)], True, INK, 1, cv2.LINE_AA)
+        for corner in rest:
+            cv2.line(picture, tip, corner, INK, 1, cv2.LINE_AA)
+        text(picture, name, tuple(tip + [6, -6]))
+    return picture
+
+
+def _frustum(camera: Any) -> Array:
+    """A camera's centre and the corners of its picture some way before it, shape (5, 3), world."""
+    width, height = camera.size
+    corners = np.array([[0, 0, 1], [width, 0, 1], [width, height, 1], [0, height, 1]], float)
+    rays = corners @ np.linalg.inv(camera.matrix).T
+    R, _ = camera.pose(0)
+    centre = camera.centre_world()
+    return np.concatenate([centre[None], centre + _FRUSTUM * rays @ R])

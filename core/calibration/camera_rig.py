@@ -1,0 +1,252 @@
+"""What is solved for: the cameras with their clocks, and the wand on every frame. Each moves by a small step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.camera import Camera
+from ..numerics import rotations
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+TURN, SHIFT, FOCAL, CENTRE, K1, K2, OFFSET, DRIFT = slice(0, 3), slice(3, 6), 6, slice(7, 9), 9, 10, 11, 12
+CAMERA_DOF = 13
+"""Of a camera: turn and shift of its frame, log of the focal length, principal point, k1, k2, offset, drift."""
+WAND_DOF = 5
+"""Of a wand: its middle, and its direction along the two axes of `tangents`."""
+COEFFICIENTS = 14
+"""OpenCV's longest list of distortion coefficients."""
+_ORDER = 4
+"""Frames from which a place between frames is interpolated."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """Cameras and their clocks.
+
+    Attributes
+    ----------
+    names : tuple of str, length C
+    sizes : ndarray of int, shape (C, 2)
+        Width and height, pixels.
+    R_cam_world : ndarray, shape (C, 3, 3)
+    t_cam_world : ndarray, shape (C, 3)
+        Metres.
+    focal : ndarray, shape (C, 2)
+        Focal lengths along u and v, pixels.
+    centre : ndarray, shape (C, 2)
+        Principal points, pixels.
+    distortions : ndarray, shape (C, 14)
+        OpenCV's coefficients, zero where there are fewer.
+    offset, drift, rate : ndarray, shape (C,)
+        Frame s of the capture is frame rate (1 + drift) s + offset of the camera's video.
+    """
+
+    names: tuple[str, ...]
+    sizes: Ints
+    R_cam_world: Array
+    t_cam_world: Array
+    focal: Array
+    centre: Array
+    distortions: Array
+    offset: Array
+    drift: Array
+    rate: Array
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def centres_world(self) -> Array:
+        """Optical centres, shape (C, 3), metres."""
+        return -np.einsum("cji,cj->ci", self.R_cam_world, self.t_cam_world)
+
+    def matrix(self, c: int) -> Array:
+        """Intrinsic matrix of a camera, shape (3, 3)."""
+        (fu, fv), (cu, cv) = self.focal[c], self.centre[c]
+        return np.array([[fu, 0, cu], [0, fv, cv], [0, 0, 1]])
+
+    def camera(self, c: int, coefficients: int = 4) -> Camera:
+        """One of the cameras, with the first of its distortion coefficients."""
+        width, height = (int(n) for n in self.sizes[c])
+        distortions = self.distortions[c, :coefficients]
+        return Camera.create(
+            self.names[c], (width, height), self.matrix(c), self.R_cam_world[c], self.t_cam_world[c], distortions
+        )
+
+    def take(self, chosen: Sequence[int] | Ints) -> Rig:
+        """Some of the cameras."""
+        i = np.asarray(chosen, int)
+        arrays = {k: v[i] for k, v in vars(self).items() if k != "names"}
+        return Rig(tuple(self.names[c] for c in i), **arrays)
+
+    def put(self, chosen: Sequence[int] | Ints, other: Rig) -> Rig:
+        """The rig with some of its cameras replaced by those of another."""
+        i = np.asarray(chosen, int)
+        arrays = {k: v.copy() for k, v in vars(self).items() if k != "names"}
+        for key, value in arrays.items():
+            value[i] = getattr(other, key)
+        return Rig(self.names, **arrays)
+
+    def times(self, camera: Ints, frames: Array) -> Array:
+        """Frames of the capture, fractional, at frames of the cameras' videos."""
+        return (frames - self.offset[camera]) / (self.rate * (1 + self.drift))[camera]
+
+    def moved(self, step: Array) -> Rig:
+        """The rig after a step of shape (C, 13)."""
+        turn = rotations.exp(step[:, TURN])
+        distortions = self.distortions.copy()
+        distortions[:, :2] += step[:, [K1, K2]]
+        return replace(
+            self,
+            R_cam_world=rotations.orthonormal(turn @ self.R_cam_world),
+            t_cam_world=np.einsum("cij,cj->ci", turn, self.t_cam_world) + step[:, SHIFT],
+            focal=self.focal * np.exp(step[:, FOCAL, None]),
+            centre=self.centre + step[:, CENTRE],
+            distortions=distortions,
+            offset=self.offset + step[:, OFFSET],
+            drift=self.drift + step[:, DRIFT],
+        )
+
+    def in_world(self, R: Array, t: Array) -> Rig:
+        """The same cameras in a world whose points are R x + t."""
+        turned = self.R_cam_world @ R.T
+        return replace(self, R_cam_world=turned, t_cam_world=self.t_cam_world - turned @ t)
+
+
+def rig_of(cameras: Sequence[Camera]) -> Rig:
+    """Cameras that were solved before, with the capture's clock."""
+    C = len(cameras)
+    distortions = np.zeros((C, COEFFICIENTS))
+    for c, camera in enumerate(cameras):
+        distortions[c, : len(camera.distortions)] = camera.distortions
+    return Rig(
+        tuple(camera.name for camera in cameras),
+        np.array([camera.size for camera in cameras]),
+        np.stack([camera.R_cam_world[0] for camera in cameras]),
+        np.stack([camera.t_cam_world[0] for camera in cameras]),
+        np.stack([camera.matrix[[0, 1], [0, 1]] for camera in cameras]),
+        np.stack([camera.matrix[:2, 2] for camera in cameras]),
+        distortions,
+        np.zeros(C),
+        np.zeros(C),
+        np.ones(C),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Wand:
+    """A wand of known length on some frames: its length is no unknown.
+
+    Attributes
+    ----------
+    frames : ndarray of int, shape (n,)
+        Frames of the capture, increasing.
+    middle : ndarray, shape (n, 3)
+        Metres, world.
+    direction : ndarray, shape (n, 3)
+        Unit vectors from the second end to the first.
+    length : float
+        Metres.
+    """
+
+    frames: Ints
+    middle: Array
+    direction: Array
+    length: float
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    @property
+    def ends_world(self) -> Array:
+        """Both ends, shape (n, 2, 3), metres."""
+        half = self.length / 2 * self.direction
+        return np.stack([self.middle + half, self.middle - half], axis=1)
+
+    def moved(self, step: Array) -> Wand:
+        """The wand after a step of shape (n, 5)."""
+        direction = self.direction + np.einsum("nij,nj->ni", tangents(self.direction), step[:, 3:])
+        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+        return replace(self, middle=self.middle + step[:, :3], direction=direction)
+
+    def in_world(self, R: Array, t: Array) -> Wand:
+        """The same wand in a world whose points are R x + t."""
+        return replace(self, middle=self.middle @ R.T + t, direction=self.direction @ R.T)
+
+    def take(self, chosen: NDArray) -> Wand:
+        """Some of its frames."""
+        return Wand(self.frames[chosen], self.middle[chosen], self.direction[chosen], self.length)
+
+
+def tangents(direction: Array) -> Array:
+    """Two unit vectors that stand on each direction and each other, shape (n, 3, 2)."""
+    axis = np.eye(3)[np.argmin(np.abs(direction), axis=1)]
+    first = np.cross(direction, axis)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(direction, first)], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class Stencil:
+    """How values between frames follow from those on frames: cubic interpolation by Lagrange's polynomials.
+
+    Attributes
+    ----------
+    nodes : ndarray of int, shape (n, 4)
+        Indices of frames.
+    weights : ndarray, shape (n, 4)
+        The interpolated value is the sum of weight times value.
+    slopes : ndarray, shape (n, 4)
+        The same of its derivative, per frame.
+    reached : ndarray of bool, shape (n,)
+        Whether there is a frame within half a frame.
+    """
+
+    nodes: Ints
+    weights: Array
+    slopes: Array
+    reached: NDArray[np.bool_]
+
+    @classmethod
+    def create(cls, frames: Ints, times: Array) -> Stencil:
+        """Interpolation at some times between frames that increase; across gaps none reaches."""
+        start, stop = _runs(frames)
+        nearest = np.clip(np.searchsorted(frames, np.floor(times + 0.5)), 0, len(frames) - 1)
+        reached = np.abs(frames[nearest] - times) <= 0.5 + 1e-9
+        size = np.minimum(stop[nearest] - start[nearest], _ORDER)
+        before = nearest - (times < frames[nearest])  # the frame at or before the time
+        first = np.clip(before - 1, start[nearest], stop[nearest] - size)
+        x = times - frames[first]
+        nodes = np.minimum(first[:, None] + np.arange(_ORDER), len(frames) - 1)
+        weights, slopes = np.zeros((2, len(times), _ORDER))
+        for m in range(1, _ORDER + 1):
+            rows = size == m
+            powers = x[rows, None] ** np.arange(m)
+            basis = np.linalg.inv(np.vander(np.arange(m), increasing=True))
+            weights[rows, :m] = powers @ basis
+            slopes[rows, :m] = powers[:, :-1] @ (np.arange(1, m)[:, None] * basis[1:])
+        whole = np.abs(frames[nearest] - times) < 1e-12
+        weights[whole] = np.arange(_ORDER) == (nearest - first)[whole, None]
+        return cls(nodes, weights, slopes, reached)
+
+    def value(self, values: Array) -> Array:
+        """Interpolated values, shape (n, ...)."""
+        return np.einsum("nk,nk...->n...", self.weights, values[self.nodes])
+
+    def slope(self, values: Array) -> Array:
+        """Their derivatives, per frame."""
+        return np.einsum("nk,nk...->n...", self.slopes, values[self.nodes])
+
+
+def _runs(frames: Ints) -> tuple[Ints, Ints]:
+    """Of each frame, the first index of its run of consecutive frames and the index after the last."""
+    cuts = np.flatnonzero(np.diff(frames) != 1) + 1
+    edges = np.concatenate([[0], cuts, [len(frames)]])
+    run = np.repeat(np.arange(len(edges) - 1), np.diff(edges))
+    return edges[:-1][run], edges[1:][run]

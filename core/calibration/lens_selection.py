@@ -1,0 +1,49 @@
+"""How much of a lens the data tell: k2 and the principal point are solved for only where they show."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from .bundle import Evidence, Scene, adjust, covariance
+from .camera_rig import CAMERA_DOF, CENTRE, K2
+from .pairwise import Lens
+
+Bools = NDArray[np.bool_]
+
+CENTRE_SIGMA = 0.01
+"""Share of the picture's width to within which a principal point must be known to be believed."""
+K2_SIGMA = 0.1
+_CHANCE = 1e-4
+
+
+def chosen(scene: Scene, evidence: Evidence, free: Bools, lenses: Sequence[Lens], cancel: Callable[[], None]) -> Bools:
+    """What to solve for, shape (C, 13): as `free`, with k2 and principal points where they differ for certain.
+
+    All are tried at once. A camera keeps those whose Wald statistic chance alone would hardly give, and that are known
+    well enough: solved for without need, they only make the focal length less certain.
+    """
+    every = free.copy()
+    for c, lens in enumerate(lenses):
+        every[c, CENTRE] |= lens.matrix is None
+        every[c, K2] |= lens.distortions is None
+    if (every == free).all():
+        return free
+    fit = adjust(scene, evidence, every, tolerance=1e-5, cancel=cancel)
+    rig = fit.scene.rig
+    spread = covariance(fit.scene, evidence, fit.free)
+    out = free.copy()
+    for c, lens in enumerate(lenses):
+        block = spread[c * CAMERA_DOF :, c * CAMERA_DOF :][:CAMERA_DOF, :CAMERA_DOF]
+        if every[c, K2] and not free[c, K2]:
+            k2 = rig.distortions[c, 1] - scene.rig.distortions[c, 1]
+            out[c, K2] = k2**2 > chi2.isf(_CHANCE, 1) * block[K2, K2] and block[K2, K2] < K2_SIGMA**2
+        if every[c, 7] and not free[c, 7]:
+            shift = rig.centre[c] - lens.centre
+            own = block[CENTRE, CENTRE]
+            sure = np.sqrt(np.linalg.eigvalsh(own)[-1]) < CENTRE_SIGMA * lens.size[0]
+            out[c, CENTRE] = bool(shift @ np.linalg.solve(own, shift) > chi2.isf(_CHANCE, 2) and sure)
+    return out

@@ -1,0 +1,169 @@
+"""The L-frame's four balls in a picture: which they are, and which end is which.
+
+Three balls on a line and one beside it fit every picture of three on a line and one beside it, with either end for the
+corner. But an L-frame on the floor is seen from above: then only one of the two turns the right way round.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import CalibrationError
+from .ball_detection import Balls
+
+Array = NDArray[np.float64]
+
+FOCALS = (0.6, 0.8, 1.0, 1.3, 1.7, 2.3)
+"""Focal lengths that are tried where none is known, as shares of the picture's longer side."""
+_STANDS = 1.0  # pixels
+_LEAST_SEEN = 0.5
+_MOST = 12
+_BENT = 0.04
+_UNEVEN = 2.5
+_SIZE_SPREAD = 0.12
+_DOUBT = 9.0  # how much better a mirrored L-frame must fit
+
+
+def standing(seen: Sequence[Balls]) -> Balls:
+    """The balls that stand still through several pictures, the mean of each, the largest first."""
+    seen = [balls for balls in seen if len(balls)]
+    if not seen:
+        return Balls.joined([])
+    whole, home = Balls.joined(seen), np.repeat(np.arange(len(seen)), [len(b) for b in seen])
+    left, found = np.ones(len(whole), bool), []
+    for k in range(len(whole)):
+        near = left & (np.linalg.norm(whole.centres - whole.centres[k], axis=1) < _STANDS)
+        left &= ~near
+        if left[k] or len(set(home[near])) < _LEAST_SEEN * len(seen):
+            continue
+        # What a picture's frames have in common, compression and shading, no mean takes away.
+        sigma = np.sqrt(np.mean(whole.sigma[near] ** 2))
+        centre, shape = (np.median(values[near], axis=0) for values in (whole.centres, whole.shapes))
+        found.append(Balls(centre[None], shape[None], sigma[None]))
+    order = np.argsort([-ball.semi_axes[0, 1] for ball in found])[:_MOST]
+    return Balls.joined([found[i] for i in order])
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """How well four balls are an L-frame: squared deviations in standard deviations, and which balls."""
+
+    cost: float
+    balls: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """An L-frame and a camera that sees it.
+
+    Attributes
+    ----------
+    points : ndarray, shape (4, 3)
+        The corner, two more along the long arm, and the short arm's, metres.
+    diameter : float or None
+        Of its balls, metres.
+    middle : ndarray, shape (2,)
+        Of the picture, pixels.
+    focals : sequence of float
+        Focal lengths to try, pixels.
+    """
+
+    points: Array
+    diameter: float | None
+    middle: Array
+    focals: Sequence[float]
+
+    def mirrored(self) -> Frame:
+        return replace(self, points=self.points * [1, -1, 1])
+
+
+def identified(balls: Balls, frame: Frame, where: str) -> list[int]:
+    """Which of the balls are the L-frame's, in the order of its points.
+
+    Parameters
+    ----------
+    balls : Balls
+        Those that stand still.
+    frame : Frame
+    where : str
+        Video and camera, for errors.
+
+    Raises
+    ------
+    CalibrationError
+        No four of the balls are an L-frame that is seen from above, or only a mirrored one.
+    """
+    if len(balls) < 4:
+        raise CalibrationError(
+            f"{len(balls)} of the L-frame's 4 balls were found",
+            where=where,
+            todo="see that all four are in the picture and lit, and that the colour is theirs",
+        )
+    right, wrong = (
+        min((_fit(balls, four, f) for four in _shaped(balls, f.points)), key=lambda fit: fit.cost, default=None)
+        for f in (frame, frame.mirrored())
+    )
+    if wrong is not None and (right is None or right.cost > wrong.cost + _DOUBT):
+        raise CalibrationError(
+            "the L-frame in the picture is the mirror image of its measures",
+            where=where,
+            todo="x goes along the long arm from the corner, y along the short one, z up: check the signs",
+        )
+    if right is None or not np.isfinite(right.cost):
+        raise CalibrationError(
+            f"no four of {len(balls)} balls of its colour lie as the L-frame's do", where=where, todo="check its points"
+        )
+    return list(right.balls)
+
+
+def _shaped(balls: Balls, points: Array) -> Iterator[tuple[int, ...]]:
+    """Four balls each that may be an L-frame: three on a line, spaced alike, the fourth on the side seen from above."""
+    c = balls.centres
+    spacing = np.linalg.norm(points[1] - points[0]) / np.linalg.norm(points[2] - points[1])
+    side = _cross(points[2] - points[0], points[3] - points[0])
+    for a, b, e in permutations(range(len(balls)), 3):
+        long = c[e] - c[a]
+        length = float(np.linalg.norm(long))
+        near, far = float(np.linalg.norm(c[b] - c[a])), float(np.linalg.norm(c[e] - c[b]))
+        bent = abs(_cross(long, c[b] - c[a])) / max(length, 1e-9)
+        between = 0 < float((c[b] - c[a]) @ long) < length**2
+        if not between or bent > _BENT * length + _STANDS or not 1 / _UNEVEN < near / far / spacing < _UNEVEN:
+            continue
+        for d in set(range(len(balls))) - {a, b, e}:
+            # Seen from above, left turns stay left turns; v goes down.
+            if _cross(long, c[d] - c[a]) * side < 0:
+                yield a, b, e, d
+
+
+def _cross(a: Array, b: Array) -> float:
+    return float(a[0] * b[1] - a[1] * b[0])
+
+
+def _fit(balls: Balls, four: tuple[int, ...], frame: Frame) -> _Fit:
+    """Places and sizes against the best pose of the L-frame."""
+    centres, radii = balls.centres[list(four)], balls.semi_axes[list(four), 1]
+    return _Fit(min(_pose_cost(centres, radii, frame, focal) for focal in frame.focals), four)
+
+
+def _pose_cost(centres: Array, radii: Array, frame: Frame, focal: float) -> float:
+    K = np.array([[focal, 0, frame.middle[0]], [0, focal, frame.middle[1]], [0, 0, 1.0]])
+    _, turns, shifts, _ = cv2.solvePnPGeneric(frame.points, centres, K, np.zeros(4), flags=cv2.SOLVEPNP_SQPNP)
+    # A lens that is not known yet bends the line a little.
+    tolerance = _STANDS + 0.01 * float(np.linalg.norm(centres[2] - centres[0]))
+    best = np.inf
+    for turn, shift in zip(turns, shifts, strict=True):
+        R = cv2.Rodrigues(turn)[0]
+        x = frame.points @ R.T + shift[:, 0]
+        if (x[:, 2] <= 0).any() or (-R.T @ shift)[2, 0] <= frame.points[:, 2].max():
+            continue
+        off = (x[:, :2] / x[:, 2:] * focal + frame.middle - centres) / tolerance
+        sizes = np.log(2 * radii * x[:, 2] / focal)
+        expected = sizes.mean() if frame.diameter is None else np.log(frame.diameter)
+        best = min(best, float(np.sum(off**2) + np.sum((sizes - expected) ** 2) / _SIZE_SPREAD**2))
+    return best

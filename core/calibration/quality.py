@@ -1,0 +1,206 @@
+"""How far solved cameras can be trusted, in numbers."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..capture.capture import Markers
+from .bundle import Observations
+from .camera_rig import CENTRE, DRIFT, FOCAL, K1, K2, OFFSET, SHIFT, Rig
+from .wand_matching import matched
+from .wand_tracks import picked, sampled
+from .wand_triangulation import rays, triangulated
+
+if TYPE_CHECKING:
+    from .solution import Solution
+
+Array = NDArray[np.float64]
+
+_CELLS = 12
+"""Cells along the longer side of a picture, of which the wand's balls reach some."""
+_QUANTILES = (0.05, 0.5, 0.95)
+_BLOCK = 40
+"""Balls in a row by which a camera's steadiness is judged."""
+_SURE = 8.0
+_LEAST_ASIDE = 1.5
+"""Standard deviations of a ball aside from which a camera is said to have moved."""
+_NEAR = 100.0
+"""Pixels beside its place within which a ball may still be the wand's."""
+
+
+def measured_lengths(rig: Rig, seen: Observations, frames: NDArray[np.int64]) -> Array:
+    """Lengths of the wand, shape (n,), metres, its ends triangulated one by one, on frames where both are seen."""
+    points, sigma = np.full((len(rig), len(frames), 2, 2), np.nan), np.ones((len(rig), len(frames), 2))
+    for c in range(len(rig)):
+        own = seen.take(seen.camera == c)
+        if len(own):
+            points[c], sigma[c] = _at(_track(own), rig.rate[c] * (1 + rig.drift[c]) * frames + rig.offset[c])
+    directions, centres = rays(rig, points), rig.centres_world
+    ends = triangulated(centres, directions)
+    distance = np.linalg.norm(ends - centres[:, None, None], axis=-1)
+    weight = (rig.focal.mean(axis=1)[:, None, None] / (distance * sigma)) ** 2
+    ends = triangulated(centres, directions, np.nan_to_num(weight))
+    lengths = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+    return lengths[np.isfinite(lengths)]
+
+
+def _track(seen: Observations) -> Markers:
+    """One camera's balls as markers."""
+    frames, row = np.unique(seen.frame.astype(np.int64), return_inverse=True)
+    points, sigma = np.full((len(frames), 2, 2), np.nan), np.full((len(frames), 2), np.nan)
+    points[row, seen.ball], sigma[row, seen.ball] = seen.uv, seen.sigma
+    return Markers(frames, points, sigma)
+
+
+def _at(track: Markers, frames: Array) -> tuple[Array, Array]:
+    """Balls and their sigma at frames, as they are where those are whole, else interpolated."""
+    whole = np.round(frames).astype(np.int64)
+    return picked(track, whole) if np.abs(frames - whole).max(initial=0.0) < 1e-6 else sampled(track, frames)
+
+
+def depths(solution: Solution) -> Array:
+    """Nearest, middle and farthest depth of the wand's balls that each camera sees, shape (C, 3), metres."""
+    rig, out = solution.rig, np.full((len(solution.rig), 3), np.nan)
+    for c in range(len(rig)):
+        points = seen_points(solution, c)
+        if len(points):
+            out[c] = np.quantile(points @ rig.R_cam_world[c, 2] + rig.t_cam_world[c, 2], _QUANTILES)
+    return out
+
+
+def _state(solution: Solution) -> NDArray[np.int64]:
+    """Of each ball seen, the index of the wand's nearest frame."""
+    frames, seen = solution.wand.frames, solution.seen
+    times = np.floor(solution.rig.times(seen.camera, seen.frame) + 0.5)
+    return np.clip(np.searchsorted(frames, times), 0, len(frames) - 1)
+
+
+def seen_points(solution: Solution, c: int) -> Array:
+    """The wand's balls that a camera sees, shape (n, 3), metres."""
+    own = solution.seen.camera == c
+    return solution.wand.ends_world[_state(solution)[own], solution.seen.ball[own]]
+
+
+def thickness(points: Array) -> float:
+    """Thickness over width of a cloud of points, shape (n, 3)."""
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return float(spread[2] / spread[0])
+
+
+def coverage(solution: Solution) -> Array:
+    """Share of each picture that lies within the hull of the wand's balls, shape (C,)."""
+    out = np.zeros(len(solution.rig))
+    for c, size in enumerate(solution.rig.sizes):
+        uv = solution.seen.uv[solution.seen.camera == c]
+        if len(uv) > 2:
+            out[c] = cv2.contourArea(cv2.convexHull(uv.astype(np.float32))) / float(size[0] * size[1])
+    return out
+
+
+def path_error(solution: Solution, c: int) -> tuple[float, int, int] | None:
+    """How many pixels a camera sees the wand aside from where it is, and on which frames; None where it does not.
+
+    All balls near the wand's are looked at, whether they were used or not: the median of many in a row is no noise.
+    """
+    markers = solution.capture.views[c].wand
+    near = matched(solution.scene, c, markers, np.full((len(markers), 2), _NEAR))
+    count = len(near.row) // _BLOCK
+    if count == 0:
+        return None
+    sigma = float(np.nanmedian(markers.sigma)) * max(solution.noise, 1.0)
+    least = max(_LEAST_ASIDE, _SURE * 1.25 / np.sqrt(_BLOCK)) * sigma
+    sizes = [float(np.linalg.norm(np.median(aside, axis=0))) for aside in np.array_split(near.aside, count)]
+    bad = [k for k, size in enumerate(sizes) if size > least]
+    if not bad:
+        return None
+    frames = np.array_split(markers.frames[near.row], count)
+    return max(sizes), int(frames[bad[0]][0]), int(frames[bad[-1]][-1])
+
+
+def trust(solution: Solution) -> dict[str, Any]:
+    """The numbers of the report as plain values for JSON: pixels, metres, frames; sigma is a standard deviation."""
+    lengths = measured_lengths(solution.rig, solution.seen, solution.wand.frames)
+    return {
+        "cameras": [_camera(solution, c) for c in range(len(solution.rig))],
+        "wand": {
+            "length": solution.wand.length,
+            "frames": len(solution.wand),
+            "measured": _lengths(lengths, solution.wand.length),
+            "held_out": _lengths(solution.held_out, solution.wand.length),
+        },
+        "lframe": {"scale": _number(solution.lframe_scale), "reprojection": _pixels(_lframe_residual(solution))},
+        "noise": _number(solution.noise),
+        "findings": [vars(finding) for finding in solution.findings],
+    }
+
+
+def _lframe_residual(solution: Solution) -> Array:
+    return solution.residual[len(solution.seen) :]
+
+
+def _camera(solution: Solution, c: int) -> dict[str, Any]:
+    rig, sigma, free = solution.rig, solution.sigma[c], solution.free[c]
+    own = solution.residual[: len(solution.seen)][solution.seen.camera == c]
+
+    def known(index: int) -> float | None:
+        """A standard deviation, None of what was not solved for."""
+        return _number(sigma[index]) if free[index] else None
+
+    near, middle, far = depths(solution)[c]
+    shift = solution.covariance[13 * c : 13 * (c + 1), 13 * c : 13 * (c + 1)][SHIFT, SHIFT]
+    return {
+        "camera": rig.names[c],
+        "size": [int(n) for n in rig.sizes[c]],
+        "balls": len(own),
+        "used": _number(solution.used[c]),
+        "reprojection": _pixels(own),
+        "coverage": _number(coverage(solution)[c]),
+        "depth": {"near": _number(near), "middle": _number(middle), "far": _number(far)},
+        "focal": _number(rig.focal[c].mean()),
+        "focal_sigma": _number(sigma[FOCAL] * rig.focal[c].mean()) if free[FOCAL] else None,
+        "centre": [_number(x) for x in rig.centre[c]],
+        "centre_sigma": [known(i) for i in range(CENTRE.start, CENTRE.stop)],
+        "k1": _number(rig.distortions[c, 0]),
+        "k1_sigma": known(K1),
+        "k2": _number(rig.distortions[c, 1]),
+        "k2_sigma": known(K2),
+        "position": [_number(x) for x in rig.centres_world[c]],
+        "position_sigma": _number(np.sqrt(np.trace(shift))),
+        "offset": _number(rig.offset[c]),
+        "offset_sigma": known(OFFSET),
+        "drift": _number(rig.drift[c]),
+        "drift_sigma": known(DRIFT),
+    }
+
+
+def _pixels(residual: Array) -> dict[str, float | None]:
+    """Root mean square of both coordinates, and median and 95 % of the distances."""
+    if not len(residual):
+        return {"rms": None, "median": None, "most": None}
+    off = np.linalg.norm(residual, axis=1)
+    return {
+        "rms": _number(np.sqrt(np.mean(residual**2))),
+        "median": _number(np.median(off)),
+        "most": _number(np.quantile(off, 0.95)),
+    }
+
+
+def _lengths(lengths: Array, length: float) -> dict[str, Any]:
+    """Mean, spread, and root mean square error of measured lengths."""
+    if not len(lengths):
+        return {"count": 0, "mean": None, "spread": None, "error": None}
+    return {
+        "count": len(lengths),
+        "mean": _number(lengths.mean()),
+        "spread": _number(lengths.std()),
+        "error": _number(np.sqrt(np.mean((lengths - length) ** 2))),
+    }
+
+
+def _number(value: Any) -> float | None:
+    """A plain number for JSON, None where it is not finite."""
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,87 @@
+"""Clocks of one more take: cameras that stand as they were solved, started again, a wand waved before them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.camera import Camera
+from ..capture.capture import Capture
+from ..errors import CalibrationError
+from ..runtime.progress import Progress, report_progress
+from . import findings
+from .bundle import Evidence, Scene, adjust, covariance
+from .camera_rig import CAMERA_DOF, DRIFT, OFFSET, rig_of
+from .clocks import Clocks
+from .first_cameras import FEWEST_SHARED
+from .synchrony import in_step, synchrony
+from .wand_matching import labelled
+from .wand_triangulation import sight
+
+Array = NDArray[np.float64]
+
+_LOOSE = 10.0
+_ROUNDS = 4
+
+
+def synchronise(
+    capture: Capture, cameras: Mapping[str, Camera], progress: Progress | None = None, *, drift: bool = False
+) -> Clocks:
+    """The clocks of a take whose cameras are known. Its L-frame is not looked at.
+
+    Raises
+    ------
+    CalibrationError
+        A view's camera is not among those known.
+    CaptureError
+        The wand does not tell.
+    CancelledError
+        `progress` returned False.
+    """
+
+    def check() -> None:
+        report_progress(progress, "offsets", 0.0)
+
+    check()
+    together = synchrony(capture)
+    rig = rig_of([known_camera(cameras, view.camera, view.size) for view in capture.views])
+    rig = replace(rig, rate=together.rate, offset=together.offset)
+    free = np.zeros((len(rig), CAMERA_DOF), bool)
+    free[:, OFFSET], free[:, DRIFT] = together.loose, together.loose & drift
+    noise = _LOOSE
+    for _ in range(_ROUNDS):
+        tracks = together.tracks(rig)
+        wand = sight(in_step(rig), tracks, capture.wand_length, noise).wand(tracks.frames, capture.wand_length)
+        if len(wand) < FEWEST_SHARED:
+            raise findings.nothing_agrees().error()
+        scene = Scene(rig, wand)
+        seen, _ = labelled(scene, capture.views, noise)
+        evidence = Evidence(seen, smooth=together.between)
+        fit = adjust(scene, evidence, free, scale=4 * noise, cancel=check)
+        rig, noise = fit.scene.rig, max(fit.noise, 1.0)
+    sigma = noise * np.sqrt(np.diag(covariance(fit.scene, evidence, fit.free))).reshape(-1, CAMERA_DOF)
+    return Clocks.of(rig, sigma)
+
+
+def known_camera(cameras: Mapping[str, Camera], name: str, size: tuple[int, int]) -> Camera:
+    """The camera of a view, if a wand can be seen by it.
+
+    Raises
+    ------
+    CalibrationError
+        It is not there, is of another size, moves, or is a fisheye.
+    """
+    where = f"camera {name}"
+    if name not in cameras:
+        todo = f"there are {', '.join(cameras)}"
+        raise CalibrationError("the calibration does not have it", where=where, todo=todo)
+    camera = cameras[name]
+    if camera.size != size:
+        sizes = " and ".join(f"{w}x{h}" for w, h in (camera.size, size))
+        raise CalibrationError(f"the sizes of calibration and video are {sizes}", where=where)
+    if camera.moving or camera.fisheye:
+        raise CalibrationError("a wand needs cameras that stand still and are no fisheyes", where=where)
+    return camera

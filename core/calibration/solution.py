@@ -1,0 +1,91 @@
+"""What calibrating a capture gives: cameras, clocks, and what was found of their quality."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.camera import Camera
+from ..capture.capture import Capture
+from .bundle import Observations, Scene
+from .camera_rig import CAMERA_DOF, Rig, Wand
+from .clocks import Clocks
+from .findings import Finding
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Solved cameras and how far to trust them.
+
+    Attributes
+    ----------
+    capture : Capture
+    rig : Rig
+        Cameras and clocks in the L-frame's world.
+    wand : Wand
+    lframe_world : ndarray, shape (4, 3)
+    seen : Observations
+        The wand's balls that were used; ends that were swapped are swapped back.
+    lframe_seen : Observations
+    residual : ndarray, shape (n, 2)
+        Of the wand's balls, then the L-frame's: predicted less seen, pixels.
+    used : ndarray, shape (C,)
+        Share of the wand's balls in each view that were used.
+    free : ndarray of bool, shape (C, 13)
+        What was solved for, in the order of `rig.CAMERA_DOF`.
+    covariance : ndarray, shape (13 C, 13 C)
+        Of the steps of `Rig.moved`, in the world that the L-frame's measures lay down.
+    noise : float
+        How many times their sigma the balls lie off.
+    lframe_scale : float
+        How many times larger the L-frame is by the wand than by its own measures.
+    moved : dict of int to float
+        Cameras that see the L-frame so many pixels aside: they were moved between its take and the wand's. Their
+        view of the L-frame took no part.
+    held_out : ndarray, shape (h,)
+        Lengths of the wand, metres, on frames that were held out of a solution of their own.
+    findings : tuple of Finding
+        What to know before trusting it.
+    """
+
+    capture: Capture
+    rig: Rig
+    wand: Wand
+    lframe_world: Array
+    seen: Observations
+    lframe_seen: Observations
+    residual: Array
+    used: Array
+    free: Bools
+    covariance: Array
+    noise: float
+    lframe_scale: float
+    moved: dict[int, float]
+    held_out: Array
+    findings: tuple[Finding, ...]
+
+    @property
+    def cameras(self) -> dict[str, Camera]:
+        """The cameras by their names."""
+        counts = [4 if view.distortions is None else len(view.distortions) for view in self.capture.views]
+        return {name: self.rig.camera(c, counts[c]) for c, name in enumerate(self.rig.names)}
+
+    @property
+    def scene(self) -> Scene:
+        """All that was solved for."""
+        return Scene(self.rig, self.wand, self.lframe_world)
+
+    @property
+    def clocks(self) -> Clocks:
+        """When the videos began."""
+        return Clocks.of(self.rig, self.sigma)
+
+    @property
+    def sigma(self) -> Array:
+        """Standard deviations of the cameras' unknowns, shape (C, 13)."""
+        return np.sqrt(np.diag(self.covariance)).reshape(-1, CAMERA_DOF)

@@ -1,0 +1,224 @@
+"""From videos of an L-frame and a wand to the points that cameras are solved from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.camera import Camera
+from ..capture.capture import LFRAME_BALLS, Capture, CaptureView, Markers
+from ..capture.film import Film, FilmView
+from ..errors import CalibrationError
+from ..runtime.progress import Progress, report_progress
+from ..shot.footage import Footage, pictures, probe
+from .ball_centres import centres_of
+from .ball_detection import Balls, Picture, find_balls, without_rods
+from .lframe_detection import FOCALS, Frame, identified, standing
+from .wand import Pairs, find_pairs, told_apart, wand_path
+
+Array = NDArray[np.float64]
+
+_LFRAME_PICTURES = 15
+_ARMS = ((0, 1), (1, 2), (0, 3))
+_LEAST_SHARE = 0.02
+_USUAL_FOCAL = 1.0  # of the longer side
+
+
+@dataclass(frozen=True, eq=False)
+class SeenBalls:
+    """Balls of a video as their outlines lie: `markers` with the outlines' centres, and their minor semi-axes.
+
+    Attributes
+    ----------
+    markers : Markers
+    radii : ndarray, shape (n, m)
+        Pixels.
+    """
+
+    markers: Markers
+    radii: Array
+
+    def corrected(self, matrix: Array, distortions: Array) -> Markers:
+        """The images of the balls' middles, which are not their outlines' centres; see `sphere.centres_of`."""
+        m = self.markers
+        return Markers(m.frames, centres_of(m.points, self.radii, matrix, distortions), m.sigma)
+
+
+@dataclass(frozen=True, eq=False)
+class SeenView:
+    """What was found in one camera's videos."""
+
+    film: FilmView
+    footage: Footage
+    lframe: SeenBalls
+    wand: SeenBalls
+
+
+@dataclass(frozen=True, eq=False)
+class Sightings:
+    """What was found in all videos."""
+
+    film: Film
+    views: tuple[SeenView, ...]
+
+    def capture(self, cameras: Mapping[str, Camera] | None = None) -> Capture:
+        """The points to solve from.
+
+        Parameters
+        ----------
+        cameras : mapping of str to Camera, optional
+            Solved before: they tell exactly where the middle of each ball lies within its outline. Without them, what
+            is known of the cameras or a usual focal length does; large balls near the picture's edges are then off by
+            some hundredths of a pixel.
+        """
+        return Capture(
+            self.film.lframe_points,
+            self.film.wand_length,
+            tuple(_capture_view(view, (cameras or {}).get(view.film.camera)) for view in self.views),
+        )
+
+
+def _capture_view(view: SeenView, camera: Camera | None) -> CaptureView:
+    film, size = view.film, view.footage.size
+    if camera is not None:
+        matrix, distortions = camera.matrix, camera.distortions
+    else:
+        matrix = film.matrix if film.matrix is not None else _usual_matrix(size, film.focal)
+        distortions = np.zeros(4) if film.distortions is None else film.distortions
+    return CaptureView(
+        film.camera,
+        size,
+        view.footage.fps or None,
+        view.lframe.corrected(matrix, distortions),
+        view.wand.corrected(matrix, distortions),
+        film.offset,
+        film.focal,
+        film.matrix,
+        film.distortions,
+    )
+
+
+def _usual_matrix(size: tuple[int, int], focal: float | None) -> Array:
+    f = focal or _USUAL_FOCAL * max(size)
+    return np.array([[f, 0, (size[0] - 1) / 2], [0, f, (size[1] - 1) / 2], [0, 0, 1]])
+
+
+def find_all(film: Film, progress: Progress | None = None) -> Sightings:
+    """Find the balls in all videos, one frame after the other.
+
+    Raises
+    ------
+    FootageError
+        A video is missing or unreadable, or the two of a camera differ in size.
+    CalibrationError
+        The L-frame or the wand cannot be found; names the video.
+    CancelledError
+        `progress` returned False.
+    """
+    seen = []
+    for k, view in enumerate(film.views):
+
+        def part(what: str, fraction: float, k: int = k) -> bool:
+            return progress is None or progress(what, (k + fraction) / len(film.views))
+
+        footage, before = probe(view.wand), probe(view.lframe)
+        if footage.size != before.size:
+            sizes = " and ".join(f"{f.size[0]}x{f.size[1]}" for f in (before, footage))
+            raise CalibrationError(f"the videos of L-frame and wand are {sizes}", where=f"camera {view.camera}")
+        lframe = find_lframe(view, film, footage.size, part)
+        seen.append(SeenView(view, footage, lframe, find_wand(view, film, footage.count, part)))
+    return Sightings(film, tuple(seen))
+
+
+def find_lframe(view: FilmView, film: Film, size: tuple[int, int], progress: Progress | None = None) -> SeenBalls:
+    """The L-frame's balls as they stand through a camera's video, as one row.
+
+    Raises
+    ------
+    CalibrationError
+        They cannot be found or told apart; names the video.
+    """
+    report_progress(progress, f"{view.camera}: L-frame", 0.0)
+    images = [Picture.of(image) for image in _spread_out(view.lframe)]
+    balls = standing([find_balls(picture, film.lframe_colour) for picture in images])
+    known = view.focal if view.matrix is None else float(view.matrix[0, 0])
+    focals = [known] if known else [share * max(size) for share in FOCALS]
+    frame = Frame(film.lframe_points, film.lframe_diameter, (np.array(size) - 1) / 2, focals)
+    where = f"{view.lframe} (camera {view.camera})"
+    four = balls[identified(balls, frame, where)]
+    four = _without_arms(images, _as_spheres(four, size))
+    markers = Markers(np.zeros(1, np.int64), four.centres[None], four.sigma[None])
+    return SeenBalls(markers, four.semi_axes[None, :, 1])
+
+
+def _without_arms(images: Sequence[Picture], four: Balls) -> Balls:
+    """The L-frame's balls measured without the parts of their outlines that the arms may hide, where that can be."""
+    ends = np.full((LFRAME_BALLS, 2, 2), np.nan)
+    for ball in range(LFRAME_BALLS):
+        held = [b if a == ball else a for a, b in _ARMS if ball in (a, b)]
+        ends[ball, : len(held)] = four.centres[held]
+    seen = [without_rods(picture, four, ends, still=True) for picture in images]
+    measured = [standing([balls[[k]][good[[k]]] for balls, good in seen]) for k in range(LFRAME_BALLS)]
+    return Balls.joined([ball if len(ball) else four[[k]] for k, ball in enumerate(measured)])
+
+
+def _as_spheres(balls: Balls, size: tuple[int, int]) -> Balls:
+    """The balls with outlines as still spheres have them by a usual focal length, longer away from the middle.
+
+    Arms that hide half an outline leave its own length and width unsure.
+    """
+    away = (balls.centres - (np.array(size) - 1) / 2) / (_USUAL_FOCAL * max(size))
+    slant = np.sqrt(1 + np.sum(away**2, axis=1)) - 1
+    ways = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
+    longer = np.eye(2) + slant[:, None, None] * ways[:, :, None] * ways[:, None, :]
+    return replace(balls, shapes=balls.semi_axes[:, 1, None, None] * longer)
+
+
+def _spread_out(path: Path) -> list[NDArray]:
+    """Some frames from all over a video."""
+    step = max(1, probe(path).count // _LFRAME_PICTURES)
+    return list(islice(islice(pictures(path), 0, None, step), _LFRAME_PICTURES))
+
+
+def find_wand(view: FilmView, film: Film, count: int, progress: Progress | None = None) -> SeenBalls:
+    """The wand's balls on every frame of a camera's video on which they are seen.
+
+    Raises
+    ------
+    CalibrationError
+        They are hardly ever seen; names the video.
+    """
+    longest = film.wand_length / film.wand_diameter if film.wand_diameter else None
+    seen: list[Pairs] = []
+    for k, image in enumerate(pictures(view.wand)):
+        report_progress(progress, f"{view.camera}: wand", min(k / max(count, 1), 1.0))
+        seen.append(find_pairs(image, film.wand_colours, longest))
+    path = wand_path(seen)
+    frames = np.flatnonzero(path >= 0)
+    if len(frames) < max(3, _LEAST_SHARE * len(seen)):
+        raise CalibrationError(
+            f"the wand is seen on {len(frames)} of {len(seen)} frames",
+            where=f"{view.wand} (camera {view.camera})",
+            todo="pick the balls' colours on this video",
+        )
+    points, sigma, radii = (
+        np.stack([getattr(seen[f], name)[path[f]] for f in frames]) for name in ("centres", "sigma", "radii")
+    )
+    if len(film.wand_colours) == 1:
+        swapped = _swaps(frames, points, radii)
+        for values in (points, sigma, radii):
+            values[swapped] = values[swapped][:, ::-1]
+    return SeenBalls(Markers(frames, points, sigma), radii)
+
+
+def _swaps(frames: NDArray[np.int64], points: Array, radii: Array) -> NDArray[np.bool_]:
+    """`told_apart` over all frames, those without the wand between."""
+    places = np.full((frames[-1] + 1, 2, 2), np.nan)
+    sizes = np.ones(len(places))
+    places[frames], sizes[frames] = points, radii.mean(axis=1)
+    return told_apart(places, sizes)[frames]

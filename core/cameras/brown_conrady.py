@@ -1,0 +1,74 @@
+"""The Brown model nearest to a lens: what programs show footage with that know no other.
+
+D. C. Brown, Decentering distortion of lenses, Photogrammetric Engineering 32(3), 1966; here with four radial terms.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .camera import Camera
+
+Array = NDArray[np.float64]
+
+_GRID = 48
+
+
+@dataclass(frozen=True, eq=False)
+class BrownModel:
+    """A Brown model.
+
+    Attributes
+    ----------
+    radial : ndarray, shape (4,)
+        k1 to k4.
+    tangential : ndarray, shape (2,)
+        OpenCV's p1 and p2.
+    error : float
+        How far from the lens's own it shows a place of the rectified picture, at most, pixels.
+    """
+
+    radial: Array
+    tangential: Array
+    error: float
+
+
+def brown_model(camera: Camera) -> BrownModel:
+    """The Brown model that shows a camera's rectified picture as its own lens does.
+
+    Least squares over the places of the rectified picture that the footage shows. Distortion in OpenCV's five
+    coefficients is such a model already and comes back as it is.
+    """
+    if not camera.fisheye and not camera.distortions[5:].any():
+        k1, k2, p1, p2, k3 = (*camera.distortions, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
+        return BrownModel(np.array([k1, k2, k3, 0.0]), np.array([p1, p2]), 0.0)
+    xy, target = _shown(camera)
+    rows = _rows(xy)
+    coefficients = np.linalg.lstsq(rows.reshape(-1, 6), (target - xy).ravel(), rcond=None)[0]
+    apart = (xy + rows @ coefficients - target) * camera.matrix[[0, 1], [0, 1]]
+    return BrownModel(coefficients[:4], coefficients[4:], float(np.linalg.norm(apart, axis=1).max()))
+
+
+def _shown(camera: Camera) -> tuple[Array, Array]:
+    """Directions (N, 2) that the rectified picture and the footage both show, without distortion and with it."""
+    K, (width, height) = camera.matrix, camera.size
+    u, v = np.meshgrid(np.linspace(0, width - 1, _GRID), np.linspace(0, height - 1, _GRID))
+    xy = (np.stack([u, v], axis=-1).reshape(-1, 2) - K[:2, 2]) / K[[0, 1], [0, 1]]
+    R, t = camera.pose(0)
+    pixels = camera.project((np.column_stack([xy, np.ones(len(xy))]) - t) @ R)
+    inside = ((pixels > -1) & (pixels < np.array(camera.size))).all(axis=1)
+    return xy[inside], (pixels[inside] - K[:2, 2]) / K[[0, 1], [0, 1]]
+
+
+def _rows(xy: Array) -> Array:
+    """Shift of directions by the six coefficients, shape (N, 2, 6)."""
+    r2 = (xy**2).sum(axis=1, keepdims=True)
+    radial = xy[:, :, None] * (r2 ** np.arange(1, 5))[:, None]
+    x, y = xy.T
+    tangential = np.stack(
+        [np.stack([2 * x * y, r2[:, 0] + 2 * x**2], 1), np.stack([r2[:, 0] + 2 * y**2, 2 * x * y], 1)], 1
+    )
+    return np.concatenate([radial, tangential], axis=2)

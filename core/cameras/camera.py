@@ -1,0 +1,172 @@
+"""Cameras: pinhole with OpenCV's lens distortion, fixed or with a pose per frame.
+
+Convention (OpenCV): x_cam = R x_world + t, x right, y down, z forward; integer pixel coordinates lie at pixel
+centres. Metres and pixels throughout.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import CalibrationError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A calibrated camera.
+
+    Attributes
+    ----------
+    name : str
+    size : tuple of int
+        Width and height of the footage it describes, pixels.
+    matrix : ndarray, shape (3, 3)
+        Intrinsic matrix K, pixels.
+    distortions : ndarray, shape (n,)
+        OpenCV's distortion coefficients (k1, k2, p1, p2, ...), or the four of its fisheye model.
+    R_cam_world : ndarray, shape (N, 3, 3)
+        World to camera rotation; N is 1 for a fixed camera, else one per shot frame.
+    t_cam_world : ndarray, shape (N, 3)
+        World to camera translation, metres.
+    fisheye : bool
+    """
+
+    name: str
+    size: tuple[int, int]
+    matrix: Array
+    distortions: Array
+    R_cam_world: Array
+    t_cam_world: Array
+    fisheye: bool = False
+
+    @classmethod
+    def create(
+        cls,
+        name: str,
+        size: tuple[int, int],
+        matrix: ArrayLike,
+        R_cam_world: ArrayLike,
+        t_cam_world: ArrayLike,
+        distortions: ArrayLike = (0.0, 0.0, 0.0, 0.0),
+        fisheye: bool = False,
+    ) -> Camera:
+        """Build a camera from array-likes; one pose is a fixed camera, several are one per shot frame."""
+        R = np.asarray(R_cam_world, float).reshape(-1, 3, 3)
+        t = np.asarray(t_cam_world, float).reshape(-1, 3)
+        if len(R) != len(t):
+            raise CalibrationError(f"{len(R)} rotations but {len(t)} translations", where=f"camera {name}")
+        K, dist = np.asarray(matrix, float), np.asarray(distortions, float).ravel()
+        if K.shape != (3, 3) or not (K[0, 0] > 0 and K[1, 1] > 0):
+            raise CalibrationError("the matrix must be 3x3 with positive focal lengths", where=f"camera {name}")
+        if not all(np.isfinite(a).all() for a in (K, dist, R, t)):
+            raise CalibrationError("a value is not a finite number", where=f"camera {name}")
+        return cls(name, (int(size[0]), int(size[1])), K, dist, R, t, fisheye)
+
+    @property
+    def moving(self) -> bool:
+        return len(self.R_cam_world) > 1
+
+    @property
+    def stands_still(self) -> bool:
+        """Whether all its poses, one or one per frame, are the same."""
+        return not (np.ptp(self.R_cam_world, axis=0).any() or np.ptp(self.t_cam_world, axis=0).any())
+
+    def pose(self, frame: int) -> tuple[Array, Array]:
+        """World to camera rotation (3, 3) and translation (3,) at a shot frame."""
+        i = min(frame, len(self.R_cam_world) - 1) if self.moving else 0
+        return self.R_cam_world[i], self.t_cam_world[i]
+
+    def poses(self, first: int, count: int) -> tuple[Array, Array]:
+        """World to camera rotations (n, 3, 3) and translations (n, 3) of consecutive shot frames."""
+        i = np.minimum(np.arange(first, first + count), len(self.R_cam_world) - 1)
+        return self.R_cam_world[i], self.t_cam_world[i]
+
+    def at(self, frames: Sequence[int]) -> Camera:
+        """The camera of some shot frames, which are counted from zero then."""
+        if not self.moving:
+            return self
+        R, t = zip(*(self.pose(frame) for frame in frames), strict=True)
+        return replace(self, R_cam_world=np.stack(R), t_cam_world=np.stack(t))
+
+    def between(self, first: int, last: int) -> Camera:
+        """The camera of an excerpt of its shot, shot frames first to last."""
+        return self.at(range(first, last + 1))
+
+    def centre_world(self, frame: int = 0) -> Array:
+        """Optical centre in the world, shape (3,), metres."""
+        R, t = self.pose(frame)
+        return -R.T @ t
+
+    def project(self, points_world: ArrayLike, frame: int = 0) -> Array:
+        """Project points, shape (..., 3), to distorted pixels, shape (..., 2). Points behind are NaN."""
+        points = np.asarray(points_world, float)
+        R, t = self.pose(frame)
+        x = (points @ R.T + t).reshape(-1, 3)
+        uv = np.full((len(x), 2), np.nan)
+        front = x[:, 2] > 1e-9
+        if front.any():
+            model = cv2.fisheye if self.fisheye else cv2
+            zero = np.zeros(3)
+            uv[front] = model.projectPoints(x[front, None], zero, zero, self.matrix, self.distortions)[0][:, 0]
+        return uv.reshape(*points.shape[:-1], 2)
+
+    def rectified(self) -> Camera:
+        """The same camera without lens distortion (the geometry of `rectify_maps`)."""
+        return replace(self, distortions=np.zeros(4), fisheye=False)
+
+    def reduced(self, factor: float) -> Camera:
+        """The camera of footage reduced by `factor`, pixel centres kept at integers."""
+        width, height = reduced_size(self.size, factor)
+        sx, sy = width / self.size[0], height / self.size[1]
+        K = self.matrix.copy()
+        K[0] *= sx
+        K[1] *= sy
+        K[0, 2] += (sx - 1) / 2
+        K[1, 2] += (sy - 1) / 2
+        return replace(self, size=(width, height), matrix=K)
+
+    def subsampled(self, stride: int) -> Camera:
+        """The camera of every stride-th pixel each way, beginning with the first."""
+        K = self.matrix.copy()
+        K[:2] /= stride
+        width, height = (-(-n // stride) for n in self.size)
+        return replace(self, size=(width, height), matrix=K)
+
+    def field(self, parity: int) -> Camera:
+        """The camera of a field of interlaced footage: line i of the field is line 2 i + parity of the frame.
+
+        Distortion stays as it is: it bends rays, however the lines are counted.
+
+        Parameters
+        ----------
+        parity : int
+            0 for the field of lines 0, 2, 4 ..., 1 for that of lines 1, 3, 5 ...
+        """
+        size = self.size[0], len(range(parity, self.size[1], 2))
+        return replace(self, size=size, matrix=field_of_frame(parity) @ self.matrix)
+
+    def rectify_maps(self) -> tuple[NDArray, NDArray] | None:
+        """Maps for `cv2.remap` that take an image of this camera to `rectified()`, or None if it has no distortion."""
+        # OpenCV's fisheye model is no pinhole even without coefficients.
+        if not self.fisheye and not self.distortions.any():
+            return None
+        init = cv2.fisheye.initUndistortRectifyMap if self.fisheye else cv2.initUndistortRectifyMap
+        map1, map2 = init(self.matrix, self.distortions, np.eye(3), self.matrix, self.size, cv2.CV_16SC2)
+        return map1, map2
+
+
+def reduced_size(size: tuple[int, int], factor: float) -> tuple[int, int]:
+    """Width and height of an image reduced by `factor`, at least one pixel each."""
+    return max(1, round(size[0] / factor)), max(1, round(size[1] / factor))
+
+
+def field_of_frame(parity: int) -> Array:
+    """Homography, shape (3, 3), from the pixels of a frame to those of its field: v goes to (v - parity) / 2."""
+    return np.array([[1, 0, 0], [0, 1 / 2, -parity / 2], [0, 0, 1]])

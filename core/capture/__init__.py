@@ -1,0 +1,1 @@
+"""What is calibrated from: the capture of an L-frame and a wand."""

@@ -1,0 +1,55 @@
+"""A capture as it was filmed: the videos of an L-frame and a wand, and the colours of their balls."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .colours import Colour
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class FilmView:
+    """One camera's videos; see `CaptureView` for what may be known of it."""
+
+    camera: str
+    lframe: Path
+    wand: Path
+    offset: float | None = None
+    focal: float | None = None
+    matrix: Array | None = None
+    distortions: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """What was filmed to calibrate cameras.
+
+    Attributes
+    ----------
+    lframe_points : ndarray, shape (4, 3)
+        Centres of its balls, metres.
+    lframe_colour : Colour
+    lframe_diameter : float or None
+        Of its balls, metres.
+    wand_length : float
+        Metres.
+    wand_colours : tuple of Colour
+        Of its first and its second ball, or one for both.
+    wand_diameter : float or None
+        Of its balls, metres.
+    views : tuple of FilmView
+    """
+
+    lframe_points: Array
+    lframe_colour: Colour
+    lframe_diameter: float | None
+    wand_length: float
+    wand_colours: tuple[Colour, ...]
+    wand_diameter: float | None
+    views: tuple[FilmView, ...]

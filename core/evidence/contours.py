@@ -1,0 +1,209 @@
+"""Outline evidence: where the performers end against the background.
+
+Every few pixels of a part's outline a line is laid across it. The foreground image along the line tells how likely the
+body ends at each of its places; their mean is where the outline should be, their variance how sure that is. The row of
+such a place is the wrench of its normal, so it adds to the sums of the gradients. Outlines do not drift: they are
+compared with the key frames' colours, not with the frame before. (Correspondence lines: M. Stoiber et al., SRT3D: A
+sparse region-based 3D object tracking approach for the real world, IJCV 2022.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.camera import Camera
+from .foreground import log_ratio
+from .gradients import camera_twist, summed_products, wrenches
+from .label_images import LabelImages
+from .view_frames import interpolated, stacked_places
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+SPACING = 1.5
+"""Between lines along an outline, in strides of pixels."""
+CONTRAST = 0.5
+"""Of the foreground image: neighbouring pixels say nearly the same."""
+MODEL_DEVIATION = 0.012
+"""How far an outline of the rigid model is from the body's, metres."""
+EDGE_DEVIATION = 1.0
+"""How far an edge in the foreground image is from that of the body, pixels."""
+BISQUARE = 4.0
+"""Standard deviations at which an outline has nothing more to say (Tukey's bisquare)."""
+_FARTHEST = 0.75  # share of a line's half length: an edge found beyond is the line's end
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """Lines across the outlines of the parts in n frames, where a part is seen against the background; sorted by frame
+    and part.
+
+    Attributes
+    ----------
+    frame, part : ndarray of int, shape (N,)
+    uv : ndarray, shape (N, 2)
+        Places on the outlines, pixels of the view's frames.
+    normal : ndarray, shape (N, 2)
+        Outward, of length one.
+    points_cam : ndarray, shape (N, 3)
+        The points of the parts at these places, in camera axes, metres.
+    length : ndarray, shape (N,)
+        Of the outline that each line stands for, metres.
+    shift : ndarray, shape (N,)
+        How far outward the body ends, pixels.
+    weight : ndarray, shape (N,)
+        Inverse variance of the shift, robust; pixels^-2.
+    """
+
+    frame: Indices
+    part: Indices
+    uv: Array
+    normal: Array
+    points_cam: Array
+    length: Array
+    shift: Array
+    weight: Array
+
+    def wrenches(self, camera: Camera) -> Array:
+        """Rows of the shifts against twists in camera axes, shape (N, 6)."""
+        focal = camera.matrix[[0, 1], [0, 1]].astype(np.float32)
+        return wrenches(self.points_cam.astype(np.float32), self.normal.T.astype(np.float32), focal).astype(float)
+
+    def products(self, rows: Array, n: int, P: int) -> Array:
+        """Weighted sums of the products of the lines' rows (N, k) with themselves, per frame and part, (n, P, k, k)."""
+        ends = np.searchsorted(self.frame * P + self.part, np.arange(n * P + 1))
+        return summed_products(rows.T, self.weight * self.length, ends).reshape(n, P, rows.shape[1], -1)
+
+
+@dataclass(frozen=True, eq=False)
+class OutlineSums:
+    """Normal equations of the twists of P parts in n frames.
+
+    Attributes
+    ----------
+    H : ndarray, shape (n, P, 6, 6)
+        Sums of products of wrenches about the world's origin per metre of outline.
+    g : ndarray, shape (n, P, 6)
+        Gradient of half the energy.
+    energy : ndarray, shape (n,)
+    """
+
+    H: Array
+    g: Array
+    energy: Array
+
+
+def outline_sums(
+    camera: Camera,
+    first: int,
+    foreground: NDArray[np.uint8],
+    labels: LabelImages,
+    stride: int,
+    reach: int,
+    tolerance: float,
+    halo: float = 0.0,
+) -> OutlineSums:
+    """Sum the outline evidence of n frames of one view, of which `first` is the first shot frame; other parameters as
+    of `outline_lines`."""
+    lines = outline_lines(camera, foreground, labels, stride, reach, tolerance, halo)
+    n, P = labels.share.shape
+    sums = lines.products(np.concatenate([lines.wrenches(camera), -lines.shift[:, None]], axis=1), n, P)
+    A = camera_twist(*camera.poses(first, n))[:, None]
+    A_t = np.swapaxes(A, -1, -2)
+    return OutlineSums(A_t @ sums[..., :6, :6] @ A, (A_t @ sums[..., :6, 6:])[..., 0], sums[..., 6, 6].sum(axis=1))
+
+
+def outline_lines(
+    camera: Camera,
+    foreground: NDArray[np.uint8],
+    labels: LabelImages,
+    stride: int,
+    reach: int,
+    tolerance: float,
+    halo: float = 0.0,
+) -> Lines:
+    """Look for the body's outline along lines across the model's.
+
+    Parameters
+    ----------
+    camera : Camera
+        Of the view's reduced, rectified frames.
+    foreground : ndarray of uint8, shape (n, h, w)
+        See `core.evidence.foreground`.
+    labels : LabelImages
+        Of the n frames, with every stride-th pixel.
+    reach : int
+        Half length of the lines, pixels.
+    tolerance : float
+        Of the robust weights: 1 near the solution, more far from it.
+    halo : float
+        How far the foreground images show the body beyond its edge, pixels.
+    """
+    frame, part, uv, normal, z, length = _against_background(labels, stride)
+    places = np.arange(-reach, reach + 1)
+    ratio = _along(foreground, labels, frame, uv, normal, places, stride)
+    inside = np.cumsum(ratio, axis=1)
+    score = CONTRAST * (2 * inside - inside[:, -1:])  # of an end between a place and the next: inside less outside
+    likely = np.exp(score - score.max(axis=1, keepdims=True, initial=-np.inf))
+    likely /= likely.sum(axis=1, keepdims=True)
+    ends = places + 0.5 - halo
+    shift = likely @ ends
+    variance = (likely * (ends - shift[:, None]) ** 2).sum(axis=1) + EDGE_DEVIATION**2
+    ignorance = len(places) ** 2 / 12 + EDGE_DEVIATION**2  # of a line along which nothing is seen
+    information = np.maximum(1 / variance - 1 / ignorance, 0)
+    focal = camera.matrix[[0, 1], [0, 1]]
+    model = (MODEL_DEVIATION * focal.mean() / z) ** 2
+    farthest = np.minimum(BISQUARE * tolerance * np.sqrt(model + EDGE_DEVIATION**2), _FARTHEST * reach)
+    robust = np.maximum(1 - (shift / farthest) ** 2, 0) ** 2
+    points = np.concatenate([(uv - camera.matrix[:2, 2]) / focal * z[:, None], z[:, None]], axis=1)
+    weight = robust * information / (1 + information * model)
+    return Lines(frame, part, uv, normal, points, length * z / focal.mean(), shift, weight)
+
+
+def _against_background(labels: LabelImages, stride: int) -> tuple[Indices, Indices, Array, Array, Array, Array]:
+    """Frame, part, place, outward normal, depth and length in pixels of the pieces of outline that part the body from
+    the background."""
+    outlines, after = labels.outlines, labels.outlines.following
+    group = outlines.group
+    a, z_a = stride * outlines.uv, outlines.depth
+    step, z_b = a[after] - a, z_a[after]
+    length = np.hypot(*step.T)
+    spacing = SPACING * stride
+    pieces = np.where(length > 0.1 * spacing, np.ceil(length / spacing), 0).astype(np.intp)
+    edge = np.repeat(np.arange(len(a)), pieces)
+    t = (np.arange(len(edge)) - np.repeat(np.cumsum(pieces) - pieces, pieces) + 0.5) / pieces[edge]
+    along = step[edge]
+    uv, z = a[edge] + along * t[:, None], 1 / ((1 - t) / z_a[edge] + t / z_b[edge])
+    # Outlines go clockwise as the picture is seen: outward lies to the left.
+    normal = np.stack([along[:, 1], -along[:, 0]], axis=1) / length[edge, None]
+    frame, part = np.divmod(group[edge], labels.share.shape[1])
+    within = labels.part_at(frame, *(uv - 0.75 * stride * normal).T / stride) == part
+    beyond = labels.part_at(frame, *(uv + stride * normal).T / stride) == -1
+    kept = within & beyond
+    return frame[kept], part[kept], uv[kept], normal[kept], z[kept], (length / np.maximum(pieces, 1))[edge][kept]
+
+
+def _along(
+    foreground: NDArray[np.uint8],
+    labels: LabelImages,
+    frame: Indices,
+    uv: Array,
+    normal: Array,
+    places: NDArray[np.int_],
+    stride: int,
+) -> Array:
+    """Log likelihood ratios along the lines, shape (N, len(places)); 0 where the model does not foretell them: another
+    part beyond the outline, or background within."""
+    across = places.astype(np.float32)
+    place, outward = uv.astype(np.float32), normal.astype(np.float32)
+    u, v = (place[:, k, None] + outward[:, k, None] * across for k in range(2))
+    n, height, width = foreground.shape
+    stacked = foreground.reshape(n * height, width)
+    seen = interpolated(stacked, stacked_places(u, v, frame[:, None], height), u.shape)
+    label = labels.part_at(frame[:, None], u / np.float32(stride), v / np.float32(stride))
+    foretold = (label == -1) == (places > 0)
+    foretold |= np.abs(places) <= stride
+    return np.where(foretold & (label != -2), log_ratio(seen), 0.0)

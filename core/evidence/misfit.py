@@ -1,0 +1,95 @@
+"""Misfit: what the pictures show of a performer and the model leaves uncovered."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .foreground import log_ratio
+from .gradients import Poses
+from .label_images import Geometry, render_labels
+from .view_frames import ViewFrames, telling
+
+Array = NDArray[np.float64]
+
+NEAR = 0.2
+"""How far from the model uncovered foreground counts as the performer's, metres."""
+SURE = 2.0
+"""Log likelihood ratio at which a pixel counts as foreground in full."""
+_STRIDE = 4
+_WORKERS = 2
+
+
+def uncovered_gaps(
+    views: Sequence[ViewFrames],
+    geometry: Geometry,
+    poses: Mapping[float, Poses],
+    first: int,
+    spans: Sequence[slice],
+    known: NDArray[np.intp],
+) -> Array:
+    """How far the performers' outlines lie, on the average, outside of the model's, metres.
+
+    It is the uncovered foreground near the model over the length of the model's outline, less what there is of it on
+    the frames whose poses are known: clothes, shadows and bystanders that the model does not have.
+
+    Parameters
+    ----------
+    views : sequence of ViewFrames
+        Those without foreground images say nothing.
+    geometry : Geometry
+        Of all performers.
+    poses : mapping of float to tuple
+        World poses of all parts on F frames, by the delay of the views that show them.
+    first : int
+        Shot frame of the first of them.
+    spans : sequence of slice
+        The parts of each of N performers.
+    known : ndarray of int, shape (K,)
+        The frames, of the F, whose poses are known.
+
+    Returns
+    -------
+    ndarray, shape (N, F)
+    """
+    frames = len(next(iter(poses.values()))[0])
+    shown = telling(views)
+    if not shown:
+        return np.zeros((len(spans), frames))
+    with ThreadPoolExecutor(_WORKERS) as pool:
+        gaps_of = partial(_view_gaps, geometry=geometry, first=first, spans=spans)
+        found = np.stack(list(pool.map(lambda view: gaps_of(view, poses=poses[view.delay]), shown)))
+    gaps = np.nansum(found, axis=0) / np.maximum(np.isfinite(found).sum(axis=0), 1)
+    if len(known):
+        gaps -= np.stack([np.interp(np.arange(frames), known, row[known]) for row in gaps])
+    return np.maximum(gaps, 0.0)
+
+
+def _view_gaps(view: ViewFrames, geometry: Geometry, poses: Poses, first: int, spans: Sequence[slice]) -> Array:
+    """One view's gaps (N, F), metres; NaN where it does not see a performer."""
+    R, T = poses
+    labels = render_labels(geometry, view.camera.subsampled(_STRIDE), first, R, T)
+    scale = view.pixels_per_metre(T.mean(axis=(0, 1)), first) / _STRIDE
+    left, top, right, bottom = labels.box()
+    margin = int(np.ceil(NEAR * scale)) + 1
+    window = (
+        slice(None),
+        slice(max(top - margin, 0), bottom + margin),
+        slice(max(left - margin, 0), right + margin),
+    )
+    part = labels.part[window]
+    ratio = log_ratio(view.foreground_at(first, len(T))[:, ::_STRIDE, ::_STRIDE][window])
+    shown = np.where(part < 0, np.clip(ratio / SURE, 0, 1), np.float32(0))
+    gaps = np.full((len(spans), len(T)), np.nan)
+    for n, span in enumerate(spans):
+        models = (part >= span.start) & (part < span.stop)
+        for f in np.flatnonzero(models.any(axis=(1, 2))):
+            beyond = cv2.distanceTransform((~models[f]).astype(np.uint8), cv2.DIST_L2, 3)
+            outline = np.count_nonzero((beyond > 0) & (beyond < 1.2))
+            gaps[n, f] = float(shown[f][beyond < NEAR * scale].sum()) / max(outline, 1) / scale
+    return gaps

@@ -1,0 +1,113 @@
+"""How far the key poses and the footage are out of step.
+
+Key poses that were measured, or that belong to a shot whose views were put in step by whole frames, may show an instant
+a little after their frame, or before it. The outlines of what moves then lie ahead of the body's on the key frames, in
+proportion to its speed; what is wrong with the body's shape lies on all key frames alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body import Body, part_poses, twist_jacobian
+from ..body.kinematics import scene_poses
+from ..body.motion import Motion
+from .label_images import Geometry
+from .part_shapes import PRIOR, outline_system, stretched
+from .view_frames import ViewFrames
+
+Array = NDArray[np.float64]
+
+DEVIATION = 0.5 / np.sqrt(3)
+"""Usual offset, frames: anything within half a frame, as the nearest frame leaves it."""
+LEAST = 0.1
+"""A smaller offset is left alone, frames: it is hardly told from none, and poses between frames cost time."""
+ITERATIONS = 2
+
+
+@dataclass(frozen=True)
+class Offset:
+    """An offset of the footage, frames (see `core.shot.shot.Settings`), and its inverse variance as measured."""
+
+    value: float = 0.0
+    precision: float = 0.0
+
+    @classmethod
+    def likeliest(cls, measured: Iterable[Offset]) -> Offset:
+        """What measurements and the usual offset say together; none where that is next to nothing."""
+        found = list(measured)
+        precision = sum(offset.precision for offset in found) + DEVIATION**-2
+        value = sum(offset.precision * offset.value for offset in found) / precision
+        return cls(float(np.clip(value, -0.5, 0.5)) if abs(value) >= LEAST else 0.0, precision)
+
+
+def key_frame_offset(
+    views: Sequence[ViewFrames],
+    geometry: Geometry,
+    bodies: Sequence[Body],
+    motions: Sequence[Motion],
+    first: int,
+    keys: Sequence[int],
+    correlation: float,
+) -> Offset:
+    """Measure the offset on key frames, together with the shape of the parts.
+
+    Parameters
+    ----------
+    views : sequence of ViewFrames
+        With foreground images.
+    geometry : Geometry
+        Of all performers' parts, as the bodies have them.
+    bodies : sequence of Body
+    motions : sequence of Motion
+        F tracked poses per performer: how fast everything moves.
+    first : int
+        Shot frame of the first of them.
+    keys : sequence of int
+        Of the F, those with a key pose of the whole body.
+    correlation : float
+        How long a piece of outline counts as one, metres.
+    """
+    if len(motions[0]) < 4 or not views or not len(keys):
+        return Offset()
+    posed = [motion[np.asarray(keys)] for motion in motions]
+    rates = [_rates(motion, keys) for motion in motions]
+    frames = [first + key for key in keys]
+    delays = {view.delay for view in views}
+    offset = precision = 0.0
+    for _ in range(ITERATIONS):
+        shown = {d: [pose.moved((d - offset) * rate) for pose, rate in zip(posed, rates, strict=True)] for d in delays}
+        poses = {d: scene_poses(bodies, there) for d, there in shown.items()}
+        twists = {d: _twists(bodies, there, rates) for d, there in shown.items()}
+        H, g = outline_system(views, geometry, poses, frames, twists)
+        shapes = np.linalg.solve(H[:, :6, :6] + PRIOR, np.stack([g[:, :6], H[:, :6, 6]], axis=-1))
+        by_shape = np.einsum("pi,pik->k", H[:, :6, 6], shapes)
+        precision = float(H[:, 6, 6].sum() - by_shape[1])
+        if precision <= 0:
+            return Offset()
+        ahead = (g[:, 6].sum() - by_shape[0]) / precision
+        offset = float(np.clip(offset - ahead, -1.0, 1.0))
+        geometry = stretched(geometry, shapes[..., 0] - shapes[..., 1] * ahead)
+    return Offset(offset, precision / correlation)
+
+
+def _rates(motion: Motion, frames: Sequence[int]) -> Array:
+    """Increments per frame on some of at least four frames, (K, D), from those around; key poses at the ends, which may
+    be out of step with what is beside them, are not among these."""
+    last = len(motion) - 1
+    before = np.clip(np.asarray(frames) - 1, 1, last - 2)
+    after = np.clip(np.asarray(frames) + 1, 2, last - 1)
+    return motion[before].difference(motion[after]) / (after - before)[:, None]
+
+
+def _twists(bodies: Sequence[Body], motions: Sequence[Motion], rates: Sequence[Array]) -> Array:
+    """Twists of all performers' parts per frame, (K, P, 6)."""
+    found = []
+    for body, motion, rate in zip(bodies, motions, rates, strict=True):
+        J = twist_jacobian(body, *part_poses(body, motion))
+        found.append(np.einsum("kpid,kd->kpi", J, rate))
+    return np.concatenate(found, axis=1)

@@ -1,0 +1,182 @@
+"""Reduced frames of a view, and the brightness and gradient images made of them when they are needed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.camera import Camera
+
+Image = NDArray[np.float32]
+
+MARGIN = 6
+"""How far around what is looked for a frame is looked at, pixels."""
+KEPT_BYTES = 32 << 20
+"""Most that a view keeps of a stretch's gradient images; the next iteration's performers are nearly where they were."""
+_NEAREST = 0.5  # metres before the camera, where sizes are told
+_ROW = 256
+_STEPS = 1 << cv2.INTER_BITS
+
+
+@dataclass(frozen=True, eq=False)
+class GradientImages:
+    """One window of n frames as the evidence needs it: brightness 0 to 1 and its derivatives per pixel.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n h, w, 3)
+        Brightness and its derivatives by u and v, the windows one below the other.
+    count : int
+        n.
+    origin : tuple of int
+        The frames' pixel (u, v) that is the window's first.
+    """
+
+    values: Image
+    count: int
+    origin: tuple[int, int] = (0, 0)
+
+    @classmethod
+    def of(cls, grey: NDArray[np.uint8], sigma: float, origin: tuple[int, int] = (0, 0)) -> GradientImages:
+        """From windows of 8 bits (n, h, w), smoothed by a Gaussian of `sigma` pixels."""
+        values = np.empty((*grey.shape, 3), np.float32)
+        for image, out in zip(grey, values, strict=True):
+            smooth = cv2.GaussianBlur(image * np.float32(1 / 255), (0, 0), sigma)
+            du, dv = (cv2.Scharr(smooth, cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1)))
+            cv2.merge((smooth, du, dv), out)
+        return cls(values.reshape(-1, grey.shape[2], 3), len(grey), origin)
+
+    @property
+    def height(self) -> int:
+        return self.values.shape[0] // self.count
+
+    def shows(self, box: tuple[int, int, int, int]) -> bool:
+        """Whether a box (left, top, right, bottom) of the frames lies within the window."""
+        (left, top), width = self.origin, self.values.shape[1]
+        return left <= box[0] and top <= box[1] and box[2] <= left + width and box[3] <= top + self.height
+
+    def sample(self, image: NDArray[np.intp], pixels: Image) -> Image:
+        """Brightness and derivatives at sub-pixel places, bilinear.
+
+        Parameters
+        ----------
+        image : ndarray of int, shape (N,)
+            Which of the n frames.
+        pixels : ndarray of float32, shape (N, 2)
+            Places in the frame; beyond the window, the window's edge is taken.
+
+        Returns
+        -------
+        ndarray of float32, shape (3, N)
+        """
+        u, v = pixels.T - np.array(self.origin, np.float32)[:, None]
+        places = stacked_places(u, v, image, self.height)
+        return interpolated(self.values, places, u.shape).T
+
+    def at(self, image: NDArray[np.intp], pixels: NDArray[np.intp]) -> Image:
+        """Brightness and derivatives at whole pixels (N, 2) within the window, shape (3, N)."""
+        u, v = pixels.T
+        index = (v - self.origin[1] + image * self.height) * self.values.shape[1] + u - self.origin[0]
+        return self.values.reshape(-1, 3).take(index, axis=0).T
+
+
+def stacked_places(
+    u: NDArray[np.floating], v: NDArray[np.floating], image: NDArray[np.intp], height: int
+) -> NDArray[np.float32]:
+    """Places in images that stand one below the other, as `interpolated` takes them.
+
+    A place above or below its image is taken at the image's edge; `image` is broadcast to the places.
+    """
+    places = np.zeros((2, (u.size // _ROW + 1) * _ROW), np.float32)  # OpenCV takes no more than 32767 rows
+    places[0, : u.size] = u.ravel()
+    # As OpenCV rounds them; in single precision, a place far down the stack would be rounded otherwise.
+    row = np.clip(v, 0, height - 1).astype(np.float32) * np.float32(_STEPS)
+    np.rint(row, out=row)
+    row *= np.float32(1 / _STEPS)
+    row += (image * height).astype(np.float32)
+    places[1, : u.size] = row.ravel()
+    return places.reshape(2, -1, _ROW)
+
+
+def interpolated(image: NDArray[Any], places: Image, shape: tuple[int, ...]) -> NDArray[Any]:
+    """An image's bilinear values at the places that `stacked_places` made of arrays of that shape; an image of several
+    channels gives so many values each."""
+    values = cv2.remap(image, places[0], places[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    channels = image.shape[2:]
+    return values.reshape(-1, *channels)[: math.prod(shape)].reshape(*shape, *channels)
+
+
+@dataclass(frozen=True, eq=False)
+class ViewFrames:
+    """Some consecutive frames of a view, reduced and rectified.
+
+    Attributes
+    ----------
+    camera : Camera
+        Of the reduced frames, without distortion.
+    grey : ndarray of uint8, shape (N, h, w)
+    first : int
+        Shot frame of the first of them.
+    foreground : ndarray of uint8, shape (N, h, w), optional
+        See `core.evidence.foreground`.
+    halo : float
+        How far the foreground images show the body beyond its edge, pixels.
+    delay : float
+        How much later than the shot's frames these were taken, frames; see `core.body.time_shift`.
+    """
+
+    camera: Camera
+    grey: NDArray[np.uint8]
+    first: int
+    foreground: NDArray[np.uint8] | None = None
+    halo: float = 0.0
+    delay: float = 0.0
+    _kept: dict[tuple[int, int], tuple[float, GradientImages]] = field(default_factory=dict, init=False, repr=False)
+
+    def images(self, first: int, count: int, sigma: float, box: tuple[int, int, int, int]) -> GradientImages:
+        """The gradient images of consecutive shot frames within a box (left, top, right, bottom) and around it."""
+        margin, (height, width) = MARGIN + int(np.ceil(2 * sigma)), self.grey.shape[1:]
+        left, top = max(box[0] - margin, 0), max(box[1] - margin, 0)
+        right, bottom = min(box[2] + margin, width), min(box[3] + margin, height)
+        kept_sigma, kept = self._kept.get((first, count), (0.0, None))
+        if kept is not None and kept_sigma == sigma and kept.shows((left, top, right, bottom)):
+            return kept
+        left, top = max(left - MARGIN, 0), max(top - MARGIN, 0)  # a little more, for the next time
+        start = first - self.first
+        window = self.grey[start : start + count, top : bottom + MARGIN, left : right + MARGIN]
+        images = GradientImages.of(window, sigma, (left, top))
+        self._keep(first, sigma, images)
+        return images
+
+    def _keep(self, first: int, sigma: float, images: GradientImages) -> None:
+        """Keep gradient images instead of those that show some of the same pairs of frames."""
+        stop = first + images.count
+        for start, count in list(self._kept):
+            if min(start + count, stop) - max(start, first) > 1:
+                self._kept.pop((start, count), None)  # another run may have done it
+        # The same are kept whichever thread comes first: what lies beyond a window's edge depends on it.
+        windows = 1 + (first - self.first) / max(images.count - 1, 1)
+        if windows * images.values.nbytes <= KEPT_BYTES:
+            self._kept[first, images.count] = sigma, images
+
+    def foreground_at(self, first: int, count: int) -> NDArray[np.uint8]:
+        """The foreground images of consecutive shot frames, shape (count, h, w)."""
+        assert self.foreground is not None
+        start = first - self.first
+        return self.foreground[start : start + count]
+
+    def pixels_per_metre(self, point_world: NDArray[np.float64], frame: int) -> float:
+        """How large a metre that faces the camera is at a point; of points behind it, as before it."""
+        R, t = self.camera.pose(frame)
+        return float(self.camera.matrix[[0, 1], [0, 1]].mean() / max((R @ point_world + t)[2], _NEAREST))
+
+
+def telling(views: Sequence[ViewFrames]) -> list[ViewFrames]:
+    """The views that know how the performers look: those with foreground images."""
+    return [view for view in views if view.foreground is not None]

@@ -1,0 +1,1 @@
+"""Bodies and cameras fitted to key poses."""

@@ -1,0 +1,231 @@
+"""Cameras refined from the performer: moved until the outlines of the key poses lie on those of the footage.
+
+On the frames with a key pose it is known how the body stands, so its outline in a picture tells where the camera is.
+Unknown beside the cameras are the shapes of the parts and small errors of the key poses, which all views share: what
+every camera sees alike is not taken for an error of each. Coarse to fine, by Gauss-Newton over all of them at once;
+the colours of performers and background are learned anew on the way. See `core.fitting.resection`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body.time_shift import poses_after
+from ..cameras.camera import Camera
+from ..errors import CalibrationError
+from ..evidence.gradients import wrenches
+from ..runtime.progress import Progress, report_progress
+from ..runtime.threads import one_blas_thread
+from ..shot.footage import check_view, frames_at, shown_delay, working_factor
+from ..shot.keypose_spline import spline
+from ..shot.shot import Shot, View
+from ..tracking.segments import whole_keys
+from .resection import Look, State, System, normal_equations, on_frames
+
+Array = NDArray[np.float64]
+
+SETTLED = 0.05
+"""A stage ends when no camera moves the body's picture by more than this, pixels of the reduced frames."""
+LOST = 0.3
+"""A view that shows the performers' outlines less clearly than this beside the model's stays as it was: they are
+elsewhere."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One step from coarse to fine.
+
+    Attributes
+    ----------
+    reach : float
+        How far from the model's outlines the body's are looked for, metres.
+    tolerance : float
+        Of the robust weights: 1 near the solution, more far from it.
+    iterations : int
+        At most.
+    """
+
+    reach: float
+    tolerance: float
+    iterations: int
+
+
+STAGES = (Stage(0.40, 4.0, 8), Stage(0.25, 4.0, 4), Stage(0.15, 2.0, 4), Stage(0.10, 1.0, 6))
+
+
+@dataclass(frozen=True, eq=False)
+class RefinedCamera:
+    """How one camera came out.
+
+    Attributes
+    ----------
+    camera : Camera
+    shift : float
+        How far its picture of the performers' joints on the key frames moved, root mean square, pixels.
+    deviation : float
+        Standard deviation of that picture, pixels; infinite where no joint is before the camera.
+    position_deviation, rotation_deviation : float
+        Standard deviations of the optical centre, metres, and of the orientation, radians, along and about the worst
+        axis.
+    focal_deviation : float
+        Standard deviation of the focal length, relative.
+    clearness : float
+        How clearly it shows the performers' outlines where the key poses are, 0 to 1.
+    """
+
+    camera: Camera
+    shift: float
+    deviation: float
+    position_deviation: float
+    rotation_deviation: float
+    focal_deviation: float
+    clearness: float
+
+    @property
+    def lost(self) -> bool:
+        """Whether it shows the performers elsewhere than where the key poses are, or not at all; it is as it was."""
+        return self.clearness < LOST
+
+
+@dataclass(frozen=True, eq=False)
+class Refinement:
+    """Refined cameras.
+
+    Attributes
+    ----------
+    views : tuple of RefinedCamera
+        In the order of the shot's views.
+    frames : ndarray of int
+        Shot frames whose key poses were used.
+    """
+
+    views: tuple[RefinedCamera, ...]
+    frames: NDArray[np.int64]
+
+    @property
+    def cameras(self) -> dict[str, Camera]:
+        """The refined cameras by their names."""
+        return {view.camera.name: view.camera for view in self.views}
+
+    def applied(self, shot: Shot) -> Shot:
+        """The shot with the refined cameras."""
+        views = [replace(view, camera=found.camera) for view, found in zip(shot.views, self.views, strict=True)]
+        return replace(shot, views=tuple(views))
+
+
+@one_blas_thread()
+def refine_cameras(shot: Shot, progress: Progress | None = None) -> Refinement:
+    """Refine the pose and the focal length of every camera of a shot from its key poses of the whole body.
+
+    The key poses tell where the world is: they stay as they are. A moving camera is moved and turned alike on all
+    frames, in its own axes.
+
+    Parameters
+    ----------
+    shot : Shot
+    progress : callable, optional
+        See `core.runtime.progress.Progress`; returning False cancels.
+
+    Raises
+    ------
+    CalibrationError
+        There is no key pose of the whole body, or no camera sees one.
+    FootageError
+        See `core.tracking.tracker.track`.
+    CancelledError
+    """
+    frames = whole_keys(shot, 0, shot.length - 1)
+    if not len(frames):
+        todo = "pose the whole body on some frames first"
+        raise CalibrationError("cameras are refined from key poses of the whole body, and there is none", todo=todo)
+    looks = look_at_keys(shot, frames, progress)
+    state = start = _start(shot, looks, frames)
+    for s, stage in enumerate(STAGES):
+        for i in range(stage.iterations):
+            report_progress(progress, "refining cameras", (s + i / stage.iterations) / len(STAGES))
+            system = normal_equations(state, looks, stage.reach, stage.tolerance, shot.settings.outline_correlation)
+            before, state = state, state.moved(system.step(state))
+            if max(_shift(before, state, look, v) / look.factor for v, look in enumerate(looks)) < SETTLED:
+                break
+    report_progress(progress, "refining cameras", 1.0)
+    covariance = system.covariance(state)
+    views = tuple(_described(start, state, look, v, system, covariance) for v, look in enumerate(looks))
+    if all(view.lost for view in views):
+        todo = "see that the key poses lie on the performers"
+        raise CalibrationError("no camera shows the performers where the key poses are", todo=todo)
+    return Refinement(views, frames)
+
+
+def look_at_keys(shot: Shot, frames: NDArray[np.int64], progress: Progress | None) -> list[Look]:
+    """What every view shows of the key frames.
+
+    Raises
+    ------
+    FootageError
+        See `core.tracking.tracker.track`.
+    CancelledError
+    """
+    looks = []
+    for v, view in enumerate(shot.views):
+        check_view(view, shot.frames[0], shot.length)
+        report_progress(progress, "footage", v / len(shot.views))
+        looks.append(_look(view, shot, frames))
+    return looks
+
+
+def _look(view: View, shot: Shot, frames: NDArray[np.int64]) -> Look:
+    """What a view shows, decoded once; rectified only later, as the focal length changes."""
+    factor = working_factor(view, shot.settings.working_size)
+    as_stored = replace(view, camera=view.camera.rectified())
+    pictures = frames_at(as_stored, [shot.frames[0] + int(f) for f in frames], factor, grey=False)
+    return Look(frames, np.stack(list(pictures)), factor, shown_delay(view, shot.settings))
+
+
+def _start(shot: Shot, looks: list[Look], frames: NDArray[np.int64]) -> State:
+    """The cameras, bodies and key poses as they are."""
+    curves = [spline(performer.key_poses, shot.length) for performer in shot.performers]
+    motions = {look.delay: tuple(poses_after(curves, look.delay, frames)) for look in looks}
+    bodies = [performer.body for performer in shot.performers]
+    return State.start([view.camera for view in shot.views], bodies, motions)
+
+
+def _shift(before: State, after: State, look: Look, view: int) -> float:
+    """How far apart two states' cameras show the same joints, root mean square, pixels."""
+    joints = before.joints(look.delay)
+    cameras = [on_frames(state.cameras[view].rectified(), look.frames) for state in (before, after)]
+    one, other = (np.stack([c.project(points, k) for k, points in enumerate(joints)]) for c in cameras)
+    squared = np.sum((one - other) ** 2, axis=-1)
+    squared = squared[np.isfinite(squared)]  # of joints before both cameras
+    return float(np.sqrt(squared.mean())) if len(squared) else 0.0
+
+
+def _described(start: State, end: State, look: Look, view: int, system: System, covariance: Array) -> RefinedCamera:
+    clearness = float(system.clearness[view])
+    state = start if clearness < LOST else end
+    columns = state.camera_columns(view)
+    own = covariance[np.ix_(columns, columns)]
+    rows = _picture_rows(on_frames(state.cameras[view].rectified(), look.frames), state.joints(look.delay))
+    return RefinedCamera(
+        state.cameras[view],
+        _shift(start, state, look, view),
+        float(np.sqrt(np.einsum("nij,jk,nik->", rows, own, rows) / len(rows))) if len(rows) else np.inf,
+        float(np.sqrt(np.linalg.eigvalsh(own[:3, :3])[-1])),
+        float(np.sqrt(np.linalg.eigvalsh(own[3:6, 3:6])[-1])),
+        float(np.sqrt(own[6, 6])),
+        clearness,
+    )
+
+
+def _picture_rows(camera: Camera, points_world: Array) -> Array:
+    """Derivatives of the pictures of points (K, N, 3) by a camera's unknowns, shape (M, 2, 7), of those before it."""
+    Rc, tc = camera.poses(0, len(points_world))
+    points = (points_world @ np.swapaxes(Rc, 1, 2) + tc[:, None]).reshape(-1, 3)
+    points = points[points[:, 2] > 0].astype(np.float32)
+    focal = camera.matrix[[0, 1], [0, 1]].astype(np.float32)
+    along = np.eye(2, dtype=np.float32)[..., None]
+    twist = np.stack([wrenches(points, slope, focal) for slope in along], axis=1)
+    radial = focal * points[:, :2] / points[:, 2:]
+    return np.concatenate([twist, radial[..., None]], axis=2).astype(float)

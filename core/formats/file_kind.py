@@ -1,0 +1,43 @@
+"""What a file that somebody hands us is."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Literal
+
+from ..errors import KFMocapError
+from .keypoint_documents import people
+from .toml_tables import read_toml
+
+Kind = Literal["shot", "capture", "calibration", "keypoints", "landmarks"]
+LANDMARKS = (".trc", ".c3d")
+_CAPTURE = {"lframe", "wand"}
+
+
+def file_kind(path: Path | str) -> Kind:
+    """Whether a file is a shot, a capture of L-frame and wand, 2D keypoints, 3D landmarks, or else may be a
+    calibration.
+
+    Raises
+    ------
+    KFMocapError
+        A TOML file cannot be read.
+    """
+    path = Path(path)
+    ending = path.suffix.lower()
+    if ending in LANDMARKS:
+        return "landmarks"
+    if ending != ".toml":
+        return "keypoints" if ending == ".json" and _has_people(path) else "calibration"
+    document = read_toml(path, "the file", KFMocapError)
+    if "shot" in document:
+        return "shot"
+    return "capture" if document.keys() >= _CAPTURE else "calibration"
+
+
+def _has_people(path: Path) -> bool:
+    try:
+        return people(json.loads(path.read_bytes())) is not None
+    except (OSError, ValueError, RecursionError, KeyError, TypeError, IndexError, AttributeError):
+        return False

@@ -1,0 +1,145 @@
+"""Reading 2D keypoints: a folder with a JSON file for every picture, or one JSON file for all."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import KeypointError
+from ..shot.detections import Detections
+from .keypoint_documents import Person, people, picture_number
+from .keypoint_layouts import LAYOUTS, layout_of
+
+KNOWN = "OpenPose, COCO, AlphaPose, MMPose, MediaPipe or YOLO"
+
+
+def read_keypoints(path: Path | str, size: tuple[int, int] | None = None, skip_broken: bool = False) -> Detections:
+    """Read what a detector found in the footage of one view; its format is told by its content.
+
+    Parameters
+    ----------
+    path : path
+        A JSON file, or a folder of them: one for every picture, with the frame as the last number in its name.
+    size : tuple of int, optional
+        Width and height of the footage, pixels: needed where places are shares of them (MediaPipe).
+    skip_broken : bool
+        Leave files of a folder that cannot be read out, and name them in the result, rather than refuse them all.
+
+    Raises
+    ------
+    KeypointError
+        A file cannot be read or is no keypoint file; names it.
+    """
+    path = Path(path)
+    if path.is_file():
+        return _gathered(_read(path), [], path, size)
+    files = sorted((f for f in _listed(path) if f.suffix.lower() == ".json"), key=lambda f: f.name)
+    if not files:
+        raise KeypointError("there is no .json file in the folder", where=str(path))
+    found: list[Person] = []
+    skipped: list[str] = []
+    for file in files:
+        try:
+            found += _numbered(_read(file), file)
+        except KeypointError as error:
+            if not skip_broken:
+                raise
+            skipped.append(f"{file}: {error.what}")
+    if len(skipped) == len(files):
+        raise KeypointError(f"none of the {len(files)} files can be read; the first: {skipped[0]}", where=str(path))
+    return _gathered(found, skipped, path, size)
+
+
+def _listed(path: Path) -> list[Path]:
+    try:
+        return list(path.iterdir())
+    except OSError as error:
+        raise KeypointError(f"keypoints cannot be read: {error.strerror}", where=str(path)) from error
+
+
+def _read(file: Path) -> list[Person]:
+    try:
+        document: Any = json.loads(file.read_bytes())
+        found = people(document)
+    except OSError as error:
+        raise KeypointError(f"keypoints cannot be read: {error.strerror}", where=str(file)) from error
+    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise KeypointError(f"is not a JSON file: {error}", where=str(file), todo=_SKIP) from error
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        what = f"the list of people is not whole: {type(error).__name__} {error}"
+        raise KeypointError(what, where=str(file), todo=_SKIP) from error
+    if found is None:
+        raise KeypointError("holds no keypoints", where=str(file), todo=f"known are files of {KNOWN}")
+    for person in found:
+        _check(person, file)
+    return found
+
+
+_SKIP = 'write it again, or leave such files out with broken_keypoints = "skip" in [track]'
+
+
+def _check(person: Person, file: Path) -> None:
+    count, rest = divmod(len(person.values), 3)
+    if rest or (person.names is None and count not in LAYOUTS):
+        known = ", ".join(map(str, LAYOUTS))
+        what = f"a person has {len(person.values)} numbers"
+        raise KeypointError(what, where=str(file), todo=f"known are x, y, confidence of {known} keypoints")
+    if person.names is not None and count != len(person.names):
+        raise KeypointError(f"a person has {count} keypoints, {len(person.names)} are named", where=str(file))
+    if not all(type(v) is float or type(v) is int for v in person.values):
+        raise KeypointError("a coordinate is not a number", where=str(file), todo=_SKIP)
+
+
+def _numbered(found: list[Person], file: Path) -> list[Person]:
+    """People of a folder's file: of one picture, whose number its name tells."""
+    if all(person.frame is not None for person in found):
+        return found
+    try:
+        frame = picture_number(file.name.replace("_keypoints", ""))
+    except ValueError as error:
+        todo = "name the files by the frames, as cam01_000012.json"
+        raise KeypointError("its name has no number", where=str(file), todo=todo) from error
+    return [Person(p.values, frame, p.track, p.normalised, p.names) for p in found]
+
+
+def _gathered(found: list[Person], skipped: Sequence[str], path: Path, size: tuple[int, int] | None) -> Detections:
+    """All people in one set of arrays, sorted by frame."""
+    found = sorted(found, key=lambda person: person.frame or 0)
+    names, table = _table(found)
+    if (shares := np.array([person.normalised for person in found], bool)).any():
+        if size is None:
+            raise KeypointError("its places are shares of a picture of unknown size", where=str(path))
+        table[shares, :, :2] = table[shares, :, :2] * size - 0.5  # from edge to edge; ours count from centre to centre
+    # Detectors write 0, 0 or no confidence for what they did not find.
+    missing = ~np.isfinite(table).all(axis=-1) | (table[..., 2] <= 0) | (table[..., :2] == 0).all(axis=-1)
+    table[missing] = [np.nan, np.nan, 0.0]
+    return Detections(
+        names,
+        np.array([person.frame or 0 for person in found], np.int64),
+        table[..., :2],
+        np.clip(table[..., 2], 0.0, 1.0),
+        np.array([person.track for person in found], np.int64),
+        tuple(skipped),
+    )
+
+
+def _table(found: Sequence[Person]) -> tuple[tuple[str, ...], NDArray[np.float64]]:
+    """Our names of all their keypoints, and (n, k, 3) x, y, confidence; NaN where a list has no such name."""
+    alike: dict[tuple[int, tuple[str, ...] | None], list[int]] = {}
+    for i, person in enumerate(found):
+        alike.setdefault((len(person.values), person.names), []).append(i)
+    groups = []
+    for (_, named), rows in alike.items():
+        values = np.array([found[i].values for i in rows], float).reshape(len(rows), -1, 3)
+        groups.append((rows, named or layout_of(values), values))
+    names = tuple(dict.fromkeys(name for _, layout, _ in groups for name in layout if name))
+    table = np.full((len(found), len(names), 3), np.nan)
+    for rows, layout, values in groups:
+        used = [k for k, name in enumerate(layout) if name]
+        table[np.ix_(rows, [names.index(layout[k]) for k in used])] = values[:, used]
+    return names, table

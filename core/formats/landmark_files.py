@@ -1,0 +1,50 @@
+"""3D landmarks of any file that we read, by the names of a body's landmarks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from ..body import Body
+from ..errors import LandmarkError
+from .c3d import read_c3d
+from .keypoint_layouts import landmark_of
+from .trc import Landmarks, read_trc
+
+
+def read_landmarks(path: Path | str, up: str = "auto") -> Landmarks:
+    """Read a TRC or a C3D file, told by its name's ending.
+
+    Raises
+    ------
+    LandmarkError
+        It is neither, or cannot be read.
+    """
+    ending = Path(path).suffix.lower()
+    if ending == ".c3d":
+        return read_c3d(path, up)
+    if ending == ".trc":
+        return read_trc(path)
+    raise LandmarkError(f"unknown ending '{ending}'", where=str(path), todo="landmarks are .trc or .c3d files")
+
+
+def landmarks_of(body: Body, found: Landmarks, where: str) -> Landmarks:
+    """Those landmarks that a body has, by its names: as they stand, in other capitals, after "subject:", or spoken out
+    as in "left_shoulder".
+
+    Raises
+    ------
+    LandmarkError
+        There are fewer than three.
+    """
+    own = {name.lower(): name for name in body.landmarks}
+    columns: dict[str, int] = {}
+    for i, label in enumerate(found.names):
+        plain = label.split(":")[-1].strip()
+        name = own.get(plain.lower()) or own.get(landmark_of(plain).lower())
+        if name is not None:
+            columns.setdefault(name, i)
+    if len(columns) < 3:
+        what = f"only {len(columns)} of its landmarks are the body's; it has {', '.join(found.names[:12])} ..."
+        raise LandmarkError(what, where=where, todo=f"name them {', '.join(list(body.landmarks)[:8])} ...")
+    return replace(found, names=tuple(columns), points_world=found.points_world[:, list(columns.values())])

@@ -1,0 +1,103 @@
+"""Laying the default body along points: every part's direction from its joints, its twist from how the limb bends.
+
+It is exact only where the points are as far apart as the body's joints; a start for a fit, in closed form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body import Body
+from ..body.motion import Motion
+from ..numerics import rotations
+
+Array = NDArray[np.float64]
+
+TRUNK = ("LHip", "RHip", "LShoulder", "RShoulder")
+LIMBS = (
+    ("upper_arm", "forearm", "Shoulder", "Elbow", "Wrist", 1.0, -0.3),
+    ("thigh", "shin", "Hip", "Knee", "Ankle", -1.0, 0.3),
+)
+"""Upper and lower part, their joints, the sign of the turn about the x axis that bends them, and the cosine of the
+farthest twist: points that say more are wrong."""
+STRAIGHT = (0.1, 0.3)
+"""Sine of the bend below which a limb is straight, and above which its bend tells the twist."""
+
+
+def laid_along(body: Body, names: Sequence[str], points_world: Array) -> Motion | None:
+    """Poses of the default body on points (F, L, 3), NaN where not known; None if it is another body, or too few of
+    the trunk's points are ever known."""
+    parts = {f"{part}.{side}" for upper, lower, *_ in LIMBS for part in (upper, lower) for side in "LR"}
+    known = {name: _filled(points_world[:, i]) for i, name in enumerate(names)}
+    known = {name: points for name, points in known.items() if np.isfinite(points).all()}
+    if not parts | {"pelvis", "spine", "chest"} <= set(body.names) or not set(TRUNK) <= set(known):
+        return None
+    hips, shoulders = (0.5 * (known["L" + joint] + known["R" + joint]) for joint in ("Hip", "Shoulder"))
+    pelvis = _frames(shoulders - hips, known["LHip"] - known["RHip"])
+    chest = _frames(shoulders - hips, known["LShoulder"] - known["RShoulder"])
+    spine = pelvis @ rotations.exp(0.5 * rotations.log(np.swapaxes(pelvis, -1, -2) @ chest))
+    world = {body.index("pelvis"): pelvis, body.index("spine"): spine, body.index("chest"): chest}
+    R = np.empty((len(hips), len(body), 3, 3))
+    for i, parent in enumerate(body.parents):
+        rest = body.R_parent_rest[i] if parent < 0 else R[:, parent] @ body.R_parent_rest[i]
+        R[:, i] = world.get(i, rest)
+        for upper, lower, *joints, sign, farthest in LIMBS:
+            for side in "LR":
+                if body.names[i] == f"{upper}.{side}" and all(side + str(joint) in known for joint in joints):
+                    a, b, c = (known[side + str(joint)] for joint in joints)
+                    first, second = _limb(R[:, i], b - a, c - b, float(sign), float(farthest))
+                    R[:, i], world[body.index(f"{lower}.{side}")] = first, second
+        if body.names[i][:5] == "foot." and (toe := f"{body.names[i][5]}BigToe") in known:
+            R[:, i] = _frames(known[toe] - known[f"{body.names[i][5]}Ankle"], R[:, i, :, 0])
+    Q = np.empty_like(R)
+    for i, parent in enumerate(body.parents):
+        rest = body.R_parent_rest[i] if parent < 0 else R[:, parent] @ body.R_parent_rest[i]
+        Q[:, i] = np.swapaxes(np.broadcast_to(rest, R[:, i].shape), -1, -2) @ R[:, i]
+    middle = np.mean([body.landmarks[side + "Hip"][1] + _joint(body, side + "Hip") for side in "LR"], axis=0)
+    return Motion(hips - R[:, 0] @ middle, rotations.orthonormal(Q))
+
+
+def _joint(body: Body, name: str) -> Array:
+    """The place of a landmark's part in its parent's frame: of a hip, in the pelvis's."""
+    return body.offsets[body.landmarks[name][0]]
+
+
+def _filled(points: Array) -> Array:
+    """Points over time (F, 3) with those that are not known put on the line between their neighbours."""
+    known = np.isfinite(points).all(axis=-1)
+    if not known.any():
+        return points
+    frames = np.arange(len(points))
+    return np.stack([np.interp(frames, frames[known], points[known, k]) for k in range(3)], axis=-1)
+
+
+def _frames(along: Array, across: Array) -> Array:
+    """Rotations whose y axis is `along` and whose x axis is as near `across` as can be, shape (F, 3, 3)."""
+    y = along / np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-9)
+    x = across - np.sum(across * y, axis=-1, keepdims=True) * y
+    x /= np.maximum(np.linalg.norm(x, axis=-1, keepdims=True), 1e-9)
+    return np.stack([x, y, np.cross(x, y)], axis=-1)
+
+
+def _limb(rest: Array, upper: Array, lower: Array, sign: float, farthest: float) -> tuple[Array, Array]:
+    """World rotations of both parts of a limb; one that is straight is twisted as little as can be."""
+    a, b = (v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-9) for v in (upper, lower))
+    hinge = sign * np.cross(a, b)
+    bend = np.linalg.norm(hinge, axis=-1, keepdims=True)
+    least = (_swing(rest[..., 1], a) @ rest[..., :1])[..., 0]
+    hinge /= np.maximum(bend, 1e-9)
+    share = np.clip((bend - STRAIGHT[0]) / (STRAIGHT[1] - STRAIGHT[0]), 0.0, 1.0)
+    share = np.where(np.sum(hinge * least, axis=-1, keepdims=True) > farthest, share, 0.0)
+    across = share * hinge + (1 - share) * least
+    return _frames(a, across), _frames(b, across)
+
+
+def _swing(a: Array, b: Array) -> Array:
+    """The shortest turns that take unit vectors a to b, shape (F, 3, 3)."""
+    axis = np.cross(a, b)
+    sine = np.linalg.norm(axis, axis=-1, keepdims=True)
+    angle = np.arctan2(sine, np.sum(a * b, axis=-1, keepdims=True))
+    return rotations.exp(axis / np.maximum(sine, 1e-9) * angle)

@@ -1,0 +1,260 @@
+"""2D keypoints as evidence: where a detector saw points of the body, by wrench accumulation.
+
+A keypoint is a point of a part. Its two residuals in the image, times its depth, are metres across the ray; their rows
+against the part's twist are the wrenches of the image's two axes, and add to the sums of the other evidence. What a
+detector calls a hip is not the joint's centre: every keypoint has a constant offset from its landmark in the part's
+frame, unknown like the motion and solved for with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body import Body, twist_jacobian
+from ..body.joint_blocks import single_blocks
+from ..evidence.gradients import Poses
+from ..numerics.banded_blocks import BandedBlocks
+
+Array = NDArray[np.float64]
+
+LEAST_DEVIATION = 0.006
+"""No keypoint is surer than this, metres."""
+USUAL_DEVIATION = 0.02
+"""Of keypoints of which too little is seen to tell, metres."""
+GROSS = 3.0
+"""Standard deviations at which a keypoint counts for a quarter of one that is right (Geman and McClure's error)."""
+OFFSET_DEVIATION = 0.03
+"""Usual distance of a keypoint from its landmark along each axis, metres: hips and shoulders lie deep in the body."""
+LIMB_OFFSET_DEVIATION = 0.01
+"""The same of joints of the limbs: they are thin there."""
+_LIMB = ("Elbow", "Wrist", "Knee", "Ankle")
+
+
+@dataclass(frozen=True, eq=False)
+class Keypoints:
+    """Keypoints of one performer on F frames, in V views.
+
+    Attributes
+    ----------
+    names : tuple of str, length L
+    rays : ndarray, shape (V, F, L, 2)
+        Places in the images at a distance of one: (x / z, y / z) in camera axes, without lens distortion. NaN where a
+        keypoint was not found.
+    confidence : ndarray, shape (V, F, L)
+        0 to 1.
+    R_cam_world, t_cam_world : ndarray, shape (V, F, 3, 3) and (V, F, 3)
+        Poses of the cameras.
+    """
+
+    names: tuple[str, ...]
+    rays: Array
+    confidence: Array
+    R_cam_world: Array
+    t_cam_world: Array
+
+    def __len__(self) -> int:
+        return self.rays.shape[1]
+
+    def __getitem__(self, frames: slice | Sequence[int] | NDArray) -> Keypoints:
+        """Those of some of the frames."""
+        return replace(
+            self,
+            rays=self.rays[:, frames],
+            confidence=self.confidence[:, frames],
+            R_cam_world=self.R_cam_world[:, frames],
+            t_cam_world=self.t_cam_world[:, frames],
+        )
+
+    def of_views(self, views: list[int]) -> Keypoints:
+        """Those of some of the views."""
+        R, t = self.R_cam_world[views], self.t_cam_world[views]
+        return Keypoints(self.names, self.rays[views], self.confidence[views], R, t)
+
+    def residuals(self, points_world: Array) -> Array:
+        """Metres across the rays from the keypoints to points (F, L, 3), shape (V, F, L, 2); NaN where not found."""
+        x = np.einsum("vfab,flb->vfla", self.R_cam_world, points_world) + self.t_cam_world[:, :, None]
+        z = np.where(x[..., 2] > 0.1, x[..., 2], np.nan)
+        return x[..., :2] - self.rays * z[..., None]
+
+    def across(self) -> Array:
+        """Derivatives of the residuals by the points, shape (V, F, L, 2, 3): each image axis, less what moving along
+        the ray takes away, in the world; as of a ray along the optical axis where a keypoint was not found."""
+        R = self.R_cam_world[:, :, None]
+        return R[..., :2, :] - np.nan_to_num(self.rays)[..., None] * R[..., 2:, :]
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Where the keypoints are on the body.
+
+    Attributes
+    ----------
+    parts : ndarray of int, shape (L,)
+    local : ndarray, shape (L, 3)
+        The landmarks in the frames of their parts, metres.
+    offsets : ndarray, shape (L, 3)
+        From there to what the detector means.
+    """
+
+    parts: NDArray[np.int64]
+    local: Array
+    offsets: Array
+
+    @classmethod
+    def on(cls, body: Body, names: Sequence[str]) -> Places:
+        placed = [place(body, name) for name in names]
+        local = np.array([point for _, point in placed], float).reshape(-1, 3)
+        return cls(np.array([part for part, _ in placed], np.int64), local, np.zeros_like(local))
+
+    def world(self, poses: Poses) -> Array:
+        """The keypoints in the world, metres, shape (F, L, 3)."""
+        R, T = poses
+        return np.einsum("flab,lb->fla", R[:, self.parts], self.local + self.offsets) + T[:, self.parts]
+
+
+_FACE = {"Eye": (0.11, 0.62, 0.17), "Ear": (0.26, 0.55, 0.0)}
+"""Left, up and forward in a head's frame, in lengths of the head."""
+
+
+def place(body: Body, name: str) -> tuple[int, Array]:
+    """The part that carries a keypoint, and the keypoint's landmark in its frame, metres."""
+    if name[1:] in _FACE and "Head" in body.landmarks:
+        part, top = body.landmarks["Head"]
+        left, up, forward = _FACE[name[1:]]
+        return part, float(np.linalg.norm(top)) * np.array([left if name[0] == "L" else -left, up, forward])
+    return body.landmarks[name]
+
+
+def carried(body: Body, name: str) -> bool:
+    """Whether the body has a place for a keypoint."""
+    return name in body.landmarks or (name[1:] in _FACE and "Head" in body.landmarks)
+
+
+def offset_deviation(name: str) -> float:
+    """Usual distance of a keypoint from its landmark along each axis, metres."""
+    return LIMB_OFFSET_DEVIATION if name.endswith(_LIMB) else OFFSET_DEVIATION
+
+
+@dataclass(frozen=True, eq=False)
+class KeypointSystem:
+    """Normal equations of the keypoints of one performer: of the poses, the offsets, and both.
+
+    Attributes
+    ----------
+    blocks : BandedBlocks
+        F frames of D degrees of freedom.
+    border : ndarray, shape (F, D, 3 L)
+        Poses against offsets.
+    corner : ndarray, shape (3 L, 3 L)
+    gradient : ndarray, shape (3 L,)
+        Of half the energy by the offsets.
+    """
+
+    blocks: BandedBlocks
+    border: Array
+    corner: Array
+    gradient: Array
+
+
+def deviations(residuals: Array, confidence: Array) -> Array:
+    """Robust standard deviation of every view's keypoints over the frames, metres, shape (V, L)."""
+    size = np.linalg.norm(residuals, axis=-1)
+    size[confidence <= 0] = np.nan
+    seen = np.isfinite(size).sum(axis=1)
+    with np.errstate(all="ignore"):
+        median = np.nan_to_num(np.nanquantile(np.where(seen[:, None] > 0, size, 0.0), 0.5, axis=1))
+    own = median / 1.1774  # of the length of two normal residuals
+    few = 10.0
+    return np.maximum((seen * own + few * USUAL_DEVIATION) / (seen + few), LEAST_DEVIATION)
+
+
+def robust_energy(residuals: Array, confidence: Array, deviation: Array) -> float:
+    """Sum of Geman and McClure's errors, in variances."""
+    error = np.sum(residuals**2, axis=-1) / deviation[:, None] ** 2
+    return float(np.nansum(confidence * error / (1 + error / GROSS**2)))
+
+
+def robust_weights(residuals: Array, confidence: Array, deviation: Array, tolerance: float = 1.0) -> Array:
+    """Weights of Geman and McClure's error over the variance, shape (V, F, L); 0 where a keypoint was not found."""
+    error = np.sum(residuals**2, axis=-1) / deviation[:, None] ** 2
+    weight = confidence / (1 + error / (GROSS * tolerance) ** 2) ** 2 / deviation[:, None] ** 2
+    return np.nan_to_num(weight)
+
+
+def keypoint_system(body: Body, poses: Poses, keypoints: Keypoints, places: Places, weights: Array) -> KeypointSystem:
+    """Sum the evidence of keypoints around poses and offsets.
+
+    Parameters
+    ----------
+    body : Body
+    poses : tuple
+        (R, T) of its P parts, F frames.
+    keypoints : Keypoints
+    places : Places
+    weights : ndarray, shape (V, F, L)
+    """
+    R, T = poses
+    F, L, D = len(T), len(keypoints.names), body.dof
+    points = places.world(poses)
+    residual = np.nan_to_num(keypoints.residuals(points))
+    across = keypoints.across()
+    wrench = np.concatenate([across, np.cross(points[None, :, :, None], across)], axis=-1)
+    weighted = wrench * weights[..., None, None]
+    H = np.einsum("vflka,vflkb->flab", weighted, wrench)
+    g = np.einsum("vflka,vflk->fla", weighted, residual)
+    shift = np.einsum("vflkb,flbc->vflkc", across, R[:, places.parts])
+    cross = np.einsum("vflka,vflkc->flac", weighted, shift)
+    corner = np.einsum("vflka,vflkb->lab", shift * weights[..., None, None], shift)
+    c = np.einsum("vflka,vflk,vfl->la", shift, residual, weights)
+
+    carrier = (places.parts == np.arange(len(body))[:, None]).astype(float)  # which part carries which keypoint
+    per_part = np.einsum("pl,flab->fpab", carrier, H), np.einsum("pl,fla->fpa", carrier, g)
+    blocks = single_blocks(body, poses, *per_part, float(np.sum(weights[..., None] * residual**2)))
+    J = twist_jacobian(body, R, T)[:, places.parts]  # (F, L, 6, D)
+    border = np.einsum("flad,flac->fdlc", J, cross).reshape(F, D, 3 * L)
+    prior = np.array([1 / offset_deviation(name) ** 2 for name in keypoints.names])[:, None]
+    full = np.zeros((L, 3, L, 3))
+    full[np.arange(L), :, np.arange(L)] = corner + prior[..., None] * np.eye(3)
+    gradient = c + prior * places.offsets
+    return KeypointSystem(blocks, border, full.reshape(3 * L, 3 * L), gradient.ravel())
+
+
+@dataclass(frozen=True, eq=False)
+class Pointers:
+    """What keypoints say of one performer, their offsets known.
+
+    Attributes
+    ----------
+    keypoints : Keypoints
+        On F frames.
+    places : Places
+    together : float
+        How many neighbouring frames err together and count as one.
+    """
+
+    keypoints: Keypoints
+    places: Places
+    together: float
+
+    def __getitem__(self, frames: slice) -> Pointers:
+        """Those of some of the frames."""
+        return replace(self, keypoints=self.keypoints[frames])
+
+    def agreement(self, poses: Poses) -> float:
+        """Mean weight of the keypoints, 0 to 1: how far they agree with poses."""
+        residual, confidence = self.keypoints.residuals(self.places.world(poses)), self.keypoints.confidence
+        usual = np.full((confidence.shape[0], confidence.shape[2]), USUAL_DEVIATION)
+        weights = robust_weights(residual, confidence, usual) * USUAL_DEVIATION**2
+        return float(weights.sum() / max(confidence.sum(), 1e-9))
+
+    def blocks(self, body: Body, poses: Poses, tolerance: float) -> BandedBlocks:
+        """The evidence around the poses; far from the solution, with a tolerance above 1, large errors still pull."""
+        keypoints = self.keypoints
+        residual = keypoints.residuals(self.places.world(poses))
+        deviation = deviations(residual, keypoints.confidence)
+        weights = robust_weights(residual, keypoints.confidence, deviation, tolerance) / self.together
+        return keypoint_system(body, poses, keypoints, self.places, weights).blocks

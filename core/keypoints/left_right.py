@@ -1,0 +1,64 @@
+"""Left and right: detectors take one for the other, of the legs, of the arms, or of the whole body."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..formats.keypoint_layouts import is_sided, mirrored
+from .keypoint_factor import Keypoints
+
+Array = NDArray[np.float64]
+
+GROUPS = (("Hip", "Knee", "Ankle", "BigToe", "Heel"), ("Shoulder", "Elbow", "Wrist", "Hand"), ("Eye", "Ear"))
+"""Landmarks whose sides are told together."""
+FARTHEST = 0.15
+"""A keypoint farther from where it is expected says nothing of its side, metres."""
+CLEAR = 0.6
+"""Sides are changed where that leaves less than this share of the error."""
+
+
+def righted(keypoints: Keypoints, points_world: Array) -> tuple[Keypoints, NDArray[np.bool_]]:
+    """Change the sides of keypoints where that brings them nearer to expected places.
+
+    Parameters
+    ----------
+    keypoints : Keypoints
+    points_world : ndarray, shape (F, L, 3)
+        Where the keypoints are expected; NaN where that is not known.
+
+    Returns
+    -------
+    keypoints : Keypoints
+    changed : ndarray of bool, shape (V, F, L)
+    """
+    other = swapped(keypoints)
+    own, turned = (_cost(k, points_world) for k in (keypoints, other))
+    changed = np.zeros(keypoints.confidence.shape, bool)
+    for group in GROUPS:
+        columns = [i for i, n in enumerate(keypoints.names) if is_sided(n) and n[1:] in group]
+        kept, given = own[..., columns].sum(axis=-1), turned[..., columns].sum(axis=-1)
+        changed[..., columns] = (given < CLEAR * kept)[..., None]
+    return _chosen(keypoints, other, changed), changed
+
+
+def swapped(keypoints: Keypoints) -> Keypoints:
+    """All keypoints with left for right."""
+    order = [
+        keypoints.names.index(mirrored(n)) if mirrored(n) in keypoints.names else i
+        for i, n in enumerate(keypoints.names)
+    ]
+    return replace(keypoints, rays=keypoints.rays[:, :, order], confidence=keypoints.confidence[:, :, order])
+
+
+def _chosen(keypoints: Keypoints, other: Keypoints, changed: NDArray[np.bool_]) -> Keypoints:
+    rays = np.where(changed[..., None], other.rays, keypoints.rays)
+    return replace(keypoints, rays=rays, confidence=np.where(changed, other.confidence, keypoints.confidence))
+
+
+def _cost(keypoints: Keypoints, points_world: Array) -> Array:
+    """Squared errors that level off, weighed by confidence, shape (V, F, L)."""
+    error = np.sum(keypoints.residuals(points_world) ** 2, axis=-1)
+    return np.nan_to_num(keypoints.confidence * np.minimum(error, FARTHEST**2))

@@ -1,0 +1,195 @@
+"""The keypoints of a shot: read, freed of lens distortion, and given to the performers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body import part_poses
+from ..body.motion import Motion
+from ..cameras.camera import Camera
+from ..formats.keypoint_files import read_keypoints
+from ..formats.toml_tables import named
+from ..shot.acceleration_prior import acceleration_precision
+from ..shot.detections import Detections
+from ..shot.footage import footage_delay, footage_index
+from ..shot.shot import Performer, Settings, Shot, View
+from .assignment import Found, assign
+from .first_pass import first_pass
+from .keypoint_factor import Keypoints, Places, Pointers, carried
+
+Array = NDArray[np.float64]
+
+
+def image_rays(camera: Camera, pixels: Array) -> Array:
+    """Places in the image at a distance of one, (x / z, y / z), of distorted pixels, shape (..., 2); NaN stays NaN."""
+    known = np.isfinite(pixels).all(axis=-1)
+    out = np.full(pixels.shape, np.nan)
+    if known.any():
+        undistort = cv2.fisheye.undistortPoints if camera.fisheye else cv2.undistortPoints
+        out[known] = undistort(pixels[known][:, None], camera.matrix, camera.distortions)[:, 0]
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """What keypoints say of one performer over a whole shot.
+
+    Attributes
+    ----------
+    motion : Motion
+        F poses, from keypoints and key poses alone.
+    pointers : Pointers
+        The same keypoints as evidence.
+    changed : ndarray of bool, shape (V, F, L)
+        Where left and right were changed.
+    weights : ndarray, shape (V, F, L)
+        0 to 1: how far each keypoint agrees with the motion, times its confidence.
+    """
+
+    motion: Motion
+    pointers: Pointers
+    changed: NDArray[np.bool_]
+    weights: Array
+
+    def of_views(self, views: list[int]) -> Sighting:
+        """The same of some views, in that order."""
+        pointers = replace(self.pointers, keypoints=self.pointers.keypoints.of_views(views))
+        return Sighting(self.motion, pointers, self.changed[views], self.weights[views])
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """The keypoints of a shot.
+
+    Attributes
+    ----------
+    sightings : tuple of Sighting
+        One per performer.
+    skipped : tuple of tuple of str
+        Per view: files that could not be read, and why.
+    """
+
+    sightings: tuple[Sighting, ...] = ()
+    skipped: tuple[tuple[str, ...], ...] = ()
+
+    def of_views(self, views: Sequence[int]) -> Observed:
+        """The same of some views, in that order."""
+        order = list(views)
+        if not self.sightings:
+            return self
+        return Observed(tuple(s.of_views(order) for s in self.sightings), tuple(self.skipped[v] for v in order))
+
+
+def observe_keypoints(shot: Shot, fixed: Sequence[NDArray[np.bool_]]) -> Observed:
+    """Read the keypoints of a shot's views, and fit every performer's motion to those that are theirs.
+
+    Parameters
+    ----------
+    shot : Shot
+    fixed : sequence of ndarray of bool, shape (F, D)
+        Per performer: the degrees of freedom that are held.
+
+    Raises
+    ------
+    KeypointError
+        Files cannot be read, or do not show enough to begin with.
+    """
+    detections = read_views(shot)
+    found = assigned(shot, detections)
+    sightings = []
+    for performer, held, keypoints in zip(shot.performers, fixed, found, strict=True):
+        body, together = performer.body, frames_together(shot.settings, shot.fps)
+        precision = acceleration_precision(body, shot.fps, shot.settings)
+        fit = first_pass(body, performer.key_poses, keypoints, held, precision, shot.fps, together)
+        pointers = Pointers(fit.keypoints, fit.places, together)
+        sightings.append(Sighting(fit.motion, pointers, fit.changed, fit.weights))
+    return Observed(tuple(sightings), tuple(one.skipped for one in detections))
+
+
+def frames_together(settings: Settings, fps: float) -> float:
+    """How many neighbouring frames' keypoints count as one."""
+    return max(1.0, settings.keypoint_correlation * fps)
+
+
+def read_views(shot: Shot) -> list[Detections]:
+    """What detectors found in every view."""
+    return [_read(view, shot.settings) for view in shot.views]
+
+
+def assigned(shot: Shot, detections: Sequence[Detections]) -> list[Keypoints]:
+    """The keypoints of every performer of a shot, on its frames; key poses tell who is who."""
+    bodies = [performer.body for performer in shot.performers]
+    known_names = dict.fromkeys(name for found in detections for name in found.names)
+    names = tuple(name for name in known_names if all(carried(body, name) for body in bodies))
+    V, F, L = len(shot.views), shot.length, len(names)
+    poses = [view.camera.poses(0, F) for view in shot.views]
+    empty = Keypoints(
+        names,
+        np.full((V, F, L, 2), np.nan),
+        np.zeros((V, F, L)),
+        np.stack([R for R, _ in poses]),
+        np.stack([t for _, t in poses]),
+    )
+    founds = [_found(view, found, names, shot) for view, found in zip(shot.views, detections, strict=True)]
+    where = [_key_places(p, names, F) for p in shot.performers]
+    owned = assign(founds, empty, where, len(bodies), shot.fps)
+    delays = [footage_delay(view) for view in shot.views]
+    return [_on_time(keypoints, delays) for keypoints in owned]
+
+
+def _read(view: View, settings: Settings) -> Detections:
+    """The detections of a view; none where no keypoints are named."""
+    if view.keypoints is None:
+        nobody = np.zeros(0, np.int64)
+        return Detections((), nobody, np.zeros((0, 0, 2)), np.zeros((0, 0)), nobody)
+    with named(f"keypoints of camera '{view.camera.name}'"):
+        return read_keypoints(view.keypoints, view.camera.size, settings.broken_keypoints == "skip")
+
+
+def _found(view: View, detections: Detections, names: Sequence[str], shot: Shot) -> Found:
+    """The detections that are on the shot's frames, with the keypoints of these names."""
+    first = footage_index(view, shot.frames[0])
+    frames = detections.frames - first
+    rows = np.flatnonzero((frames >= 0) & (frames < shot.length))
+    rays = np.full((len(rows), len(names), 2), np.nan)
+    confidence = np.zeros((len(rows), len(names)))
+    columns = [names.index(name) if name in names else -1 for name in detections.names]
+    used = [i for i, column in enumerate(columns) if column >= 0]
+    kept = [columns[i] for i in used]
+    rays[:, kept] = image_rays(view.camera, detections.points[rows][:, used])
+    confidence[:, kept] = detections.confidence[rows][:, used]
+    return Found(frames[rows], rays, confidence, detections.tracks[rows])
+
+
+def _key_places(performer: Performer, names: Sequence[str], frames: int) -> Array:
+    """Where the performer's key poses put the keypoints, shape (F, L, 3); NaN on other frames."""
+    places = np.full((frames, len(names), 3), np.nan)
+    keys, body = performer.key_poses, performer.body
+    places[keys.frames] = Places.on(body, names).world(part_poses(body, keys.poses))
+    return places
+
+
+def _on_time(keypoints: Keypoints, delays: Sequence[float]) -> Keypoints:
+    """The keypoints at the shot's instants: of views that were taken later or earlier, between two of their frames."""
+    rays, confidence = keypoints.rays.copy(), keypoints.confidence.copy()
+    for v, delay in enumerate(delays):
+        if delay:
+            near, share = (1 if delay < 0 else -1), abs(delay)
+            other, sure = _shifted(rays[v], near, np.nan), _shifted(confidence[v], near, 0.0)
+            between = (1 - share) * rays[v] + share * other
+            both = np.isfinite(between).all(axis=-1)
+            rays[v] = np.where(both[..., None], between, np.nan)
+            confidence[v] = np.where(both, np.minimum(confidence[v], sure), 0.0)
+    return replace(keypoints, rays=rays, confidence=confidence)
+
+
+def _shifted(values: Array, frames: int, fill: float) -> Array:
+    """Row f is row f + frames (1 or -1) of the values."""
+    out = np.roll(values, -frames, axis=0)
+    out[-1 if frames > 0 else 0] = fill
+    return out

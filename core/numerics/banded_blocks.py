@@ -1,0 +1,77 @@
+"""Constraints on motion beside the images: smoothness in time and key poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class BandedBlocks:
+    """A symmetric block-banded system over F frames of D degrees of freedom.
+
+    Attributes
+    ----------
+    diagonal : ndarray, shape (F, D, D)
+    first : ndarray, shape (F - 1, D, D)
+        Block of frame j + 1 (rows) against frame j (columns).
+    second : ndarray, shape (max(F - 2, 0), D, D)
+        Block of frame j + 2 against frame j.
+    gradient : ndarray, shape (F, D)
+        Gradient of half the energy.
+    energy : float
+        Sum of squared weighted residuals.
+    """
+
+    diagonal: Array
+    first: Array
+    second: Array
+    gradient: Array
+    energy: float
+
+    @classmethod
+    def zeros(cls, frames: int, dof: int) -> BandedBlocks:
+        return cls(
+            np.zeros((frames, dof, dof)),
+            np.zeros((max(frames - 1, 0), dof, dof)),
+            np.zeros((max(frames - 2, 0), dof, dof)),
+            np.zeros((frames, dof)),
+            0.0,
+        )
+
+    def cut(self, start: int, stop: int) -> BandedBlocks:
+        """The system of frames start to stop alone, the others held."""
+        return BandedBlocks(
+            self.diagonal[start:stop],
+            self.first[start : stop - 1],
+            self.second[start : max(stop - 2, start)],
+            self.gradient[start:stop],
+            self.energy,
+        )
+
+    def __add__(self, other: BandedBlocks) -> BandedBlocks:
+        return BandedBlocks(
+            self.diagonal + other.diagonal,
+            self.first + other.first,
+            self.second + other.second,
+            self.gradient + other.gradient,
+            self.energy + other.energy,
+        )
+
+
+def with_translation(J: Array, translation: Array | float = 1.0) -> Array:
+    """The Jacobians of the translation, by a factor (N,), and of all parts' turns (N, P, 3, 3): (N, 1 + P, 3, 3)."""
+    first = np.reshape(translation, (-1, 1, 1, 1)) * np.eye(3)
+    return np.concatenate([np.broadcast_to(first, (len(J), 1, 3, 3)), J], axis=1)
+
+
+def block_diagonal(J: Array) -> Array:
+    """Jacobians of three degrees of freedom each (N, B, 3, 3) as those of all of them, (N, 3 B, 3 B)."""
+    N, B = J.shape[:2]
+    out, b = np.zeros((N, B, 3, B, 3)), np.arange(B)
+    out[:, b, :, b] = np.swapaxes(J, 0, 1)
+    return out.reshape(N, 3 * B, 3 * B)

@@ -1,0 +1,100 @@
+"""Pictures of the misfit: where footage and model contradict one another on one frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body.kinematics import scene_poses
+from ..body.motion import Motion
+from ..body.time_shift import poses_after
+from ..errors import ShotError
+from ..evidence.foreground import foreground_images, log_ratio
+from ..evidence.label_images import Geometry, render_labels
+from ..evidence.misfit import NEAR, SURE
+from ..evidence.view_frames import ViewFrames
+from ..shot.footage import PICTURE_SIZE, check_view, frames_at, shown_delay, working_factor
+from ..shot.shot import Shot, View
+from ..tracking.segments import posed_frames, segments
+
+Image = NDArray[np.uint8]
+
+UNCOVERED, BEYOND = (40, 90, 255), (255, 120, 40)
+"""Colours, blue green red: of the performer where the model is not, and of the model where the performer is not."""
+_DARKENED = 0.6
+
+
+@dataclass(frozen=True, eq=False)
+class MisfitPicture:
+    """What a view shows of the misfit on one frame.
+
+    Attributes
+    ----------
+    image : ndarray of uint8, shape (h, w, 3)
+        The rectified footage in dark grey, tinted; blue, green, red.
+    uncovered, beyond : float
+        Area that looks like the performers and is not covered, and that is covered and does not, as shares of the
+        model's.
+    """
+
+    image: Image
+    uncovered: float
+    beyond: float
+
+
+def misfit_picture(shot: Shot, view: View, motions: Sequence[Motion], frame: int) -> MisfitPicture:
+    """Compare one frame of a view with a motion, by the colours of the key frames around it.
+
+    Parameters
+    ----------
+    shot : Shot
+    view : View
+        One of the shot's.
+    motions : sequence of Motion
+        One per performer, a pose for every frame.
+    frame : int
+        Shot frame.
+
+    Raises
+    ------
+    ShotError
+        There is no key pose of the whole body around the frame, or the view sees nobody there.
+    FootageError
+        The footage cannot be read.
+    """
+    stretch = next((s for s in segments(shot) if s[0] <= frame <= s[1]), (0, shot.length - 1))
+    keys = posed_frames(shot, *stretch).tolist()
+    where = f"frame {shot.frames[0] + frame}"
+    if not keys:
+        raise ShotError("there is no key pose of the whole body around it", where=where, todo="set one, and track")
+    frames = sorted({*keys, frame})
+    camera = view.camera.reduced(factor := working_factor(view, PICTURE_SIZE)).rectified()
+    check_view(view, shot.frames[0], shot.length)
+    colour = np.stack(list(frames_at(view, [shot.frames[0] + f for f in frames], factor, grey=False)))
+    bodies = [performer.body for performer in shot.performers]
+    R, T = scene_poses(bodies, poses_after(motions, shown_delay(view, shot.settings), frames))
+    geometry = Geometry.of(bodies)
+    models = [render_labels(geometry, camera, f, R[[k]], T[[k]]).part[0] >= 0 for k, f in enumerate(frames)]
+    if not any(models[frames.index(key)].any() for key in keys):
+        raise ShotError("it sees nobody on the key frames", where=f"view {view.camera.name}", todo="choose another")
+    scale = ViewFrames(camera, colour[..., 0], frame).pixels_per_metre(T.mean(axis=(0, 1)), frame)
+    masks = {frames.index(key): models[frames.index(key)] for key in keys}
+    now = frames.index(frame)
+    ratio = log_ratio(foreground_images(colour, masks, scale, camera.stands_still)[now])
+    return _tinted(colour[now], ratio, models[now], NEAR * scale)
+
+
+def _tinted(picture: Image, ratio: NDArray[np.float32], model: NDArray[np.bool_], near: float) -> MisfitPicture:
+    """A picture with what contradicts the model, up to some pixels beside it, of log likelihood ratios (h, w)."""
+    beside = cv2.distanceTransform((~model).astype(np.uint8), cv2.DIST_L2, 3) < near
+    uncovered = np.where(beside & ~model, np.clip(ratio / SURE, 0, 1), 0)
+    beyond = np.where(model, np.clip(-ratio / SURE, 0, 1), 0)
+    grey = cv2.cvtColor(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR) * _DARKENED
+    for share, tint in ((uncovered, UNCOVERED), (beyond, BEYOND)):
+        grey = grey + share[..., None] * (np.array(tint) - grey)
+    area = max(int(model.sum()), 1)
+    return MisfitPicture(grey.astype(np.uint8), float(uncovered.sum()) / area, float(beyond.sum()) / area)

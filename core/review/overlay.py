@@ -1,0 +1,237 @@
+"""The contact sheet: the model's outlines in white over the footage, to see at a glance whether it fits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body.kinematics import scene_poses
+from ..body.motion import Motion
+from ..body.time_shift import poses_after
+from ..cameras.camera import Camera
+from ..errors import OutputError
+from ..evidence.gradients import Poses
+from ..evidence.label_images import Geometry, render_labels
+from ..runtime.files import replacing
+from ..runtime.progress import Progress, report_progress
+from ..shot.footage import frames_at, shown_delay
+from ..shot.shot import Shot, View
+
+Array = NDArray[np.float64]
+Image = NDArray[Any]
+
+SHEET_WIDTH = 2400
+COLUMNS = 7
+_CELL_HEIGHT = 460
+_GAP = 4
+_MARGIN = 1.2
+_LARGEST_ZOOM = 1.5
+_WHITE, _HIDDEN, _KEY = (255, 255, 255), (150, 150, 150), (0, 215, 255)
+_BACKGROUND = 24
+_SUBPIXEL_BITS = 4
+_WORKERS = 2
+
+
+def sheet_frames(shot: Shot, columns: int = COLUMNS) -> list[int]:
+    """Frames worth a look, counted from the shot's first: key frames and the middles between them."""
+    keys = sorted({int(f) for performer in shot.performers for f in performer.key_poses.frames})
+    ends = sorted({0, *keys, shot.length - 1})
+    middles = [(a + b) // 2 for a, b in pairwise(ends)]
+    frames = sorted({*ends, *middles})
+    picked = np.linspace(0, len(frames) - 1, min(columns, len(frames))).round().astype(int)
+    return [frames[i] for i in picked]
+
+
+def contact_sheet(
+    shot: Shot,
+    motions: Sequence[Motion],
+    frames: Sequence[int] | None = None,
+    progress: Progress | None = None,
+    pictures: Sequence[Mapping[int, Image]] | None = None,
+) -> Image:
+    """Draw some frames of every view, a row each, cropped around the performers.
+
+    Parameters
+    ----------
+    shot : Shot
+    motions : sequence of Motion
+        One per performer, a pose for every frame.
+    frames : sequence of int, optional
+        Counted from the shot's first frame; by default `sheet_frames`.
+    progress : callable, optional
+    pictures : sequence of mappings, optional
+        Per view, the rectified picture of each of these frames (`TrackResult.pictures`); else the footage is read.
+
+    Returns
+    -------
+    ndarray of uint8, shape (h, w, 3)
+        Blue, green, red; at most `SHEET_WIDTH` wide.
+
+    Raises
+    ------
+    FootageError
+        The footage cannot be read.
+    """
+    chosen = sheet_frames(shot) if frames is None else sorted(frames)
+    bodies = [performer.body for performer in shot.performers]
+    geometry = Geometry.of(bodies)
+    poses = [scene_poses(bodies, poses_after(motions, shown_delay(view, shot.settings), chosen)) for view in shot.views]
+    width = (SHEET_WIDTH + _GAP) // max(len(chosen), 3) - _GAP
+    rows = []
+    with ThreadPoolExecutor(_WORKERS) as pool:
+        kept: Sequence[Mapping[int, Image] | None] = pictures or [None] * len(shot.views)
+        row_of = partial(_row, shot, chosen, geometry, width)
+        for row in pool.map(row_of, shot.views, kept, poses):
+            rows.append(row)
+            report_progress(progress, "overlay", len(rows) / len(shot.views))
+    return _stacked(rows)
+
+
+def write_contact_sheet(path: Path, sheet: Image) -> None:
+    """Write a contact sheet as a picture.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
+    encoded, data = cv2.imencode(path.suffix, sheet)
+    if not encoded:
+        raise OutputError("the picture cannot be encoded", where=str(path))
+    with replacing(path) as temporary:
+        temporary.write_bytes(data.tobytes())
+
+
+def _row(
+    shot: Shot,
+    frames: list[int],
+    geometry: Geometry,
+    width: int,
+    view: View,
+    pictures: Mapping[int, Image] | None,
+    poses: Poses,
+) -> Image:
+    """The frames of one view, side by side, each as large as the performers allow."""
+    R, T = poses
+    camera = view.camera.rectified()
+    boxes = [_framing(camera, f, geometry, R[k], T[k]) for k, f in enumerate(frames)]
+    height = round(np.clip(np.max([e[1] / e[0] for _, e in boxes]) * width, 0.7 * width, _CELL_HEIGHT))
+    factors = [max(e[0] / width, e[1] / height, 1 / _LARGEST_ZOOM) for _, e in boxes]
+    images: Iterable[Image]
+    if pictures is None:
+        images = frames_at(view, [shot.frames[0] + f for f in frames], max(min(factors), 1.0), grey=False)
+    else:
+        images = [pictures[frame] for frame in frames]
+    keys = {int(f) for performer in shot.performers for f in performer.key_poses.frames}
+    cells = []
+    for k, (frame, image) in enumerate(zip(frames, images, strict=True)):
+        near = camera.reduced(factors[k])
+        shrinks = near.size[0] < image.shape[1]
+        image = cv2.resize(image, near.size, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC)
+        draw_outlines(image, geometry, near, frame, R[k], T[k])
+        cell = _cropped(image, boxes[k][0] / factors[k], (width, height))
+        _label(cell, view.camera.name, shot.frames[0] + frame, frame in keys)
+        cells.append(cell)
+    gap = np.full((height, _GAP, 3), _BACKGROUND, np.uint8)
+    return np.hstack([part for cell in cells for part in (cell, gap)][:-1])
+
+
+def _framing(camera: Camera, frame: int, geometry: Geometry, R: Array, T: Array) -> tuple[Array, Array]:
+    """Centre and size, pixels, of the part of a picture that holds the performers; all of it if none."""
+    size = np.array(camera.size, float)
+    owner = geometry.owner
+    points = np.einsum("vab,vb->va", R[owner], geometry.vertices) + T[owner]
+    pixels = camera.project(points, frame)
+    pixels = pixels[np.isfinite(pixels).all(axis=1)]
+    inside = pixels[(pixels > -0.2 * size).all(axis=1) & (pixels < 1.2 * size).all(axis=1)]
+    if not len(inside):
+        return size / 2, size
+    box = inside.min(axis=0), inside.max(axis=0)
+    return (box[0] + box[1]) / 2, np.maximum((box[1] - box[0]) * _MARGIN, 8.0)
+
+
+def draw_outlines(image: Image, geometry: Geometry, camera: Camera, frame: int, R: Array, T: Array) -> None:
+    """Outline every part, in place: white where it is seen, thin and grey where another part hides it.
+
+    Parameters
+    ----------
+    image : ndarray of uint8, shape (h, w, 3)
+        Of the camera, without lens distortion.
+    R, T : ndarray, shape (P, 3, 3) and (P, 3)
+        World poses of the parts on that frame.
+    """
+    labels = render_labels(geometry, camera, frame, R[None], T[None])
+    outlines = []
+    for i, (a, b) in enumerate(pairwise(labels.outlines.ends.tolist())):
+        if a < b:
+            outline = _resampled(labels.outlines.uv[a:b])
+            outlines.append((outline, _seen(outline, labels.part[0], i)))
+    for outline, seen in outlines:
+        _draw_runs(image, outline, ~seen, _HIDDEN, 1)
+    for outline, seen in outlines:
+        _draw_runs(image, outline, seen, _WHITE, 1)
+
+
+def _resampled(corners: NDArray[Any], spacing: float = 1.5) -> Array:
+    """Points along a closed polygon, shape (N, 2)."""
+    closed = np.vstack([corners, corners[:1]])
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
+    at = np.linspace(0, length[-1], max(8, int(length[-1] / spacing)))
+    return np.stack([np.interp(at, length, closed[:, c]) for c in range(2)], axis=1)
+
+
+def _seen(outline: Array, label: NDArray[np.int16], part: int) -> NDArray[np.bool_]:
+    """Whether the part itself is the nearest just inside each point of its outline."""
+    inward = outline.mean(axis=0) - outline
+    inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-9)
+    seen = np.zeros(len(outline), dtype=bool)
+    for depth in (0.7, 1.5):
+        u, v = np.round(outline + depth * inward).astype(int).T
+        within = (u >= 0) & (v >= 0) & (u < label.shape[1]) & (v < label.shape[0])
+        seen[within] |= label[v[within], u[within]] == part
+    return seen
+
+
+def _draw_runs(
+    image: Image, outline: Array, mask: NDArray[np.bool_], colour: tuple[int, int, int], thickness: int
+) -> None:
+    """Draw the stretches of an outline where the mask holds."""
+    points = np.round(outline * (1 << _SUBPIXEL_BITS)).astype(np.int32)
+    for run in np.split(np.arange(len(mask)), np.flatnonzero(np.diff(mask.astype(np.int8))) + 1):
+        if mask[run[0]]:
+            line = points[run[0] : run[-1] + 2]
+            cv2.polylines(image, [line], False, colour, thickness, cv2.LINE_AA, _SUBPIXEL_BITS)
+
+
+def _cropped(image: Image, centre: Array, size: tuple[int, int]) -> Image:
+    """The part of an image of that size around a place, moved into the picture; dark where that is small."""
+    whole = image.shape[1], image.shape[0]
+    left, top = (
+        round(min(max(c - s / 2, 0), w - s)) if w > s else round((w - s) / 2)
+        for c, s, w in zip(centre, size, whole, strict=True)
+    )
+    shift = np.array([[1.0, 0.0, -left], [0.0, 1.0, -top]])
+    dark = (_BACKGROUND,) * 3
+    return cv2.warpAffine(image, shift, size, flags=cv2.INTER_NEAREST, borderValue=dark)
+
+
+def _label(cell: Image, camera: str, frame: int, key: bool) -> None:
+    """Camera and frame number in the corner; key frames have a frame of their own."""
+    if key:
+        cv2.rectangle(cell, (0, 0), (cell.shape[1] - 1, cell.shape[0] - 1), _KEY, 2)
+    text = f"{camera}  {frame}" + ("  key" if key else "")
+    for colour, thickness in (((0, 0, 0), 3), (_KEY if key else _WHITE, 1)):
+        cv2.putText(cell, text, (8, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, thickness, cv2.LINE_AA)
+
+
+def _stacked(rows: list[Image]) -> Image:
+    gap = np.full((_GAP, rows[0].shape[1], 3), _BACKGROUND, np.uint8)
+    return np.vstack([part for row in rows for part in (row, gap)][:-1])

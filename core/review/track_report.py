@@ -1,0 +1,190 @@
+"""report.json: what a tracking job did, how long it took, and where to doubt it."""
+
+from __future__ import annotations
+
+import dataclasses
+import platform
+from collections.abc import Mapping
+from importlib import metadata
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from ..evidence.occlusion import OCCLUDED_BELOW, intervals, occluded, suggested_keyframes, unseen
+from ..shot.shot import Performer, Shot
+from ..tracking.uncertainty import expected_errors
+from .suggestions import helpful_keys
+
+if TYPE_CHECKING:
+    from ..keypoints.observations import Sighting
+    from ..tracking.tracker import TrackResult
+
+WORST_FRAMES = 10
+
+
+def report(shot: Shot, result: TrackResult, seconds: Mapping[str, float] | None = None) -> dict[str, Any]:
+    """Summarise a tracking job as plain values for JSON.
+
+    Parameters
+    ----------
+    shot : Shot
+    result : TrackResult
+    seconds : mapping, optional
+        Seconds of further stages, beside those of `result`.
+
+    Returns
+    -------
+    dict
+        Frames in it are in the footage's count, as in the shot file.
+    """
+    stages = {**result.seconds, **(seconds or {})}
+    tracking = sum(result.seconds.values())
+    return {
+        "shot": shot.name,
+        "frames": list(shot.frames),
+        "fps": shot.fps,
+        "seconds": {stage: round(value, 3) for stage, value in stages.items()},
+        "seconds_total": round(sum(stages.values()), 3),
+        "camera_frames": result.camera_frames,
+        "camera_frames_per_second": round(result.camera_frames / tracking, 2) if tracking > 0 else None,
+        "segments": [
+            {
+                "frames": [shot.frames[0] + segment.first, shot.frames[0] + segment.last],
+                "iterations": segment.iterations,
+                "energy": [float(e) if np.isfinite(e) else None for e in segment.energy],
+            }
+            for segment in result.segments
+        ],
+        "footage_offset": round(result.footage_offset, 3),
+        "performers": [
+            _performer(shot, p, visible, residual)
+            | _expected_errors(shot, p, deviation)
+            | ({"keypoints": _keypoints(shot, result.observed.sightings[i])} if result.observed.sightings else {})
+            for i, (p, visible, residual, deviation) in enumerate(
+                zip(shot.performers, result.visible, result.residual, result.deviation, strict=True)
+            )
+        ],
+        "settings": dataclasses.asdict(shot.settings),
+        "views": [
+            {
+                "camera": view.camera.name,
+                "footage": str(view.footage),
+                "size": list(view.camera.size),
+                "offset": view.offset,
+                "fields": view.fields,
+                "keypoints": str(view.keypoints) if view.keypoints else None,
+                "skipped": list(result.observed.skipped[v]) if result.observed.skipped else [],
+            }
+            for v, view in enumerate(shot.views)
+        ],
+        "versions": _versions(),
+    }
+
+
+def _performer(
+    shot: Shot, performer: Performer, visible: NDArray[np.float64], residual: NDArray[np.float64]
+) -> dict[str, Any]:
+    first = shot.frames[0]
+    worst = [int(f) for f in np.argsort(-np.nan_to_num(residual, nan=-1.0), kind="stable") if residual[f] >= 0]
+    names, blind = performer.body.names, unseen(visible)
+    return {
+        "name": performer.name,
+        "keyframes": [first + int(f) for f in performer.key_poses.frames],
+        "proposed_keyframes": [first + int(f) for f in performer.key_poses.proposals()],
+        "occluded_below": OCCLUDED_BELOW,
+        "occluded": {
+            view.camera.name: _spans(names, hidden, first)
+            for view, hidden in zip(shot.views, occluded(visible), strict=True)
+        },
+        "unseen": _spans(names, blind, first),
+        "suggested_keyframes": [
+            {
+                "frame": first + suggestion.frame,
+                "parts": [names[p] for p in suggestion.parts],
+                "hidden": [first + f for f in suggestion.hidden],
+            }
+            for suggestion in suggested_keyframes(blind, performer.key_poses)
+        ],
+        "worst_frames": [{"frame": first + f, "residual": float(residual[f])} for f in worst[:WORST_FRAMES]],
+    }
+
+
+def _expected_errors(shot: Shot, performer: Performer, deviation: NDArray[np.float64]) -> dict[str, Any]:
+    """How far off the joints may be, and the key frames that would help, in millimetres."""
+    first, names = shot.frames[0], performer.body.names
+    return {
+        "expected_error": [
+            round(1000 * float(value), 1) for value in expected_errors(deviation, performer.body.parents)
+        ],
+        "helpful_keyframes": [
+            {
+                "frame": first + key.frame,
+                "expected_error": round(1000 * key.deviation, 1),
+                "gain": round(1000 * key.gain, 2),
+                "parts": [names[part] for part in key.parts],
+            }
+            for key in helpful_keys(deviation, performer.key_poses, performer.body.parents)
+        ],
+    }
+
+
+def _keypoints(shot: Shot, sighting: Sighting) -> dict[str, Any]:
+    """By view: on how many frames a performer's keypoints were found, how far they agree, where sides were changed."""
+    keypoints = sighting.pointers.keypoints
+    return {
+        view.camera.name: {
+            "frames": int(keypoints.confidence[v].any(axis=1).sum()),
+            "agreement": round(float(sighting.weights[v].sum() / max(keypoints.confidence[v].sum(), 1e-9)), 3),
+            "sides_changed": intervals(sighting.changed[v].any(axis=1), shot.frames[0]),
+        }
+        for v, view in enumerate(shot.views)
+    }
+
+
+def _spans(names: list[str], hidden: NDArray[np.bool_], first: int) -> dict[str, list[list[int]]]:
+    """Intervals of the parts that are hidden on some frames (F, P); the shot's frame 0 is frame `first`."""
+    spans = {name: intervals(hidden[:, p], first) for p, name in enumerate(names)}
+    return {name: found for name, found in spans.items() if found}
+
+
+def blind_spots(values: Mapping[str, Any]) -> list[str]:
+    """A report in a few lines: what could not be read, what no camera saw, and where key poses would help."""
+    lines = [f"left out, {file}" for view in values["views"] for file in view["skipped"]]
+    offset = values["footage_offset"]
+    if offset and values["settings"]["footage_offset"] is None:
+        when = f"{abs(offset):.2f} frames {'later' if offset > 0 else 'earlier'}"
+        lines.append(f"the footage shows the key poses {when} than on their frames; the motion allows for it")
+    for performer in values["performers"]:
+        counts = [f"{part} {sum(b + 1 - a for a, b in spans)}" for part, spans in performer["unseen"].items()]
+        if counts:
+            lines.append(f"{performer['name']}: frames on which no camera sees a part: {', '.join(counts)}")
+        helpful = [
+            f"{key['frame']} ({' '.join(key['parts'])} some {key['expected_error']:.0f} mm)"
+            for key in performer["helpful_keyframes"]
+        ]
+        if helpful:
+            lines.append(f"{performer['name']}: where one more key pose would help most: {', '.join(helpful)}")
+        suggested = [
+            f"{s['frame']} ({' '.join(s['parts'])} hidden {s['hidden'][0]}-{s['hidden'][1]})"
+            for s in performer["suggested_keyframes"]
+        ]
+        if suggested:
+            lines.append(f"{performer['name']}: key poses would help at {', '.join(suggested)}")
+    return lines
+
+
+def _versions() -> dict[str, str]:
+    try:
+        ours = metadata.version("kfmocap")
+    except metadata.PackageNotFoundError:  # inside Blender there is the extension, but no distribution
+        ours = "extension"
+    return {
+        "kfmocap": ours,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        "opencv": cv2.__version__,
+    }

@@ -1,0 +1,1 @@
+"""What every job needs beside its task: threads, timing, progress, files that appear whole."""

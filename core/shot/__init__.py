@@ -1,0 +1,1 @@
+"""What is tracked: views, footage, performers, key poses, settings."""

@@ -1,0 +1,439 @@
+"""Footage: videos and image sequences, decoded once, reduced, rectified and streamed.
+
+The frames of an interlaced view are its fields, two to a frame of the file: field k is the lines of one parity of the
+file's frame k // 2.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from itertools import groupby, islice
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.camera import field_of_frame
+from ..errors import FootageError
+from .shot import Settings, View
+
+Image = NDArray[Any]
+
+IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
+_FIRST_PARITY = {"top-first": 0, "bottom-first": 1}
+_LINE_BLUR = np.array([1, 2, 1]) / 4
+_ROTATIONS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
+
+
+@dataclass(frozen=True)
+class Footage:
+    """What is known of footage without decoding it.
+
+    Attributes
+    ----------
+    path : Path
+        The video, or the pattern of an image sequence.
+    size : tuple of int
+        Width and height as the footage is to be seen, after the rotation in its metadata, pixels.
+    count : int
+        Number of frames, fields woven. A video's is the container's claim.
+    fps : float
+        Frames per second, 0 for an image sequence.
+    """
+
+    path: Path
+    size: tuple[int, int]
+    count: int
+    fps: float
+
+
+def probe(path: Path | str) -> Footage:
+    """Look at footage without decoding it.
+
+    Raises
+    ------
+    FootageError
+        The footage is missing or cannot be read; names the file.
+    """
+    path = Path(path)
+    images = image_files(path)
+    if images is not None:
+        height, width = _read_image(images[min(images)]).shape[:2]
+        return Footage(path, (width, height), max(images) + 1, 0.0)
+    with _opened(path) as video:
+        size = int(video.get(cv2.CAP_PROP_FRAME_WIDTH)), int(video.get(cv2.CAP_PROP_FRAME_HEIGHT))
+        if _quarter_turns(video) in (90, 270):
+            size = size[::-1]
+        return Footage(path, size, int(video.get(cv2.CAP_PROP_FRAME_COUNT)), video.get(cv2.CAP_PROP_FPS))
+
+
+def is_interlaced(view: View) -> bool:
+    """Whether a view's footage frames are fields, two to a frame of the file."""
+    return view.fields in _FIRST_PARITY
+
+
+def footage_index(view: View, frame: int) -> int:
+    """The footage's frame, or field, that shows a frame of the shot: the nearest where the offset is fractional.
+
+    Parameters
+    ----------
+    frame : int
+        In the count of the shot's first and last frame.
+    """
+    return int(np.floor(frame + view.offset + 0.5))
+
+
+def footage_delay(view: View) -> float:
+    """How much later than a frame of the shot its footage frame was taken, above -1/2 to 1/2 frames."""
+    return footage_index(view, 0) - view.offset
+
+
+def shown_delay(view: View, settings: Settings) -> float:
+    """The same with the offset of all footage, where it is known."""
+    return footage_delay(view) - (settings.footage_offset or 0.0)
+
+
+def file_index(view: View, frame: int) -> int:
+    """The frame of the file that shows a frame of the shot; of interlaced footage the one with its field.
+
+    Parameters
+    ----------
+    frame : int
+        In the count of the shot's first and last frame.
+    """
+    return footage_index(view, frame) // _per_file_frame(view)
+
+
+def _per_file_frame(view: View) -> int:
+    """How many of the view's footage frames there are in a frame of its file."""
+    return 2 if is_interlaced(view) else 1
+
+
+def check_view(view: View, first: int, length: int) -> Footage:
+    """See that a view's footage can serve a shot.
+
+    Raises
+    ------
+    FootageError
+        The footage is missing or unreadable, of another size than its camera's, begins after the shot or ends
+        before it.
+    """
+    footage, camera = probe(view.footage), view.camera
+    if footage.size != camera.size:
+        raise FootageError(
+            f"the footage is {_by(footage.size)}, the calibration of '{camera.name}' {_by(camera.size)}",
+            where=str(view.footage),
+            todo="sizes are width x height after the rotation that the file asks for",
+        )
+    _check_range(view, footage, first, length)
+    return footage
+
+
+def _check_range(view: View, footage: Footage, first: int, length: int) -> None:
+    start, end = footage_index(view, first), footage_index(view, first + length - 1)
+    last, offset, each = first + length - 1, view.offset, _per_file_frame(view)
+    unit = "fields" if is_interlaced(view) else "frames"
+    asked = f"the shot's frames {first} to {last} with offset {offset:g} are its {unit} {start} to {end}"
+    where = f"{view.footage} (camera '{view.camera.name}')"
+    if start < 0:
+        raise FootageError(f"the shot begins before the footage: {asked}", where=where)
+    count = each * footage.count
+    if end >= count and image_files(view.footage) is None:
+        # Some containers understate their length; only decoding tells.
+        count = each * _decodable(view.footage, end // each + 1)
+    if end >= count:
+        raise FootageError(f"the footage has only {count} {unit}: {asked}", where=where)
+
+
+def _by(size: tuple[int, int]) -> str:
+    return f"{size[0]}x{size[1]}"
+
+
+def frames_at(
+    view: View, frames: Sequence[int], factor: float, *, grey: bool = True, album: Album | None = None
+) -> Iterator[Image]:
+    """Stream frames of a view that was checked: decoded once, in order, reduced and rectified.
+
+    A field comes as a whole picture, in the same place whatever its parity: see `_whole`.
+
+    Parameters
+    ----------
+    frames : sequence of int
+        Increasing, in the count of the shot's first and last frame.
+    factor : float
+        Reduction: the images have the size of `view.camera.reduced(factor)`.
+    grey : bool
+        Grey levels rather than colour.
+    album : Album, optional
+        Pictures to keep on the way.
+
+    Yields
+    ------
+    ndarray of uint8, shape (h, w) or (h, w, 3)
+        Grey levels, or blue, green and red.
+
+    Raises
+    ------
+    FootageError
+        The footage ends or breaks early; names the file and the frame.
+    """
+    camera = view.camera.reduced(factor)
+    maps = camera.rectify_maps()
+    for frame, decoded in zip(frames, _decoded(view, [footage_index(view, f) for f in frames]), strict=True):
+        if album is not None and frame in album.frames:
+            near = view.camera.reduced(album.factor)
+            album.pictures[frame] = _prepared(decoded, near.size, near.rectify_maps(), grey=False)
+        yield _prepared(decoded, camera.size, maps, grey)
+
+
+@dataclass(frozen=True, eq=False)
+class Album:
+    """Pictures in colour that are kept while footage is streamed.
+
+    Attributes
+    ----------
+    frames : frozenset of int
+        Which, in the count of the shot's first and last frame.
+    factor : float
+        How much they are reduced.
+    pictures : dict of int to ndarray of uint8, shape (h, w, 3)
+        Those that have come by, rectified; blue, green, red.
+    """
+
+    frames: frozenset[int]
+    factor: float
+    pictures: dict[int, Image] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class _Decoded:
+    """A frame of a file as it is stored.
+
+    Attributes
+    ----------
+    image : ndarray of uint8, shape (h, w, 3)
+    turn : int
+        How far it is to be turned clockwise, degrees: 0, 90, 180 or 270.
+    parity : int or None
+        Which of its stored lines are the field that is meant: 0 even, 1 odd; None of progressive footage.
+    """
+
+    image: Image
+    turn: int
+    parity: int | None = None
+
+
+def _prepared(
+    decoded: _Decoded, size: tuple[int, int], maps: tuple[NDArray[Any], NDArray[Any]] | None, grey: bool
+) -> Image:
+    """A decoded frame or field reduced to a size, turned as it is to be seen, and rectified."""
+    image, turn = decoded.image, decoded.turn
+    if grey:
+        image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    stored = size[::-1] if turn in (90, 270) else size
+    if decoded.parity is not None:
+        image = _whole(image, decoded.parity, stored[0])
+    if image.shape[1::-1] != stored:
+        image = _reduced(image, stored)
+    if turn:
+        image = cv2.rotate(image, _ROTATIONS[turn])
+    # A black border would be an edge that moves with nothing.
+    return image if maps is None else cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+
+
+def _reduced(image: Image, size: tuple[int, int]) -> Image:
+    """An image reduced to a size. Halving is many times as fast as the mean of more pixels, and comes to the same."""
+    while all(have % 2 == 0 and have >= 4 * want for have, want in zip(image.shape[1::-1], size, strict=True)):
+        image = cv2.resize(image, (image.shape[1] // 2, image.shape[0] // 2), interpolation=cv2.INTER_AREA)
+    return cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+
+
+def _whole(frame: Image, parity: int, width: int) -> Image:
+    """A whole picture, reduced to a width, from the lines of one parity, each where it lies in the frame.
+
+    The lines are interpolated by the quadratic B-spline (linear, then 1 2 1): it blurs all lines by the same variance.
+    Linear alone would leave a field's own lines sharp, and what stands still would flicker from field to field.
+    """
+    lines = frame[parity::2]
+    lines = cv2.resize(lines, (width, len(lines)), interpolation=cv2.INTER_AREA)
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    size = width, len(frame)
+    spread = cv2.warpAffine(lines, field_of_frame(parity)[:2], size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+    return cv2.sepFilter2D(spread, -1, np.ones(1), _LINE_BLUR)
+
+
+def image_files(path: Path) -> dict[int, Path] | None:
+    """Files of an image sequence by frame from 0, or None where the path is a video's.
+
+    A sequence is named by a pattern in the file's name: printf's %04d or ####, whose lowest number is frame
+    0, or a glob with *, whose files are taken in natural order. A single image is a sequence of one.
+    """
+    if path.is_file():
+        return {0: path} if path.suffix.lower() in IMAGE_SUFFIXES else None
+    number = re.search(r"%0?(\d*)d|#+", path.name)
+    if number is None and "*" not in path.name:
+        return None
+    if number is not None:
+        digits = int(number[1] or 1) if number[0].startswith("%") else len(number[0])
+        before, after = re.escape(path.name[: number.start()]), re.escape(path.name[number.end() :])
+        regex = re.compile(f"{before}(\\d{{{digits},}}){after}")
+        hits = [(int(hit[1]), file) for file in _listed(path.parent) if (hit := regex.fullmatch(file.name))]
+        lowest = min((n for n, _ in hits), default=0)
+        files = {n - lowest: file for n, file in hits}
+    else:
+        regex = re.compile(re.escape(path.name).replace(r"\*", ".*"))
+        fitting = [file for file in _listed(path.parent) if regex.fullmatch(file.name)]
+        files = dict(enumerate(sorted(fitting, key=_natural)))
+    if not files:
+        raise FootageError("no image fits this pattern", where=str(path))
+    return files
+
+
+def _listed(folder: Path) -> list[Path]:
+    return list(folder.iterdir()) if folder.is_dir() else []
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """Sorts frame2 before frame10."""
+    return [(int(part or 0), text) for text, part in re.findall(r"(\D*)(\d*)", path.name)]
+
+
+def _read_image(path: Path) -> Image:
+    """An image in colour. `cv2.imread` itself cannot open every file name on Windows."""
+    try:
+        image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_COLOR)
+    except (OSError, cv2.error):
+        image = None
+    if image is None:
+        raise FootageError("the image cannot be read", where=str(path))
+    return image
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[cv2.VideoCapture]:
+    """An open video whose frames come as they are stored; `_quarter_turns` tells how they are to be seen."""
+    if not path.is_file():
+        todo = "a video, or a pattern of images such as frame_%04d.png, frame_####.png or frame_*.png"
+        raise FootageError("there is no such footage", where=str(path), todo=todo)
+    video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    try:
+        if not video.isOpened() or video.get(cv2.CAP_PROP_FRAME_WIDTH) <= 0:
+            raise FootageError("the footage cannot be read as a video", where=str(path))
+        # OpenCV's builds differ in whether they turn frames themselves; turning them small is cheaper, too.
+        video.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
+        yield video
+    finally:
+        video.release()
+
+
+def _quarter_turns(video: cv2.VideoCapture) -> int:
+    """How far the metadata turns the frames clockwise, degrees: 0, 90, 180 or 270."""
+    return round(video.get(cv2.CAP_PROP_ORIENTATION_META) / 90) * 90 % 360
+
+
+def _decodable(path: Path, limit: int) -> int:
+    """How many frames, up to `limit`, a video really gives."""
+    with _opened(path) as video:
+        count = 0
+        while count < limit and video.grab():
+            count += 1
+    return count
+
+
+def _decoded(view: View, indices: Sequence[int]) -> Iterator[_Decoded]:
+    """The footage's frames, or fields, of those increasing indices; each frame of the file is decoded once."""
+    each, first = _per_file_frame(view), _FIRST_PARITY.get(view.fields)
+    shared = [(number, list(same)) for number, same in groupby(indices, lambda index: index // each)]
+    stored = _stored(view.footage, [number for number, _ in shared], view.camera.size)
+    for decoded, (_, same) in zip(stored, shared, strict=True):
+        for index in same:
+            yield decoded if first is None else replace(decoded, parity=(index + first) % 2)
+
+
+def _stored(path: Path, numbers: Sequence[int], size: tuple[int, int]) -> Iterator[_Decoded]:
+    """The frames of a file of those increasing numbers; `size` is that of the frames as they are to be seen."""
+    images = image_files(path)
+    if images is not None:
+        for number in numbers:
+            yield _Decoded(_sequence_image(path, images, number, size), 0)
+        return
+    with _opened(path) as video:
+        turn, position = _quarter_turns(video), 0
+        for number in numbers:
+            # Seeking is not exact in every container: go through the frames.
+            while position < number and video.grab():
+                position += 1
+            read, frame = video.read() if position == number else (False, None)
+            if not read or frame is None:
+                raise FootageError(f"the footage ends or breaks at frame {position} of the file", where=str(path))
+            position += 1
+            yield _Decoded(frame, turn)
+
+
+def _sequence_image(path: Path, images: dict[int, Path], index: int, size: tuple[int, int]) -> Image:
+    if index not in images:
+        raise FootageError(f"the image of frame {index} is missing in the sequence", where=str(path))
+    image = _read_image(images[index])
+    found = (image.shape[1], image.shape[0])
+    if found != size:
+        raise FootageError(f"the image is {_by(found)}, not {_by(size)}", where=str(images[index]))
+    return image
+
+
+def pictures(path: Path | str) -> Iterator[Image]:
+    """Stream all frames of a video or an image sequence in colour, as they are to be seen, until it ends.
+
+    Yields
+    ------
+    ndarray of uint8, shape (h, w, 3)
+        Blue, green and red.
+
+    Raises
+    ------
+    FootageError
+        The footage is missing or cannot be read; names the file.
+    """
+    path = Path(path)
+    images = image_files(path)
+    if images is not None:
+        size = probe(path).size
+        for number in sorted(images):
+            yield _sequence_image(path, images, number, size)
+        return
+    with _opened(path) as video:
+        turn = _quarter_turns(video)
+        while True:
+            read, frame = video.read()
+            if not read or frame is None:
+                return
+            yield cv2.rotate(frame, _ROTATIONS[turn]) if turn else frame
+
+
+def picture(path: Path | str, number: int) -> Image:
+    """One frame of a video or an image sequence in colour, as it is to be seen: that number, or the last.
+
+    Raises
+    ------
+    FootageError
+        The footage is missing or cannot be read, or has no frame at all; names the file.
+    """
+    # A deque of one keeps the last.
+    last = deque(islice(pictures(path), number + 1), maxlen=1)
+    if not last:
+        raise FootageError("the footage has no frames", where=str(path))
+    return last[0]
+
+
+PICTURE_SIZE = 960
+"""The longer side of pictures that are kept to be looked at is at most about this, pixels."""
+
+
+def working_factor(view: View, working_size: int) -> float:
+    """How much a view's frames are reduced for tracking."""
+    return max(1.0, max(view.camera.size) / working_size)

@@ -1,0 +1,55 @@
+"""The curve through the key poses: where every solver may start."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, RotationSpline
+
+from ..body.motion import Motion
+from .shot import KeyPoses
+
+Array = NDArray[np.float64]
+
+
+def spline(keys: KeyPoses, length: int) -> Motion:
+    """Smooth motion through key poses, each degree of freedom through the keys that fix it; held beyond the ends.
+
+    Parameters
+    ----------
+    keys : KeyPoses
+    length : int
+        Number of frames F of the shot.
+    """
+    P = keys.poses.rotations.shape[1]
+    frames = np.arange(length)
+    T = np.empty((length, 3))
+    Q = np.empty((length, P, 3, 3))
+    for axis in range(3):
+        known = _known(keys.fixed[:, axis : axis + 1])
+        T[:, axis] = _along(keys.frames[known], keys.poses.translations[known, axis], frames)
+    for p in range(P):
+        known = _known(keys.fixed[:, 3 + 3 * p : 6 + 3 * p])
+        Q[:, p] = _turning(keys.frames[known], keys.poses.rotations[known, p], frames)
+    return Motion(T, Q)
+
+
+def _known(fixed: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Key poses that fix all of these degrees of freedom; all of them if none does."""
+    known = np.flatnonzero(fixed.all(axis=1))
+    return known if len(known) else np.arange(len(fixed))
+
+
+def _along(knots: NDArray[np.int64], values: Array, frames: NDArray[np.int64]) -> Array:
+    if len(knots) == 1:
+        return np.full(len(frames), values[0])
+    clipped = np.clip(frames, knots[0], knots[-1])
+    return CubicSpline(knots, values, bc_type="natural")(clipped)
+
+
+def _turning(knots: NDArray[np.int64], values: Array, frames: NDArray[np.int64]) -> Array:
+    if len(knots) == 1:
+        return np.broadcast_to(values[0], (len(frames), 3, 3))
+    clipped = np.clip(frames, knots[0], knots[-1])
+    return RotationSpline(knots, Rotation.from_matrix(values))(clipped).as_matrix()

@@ -1,0 +1,231 @@
+"""The shot: what is tracked (views, performers, key poses) and how (settings). Plain values, however they came."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body import Body, human
+from ..body.motion import Motion, stacked
+from ..cameras.camera import Camera
+from ..errors import ShotError
+
+FIELD_ORDERS = ("progressive", "top-first", "bottom-first")
+SOLVERS = ("gauss-newton", "relaxation")
+BROKEN_KEYPOINTS = ("refuse", "skip")
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A camera and its footage: shot frame f is the footage's frame (or field, if interlaced) f + offset.
+
+    Where the offset is fractional, that lies between two frames of the footage. The nearest counts as frame f, and
+    shows the performers a little later or earlier (`core.body.time_shift`); a moving camera's pose of frame f is
+    that of the footage's frame itself.
+    """
+
+    camera: Camera
+    footage: Path
+    offset: float = 0.0
+    fields: str = "progressive"
+    keypoints: Path | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class KeyPoses:
+    """Poses that the animator set.
+
+    Attributes
+    ----------
+    frames : ndarray of int, shape (K,)
+        Shot frames, increasing.
+    poses : Motion
+        K poses.
+    fixed : ndarray of bool, shape (K, D)
+        Which degrees of freedom each key pose fixes, in the order of `Motion.moved`. One that fixes none is a proposal:
+        the tracker looks there to learn how the performer looks, and may move it.
+    """
+
+    frames: NDArray[np.int64]
+    poses: Motion
+    fixed: NDArray[np.bool_]
+
+    @classmethod
+    def whole(cls, frames: NDArray[np.int64] | list[int], poses: Motion) -> KeyPoses:
+        """Key poses that fix every degree of freedom."""
+        D = 3 + 3 * poses.rotations.shape[1]
+        return cls(np.asarray(frames, dtype=np.int64), poses, np.ones((len(poses), D), dtype=bool))
+
+    @classmethod
+    def proposed(cls, frames: NDArray[np.int64] | list[int], poses: Motion) -> KeyPoses:
+        """Key poses that fix nothing."""
+        whole = cls.whole(frames, poses)
+        return cls(whole.frames, poses, np.zeros_like(whole.fixed))
+
+    def joined(self, other: KeyPoses) -> KeyPoses:
+        """These and others, on other frames."""
+        frames = np.concatenate([self.frames, other.frames])
+        order = np.argsort(frames)
+        poses = stacked([self.poses, other.poses])[order]
+        return KeyPoses(frames[order], poses, np.concatenate([self.fixed, other.fixed])[order])
+
+    def between(self, first: int, last: int) -> KeyPoses:
+        """Those of an excerpt of the shot, shot frames first to last, which counts its frames from zero."""
+        inside = (self.frames >= first) & (self.frames <= last)
+        return KeyPoses(self.frames[inside] - first, self.poses[inside], self.fixed[inside])
+
+    def proposals(self) -> NDArray[np.int64]:
+        """Frames whose key pose is a proposal."""
+        return self.frames[~self.fixed.any(axis=1)]
+
+    def full(self) -> NDArray[np.int64]:
+        """Frames whose key pose fixes the whole body: the ends of segments."""
+        return self.frames[self.fixed.all(axis=1)]
+
+
+@dataclass(frozen=True, eq=False)
+class Performer:
+    """Somebody to track: a body and its key poses."""
+
+    name: str
+    body: Body
+    key_poses: KeyPoses
+
+
+def fixed_degrees(performer: Performer, first: int, last: int) -> NDArray[np.bool_]:
+    """Which degrees of freedom key poses hold, and those of locked joints, on frames first to last, shape (F, D)."""
+    fixed = np.zeros((last + 1 - first, performer.body.dof), dtype=bool)
+    keys = performer.key_poses
+    inside = (keys.frames >= first) & (keys.frames <= last)
+    fixed[keys.frames[inside] - first] = keys.fixed[inside]
+    locked = performer.body.limits[..., 0] == performer.body.limits[..., 1]
+    fixed[:, 3:] |= locked.ravel()
+    return fixed
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A performer of whom only keypoints are known.
+
+    Attributes
+    ----------
+    name : str
+    height : float or None
+        Metres; None to have it judged from the keypoints.
+    frames : tuple of int or None
+        Shot frames on which key poses are wanted; None to have them chosen.
+    """
+
+    name: str
+    height: float | None = None
+    frames: tuple[int, ...] | None = None
+
+    def unknown(self) -> Performer:
+        """The performer before anything is known of it."""
+        body = human() if self.height is None else human(self.height)
+        nowhere = Motion(np.zeros((0, 3)), np.zeros((0, len(body), 3, 3)))
+        return Performer(self.name, body, KeyPoses.proposed([], nowhere))
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to track. The defaults serve every shot; see each field for its unit.
+
+    Attributes
+    ----------
+    solver : str
+        "gauss-newton" (the whole segment at once) or "relaxation" (the papers').
+    sweeps : int
+        Sweeps of the relaxation.
+    working_size : int
+        The longer side of the reduced frames that are worked on is at most about this, pixels.
+    correlation_length : float
+        How far apart, on the body, residuals say different things, metres: pixels within a square of that side count
+        as one.
+    outline_correlation : float
+        The same along the body's outline: how long a piece of it counts as one, metres.
+    joint_acceleration : float
+        Usual angular acceleration of a joint that turns freely, rad/s^2.
+    root_acceleration : float
+        Usual acceleration of the root, m/s^2.
+    prediction : bool
+        Foretell the motion of parts that no camera sees from the frames on which they are seen.
+    keypoint_correlation : float
+        How far apart in time a detector's errors are independent, seconds: keypoints within that time count as one.
+    broken_keypoints : str
+        "refuse" or "skip": what to do with files of a folder of keypoints that cannot be read.
+    footage_offset : float, optional
+        Of all footage, beside its views' own: the key pose of a frame shows the performers this many frames later,
+        -0.5 to 0.5. None looks for it (`core.evidence.time_offset`).
+    """
+
+    solver: str = "gauss-newton"
+    sweeps: int = 500
+    working_size: int = 480
+    correlation_length: float = 0.2
+    outline_correlation: float = 0.25
+    joint_acceleration: float = 30.0
+    root_acceleration: float = 2.0
+    prediction: bool = True
+    keypoint_correlation: float = 0.3
+    broken_keypoints: str = "refuse"
+    footage_offset: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.solver not in SOLVERS:
+            raise ShotError(
+                f"unknown solver '{self.solver}'", where="[track] solver", todo=f"use {' or '.join(SOLVERS)}"
+            )
+        if self.broken_keypoints not in BROKEN_KEYPOINTS:
+            what, todo = f"unknown value '{self.broken_keypoints}'", f"use {' or '.join(BROKEN_KEYPOINTS)}"
+            raise ShotError(what, where="[track] broken_keypoints", todo=todo)
+        offset = self.footage_offset
+        if offset is not None and not abs(offset) <= 0.5:
+            raise ShotError(f"it is {offset!r}", where="[track] footage_offset", todo="give -0.5 to 0.5 frames")
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if item.type in ("int", "float") and not (
+                isinstance(value, (int, float)) and np.isfinite(value) and value > 0
+            ):
+                raise ShotError(f"it is {value!r}", where=f"[track] {item.name}", todo="give a positive number")
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """Everything that one tracking job needs.
+
+    Attributes
+    ----------
+    frames : tuple of int
+        First and last frame of the shot in the footage's count, inclusive; shot frame 0 is the first.
+    """
+
+    name: str
+    fps: float
+    frames: tuple[int, int]
+    views: tuple[View, ...]
+    performers: tuple[Performer, ...]
+    settings: Settings = field(default_factory=Settings)
+
+    @property
+    def length(self) -> int:
+        """Number of frames."""
+        return self.frames[1] - self.frames[0] + 1
+
+    def in_step(self, found: float | None) -> Shot:
+        """The shot with the offset of all footage that was found, if any; one that its settings give stays."""
+        if found is None or self.settings.footage_offset is not None:
+            return self
+        return replace(self, settings=replace(self.settings, footage_offset=found))
+
+    def between(self, first: int, last: int) -> Shot:
+        """An excerpt: shot frames first to last, with the key poses on these alone."""
+        return replace(
+            self,
+            frames=(self.frames[0] + first, self.frames[0] + last),
+            views=tuple(replace(view, camera=view.camera.between(first, last)) for view in self.views),
+            performers=tuple(replace(p, key_poses=p.key_poses.between(first, last)) for p in self.performers),
+        )

@@ -1,0 +1,1 @@
+"""Tracking: from evidence and key poses to motion."""

@@ -1,0 +1,136 @@
+"""Tracking some stretches of a shot: what lies beside them is held as it is."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from itertools import pairwise
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+
+from ..runtime.progress import Progress, report_progress
+from ..shot.shot import KeyPoses, Performer, Shot
+from .segments import Stretch
+from .tracker import Around, TrackResult, track
+
+
+@dataclass(frozen=True, eq=False)
+class Excerpt:
+    """Frames of a shot that are tracked while the others stay.
+
+    Attributes
+    ----------
+    first, last : int
+        Shot frames, inclusive: where stretches begin and end.
+    around : tuple of (tuple of Motion or None)
+        The poses beside them, see `tracking.track`.
+    footage_offset : float, optional
+        As the rest of the shot told it, see `core.shot.shot.Settings`; None looks for it in the excerpt.
+    """
+
+    first: int
+    last: int
+    around: Around = (None, None)
+    footage_offset: float | None = None
+
+
+def stretches_at(stretches: Sequence[Stretch], frame: int) -> list[Stretch]:
+    """Those that a shot frame lies in: two where it is a key pose between them."""
+    return [(first, last) for first, last in stretches if first <= frame <= last]
+
+
+def stretches_after(stretches: Sequence[Stretch], frame: int) -> list[Stretch]:
+    """Those that have frames after a shot frame."""
+    return [(first, last) for first, last in stretches if last > frame]
+
+
+def stretches_before(stretches: Sequence[Stretch], frame: int) -> list[Stretch]:
+    """Those that have frames before a shot frame."""
+    return [(first, last) for first, last in stretches if first < frame]
+
+
+def joined(stretches: Sequence[Stretch]) -> list[Stretch]:
+    """First and last frames of runs of stretches that meet."""
+    runs: list[Stretch] = []
+    for first, last in sorted(stretches):
+        if runs and runs[-1][1] == first:
+            first = runs.pop()[0]
+        runs.append((first, last))
+    return runs
+
+
+def track_excerpts(shot: Shot, excerpts: Sequence[Excerpt], progress: Progress | None = None) -> list[TrackResult]:
+    """Track excerpts of a shot; what it costs is theirs alone.
+
+    Parameters
+    ----------
+    shot : Shot
+    excerpts : sequence of Excerpt
+    progress : callable, optional
+
+    Returns
+    -------
+    list of TrackResult
+        One per part, whose frames it counts from the part's first.
+
+    Raises
+    ------
+    KFMocapError
+        See `tracking.track`.
+    """
+    ends = np.cumsum([0] + [part.last - part.first for part in excerpts])
+    ends = ends / max(1, ends[-1])
+    results = []
+    for part, (begin, end) in zip(excerpts, pairwise(ends), strict=True):
+
+        def so_far(what: str, fraction: float, begin: float = begin, end: float = end) -> bool:
+            report_progress(progress, what, float(begin + fraction * (end - begin)))
+            return True
+
+        asked = shot.between(part.first, part.last).in_step(part.footage_offset)
+        results.append(track(asked, so_far, around=part.around))
+    return results
+
+
+def digest(shot: Shot, stretch: Stretch) -> str:
+    """A text that changes with anything that the motion of a stretch depends on, but what is beside it.
+
+    What is in files counts by their names; where they are does not.
+    """
+    part = shot.between(*stretch)
+    asked = replace(part, name="", performers=tuple(_asked(performer) for performer in part.performers))
+    sha = hashlib.sha256()
+    for piece in _pieces(asked):
+        sha.update(piece)
+    return sha.hexdigest()
+
+
+def _asked(performer: Performer) -> Performer:
+    """A performer without what key poses do not fix: tracking changes that."""
+    keys, P = performer.key_poses, performer.key_poses.poses.rotations.shape[1]
+    turned = keys.fixed[:, 3:].reshape(-1, P, 3).all(axis=2)[..., None, None]
+    T, Q = keys.poses.translations, keys.poses.rotations
+    poses = replace(keys.poses, translations=np.where(keys.fixed[:, :3], T, 0), rotations=np.where(turned, Q, 0))
+    return replace(performer, name="", key_poses=KeyPoses(keys.frames, poses, keys.fixed))
+
+
+def _pieces(value: Any) -> Iterable[bytes]:
+    """A value as bytes, piece by piece."""
+    if is_dataclass(value):
+        for item in fields(value):
+            yield item.name.encode()
+            yield from _pieces(getattr(value, item.name))
+    elif isinstance(value, np.ndarray):
+        yield f"{value.dtype}{value.shape}".encode()
+        yield np.ascontiguousarray(value).tobytes()
+    elif isinstance(value, dict):
+        yield from _pieces(tuple(value.items()))
+    elif isinstance(value, (tuple, list)):
+        for item in value:
+            yield from _pieces(item)
+        yield b";"
+    else:
+        yield repr(value.name if isinstance(value, PurePath) else value).encode()

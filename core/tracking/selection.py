@@ -1,0 +1,72 @@
+"""A part of a shot: some of its views, some of its key poses, another solver."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from ..body.motion import Motion
+from ..errors import ShotError
+from ..keypoints.proposals import with_proposals
+from ..shot.shot import KeyPoses, Performer, Shot
+
+
+def selected(
+    shot: Shot,
+    views: Sequence[str] | None = None,
+    keyframes: Sequence[int] | Literal["auto"] | None = None,
+    solver: str | None = None,
+) -> Shot:
+    """The shot with only these cameras' views, only the key poses of these frames, this solver.
+
+    Parameters
+    ----------
+    views : sequence of str, optional
+    keyframes : sequence of int or "auto", optional
+        In the footage's count; each must have a key pose. "auto" leaves all key poses and adds proposals, of keypoints.
+    solver : str, optional
+
+    Raises
+    ------
+    ShotError
+        There is no such view, key pose or solver, or there are no keypoints.
+    KeypointError
+        They do not show a performer well enough.
+    """
+    if views is not None:
+        shot = replace(shot, views=tuple(view for view in shot.views if view.camera.name in _known(shot, views)))
+    if keyframes == "auto":
+        if not any(view.keypoints for view in shot.views):
+            raise ShotError("no view has keypoints to propose key poses from", where="--keyframes")
+        shot = with_proposals(shot)
+    elif keyframes is not None:
+        performers = tuple(_at(performer, keyframes, shot.frames[0]) for performer in shot.performers)
+        shot = replace(shot, performers=performers)
+    if solver is not None:
+        shot = replace(shot, settings=replace(shot.settings, solver=solver))
+    return shot
+
+
+def _known(shot: Shot, names: Sequence[str]) -> Sequence[str]:
+    known = [view.camera.name for view in shot.views]
+    for name in names or ("",):
+        if name not in known:
+            raise ShotError(f"no view has the camera '{name}'", where="--views", todo=f"there are {', '.join(known)}")
+    return names
+
+
+def _at(performer: Performer, keyframes: Sequence[int], first: int) -> Performer:
+    keys = performer.key_poses
+    known = [first + int(f) for f in keys.frames]
+    for frame in keyframes:
+        if frame not in known:
+            todo = f"there are {', '.join(map(str, known))}"
+            raise ShotError(f"{performer.name} has no key pose at frame {frame}", where="--keyframes", todo=todo)
+    rows = np.flatnonzero(np.isin(known, keyframes))
+    if not len(rows):
+        raise ShotError("at least one key frame is needed", where="--keyframes")
+    poses = Motion(keys.poses.translations[rows], keys.poses.rotations[rows])
+    return replace(performer, key_poses=KeyPoses(keys.frames[rows], poses, keys.fixed[rows]))

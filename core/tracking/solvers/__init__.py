@@ -1,0 +1,1 @@
+"""Solvers: from the evidence of a segment to its poses."""

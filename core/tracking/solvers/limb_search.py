@@ -1,0 +1,371 @@
+"""Lost limbs are looked for where the images show a performer and the model does not.
+
+Outlines pull over a few centimetres; an arm that comes out of hiding, or a leg half a step ahead, is farther away.
+Poses of a limb are drawn around its motion, each tells how much of the uncovered foreground it would cover, and dynamic
+programming finds the likeliest way through them between the key poses; then poses are drawn around that, nearer. Where
+two like limbs meet, silhouettes do not tell which is which afterwards: the smoothest motion does. The result is a start
+for the solver.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+from scipy.spatial import ConvexHull
+
+from ...body import Body, part_poses
+from ...body.kinematics import scene_poses
+from ...body.motion import Motion
+from ...cameras.camera import Camera
+from ...evidence.foreground import log_ratio
+from ...evidence.label_images import NEAR, Geometry, LabelImages, pixels_at, render_labels
+from ...evidence.view_frames import ViewFrames, telling
+from ...numerics import rotations
+from .problem import Problem, Step
+
+Array = NDArray[np.float64]
+
+SPREADS = (1.0, 0.5, 0.25, 0.12)
+"""Standard deviations of the poses drawn, round after round, radians: of a joint that can turn half a circle; that of
+others is in proportion to their range."""
+DRAWS = 80
+"""Poses drawn per round; a third and two thirds of the way to each are tried as well."""
+SPEED = 3.0
+"""How fast the error of a joint that can turn half a circle usually changes, rad/s: half as fast as the joint turns."""
+PATCH = 0.06
+"""Pixels within this length of each other on the body count as one, metres."""
+HELD = 0.1
+"""How far a limb that is seen, and covers foreground, may be from where it is, radians."""
+LEAST_HELD = 0.02
+"""How much of that holds for a limb that is not seen: poses that the images do not tell apart stay what they are."""
+LEAST_GAIN = 50.0
+"""By how much a limb's motion has to become likelier to be changed, in natural units."""
+MEETING = 0.05
+"""Duration over which the way between two limbs is smoothed, seconds."""
+BESIDE = 0.2
+"""How long before and after a meeting their velocities are compared, seconds."""
+_STRIDE = 3
+_POINTS = 16
+_AT_A_TIME = 32  # frames
+_LEAST_RANGE = 0.05
+
+
+def limbs(body: Body) -> list[list[int]]:
+    """Chains of at least two parts from where the tree branches last to its tips, as indices, the tip last."""
+    children = np.bincount([p for p in body.parents if p >= 0], minlength=len(body))
+    chains = []
+    for tip in np.flatnonzero(children == 0):
+        chain = [int(tip)]
+        while (parent := body.parents[chain[0]]) > 0 and children[parent] == 1:
+            chain.insert(0, parent)
+        if len(chain) > 1:
+            chains.append(chain)
+    return chains
+
+
+def pairs(body: Body) -> list[tuple[list[int], list[int]]]:
+    """The left and the right ones of limbs that look alike, by Blender's names."""
+    chains = {tuple(body.names[part] for part in chain): chain for chain in limbs(body)}
+    sides = [(names, tuple(name.removesuffix(".L") + ".R" for name in names)) for names in chains]
+    return [(chains[left], chains[right]) for left, right in sides if left != right and right in chains]
+
+
+def found_limbs(problem: Problem, motions: Sequence[Motion], seed: int, on_step: Step | None = None) -> list[Motion]:
+    """Look for every limb of every performer; the trunk stays as it is.
+
+    Parameters
+    ----------
+    problem : Problem
+        Views without foreground images are not looked at. Views are taken to be simultaneous.
+    motions : sequence of Motion
+        F poses per performer; their fixed degrees of freedom are kept.
+    seed : int
+        Of the poses drawn.
+    on_step : callable, optional
+        Called before each limb with the share of them done and the motions; may raise to end the job.
+    """
+    looks = [_Look.of(view, problem) for view in telling(problem.views)]
+    found, rng = list(motions), np.random.default_rng(seed)
+    chains = [(i, chain) for i, body in enumerate(problem.bodies) for chain in limbs(body)]
+    for done, (i, chain) in enumerate(chains):
+        if on_step is not None:
+            on_step(done / len(chains), found)
+        found[i] = _found(problem, looks, found, i, chain, rng)
+    return untangled_limbs(problem, found)
+
+
+def untangled_limbs(problem: Problem, motions: Sequence[Motion]) -> list[Motion]:
+    """Give all like limbs of every performer their own way, see `untangled`."""
+    found = list(motions)
+    for i, body in enumerate(problem.bodies):
+        for pair in pairs(body):
+            free = ~problem.fixed[i][:, 3:].reshape(len(found[i]), -1, 3)[:, pair[0] + pair[1]].any(axis=(1, 2))
+            found[i] = untangled(body, found[i], pair, problem.fps, free)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """Every _STRIDE-th pixel of a view's frames: its log likelihood ratios, (F, h, w)."""
+
+    camera: Camera
+    first: int
+    ratio: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, view: ViewFrames, problem: Problem) -> _Look:
+        foreground = view.foreground_at(problem.first, problem.length)[:, ::_STRIDE, ::_STRIDE]
+        return cls(view.camera.subsampled(_STRIDE), problem.first, log_ratio(foreground))
+
+    def labels(self, geometry: Geometry, poses: tuple[Array, Array]) -> LabelImages:
+        return render_labels(geometry, self.camera, self.first, *poses)
+
+    def uncovered(self, geometry: Geometry, poses: tuple[Array, Array]) -> _Look:
+        """The same, zero where parts cover it."""
+        labels = self.labels(geometry, poses)
+        return _Look(self.camera, self.first, np.where(labels.part < 0, self.ratio, np.float32(0)))
+
+    def at(self, frames: slice, points_world: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Ratios of the pixels that points (m, K, n, points, 3) of some frames fall on, 0 beyond the picture."""
+        Rc, tc = self.camera.poses(self.first + frames.start, len(points_world))
+        K = self.camera.matrix
+        m, *shape, _ = points_world.shape
+        x = points_world.reshape(m, -1, 3) @ np.swapaxes(K @ Rc, -1, -2).astype(np.float32)
+        x += (tc @ K.T).astype(np.float32)[:, None]
+        uv = x[..., :2] / np.maximum(x[..., 2:], np.float32(NEAR))
+        ratio = pixels_at(self.ratio[frames], np.arange(m)[:, None], uv[..., 0], uv[..., 1], np.float32(0))
+        return ratio.reshape(m, *shape)
+
+
+@dataclass(frozen=True, eq=False)
+class _Limb:
+    """One limb and what is known of it: n parts, F frames.
+
+    `range` is (n, 3), 1 for half a circle; points (n, points, 3) are in the parts' frames, and each part shows its
+    area, square metres, on the average; `parent` are the poses of what the limb hangs on; `fixed` (F, n, 3) are the
+    degrees of freedom that stay; `held` (F, n) tells how surely it is where it is.
+    """
+
+    body: Body
+    chain: list[int]
+    range: Array
+    points: Array
+    areas: Array
+    parent: tuple[Array, Array]
+    fixed: NDArray[np.bool_]
+    held: Array
+
+
+def _found(
+    problem: Problem, looks: Sequence[_Look], motions: Sequence[Motion], i: int, chain: list[int], rng: Generator
+) -> Motion:
+    """One performer's motion with one limb where it is likeliest."""
+    body, motion = problem.bodies[i], motions[i]
+    span, geometry = problem.spans()[i], problem.geometry()
+    parts = [span.start + part for part in chain]
+    rest = [part for part in range(len(geometry.spans)) if part not in parts]
+    R, T = scene_poses(problem.bodies, motions)
+    hangs_on = span.start + body.parents[chain[0]]
+    limb = _Limb(
+        body,
+        chain,
+        np.clip(np.ptp(body.limits[chain], axis=2) / np.pi, _LEAST_RANGE, 1.0),
+        *_samples(geometry, parts, rng),
+        (R[:, hangs_on], T[:, hangs_on]),
+        problem.fixed[i][:, 3:].reshape(problem.length, -1, 3)[:, chain],
+        np.maximum(_held(looks, geometry, (R, T), parts), LEAST_HELD),
+    )
+    uncovered = [look.uncovered(geometry.subset(rest), (R[:, rest], T[:, rest])) for look in looks]
+    path, gain = _likeliest(limb, uncovered, rotations.log(motion.rotations[:, chain]), problem.fps, rng)
+    if gain < LEAST_GAIN:
+        return motion
+    Q = motion.rotations.copy()
+    Q[:, chain] = np.where(limb.fixed.all(axis=-1)[..., None, None], Q[:, chain], rotations.exp(path))
+    return Motion(motion.translations, Q)
+
+
+def _likeliest(
+    limb: _Limb, uncovered: Sequence[_Look], begin: Array, fps: float, rng: Generator
+) -> tuple[Array, float]:
+    """The limb's rotation vectors (F, n, 3) that are likeliest around those it begins with, and by how much.
+
+    How far they are from those costs by how fast it changes; how fast the limb itself moves costs nothing.
+    """
+    low = np.minimum(limb.body.limits[limb.chain, :, 0], begin.min(axis=0))
+    high = np.maximum(limb.body.limits[limb.chain, :, 1], begin.max(axis=0))
+    cost = SPEED * limb.range / fps
+    path = begin
+    values: list[float] = []
+    for spread in SPREADS:
+        offsets = rng.normal(size=(DRAWS, *limb.range.shape)) * spread * limb.range
+        offsets = np.concatenate([np.zeros((1, *limb.range.shape)), offsets / 3, 2 * offsets / 3, offsets])
+        drawn = np.where(limb.fixed[:, None], path[:, None], np.clip(path[:, None] + offsets, low, high))
+        score = _covered(limb, uncovered, drawn)
+        score -= 0.5 * np.einsum("fn,fkna->fk", limb.held, ((drawn - begin[:, None]) / (HELD * limb.range)) ** 2)
+        places = ((drawn - begin[:, None]) / cost).reshape(*score.shape, -1)
+        best, value = _best_way(score, places)
+        if not values:
+            values.append(float(score[:, 0].sum()))
+        values.append(value)
+        # While draws are far apart the best are of different kinds; later their mean is smoother than any of them.
+        wide = spread > SPREADS[len(SPREADS) // 2]
+        frames = np.arange(len(drawn))
+        path = drawn[frames, best] if wide else np.einsum("fk,fkna->fna", _shares(score, places), drawn)
+    return path, values[-1] - values[0]
+
+
+def _held(looks: Sequence[_Look], geometry: Geometry, poses: tuple[Array, Array], parts: list[int]) -> Array:
+    """The share of each part that is seen and on foreground, in the view that shows most of it, (F, n)."""
+    held = np.zeros((len(poses[0]), len(parts)))
+    for look in looks:
+        labels, performer = look.labels(geometry, poses), look.ratio > 0
+        for k, part in enumerate(parts):
+            seen = labels.part == part
+            right = (seen & performer).sum(axis=(1, 2)) / np.maximum(seen.sum(axis=(1, 2)), 1)
+            held[:, k] = np.maximum(held[:, k], labels.share[:, part] * right)
+    return held
+
+
+def _samples(geometry: Geometry, parts: Sequence[int], rng: Generator) -> tuple[Array, Array]:
+    """Points within the parts, (n, points, 3), and the area that each shows on the average: by Cauchy's formula a
+    quarter of its surface, square metres."""
+    vertices = [geometry.vertices[geometry.spans[part]] for part in parts]
+    points = [rng.dirichlet(np.full(len(v), 0.3), _POINTS) @ v for v in vertices]
+    return np.array(points), np.array([ConvexHull(v).area / 4 for v in vertices])
+
+
+def _covered(limb: _Limb, uncovered: Sequence[_Look], drawn: Array) -> Array:
+    """How much likelier the images are with the limb in each of K poses drawn (F, K, n, 3), shape (F, K)."""
+    score = np.zeros(drawn.shape[:2])
+    for some in _chunks(len(drawn)):
+        world = _placed(limb, some, drawn[some])
+        for look in uncovered:
+            score[some] += look.at(some, world).mean(axis=-1) @ (limb.areas / PATCH**2)
+    return score
+
+
+def _chunks(frames: int) -> Iterator[slice]:
+    return (slice(f, min(f + _AT_A_TIME, frames)) for f in range(0, frames, _AT_A_TIME))
+
+
+def _placed(limb: _Limb, frames: slice, drawn: Array) -> NDArray[np.float32]:
+    """World points (m, K, n, points, 3) of the limb in poses drawn (m, K, n, 3)."""
+    R, T = limb.parent[0][frames, None], limb.parent[1][frames, None]
+    Q = rotations.exp(drawn)
+    placed = []
+    for k, part in enumerate(limb.chain):
+        T = T + R @ limb.body.offsets[part]
+        R = R @ (limb.body.R_parent_rest[part] @ Q[:, :, k])
+        turned = limb.points[k].astype(np.float32) @ np.swapaxes(R, -1, -2).astype(np.float32)
+        placed.append(turned + T[:, :, None].astype(np.float32))
+    return np.stack(placed, axis=2)
+
+
+def _best_way(score: Array, places: Array) -> tuple[NDArray[np.intp], float]:
+    """The best way through K places on each of F frames (Viterbi), and its value.
+
+    The value is the sum of the places' scores (F, K) less half the squared distances between places (F, K, d).
+    """
+    F, K = score.shape
+    best, total = np.zeros(F, np.intp), score[0]
+    back = np.zeros((F, K), np.intp)
+    for f in range(1, F):
+        through = total[:, None] + _link(places[f - 1], places[f])
+        back[f] = through.argmax(axis=0)
+        total = np.take_along_axis(through, back[f][None], axis=0)[0] + score[f]
+    best[-1] = total.argmax()
+    for f in range(F - 1, 0, -1):
+        best[f - 1] = back[f, best[f]]
+    return best, float(total.max())
+
+
+def _shares(score: Array, places: Array) -> Array:
+    """The probability of every place, (F, K), where ways are the likelier the better; parameters as of `_best_way`."""
+    links = [np.exp(_link(a, b)) for a, b in pairwise(places)]
+    ahead, behind = score.copy(), np.zeros(score.shape)
+    for f, link in enumerate(links, start=1):
+        ahead[f] += _log_sum(ahead[f - 1], link)
+    for f, link in reversed(list(enumerate(links))):
+        behind[f] = _log_sum(behind[f + 1] + score[f + 1], link.T)
+    log = ahead + behind
+    share = np.exp(log - log.max(axis=1, keepdims=True))
+    return share / share.sum(axis=1, keepdims=True)
+
+
+def _log_sum(log: Array, factors: Array) -> Array:
+    """Logarithms of sums of K numbers, given by their logarithms, with each column of factors (K, L)."""
+    top = log.max()
+    return top + np.log(np.maximum(np.exp(log - top) @ factors, np.finfo(float).tiny))
+
+
+def _link(a: Array, b: Array) -> Array:
+    """Less half the squared distance from each of the places (K, d) to each of the next, (K, K)."""
+    here, there = (-0.5 * np.einsum("kd,kd->k", p, p)[:, None] for p in (a, b))
+    one = np.ones_like(here)
+    return np.concatenate([a, here, one], axis=1) @ np.concatenate([b, one, there], axis=1).T
+
+
+def untangled(
+    body: Body, motion: Motion, pair: tuple[list[int], list[int]], fps: float, free: NDArray[np.bool_] | None = None
+) -> Motion:
+    """Give each of two like limbs its own way again where they were taken for one another.
+
+    They may have been exchanged wherever they are nearest to each other; those exchanges are undone that leave the
+    smoothest motion. At the first and last frame they are what they are.
+
+    Parameters
+    ----------
+    body : Body
+    motion : Motion
+        F poses.
+    pair : tuple of lists of int
+        See `pairs`.
+    fps : float
+    free : ndarray of bool, shape (F,), optional
+        The frames on which the limbs may be exchanged.
+    """
+    R, _ = part_poses(body, motion)
+    left, right = (np.swapaxes(R[:, [body.parents[chain[0]]]], -1, -2) @ R[:, chain] for chain in pair)
+    apart = (right - left)[..., 1].reshape(len(motion), -1)  # of the bones' directions
+    apart = gaussian_filter1d(apart, MEETING * fps, axis=0, mode="nearest")
+    distance = np.linalg.norm(apart, axis=1)
+    meetings = 1 + np.flatnonzero((distance[1:-1] < distance[:-2]) & (distance[1:-1] < distance[2:]))
+    exchanged = np.zeros(len(motion), dtype=bool)
+    for (a, b), swapped in zip(
+        zip(meetings, [*meetings, len(motion)][1:], strict=True), _exchanges(apart, meetings, fps), strict=True
+    ):
+        exchanged[a:b] = swapped
+    exchanged &= True if free is None else free
+    if not exchanged.any():
+        return motion
+    Q = motion.rotations.copy()
+    for chain, other in (pair, pair[::-1]):
+        parent = R[:, body.parents[chain[0]]]
+        for part, like in zip(chain, other, strict=True):
+            turned = np.swapaxes(parent @ body.R_parent_rest[part], -1, -2) @ R[:, like]
+            Q[exchanged, part] = rotations.orthonormal(turned[exchanged])
+            parent = R[:, like]
+    return Motion(motion.translations, Q)
+
+
+def _exchanges(apart: Array, meetings: NDArray[np.intp], fps: float) -> list[bool]:
+    """After which meetings two limbs, `apart` by (F, d), are to be exchanged so that their velocities go on."""
+    reach, last = max(2, round(BESIDE * fps)), len(apart) - 1
+    ways: dict[int, tuple[float, list[bool]]] = {1: (0.0, [])}
+    for f in meetings:
+        p, q = max(f - reach, 0), min(f + reach, last)
+        before = (apart[f] - apart[p]) / (f - p)
+        jump = {s: float((((s * apart[q] - apart[f]) / (q - f) - before) ** 2).sum()) for s in (1, -1)}
+        ways = {
+            side: min(
+                ((cost + jump[side * was], [*way, side < 0]) for was, (cost, way) in ways.items()), key=lambda w: w[0]
+            )
+            for side in (1, -1)
+        }
+    return ways[1][1]

@@ -1,0 +1,322 @@
+"""Relaxation as published (paper 000, section 4 and appendix).
+
+Unknown are the motion parameters x_j between frames j - 1 and j: the root's translation S_j in the world and each
+part's turn Q_j about its own axes. An initial solution follows the gradients alone, frame after frame; sweeps of
+equation (30) then solve one frame after the other for x_j, with the terminal terms (A.1) to (A.4) and the smoothness
+terms (A.5) and (A.6). Grey levels count 0 to 1. Parts that no view sees are foretold in the initial solution, and have
+no gradients in the sweeps, equation (38).
+
+With u = 1/n of equation (27), the sweeps come to rest where equation (21) is least for lambda / n and nu / n. The
+axis vector (A.2) is the sine of a turn, so the terminal constraint is met in the limit of small turns only; the last
+pose is then set to the key pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+
+from ...body import Body
+from ...body.joint_blocks import joint_blocks
+from ...body.kinematics import scene_poses
+from ...body.motion import Motion, stacked
+from ...evidence.accumulate import Evidence
+from ...evidence.label_images import Geometry, render_labels
+from ...evidence.occlusion import intervals
+from ...numerics import rotations
+from ...numerics.banded_blocks import BandedBlocks
+from ...runtime.timing import Seconds
+from ...shot.shot import Settings
+from ..prediction import PAST, autoregression, predict
+from .problem import Problem, Solution, Step, frame_residual
+
+Array = NDArray[np.float64]
+
+LAMBDA = 10.0
+"""Weight of the rotations' terminal constraint."""
+NU = 20.0
+"""Weight of the root's terminal constraint."""
+SMOOTHNESS = 1.0
+"""Weight of the smoothness of every motion parameter."""
+RELINEARISE = 10
+"""Sweeps between two measurements of the gradients around the current motion."""
+INITIAL = ((2.0, 8.0), (1.0, 4.0), (1.0, 4.0))
+"""Smoothing and tolerance of the steps from one frame to the next that make the initial solution."""
+FINE = (1.0, 1.0)
+"""Smoothing and tolerance of the gradients of the sweeps."""
+STRIDE = 2
+"""Every how many pixels, each way, the gradients are taken."""
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """Motion parameters x_j of one performer, j = 1 .. n.
+
+    Attributes
+    ----------
+    shifts : ndarray, shape (n, 3)
+        S_j, metres.
+    turns : ndarray, shape (n, P, 3)
+        Rotation vectors of Q_j, radians.
+    """
+
+    shifts: Array
+    turns: Array
+
+    @classmethod
+    def of(cls, motion: Motion) -> Steps:
+        T, Q = motion.translations, motion.rotations
+        return cls(np.diff(T, axis=0), rotations.log(np.swapaxes(Q[:-1], -1, -2) @ Q[1:]))
+
+    def accumulated(self, start: Motion) -> Motion:
+        """The poses that follow from a first pose, equations (6) and (7), shape F = n + 1."""
+        turned = [start.rotations[0]]
+        for Q in rotations.exp(self.turns):
+            turned.append(turned[-1] @ Q)
+        T = start.translations[0] + np.concatenate([np.zeros((1, 3)), np.cumsum(self.shifts, axis=0)])
+        return Motion(T, rotations.orthonormal(np.stack(turned)))
+
+    def vectors(self) -> Array:
+        """x_j as equation (5) has them, shape (n, D)."""
+        return np.concatenate([self.shifts, self.turns.reshape(len(self.turns), 3 * self.turns.shape[1])], axis=1)
+
+
+def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step: Step | None = None) -> Solution:
+    """Fit the motion of all performers by relaxation; parameters as of `gauss_newton.descend`.
+
+    A stretch that ends without a key pose has no terminal constraint. Key poses of some degrees of freedom within
+    the stretch are held as they are.
+    """
+    geometry, seconds = problem.geometry(), Seconds()
+    with seconds.measure("initial solution"):
+        motions = follow_gradients(problem, start, settings, on_step)
+    energies: list[float] = []
+    for sweep in range(0, settings.sweeps, RELINEARISE):
+        if on_step is not None:
+            on_step(0.2 + 0.8 * sweep / settings.sweeps, motions)
+        poses, evidence = problem.evidence(geometry, motions, *FINE, STRIDE)
+        seconds.add(evidence.seconds)
+        energies.append(float(evidence.energy.sum()))
+        if settings.prediction:
+            evidence = evidence.without(np.concatenate(problem.hidden(evidence.share), axis=1))
+        count = min(RELINEARISE, settings.sweeps - sweep)
+        with seconds.measure("solve"):
+            rows = _rows_of_steps(problem, motions, poses, evidence)
+            motions = [
+                relax(motion, keyed, fixed, A, b, count)
+                for motion, keyed, fixed, (A, b) in zip(motions, start, problem.fixed, rows, strict=True)
+            ]
+    return Solution(
+        tuple(_held(m, s, fixed) for m, s, fixed in zip(motions, start, problem.fixed, strict=True)),
+        settings.sweeps,
+        tuple(energies),
+        (),
+        evidence.share,
+        evidence.explained.sum(axis=0),
+        frame_residual(evidence),
+        seconds,
+        evidence,
+    )
+
+
+def follow_gradients(
+    problem: Problem, start: Sequence[Motion], settings: Settings, on_step: Step | None = None
+) -> list[Motion]:
+    """Initial solution: from the first pose on, each frame from the one before by its gradients alone, equation (12).
+
+    A direction that no pixel measures does not move. With prediction, parts that are out of sight move as foretold
+    until they are seen again (section 5.4). The first frame is that of `start`.
+    """
+    geometry = problem.geometry()
+    motions = [motion[:1] for motion in start]
+    hidden = [np.zeros((0, len(body)), dtype=bool) for body in problem.bodies]
+    for j in range(1, problem.length):
+        if on_step is not None:
+            on_step(0.2 * j / problem.length, start)
+        pair = replace(problem, first=problem.first + j - 1, fixed=tuple(f[j - 1 : j + 1] for f in problem.fixed))
+        here = [stacked([motion[-1:], motion[-1:]]) for motion in motions]
+        gone = [np.zeros(len(body), dtype=bool) for body in problem.bodies]
+        if settings.prediction:
+            x = [foretold(motion, h) for motion, h in zip(motions, hidden, strict=True)]
+            gone = out_of_sight(pair, geometry, [_advanced(h, step) for h, step in zip(here, x, strict=True)])
+            here = [_advanced(h, step * _degrees(g)) for h, step, g in zip(here, x, gone, strict=True)]
+        here = _moved_by_gradients(pair, geometry, here, gone)
+        motions = [stacked([motion, h[1:]]) for motion, h in zip(motions, here, strict=True)]
+        hidden = [np.concatenate([h, g[None]]) for h, g in zip(hidden, gone, strict=True)]
+    return motions
+
+
+def foretold(motion: Motion, hidden: NDArray[np.bool_]) -> Array:
+    """The step that follows a motion, as many ahead of the last one seen as each part has been hidden, shape (D,).
+
+    Parameters
+    ----------
+    motion : Motion
+        j poses of one performer.
+    hidden : ndarray of bool, shape (j - 1, P)
+        Which of the steps between them are foretold themselves: a part's model is learnt from its others.
+    """
+    x = Steps.of(motion).vectors()
+    step = np.zeros(x.shape[1])
+    for p in range(hidden.shape[1]):
+        own = slice(3 + 3 * p if p else 0, 6 + 3 * p)
+        runs = [x[a : b + 1, own] for a, b in intervals(~hidden[:, p])]
+        models = [autoregression([run[:, d] for run in runs]) for d in range(own.stop - own.start)]
+        seen = np.flatnonzero(~hidden[:, p]).max(initial=-1) + 1
+        step[own] = predict(x[max(seen - PAST, 0) : seen, own], len(x) + 1 - seen, models)[0][-1]
+    return step
+
+
+def out_of_sight(pair: Problem, geometry: Geometry, motions: Sequence[Motion]) -> list[NDArray[np.bool_]]:
+    """Per performer: parts whose motion from one frame to the next no view shows, shape (P,).
+
+    A view does not show a part that is occluded in its current pose or in the one foretold (section 5.3). But what a
+    part carries tells how it moves: arms before the trunk do not make the body stand still.
+
+    Parameters
+    ----------
+    pair : Problem
+        The two frames.
+    geometry : Geometry
+    motions : sequence of Motion
+        The current pose and the one foretold.
+    """
+    poses = scene_poses(pair.bodies, motions)
+    labels = [render_labels(geometry, v.camera.subsampled(STRIDE), pair.first, *poses) for v in pair.views]
+    share = np.stack([view.share for view in labels]).min(axis=1, keepdims=True)
+    carried = block_diag(*(body.ancestry for body in pair.bodies))
+    return [hidden[-1] for hidden in pair.hidden((share[..., None] * carried).max(axis=2))]
+
+
+def _moved_by_gradients(
+    pair: Problem, geometry: Geometry, motions: Sequence[Motion], gone: Sequence[NDArray[np.bool_]]
+) -> list[Motion]:
+    """Two poses per performer, the second moved by the gradients on all parts but those that are gone."""
+    here, seen = list(motions), ~np.concatenate(gone)
+    for sigma, tolerance in INITIAL:
+        world, evidence = pair.evidence(geometry, here, sigma, tolerance, STRIDE)
+        systems = [BandedBlocks.zeros(2, body.dof) for body in pair.bodies]
+        for instants in pair.instants(here, world):
+            (R, T), views = instants.poses, instants.views
+            H, g = evidence.H[views].sum(axis=0) * seen[:, None, None], evidence.g[views].sum(axis=0) * seen[:, None]
+            for i, (body, span) in enumerate(zip(pair.bodies, pair.spans(), strict=True)):
+                blocks = joint_blocks(body, (R[:, span], T[:, span]), H[:, span], g[:, span], 0.0)
+                systems[i] += instants.on_frames(i, blocks)
+        for i, (body, blocks) in enumerate(zip(pair.bodies, systems, strict=True)):
+            A = blocks.diagonal[1] + SMOOTHNESS * np.eye(body.dof)
+            here[i] = _advanced(here[i], np.linalg.solve(A, -blocks.gradient[1]))
+    return here
+
+
+def _degrees(parts: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The degrees of freedom of parts, shape (D,): the root's place goes with its turn."""
+    return np.concatenate([np.repeat(parts[:1], 3), np.repeat(parts, 3)])
+
+
+def _advanced(poses: Motion, step: Array) -> Motion:
+    """Two poses of which the second is moved by a step."""
+    return poses.moved(np.stack([np.zeros_like(step), step]))
+
+
+def _rows_of_steps(
+    problem: Problem, motions: Sequence[Motion], poses: tuple[Array, Array], evidence: Evidence
+) -> list[tuple[Array, Array]]:
+    """A_t and b_t of every performer, of the views of all instants; see `spatio_temporal`."""
+    n = problem.length - 1
+    A = [np.zeros((n, body.dof, body.dof)) for body in problem.bodies]
+    b = [np.zeros((n, body.dof)) for body in problem.bodies]
+    for instants in problem.instants(motions, poses):
+        (R, T), views = instants.poses, instants.views
+        H, g = evidence.H[views].sum(axis=0), evidence.g[views].sum(axis=0)
+        there = [delayed.motion for delayed in instants.delayed] if instants.delayed else motions
+        for i, (body, span) in enumerate(zip(problem.bodies, problem.spans(), strict=True)):
+            own = spatio_temporal(body, (R[:, span], T[:, span]), H[:, span], g[:, span], there[i])
+            for total, rows in zip((A[i], b[i]), own, strict=True):
+                total += shared_out(rows, instants.delay)
+    return list(zip(A, b, strict=True))
+
+
+def shared_out(rows: Array, delay: float) -> Array:
+    """Rows of the n steps between instants, shared out to the steps between frames by how long these overlap."""
+    if delay == 0:
+        return rows
+    rows = rows if delay > 0 else rows[::-1]
+    out = (1 - abs(delay)) * rows
+    out[1:] += abs(delay) * rows[:-1]
+    out[-1] += abs(delay) * rows[-1]
+    return out if delay > 0 else out[::-1]
+
+
+def spatio_temporal(body: Body, poses: tuple[Array, Array], H: Array, g: Array, motion: Motion) -> tuple[Array, Array]:
+    """A_t,j and b_t,j of equation (23) around the current motion, shapes (n, D, D) and (n, D).
+
+    The rows of frame pair (j - 1, j) count for x_j alone, as in equation (12).
+    """
+    late = np.zeros_like(H), np.zeros_like(g)
+    late[0][..., 6:, 6:], late[1][..., 6:] = H[..., 6:, 6:], g[..., 6:]
+    blocks = joint_blocks(body, poses, *late, 0.0)
+    A, gradient = blocks.diagonal[1:], blocks.gradient[1:]
+    x = Steps.of(motion).vectors()
+    return A, (A @ x[..., None])[..., 0] - gradient
+
+
+def relax(motion: Motion, keyed: Motion, fixed: NDArray[np.bool_], A: Array, b: Array, sweeps: int) -> Motion:
+    """Sweeps of equation (30) over one performer's frames.
+
+    Parameters
+    ----------
+    motion : Motion
+        F = n + 1 poses; the first one stays.
+    keyed : Motion
+        F poses that are right where `fixed` is true; the last one gives the terminal constraint.
+    fixed : ndarray of bool, shape (F, D)
+    A, b : ndarray, shape (n, D, D) and (n, D)
+        From `spatio_temporal`.
+    """
+    n, D = b.shape
+    terminal = fixed[-1].astype(float)
+    weight = terminal * np.concatenate([np.full(3, NU), np.full(D - 3, LAMBDA)])
+    inverse = np.linalg.inv(A + np.eye(D) * (SMOOTHNESS + weight[:, None]))
+    u = 1.0 / n
+    R_last, T_last = keyed.rotations[-1], keyed.translations[-1]
+    x = Steps.of(motion).vectors()
+    for _ in range(sweeps):
+        Q = rotations.exp(x[:, 3:].reshape(n, -1, 3))
+        after = _products_after(Q)
+        before = motion.rotations[0]
+        T_error = T_last - motion.translations[0] - x[:, :3].sum(axis=0)
+        for j in range(n):
+            P = np.swapaxes(before, -1, -2) @ R_last @ np.swapaxes(after[j], -1, -2)
+            x_e = np.concatenate([T_error + x[j, :3], axis_vector(P).ravel()])  # equation (25)
+            x_e = u * (x_e - x[j]) + x[j]  # equation (27)
+            ends = x[max(j - 1, 0)] + x[min(j + 1, n - 1)]  # x_0 = x_1, x_n+1 = x_n
+            new = inverse[j] @ (b[j] + weight * x_e + SMOOTHNESS * ends / 2)
+            T_error -= new[:3] - x[j, :3]
+            x[j] = new
+            before = before @ rotations.exp(new[3:].reshape(-1, 3))
+    return Steps(x[:, :3], x[:, 3:].reshape(n, -1, 3)).accumulated(motion)
+
+
+def axis_vector(P: Array) -> Array:
+    """Axis vector of (P - P^T) / 2, equation (A.2), shape (..., 3)."""
+    return 0.5 * np.stack(
+        [P[..., 2, 1] - P[..., 1, 2], P[..., 0, 2] - P[..., 2, 0], P[..., 1, 0] - P[..., 0, 1]], axis=-1
+    )
+
+
+def _products_after(Q: Array) -> Array:
+    """Products Q_{j+1} ... Q_n of the frames after each, shape as Q (n, P, 3, 3)."""
+    out = np.empty_like(Q)
+    out[-1] = np.eye(3)
+    for j in range(len(Q) - 1, 0, -1):
+        out[j - 1] = Q[j] @ out[j]
+    return out
+
+
+def _held(motion: Motion, keyed: Motion, fixed: NDArray[np.bool_]) -> Motion:
+    """The motion with the fixed degrees of freedom of key poses put in: they are met in the limit only."""
+    return motion.moved(np.where(fixed, motion.difference(keyed), 0.0))

@@ -1,0 +1,89 @@
+"""Uncertainty: how far every joint may be from where the tracker has it.
+
+The covariance of the poses is the inverse of the solver's normal matrix. Two things that the solver's model of the
+errors leaves out are put in here: that outlines err alike on all frames, as the model's shape is wrong in one way, and
+that a solution may be the wrong one, which shows as foreground left uncovered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body import Body, part_poses
+from ..body.kinematics import point_jacobian, scene_poses
+from ..body.motion import Motion
+from ..evidence.misfit import uncovered_gaps
+from ..numerics.banded import BandedFactor
+from ..shot.shot import Settings
+from .solvers.gauss_newton import normal_equations
+from .solvers.problem import Problem, Solution
+
+Array = NDArray[np.float64]
+
+ALIKE = 100.0
+"""Lines across the outlines, over the frames, that err alike: they count as one."""
+MISPLACED = 2.0
+"""Error of a joint per gap between the outlines: what is misplaced are a few limbs, the gap is the whole outline's."""
+
+
+def joint_deviations(problem: Problem, solution: Solution, settings: Settings) -> list[Array]:
+    """Expected distance of every part's tip from its true place, metres: per performer, shape (F, P).
+
+    Where the poses are held it is zero.
+
+    Parameters
+    ----------
+    problem : Problem
+        As it was solved.
+    solution : Solution
+    settings : Settings
+    """
+    motions = solution.motions
+    poses = scene_poses(problem.bodies, motions)
+    covariances = pose_covariances(problem, solution, poses, settings)
+    at = problem.poses_by_delay(motions, poses)
+    gaps = uncovered_gaps(problem.views, problem.geometry(), at, problem.first, problem.spans(), problem.whole_keys())
+    deviations = []
+    for i, (body, motion) in enumerate(zip(problem.bodies, motions, strict=True)):
+        misplaced = MISPLACED * gaps[i] * ~problem.fixed[i].all(axis=1)
+        deviations.append(np.hypot(tip_deviations(body, motion, covariances[i]), misplaced[:, None]))
+    return deviations
+
+
+def expected_errors(deviation: Array, parents: Sequence[int]) -> Array:
+    """Expected error of every frame, metres, shape (F,): mean over the joints, of deviations (F, P) of all tips.
+
+    A part's tip is a joint where another part begins. The ends of limbs are no joints: how a hand is turned, or a foot,
+    is seen so much worse than where it is that they would outweigh all else.
+    """
+    return deviation[:, joint_parts(parents)].mean(axis=1)
+
+
+def joint_parts(parents: Sequence[int]) -> list[int]:
+    """Parts that others begin at; all of them where there is one alone."""
+    return sorted({parent for parent in parents if parent >= 0}) or [0]
+
+
+def pose_covariances(
+    problem: Problem, solution: Solution, poses: tuple[Array, Array], settings: Settings
+) -> list[Array]:
+    """Covariances of every performer's poses, (F, D, D), in the order of the degrees of freedom; see the module."""
+    assert solution.evidence is not None
+    softened = replace(settings, outline_correlation=ALIKE * settings.outline_correlation)
+    hidden = problem.hidden(solution.share) if settings.prediction else []
+    systems = normal_equations(problem, solution.motions, poses, solution.evidence, softened, 1.0, hidden)
+    return [BandedFactor(s, fixed).covariances() for s, fixed in zip(systems, problem.fixed, strict=True)]
+
+
+def tip_deviations(body: Body, motion: Motion, covariances: Array) -> Array:
+    """Standard deviation of the place of every part's tip, (F, P), metres, of covariances of the poses (F, D, D)."""
+    R, T = part_poses(body, motion)
+    tips = np.array([[0.0, np.linalg.norm(part.tail_world - part.head_world), 0.0] for part in body.parts])
+    points = np.einsum("fpab,pb->fpa", R, tips) + T
+    J = point_jacobian(body, R, T, np.arange(len(body)), points)
+    J_C = (J.reshape(len(J), -1, body.dof) @ covariances).reshape(J.shape)
+    return np.sqrt(np.maximum((J * J_C).sum(axis=(2, 3)), 0))

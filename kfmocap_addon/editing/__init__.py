@@ -1,0 +1,1 @@
+"""Poses and keys that the tools make."""

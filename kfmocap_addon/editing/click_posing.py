@@ -1,0 +1,180 @@
+"""A body being posed by clicked joints: what the tool Place Joints does between two mouse events."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+from mathutils import Vector
+from numpy.typing import NDArray
+
+from ...core.body import Body, landmark_positions
+from ...core.body.motion import Motion
+from ...core.cameras.camera import Camera
+from ...core.errors import KeypointError
+from ...core.posing.clicks import STEPS, Click, ClickFit, ClickSolver, clicked, pixel, ray
+from ...core.posing.depth import limb_flipped
+from ..scene_io import body_armature, joint_marks, keyframes, view_cameras
+
+ASKED = [
+    side + joint
+    for joints in (("Shoulder", "Elbow", "Wrist"), ("Hip", "Knee", "Ankle"))
+    for side in "LR"
+    for joint in joints
+]
+ASKED += ["Head", "Nose", "Neck", "LBigToe", "RBigToe", "LHeel", "RHeel", "LHand", "RHand"]
+"""Landmarks in the order in which they are asked for; others of the body follow."""
+DRAGGING_STEPS = 4
+"""Of the fit, while a joint is dragged."""
+
+
+class Placing:
+    """Marks of one frame, and the pose that is fitted to them.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    slot : KFMocapPerformer
+    bones : set of str, optional
+        These alone are moved; by default the whole body.
+
+    Raises
+    ------
+    KFMocapError
+        The armature is no body, or a camera cannot be one of ours.
+    """
+
+    def __init__(self, scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, bones: set[str] | None = None) -> None:
+        self.slot, self.scene, self.frame = slot, scene, scene.frame_current
+        self.bones = bones
+        self.body = body_armature.body_from_armature(slot.armature)
+        self.landmarks = order(self.body)
+        self.marks = joint_marks.on_frame(slot, self.frame)
+        self._before = keyframes.shown_values(slot.armature), joint_marks.everything(slot)
+        self._cameras = _cameras_now(scene)
+        self._held = _held(self.body, self.bones)
+        self._given = keyframes.shown_pose(slot.armature)
+        self._solver = ClickSolver(self.body, self._given, self._held)
+        self._history: list[joint_marks.Snapshot] = []
+        self.fitted = ClickFit(self._given, self._given)
+        if self.marks:
+            self._fit()
+
+    @property
+    def pose(self) -> Motion:
+        return self.fitted.pose
+
+    def views(self) -> set[str]:
+        """Names of the views that joints can be clicked in."""
+        return set(self._cameras)
+
+    def joints(self) -> dict[str, Vector]:
+        """Where the pose has its landmarks, in the world."""
+        points = landmark_positions(self.body, self.pose, self.landmarks)[0]
+        return {name: Vector(point) for name, point in zip(self.landmarks, points, strict=True)}
+
+    def missing(self, view: str) -> list[str]:
+        """Landmarks without a mark in a view, in the order in which they are asked for."""
+        return [name for name in self.landmarks if (view, name) not in self.marks]
+
+    def place_of(self, view: str, landmark: str) -> tuple[float, float]:
+        """Place in the picture of a mark."""
+        x, y = ray(self._cameras[view].matrix, self.marks[view, landmark])
+        return float(x), float(y)
+
+    def is_inside(self, view: str, place: tuple[float, float]) -> bool:
+        """Whether a place lies in the view's picture."""
+        camera, size = self._cameras[view], np.array(self._cameras[view].size)
+        return bool(np.all(np.abs(pixel(camera.matrix, place) - (size - 1) / 2) <= size / 2))
+
+    def remember(self) -> None:
+        """Keep the marks as they are, for `undo`."""
+        self._history.append(dict(self.marks))
+
+    def undo(self) -> bool:
+        """Take the last change of the marks back; whether there was one."""
+        if not self._history:
+            return False
+        self.marks = self._history.pop()
+        self._fit_afresh()
+        return True
+
+    def mark(self, view: str, landmark: str, place: tuple[float, float], dragging: bool = False) -> None:
+        """Put a mark, and pose the body on all that there are."""
+        x, y = pixel(self._cameras[view].matrix, place)
+        self.marks[view, landmark] = float(x), float(y)
+        self._fit(DRAGGING_STEPS if dragging else STEPS, search=not dragging)
+
+    def unmark(self, view: str, landmark: str) -> None:
+        """Take a mark away."""
+        self.remember()
+        del self.marks[view, landmark]
+        self._fit_afresh()
+
+    def flip(self, view: str, landmark: str) -> None:
+        """Turn the part that leads to a landmark to the other side of the view's picture plane."""
+        R, _ = self._cameras[view].pose(0)
+        flipped = limb_flipped(self.body, self.pose, landmark, R[2])
+        pose = self._given.moved(np.where(self._held, 0.0, self._given.difference(flipped)))
+        self.fitted = ClickFit(pose, pose)
+        self._fit(STEPS, search=False)
+
+    def _fit(self, steps: int = STEPS, search: bool = True) -> None:
+        """Pose the body on the marks, from the pose that it has."""
+        clicks = [
+            Click(self._cameras[view], name, at)
+            for (view, name), at in self.marks.items()
+            if view in self._cameras and name in self.body.landmarks
+        ]
+        self.fitted = self._solver.fit(clicked(clicks, 0), self.fitted, steps, search)
+        self.show()
+
+    def show(self) -> None:
+        """Let scene and armature show marks and pose."""
+        joint_marks.put(self.slot, self.frame, self.marks)
+        keyframes.show_pose(self.slot.armature, self.pose, self.bones)
+
+    def key(self) -> None:
+        """Make the pose a key pose."""
+        if not self.marks:
+            raise KeypointError(
+                "no joint is marked on this frame", where=f"frame {self.frame}", todo="click joints with Place Joints"
+            )
+        self.show()
+        keyframes.key_current_pose(self.slot.armature, self.frame, self.bones)
+
+    def restore(self) -> None:
+        """Leave scene and armature as they were."""
+        values, everything = self._before
+        keyframes.show_values(self.slot.armature, values)
+        joint_marks.restore(self.slot, everything)
+
+    def _fit_afresh(self) -> None:
+        self.fitted = ClickFit(self._given, self._given)
+        self._fit()
+
+
+def _held(body: Body, bones: set[str] | None) -> NDArray[np.bool_]:
+    """Degrees of freedom (D,) of what is not to move: all but those of the bones, where some are named."""
+    free = np.array([bones is None or name in bones for name in body.names])
+    return ~np.concatenate([np.repeat(free[0], 3), np.repeat(free, 3)])
+
+
+def _cameras_now(scene: bpy.types.Scene) -> dict[str, Camera]:
+    """The calibrated cameras of the shot as they stand on the scene's present frame, by the names of their views."""
+    slots = [s for s in scene.kfmocap.views if s.is_calibrated and s.camera is not None]
+    slots = [slot for slot in slots if slot.camera.name in scene.objects]
+    cameras = view_cameras.read_cameras(scene, [slot.camera for slot in slots], scene.frame_current, 1)
+    return {slot.name: camera for slot, camera in zip(slots, cameras, strict=True)}
+
+
+def order(body: Body) -> list[str]:
+    """A body's landmarks in the order in which they are asked for."""
+    first = [name for name in ASKED if name in body.landmarks]
+    return first + [name for name in body.landmarks if name not in first]
+
+
+def spoken(landmark: str) -> str:
+    """A landmark's name as people say it: "Left Big Toe" for LBigToe."""
+    side = {"L": "Left ", "R": "Right "}.get(landmark[0], "") if landmark[1:2].isupper() else ""
+    name = landmark[1:] if side else landmark
+    return side + "".join(" " + c if c.isupper() and i else c for i, c in enumerate(name))

@@ -1,0 +1,225 @@
+"""Key poses made of a detector's keypoints or of landmarks, on the frames that the animator asks for."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ...core.body import Body
+from ...core.body.inverse_kinematics import fit_poses
+from ...core.body.motion import Motion
+from ...core.errors import KeypointError, LandmarkError, ShotError
+from ...core.formats.keypoint_files import read_keypoints
+from ...core.formats.landmark_files import landmarks_of, read_landmarks
+from ...core.formats.trc import Landmarks
+from ...core.keypoints.observations import assigned, read_views
+from ...core.keypoints.proposals import SeenPoses, beside, best_frames
+from ...core.posing.clicks import pixel
+from ...core.shot.shot import KeyPoses, Shot
+from ..scene_io import body_armature, joint_marks, keyframes, view_cameras
+from ..scene_io import scene as scenes
+
+_RATES_DIFFER = 0.01
+
+
+def frames_wanted(scene: bpy.types.Scene) -> list[int] | None:
+    """Shot frames that the scene's settings ask for; None where they are to be proposed.
+
+    Raises
+    ------
+    ShotError
+        A frame lies outside the shot, or the list is none.
+    """
+    properties, wanted = scene.kfmocap, scene.kfmocap.key_frames
+    if wanted.choice == "AUTO":
+        return None
+    if wanted.choice == "EVERY":
+        return list(range(0, properties.length, wanted.step))
+    listed = [scene.frame_current] if wanted.choice == "CURRENT" else frames_listed(wanted.listed)
+    frames = [frame - properties.frame_start for frame in listed]
+    for frame, shown in zip(frames, listed, strict=True):
+        if not 0 <= frame < properties.length:
+            last = properties.frame_start + properties.length - 1
+            todo = f"the shot is shown on frames {properties.frame_start} to {last}"
+            raise ShotError(f"frame {shown} lies outside the shot", where="Frames", todo=todo)
+    return sorted(set(frames))
+
+
+def frames_listed(text: str) -> list[int]:
+    """Scene frames of a list such as "1, 20, 40-42".
+
+    Raises
+    ------
+    ShotError
+        It is no such list.
+    """
+    found: list[int] = []
+    for item in filter(None, (part.strip() for part in text.split(","))):
+        ends = re.fullmatch(r"(-?\d+)(?:\s*-\s*(-?\d+))?", item)
+        if ends is None:
+            raise ShotError(f"'{item}' is no frame", where="Frames", todo="list them as in 1, 20, 40-42")
+        first, last = int(ends[1]), int(ends[2] or ends[1])
+        found += range(first, last + 1)
+    if not found:
+        raise ShotError("no frame is listed", where="Frames", todo="list some, as in 1, 20, 40-42")
+    return found
+
+
+def set_key_poses(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, frames: Sequence[int], poses: Motion) -> int:
+    """Key poses on shot frames as the animator's own, beside the keys that are there already unless the settings say
+    that these are replaced; how many were set."""
+    start = scene.kfmocap.frame_start
+    own = {frame - start for frame in keyframes.keyed_bones(slot.armature)[0]}
+    free = [i for i, frame in enumerate(frames) if scene.kfmocap.key_frames.replace or frame not in own]
+    if free:
+        keyframes.write_key_poses(slot.armature, KeyPoses.whole([frames[i] for i in free], poses[free]), start)
+    return len(free)
+
+
+def without_replaced(scene: bpy.types.Scene, shot: Shot, number: int, frames: Sequence[int] | None) -> Shot:
+    """The shot without the key poses of a performer that are to be replaced: they shall not hold those that come."""
+    if frames is None or not scene.kfmocap.key_frames.replace:
+        return shot
+    performers, keys = list(shot.performers), shot.performers[number].key_poses
+    kept = ~np.isin(keys.frames, list(frames))
+    left = KeyPoses(keys.frames[kept], keys.poses[kept], keys.fixed[kept])
+    performers[number] = replace(performers[number], key_poses=left)
+    return replace(shot, performers=tuple(performers))
+
+
+def propose(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, seen: SeenPoses) -> int:
+    """Show a motion as tracked, with key poses proposed on some of its frames; how many are."""
+    start = scene.kfmocap.frame_start
+    earlier = keyframes.keyed_bones(slot.armature)[1]
+    keyframes.write_motion(slot.armature, seen.motion, start, np.union1d(start + seen.frames, earlier))
+    return len(seen.frames)
+
+
+def attach_keypoints(scene: bpy.types.Scene, paths: Sequence[Path]) -> dict[str, int]:
+    """Give views a detector's keypoints, by the view's name in the path; how many people were found in each.
+
+    A single file or folder whose name tells no view is that of the view that the scene looks through.
+
+    Raises
+    ------
+    KeypointError
+        A file is no keypoint file, or is nobody's.
+    """
+    sources = list(dict.fromkeys(_source(path) for path in paths))
+    chosen = {_view_of(scene, source, alone=len(sources) == 1).name: source for source in sources}
+    if len(chosen) < len(sources):
+        raise KeypointError("two of the files are for the same view", todo="choose one file or folder for each view")
+    people = {}
+    for name, source in chosen.items():
+        people[name] = len(read_keypoints(source, tuple(scene.kfmocap.views[name].size)))
+    for name, source in chosen.items():
+        view_cameras.set_keypoints(scene.kfmocap.views[name], source)
+    return people
+
+
+def mark_keypoints(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> int:
+    """Make a detector's keypoints on the present frame the chosen performer's marks; how many there are.
+
+    Raises
+    ------
+    KeypointError
+        No view has keypoints of the performer on this frame.
+    """
+    shot = scenes.shot_from_scene(scene)
+    frame = scene.frame_current - scene.kfmocap.frame_start
+    number = next(i for i, other in enumerate(scene.kfmocap.performers) if other == slot)
+    if not 0 <= frame < shot.length:
+        raise KeypointError("the frame lies outside the shot", where=f"frame {scene.frame_current}")
+    keypoints = assigned(shot, read_views(shot))[number]
+    found = dict(joint_marks.on_frame(slot, scene.frame_current))
+    before = len(found)
+    for v, k in zip(*np.nonzero(keypoints.confidence[:, frame] > 0), strict=True):
+        name = keypoints.names[k]
+        if name in shot.performers[number].body.landmarks:
+            x, y = pixel(shot.views[v].camera.matrix, keypoints.rays[v, frame, k])
+            found.setdefault((shot.views[v].camera.name, name), (float(x), float(y)))
+    if len(found) == before:
+        todo = "import keypoints first, or choose another frame"
+        raise KeypointError("no new keypoint is known here", where=f"frame {scene.frame_current}", todo=todo)
+    joint_marks.put(slot, scene.frame_current, found)
+    return len(found) - before
+
+
+def landmark_poses(
+    scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, path: Path, up: str, first_row: int
+) -> tuple[list[int], Motion]:
+    """Shot frames and poses of a file of landmarks, on the frames that the settings ask for.
+
+    Raises
+    ------
+    KFMocapError
+        The file cannot be read, or does not tell a pose on one of the frames.
+    """
+    body = body_armature.body_from_armature(slot.armature)
+    landmarks = landmarks_of(body, read_landmarks(path, up), str(path))
+    rows = _rows(scene, landmarks, first_row)
+    frames = frames_wanted(scene)
+    if frames is None:
+        own = np.array(sorted(keyframes.keyed_bones(slot.armature)[0]), np.int64) - scene.kfmocap.frame_start
+        known = [np.isfinite(landmarks.points_world[row]).all(axis=-1).mean() if row >= 0 else 0.0 for row in rows]
+        chosen = beside(best_frames(np.array(known), _fps(scene)), own, _fps(scene))
+        frames = [int(frame) for frame in chosen if known[frame] > 0]
+    return frames, _fitted(scene, body, landmarks, [int(rows[frame]) for frame in frames], frames, str(path))
+
+
+def _fitted(
+    scene: bpy.types.Scene, body: Body, landmarks: Landmarks, rows: list[int], frames: list[int], where: str
+) -> Motion:
+    for row, frame in zip(rows, frames, strict=True):
+        shown = scene.kfmocap.frame_start + frame
+        if row < 0:
+            raise LandmarkError(f"it has no row for frame {shown}", where=where, todo="choose another first row")
+        if np.isfinite(landmarks.points_world[row]).all(axis=-1).sum() < 3:
+            what = f"it knows fewer than three landmarks on frame {shown}"
+            raise LandmarkError(what, where=where, todo="choose other frames")
+    if not frames:
+        raise LandmarkError("no frame beside your key poses is left", where=where, todo="choose the frames yourself")
+    return fit_poses(body, landmarks.names, landmarks.points_world[rows])
+
+
+def _rows(scene: bpy.types.Scene, landmarks: Landmarks, first_row: int) -> np.ndarray:
+    """The file's row of every shot frame, -1 where there is none; the file may have another rate than the shot."""
+    fps = _fps(scene)
+    rate = landmarks.fps / fps if landmarks.fps > 0 and abs(landmarks.fps / fps - 1) > _RATES_DIFFER else 1.0
+    rows = first_row + np.rint(rate * np.arange(scene.kfmocap.length)).astype(np.int64)
+    return np.where((rows >= 0) & (rows < len(landmarks)), rows, -1)
+
+
+def _fps(scene: bpy.types.Scene) -> float:
+    return scene.render.fps / scene.render.fps_base
+
+
+def _source(path: Path) -> Path:
+    """The file, or its folder where it is one of many files, one for every picture."""
+
+    def pattern(name: str) -> str:
+        return re.sub(r"\d+(?=\D*$)", "#", name)
+
+    if path.is_dir():
+        return path
+    alike = [other for other in path.parent.glob("*.json") if pattern(other.name) == pattern(path.name)]
+    one_picture = len(set(read_keypoints(path, (1, 1)).frames.tolist())) <= 1 if len(alike) > 1 else False
+    return path.parent if one_picture else path
+
+
+def _view_of(scene: bpy.types.Scene, source: Path, alone: bool) -> bpy.types.PropertyGroup:
+    slots = scene.kfmocap.views
+    for name in (source.name, source.parent.name):
+        named = [slot for slot in slots if slot.name.lower() in name.lower()]
+        if named:
+            return max(named, key=lambda slot: len(slot.name))
+    shown = scene.kfmocap.shown_view
+    if alone and shown >= 0:
+        return slots[shown]
+    known = ", ".join(slot.name for slot in slots)
+    raise KeypointError("its name tells no view", where=str(source), todo=f"name it by its view: {known}")

@@ -1,0 +1,147 @@
+"""Outputs that need Blender: BVH, FBX and a scene that opens with everything in it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import bpy
+
+from ...core.errors import OutputError
+from ...core.shot.shot import Shot
+from .. import registration
+from ..scene_io import review_data, tracked_segments
+from ..scene_io import scene as scenes
+from . import exporters
+
+if TYPE_CHECKING:
+    from ...core.tracking.tracker import TrackResult
+
+_STEPS_UP = 3  # footage further away than that is found by its absolute path
+
+
+def shot_from_scene(scene: bpy.types.Scene) -> Shot:
+    """The shot that a scene shows, also where no add-on was switched on; see `scene.shot_from_scene`."""
+    with _registered():
+        return scenes.shot_from_scene(scene)
+
+
+def write_blender_outputs(
+    shot: Shot,
+    result: TrackResult,
+    out_dir: Path | str,
+    scene: bpy.types.Scene | None = None,
+    *,
+    home: Path | str | None = None,
+) -> list[Path]:
+    """Write NAME.bvh, NAME.fbx (NAME_PERFORMER.* for several performers) and shot.blend.
+
+    Parameters
+    ----------
+    shot : Shot
+    result : TrackResult
+        Of that shot.
+    out_dir : path
+        Made if it is missing.
+    scene : bpy.types.Scene, optional
+        The scene that the shot was read from: its armatures get the motion, and shot.blend is a copy of the
+        open file. By default a new scene shows the shot; that closes the open file, so it needs a process
+        without a user.
+    home : path, optional
+        Folder that the files will be moved to: footage near it is named relative to it. By default `out_dir`.
+
+    Returns
+    -------
+    list of Path
+        The files written.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written, or a new scene is asked for in an application with a user.
+    """
+    folder = Path(out_dir).resolve()
+    with _registered():
+        if scene is None:
+            scene = _fresh_scene()
+            scenes.build_scene(shot, result.motions, scene)
+            _open_on_footage(scene)
+        else:
+            scenes.write_motions(scene, result.motions, shot)
+        review_data.write_review(scene, [(shot, result, 0)])
+        tracked_segments.remember_offset(scene, result)
+        paths = exporters.export_performers(scene, folder)
+        with exporters.writing(folder / "shot.blend") as target, _portable_paths(Path(home or folder).resolve()):
+            bpy.ops.wm.save_as_mainfile(filepath=str(target), copy=True, check_existing=False, relative_remap=False)
+        paths.append(folder / "shot.blend")
+    return paths
+
+
+@contextmanager
+def _registered() -> Iterator[None]:
+    """Our properties exist on scenes for the time of a job, also where no add-on was switched on."""
+    if registration.is_registered():
+        yield
+        return
+    registration.register()
+    try:
+        yield
+    finally:
+        registration.unregister()
+
+
+def _fresh_scene() -> bpy.types.Scene:
+    if not bpy.app.background:
+        raise OutputError("a batch would close the open file", todo="give the open scene, or run in background")
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    return bpy.context.scene
+
+
+def _open_on_footage(scene: bpy.types.Scene) -> None:
+    """Let the 3D views of the file look through the scene's camera."""
+    scene.name = scene.kfmocap.shot
+    for screen in bpy.data.screens:
+        for area in screen.areas:
+            if area.type == "VIEW_3D":
+                area.spaces.active.region_3d.view_perspective = "CAMERA"
+
+
+@contextmanager
+def _portable_paths(folder: Path) -> Iterator[None]:
+    """Paths as a file in that folder needs them, for the time of a save; the open file's own come back."""
+    data = bpy.data
+    kinds = (
+        data.movieclips,
+        data.images,
+        data.sounds,
+        data.fonts,
+        data.volumes,
+        data.cache_files,
+        data.libraries,
+    )
+    before = [(item, item.filepath) for kind in kinds for item in kind if _is_path(item.filepath)]
+    try:
+        for item, path in before:
+            item.filepath = _portable(bpy.path.abspath(path, library=item.library), folder)
+        yield
+    finally:
+        for item, path in before:
+            item.filepath = path
+
+
+def _is_path(path: str) -> bool:
+    """Not empty, and not the name of something built in, such as a font's `<builtin>`."""
+    return bool(path) and not path.startswith("<")
+
+
+def _portable(path: str, folder: Path) -> str:
+    """Relative to the folder where it is near, so that both can be moved together; else absolute."""
+    with contextlib.suppress(ValueError):  # no way leads from one drive of Windows to another
+        steps = os.path.relpath(path, folder).split(os.sep)
+        if steps[: _STEPS_UP + 1] != [os.pardir] * (_STEPS_UP + 1):
+            return "//" + "/".join(steps)
+    return path

@@ -1,0 +1,260 @@
+"""BVH and FBX through Blender's exporters.
+
+Both are Y up, facing +Z in rest: what other programs expect of them, and what Blender's importers take by default.
+Unit and names are those of a preset. Joints alone are written, no meshes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+from numpy.typing import NDArray
+
+from ...core.errors import OutputError, ShotError
+from ...core.formats.shot_toml import shot_name
+from ...core.numerics.resampling import sample_times, slerped
+from ...core.runtime.files import replacing
+from ..scene_io import body_armature, fcurves
+from ..scene_io.scene import set_rate
+from .presets import PRESETS
+
+Array = NDArray[np.float64]
+
+_Y_UP = Matrix(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)))
+_TRANSFORMS = ("location", "rotation_quaternion", "rotation_euler", "rotation_axis_angle", "scale")
+
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """What to write of the performers.
+
+    Attributes
+    ----------
+    preset : str
+        See `export_presets.PRESETS`.
+    bvh, fbx : bool
+        Which files.
+    frames : tuple of int, optional
+        First and last scene frame; by default those of the shot.
+    fps : float, optional
+        Frames per second of the files; by default the scene's.
+    root_motion : bool
+        The performers move through the world; else they stay over their first place, and only rise and sink.
+    """
+
+    preset: str = "BLENDER"
+    bvh: bool = True
+    fbx: bool = True
+    frames: tuple[int, int] | None = None
+    fps: float | None = None
+    root_motion: bool = True
+
+
+def export_performers(scene: bpy.types.Scene, folder: Path, options: ExportOptions = ExportOptions()) -> list[Path]:
+    """Write every performer of a scene's shot: NAME.bvh and NAME.fbx, or NAME_performer.* for several.
+
+    Raises
+    ------
+    ShotError
+        If an armature is gone, or the last frame is before the first.
+    OutputError
+        If a file cannot be written.
+    """
+    performers = scene.kfmocap.performers
+    writers = [(".bvh", export_bvh)] * options.bvh + [(".fbx", export_fbx)] * options.fbx
+    paths = []
+    for slot in performers:
+        if slot.armature is None:
+            raise ShotError("the armature is gone from the scene", where=f"performer {slot.name}")
+        name = scene.kfmocap.shot if len(performers) == 1 else f"{scene.kfmocap.shot}_{slot.name}"
+        name = shot_name(name, f"scene {scene.name}")
+        for suffix, writer in writers:
+            paths.append(folder / f"{name}{suffix}")
+            writer(paths[-1], slot.armature, scene, options)
+    return paths
+
+
+def export_bvh(
+    path: Path, armature: bpy.types.Object, scene: bpy.types.Scene, options: ExportOptions = ExportOptions()
+) -> None:
+    """Write an armature's motion as BVH.
+
+    The root alone has position channels. The frame time has ten digits: Blender's six would drift by a frame
+    in minutes at some rates.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    with writing(path) as target:
+        with _stage(armature, scene, _Y_UP, options) as stage:
+            bpy.ops.export_anim.bvh(
+                filepath=str(target),
+                frame_start=stage.frame_start,
+                frame_end=stage.frame_end,
+                root_transform_only=True,
+            )
+            seconds = stage.render.fps_base / stage.render.fps
+        text = target.read_text(encoding="utf-8")
+        text = re.sub(r"Frame Time: .*", f"Frame Time: {seconds:.10f}", text)
+        target.write_text(text, encoding="utf-8", newline="\n")
+
+
+def export_fbx(
+    path: Path, armature: bpy.types.Object, scene: bpy.types.Scene, options: ExportOptions = ExportOptions()
+) -> None:
+    """Write an armature's motion as FBX, a key on every frame.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    with writing(path) as target, _stage(armature, scene, Matrix.Identity(4), options):
+        bpy.ops.export_scene.fbx(
+            filepath=str(target),
+            use_selection=True,
+            object_types={"ARMATURE"},
+            bake_anim=True,
+            bake_anim_use_all_actions=False,
+            bake_anim_use_nla_strips=False,
+            bake_anim_simplify_factor=0.0,
+            add_leaf_bones=False,
+        )
+
+
+@contextmanager
+def _stage(
+    armature: bpy.types.Object, scene: bpy.types.Scene, turn: Matrix, options: ExportOptions
+) -> Iterator[bpy.types.Scene]:
+    """A scene for the time of an export, with nothing but a copy of the armature, active and selected.
+
+    The copy stands at the world's origin: where the object was, the turn, and the unit have gone into its bones. Pose
+    bones are relative to them, so the keys hold but for the unit. The user's scene, selection and frame stay.
+    """
+    body_armature.object_pose(armature)  # refuses a scaled one
+    preset = PRESETS[options.preset]
+    name, stage = armature.name, bpy.data.scenes.new(armature.name)
+    copy = armature.copy()
+    copy.data = armature.data.copy()
+    try:
+        first, times = _set_time(stage, scene, options)
+        _sample(copy, armature, first, times, options)
+        copy.rename(preset.node or name, mode="ALWAYS")  # the files shall have the armature's name
+        copy.parent = None
+        copy.data.transform(Matrix.Scale(preset.scale, 4) @ turn @ armature.matrix_world)
+        copy.matrix_world = Matrix.Identity(4)
+        for bone in copy.data.bones:
+            bone.name = preset.names.get(bone.name, bone.name)
+        stage.unit_settings.scale_length = 1 / preset.scale
+        stage.collection.objects.link(copy)
+        layer = stage.view_layers[0]
+        copy.select_set(True, view_layer=layer)
+        layer.objects.active = copy
+        with bpy.context.temp_override(
+            scene=stage,
+            view_layer=layer,
+            object=copy,
+            active_object=copy,
+            selected_objects=[copy],
+        ):
+            yield stage
+    finally:
+        sampled = fcurves.find_channelbag(copy) and copy.animation_data.action
+        if sampled and sampled != armature.animation_data.action:
+            bpy.data.actions.remove(sampled)
+        bpy.data.armatures.remove(copy.data)
+        bpy.data.scenes.remove(stage)
+        armature.rename(name, mode="ALWAYS")
+
+
+def _set_time(stage: bpy.types.Scene, scene: bpy.types.Scene, options: ExportOptions) -> tuple[int, Array]:
+    """Give the stage its frames and rate; returns its first frame, and the scene frame that each of them shows."""
+    properties = scene.kfmocap
+    first, last = options.frames or (properties.frame_start, properties.frame_start + properties.length - 1)
+    if last < first:
+        raise ShotError(f"the last frame ({last}) is before the first ({first})", where="Export, frame range")
+    rate = scene.render.fps / scene.render.fps_base
+    wanted = options.fps or rate
+    times = sample_times(first, last, rate, wanted)
+    set_rate(stage, wanted)
+    stage.frame_start, stage.frame_end = first, first + len(times) - 1
+    return first, times
+
+
+def _sample(
+    copy: bpy.types.Object, armature: bpy.types.Object, first: int, times: Array, options: ExportOptions
+) -> None:
+    """Give the copy of an armature a key on every frame from the first on, of the scene frames `times`."""
+    bag = fcurves.find_channelbag(armature)
+    if bag is None:
+        return
+    frames = np.arange(np.floor(times[0]), np.ceil(times[-1]) + 1)
+    values = {
+        (curve.data_path, curve.array_index): np.array([curve.evaluate(frame) for frame in frames])
+        for curve in bag.fcurves
+        if curve.data_path.rpartition(".")[2] in _TRANSFORMS and len(curve.keyframe_points)
+    }
+    _scale_locations(values, armature, PRESETS[options.preset].scale, options.root_motion)
+    copy.animation_data.action = bpy.data.actions.new(armature.name)
+    sampled = fcurves.ensure_channelbag(copy, armature.name)
+    for (path, index), row in _at_times(values, frames, times).items():
+        keys = fcurves.new_keys(first + np.arange(len(times)), row, "KEYFRAME", "LINEAR")
+        fcurves.set_keys(fcurves.ensure_fcurve(sampled, path, index, armature.name), [keys])
+
+
+def _at_times(values: dict[tuple[str, int], Array], frames: Array, times: Array) -> dict[tuple[str, int], Array]:
+    """Curves by path and index, at other times: whole quaternions by slerp, all else linearly."""
+    found = {}
+    for (path, index), row in values.items():
+        together = [values.get((path, k)) for k in range(4)]
+        if path.endswith("rotation_quaternion") and all(part is not None for part in together):
+            found[path, index] = slerped(np.stack(together, axis=1), frames, times)[:, index]
+        else:
+            found[path, index] = np.interp(times, frames, row)
+    return found
+
+
+def _scale_locations(
+    values: dict[tuple[str, int], Array], armature: bpy.types.Object, scale: float, root_motion: bool
+) -> None:
+    """Bring locations to another unit, in place; without root motion the root stays over its first place."""
+    if not root_motion:
+        root = armature.pose.bones[body_armature.body_bones(armature)[0].name]
+        path = f"{root.path_from_id()}.location"
+        rows = [values.get((path, k)) for k in range(3)]
+        if all(row is not None for row in rows):
+            axes = body_armature.object_pose(armature)[0] @ body_armature.rest_rotation(root.bone)
+            world = np.stack(rows, axis=1) @ axes.T
+            world[:, :2] = world[0, :2]
+            values.update({(path, k): row for k, row in enumerate((world @ axes).T)})
+    for path, index in values:
+        if path.endswith(".location"):
+            values[path, index] = scale * values[path, index]
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[Path]:
+    """`replacing`, with the folder made where it is missing and Blender's failures told as ours.
+
+    Blender's exporters also print; that is not for the user of a batch.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"the folder cannot be made: {error.strerror}", where=str(path.parent)) from error
+    with replacing(path) as target, contextlib.redirect_stdout(io.StringIO()):
+        try:
+            yield target
+        except RuntimeError as error:
+            raise OutputError(f"Blender cannot write it: {error}", where=str(path)) from error

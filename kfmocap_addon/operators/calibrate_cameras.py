@@ -1,0 +1,88 @@
+"""Calibrate: cameras from videos of an L-frame and a wand."""
+
+from functools import partial
+from pathlib import Path
+
+import bpy
+
+from ..jobs.job import Work
+from ..scene_io import capture_scene as captures
+from .job_operator import JobOperator
+
+REPORT = "Calibration Report"
+
+
+class Calibrate(JobOperator, bpy.types.Operator):
+    """Find the balls in all videos, solve for the cameras, and show them with the wand's path. Esc cancels"""
+
+    bl_idname = "kfmocap.calibrate"
+    bl_label = "Calibrate"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        missing = captures.missing(context.scene.kfmocap_capture)
+        if missing:
+            cls.poll_message_set(missing)
+        return not missing
+
+    def prepared(self, context: bpy.types.Context) -> Work:
+        from ...core.calibration.api import calibrate
+
+        self._film = captures.film_of(context.scene.kfmocap_capture)
+        return partial(calibrate, self._film)
+
+    def finish(self, context: bpy.types.Context, result: object) -> None:
+        from ...core.calibration.calibration_report import sheet, write_report
+        from ..scene_io import solved_cameras
+
+        scene, capture = context.scene, context.scene.kfmocap_capture
+        footage = {view.camera: view.wand for view in self._film.views}
+        offsets = dict(zip(result.rig.names, result.rig.offset, strict=True))
+        solved_cameras.show_cameras(scene, result.cameras, footage, offsets)
+        ends = result.wand.ends_world
+        solved_cameras.show_points(scene, "Wand", ends.reshape(-1, 3), [(2 * k, 2 * k + 1) for k in range(len(ends))])
+        solved_cameras.show_points(scene, "L-Frame", result.lframe_world, solved_cameras.LFRAME_ARMS)
+        solved_cameras.show_picture(REPORT, sheet(result))
+        if capture.report:
+            write_report(Path(bpy.path.abspath(capture.report)), result)
+        for finding in result.findings:
+            self.report({"WARNING"}, str(finding))
+        self.report({"INFO"}, f"Solved {len(result.cameras)} cameras")
+
+
+class ShowReport(bpy.types.Operator):
+    """Show the report of the last calibration in an image editor"""
+
+    bl_idname = "kfmocap.show_calibration_report"
+    bl_label = "Show Report"
+    bl_options = {"REGISTER"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return REPORT in bpy.data.images
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        area = image_area(context)
+        if area is None:
+            self.report({"ERROR"}, "There is no window to show it in")
+            return {"CANCELLED"}
+        area.spaces.active.image = bpy.data.images[REPORT]
+        return {"FINISHED"}
+
+
+def image_area(context: bpy.types.Context) -> bpy.types.Area | None:
+    """An image editor: one that is open, or the largest area that is no 3D view, turned into one."""
+    areas = list(context.screen.areas) if context.screen is not None else []
+    for area in areas:
+        if area.type == "IMAGE_EDITOR":
+            return area
+    others = [area for area in areas if area.type != "VIEW_3D"]
+    if not others:
+        return None
+    area = max(others, key=lambda area: area.width * area.height)
+    area.type = "IMAGE_EDITOR"
+    return area
+
+
+CLASSES = (Calibrate, ShowReport)

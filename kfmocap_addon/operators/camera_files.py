@@ -1,0 +1,73 @@
+"""Cameras from files and into files."""
+
+from pathlib import Path
+
+import bpy
+from bpy_extras.io_utils import ImportHelper
+
+from .reporting import reported
+
+_KINDS = "*.toml;*.qca.txt;*.yml;*.yaml;*.json"
+
+
+class ImportCameras(bpy.types.Operator, ImportHelper):
+    """Show the cameras of a calibration file as camera objects"""
+
+    bl_idname = "kfmocap.import_cameras"
+    bl_label = "Import Cameras"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filepath: bpy.props.StringProperty(
+        subtype="FILE_PATH",
+        name="Calibration",
+        description="TOML of ours, aniposelib, Pose2Sim or Caliscope; .qca.txt of Qualisys; .yml or .json of OpenCV",
+    )
+    filter_glob: bpy.props.StringProperty(default=_KINDS, options={"HIDDEN"})
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ...core.formats import load_cameras
+        from ..scene_io import solved_cameras
+
+        with reported(self) as outcome:
+            cameras = load_cameras(bpy.path.abspath(self.filepath))
+            solved_cameras.show_cameras(context.scene, cameras)
+            self.report({"INFO"}, f"{len(cameras)} cameras")
+        return outcome.value
+
+
+class ExportCameras(bpy.types.Operator):
+    """Write camera objects as a calibration file: those selected, else the calibrated ones, else all. Cameras that
+    move, such as one that Blender's own tracker solved, are written frame by frame"""
+
+    bl_idname = "kfmocap.export_cameras"
+    bl_label = "Export Cameras"
+    bl_options = {"REGISTER"}
+
+    filepath: bpy.props.StringProperty(
+        subtype="FILE_PATH",
+        name="Calibration",
+        default="calibration.toml",
+        description="Its ending tells the kind: .toml, .qca.txt of Qualisys, .yml or .json of OpenCV",
+    )
+    filter_glob: bpy.props.StringProperty(default=_KINDS, options={"HIDDEN"})
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ...core.formats.calibration_export import export_cameras
+        from ..scene_io import solved_cameras, view_cameras
+
+        scene = context.scene
+        with reported(self) as outcome:
+            owners = solved_cameras.camera_objects(scene, context.selected_objects)
+            length = scene.frame_end - scene.frame_start + 1
+            cameras = view_cameras.read_cameras(scene, owners, scene.frame_start, length)
+            path = Path(bpy.path.abspath(self.filepath))
+            export_cameras(path, cameras)
+            self.report({"INFO"}, f"Wrote {len(cameras)} cameras to {path}")
+        return outcome.value
+
+
+CLASSES = (ImportCameras, ExportCameras)

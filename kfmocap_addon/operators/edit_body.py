@@ -1,0 +1,237 @@
+"""The body: added, taken, its parts edited."""
+
+import bpy
+
+from .reporting import reported
+
+LENGTHS = (
+    "shoulder_width",
+    "hip_width",
+    "torso",
+    "head",
+    "upper_arm",
+    "forearm",
+    "hand",
+    "thigh",
+    "shin",
+    "foot_forward",
+)
+"""Measures that can be taken with a tape; the others follow from the height."""
+
+
+def _length(name: str, what: str) -> object:
+    return bpy.props.FloatProperty(
+        min=0.0,
+        soft_max=1.0,
+        unit="LENGTH",
+        precision=3,
+        name=name,
+        description=f"{what}, metres; 0: as of an average person of that height",
+    )
+
+
+class AddBody(bpy.types.Operator):
+    """Add a body to track: an armature with its parts, from a height or from measured lengths. It stands at the 3D
+    cursor and is a performer of the shot"""
+
+    bl_idname = "kfmocap.add_body"
+    bl_label = "KF Mocap Body"
+    bl_options = {"REGISTER", "UNDO"}
+
+    performer: bpy.props.StringProperty(
+        default="Performer", name="Name", description="Of the performer and the armature"
+    )
+    height: bpy.props.FloatProperty(
+        default=1.75,
+        min=0.3,
+        max=3.0,
+        unit="LENGTH",
+        precision=3,
+        name="Height",
+        description="From the soles to the top of the head, metres",
+    )
+    measured: bpy.props.BoolProperty(name="Measured Lengths", description="Give lengths of the performer's limbs, too")
+    shoulder_width: _length("Shoulder Width", "Between the centres of the shoulder joints")
+    hip_width: _length("Hip Width", "Between the centres of the hip joints")
+    torso: _length("Torso", "From the middle of the hip joints to the base of the neck")
+    head: _length("Head", "From the base of the neck to the top of the head")
+    upper_arm: _length("Upper Arm", "From the centre of the shoulder joint to the elbow")
+    forearm: _length("Forearm", "From the elbow to the wrist")
+    hand: _length("Hand", "From the wrist to the finger tips")
+    thigh: _length("Thigh", "From the centre of the hip joint to the knee")
+    shin: _length("Shin", "From the knee to the ankle")
+    foot_forward: _length("Foot", "From the ankle forward to the big toe")
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return in_object_mode(cls, context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ...core.body import human
+        from ..scene_io import performers
+
+        lengths = {name: getattr(self, name) for name in LENGTHS if self.measured and getattr(self, name) > 0}
+        with reported(self) as outcome:
+            body = human(round(self.height, 6), {name: round(value, 6) for name, value in lengths.items()})
+            place = context.scene.cursor.location
+            select_only(context, performers.add_performer(context.scene, body, self.performer or "Performer", place))
+        return outcome.value
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.use_property_split, layout.use_property_decorate = True, False
+        layout.prop(self, "performer")
+        layout.prop(self, "height")
+        layout.prop(self, "measured")
+        if self.measured:
+            column = layout.column(align=True)
+            for name in LENGTHS:
+                column.prop(self, name)
+
+
+class UseArmature(bpy.types.Operator):
+    """Make the active armature a performer of the shot. Its bones must carry meshes, each parented to its bone"""
+
+    bl_idname = "kfmocap.use_armature"
+    bl_label = "Use Active Armature"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        active = context.active_object
+        if active is None or active.type != "ARMATURE":
+            cls.poll_message_set("Make an armature active first")
+            return False
+        if any(slot.armature == active for slot in context.scene.kfmocap.performers):
+            cls.poll_message_set(f"{active.name} is a performer already")
+            return False
+        return True
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..scene_io import performers
+
+        with reported(self) as outcome:
+            performers.take_armature(context.scene, context.active_object)
+        return outcome.value
+
+
+class RemovePerformer(bpy.types.Operator):
+    """Take this performer out of the shot. The armature and its keys stay in the scene"""
+
+    bl_idname = "kfmocap.remove_performer"
+    bl_label = "Remove Performer"
+    bl_options = {"REGISTER", "UNDO"}
+
+    performer: bpy.props.IntProperty(min=0, name="Performer", description="Number of the performer, from 0")
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        performers = context.scene.kfmocap.performers
+        if self.performer >= len(performers):
+            self.report({"ERROR"}, f"The shot has no performer {self.performer}")
+            return {"CANCELLED"}
+        performers.remove(self.performer)
+        return {"FINISHED"}
+
+
+class EditPart(bpy.types.Operator):
+    """Edit the mesh of the active bone: the tracker takes the convex hull of what you make of it"""
+
+    bl_idname = "kfmocap.edit_part"
+    bl_label = "Edit Part"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if context.mode == "POSE" and context.active_pose_bone is not None:
+            return True
+        cls.poll_message_set("Go to pose mode and click on the bone whose part you want to edit")
+        return False
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..scene_io import body_armature
+
+        armature, bone = context.active_object, context.active_pose_bone.name
+        part = next(iter(body_armature.meshes_on(armature, bone)), None)
+        if part is None:
+            self.report({"ERROR"}, f"No mesh is parented to the bone {bone}")
+            return {"CANCELLED"}
+        bpy.ops.object.mode_set(mode="OBJECT")
+        part.hide_select = part.hide_viewport = False
+        context.view_layer.update()
+        if not part.visible_get():
+            part.hide_select = True
+            self.report({"ERROR"}, f"{part.name} is hidden: show it and its collection first")
+            return {"CANCELLED"}
+        select_only(context, part)
+        bpy.ops.object.mode_set(mode="EDIT")
+        return {"FINISHED"}
+
+
+class FinishPart(bpy.types.Operator):
+    """Go back to posing. Parts cannot be clicked on again, so that they are never in the way of the bones"""
+
+    bl_idname = "kfmocap.finish_part"
+    bl_label = "Finish Part"
+    bl_options = {"REGISTER", "UNDO"}
+
+    mirror: bpy.props.BoolProperty(
+        default=True, name="Both Sides", description="Give the same part of the other side the mirrored shape"
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if edited_part(context) is not None:
+            return True
+        cls.poll_message_set("No part is being edited: use Edit Part")
+        return False
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..scene_io import body_armature
+
+        part = edited_part(context)
+        if context.mode != "OBJECT":
+            bpy.ops.object.mode_set(mode="OBJECT")
+        with reported(self) as outcome:
+            body_armature.check_part(part)
+            if self.mirror:
+                body_armature.mirror_part(part)
+            part.hide_select = True
+            body_armature.show_parts(context.scene)
+            select_only(context, part.parent)
+            if part.parent.visible_get():
+                bpy.ops.object.mode_set(mode="POSE")
+        return outcome.value
+
+
+def edited_part(context: bpy.types.Context) -> bpy.types.Object | None:
+    """The mesh of a performer's part that is active, as it is after Edit Part."""
+    active = context.active_object
+    if active is None or active.type != "MESH" or active.parent_type != "BONE":
+        return None
+    return active if any(slot.armature == active.parent for slot in context.scene.kfmocap.performers) else None
+
+
+def in_object_mode(operator: type[bpy.types.Operator], context: bpy.types.Context) -> bool:
+    """Whether something can be added; if not, the disabled button says so."""
+    if context.mode == "OBJECT":
+        return True
+    operator.poll_message_set("Go to object mode first")
+    return False
+
+
+def select_only(context: bpy.types.Context, owner: bpy.types.Object) -> None:
+    """Make an object the active and only selected one."""
+    for other in context.selected_objects:
+        other.select_set(False)
+    if owner.name in context.view_layer.objects:
+        owner.select_set(True)
+        context.view_layer.objects.active = owner
+
+
+def add_to_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
+    self.layout.operator_context = "INVOKE_REGION_WIN"
+    self.layout.operator(AddBody.bl_idname, icon="OUTLINER_OB_ARMATURE")
+
+
+MENUS = (("VIEW3D_MT_armature_add", add_to_menu),)
+CLASSES = (AddBody, UseArmature, RemovePerformer, EditPart, FinishPart)

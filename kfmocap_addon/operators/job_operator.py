@@ -1,0 +1,133 @@
+"""Long work beside Blender's window: the status bar shows how far it is, Esc ends it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import bpy
+
+from ..jobs.job import Job, Work
+from ..viewports import viewport
+from .reporting import progress_shown, reported
+
+_INTERVAL = 0.1
+_BAR = 14.0  # width in the status bar, in units of the interface
+_LOOKS = {"MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "TRACKPADPAN", "TRACKPADZOOM", "NDOF_MOTION", "HOME"}
+_LOOKS |= {f"NUMPAD_{key}" for key in (*range(10), "PERIOD", "PLUS", "MINUS")}
+_PASSES = {"MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "WINDOW_DEACTIVATE"}
+
+
+class JobOperator:
+    """A tool whose work is a job. `prepared` reads the scene, `finish` writes into it; both run in Blender's thread.
+
+    Called with a window it runs modally; without one, and from scripts, it blocks until it is done. While it runs
+    modally the 3D views can be turned and zoomed; everything else waits.
+    """
+
+    def prepared(self, context: bpy.types.Context) -> Work:
+        raise NotImplementedError
+
+    def finish(self, context: bpy.types.Context, result: Any) -> None:
+        raise NotImplementedError
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        with progress_shown(context) as progress, reported(self) as outcome:
+            self.finish(context, self.prepared(context)(progress))
+        return outcome.value
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        if bpy.app.background or context.window is None:
+            return self.execute(context)
+        if any(running_job(window) for window in context.window_manager.windows):
+            self.report({"ERROR"}, "Something is still being worked on: wait, or end it with Esc")
+            return {"CANCELLED"}
+        self._told = ""
+        with reported(self) as outcome:
+            self.job = Job(self.prepared(context))
+        if outcome.value != {"FINISHED"}:
+            return outcome.value
+        self._timer = context.window_manager.event_timer_add(_INTERVAL, window=context.window)
+        context.window_manager.progress_begin(0.0, 1.0)
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if event.type == "ESC" and event.value == "PRESS":
+            self.cancel(context)
+            self.report({"WARNING"}, f"{self.bl_label}: cancelled, nothing was changed")
+            return {"CANCELLED"}
+        if event.type.startswith("TIMER"):
+            return self._continued(context)
+        # Nothing may change under the work's feet.
+        return {"PASS_THROUGH"} if _only_looks(context.window, event) else {"RUNNING_MODAL"}
+
+    def _continued(self, context: bpy.types.Context) -> set[str]:
+        if not self.job.done:
+            if (told := self.job.told()) != self._told:  # drawing takes its time, too
+                self._told = told
+                context.window_manager.progress_update(self.job.state[1])
+                context.workspace.status_text_set(_status_of(self.job))
+                _redraw_sidebars(context.window)
+            return {"PASS_THROUGH"}
+        self._end(context)
+        with reported(self) as outcome:
+            self.finish(context, self.job.result())
+        return outcome.value
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        """Give up; also called where Blender closes its file or itself."""
+        self.job.cancel()
+        self._end(context)
+
+    def _end(self, context: bpy.types.Context) -> None:
+        context.window_manager.event_timer_remove(self._timer)
+        context.window_manager.progress_end()
+        if context.workspace is not None:
+            context.workspace.status_text_set(None)
+            _redraw_sidebars(context.window)
+
+
+def _redraw_sidebars(window: bpy.types.Window) -> None:
+    for area in window.screen.areas:
+        for region in area.regions:
+            if area.type == "VIEW_3D" and region.type == "UI":
+                region.tag_redraw()
+
+
+def running_job(window: bpy.types.Window | None) -> Job | None:
+    """The job that a window waits for, if any."""
+    tools = window.modal_operators if window is not None else ()
+    return next((tool.job for tool in tools if isinstance(tool, JobOperator)), None)
+
+
+def _status_of(job: Job) -> Callable[[bpy.types.Header, bpy.types.Context], None]:
+    """What draws the status bar while a job runs. Blender takes functions alone, no methods."""
+
+    def draw(header: bpy.types.Header, _context: bpy.types.Context) -> None:
+        header.layout.label(text="Cancel", icon="EVENT_ESC")
+        header.layout.separator_spacer()
+        draw_progress(header.layout, job).ui_units_x = _BAR
+        header.layout.separator_spacer()
+
+    return draw
+
+
+def draw_progress(layout: bpy.types.UILayout, job: Job) -> bpy.types.UILayout:
+    """A bar that shows how far a job is; returns its row."""
+    row = layout.row()
+    row.progress(factor=min(max(job.state[1], 0.0), 1.0), text=job.told())
+    return row
+
+
+def _only_looks(window: bpy.types.Window, event: bpy.types.Event) -> bool:
+    """Whether an event can do no more than turn, move or zoom a 3D view."""
+    if event.type in _PASSES:
+        return True
+    if event.type not in _LOOKS or event.alt or (event.ctrl and event.type.startswith("NUMPAD")):
+        return False
+    under = viewport.area_under(window, event.mouse_x, event.mouse_y)
+    if under is None:
+        return False
+    area, region = under
+    return area.type == "VIEW_3D" and region.type == "WINDOW" and not area.spaces.active.lock_camera

@@ -1,0 +1,37 @@
+"""What the tools that make key poses of other poses share."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import bpy
+
+from . import active_performer
+from .reporting import reported
+
+if TYPE_CHECKING:
+    from ...core.body.motion import Motion
+
+
+class PosingOperator:
+    """A tool that poses the chosen performer on this frame and keys it: the bones selected in pose mode, else the whole
+    body."""
+
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return active_performer.explained(cls, context)
+
+    def pose(self, context: bpy.types.Context, armature: bpy.types.Object) -> Motion:
+        """The new pose."""
+        raise NotImplementedError
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..editing import pose_editing
+
+        with reported(self) as outcome:
+            armature = active_performer.chosen(context).armature
+            bones = active_performer.chosen_bones(context, armature)
+            pose_editing.set_pose(armature, self.pose(context, armature), context.scene.frame_current, bones)
+        return outcome.value

@@ -1,0 +1,64 @@
+"""Show Residual: where the footage contradicts the model on this frame."""
+
+import bpy
+
+from .reporting import explained, reported
+
+
+class ShowResidual(bpy.types.Operator):
+    """Show on this frame, in the view that is looked through, where the footage contradicts the model: orange where it
+    shows the performer and the model is not, blue where the model is and the performer is not. Image editors show it"""
+
+    bl_idname = "kfmocap.show_residual"
+    bl_label = "Show Residual"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not explained(cls, context):
+            return False
+        if context.scene.kfmocap.shown_view >= 0:
+            return True
+        cls.poll_message_set("Look through one of the views first")
+        return False
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..overlays import misfit_backgrounds
+
+        with reported(self) as outcome:
+            slot = context.scene.kfmocap.views[context.scene.kfmocap.shown_view]
+            found = misfit_backgrounds.show(context.scene, slot, context.scene.frame_current)
+            for area in context.screen.areas if context.screen is not None else ():
+                if area.type == "IMAGE_EDITOR":
+                    area.spaces.active.image = slot.residual
+            self.report(
+                {"INFO"},
+                f"{slot.name}, frame {context.scene.frame_current}: of the model's area, {found.uncovered:.0%} lies "
+                f"uncovered beside it, and {found.beyond:.0%} of it covers background",
+            )
+        return outcome.value
+
+
+class HideResidual(bpy.types.Operator):
+    """Take the residual pictures away again"""
+
+    bl_idname = "kfmocap.hide_residual"
+    bl_label = "Hide Residual"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if any(view.residual is not None for view in context.scene.kfmocap.views):
+            return True
+        cls.poll_message_set("No residual is shown")
+        return False
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..overlays import misfit_backgrounds
+
+        with reported(self) as outcome:
+            misfit_backgrounds.hide(context.scene)
+        return outcome.value
+
+
+CLASSES = (ShowResidual, HideResidual)

@@ -1,0 +1,104 @@
+"""Marks and joints drawn over the footage."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import blf
+import bpy
+import gpu
+from gpu_extras.batch import batch_for_shader
+
+from ..operators import active_performer
+from ..scene_io import joint_marks
+from ..viewports import viewport
+
+Position = tuple[float, float]
+Colour = tuple[float, float, float, float]
+
+_RADIUS, _SIDES = 5.0, 16
+_LEFT, _RIGHT, _MIDDLE = (0.25, 0.65, 1.0, 1.0), (1.0, 0.45, 0.25, 1.0), (0.75, 1.0, 0.4, 1.0)
+_DARK = (0.0, 0.0, 0.0, 0.75)
+
+
+def colour_of(landmark: str) -> Colour:
+    """Blue for the performer's left, orange for the right."""
+    side = landmark[0] if landmark[1:2].isupper() else landmark[-2:]
+    return {"L": _LEFT, ".L": _LEFT, "R": _RIGHT, ".R": _RIGHT}.get(side, _MIDDLE)
+
+
+def draw_marks() -> None:
+    """Draw the chosen performer's marks of this frame in a 3D view that looks through a camera of the shot."""
+    context = bpy.context
+    if not context.scene.kfmocap.show_marks:
+        return
+    slot = active_performer.chosen(context)
+    if slot is None or not len(slot.marks):
+        return
+    look = viewport.look_of(context.scene, context.area, context.region, context.space_data)
+    found = joint_marks.on_frame(slot, context.scene.frame_current) if look is not None else {}
+    if any(view == look.view.name for view, _ in found):
+        from ...core.posing.clicks import ray
+        from ..scene_io import distortion
+
+        matrix = distortion.intrinsic_matrix(
+            look.view.camera.data, distortion.Frame(tuple(look.view.size), tuple(look.view.aspect))
+        )
+        for (view, landmark), pixel in found.items():
+            position = look.position(ray(matrix, pixel)) if view == look.view.name else None
+            if position is not None:
+                dot(position, colour_of(landmark))
+
+
+def dot(at: Position, colour: Colour, radius: float = _RADIUS) -> None:
+    """A filled dot with a dark rim."""
+    for size, fill in ((radius + 1.5, _DARK), (radius, colour)):
+        _drawn("TRI_FAN", _circle(at, size * _scale()), fill)
+
+
+def ring(at: Position, colour: Colour, radius: float = _RADIUS) -> None:
+    """A circle."""
+    lines([*_circle(at, radius * _scale()), _circle(at, radius * _scale())[0]], colour)
+
+
+def lines(points: Sequence[Position], colour: Colour, width: float = 1.5) -> None:
+    """A line through points."""
+    shader = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
+    batch = batch_for_shader(shader, "LINE_STRIP", {"pos": [(x, y, 0.0) for x, y in points]})
+    gpu.state.blend_set("ALPHA")
+    shader.bind()
+    shader.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
+    shader.uniform_float("lineWidth", width * _scale())
+    shader.uniform_float("color", colour)
+    batch.draw(shader)
+    gpu.state.blend_set("NONE")
+
+
+def label(text: str, at: Position, colour: Colour) -> None:
+    """A text whose lower left is at a position."""
+    blf.size(0, 13 * _scale())
+    blf.enable(0, blf.SHADOW)
+    blf.shadow(0, 5, 0.0, 0.0, 0.0, 0.9)
+    blf.position(0, *at, 0)
+    blf.color(0, *colour)
+    blf.draw(0, text)
+    blf.disable(0, blf.SHADOW)
+
+
+def _circle(at: Position, radius: float) -> list[Position]:
+    turn = 2 * math.pi / _SIDES
+    return [(at[0] + radius * math.cos(i * turn), at[1] + radius * math.sin(i * turn)) for i in range(_SIDES)]
+
+
+def _drawn(kind: str, points: list[Position], colour: Colour) -> None:
+    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
+    batch = batch_for_shader(shader, kind, {"pos": points})
+    gpu.state.blend_set("ALPHA")
+    shader.uniform_float("color", colour)
+    batch.draw(shader)
+    gpu.state.blend_set("NONE")
+
+
+def _scale() -> float:
+    return bpy.context.preferences.system.ui_scale

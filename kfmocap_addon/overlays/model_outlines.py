@@ -1,0 +1,82 @@
+"""The model as outlines over the footage: white where a part is seen, grey where another hides it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import lru_cache
+
+import bpy
+import gpu
+import numpy as np
+from gpu_extras.batch import batch_for_shader
+from numpy.typing import NDArray
+from scipy.spatial import QhullError
+
+from ...core.body.silhouette import Solid
+from ..scene_io import body_armature
+
+Array = NDArray[np.float64]
+
+SEEN, HIDDEN = (1.0, 1.0, 1.0, 1.0), (0.6, 0.6, 0.6, 0.55)
+_WIDTH = 1.6  # pixels
+_NEARER = 0.004  # lines lie before the faces they bound, as a share of their distance: on the same spot of the picture
+_FAR = 1e4
+
+
+def draw_outlines() -> None:
+    """Draw the outlines of all performers' parts into the 3D view that is being drawn."""
+    context = bpy.context
+    matrix = context.region_data.view_matrix.inverted()
+    toward = np.array(matrix.col[2].xyz)
+    eye = np.array(matrix.translation) + (0.0 if context.region_data.is_perspective else _FAR) * toward
+    faces, lines = [], []
+    for solid, pose in posed_solids(context.scene, context.evaluated_depsgraph_get()):
+        world = solid.vertices @ pose[:3, :3].T + pose[:3, 3]
+        faces.append(world[solid.triangles].reshape(-1, 3))
+        local = (eye - pose[:3, 3]) @ np.linalg.inv(pose[:3, :3]).T
+        lines.append(world[solid.silhouette(local)].reshape(-1, 3))
+    if faces:
+        corners = np.concatenate(lines)
+        _draw(np.concatenate(faces), corners + _NEARER * (eye - corners), (context.region.width, context.region.height))
+
+
+def posed_solids(scene: bpy.types.Scene, graph: bpy.types.Depsgraph) -> Iterator[tuple[Solid, Array]]:
+    """The convex parts of all performers with their matrices (4, 4) in the world, as they are evaluated."""
+    for slot in scene.kfmocap.performers:
+        if slot.armature is None or slot.armature.name not in scene.objects or not slot.armature.visible_get():
+            continue
+        posed = slot.armature.evaluated_get(graph)
+        for name, vertices in body_armature.part_clouds(slot.armature).items():
+            try:
+                solid = _solid(vertices.tobytes())
+            except QhullError:
+                continue  # it is being edited
+            yield solid, np.array(posed.matrix_world @ posed.pose.bones[name].matrix)
+
+
+@lru_cache(maxsize=256)
+def _solid(vertices: bytes) -> Solid:
+    return Solid.of(np.frombuffer(vertices).reshape(-1, 3))
+
+
+def _draw(faces: Array, lines: Array, size: tuple[int, int]) -> None:
+    """Fill depth alone with the faces, then draw the lines before it and behind it."""
+    state, fill = gpu.state, gpu.shader.from_builtin("UNIFORM_COLOR")
+    stroke = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
+    state.active_framebuffer_get().clear(depth=1.0)
+    state.depth_mask_set(True)
+    state.depth_test_set("LESS_EQUAL")
+    state.color_mask_set(False, False, False, False)
+    batch_for_shader(fill, "TRIS", {"pos": faces.astype(np.float32)}).draw(fill)
+    state.color_mask_set(True, True, True, True)
+    state.depth_mask_set(False)
+    state.blend_set("ALPHA")
+    batch = batch_for_shader(stroke, "LINES", {"pos": lines.astype(np.float32)})
+    stroke.uniform_float("viewportSize", size)
+    for test, colour, width in (("GREATER", HIDDEN, 0.7 * _WIDTH), ("LESS_EQUAL", SEEN, _WIDTH)):
+        state.depth_test_set(test)
+        stroke.uniform_float("lineWidth", width)
+        stroke.uniform_float("color", colour)
+        batch.draw(stroke)
+    state.depth_test_set("NONE")
+    state.blend_set("NONE")

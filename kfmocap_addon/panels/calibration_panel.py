@@ -1,0 +1,108 @@
+"""The section "Calibration" of the sidebar tab: videos, balls, solve, cameras in and out."""
+
+import bpy
+
+from ..operators.calibrate_cameras import Calibrate, ShowReport
+from ..operators.camera_files import ExportCameras, ImportCameras
+from ..operators.capture_views import AddVideos, LoadCapture, RemoveVideos
+from ..operators.pick_colour import PickColour
+from ..scene_io import capture_scene as captures
+from .section import Section
+
+
+class CaptureViewList(bpy.types.UIList):
+    bl_idname = "KFMOCAP_UL_capture_views"
+
+    def draw_item(self, _context, layout, _data, item, _icon, _active, _property, _index, _flag) -> None:
+        layout.prop(item, "name", text="", emboss=False, icon="CAMERA_DATA")
+        missing = [take for take in ("lframe", "wand") if not getattr(item, take)]
+        if missing:
+            layout.label(text="no L-frame" if missing == ["lframe"] else "no wand", icon="ERROR")
+
+
+class CalibrationPanel(Section, bpy.types.Panel):
+    bl_idname = "KFMOCAP_PT_calibration"
+    bl_label = "Calibration"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        missing = captures.missing(context.scene.kfmocap_capture)
+        if missing:
+            self.layout.label(text=missing, icon="INFO")
+        column = self.layout.column(align=True)
+        if len(context.scene.kfmocap_capture.views) < captures.LEAST_VIEWS:
+            column.operator(AddVideos.bl_idname, icon="FILE_MOVIE")
+        column.operator(Calibrate.bl_idname, icon="CON_CAMERASOLVER")
+        column.operator(ShowReport.bl_idname, icon="IMAGE_DATA")
+        row = self.layout.row(align=True)
+        row.operator(ImportCameras.bl_idname, text="Import", icon="IMPORT")
+        row.operator(ExportCameras.bl_idname, text="Export", icon="EXPORT")
+
+
+class CapturePanel(Section, bpy.types.Panel):
+    bl_idname = "KFMOCAP_PT_capture"
+    bl_label = "Videos"
+    bl_parent_id = CalibrationPanel.bl_idname
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, capture = self.layout, context.scene.kfmocap_capture
+        layout.operator(LoadCapture.bl_idname, icon="FILE_FOLDER")
+        row = layout.row()
+        row.template_list(CaptureViewList.bl_idname, "", capture, "views", capture, "active", rows=3)
+        buttons = row.column(align=True)
+        buttons.operator(AddVideos.bl_idname, text="", icon="ADD")
+        buttons.operator(RemoveVideos.bl_idname, text="", icon="REMOVE")
+        if capture.active < len(capture.views):
+            _draw_view(layout, capture.views[capture.active])
+        layout.prop(capture, "report")
+
+
+class BallsPanel(Section, bpy.types.Panel):
+    bl_idname = "KFMOCAP_PT_balls"
+    bl_label = "L-Frame and Wand"
+    bl_parent_id = CalibrationPanel.bl_idname
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, capture = self.layout, context.scene.kfmocap_capture
+        layout.use_property_split, layout.use_property_decorate = True, False
+        box = layout.box()
+        box.label(text="L-frame: centres of the balls")
+        for name in ("corner", "middle", "end", "side"):
+            box.row().prop(capture, name)
+        box.prop(capture, "lframe_diameter", text="Ball Diameter")
+        _draw_colour(box, capture, "lframe")
+        box = layout.box()
+        box.label(text="Wand")
+        box.prop(capture, "length")
+        box.prop(capture, "wand_diameter", text="Ball Diameter")
+        box.prop(capture, "one_colour")
+        for slot in captures.wanted_slots(capture)[1:]:
+            _draw_colour(box, capture, slot)
+
+
+def _draw_view(layout: bpy.types.UILayout, view: bpy.types.PropertyGroup) -> None:
+    column = layout.column(align=True)
+    column.use_property_split, column.use_property_decorate = True, False
+    column.prop(view, "lframe")
+    column.prop(view, "wand")
+    column.prop(view, "focal")
+    row = column.row(align=True, heading="Offset")
+    row.prop(view, "knows_offset", text="")
+    field = row.row()
+    field.enabled = view.knows_offset
+    field.prop(view, "offset", text="")
+
+
+def _draw_colour(layout: bpy.types.UILayout, capture: bpy.types.PropertyGroup, slot: str) -> None:
+    colour = capture.colour(slot)
+    row = layout.row(align=True)
+    if captures.is_picked(colour):
+        swatch = row.row()
+        swatch.enabled = False
+        swatch.prop(colour, "swatch", text="Second" if slot == "second" else "First" if slot == "first" else "Colour")
+    row.operator(
+        PickColour.bl_idname, text="" if captures.is_picked(colour) else "Pick Colour", icon="EYEDROPPER"
+    ).slot = slot
+
+
+CLASSES = (CaptureViewList, CalibrationPanel, CapturePanel, BallsPanel)

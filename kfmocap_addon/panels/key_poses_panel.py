@@ -1,0 +1,136 @@
+"""The section "Key Poses": the poses that tracking meets."""
+
+import bpy
+
+from ..operators import active_performer
+from ..operators.copy_pose import CopyPose, MirrorPose, PastePose
+from ..operators.go_to_frame import GoToFrame
+from ..operators.nudge_pose import BreakdownPose, NudgeDepth, NudgePose
+from ..operators.place_joints import ClearMarks, PlaceJoints
+from ..operators.pose_from_files import ImportKeypoints, MarkKeypoints, PoseFromKeypoints, PoseFromLandmarks
+from ..operators.set_key_pose import AcceptProposals, RemoveKeyPose, SetKeyPose
+from . import key_list
+from .section import Section
+
+_COLUMNS = 6
+
+
+class KeyPosesPanel(Section, bpy.types.Panel):
+    bl_idname = "KFMOCAP_PT_key_poses"
+    bl_label = "Key Poses"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, properties = self.layout, context.scene.kfmocap
+        slot = active_performer.chosen(context)
+        rows = key_list.rows(slot.armature) if slot is not None else None
+        if slot is None:
+            layout.label(text="No performer to pose yet", icon="INFO")
+        else:
+            if len(properties.performers) > 1:
+                layout.label(text=f"Posing {slot.name}", icon="ARMATURE_DATA")
+                layout.prop_search(properties, "performer", properties, "performers", text="")
+            _draw_advice(layout, context.scene, rows)
+        column = layout.column(align=True)
+        row = column.row(align=True)
+        row.operator(PlaceJoints.bl_idname, icon="OUTLINER_OB_ARMATURE")
+        row.operator(ClearMarks.bl_idname, text="", icon="X")
+        row.prop(properties, "show_marks", text="", icon="HIDE_OFF" if properties.show_marks else "HIDE_ON")
+        row = column.row(align=True)
+        row.operator(SetKeyPose.bl_idname, icon="KEY_HLT")
+        row.operator(RemoveKeyPose.bl_idname, text="", icon="KEY_DEHLT")
+        if slot is not None:
+            _draw_rows(layout, context.scene.frame_current, rows or ())
+
+
+class PoseToolsPanel(Section, bpy.types.Panel):
+    bl_idname = "KFMOCAP_PT_pose_tools"
+    bl_label = "From Other Poses"
+    bl_parent_id = KeyPosesPanel.bl_idname
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return active_performer.chosen(context) is not None
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        column = self.layout.column(align=True)
+        row = column.row(align=True)
+        row.operator(CopyPose.bl_idname, text="Copy", icon="COPYDOWN")
+        row.operator(PastePose.bl_idname, text="Paste", icon="PASTEDOWN").flipped = False
+        row.operator(PastePose.bl_idname, text="", icon="PASTEFLIPDOWN").flipped = True
+        column.operator(MirrorPose.bl_idname, icon="MOD_MIRROR")
+        row = column.row(align=True)
+        for side, icon in (("BEFORE", "TRIA_LEFT"), ("AFTER", "TRIA_RIGHT")):
+            if side == "AFTER":
+                row.operator(BreakdownPose.bl_idname)
+            row.operator(NudgePose.bl_idname, text="", icon=icon).side = side
+        row = column.row(align=True)
+        row.operator(NudgeDepth.bl_idname, text="Nearer").distance = -0.05
+        row.operator(NudgeDepth.bl_idname, text="Farther").distance = 0.05
+
+
+class PoseFilesPanel(Section, bpy.types.Panel):
+    bl_idname = "KFMOCAP_PT_pose_files"
+    bl_label = "From Keypoints and Landmarks"
+    bl_parent_id = KeyPosesPanel.bl_idname
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return active_performer.chosen(context) is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, properties = self.layout, context.scene.kfmocap
+        known = [view.name for view in properties.views if view.keypoints]
+        layout.label(text=f"Keypoints of {', '.join(known)}" if known else "No view has keypoints yet", icon="INFO")
+        layout.operator(ImportKeypoints.bl_idname, icon="IMPORT")
+        layout.operator(MarkKeypoints.bl_idname, icon="PIVOT_CURSOR")
+        frames = layout.column()
+        frames.use_property_split, frames.use_property_decorate = True, False
+        frames.prop(properties.key_frames, "choice")
+        for choice, name in (("EVERY", "step"), ("LISTED", "listed")):
+            if properties.key_frames.choice == choice:
+                frames.prop(properties.key_frames, name)
+        frames.prop(properties.key_frames, "replace")
+        column = layout.column(align=True)
+        column.operator(PoseFromKeypoints.bl_idname, icon="ARMATURE_DATA")
+        column.operator(PoseFromLandmarks.bl_idname, icon="EMPTY_AXIS")
+
+
+def _draw_advice(layout: bpy.types.UILayout, scene: bpy.types.Scene, rows: tuple[key_list.Row, ...] | None) -> None:
+    """What there is to do next."""
+    if rows is None:
+        return
+    own = [row.frame for row in rows if not row.proposed]
+    column = layout.column(align=True)
+    if not rows:
+        column.label(text="No key pose yet: on the first frame", icon="INFO")
+        column.label(text="Place Joints, or Set Key Pose", icon="BLANK1")
+        if scene.frame_current != scene.frame_start:
+            column.operator(GoToFrame.bl_idname, text="To the First Frame", icon="REW").frame = scene.frame_start
+    elif not own:
+        column.label(text="Proposals only: correct them,", icon="INFO")
+        column.label(text="then Accept, or just track", icon="BLANK1")
+    elif len(own) == 1:
+        far = scene.frame_end if own[0] - scene.frame_start < scene.frame_end - own[0] else scene.frame_start
+        column.label(text="One key pose: a second at the", icon="INFO")
+        column.label(text="other end helps the tracker most", icon="BLANK1")
+        if scene.frame_current != far:
+            column.operator(GoToFrame.bl_idname, text=f"To Frame {far}", icon="FF").frame = far
+
+
+def _draw_rows(layout: bpy.types.UILayout, frame: int, rows: tuple[key_list.Row, ...]) -> None:
+    """A button for every key pose: a click goes there."""
+    if rows:
+        layout.label(text="Frames with a key pose")
+    grid = layout.grid_flow(row_major=True, columns=_COLUMNS, even_columns=True, align=True)
+    for row in rows:
+        icon = "QUESTION" if row.proposed else "BONE_DATA" if row.bones else "NONE"
+        button = grid.operator(GoToFrame.bl_idname, text=str(row.frame), icon=icon, depress=row.frame == frame)
+        button.frame, button.reason = row.frame, row.told()
+    if any(row.proposed for row in rows):
+        accept = layout.row(align=True)
+        accept.operator(AcceptProposals.bl_idname, icon="CHECKMARK").every = False
+        accept.operator(AcceptProposals.bl_idname, text="All").every = True
+
+
+CLASSES = (KeyPosesPanel, PoseToolsPanel, PoseFilesPanel)

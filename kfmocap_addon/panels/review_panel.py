@@ -1,0 +1,69 @@
+"""The section "Review": how far to trust what was tracked, and where a key pose would help."""
+
+import bpy
+
+from ..operators.go_to_frame import GoToFrame
+from ..operators.show_misfit import HideResidual, ShowResidual
+from ..scene_io import bone_visibility
+from .section import Section
+
+
+class ReviewPanel(Section, bpy.types.Panel):
+    bl_idname = "KFMOCAP_PT_review"
+    bl_label = "Review"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, properties = self.layout, context.scene.kfmocap
+        tracked = [slot for slot in properties.performers if bone_visibility.is_tracked(slot.armature)]
+        if not tracked:
+            layout.label(text="Not tracked yet", icon="INFO")
+            layout.operator("kfmocap.track", icon="TRACKING_FORWARDS")
+            return
+        row = layout.row(align=True)
+        row.prop(properties, "show_confidence", toggle=True, icon="COLOR")
+        row.prop(properties, "confidence_limit", text="mm")
+        row = layout.row(align=True)
+        row.operator(ShowResidual.bl_idname, icon="IMAGE_BACKGROUND")
+        row.operator(HideResidual.bl_idname, text="", icon="X")
+        for slot in tracked:
+            column = layout.column(align=True)
+            _draw_hidden(column, slot)
+            _draw_helpful(column, slot)
+            _draw_suggestions(column, slot)
+
+
+def _draw_hidden(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup) -> None:
+    hidden = bone_visibility.hidden_parts(slot.armature)
+    column.label(text=f"{slot.name}: {'no camera sees' if hidden else 'every part is seen'}")
+    for part in hidden:
+        column.label(text=part, icon="HIDE_ON")
+
+
+def _draw_helpful(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup) -> None:
+    if slot.helpful:
+        column.separator()
+        column.label(text="One more key pose would help most at")
+    for key in slot.helpful:
+        text = f"{key.frame}: {key.name}, {key.error:.0f} mm"
+        button = column.operator(GoToFrame.bl_idname, text=text, icon="KEY_HLT")
+        button.frame = key.frame
+        button.reason = (
+            f"Jump there and correct the pose: its bones may be {key.error:.0f} mm off, these most. A key pose would "
+            f"lower the expected error of the whole shot by {key.gain:.1f} mm"
+        )
+
+
+def _draw_suggestions(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup) -> None:
+    if slot.suggestions:
+        column.separator()
+        column.label(text="Long out of sight: a key pose beside it at")
+    for suggestion in slot.suggestions:
+        button = column.operator(GoToFrame.bl_idname, text=f"{suggestion.frame}: {suggestion.name}", icon="HIDE_ON")
+        button.frame = suggestion.frame
+        first, last = suggestion.hidden
+        button.reason = (
+            f"Jump there and pose {suggestion.name}: seen on this frame, but by no camera on frames {first} to {last}"
+        )
+
+
+CLASSES = (ReviewPanel,)

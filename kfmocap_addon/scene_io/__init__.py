@@ -1,0 +1,1 @@
+"""Blender data as core values, and back."""

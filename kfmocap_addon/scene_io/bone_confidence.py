@@ -1,0 +1,146 @@
+"""How far the tracked bones may be off, in the scene: on every pose bone its expected error, animated, and as colours.
+
+Each tracking writes it for the frames that it tracked. Like `occlusion`'s, it is no channel of the body.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.review.suggestions import helpful_keys
+from . import body_armature, bone_visibility, fcurves, keyframes
+
+ERROR = "kfmocap_error"
+"""Custom property of a pose bone: how far its tip may be from its true place, mm."""
+WHITE = (1.0, 1.0, 1.0, 1.0)
+_DESCRIPTION = "How far the tip of this bone may be from its true place on this frame, as last tracked, mm"
+_RAMP = ("min(1, 2 * e / {limit})", "min(1, 2 - 2 * e / {limit})", "0.1")
+"""Red, green and blue by the error e: green where it is sure, over yellow to red at the limit."""
+_HIDDEN = (0.35, 0.45, 1.0)
+"""Of a bone that no camera sees."""
+_MILLIMETRES = 1000.0
+
+
+def write_confidence(scene: bpy.types.Scene, deviation: Sequence[NDArray[np.float64]], first: int = 0) -> None:
+    """Write into a scene how far its performers' bones may be off; `refresh` then shows what follows from it.
+
+    Parameters
+    ----------
+    deviation : sequence of ndarray, shape (F, P)
+        Expected error of the parts of each performer, metres.
+    first : int
+        Of an excerpt of the scene's shot: its first frame there. What is told of other frames stays.
+    """
+    start = scene.kfmocap.frame_start + first
+    for slot, found in zip(scene.kfmocap.performers, deviation, strict=True):
+        frames = start + np.arange(len(found))
+        _replace(slot.armature, frames, _MILLIMETRES * found)
+
+
+def refresh(scene: bpy.types.Scene) -> None:
+    """Show where one more key pose would help most, and the colours, by the errors that are told now."""
+    for slot in scene.kfmocap.performers:
+        _write_helpful(scene, slot)
+    if scene.kfmocap.show_confidence:
+        show_colours(scene)
+
+
+def forget(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, frames: Sequence[int]) -> None:
+    """Forget what is told of scene frames that are tracked no more."""
+    _replace(slot.armature, np.asarray(frames), None)
+    _write_helpful(scene, slot)
+
+
+def read_confidence(armature: bpy.types.Object, frame_start: int, length: int) -> NDArray[np.float64]:
+    """Expected errors of the parts on scene frames from `frame_start` on, (F, P), metres; zero where none is told."""
+    bag, bones = fcurves.find_channelbag(armature), body_armature.body_bones(armature)
+    errors = np.zeros((length, len(bones)))
+    for rank, bone in enumerate(bones):
+        curve = bag.fcurves.find(bone_visibility.property_path(armature.pose.bones[bone.name], ERROR)) if bag else None
+        if curve is not None:
+            keys = fcurves.get_keys(curve)
+            index = fcurves.frames_of(keys) - frame_start
+            inside = (index >= 0) & (index < length)
+            errors[index[inside], rank] = keys["co"][inside, 1] / _MILLIMETRES
+    return errors
+
+
+def show_colours(scene: bpy.types.Scene) -> None:
+    """Colour the performers' bones and parts by their errors as the scene's properties say, or as they were again."""
+    properties = scene.kfmocap
+    limit = properties.confidence_limit if properties.show_confidence else None
+    for slot in properties.performers:
+        armature = slot.armature
+        if armature is None:
+            continue
+        for bone in armature.pose.bones:
+            _colour_bone(bone, limit)
+        for part in armature.children:
+            bone = armature.pose.bones.get(part.parent_bone)
+            if bone is not None and part.type == "MESH":
+                _drive(part, "color", bone, limit)
+                if limit is None:
+                    part.color = WHITE
+
+
+def _replace(armature: bpy.types.Object, frames: NDArray[np.int64], errors: NDArray[np.float64] | None) -> None:
+    """Put errors (F, P), mm, or nothing in place of those of scene frames (F,)."""
+    bag = fcurves.ensure_channelbag(armature, armature.name)
+    for rank, rest in enumerate(body_armature.body_bones(armature)):
+        bone = armature.pose.bones[rest.name]
+        curve = fcurves.ensure_fcurve(bag, bone_visibility.property_path(bone, ERROR), 0, bone.name)
+        old = fcurves.get_keys(curve)
+        kept = [old[~np.isin(fcurves.frames_of(old), frames)]]
+        if errors is not None:
+            bone[ERROR] = float(errors[0, rank])
+            bone.id_properties_ui(ERROR).update(min=0.0, soft_max=100.0, precision=1, description=_DESCRIPTION)
+            kept.append(fcurves.new_keys(frames, errors[:, rank], "GENERATED", "LINEAR"))
+        fcurves.set_keys(curve, kept)
+        curve.lock = True  # so that moving keys in the timeline leaves it alone
+
+
+def _write_helpful(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> None:
+    start, length = scene.kfmocap.frame_start, scene.kfmocap.length
+    bones = body_armature.body_bones(slot.armature)
+    names = [bone.name for bone in bones]
+    parents = [names.index(bone.parent.name) if bone.parent is not None else -1 for bone in bones]
+    errors = read_confidence(slot.armature, start, length)
+    slot.helpful.clear()
+    for key in helpful_keys(errors, keyframes.read_key_poses(slot.armature, start, length), parents):
+        item = slot.helpful.add()
+        item.name = ", ".join(names[part] for part in key.parts)
+        item.frame = start + key.frame
+        item.error, item.gain = _MILLIMETRES * key.deviation, _MILLIMETRES * key.gain
+
+
+def _colour_bone(bone: bpy.types.PoseBone, limit: float | None) -> None:
+    """A bone that has a colour of the animator's keeps it."""
+    ours = _drive(bone.id_data, f"{bone.path_from_id()}.color.custom.normal", bone, None)
+    if ours:
+        bone.color.palette = "DEFAULT"
+    if limit is not None and ERROR in bone and bone.color.palette == "DEFAULT":
+        bone.color.palette = "CUSTOM"
+        bone.color.custom.select, bone.color.custom.active = (1.0, 1.0, 1.0), (0.8, 1.0, 1.0)
+        _drive(bone.id_data, f"{bone.path_from_id()}.color.custom.normal", bone, limit)
+
+
+def _drive(owner: bpy.types.Object, path: str, bone: bpy.types.PoseBone, limit: float | None) -> bool:
+    """Drive a colour by a bone's properties; without a limit it is driven no more. Tells whether it was driven."""
+    data = owner.animation_data
+    driven = data is not None and data.drivers.find(path) is not None
+    for channel, (ramp, hidden) in enumerate(zip(_RAMP, _HIDDEN, strict=True)):
+        if driven:
+            owner.driver_remove(path, channel)
+        if limit is not None and ERROR in bone:
+            driver = owner.driver_add(path, channel).driver
+            driver.type = "SCRIPTED"  # Blender evaluates as simple an expression as this without Python
+            driver.expression = f"{ramp.format(limit=f'{limit:.3f}')} if v else {hidden}"
+            for name, prop in (("e", ERROR), ("v", bone_visibility.VIEWS)):
+                variable = driver.variables.new()
+                variable.name, variable.targets[0].id = name, bone.id_data
+                variable.targets[0].data_path = bone_visibility.property_path(bone, prop)
+    return driven

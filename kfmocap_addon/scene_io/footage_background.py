@@ -1,0 +1,126 @@
+"""Footage behind cameras: movie clips as their backgrounds, at the right frame and without lens distortion."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import bpy
+
+from ...core.errors import FootageError
+from ...core.shot.footage import file_index, footage_index, image_files, is_interlaced
+
+
+def load_clip(path: Path) -> bpy.types.MovieClip:
+    """Load footage as a movie clip.
+
+    Raises
+    ------
+    FootageError
+        If Blender cannot read it.
+    """
+    images = image_files(path)
+    first = path if images is None else images[min(images)]
+    if not first.is_file():
+        raise FootageError("there is no such footage", where=str(path))
+    clip = bpy.data.movieclips.load(str(first.resolve()))
+    if clip.source == "MOVIE" and clip.frame_duration < 1:
+        bpy.data.movieclips.remove(clip)
+        raise FootageError("Blender cannot read the footage", where=str(path))
+    return clip
+
+
+def clip_behind(owner: bpy.types.Object) -> bpy.types.MovieClip | None:
+    """The footage behind a camera object."""
+    for background in owner.data.background_images:
+        if background.source == "MOVIE_CLIP" and background.clip is not None:
+            return background.clip
+    return None
+
+
+def footage_path(slot: bpy.types.PropertyGroup) -> Path | None:
+    """The footage of a view as a shot names it, or None where there is none."""
+    clip = clip_behind(slot.camera) if slot.camera is not None else None
+    if clip is None:
+        return None
+    path = Path(os.path.normpath(bpy.path.abspath(clip.filepath, library=clip.library)))
+    return path.with_name(slot.sequence) if slot.sequence else path
+
+
+def background_clip(slot: bpy.types.PropertyGroup) -> bpy.types.MovieClip:
+    clip = clip_behind(slot.camera)
+    if clip is None:
+        raise FootageError(
+            "the camera has no footage",
+            where=f"camera {slot.camera.name}",
+            todo="give it a movie clip as background image",
+        )
+    return clip
+
+
+def show_behind(data: bpy.types.Camera, clip: bpy.types.MovieClip) -> None:
+    background = data.background_images.new()
+    background.source, background.clip = "MOVIE_CLIP", clip
+    background.alpha, background.frame_method = 1.0, "STRETCH"
+    undistort(background)
+    data.show_background_images = True
+
+
+def undistort(background: bpy.types.CameraBackgroundImage) -> None:
+    """A Blender camera has no distortion: the footage is shown as such a camera would have seen it."""
+    background.clip_user.use_render_undistorted = True
+
+
+def show_in_time(slot: bpy.types.PropertyGroup, first: int, frame_start: int) -> None:
+    """Let the footage behind a view's camera show the frames that its offset and fields say.
+
+    Parameters
+    ----------
+    first : int
+        First frame of the shot in the footage's count.
+    frame_start : int
+        Scene frame of shot frame 0.
+    """
+    clip = clip_behind(slot.camera) if slot.camera is not None else None
+    if clip is None:
+        return
+    clip.driver_remove("frame_start")
+    clip.frame_start = frame_start - file_index(slot, first)
+    if is_interlaced(slot):
+        _play_at_half_rate(clip, footage_index(slot, first) - frame_start)
+
+
+def _play_at_half_rate(clip: bpy.types.MovieClip, ahead: int) -> None:
+    """Show each frame of interlaced footage, both fields woven, for the two scene frames that are its fields.
+
+    A movie clip knows no rate: its start is driven instead. `ahead` is how far fields count ahead of scene frames.
+    """
+    driver = clip.driver_add("frame_start").driver
+    # Of functions that Blender evaluates itself: a file may drive it where Python is not trusted.
+    driver.expression = f"frame - floor((frame {ahead:+d}) / 2)"
+
+
+def look_through(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> None:
+    """Make a view the scene's camera, with the resolution and pixel aspect of its footage."""
+    scene.camera = slot.camera
+    render = scene.render
+    render.resolution_x, render.resolution_y = slot.size
+    render.resolution_percentage = 100
+    render.pixel_aspect_x, render.pixel_aspect_y = slot.aspect
+    refresh(scene)
+
+
+def refresh(scene: bpy.types.Scene) -> None:
+    """Lay the footage of all views before their cameras, with the opacity that the scene has for it.
+
+    The scene's resolution is that of one view; before cameras of another shape footage keeps its own. Our cameras' lens
+    goes by their picture's width, so that is what the footage must span.
+    """
+    render = scene.render
+    aspect = render.resolution_x * render.pixel_aspect_x / (render.resolution_y * render.pixel_aspect_y)
+    for slot in scene.kfmocap.views:
+        for background in slot.camera.data.background_images if slot.camera is not None else ():
+            own = slot.size[0] * slot.aspect[0] / (slot.size[1] * slot.aspect[1])
+            same = abs(own - aspect) < 1e-4 * aspect
+            background.frame_method = "STRETCH" if same else "FIT" if own > aspect else "CROP"
+            background.alpha = scene.kfmocap.opacity

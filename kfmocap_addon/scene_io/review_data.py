@@ -1,0 +1,29 @@
+"""What a tracking tells of its own result, in the scene."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import bpy
+
+from . import bone_confidence, bone_visibility
+
+if TYPE_CHECKING:
+    from ...core.shot.shot import Shot
+    from ...core.tracking.tracker import TrackResult
+
+
+def write_review(scene: bpy.types.Scene, tracked: Sequence[tuple[Shot, TrackResult, int]]) -> None:
+    """Show in a scene what the cameras saw of its performers, how far they may be off, and where key poses would help.
+
+    Parameters
+    ----------
+    tracked : sequence of (Shot, TrackResult, int)
+        Excerpts of the scene's shot as they were tracked, or all of it, each with its first frame there. What is told
+        of other frames stays.
+    """
+    for shot, result, first in tracked:
+        bone_visibility.write_occlusion(scene, shot, result.visible, first)
+        bone_confidence.write_confidence(scene, result.deviation, first)
+    bone_confidence.refresh(scene)

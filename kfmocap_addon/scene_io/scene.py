@@ -1,0 +1,196 @@
+"""A Blender scene as a shot, and a shot as a Blender scene.
+
+Blender shows shot frame f at scene frame f + frame_start. Files count video frames: there shot frame 0 is the
+first frame of the shot.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import bpy
+
+from ...core.body.motion import Motion
+from ...core.errors import ShotError
+from ...core.shot.keypose_spline import spline
+from ...core.shot.shot import Performer, Settings, Shot
+from . import body_armature, footage_background, keyframes, lossless, view_cameras
+
+FRAME_START = 1
+"""Scene frame of shot frame 0 in the scenes that we build, as Blender's own scenes start."""
+
+
+_FPS = "kfmocap_fps"
+
+
+def build_scene(
+    shot: Shot, motions: Sequence[Motion] | None = None, scene: bpy.types.Scene | None = None
+) -> bpy.types.Scene:
+    """Show a shot in a scene: cameras with footage, armatures, key poses and, if given, tracked motions.
+
+    Parameters
+    ----------
+    shot : Shot
+    motions : sequence of Motion, optional
+        One per performer, `shot.length` poses each; written as keys of type GENERATED.
+    scene : bpy.types.Scene, optional
+        Where to build; by default a new scene.
+
+    Returns
+    -------
+    bpy.types.Scene
+
+    Raises
+    ------
+    FootageError
+        If Blender cannot read some footage. Nothing was built then.
+    """
+    clips = load_clips([view.footage for view in shot.views])
+    scene = scene or bpy.data.scenes.new(shot.name)
+    set_rate(scene, shot.fps)
+    scene.frame_set(FRAME_START)
+    _describe(scene, shot)
+    _build_views(scene, shot, clips)
+    bodies = ensure_collection(scene, "Performers")
+    for performer in shot.performers:
+        slot = scene.kfmocap.performers.add()
+        slot.name = performer.name
+        slot.armature = body_armature.build_armature(performer.body, performer.name, bodies)
+        keyframes.write_key_poses(slot.armature, performer.key_poses, FRAME_START)
+        if len(proposed := performer.key_poses.proposals()):
+            first_pass = spline(performer.key_poses, shot.length)
+            keyframes.write_motion(slot.armature, first_pass, FRAME_START, FRAME_START + proposed)
+    if motions is not None:
+        write_motions(scene, motions)
+    return scene
+
+
+def write_motions(scene: bpy.types.Scene, motions: Sequence[Motion], shot: Shot | None = None, first: int = 0) -> None:
+    """Write tracked motions, one per performer, into the scene's armatures beside the animator's keys.
+
+    What the shot proposes as key poses, by default what the scene does already, is marked as such. The motions begin on
+    that shot frame.
+    """
+    start = scene.kfmocap.frame_start + first
+    for i, (slot, motion) in enumerate(zip(scene.kfmocap.performers, motions, strict=True)):
+        proposed = None if shot is None else start + shot.performers[i].key_poses.proposals()
+        keyframes.write_motion(slot.armature, motion, start, proposed)
+
+
+def shot_from_scene(scene: bpy.types.Scene, footage: bool = True) -> Shot:
+    """Read the shot that a scene shows, as it stands now: cameras, bodies and the animator's keys.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    footage : bool
+        Read the views. Without any, the shot still tells where the key poses are.
+
+    Raises
+    ------
+    KFMocapError
+        If the scene holds no shot, or some of it is gone or cannot be tracked; says what and where.
+    """
+    properties = scene.kfmocap
+    if not properties.views or not properties.performers:
+        raise ShotError("the scene holds no shot", where=f"scene {scene.name}", todo="load a shot first")
+    if properties.length < 1:
+        raise ShotError(
+            f"the last frame ({properties.last}) is before the first ({properties.first})",
+            where=f"scene {scene.name}",
+        )
+    render = scene.render
+    return Shot(
+        name=properties.shot,
+        fps=float(lossless.recall(scene, _FPS, render.fps / render.fps_base)),
+        frames=(properties.first, properties.last),
+        views=view_cameras.read_views(scene, properties.frame_start, properties.length) if footage else (),
+        performers=tuple(_read_performer(scene, slot) for slot in properties.performers),
+        settings=_read_settings(properties),
+    )
+
+
+def _read_performer(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> Performer:
+    if slot.armature is None or slot.armature.name not in scene.objects:
+        raise ShotError("the armature is gone from the scene", where=f"performer {slot.name}")
+    return Performer(
+        slot.name,
+        body_armature.body_from_armature(slot.armature),
+        keyframes.read_key_poses(slot.armature, scene.kfmocap.frame_start, scene.kfmocap.length),
+    )
+
+
+def load_clips(footage: Sequence[Path]) -> list[bpy.types.MovieClip]:
+    """Load footage as movie clips, all or none.
+
+    Raises
+    ------
+    FootageError
+        If Blender cannot read some.
+    """
+    clips: list[bpy.types.MovieClip] = []
+    try:
+        for path in footage:
+            clips.append(footage_background.load_clip(path))
+    except Exception:
+        bpy.data.batch_remove(clips)
+        raise
+    return clips
+
+
+def set_rate(scene: bpy.types.Scene, fps: float | None) -> None:
+    """Give a scene a frame rate, frames per second; None leaves it as it is."""
+    if fps is not None:
+        render = scene.render
+        render.fps = max(1, round(fps))
+        render.fps_base = render.fps / fps
+        lossless.keep(scene, _FPS, fps)
+
+
+def _describe(scene: bpy.types.Scene, shot: Shot) -> None:
+    properties = scene.kfmocap
+    properties.shot, properties.zero = shot.name, FRAME_START - shot.frames[0]
+    properties.first, properties.last = shot.frames
+    settings = dataclasses.asdict(shot.settings)
+    properties.solver = settings.pop("solver")
+    properties.settings = json.dumps(settings)
+
+
+def _build_views(scene: bpy.types.Scene, shot: Shot, clips: list[bpy.types.MovieClip]) -> None:
+    cameras = ensure_collection(scene, "Views")
+    for view, clip in zip(shot.views, clips, strict=True):
+        slot = scene.kfmocap.views.add()
+        view_cameras.build_view(view, clip, slot, cameras, first=shot.frames[0], frame_start=FRAME_START)
+    footage_background.look_through(scene, scene.kfmocap.views[0])
+
+
+def _read_settings(properties: bpy.types.PropertyGroup) -> Settings:
+    """Settings as the scene has them; defaults for what it does not say, without what this version lacks."""
+    stored = json.loads(properties.settings or "{}") | {"solver": properties.solver}
+    known = {f.name: stored[f.name] for f in dataclasses.fields(Settings) if f.name in stored}
+    return Settings(**{name: tuple(v) if isinstance(v, list) else v for name, v in known.items()})
+
+
+def find_collection(scene: bpy.types.Scene, name: str) -> bpy.types.Collection | None:
+    """The scene's collection of that name, numbered or not."""
+    return next((c for c in scene.collection.children if c.name.split(".")[0] == name), None)
+
+
+def ensure_collection(scene: bpy.types.Scene, name: str) -> bpy.types.Collection:
+    """The scene's collection of that name, made where it is missing."""
+    collection = find_collection(scene, name)
+    if collection is None:
+        collection = bpy.data.collections.new(name)
+        scene.collection.children.link(collection)
+    return collection
+
+
+def free_name(name: str, slots: bpy.types.bpy_prop_collection) -> str:
+    """The name, or with a number where one of the slots has it."""
+    taken, number, free = {slot.name for slot in slots}, 2, name
+    while free in taken:
+        free, number = f"{name} {number}", number + 1
+    return free

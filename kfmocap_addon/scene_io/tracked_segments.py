@@ -1,0 +1,127 @@
+"""Stretches between key poses in a scene: which to track, what is beside them, and from what they were tracked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.body.motion import Motion
+from ...core.errors import ShotError
+from ...core.shot.shot import Shot
+from ...core.tracking.retracking import Excerpt, digest, joined
+from ...core.tracking.segments import Stretch, segments
+from ...core.tracking.tracker import TrackResult
+from . import bone_confidence, keyframes, lossless, review_data
+from . import scene as scenes
+
+_OFFSET = "kfmocap_footage_offset"
+
+
+def out_of_date(scene: bpy.types.Scene, shot: Shot) -> list[Stretch]:
+    """Stretches of a scene's shot that something has changed for since they were tracked, or that never were."""
+    keyed = _keyed(scene, 0, shot.length)
+    tracked = {(slot.first, slot.last): slot.digest for slot in scene.kfmocap.stretches}
+    zero = shot.frames[0]
+    return [
+        (first, last)
+        for first, last in segments(shot)
+        if not keyed[first : last + 1].all() or tracked.get((zero + first, zero + last)) != digest(shot, (first, last))
+    ]
+
+
+def excerpts(scene: bpy.types.Scene, shot: Shot, chosen: Sequence[Stretch]) -> list[Excerpt]:
+    """The runs of some stretches, each with what is known of the rest of the shot: the poses beside it that are
+    tracked or keyed, and the offset of the footage."""
+    return [
+        Excerpt(
+            first,
+            last,
+            (_pose(scene, shot, first - 1), _pose(scene, shot, last + 1)),
+            None if (first, last) == (0, shot.length - 1) else _footage_offset(scene),
+        )
+        for first, last in joined(chosen)
+    ]
+
+
+def write(scene: bpy.types.Scene, shot: Shot, parts: Sequence[Excerpt], results: Sequence[TrackResult]) -> None:
+    """Write what was tracked into the scene that the shot was read from.
+
+    Raises
+    ------
+    KFMocapError
+        The scene is no longer what was tracked. Nothing was written then.
+    """
+    _check_unchanged(scene, shot, parts)
+    for part, result in zip(parts, results, strict=True):
+        scenes.write_motions(scene, result.motions, first=part.first)
+        if part.footage_offset is None:
+            remember_offset(scene, result)
+    tracked = [(shot.between(p.first, p.last), result, p.first) for p, result in zip(parts, results, strict=True)]
+    review_data.write_review(scene, tracked)
+    _remember(scene, shot, [s for s in segments(shot) if any(p.first <= s[0] and s[1] <= p.last for p in parts)])
+    scene.frame_set(scene.frame_current, subframe=scene.frame_subframe)  # the tracked pose is shown
+
+
+def remember_offset(scene: bpy.types.Scene, result: TrackResult) -> None:
+    """Keep the offset of the footage that a track has found, for tracking parts again and for looking at it."""
+    scene.kfmocap.footage_offset = result.footage_offset
+    lossless.keep(scene, _OFFSET, result.footage_offset)
+
+
+def in_step(scene: bpy.types.Scene, shot: Shot) -> Shot:
+    """A scene's shot, its key poses and its footage in step as they were found to be."""
+    return shot.in_step(_footage_offset(scene))
+
+
+def clear(scene: bpy.types.Scene, shot: Shot, chosen: Sequence[Stretch]) -> int:
+    """Remove the tracked keys of some stretches of a scene's shot; tells on how many frames there were any."""
+    frames = [scene.kfmocap.frame_start + f for f in sorted({f for a, b in chosen for f in range(a, b + 1)})]
+    cleared: set[int] = set()
+    for slot in scene.kfmocap.performers:
+        if gone := keyframes.clear_motion(slot.armature, frames):
+            bone_confidence.forget(scene, slot, sorted(gone))
+            cleared |= gone
+    return len(cleared)
+
+
+def _check_unchanged(scene: bpy.types.Scene, shot: Shot, parts: Sequence[Excerpt]) -> None:
+    """Another window may have changed the scene since its shot was read."""
+    now = scenes.shot_from_scene(scene)
+    stretches = [(part.first, part.last) for part in parts]
+    if now.frames != shot.frames or any(digest(now, s) != digest(shot, s) for s in stretches):
+        raise ShotError("it was changed while it was tracked", where=f"scene {scene.name}", todo="track again")
+
+
+def _remember(scene: bpy.types.Scene, shot: Shot, tracked: Sequence[Stretch]) -> None:
+    """Keep what stretches were tracked from; of frames that are no stretch of the shot any more nothing is kept."""
+    zero = shot.frames[0]
+    kept = {(slot.first - zero, slot.last - zero): slot.digest for slot in scene.kfmocap.stretches}
+    kept.update({stretch: digest(shot, stretch) for stretch in tracked})
+    scene.kfmocap.stretches.clear()
+    for first, last in segments(shot):
+        if (first, last) in kept:
+            slot = scene.kfmocap.stretches.add()
+            slot.first, slot.last, slot.digest = zero + first, zero + last, kept[first, last]
+
+
+def _footage_offset(scene: bpy.types.Scene) -> float | None:
+    """The offset of the footage as it was found; None where nothing was tracked."""
+    return float(lossless.recall(scene, _OFFSET, scene.kfmocap.footage_offset)) if _OFFSET in scene else None
+
+
+def _pose(scene: bpy.types.Scene, shot: Shot, frame: int) -> tuple[Motion, ...] | None:
+    """Every performer's pose on a shot frame; None beyond the shot, and where one has neither a tracked pose nor a
+    key pose."""
+    if not 0 <= frame < shot.length or not _keyed(scene, frame, 1).all():
+        return None
+    start = scene.kfmocap.frame_start
+    return tuple(keyframes.read_motion(slot.armature, start + frame, 1) for slot in scene.kfmocap.performers)
+
+
+def _keyed(scene: bpy.types.Scene, first: int, length: int) -> NDArray[np.bool_]:
+    """Shot frames, from the first on, on which every channel of every performer has a key, shape (length,)."""
+    start = scene.kfmocap.frame_start + first
+    return np.all([keyframes.keyed_frames(slot.armature, start, length) for slot in scene.kfmocap.performers], axis=0)

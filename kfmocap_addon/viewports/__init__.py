@@ -1,0 +1,1 @@
+"""3D views that look through the cameras of views."""

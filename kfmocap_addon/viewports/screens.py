@@ -1,0 +1,127 @@
+"""3D views of a window that look through the cameras of views: one, or up to four side by side.
+
+Blender lays out areas that were split or closed only when it draws the next time: what follows then waits in a timer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import bpy
+
+from ..panels.section import Section
+
+MOST = 4
+_NEXT_DRAW = 0.05  # seconds
+
+
+def look(context: bpy.types.Context) -> None:
+    """Let the 3D view of a context look through the scene's camera, all of its picture in sight.
+
+    One of several that look through cameras of their own goes on doing so; the others stay as they are.
+    """
+    area = view3d_of(context)
+    if area is None or context.window is None or context.scene.camera is None:
+        return
+    several = layout_of(context.window)
+    space = area.spaces.active
+    if area in several and len(several) > 1:
+        space.camera = context.scene.camera
+    else:
+        space.use_local_camera = False
+    _through_camera(context.window, context.screen, area)
+
+
+def view3d_of(context: bpy.types.Context) -> bpy.types.Area | None:
+    """The 3D view that the context is in, else the largest of its window."""
+    if context.area is not None and context.area.type == "VIEW_3D":
+        return context.area
+    areas = [a for a in context.screen.areas if a.type == "VIEW_3D"] if context.screen is not None else []
+    return max(areas, key=lambda area: area.width * area.height, default=None)
+
+
+def layout_of(window: bpy.types.Window) -> list[bpy.types.Area]:
+    """The 3D views of a window that look through cameras of views, each through its own."""
+    cameras = {view.camera for view in window.scene.kfmocap.views}
+    spaces = [(area, area.spaces.active) for area in window.screen.areas if area.type == "VIEW_3D"]
+    return [area for area, space in spaces if space.use_local_camera and space.camera in cameras]
+
+
+def split(context: bpy.types.Context, cameras: Sequence[bpy.types.Object]) -> None:
+    """Split the context's 3D view into one for each of two to four cameras."""
+    space = view3d_of(context).spaces.active
+    space.use_local_camera, space.camera = True, cameras[0]
+    names = [camera.name for camera in cameras]
+    bpy.app.timers.register(partial(_split_next, context.window, names), first_interval=0.0)
+
+
+def join(context: bpy.types.Context) -> None:
+    """Close the 3D views of a split but one, which looks through the scene's camera again."""
+    areas = layout_of(context.window)
+    kept = context.area if context.area in areas else areas[0]
+    kept.spaces.active.use_local_camera = False
+    bpy.app.timers.register(partial(_close_others, context.window), first_interval=0.0)
+
+
+def _split_next(window: bpy.types.Window, cameras: Sequence[str]) -> float | None:
+    """Split one 3D view of a layout that has too few; the time until the next, or None after the last."""
+    areas = layout_of(window)
+    if 0 < len(areas) < len(cameras):
+        direction = "VERTICAL" if len(areas) == 1 else "HORIZONTAL"
+        if _split(window, max(areas, key=lambda area: area.height), direction):
+            return _NEXT_DRAW
+    if areas:
+        _arrange(window, cameras)
+    return None
+
+
+def _arrange(window: bpy.types.Window, cameras: Sequence[str]) -> None:
+    """Give the 3D views their cameras as one reads, the first at the top left; our sidebar stays in one of them."""
+    areas = layout_of(window)
+    middle = (min(a.y for a in areas) + max(a.y + a.height for a in areas)) / 2
+    reading = sorted(areas, key=lambda a: (a.y + a.height <= middle + 2, a.x))
+    with_sidebar = next((area for area in reading if _tab(area) == Section.bl_category), None)
+    for area, name in zip(reading, cameras, strict=False):
+        space = area.spaces.active
+        space.camera = bpy.data.objects.get(name)
+        space.show_region_toolbar, space.show_region_ui = False, area == with_sidebar
+        _through_camera(window, window.screen, area)
+
+
+def _close_others(window: bpy.types.Window) -> float | None:
+    """Close one of the 3D views of a split; the time until the next, or None after the last."""
+    areas = layout_of(window)
+    if areas:
+        with bpy.context.temp_override(window=window, screen=window.screen, area=areas[-1], region=_region(areas[-1])):
+            bpy.ops.screen.area_close()
+        return _NEXT_DRAW
+    for area in window.screen.areas:
+        if area.type == "VIEW_3D" and area.spaces.active.region_3d.view_perspective == "CAMERA":
+            area.spaces.active.show_region_toolbar = area.spaces.active.show_region_ui = True
+            _through_camera(window, window.screen, area)
+    return None
+
+
+def _split(window: bpy.types.Window, area: bpy.types.Area, direction: str) -> bool:
+    """Split an area in halves that show the same; whether it was large enough."""
+    with bpy.context.temp_override(window=window, screen=window.screen, area=area, region=_region(area)):
+        return bpy.ops.screen.area_split(direction=direction, factor=0.5) == {"FINISHED"}
+
+
+def _through_camera(window: bpy.types.Window, screen: bpy.types.Screen, area: bpy.types.Area) -> None:
+    space = area.spaces.active
+    space.region_3d.view_perspective = "CAMERA"
+    space.shading.wireframe_color_type = "OBJECT"  # the parts are white
+    with bpy.context.temp_override(window=window, screen=screen, area=area, region=_region(area)):
+        if bpy.ops.view3d.view_center_camera.poll():
+            bpy.ops.view3d.view_center_camera()
+
+
+def _region(area: bpy.types.Area, kind: str = "WINDOW") -> bpy.types.Region:
+    return next(region for region in area.regions if region.type == kind)
+
+
+def _tab(area: bpy.types.Area) -> str:
+    """The sidebar's tab that is open in a 3D view."""
+    return _region(area, "UI").active_panel_category if area.spaces.active.show_region_ui else ""

@@ -1,0 +1,176 @@
+"""A shot is put together in an empty scene: footage, calibration, performer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from addon_shots import SIZE, blender, camera, video  # noqa: E402, F401
+from kfmocap.core.formats.calibration_files import save_cameras  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import footage_background, scene, solved_cameras, view_cameras  # noqa: E402
+from test_addon_views import largest_difference  # noqa: E402
+
+pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
+
+
+@pytest.fixture
+def take(tmp_path):
+    """Two videos of 30 and 25 frames, and the cameras that took them."""
+    for name, frames in (("walk_cam01", 30), ("walk_cam02", 25)):
+        video(tmp_path / f"{name}.mp4", frames)
+    save_cameras(tmp_path / "calibration.toml", [camera(1), camera(2)])
+    return tmp_path
+
+
+def add(folder, *names):
+    return bpy.ops.kfmocap.add_footage(directory=str(folder), files=[{"name": name} for name in names])
+
+
+def shot():
+    return bpy.context.scene.kfmocap
+
+
+def test_footage_becomes_views_of_an_empty_scene(take):
+    assert add(take, "walk_cam02.mp4", "walk_cam01.mp4") == {"FINISHED"}
+    assert [view.name for view in shot().views] == ["walk_cam01", "walk_cam02"]
+    assert (shot().first, shot().last) == (0, 24)
+    current = bpy.context.scene
+    assert current.render.fps == 25 and current.frame_end == 25
+    assert (current.render.resolution_x, current.render.resolution_y) == SIZE
+    assert not any(view.is_calibrated for view in shot().views)
+    assert not bpy.ops.kfmocap.track.poll()
+
+
+def test_a_shot_from_an_empty_scene_can_be_read_without_a_shot_file(take):
+    add(take, "walk_cam01.mp4", "walk_cam02.mp4")
+    assert bpy.ops.kfmocap.import_calibration(filepath=str(take / "calibration.toml")) == {"FINISHED"}
+    assert bpy.ops.kfmocap.add_body(height=1.68) == {"FINISHED"}
+    read = scene.shot_from_scene(bpy.context.scene)
+    assert [view.camera.name for view in read.views] == ["cam01", "cam02"]
+    assert [view.footage.name for view in read.views] == ["walk_cam01.mp4", "walk_cam02.mp4"]
+    for seed, view in enumerate(read.views, 1):
+        assert largest_difference(camera(seed), view.camera) < 1e-4
+    assert [performer.name for performer in read.performers] == ["Performer"]
+    assert read.name == take.name and read.fps == 25
+
+
+def test_footage_is_added_all_or_none(take):
+    (take / "broken.mp4").write_bytes(b"no video")
+    with pytest.raises(RuntimeError, match=r"broken\.mp4"):
+        add(take, "walk_cam01.mp4", "broken.mp4")
+    assert not shot().views and not bpy.data.movieclips and not bpy.data.cameras
+    add(take, "walk_cam01.mp4")
+    with pytest.raises(RuntimeError, match="already"):
+        add(take, "walk_cam02.mp4", "walk_cam01.mp4")
+    assert len(shot().views) == len(bpy.data.movieclips) == 1
+
+
+def test_a_calibration_of_another_size_or_of_other_names_changes_nothing(take):
+    add(take, "walk_cam01.mp4", "walk_cam02.mp4")
+    before = [np.array(view.camera.matrix_basis) for view in shot().views]
+    for name, cameras, message in (
+        ("size", [camera(1), replace(camera(2), size=(640, 480))], "cam02.*640x480"),
+        ("names", [replace(camera(1), name="left"), replace(camera(2), name="right")], "left, right"),
+    ):
+        save_cameras(take / f"{name}.toml", cameras)
+        with pytest.raises(RuntimeError, match=message):
+            bpy.ops.kfmocap.import_calibration(filepath=str(take / f"{name}.toml"))
+        after = [np.array(view.camera.matrix_basis) for view in shot().views]
+        assert np.array_equal(before, after)
+        assert [view.name for view in shot().views] == ["walk_cam01", "walk_cam02"]
+
+
+@pytest.mark.parametrize("footage_first", [True, False])
+def test_cameras_just_calibrated_in_the_scene_become_the_views(take, footage_first):
+    solved = {c.name: c for c in (camera(1), camera(2))}
+    if footage_first:
+        add(take, "walk_cam01.mp4", "walk_cam02.mp4")
+    solved_cameras.show_cameras(bpy.context.scene, solved, {"cam01": take / "walk_cam01.mp4"})
+    if footage_first:
+        assert bpy.ops.kfmocap.use_scene_cameras() == {"FINISHED"}
+    else:
+        add(take, "walk_cam01.mp4", "walk_cam02.mp4")
+    read = view_cameras.read_views(bpy.context.scene, 1, 20)
+    for view in read:
+        assert largest_difference(solved[view.camera.name], view.camera) < 1e-4
+    assert len([o for o in bpy.context.scene.objects if o.type == "CAMERA"]) == 2
+    assert bpy.context.scene.camera == shot().views[0].camera
+
+
+def test_the_camera_that_blender_starts_with_calibrates_nothing(take):
+    current = bpy.context.scene
+    owner = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    current.collection.objects.link(owner)
+    current.camera = owner
+    add(take, "walk_cam01.mp4")
+    assert not shot().views[0].is_calibrated and current.camera == shot().views[0].camera
+    with pytest.raises(RuntimeError, match="no calibrated camera"):
+        bpy.ops.kfmocap.use_scene_cameras()
+
+
+def test_a_camera_with_footage_behind_it_becomes_a_view_as_it_stands(take):
+    current = bpy.context.scene
+    current.frame_start, current.frame_end = 11, 30
+    solved_cameras.show_cameras(current, {"cam01": camera(1)}, {"cam01": take / "walk_cam01.mp4"}, {"cam01": 3.0})
+    assert bpy.ops.kfmocap.use_scene_cameras() == {"FINISHED"}
+    (view,) = view_cameras.read_views(current, shot().frame_start, shot().length)
+    assert largest_difference(camera(1), view.camera) < 1e-4
+    assert (view.offset, shot().frame_start, shot().length) == (3.0, 11, 20)
+
+
+def test_moving_a_views_offset_moves_its_footage(take):
+    add(take, "walk_cam01.mp4", "walk_cam02.mp4")
+    view = shot().views[1]
+    clip = footage_background.clip_behind(view.camera)
+    for offset, index in ((4.0, 4), (-2.0, -2), (1.6, 2), (0.0, 0)):
+        view.offset = offset
+        assert 1 - clip.frame_start == index  # scene frame 1 shows the footage's frame of that number
+    view.offset, view.fields = 2.0, "top-first"
+    bpy.context.scene.frame_set(6)
+    assert 6 - clip.frame_start == (5 + 2) // 2
+    view.fields = "progressive"
+    assert clip.animation_data is None or not clip.animation_data.drivers
+
+
+def test_one_opacity_serves_all_views(take):
+    add(take, "walk_cam01.mp4")
+    shot().opacity = 0.4
+    add(take, "walk_cam02.mp4")
+    alphas = [view.camera.data.background_images[0].alpha for view in shot().views]
+    assert alphas == pytest.approx([0.4, 0.4])
+
+
+def test_a_view_taken_out_leaves_nothing_behind(take):
+    add(take, "walk_cam01.mp4", "walk_cam02.mp4")
+    bpy.ops.kfmocap.look_through(view=0)
+    assert bpy.ops.kfmocap.remove_view() == {"FINISHED"}
+    assert [view.name for view in shot().views] == ["walk_cam02"]
+    assert len(bpy.data.cameras) == len(bpy.data.movieclips) == 1
+    assert bpy.context.scene.camera == shot().views[0].camera
+
+
+def test_next_and_previous_go_round_the_views(take):
+    add(take, "walk_cam01.mp4", "walk_cam02.mp4")
+    seen = []
+    for step in (1, 1, -1):
+        bpy.ops.kfmocap.step_view(step=step)
+        seen.append(shot().shown_view)
+    assert seen == [1, 0, 1]
+
+
+@pytest.mark.parametrize("kind", ["calibration", "shot"])
+def test_a_dropped_file_is_opened_by_what_it_holds(take, kind, monkeypatch):
+    add(take, "walk_cam01.mp4", "walk_cam02.mp4")
+    path = take / "calibration.toml"
+    if kind == "shot":
+        path = take / "shot.toml"
+        path.write_text("[shot]\nname = 3\n")
+        with pytest.raises(RuntimeError, match=r"shot\.toml \[shot\] name"):
+            bpy.ops.kfmocap.open_file(filepath=str(path))
+    else:
+        assert bpy.ops.kfmocap.open_file(filepath=str(path)) == {"FINISHED"}
+        assert all(view.is_calibrated for view in shot().views)

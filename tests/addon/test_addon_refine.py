@@ -1,0 +1,213 @@
+"""Refining cameras by command and in Blender: the same cameras as the core's, and nothing half-done."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+from kfmocap.cli import refine_command
+from kfmocap.cli.command_line import main
+from kfmocap.core import fitting
+from kfmocap.core.errors import CalibrationError, CancelledError
+from kfmocap.core.fitting.camera_refinement import RefinedCamera, Refinement
+from kfmocap.core.fitting.resection import adjusted
+from kfmocap.core.formats import load_cameras, save_cameras
+from kfmocap.core.shot.shot import Shot
+from test_command_line import folder as shot_folder  # noqa: F401
+
+STEP = np.array([0.02, -0.01, 0.03, 0.01, 0.02, -0.03, 0.02])
+
+
+def refined(shot: Shot, _progress: object = None, lost: tuple[int, ...] = ()) -> Refinement:
+    """Every camera moved a little, but for those that are lost."""
+    return Refinement(
+        tuple(
+            RefinedCamera(view.camera if v in lost else adjusted(view.camera, STEP), 12.3, 4.5, 0, 0, 0, v not in lost)
+            for v, view in enumerate(shot.views)
+        ),
+        np.array([0]),
+    )
+
+
+def refine(folder: Path, out: str = "refined.toml", shot: str = "shot.toml") -> int:
+    return main(["calibrate", "--refine", str(folder / shot), "--out", str(folder / out)])
+
+
+def test_the_command_writes_all_cameras_of_the_calibration(
+    shot_folder: Path,  # noqa: F811
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Those of the shot's views refined, the others as they were."""
+    [camera] = load_cameras(shot_folder / "calibration.toml").values()
+    save_cameras(shot_folder / "calibration.toml", [camera, replace(camera, name="other")])
+    monkeypatch.setattr(refine_command, "refine_cameras", refined)
+    assert refine(shot_folder) == 0
+    printed = capsys.readouterr()
+    assert printed.out == f"{shot_folder / 'refined.toml'}\n"
+    assert printed.err == "kfmocap: cam01: its picture moved by 12.3 px, known to 4.5 px\n"
+    written = load_cameras(shot_folder / "refined.toml")
+    np.testing.assert_allclose(written["cam01"].matrix, adjusted(camera, STEP).matrix)
+    np.testing.assert_allclose(written["cam01"].t_cam_world, adjusted(camera, STEP).t_cam_world)
+    np.testing.assert_allclose(written["other"].t_cam_world, camera.t_cam_world)
+
+
+def test_a_camera_that_is_lost_is_told(
+    shot_folder: Path,  # noqa: F811
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(refine_command, "refine_cameras", lambda shot, progress: refined(shot, lost=(0,)))
+    assert refine(shot_folder) == 0
+    assert "cam01: left as it was" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("out", "shot", "words"),
+    [
+        ("refined.txt", "shot.toml", "refined.txt: unknown kind of calibration"),
+        ("shot.toml/refined.toml", "shot.toml", "shot.toml"),
+        ("refined.toml", "none.toml", "the shot file cannot be read"),
+        ("refined.toml", "shot.toml", "no camera shows the performers"),
+    ],
+)
+def test_what_cannot_be_refined_is_one_line_and_writes_nothing(
+    shot_folder: Path,  # noqa: F811
+    capsys: pytest.CaptureFixture[str],
+    out: str,
+    shot: str,
+    words: str,
+) -> None:
+    """The footage of this shot is plain grey."""
+    before = sorted(shot_folder.rglob("*"))
+    assert refine(shot_folder, out, shot) == 1
+    captured = capsys.readouterr()
+    assert captured.out == "" and captured.err.count("\n") == 1 and words in captured.err
+    assert sorted(shot_folder.rglob("*")) == before
+
+
+def test_what_is_of_a_wand_alone_is_refused(
+    shot_folder: Path,  # noqa: F811
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    arguments = ["calibrate", "--refine", str(shot_folder / "shot.toml"), "--out", str(shot_folder / "refined.toml")]
+    for extra in (["--report", str(shot_folder / "report")], ["--points", str(shot_folder / "p.csv")], ["--drift"]):
+        assert main(arguments + extra) == 1
+        assert "are of a wand" in capsys.readouterr().err
+    assert not (shot_folder / "report").exists()
+
+
+@pytest.mark.parametrize("name", ["refined.yml", "refined.qca.txt"])
+def test_the_refined_calibration_is_of_the_kind_asked_for(
+    shot_folder: Path,  # noqa: F811
+    monkeypatch: pytest.MonkeyPatch,
+    name: str,
+) -> None:
+    monkeypatch.setattr(refine_command, "refine_cameras", refined)
+    assert refine(shot_folder, name) == 0
+    [before], [after] = (load_cameras(shot_folder / n).values() for n in ("calibration.toml", name))
+    np.testing.assert_allclose(after.t_cam_world, adjusted(before, STEP).t_cam_world, atol=1e-4)
+
+
+def test_calibrating_needs_to_be_told_from_what(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["calibrate", "--out", "calibration.toml"])
+    assert "--refine" in capsys.readouterr().err
+
+
+bpy = pytest.importorskip("bpy")
+
+from addon_shots import blender, shot  # noqa: E402, F401
+from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
+from test_addon_views import largest_difference  # noqa: E402
+
+in_blender = pytest.mark.blender
+
+
+@pytest.fixture
+def refiner(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """Stands in for the core: moves all cameras, but those that a test calls lost, or raises what it sets."""
+    stand_in = ModuleType("kfmocap.core.fitting.camera_refinement")
+    state = SimpleNamespace(lost=(), error=None)
+
+    def refine_cameras(given: Shot, progress: object) -> Refinement:
+        progress("refining cameras", 0.5)
+        if state.error is not None:
+            raise state.error
+        return refined(given, lost=state.lost)
+
+    stand_in.refine_cameras, stand_in.Refinement = refine_cameras, Refinement
+    monkeypatch.setitem(sys.modules, "kfmocap.core.fitting.camera_refinement", stand_in)
+    monkeypatch.setattr(fitting, "camera_refinement", stand_in)
+    return state
+
+
+@in_blender
+def test_the_tool_moves_fixed_and_moving_cameras(blender, tmp_path, refiner):  # noqa: F811
+    original = shot(tmp_path)
+    scene.build_scene(original, scene=bpy.context.scene)
+    assert bpy.ops.kfmocap.refine_cameras() == {"FINISHED"}
+    read = scene.shot_from_scene(bpy.context.scene)
+    for got, view in zip(read.views, original.views, strict=True):
+        truth = adjusted(view.camera, STEP)
+        assert got.camera.moving == view.camera.moving
+        assert np.array_equal(got.camera.matrix, truth.matrix)  # to the last bit, as the core's
+        assert np.array_equal(got.camera.R_cam_world, truth.R_cam_world)
+        assert max(largest_difference(truth, got.camera, f) for f in range(original.length)) < 1e-4
+        owner = bpy.data.objects[view.camera.name]
+        assert owner.data.lens == pytest.approx(truth.matrix[0, 0] * 36 / truth.size[0], rel=1e-6)
+        [background] = owner.data.background_images
+        assert background.clip.tracking.camera.focal_length_pixels == pytest.approx(truth.matrix[0, 0], rel=1e-6)
+
+
+@in_blender
+def test_a_camera_that_was_keyed_at_one_place_is_moved_there_too(blender, tmp_path, refiner):  # noqa: F811
+    original = shot(tmp_path)
+    scene.build_scene(original, scene=bpy.context.scene)
+    owner = bpy.context.scene.kfmocap.views[0].camera
+    for frame in (1, 9):
+        owner.keyframe_insert("location", frame=frame)
+        owner.keyframe_insert("rotation_quaternion", frame=frame)
+    bpy.ops.kfmocap.refine_cameras()
+    got = scene.shot_from_scene(bpy.context.scene).views[0].camera
+    assert largest_difference(adjusted(original.views[0].camera, STEP), got, 0) < 1e-4
+
+
+@in_blender
+def test_a_lost_camera_stays(blender, tmp_path, refiner):  # noqa: F811
+    original = shot(tmp_path)
+    scene.build_scene(original, scene=bpy.context.scene)
+    refiner.lost = (0,)
+    bpy.ops.kfmocap.refine_cameras()
+    first, second = scene.shot_from_scene(bpy.context.scene).views
+    assert np.array_equal(first.camera.R_cam_world, original.views[0].camera.R_cam_world)
+    assert not np.array_equal(second.camera.R_cam_world, original.views[1].camera.R_cam_world)
+
+
+@in_blender
+@pytest.mark.parametrize("error", [CalibrationError("there is no key pose"), CancelledError()])
+def test_an_error_leaves_the_cameras_alone(blender, tmp_path, refiner, error):  # noqa: F811
+    original = shot(tmp_path)
+    scene.build_scene(original, scene=bpy.context.scene)
+    refiner.error = error
+    if isinstance(error, CancelledError):
+        assert bpy.ops.kfmocap.refine_cameras() == {"CANCELLED"}
+    else:
+        with pytest.raises(RuntimeError, match="there is no key pose"):
+            bpy.ops.kfmocap.refine_cameras()
+    read = scene.shot_from_scene(bpy.context.scene)
+    assert np.array_equal(read.views[0].camera.R_cam_world, original.views[0].camera.R_cam_world)
+
+
+@in_blender
+def test_a_camera_that_something_else_moves_is_refused(blender, tmp_path, refiner):  # noqa: F811
+    scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    owner = bpy.context.scene.kfmocap.views[1].camera
+    owner.constraints.new("COPY_LOCATION")
+    with pytest.raises(RuntimeError, match=r"cam02: a parent or a constraint moves it.*Bake"):
+        bpy.ops.kfmocap.refine_cameras()
+    assert bpy.ops.kfmocap.refine_cameras.poll()

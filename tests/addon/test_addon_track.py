@@ -1,0 +1,427 @@
+"""Tracking in Blender: all of a shot or some stretches; it can be cancelled, undone, and is the same again."""
+
+from __future__ import annotations
+
+import os
+import time
+from contextlib import contextmanager
+from functools import partial
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+import pieces_of_work  # noqa: E402
+from addon_shots import blender, keys_of, motion, shot, tracker  # noqa: E402, F401
+from kfmocap.core.errors import CancelledError, CaptureError, ShotError  # noqa: E402
+from kfmocap.core.tracking.retracking import Excerpt, track_excerpts  # noqa: E402
+from kfmocap.kfmocap_addon.jobs.job import Job, duration  # noqa: E402
+from kfmocap.kfmocap_addon.operators import job_operator  # noqa: E402
+from kfmocap.kfmocap_addon.operators.job_operator import JobOperator  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import fcurves, keyframes, scene, tracked_segments  # noqa: E402
+from scene_state import differences, state  # noqa: E402
+from synthetic import figure, film, look_at, shot_of, swing  # noqa: E402
+
+pytestmark = pytest.mark.blender
+
+GENERATED = 5
+FRAME = 1  # of shot frame 0 in the scene
+
+
+@pytest.fixture
+def built(blender, tmp_path, tracker):  # noqa: F811
+    """A shot of the frames 0 to 11 with key poses at 0, 5 and 11, as the open scene."""
+    return scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
+
+
+def armature_of(built):
+    return built.kfmocap.performers[0].armature
+
+
+def generated(built):
+    """Shot frames with tracked keys on every channel."""
+    frames = []
+    for curve in fcurves.find_channelbag(armature_of(built)).fcurves:
+        if "kfmocap" not in curve.data_path:
+            keys = fcurves.get_keys(curve)
+            frames.append({int(f) - FRAME for f in keys["co"][keys["type"] == GENERATED, 0]})
+    assert all(f == frames[0] for f in frames)
+    return sorted(frames[0])
+
+
+def tracked_frames(tracker):  # noqa: F811
+    return [(s.frames[0] - 5, s.frames[1] - 5) for s in tracker.shots]
+
+
+def shift_key_pose(built, frame):
+    """A key pose as the animator corrects it."""
+    built.frame_set(frame + FRAME)
+    armature_of(built).pose.bones["hand.L"].rotation_quaternion = (0.6, 0.0, 0.8, 0.0)
+    keyframes.key_current_pose(armature_of(built), frame + FRAME)
+
+
+@pytest.mark.parametrize(
+    "tool, frame, tracked",
+    [
+        ("track", 3, (0, 11)),
+        ("track_here", 3, (0, 5)),
+        ("track_here", 5, (0, 11)),
+        ("track_here", 11, (5, 11)),
+        ("track_forward", 3, (0, 11)),
+        ("track_forward", 5, (5, 11)),
+        ("track_backward", 5, (0, 5)),
+        ("track_backward", 7, (0, 11)),
+        ("track_changes", 3, (0, 11)),
+    ],
+)
+def test_tools_track_the_stretches_that_they_say(built, tracker, tool, frame, tracked):  # noqa: F811
+    built.frame_set(frame + FRAME)
+    assert getattr(bpy.ops.kfmocap, tool)() == {"FINISHED"}
+    assert tracked_frames(tracker) == [tracked]
+    assert generated(built) == [f for f in range(tracked[0], tracked[1] + 1) if f not in (0, 5, 11)]
+
+
+def test_other_stretches_stay_to_the_last_bit(built, tracker):  # noqa: F811
+    bpy.ops.kfmocap.track()
+    before = {k: fcurves.get_keys(c)[6:] for k, c in body_curves(built).items()}
+    keyframes.write_motion(armature_of(built), motion(4, seed=9), FRAME + 1)
+    built.frame_set(FRAME + 2)
+    bpy.ops.kfmocap.track_here()
+    for k, c in body_curves(built).items():
+        for field in ("co", "type", "interpolation"):
+            assert np.array_equal(fcurves.get_keys(c)[6:][field], before[k][field])
+
+
+def body_curves(built):
+    bag = fcurves.find_channelbag(armature_of(built))
+    return {(c.data_path, c.array_index): c for c in bag.fcurves if "kfmocap" not in c.data_path}
+
+
+def test_what_is_beside_is_held_where_it_is_tracked(built, tracker):  # noqa: F811
+    built.frame_set(FRAME + 3)
+    bpy.ops.kfmocap.track_here()
+    assert tracker.around == (None, None)
+    built.frame_set(FRAME + 8)
+    bpy.ops.kfmocap.track_here()
+    before, after = tracker.around
+    assert after is None
+    assert np.abs(before[0].difference(motion(12)[[4]])).max() < 1e-5
+
+
+def test_changing_a_key_pose_tracks_the_stretches_beside_it_alone(built, tracker):  # noqa: F811
+    bpy.ops.kfmocap.track()
+    with pytest.raises(RuntimeError, match="nothing has changed"):
+        bpy.ops.kfmocap.track_changes()
+    shift_key_pose(built, 11)
+    bpy.ops.kfmocap.track_changes()
+    assert tracked_frames(tracker) == [(0, 11), (5, 11)]
+    shift_key_pose(built, 3)  # one more key pose: its own stretches are new
+    bpy.ops.kfmocap.track_changes()
+    assert tracked_frames(tracker)[2:] == [(0, 5)]
+    with pytest.raises(RuntimeError, match="nothing has changed"):
+        bpy.ops.kfmocap.track_changes()
+    built.kfmocap.solver = "relaxation"
+    bpy.ops.kfmocap.track_changes()
+    assert tracked_frames(tracker)[3:] == [(0, 11)]
+
+
+def test_removed_tracked_keys_are_a_change(built, tracker):  # noqa: F811
+    bpy.ops.kfmocap.track()
+    built.frame_set(FRAME + 2)
+    bpy.ops.kfmocap.clear_between(where="HERE")
+    bpy.ops.kfmocap.track_changes()
+    assert tracked_frames(tracker) == [(0, 11), (0, 5)]
+
+
+@pytest.mark.parametrize("where, frame, left", [("HERE", 2, range(6, 11)), ("HERE", 5, []), ("EVERYWHERE", 2, [])])
+def test_clear_between_removes_tracked_keys_alone(built, where, frame, left):
+    own = keys_of(armature_of(built))
+    bpy.ops.kfmocap.track()
+    built.frame_set(FRAME + frame)
+    assert bpy.ops.kfmocap.clear_between(where=where) == {"FINISHED"}
+    assert generated(built) == list(left)
+    read = keyframes.read_key_poses(armature_of(built), FRAME, 12)
+    assert read.frames.tolist() == [0, 5, 11] and read.fixed.all()
+    if not left:
+        now = keys_of(armature_of(built))
+        for channel in own:
+            assert now[channel] == own[channel]
+
+
+def test_clear_between_leaves_an_edited_tracked_key(built):
+    bpy.ops.kfmocap.track()
+    built.frame_set(FRAME + 3)
+    armature_of(built).pose.bones["hand.L"].rotation_quaternion = (0.6, 0.0, 0.8, 0.0)
+    armature_of(built).pose.bones["hand.L"].keyframe_insert("rotation_quaternion", frame=FRAME + 3)
+    bpy.ops.kfmocap.clear_between(where="EVERYWHERE")
+    assert keyframes.read_key_poses(armature_of(built), FRAME, 12).frames.tolist() == [0, 3, 5, 11]
+    with pytest.raises(RuntimeError, match="no tracked keys"):
+        bpy.ops.kfmocap.clear_between(where="EVERYWHERE")
+
+
+def test_what_the_cameras_saw_of_other_stretches_stays(built, tracker):  # noqa: F811
+    from kfmocap.kfmocap_addon.scene_io import bone_visibility
+
+    given = scene.shot_from_scene(built)
+    blind = [np.ones((2, 12, 16))]
+    blind[0][:, 2:9] = 0
+    bone_visibility.write_occlusion(built, given, blind)
+    bone_visibility.write_occlusion(built, given.between(5, 11), [np.ones((2, 7, 16))], first=5)
+    bag = fcurves.find_channelbag(armature_of(built))
+    curve = bag.fcurves.find('pose.bones["hand.L"]["kfmocap_views"]')
+    assert [curve.evaluate(FRAME + f) for f in range(12)] == [2, 2, 0, 0, 0] + 7 * [2]
+
+
+def test_tools_say_why_they_are_disabled(built):
+    built.frame_set(FRAME - 1)
+    for tool in ("track_here", "track_forward", "track_backward"):
+        assert not getattr(bpy.ops.kfmocap, tool).poll()
+    built.frame_set(FRAME)
+    assert bpy.ops.kfmocap.track_forward.poll() and not bpy.ops.kfmocap.track_backward.poll()
+    built.frame_set(FRAME + 11)
+    assert bpy.ops.kfmocap.track_backward.poll() and not bpy.ops.kfmocap.track_forward.poll()
+    armature_of(built).animation_data_clear()
+    assert not bpy.ops.kfmocap.track.poll()
+
+
+def test_a_scene_that_changed_meanwhile_is_left_alone(built, tracker):  # noqa: F811
+    """As by another window: what was tracked is not what is there."""
+    from kfmocap.kfmocap_addon.scene_io import tracked_segments
+
+    given = scene.shot_from_scene(built)
+    parts = tracked_segments.excerpts(built, given, [(0, 5)])
+    from kfmocap.core.tracking.retracking import track_excerpts
+
+    results = track_excerpts(given, parts)
+    shift_key_pose(built, 5)
+    before = keys_of(armature_of(built))
+    with pytest.raises(ShotError, match="changed while"):
+        tracked_segments.write(built, given, parts, results)
+    assert keys_of(armature_of(built)) == before
+
+
+@pytest.fixture
+def filmed(blender, tmp_path):  # noqa: F811
+    """A small filmed shot as the open scene, with a key pose that was set in Blender."""
+    truth = swing(figure(), 9)
+    cameras = (look_at("front", (0.5, -2.8, 1.5)), look_at("side", (-2.4, -1.4, 1.3)))
+    given = shot_of(film(tmp_path, [figure()], [truth], cameras), [figure()], [truth], (0, 8))
+    built = scene.build_scene(given, scene=bpy.context.scene)
+    built.frame_set(FRAME + 4)
+    armature_of(built).pose.bones["forearm.L"].rotation_quaternion = (0.96, 0.28, 0, 0)
+    keyframes.key_current_pose(armature_of(built), FRAME + 4)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    return tmp_path / "scene.blend"
+
+
+def reopened(file):
+    bpy.ops.wm.save_as_mainfile(filepath=str(file))
+    bpy.ops.wm.open_mainfile(filepath=str(file))
+    return bpy.context.scene
+
+
+@pytest.mark.parametrize("tool", ["track", "track_here"])
+def test_saved_and_reopened_a_scene_is_tracked_to_the_same_last_bit(filmed, tool):
+    built = bpy.context.scene
+    bpy.ops.kfmocap.track()
+    built.frame_set(FRAME + 2)
+    getattr(bpy.ops.kfmocap, tool)()
+    first = keys_of(armature_of(built))
+    built = reopened(filmed)
+    assert keys_of(armature_of(built)) == first
+    getattr(bpy.ops.kfmocap, tool)()
+    assert keys_of(armature_of(built)) == first
+    with pytest.raises(RuntimeError, match="nothing has changed"):
+        bpy.ops.kfmocap.track_changes()
+
+
+def test_tracking_that_is_cancelled_at_any_moment_leaves_the_scene_as_it_was(filmed, monkeypatch):
+    built, told, ends = bpy.context.scene, [], [10**6]
+
+    @contextmanager
+    def cancelling(_context):
+        told.clear()
+        yield lambda what, fraction: told.append(fraction) or len(told) <= ends[0]
+
+    monkeypatch.setattr(job_operator, "progress_shown", cancelling)
+    bpy.ops.kfmocap.track()
+    armature_of(built).pose.bones["forearm.L"].rotation_quaternion = (0.8, 0.6, 0, 0)  # not keyed
+    before = state()
+    for ends[0] in np.random.default_rng(0).integers(0, len(told), 20).tolist():
+        assert bpy.ops.kfmocap.track() == {"CANCELLED"}
+        assert len(told) == ends[0] + 1
+        assert not differences(state(), before)
+
+
+def test_a_pose_that_is_not_keyed_outlives_a_tracking_that_fails(built, tracker):  # noqa: F811
+    """Also where cameras move, for which other frames are visited."""
+    built.frame_set(FRAME + 5)
+    armature_of(built).pose.bones["forearm.L"].rotation_quaternion = (0.8, 0.6, 0, 0)
+    before, tracker.error = state(), CancelledError()
+    assert bpy.ops.kfmocap.track() == {"CANCELLED"}
+    assert not differences(state(), before)
+
+
+class Tool(JobOperator):
+    """A modal tool outside Blender's window."""
+
+    bl_label = "Tool"
+
+    def __init__(self, work):
+        self.work, self.reports, self.finished = work, [], []
+
+    def prepared(self, context):
+        return self.work
+
+    def finish(self, context, result):
+        self.finished.append(result)
+
+    def report(self, kind, text):
+        self.reports.append((kind, text))
+
+
+def window():
+    """A context with a window that notes what is asked of it."""
+    manager = SimpleNamespace(
+        windows=[],
+        event_timer_add=lambda interval, window: "timer",
+        event_timer_remove=lambda timer: None,
+        progress_begin=lambda low, high: None,
+        progress_update=lambda value: None,
+        progress_end=lambda: None,
+        modal_handler_add=lambda tool: None,
+    )
+    workspace = SimpleNamespace(status=[])
+    workspace.status_text_set = workspace.status.append
+    screen = SimpleNamespace(areas=[])
+    return SimpleNamespace(
+        window_manager=manager, window=SimpleNamespace(screen=screen), workspace=workspace, screen=screen
+    )
+
+
+def event(kind, value="PRESS"):
+    return SimpleNamespace(type=kind, value=value, alt=False, ctrl=False, shift=False, mouse_x=5, mouse_y=5)
+
+
+def started(work, monkeypatch):
+    monkeypatch.setattr("kfmocap.kfmocap_addon.operators.job_operator.bpy.app", SimpleNamespace(background=False))
+    tool, context = Tool(work), window()
+    assert tool.invoke(context, event("LEFTMOUSE")) == {"RUNNING_MODAL"}
+    return tool, context
+
+
+def ended(tool, context):
+    """What the tool returns at its end."""
+    deadline = time.monotonic() + 30
+    while (outcome := tool.modal(context, event("TIMER"))) == {"PASS_THROUGH"} and time.monotonic() < deadline:
+        time.sleep(0.01)
+    return outcome
+
+
+def test_esc_answers_at_once_and_ends_the_work(monkeypatch, tmp_path):
+    tool, context = started(partial(pieces_of_work.silent, tmp_path / "pid"), monkeypatch)
+    while not (tmp_path / "pid").exists() or not (tmp_path / "pid").read_text():
+        time.sleep(0.01)
+    begin = time.monotonic()
+    assert tool.modal(context, event("ESC")) == {"CANCELLED"}
+    assert time.monotonic() - begin < 0.2
+    assert context.workspace.status[-1] is None and not tool.finished
+    tool.job._thread.join(5)
+    with pytest.raises(ProcessLookupError):
+        os.kill(int((tmp_path / "pid").read_text()), 0)
+    with pytest.raises(CancelledError):
+        tool.job.result()
+
+
+def test_a_job_that_ends_is_finished_once(monkeypatch):
+    tool, context = started(partial(pieces_of_work.halfway, 42), monkeypatch)
+    assert ended(tool, context) == {"FINISHED"}
+    assert tool.finished == [42] and context.workspace.status[-1] is None
+    assert tool.job.state == ("half", 0.5) and tool.job.told().startswith("Half 50%, 0 s left")
+
+
+def test_errors_of_the_work_are_reported_as_they_were(monkeypatch):
+    tool, context = started(pieces_of_work.failing, monkeypatch)
+    assert ended(tool, context) == {"CANCELLED"}
+    assert tool.reports == [({"ERROR"}, "wand.mp4: it lies in a plane (wave it about)")]
+    with pytest.raises(CaptureError) as caught:
+        tool.job.result()
+    assert caught.value.name == "wand-in-a-plane" and caught.value.where == "wand.mp4"
+
+
+def test_a_bug_in_the_work_is_not_swallowed(monkeypatch):
+    tool, context = started(pieces_of_work.broken, monkeypatch)
+    with pytest.raises(ZeroDivisionError) as caught:
+        ended(tool, context)
+    assert "pieces_of_work.py" in caught.value.__notes__[0]
+
+
+def test_work_that_dies_is_reported(monkeypatch):
+    tool, context = started(pieces_of_work.killed, monkeypatch)
+    assert ended(tool, context) == {"CANCELLED"}
+    assert "before its time" in tool.reports[0][1]
+
+
+def test_what_is_tracked_beside_blender_is_what_is_tracked_in_it(tmp_path):
+    views = film(tmp_path, [figure()], [swing(figure(), 6)], [look_at("front", (0.5, -2.8, 1.5))])
+    given = shot_of(views, [figure()], [swing(figure(), 6)], (0, 5))
+    job_operator = Job(partial(track_excerpts, given, [Excerpt(0, 5)]))
+    [here] = track_excerpts(given, [Excerpt(0, 5)])
+    job_operator._thread.join(60)
+    [there] = job_operator.result()
+    assert np.array_equal(here.motions[0].rotations, there.motions[0].rotations)
+    assert np.array_equal(here.motions[0].translations, there.motions[0].translations)
+
+
+def test_nothing_but_looking_reaches_blender_while_a_job_runs(monkeypatch, tmp_path):
+    tool, context = started(partial(pieces_of_work.silent, tmp_path / "pid"), monkeypatch)
+    view = SimpleNamespace(type="WINDOW", x=0, y=0, width=100, height=100)
+    sidebar = SimpleNamespace(type="UI", x=80, y=0, width=20, height=100, tag_redraw=lambda: None)
+    space = SimpleNamespace(active=SimpleNamespace(lock_camera=False))
+    area = SimpleNamespace(
+        type="VIEW_3D", x=0, y=0, width=100, height=100, regions=[view, sidebar], spaces=space, tag_redraw=None
+    )
+    context.screen.areas.append(area)
+
+    def passes(kind, **changes):
+        given = event(kind)
+        vars(given).update(changes)
+        return tool.modal(context, given) == {"PASS_THROUGH"}
+
+    assert passes("MIDDLEMOUSE") and passes("WHEELUPMOUSE") and passes("NUMPAD_1") and passes("MOUSEMOVE")
+    assert not any(passes(kind) for kind in ("LEFTMOUSE", "G", "Z", "I", "SPACE", "RET", "DEL", "LEFT_ARROW"))
+    assert not passes("NUMPAD_0", ctrl=True)  # makes another camera the scene's
+    assert not passes("WHEELUPMOUSE", alt=True)  # goes to another frame
+    assert not passes("WHEELUPMOUSE", mouse_x=90)  # over the sidebar, where it changes values
+    assert not passes("MIDDLEMOUSE", mouse_x=200)
+    space.active.lock_camera = True
+    assert not passes("MIDDLEMOUSE")  # would move the camera
+    tool.modal(context, event("ESC"))
+
+
+def test_durations_are_told_as_people_tell_them():
+    assert [duration(s) for s in (0.2, 59.4, 59.6, 125, 3725)] == ["0 s", "59 s", "1:00 min", "2:05 min", "1:02 h"]
+
+
+def test_parts_are_tracked_again_with_the_offset_that_the_whole_shot_told(built, tracker):  # noqa: F811
+    tracker.footage_offset = 0.387
+    bpy.ops.kfmocap.track()
+    assert tracker.shots[-1].settings.footage_offset is None
+    built.frame_set(3 + FRAME)
+    tracker.footage_offset = 0.1
+    bpy.ops.kfmocap.track_here()
+    assert tracker.shots[-1].settings.footage_offset == 0.387
+    assert tracked_segments.in_step(built, scene.shot_from_scene(built)).settings.footage_offset == 0.387
+    shift_key_pose(built, 0)
+    bpy.ops.kfmocap.track_changes()
+    assert tracker.shots[-1].frames == (5, 10)  # the offset that was found is no change
+
+
+def test_without_a_track_of_the_whole_shot_a_part_tells_its_own_offset(built, tracker):  # noqa: F811
+    tracker.footage_offset = -0.25
+    built.frame_set(3 + FRAME)
+    bpy.ops.kfmocap.track_here()
+    assert tracker.shots[-1].settings.footage_offset is None
+    assert built.kfmocap.footage_offset == -0.25

@@ -1,0 +1,223 @@
+"""Cameras and footage go to Blender and come back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from addon_shots import SIZE, blender, camera, shot, video  # noqa: E402, F401
+from bpy_extras.object_utils import world_to_camera_view  # noqa: E402
+from kfmocap.core.cameras.camera import Camera  # noqa: E402
+from kfmocap.core.errors import CalibrationError, FootageError  # noqa: E402
+from kfmocap.core.shot.shot import View  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import distortion, footage_background, scene, view_cameras  # noqa: E402
+from mathutils import Vector  # noqa: E402
+
+pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
+
+
+def points_in_view(cam: Camera, frame: int = 0) -> np.ndarray:
+    rng = np.random.default_rng(5)
+    K, (R, t) = cam.matrix, cam.pose(frame)
+    pixels = rng.uniform([0, 0], cam.size, (200, 2))
+    rays = np.concatenate([(pixels - K[:2, 2]) / np.diag(K)[:2], np.ones((200, 1))], axis=1)
+    return (rays * rng.uniform(3, 7, (200, 1)) - t) @ R
+
+
+def largest_difference(a: Camera, b: Camera, frame: int = 0) -> float:
+    points = points_in_view(a, frame)
+    return float(np.abs(a.project(points, frame) - b.project(points, frame)).max())
+
+
+def built(cam: Camera, folder: Path, first: int = 0) -> bpy.types.PropertyGroup:
+    slot = bpy.context.scene.kfmocap.views.add()
+    view = View(cam, video(folder / "footage.mp4"))
+    clip = footage_background.load_clip(view.footage)
+    view_cameras.build_view(view, clip, slot, bpy.context.scene.collection, first=first, frame_start=1)
+    return slot
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_blender_projects_as_the_core_does(tmp_path, moving):
+    cam = camera(1, 4 if moving else 1).rectified()
+    slot = built(cam, tmp_path)
+    current = bpy.context.scene
+    footage_background.look_through(current, slot)
+    for frame in range(4):
+        current.frame_set(1 + frame)
+        points = points_in_view(cam, frame)
+        seen = np.array([world_to_camera_view(current, slot.camera, Vector(p)) for p in points])
+        pixels = seen[:, :2] * [1, -1] * SIZE + [-0.5, SIZE[1] - 0.5]
+        assert np.abs(pixels - cam.project(points, frame)).max() < 2e-4  # Blender's own float32 is in this
+
+
+@pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.parametrize("distortions", [(), (0.1, -0.05, 0.002, -0.003), (0.1, -0.05, 0.002, -0.003, 0.01)])
+def test_a_camera_comes_back_within_a_ten_thousandth_of_a_pixel(tmp_path, moving, distortions):
+    cam = camera(2, 5 if moving else 1, distortions or (0.0,) * 4)
+    built(cam, tmp_path)
+    [view] = view_cameras.read_views(bpy.context.scene, 1, 5)
+    assert view.camera.moving == moving
+    for frame in range(5):
+        assert largest_difference(cam, view.camera, frame) < 1e-4
+
+
+@pytest.mark.parametrize("fisheye", [False, True])
+def test_a_lens_that_blender_has_no_model_for_comes_back(tmp_path, fisheye):
+    distortions = (0.05, 0.01, -0.002, 0.001) if fisheye else (0.1, 0.02, 0.001, 0.002, 0.003, 0.1, 0.02, 0.004)
+    cam = camera(1, distortions=distortions, fisheye=fisheye)
+    built(cam, tmp_path)
+    [view] = view_cameras.read_views(bpy.context.scene, 1, 5)
+    assert view.camera.fisheye == fisheye
+    assert np.array_equal(view.camera.distortions, cam.distortions)
+
+
+def undistorted(clip: bpy.types.MovieClip, pixels: np.ndarray) -> np.ndarray:
+    """Where Blender takes places of the undistorted picture from, by the Brown model in its own units and axes."""
+    t = clip.tracking.camera
+    (cx, cy), focal, ratio = t.principal_point_pixels, t.focal_length_pixels, 1 / t.pixel_aspect
+    x, y = (pixels[:, 0] + 0.5 - cx) / focal, (clip.size[1] - pixels[:, 1] - 0.5 - cy) * ratio / focal
+    r2 = x**2 + y**2
+    scale = 1 + t.brown_k1 * r2 + t.brown_k2 * r2**2 + t.brown_k3 * r2**3 + t.brown_k4 * r2**4
+    u = x * scale + 2 * t.brown_p2 * x * y + t.brown_p1 * (r2 + 2 * x**2)
+    v = y * scale + 2 * t.brown_p1 * x * y + t.brown_p2 * (r2 + 2 * y**2)
+    return np.stack([u * focal + cx - 0.5, clip.size[1] - (v * focal / ratio + cy) - 0.5], axis=1)
+
+
+@pytest.mark.parametrize("stretch", [0.8, 1.0, 1.25])
+@pytest.mark.parametrize("fisheye", [False, True])
+def test_footage_is_undistorted_as_the_core_rectifies_it(tmp_path, stretch, fisheye):
+    cam = camera(1, distortions=(0.02, -0.01, 0.004, -0.001), fisheye=fisheye)
+    cam = replace(cam, matrix=cam.matrix * [[1], [stretch], [1]])
+    slot = built(cam, tmp_path)
+    points = points_in_view(cam.rectified())
+    truth = cam.project(points)
+    seen = ((truth > 0) & (truth < np.array(SIZE) - 1)).all(axis=1)
+    shown = undistorted(footage_background.clip_behind(slot.camera), cam.rectified().project(points))
+    assert np.abs(shown - truth)[seen].max() < (0.1 if fisheye else 1e-3)
+
+
+def test_footage_before_cameras_of_other_shapes_spans_their_width(tmp_path):
+    tall = replace(camera(2), size=(240, 320))
+    slots = [built(cam, tmp_path) for cam in (camera(1), tall)]
+    methods = []
+    for slot in slots:
+        footage_background.look_through(bpy.context.scene, slot)
+        methods.append([s.camera.data.background_images[0].frame_method for s in slots])
+    assert methods == [["STRETCH", "CROP"], ["FIT", "STRETCH"]]
+    for slot in slots:
+        width, height = footage_background.clip_behind(slot.camera).display_aspect
+        assert width / height == pytest.approx(slot.aspect[0] / slot.aspect[1], rel=1e-6)
+
+
+@pytest.mark.parametrize("fit", ["AUTO", "HORIZONTAL", "VERTICAL"])
+@pytest.mark.parametrize(("size", "aspect"), [((640, 480), (1.0, 1.1)), ((480, 640), (1.2, 1.0))])
+def test_any_sensor_fit_is_understood(fit, size, aspect):
+    data = bpy.data.cameras.new("camera")
+    data.sensor_fit, data.lens, data.shift_x, data.shift_y, data.sensor_height = fit, 40, 0.1, -0.07, 20
+    owner = bpy.data.objects.new("camera", data)
+    bpy.context.scene.collection.objects.link(owner)
+    render = bpy.context.scene.render
+    (render.resolution_x, render.resolution_y), (render.pixel_aspect_x, render.pixel_aspect_y) = size, aspect
+    K = distortion.intrinsic_matrix(data, distortion.Frame(size, aspect))
+    for point in [(0.3, 0.2, -2.0), (-0.4, 0.1, -1.5)]:
+        x, y, _ = world_to_camera_view(bpy.context.scene, owner, Vector(point))
+        u, v, w = K @ (np.array(point) * [1, -1, -1])
+        assert np.allclose((u / w, v / w), (x * size[0] - 0.5, (1 - y) * size[1] - 0.5), atol=2e-4)
+
+
+def test_a_camera_moved_by_a_constraint_is_read_on_every_frame(tmp_path):
+    slot = built(camera(1), tmp_path)
+    carrier = bpy.data.objects.new("carrier", None)
+    bpy.context.scene.collection.objects.link(carrier)
+    for frame in (1, 5):
+        carrier.location.x = frame
+        carrier.keyframe_insert("location", frame=frame)
+    slot.camera.constraints.new("COPY_LOCATION").target = carrier
+    bpy.context.scene.frame_set(3)
+    [view] = view_cameras.read_views(bpy.context.scene, 1, 5)
+    centres = [view.camera.centre_world(f)[0] for f in range(5)]
+    assert centres[0] == pytest.approx(1) and centres[4] == pytest.approx(5)
+    assert np.all(np.diff(centres) > 0)
+    assert bpy.context.scene.frame_current == 3
+
+
+def test_the_footage_stands_behind_its_camera_at_the_right_frame(tmp_path):
+    original = shot(tmp_path)
+    scene.build_scene(original, scene=bpy.context.scene)
+    for view, slot in zip(original.views, bpy.context.scene.kfmocap.views, strict=True):
+        [background] = slot.camera.data.background_images
+        assert slot.camera.data.show_background_images and background.clip_user.use_render_undistorted
+        # Scene frame 1 is shot frame 0: the footage's frame first + offset.
+        assert 1 - background.clip.frame_start == original.frames[0] + view.offset
+
+
+@pytest.mark.parametrize("order", ["top-first", "bottom-first"])
+@pytest.mark.parametrize("offset", [0.0, 3.0])
+def test_interlaced_footage_shows_each_frame_for_its_two_fields(tmp_path, order, offset):
+    original = shot(tmp_path)
+    fixed, moving = original.views
+    fixed = replace(fixed, offset=offset, fields=order)
+    scene.build_scene(replace(original, views=(fixed, moving)), scene=bpy.context.scene)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"))
+    current = bpy.context.scene
+    clips = [slot.camera.data.background_images[0].clip for slot in current.kfmocap.views]
+    for f in range(original.length):
+        current.frame_set(1 + f)
+        shown = [1 + f - clip.frame_start for clip in clips]
+        assert shown == [(original.frames[0] + f + offset) // 2, original.frames[0] + f]
+    assert [view.fields for view in scene.shot_from_scene(current).views] == [order, "progressive"]
+
+
+def test_an_image_sequence_comes_back_as_its_pattern(tmp_path):
+    import cv2
+
+    for number in range(3, 7):
+        cv2.imwrite(str(tmp_path / f"image_{number:04d}.png"), np.zeros((SIZE[1], SIZE[0]), np.uint8))
+    view = View(camera(1), tmp_path / "image_%04d.png")
+    clip = footage_background.load_clip(view.footage)
+    slot = bpy.context.scene.kfmocap.views.add()
+    view_cameras.build_view(view, clip, slot, bpy.context.scene.collection, first=0, frame_start=1)
+    assert clip.source == "SEQUENCE" and clip.filepath.endswith("image_0003.png")
+    assert view_cameras.read_views(bpy.context.scene, 1, 3)[0].footage == view.footage
+
+
+def test_cameras_of_other_sizes_are_each_seen_at_their_own(tmp_path):
+    render = bpy.context.scene.render
+    tall = replace(camera(2), size=(240, 320))
+    for cam in (camera(1), tall):
+        slot = built(cam, tmp_path)
+        footage_background.look_through(bpy.context.scene, slot)
+        assert (render.resolution_x, render.resolution_y) == cam.size
+        assert render.pixel_aspect_y / render.pixel_aspect_x == pytest.approx(
+            cam.matrix[0, 0] / cam.matrix[1, 1], rel=1e-6
+        )
+    read = view_cameras.read_views(bpy.context.scene, 1, 3)
+    assert largest_difference(tall, read[1].camera) < 1e-4
+
+
+def test_what_blender_cannot_show_is_refused(tmp_path):
+    cam = camera(1)
+    skewed = replace(cam, matrix=cam.matrix + np.array([[0, 3.0, 0], [0, 0, 0], [0, 0, 0]]))
+    with pytest.raises(CalibrationError, match=r"cam01.*skew"):
+        distortion.set_lens(bpy.data.cameras.new("camera"), skewed)
+    broken = tmp_path / "broken.mp4"
+    broken.write_bytes(b"no video")
+    with pytest.raises(FootageError, match=r"broken\.mp4"):
+        footage_background.load_clip(broken)
+
+
+def test_a_view_that_lost_its_camera_or_footage_is_named(tmp_path):
+    slot = built(camera(1), tmp_path)
+    slot.camera.data.background_images.clear()
+    with pytest.raises(FootageError, match=r"camera cam01.*no footage"):
+        view_cameras.read_views(bpy.context.scene, 1, 5)
+    bpy.data.objects.remove(slot.camera)
+    with pytest.raises(CalibrationError, match=r"view cam01.*gone"):
+        view_cameras.read_views(bpy.context.scene, 1, 5)

@@ -1,0 +1,28 @@
+"""The benchmark of the review measures what it says."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from kfmocap.benchmarks import review_study
+from kfmocap.benchmarks.rows import Row
+
+
+def test_the_middle_of_the_longest_gap_is_between_the_two_key_frames_farthest_apart() -> None:
+    assert review_study.middle_of_longest_gap([0, 20, 50, 60]) == 35
+    assert review_study.middle_of_longest_gap([0, 20, 40]) == 10
+
+
+def test_ranks_count_and_not_values() -> None:
+    values = np.array([0.1, 0.5, 0.2, 3.0])
+    assert review_study.rank_correlation(values, values**3) == pytest.approx(1)
+    assert review_study.rank_correlation(values, -values) == pytest.approx(-1)
+
+
+def test_expected_errors_rank_frames_better_than_the_distance_to_the_nearest_key_pose() -> None:
+    """Of a walk that two cameras see, where it is hard: an arm goes out of sight."""
+    cells = review_study._cells(Row("walk", ("cam01", "cam02"), (0, 20, 39, 59)), add=False)
+    expected, distance, share = map(float, cells[-3:])
+    assert expected > distance + 0.2
+    assert expected > 0.5
+    assert share < 10

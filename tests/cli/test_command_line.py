@@ -1,0 +1,382 @@
+"""The command line: all that was asked for is written and the exit code is 0, or one line says why not."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from kfmocap.cli import command_line, demo_command, track_command
+from kfmocap.cli.command_line import main
+from kfmocap.core.body import human, landmark_positions
+from kfmocap.core.body.motion import Motion
+from kfmocap.core.cameras.camera import Camera
+from kfmocap.core.errors import CancelledError, FootageError
+from kfmocap.core.evidence.occlusion import Suggestion
+from kfmocap.core.formats import read_trc, save_cameras, write_trc
+from kfmocap.core.keypoints.observations import Observed
+from kfmocap.core.numerics import rotations
+
+SIZE = (96, 72)
+FRAMES = 6
+SHOT = """
+[shot]
+name = "tiny"
+fps = 30.0
+frames = [0, 5]
+
+[calibration]
+file = "calibration.toml"
+
+[[view]]
+camera = "cam01"
+footage = "footage_%02d.png"
+
+[[performer]]
+name = "man"
+landmarks = "landmarks.trc"
+keyframes = [0, 5]
+"""
+
+
+def motion_of(body, frames: int = FRAMES) -> Motion:
+    Q = np.tile(np.eye(3), (frames, len(body), 1, 1))
+    Q[:, body.index("upper_arm.R")] = rotations.exp(np.linspace([0, 0, 0], [0, 0.5, 0.8], frames))
+    return Motion(np.linspace([0, 0, 1], [0.3, 0, 1], frames), Q)
+
+
+class Result:
+    """What the tracker hands back, without its work."""
+
+    def __init__(self, shot) -> None:
+        counts = [(len(shot.views), shot.length, len(p.body)) for p in shot.performers]
+        self.motions = tuple(motion_of(p.body) for p in shot.performers)
+        self.seconds = {"footage": 1.0, "solve": 3.0}
+        self.camera_frames = len(shot.views) * shot.length
+        self.segments = ()
+        self.visible = tuple(np.ones(count) for count in counts)
+        self.residual = tuple(np.linspace(0, 0.1, shot.length) for _ in shot.performers)
+        self.deviation = tuple(np.zeros(count[1:]) for count in counts)
+        self.pictures = None
+        self.footage_offset = 0.0
+        self.observed = Observed()
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A shot that loads, beside an output folder that holds somebody's file; the tracker is a stand-in."""
+    body = human(1.8)
+    names = list(body.landmarks)
+    write_trc(tmp_path / "landmarks.trc", names, landmark_positions(body, motion_of(body), names), 30)
+    K = [[70, 0, 47.5], [0, 70, 35.5], [0, 0, 1]]
+    camera = Camera.create("cam01", SIZE, K, rotations.exp(np.array([np.pi / 2, 0, 0])), [0, 1, 3])
+    save_cameras(tmp_path / "calibration.toml", [camera])
+    for f in range(FRAMES):
+        image = np.full((SIZE[1], SIZE[0], 3), 40 + 20 * f, np.uint8)
+        cv2.imwrite(str(tmp_path / f"footage_{f:02d}.png"), image)
+    (tmp_path / "shot.toml").write_text(SHOT)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "notes.txt").write_text("mine")
+    monkeypatch.setattr(track_command, "track", lambda shot, progress=None, pictures=(): Result(shot))
+    return tmp_path
+
+
+def track(folder: Path, *arguments: str, out: str = "out") -> int:
+    return main(["track", str(folder / "shot.toml"), "--out", str(folder / out), "--no-blender", *arguments])
+
+
+def assert_refused(folder: Path, capsys: pytest.CaptureFixture[str], code: int, *words: str) -> None:
+    """One line on standard error with these words, and the output folder as it was."""
+    captured = capsys.readouterr()
+    assert code == 1
+    assert captured.out == ""
+    assert captured.err.startswith("kfmocap: error: ")
+    assert captured.err.count("\n") == 1
+    for word in words:
+        assert word in captured.err
+    assert [file.name for file in (folder / "out").iterdir()] == ["notes.txt"]
+    assert not list(folder.glob(".kfmocap-*"))
+
+
+def test_every_result_is_written_and_named(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert track(folder) == 0
+    written = sorted(file.name for file in (folder / "out").iterdir())
+    assert written == ["notes.txt", "overlay.png", "report.json", "tiny.trc"]
+    printed = capsys.readouterr().out.split()
+    assert printed == [str(folder / "out" / name) for name in written[1:]]
+
+
+def test_landmarks_written_are_those_of_the_motion(folder: Path) -> None:
+    track(folder)
+    landmarks = read_trc(folder / "out" / "tiny.trc")
+    truth = read_trc(folder / "landmarks.trc")
+    assert landmarks.fps == 30
+    error = landmarks.points_world - truth.points_world[:, [truth.names.index(n) for n in landmarks.names]]
+    assert len(landmarks) == FRAMES
+    assert np.linalg.norm(error, axis=2).mean() < 0.05
+
+
+def test_the_report_is_json_with_times_and_versions(folder: Path) -> None:
+    track(folder, "--solver", "relaxation")
+    report = json.loads((folder / "out" / "report.json").read_text())
+    assert report["camera_frames_per_second"] == pytest.approx(FRAMES / 4.0)
+    assert {"footage", "solve", "shot", "overlay"} <= set(report["seconds"])
+    assert report["settings"]["solver"] == "relaxation"
+    assert report["performers"][0]["worst_frames"][0]["frame"] == FRAMES - 1
+
+
+def test_what_no_camera_saw_is_told_beside_the_list_of_files(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def half_blind(shot, progress=None, pictures=()):
+        result = Result(shot)
+        result.visible[0][:, 1:3, shot.performers[0].body.index("hand.L")] = 0.1
+        return result
+
+    track(folder)
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(track_command, "track", half_blind)
+    assert track(folder) == 0
+    captured = capsys.readouterr()
+    assert captured.err == "kfmocap: man: frames on which no camera sees a part: hand.L 2\n"
+    assert len(captured.out.split()) == 3
+    monkeypatch.setattr(
+        "kfmocap.core.review.track_report.suggested_keyframes", lambda *_: [Suggestion(4, (6,), (1, 2))]
+    )
+    assert track(folder) == 0
+    assert "kfmocap: man: key poses would help at 4 (hand.L hidden 1-2)\n" in capsys.readouterr().err
+
+
+def test_a_new_output_folder_is_made_and_results_are_replaced(folder: Path) -> None:
+    assert track(folder, out="new/deep") == 0
+    (folder / "new" / "deep" / "tiny.trc").write_text("old")
+    assert track(folder, out="new/deep") == 0
+    assert read_trc(folder / "new" / "deep" / "tiny.trc").fps == 30
+
+
+def test_several_performers_get_a_file_each(folder: Path) -> None:
+    second = SHOT[SHOT.index("[[performer]]") :].replace('"man"', '"woman"')
+    (folder / "shot.toml").write_text(SHOT + second)
+    assert track(folder) == 0
+    assert (folder / "out" / "tiny_man.trc").is_file()
+    assert (folder / "out" / "tiny_woman.trc").is_file()
+
+
+BAD_INPUT = [
+    ("missing footage", '"footage_%02d.png"', '"none.mp4"', ["shot.toml", "'cam01' footage", "none.mp4"]),
+    (
+        "unreadable footage",
+        '"footage_%02d.png"',
+        '"broken.mp4"',
+        ["'cam01' footage", "broken.mp4", "cannot be read"],
+    ),
+    ("footage of another size", '"footage_%02d.png"', '"small.png"', ["small.png", "20x10", "96x72"]),
+    ("too few frames", "frames = [0, 5]", "frames = [0, 50]", ["footage_%02d.png", "only 6 frames", "cam01"]),
+    (
+        "camera that matches nothing",
+        'camera = "cam01"',
+        'camera = "left"',
+        ["[[view]] 1 camera", "'left'", "cam01"],
+    ),
+    (
+        "key frame outside",
+        "keyframes = [0, 5]",
+        "keyframes = [0, 6]",
+        ["[[performer]] 1 keyframes", "key frame 6"],
+    ),
+    ("no key frame", "keyframes = [0, 5]", "keyframes = []", ["[[performer]] 1 keyframes", "at least one"]),
+    ("unknown key", "fps = 30.0", "fps = 30.0\nfsp = 3", ["shot.toml [shot]", "'fsp'", "'fps'"]),
+    ("unknown table", "[calibration]", "[camera]\n[calibration]", ["shot.toml", "unknown key 'camera'"]),
+    ("broken TOML", "[shot]", "[shot", ["shot.toml", "TOML", "line"]),
+    ("missing calibration", '"calibration.toml"', '"no.toml"', ["[calibration] file", "no.toml"]),
+    ("missing landmarks", '"landmarks.trc"', '"no.trc"', ["[[performer]] 1 landmarks", "no.trc"]),
+    ("missing landmark", '"landmarks.trc"', '"kneeless.trc"', ["kneeless.trc", "'RKnee'", "missing"]),
+    ("NaN landmark", '"landmarks.trc"', '"holes.trc"', ["holes.trc", "'LElbow'", "key frame 5"]),
+]
+
+
+@pytest.mark.parametrize(("what", "old", "new", "words"), BAD_INPUT, ids=[case[0] for case in BAD_INPUT])
+def test_bad_input_is_one_line_and_changes_nothing(
+    folder: Path, capsys: pytest.CaptureFixture[str], what: str, old: str, new: str, words: list[str]
+) -> None:
+    (folder / "broken.mp4").write_bytes(b"\0\0\0\x18ftypmp42" + bytes(200))
+    cv2.imwrite(str(folder / "small.png"), np.zeros((10, 20, 3), np.uint8))
+    landmarks = read_trc(folder / "landmarks.trc")
+    keep = [i for i, name in enumerate(landmarks.names) if name != "RKnee"]
+    names = [landmarks.names[i] for i in keep]
+    write_trc(folder / "kneeless.trc", names, landmarks.points_world[:, keep], 30)
+    landmarks.points_world[5, landmarks.names.index("LElbow")] = np.nan
+    write_trc(folder / "holes.trc", landmarks.names, landmarks.points_world, 30)
+    (folder / "shot.toml").write_text(SHOT.replace(old, new, 1))
+    assert_refused(folder, capsys, track(folder), *words)
+
+
+def test_the_libraries_below_add_nothing_to_the_message(folder: Path) -> None:
+    (folder / "broken.mp4").write_bytes(b"\0\0\0\x18ftypmp42" + bytes(200))
+    (folder / "shot.toml").write_text(SHOT.replace("footage_%02d.png", "broken.mp4"))
+    code = "import sys; from kfmocap.cli.command_line import main; sys.exit(main())"
+    command = [sys.executable, "-c", code, "track", "shot.toml", "--out", "out", "--no-blender"]
+    run = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+    assert run.returncode == 1
+    assert run.stderr.count("\n") == 1
+    assert "broken.mp4: the footage cannot be read as a video" in run.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--views", "cam07"], ["--views", "'cam07'", "cam01"]),
+        (["--views", ","], ["--views"]),
+        (["--keyframes", "0,9"], ["--keyframes", "key frame 9", "0 to 5"]),
+        (["--keyframes", "0,x"], ["--keyframes", "'0,x'"]),
+        (["--keyframes", "auto"], ["[[performer]] 1", "nothing to take the key poses from"]),
+        (["--solver", "magic"], ["solver", "'magic'", "gauss-newton"]),
+    ],
+)
+def test_bad_arguments_are_one_line_and_change_nothing(
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: list[str]
+) -> None:
+    assert_refused(folder, capsys, track(folder, *arguments), *words)
+
+
+def test_a_missing_shot_file_is_named(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "shot.toml").unlink()
+    assert_refused(folder, capsys, track(folder), "shot.toml", "cannot be read")
+
+
+@pytest.mark.parametrize("out", ["out/notes.txt", "out/notes.txt/deeper", "/proc/kfmocap"])
+def test_an_output_folder_that_cannot_be_written_is_refused_before_tracking(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, out: str
+) -> None:
+    monkeypatch.setattr(track_command, "track", lambda *_: pytest.fail("tracking began"))
+    assert_refused(folder, capsys, track(folder, out=out), "--out", out)
+
+
+def test_a_folder_in_the_way_of_a_result_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "out" / "notes.txt").unlink()
+    (folder / "out" / "tiny.trc").mkdir()
+    assert track(folder) == 1
+    assert "tiny.trc: a folder is in the way" in capsys.readouterr().err
+    assert [file.name for file in (folder / "out").iterdir()] == ["tiny.trc"]
+
+
+def broken(error: BaseException):
+    def fail(shot, progress=None, pictures=()):
+        raise error
+
+    return fail
+
+
+def test_an_error_while_tracking_leaves_nothing(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(track_command, "track", broken(FootageError("it breaks off at frame 3", where="a.mp4")))
+    assert_refused(folder, capsys, track(folder), "a.mp4: it breaks off at frame 3")
+    monkeypatch.setattr(track_command, "track", broken(CancelledError()))
+    assert_refused(folder, capsys, track(folder), "cancelled")
+
+
+def test_an_interrupt_exits_with_130_and_leaves_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(track_command, "track", broken(KeyboardInterrupt()))
+    assert track(folder) == 130
+    assert [file.name for file in (folder / "out").iterdir()] == ["notes.txt"]
+
+
+def test_without_bpy_the_error_says_how_to_get_it(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "bpy", None)
+    code = main(["track", str(folder / "shot.toml"), "--out", str(folder / "out")])
+    assert_refused(folder, capsys, code, "pip install 'kfmocap[blender]'", "--no-blender")
+
+
+def test_without_a_shot_file_outside_blender_one_is_asked_for(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delitem(sys.modules, "bpy", raising=False)
+    code = main(["track", "--out", str(folder / "out"), "--no-blender"])
+    assert_refused(folder, capsys, code, "no shot file is named")
+
+
+def test_the_progress_bar_is_drawn_on_terminals_alone(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with command_line.progress_bar() as progress:
+        assert progress is None
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    with command_line.progress_bar() as progress:
+        assert progress is not None
+        assert progress("solve", 0.5)
+    drawn = capsys.readouterr().err
+    assert "solve" in drawn
+    assert "50%" in drawn
+
+
+def test_the_command_line_imports_neither_blender_nor_the_core() -> None:
+    code = "import sys, kfmocap.cli.command_line\nassert not {'bpy', 'numpy', 'cv2', 'kfmocap.core'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.fixture
+def examples(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The demo's examples, played by the tiny shot, with an empty cache."""
+    root = folder / "examples"
+    for name in ("beam", "walk"):
+        (root / name).mkdir(parents=True)
+        for file in ("shot.toml", "calibration.toml", "landmarks.trc"):
+            (root / name / file).write_bytes((folder / file).read_bytes())
+    for image in folder.glob("footage_*.png"):
+        (root / "walk" / image.name).write_bytes(image.read_bytes())
+    (root / "beam" / "SHA256SUMS").write_text("00  footage_00.png\n")
+    monkeypatch.setattr(demo_command, "_EXAMPLES", root)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
+    return root
+
+
+def test_the_demo_falls_back_to_the_rendered_example(
+    folder: Path, examples: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def offline(command, **_):
+        return subprocess.CompletedProcess(command, 1, "", "ERROR: no network\n")
+
+    monkeypatch.setattr(demo_command.subprocess, "run", offline)
+    assert main(["demo", "--no-blender", "--out", str(folder / "out")]) == 0
+    captured = capsys.readouterr()
+    assert "no network" in captured.err
+    assert "rendered example instead" in captured.err
+    assert "mm (mean) from the reference" in captured.out
+    assert (folder / "out" / "tiny.trc").is_file()
+
+
+def test_the_demo_fetches_its_footage_once_and_checks_it(
+    folder: Path, examples: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import hashlib
+    import zipfile
+
+    calls = []
+
+    def pip(command, **_):
+        calls.append(command)
+        with zipfile.ZipFile(Path(command[command.index("--dest") + 1]) / "package.whl", "w") as wheel:
+            for image in folder.glob("footage_*.png"):
+                wheel.write(image, f"Pose2Sim/Demo_SinglePerson/videos/{image.name}")
+        return subprocess.CompletedProcess(command, 0, "", "")
+
+    monkeypatch.setattr(demo_command.subprocess, "run", pip)
+    images = sorted(folder.glob("footage_*.png"))
+    sums = [f"{hashlib.sha256(i.read_bytes()).hexdigest()}  {i.name}\n" for i in images]
+    (examples / "beam" / "SHA256SUMS").write_text("".join(sums))
+    for _ in range(2):
+        assert main(["demo", "--no-blender", "--out", str(folder / "out")]) == 0
+    assert len(calls) == 1
+    assert "pose2sim==0.10.49" in calls[0]
+    assert "instead" not in capsys.readouterr().err
+
+    (examples / "beam" / "SHA256SUMS").write_text("".join(sums).replace(sums[0][:64], "0" * 64))
+    assert main(["demo", "--no-blender", "--out", str(folder / "out")]) == 0
+    assert "another file than expected" in capsys.readouterr().err

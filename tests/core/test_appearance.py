@@ -1,0 +1,140 @@
+"""Foreground images tell the performers from what is behind them, on frames whose poses nobody has told."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from kfmocap.core.evidence.foreground import SCALE, STRONGEST, foreground_images, log_ratio
+from synthetic import cast, figure, look_at, pixel_grid, poses_of, swing, texture
+
+Array = np.ndarray
+BODY = figure()
+LENGTH, BETWEEN = 7, 3
+KEYS = (0, LENGTH - 1)
+CAMERA = look_at("front", (0.5, -2.8, 1.5))
+SCALE_AT_BODY = 190 / 2.8
+WIDTH, HEIGHT = CAMERA.size
+POSES = poses_of([BODY], [swing(BODY, LENGTH)])
+BLUE, RED = np.array([200.0, 120, 60]), np.array([50.0, 90, 190])
+"""Usual colours, blue green red."""
+CONTRAST = 60
+
+
+def blotches(seed: int) -> Array:
+    """A smooth pattern that stands still in the picture, -1 to 1, shape (h, w, 1)."""
+    noise = cv2.GaussianBlur(np.random.default_rng(seed).normal(0, 1, (HEIGHT, WIDTH)), (0, 0), 2)
+    return np.clip(noise / np.abs(noise).std() / 3, -1, 1)[..., None]
+
+
+def shown(frame: int) -> tuple[Array, Array]:
+    """Part seen at every pixel, -1 for none, and the body's texture there, -1 to 1, shape (h, w, 1)."""
+    part, _, local = cast([BODY], POSES[0][frame], POSES[1][frame], CAMERA, frame, pixel_grid(CAMERA.size))
+    pattern = np.where(part >= 0, 2 * texture(part, np.nan_to_num(local)) - 1, 0)
+    return part.reshape(HEIGHT, WIDTH), pattern.reshape(HEIGHT, WIDTH, 1)
+
+
+def footage(body: Array, background: Array, grain: float = 1.5) -> tuple[Array, Array]:
+    """Pictures of a figure of one colour before a background of another, both textured, and the figure's masks."""
+    rng, still = np.random.default_rng(0), background + CONTRAST * blotches(1)
+    pictures, masks = [], []
+    for frame in range(LENGTH):
+        part, pattern = shown(frame)
+        image = np.where(part[..., None] >= 0, body + CONTRAST * pattern, still)
+        pictures.append(np.clip(image + rng.normal(0, grain, image.shape), 0, 255).round().astype(np.uint8))
+        masks.append(part >= 0)
+    return np.stack(pictures), np.stack(masks)
+
+
+def ratios(pictures: Array, masks: Array, fixed: bool, keys: tuple[int, ...] = KEYS) -> Array:
+    return log_ratio(foreground_images(pictures, {k: masks[k] for k in keys}, SCALE_AT_BODY, fixed))
+
+
+def inner(mask: Array) -> Array:
+    return cv2.erode(mask.astype(np.uint8), np.ones((3, 3))) > 0
+
+
+def outer(mask: Array) -> Array:
+    return cv2.dilate(mask.astype(np.uint8), np.ones((3, 3))) == 0
+
+
+def away(masks: Array, pixels: int) -> Array:
+    """Where some key frame shows the background, the figure being that many pixels away; 5 cm are 3.4."""
+    size = 2 * pixels + 1
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    return np.any([cv2.dilate(masks[k].astype(np.uint8), disc) == 0 for k in KEYS], axis=0)
+
+
+@pytest.mark.parametrize("fixed", [True, False])
+def test_a_painted_figure_is_found_on_frames_between_the_key_frames(fixed: bool) -> None:
+    pictures, masks = footage(RED, BLUE)
+    found = ratios(pictures, masks, fixed)[BETWEEN]
+    assert (masks[BETWEEN] & ~masks[list(KEYS)].any(axis=0)).sum() > 300  # it is not where the key frames have it
+    assert (found[inner(masks[BETWEEN])] > 1).mean() > 0.98
+    assert (found[outer(masks[BETWEEN])] < -1).mean() > 0.98
+
+
+def test_behind_a_fixed_camera_a_body_of_the_backgrounds_own_colours_is_found() -> None:
+    pictures, masks = footage(BLUE, BLUE)
+    seen = away(masks, 5)
+    found, colours = (ratios(pictures, masks, fixed)[BETWEEN] for fixed in (True, False))
+    inside, outside = inner(masks[BETWEEN]) & seen, outer(masks[BETWEEN]) & seen
+    assert inside.sum() > 200
+    assert (found[inside] > 0).mean() > 0.8 and (found[outside] < -1).mean() > 0.98
+    assert np.mean(colours[inside]) < 0.5 * np.mean(found[inside])  # by its colours it could not be told
+
+
+def test_a_camera_that_moves_has_colours_alone() -> None:
+    """Where a colour is does not matter then; behind a fixed camera it does."""
+    pictures, masks = footage(BLUE, BLUE)
+    rolled = pictures.copy()
+    rolled[BETWEEN] = np.roll(pictures[BETWEEN], 20, axis=1)
+    for fixed in (False, True):
+        here, there = (ratios(p, masks, fixed)[BETWEEN] for p in (pictures, rolled))
+        same = np.array_equal(np.roll(here, 20, axis=1), there)
+        assert same == (not fixed)
+
+
+def test_where_no_key_frame_shows_the_background_colours_decide() -> None:
+    pictures, masks = footage(BLUE, BLUE)
+    hidden, seen = ~away(masks, 2), away(masks, 5)
+    fixed, moving = (ratios(pictures, masks, f)[BETWEEN] for f in (True, False))
+    assert hidden.sum() > 300
+    np.testing.assert_array_equal(fixed[hidden], moving[hidden])
+    assert np.abs(fixed[seen] - moving[seen]).mean() > 0.5
+
+
+def test_colours_that_no_key_frame_shows_are_neutral() -> None:
+    pictures, masks = footage(RED, BLUE)
+    pictures[BETWEEN, :40, :40] = (20, 240, 20)
+    np.testing.assert_allclose(ratios(pictures, masks, False)[BETWEEN, :40, :40], 0, atol=0.02)
+
+
+def test_a_bystander_is_not_the_background_of_a_fixed_camera() -> None:
+    """Before a known background a new colour is something else, if not surely a performer."""
+    pictures, masks = footage(RED, BLUE)
+    corner = (BETWEEN, slice(0, 20), slice(0, 20))
+    assert (ratios(pictures, masks, True)[corner] < -1).all()
+    pictures[corner] = (20, 240, 20)
+    assert (ratios(pictures, masks, True)[corner] > 0).all()
+
+
+def test_one_key_frame_is_enough() -> None:
+    pictures, masks = footage(RED, BLUE)
+    found = ratios(pictures, masks, True, keys=(0,))[BETWEEN]
+    assert (found[inner(masks[BETWEEN])] > 1).mean() > 0.98 and (found[outer(masks[BETWEEN])] < -1).mean() > 0.98
+
+
+def test_ratios_are_kept_to_a_step_and_cut() -> None:
+    steps = np.arange(256, dtype=np.uint8)
+    back = np.round(128 + SCALE * log_ratio(steps))
+    np.testing.assert_array_equal(back, steps)
+    assert log_ratio(np.uint8([128]))[0] == 0
+    images = foreground_images(*_args(footage(RED, BLUE)))
+    assert images.dtype == np.uint8 and images.shape == (LENGTH, HEIGHT, WIDTH)
+    assert np.abs(log_ratio(images)).max() <= STRONGEST + 1e-6
+
+
+def _args(made: tuple[Array, Array]) -> tuple[Array, dict[int, Array], float, bool]:
+    pictures, masks = made
+    return pictures, {k: masks[k] for k in KEYS}, SCALE_AT_BODY, True

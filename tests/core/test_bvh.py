@@ -1,0 +1,121 @@
+"""Key poses from BVH files are the poses that were written."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from kfmocap.core.body import Body, human, landmark_positions, part_poses
+from kfmocap.core.body.motion import Motion
+from kfmocap.core.errors import BodyError, KFMocapError, ShotError
+from kfmocap.core.formats.bvh import body_of_bvh, poses_of_bvh, read_bvh
+from kfmocap.core.numerics import rotations
+from scipy.spatial.transform import Rotation
+
+Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+
+
+def wild(body: Body, frames: int = 4, seed: int = 0) -> Motion:
+    rng = np.random.default_rng(seed)
+    turns = rotations.exp(rng.normal(0, 0.8, (frames, len(body), 3)))
+    return Motion(rng.normal(0, 1, (frames, 3)), turns)
+
+
+def bvh_text(body: Body, motion: Motion, order: str = "XYZ") -> str:
+    """The motion as BVH, by the format's own definition."""
+    R, T = part_poses(body, motion)
+    rest = np.stack([part.R_world_rest for part in body.parts])
+    turns = Y_UP @ (R @ np.swapaxes(rest, -1, -2)) @ Y_UP.T
+    rows = [[] for _ in range(len(motion))]
+
+    def joint(i: int) -> str:
+        part, parent = body.parts[i], body.parts[i].parent
+        offset = Y_UP @ (part.head_world if parent < 0 else part.head_world - body.parts[parent].head_world)
+        local = turns[:, i] if parent < 0 else np.swapaxes(turns[:, parent], -1, -2) @ turns[:, i]
+        angles = Rotation.from_matrix(local).as_euler(order, degrees=True)
+        for f, row in enumerate(rows):
+            row += [*(Y_UP @ T[f, 0] if parent < 0 else ()), *angles[f]]
+        channels = [f"{axis}rotation" for axis in order]
+        if parent < 0:
+            channels = ["Xposition", "Yposition", "Zposition", *channels]
+        children = [joint(k) for k, child in enumerate(body.parts) if child.parent == i]
+        tip = Y_UP @ (part.tail_world - part.head_world)
+        end = f"End Site {{ OFFSET {tip[0]} {tip[1]} {tip[2]} }}"
+        return (
+            f"{'ROOT' if parent < 0 else 'JOINT'} {part.name} {{ OFFSET {offset[0]} {offset[1]} {offset[2]}\n"
+            f"CHANNELS {len(channels)} {' '.join(channels)}\n{''.join(children) or end} }}\n"
+        )
+
+    hierarchy = joint(0)
+    lines = "\n".join(" ".join(f"{v:.9f}" for v in row) for row in rows)
+    return f"HIERARCHY\n{hierarchy}MOTION\nFrames: {len(rows)}\nFrame Time: 0.04\n{lines}\n"
+
+
+@pytest.mark.parametrize("order", ["XYZ", "ZXY", "YXZ"])
+def test_poses_and_body_are_those_written(tmp_path: Path, order: str) -> None:
+    body = human(1.82, {"thigh": 0.48, "upper_arm.L": 0.27, "torso": 0.55, "hip_width": 0.24})
+    motion = wild(body)
+    path = tmp_path / "poses.bvh"
+    path.write_text(bvh_text(body, motion, order))
+    skeleton = read_bvh(path)
+    found = body_of_bvh(skeleton, 1.82)
+    np.testing.assert_allclose(found.offsets, body.offsets, atol=1e-6)
+    back = poses_of_bvh(skeleton, found, np.array([3, 1]))
+    assert np.abs(back.difference(motion[[3, 1]])).max() < 1e-6
+
+
+def test_the_height_is_judged_from_the_bones(tmp_path: Path) -> None:
+    path = tmp_path / "poses.bvh"
+    path.write_text(bvh_text(human(1.64), wild(human(1.64))))
+    body = body_of_bvh(read_bvh(path))
+    vertices = [np.concatenate([p.vertices for p in b.parts]) for b in (body, human(1.64))]
+    np.testing.assert_allclose(*vertices, atol=1e-4)
+
+
+def test_other_skeletons_are_refused_by_name(tmp_path: Path) -> None:
+    body = human()
+    path = tmp_path / "poses.bvh"
+    path.write_text(bvh_text(body, wild(body)).replace("shin.L", "LeftLeg"))
+    with pytest.raises(BodyError, match="LeftLeg"):
+        body_of_bvh(read_bvh(path))
+    parts = list(body.parts)
+    k = body.index("shin.R")
+    parts[k] = replace(parts[k], head_world=parts[k].head_world + [0.1, 0, 0])
+    path.write_text(bvh_text(replace(body, parts=tuple(parts)), wild(body)))
+    with pytest.raises(BodyError, match=r"shin\.R|foot\.R"):
+        body_of_bvh(read_bvh(path))
+
+
+@pytest.mark.parametrize("cut", ["HIERARCHY", "MOTION", "Frames:", "0.04\n"])
+def test_what_is_no_bvh_is_refused(tmp_path: Path, cut: str) -> None:
+    body = human()
+    path = tmp_path / "poses.bvh"
+    path.write_text(bvh_text(body, wild(body)).replace(cut, ""))
+    with pytest.raises(ShotError, match=r"poses\.bvh: is not a BVH file"):
+        read_bvh(path)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(KFMocapError, match=r"none\.bvh: the BVH cannot be read"):
+        read_bvh(tmp_path / "none.bvh")
+
+
+@pytest.mark.blender
+def test_key_poses_go_through_our_own_exporter(tmp_path: Path) -> None:
+    pytest.importorskip("bpy")
+    import addon_shots
+    from kfmocap.kfmocap_addon.export import blender_outputs
+
+    shot = addon_shots.shot(tmp_path)
+    (performer,) = shot.performers
+    motion = addon_shots.motion(shot.length)
+    blender_outputs.write_blender_outputs(shot, addon_shots.track_result(shot, [motion]), tmp_path)
+    skeleton = read_bvh(tmp_path / "walk.bvh")
+    body = body_of_bvh(skeleton, 1.7)
+    keys = performer.key_poses.frames
+    poses = poses_of_bvh(skeleton, body, keys)
+    names = list(body.landmarks)
+    joints = landmark_positions(body, poses, names) - landmark_positions(performer.body, motion[keys], names)
+    assert np.linalg.norm(joints, axis=2).max() < 1e-4

@@ -1,0 +1,171 @@
+"""Footage: what is streamed are the right frames, the right way up, at the right size."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from kfmocap.core.cameras.camera import Camera
+from kfmocap.core.errors import FootageError
+from kfmocap.core.shot.footage import check_view, footage_index, frames_at, probe
+from kfmocap.core.shot.shot import View
+
+SIZE = (64, 48)
+COUNT = 12
+# The matrices of an MP4's track header: how a player is to turn the frames, clockwise.
+TURNS = {0: (1, 0, 0, 1), 90: (0, 1, -1, 0), 180: (-1, 0, 0, -1), 270: (0, -1, 1, 0)}
+
+
+def grey_of(frame: int) -> int:
+    return 20 + 18 * frame
+
+
+def picture(frame: int) -> np.ndarray:
+    """A flat grey that tells the frame, with a white corner that tells what is up."""
+    image = np.full((SIZE[1], SIZE[0], 3), grey_of(frame), np.uint8)
+    image[: SIZE[1] // 4, : SIZE[0] // 4] = 255
+    return image
+
+
+def write_video(path: Path, count: int = COUNT) -> Path:
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 30, SIZE)
+    for frame in range(count):
+        video.write(picture(frame))
+    video.release()
+    return path
+
+
+def turn(path: Path, degrees: int) -> None:
+    data = bytearray(path.read_bytes())
+    header = data.index(b"tkhd") + 4
+    at = header + 4 + (20 if data[header] == 0 else 32) + 16
+    a, b, c, d = (65536 * x for x in TURNS[degrees])
+    data[at : at + 36] = struct.pack(">9i", a, b, 0, c, d, 0, 0, 0, 1 << 30)
+    path.write_bytes(data)
+
+
+def camera(size: tuple[int, int] = SIZE, distortions: tuple[float, ...] = (0, 0, 0, 0)) -> Camera:
+    K = [[60, 0, (size[0] - 1) / 2], [0, 60, (size[1] - 1) / 2], [0, 0, 1]]
+    return Camera.create("cam01", size, K, np.eye(3), np.zeros(3), distortions)
+
+
+def frame_of(image: np.ndarray) -> int:
+    return round((float(np.median(image)) - 20) / 18)
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_video(tmp_path_factory.mktemp("footage") / "clip.mp4")
+
+
+def test_frames_come_in_order_from_the_asked_one(video: Path) -> None:
+    assert [frame_of(image) for image in frames_at(View(camera(), video), range(3, 9), 1)] == [
+        3,
+        4,
+        5,
+        6,
+        7,
+        8,
+    ]
+
+
+def test_any_increasing_frames_can_be_had(video: Path) -> None:
+    assert [frame_of(image) for image in frames_at(View(camera(), video), [0, 5, 6, 11], 1)] == [0, 5, 6, 11]
+
+
+@pytest.mark.parametrize(("offset", "index"), [(0.0, 4), (2.0, 6), (-1.0, 3), (0.4, 4), (0.6, 5), (-0.4, 4)])
+def test_offset_leads_to_the_nearest_frame_of_the_footage(video: Path, offset: float, index: int) -> None:
+    view = View(camera(), video, offset)
+    assert footage_index(view, 4) == index
+    assert frame_of(next(frames_at(view, [4], 1))) == index
+
+
+@pytest.mark.parametrize("degrees", TURNS)
+def test_rotation_metadata_is_obeyed(tmp_path: Path, degrees: int) -> None:
+    path = write_video(tmp_path / "turned.mp4")
+    turn(path, degrees)
+    expected = np.rot90(picture(2)[..., 0], -degrees // 90)
+    size = expected.shape[::-1]
+    assert probe(path).size == size
+    image = next(frames_at(View(camera(size), path), [2], 1))
+    assert image.shape == expected.shape
+    assert np.abs(image.astype(int) - expected).mean() < 6
+
+
+def test_footage_of_another_size_than_the_calibration_names_both(video: Path) -> None:
+    with pytest.raises(FootageError, match=r"clip\.mp4.*64x48.*'cam01' 48x64.*rotation"):
+        check_view(View(camera((48, 64)), video), 0, 4)
+
+
+@pytest.mark.parametrize(
+    ("first", "length", "offset", "message"),
+    [
+        (0, 13, 0, "only 12 frames"),
+        (5, 8, 0.0, "only 12 frames"),
+        (0, 12, 1, "1 to 12"),
+        (0, 4, -1, "-1 to 2"),
+    ],
+)
+def test_too_short_footage_names_the_numbers(video: Path, first: int, length: int, offset: float, message: str) -> None:
+    with pytest.raises(FootageError, match=rf"clip\.mp4.*cam01.*{message}"):
+        check_view(View(camera(), video, offset), first, length)
+
+
+def test_missing_and_unreadable_footage_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(FootageError, match="no such footage"):
+        probe(tmp_path / "none.mp4")
+    (tmp_path / "text.mp4").write_text("this is no video")
+    with pytest.raises(FootageError, match=r"text\.mp4.*cannot be read"):
+        probe(tmp_path / "text.mp4")
+
+
+def test_footage_that_breaks_off_names_the_frame(tmp_path: Path) -> None:
+    for f in (0, 1, 3):
+        cv2.imwrite(str(tmp_path / f"f{f}.png"), picture(f))
+    with pytest.raises(FootageError, match="frame 2 is missing"):
+        list(frames_at(View(camera(), tmp_path / "f#.png"), range(4), 1))
+
+
+@pytest.mark.parametrize("pattern", ["img_%04d.png", "img_####.png", "img_*.png"])
+def test_numbered_images_start_at_their_lowest_number(tmp_path: Path, pattern: str) -> None:
+    for f in range(COUNT):
+        cv2.imwrite(str(tmp_path / f"img_{f + 1001:04d}.png"), picture(f))
+    (tmp_path / "img_notes.txt").touch()
+    view = View(camera(), tmp_path / pattern)
+    assert probe(view.footage).count == COUNT
+    assert [frame_of(image) for image in frames_at(view, range(2, 5), 1)] == [2, 3, 4]
+
+
+def test_globbed_images_are_taken_in_natural_order(tmp_path: Path) -> None:
+    for f in range(COUNT):
+        cv2.imwrite(str(tmp_path / f"shot{f}.png"), picture(f))
+    images = frames_at(View(camera(), tmp_path / "shot*.png"), range(COUNT), 1)
+    assert [frame_of(image) for image in images] == list(range(COUNT))
+
+
+def test_images_of_differing_size_are_refused(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "a1.png"), picture(0))
+    cv2.imwrite(str(tmp_path / "a2.png"), picture(1)[:-8])
+    with pytest.raises(FootageError, match=r"a2\.png.*64x40, not 64x48"):
+        list(frames_at(View(camera(), tmp_path / "a#.png"), range(2), 1))
+
+
+@pytest.mark.parametrize("factor", [1, 2, 3.3])
+def test_reduced_frames_fit_the_reduced_camera(tmp_path: Path, factor: float) -> None:
+    """A bright disc lies where the camera, distortion taken away, projects its centre."""
+    cam = camera(distortions=(-0.3, 0.1, 0.002, -0.001))
+    ray = np.array([0.25, -0.15, 1.0])
+    u, v = cam.project(ray)
+    image = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+    image[...] = (255 * np.exp(-((x - u) ** 2 + (y - v) ** 2) / 5))[..., None]
+    cv2.imwrite(str(tmp_path / "disc.png"), image)
+    reduced = next(frames_at(View(cam, tmp_path / "disc.png"), [0], factor)).astype(float)
+    expected = cam.rectified().reduced(factor).project(ray)
+    assert reduced.shape[::-1] == cam.reduced(factor).size
+    y, x = np.mgrid[: reduced.shape[0], : reduced.shape[1]]
+    centre = np.array([(x * reduced).sum(), (y * reduced).sum()]) / reduced.sum()
+    assert np.allclose(centre, expected, atol=0.12)

@@ -1,0 +1,327 @@
+"""Gauss-Newton over a segment: its parts add up, and its minima are those of the energy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+from kfmocap.core.body import landmark_positions
+from kfmocap.core.body.motion import Motion, stacked
+from kfmocap.core.body.smoothness import LONGEST_STEP, acceleration, limited, smoothness
+from kfmocap.core.evidence.accumulate import Evidence
+from kfmocap.core.evidence.view_frames import ViewFrames
+from kfmocap.core.numerics import rotations
+from kfmocap.core.numerics.banded_blocks import BandedBlocks
+from kfmocap.core.shot.acceleration_prior import LEAST_MOBILITY, acceleration_precision
+from kfmocap.core.shot.shot import Settings
+from kfmocap.core.tracking.solvers import gauss_newton
+from kfmocap.core.tracking.solvers.problem import Problem, frame_residual
+from synthetic import at_rest, coloured, dark, ends_held, figure, look_at, picture, poses_of, random_motion, swing
+
+BODY = figure()
+D = BODY.dof
+CAMERAS = (look_at("front", (0.5, -2.8, 1.5)), look_at("side", (-2.4, -1.4, 1.3)))
+SETTINGS = Settings()
+FPS = 30.0
+CONVERGED = (gauss_newton.Stage(1.0, 1.0, 2, 20, small=1e-4),)
+"""How soon it comes there is not what is tested here."""
+
+
+def filmed(motion: Motion) -> tuple[ViewFrames, ...]:
+    poses = poses_of([BODY], [motion])
+    return tuple(
+        ViewFrames(c, np.stack([picture([BODY], poses, f, c) for f in range(len(motion))]), 0) for c in CAMERAS
+    )
+
+
+def no_evidence(views: int, frames: int, parts: int) -> Evidence:
+    V, F, P = views, frames, parts
+    gradients = (np.zeros((V, F - 1, P, *shape)) for shape in ((12, 12), (12,)))
+    outlines = (np.zeros((V, F, P, *shape)) for shape in ((6, 6), (6,)))
+    pairs = (np.zeros((V, F - 1)) for _ in range(4))
+    single = (np.zeros((V, F)) for _ in range(2))
+    return Evidence(*gradients, *pairs, *outlines, *single, share=np.ones((V, F, P)), stride=1, seconds={})
+
+
+def systems(problem: Problem, motion: Motion) -> tuple[list[BandedBlocks], Evidence]:
+    poses, evidence = problem.evidence(problem.geometry(), [motion], 1.0, 1.0, 2)
+    return gauss_newton.normal_equations(problem, [motion], poses, evidence, SETTINGS), evidence
+
+
+def test_without_evidence_the_motion_between_key_poses_is_the_smoothest() -> None:
+    """Held at both ends, that is uniform motion: no acceleration at all."""
+    F = 9
+    start = swing(BODY, F, 0.3)
+    uniform = start[:1].difference(start[-1:])[0] / (F - 1)
+    problem = Problem(dark(CAMERAS[0], F), (BODY,), 0, FPS, (ends_held(BODY, F),))
+    found = gauss_newton.descend(problem, [start], SETTINGS, stages=CONVERGED).motions[0]
+    expected = stacked([start[:1].moved(j * uniform[None]) for j in range(F)])
+    np.testing.assert_allclose(expected.difference(found), 0, atol=2e-3)
+    np.testing.assert_array_equal(found.translations[[0, -1]], start.translations[[0, -1]])
+
+
+def test_views_add_to_the_normal_equations() -> None:
+    motion = swing(BODY, 4, 0.1)
+    views = filmed(motion)
+
+    def gradients(chosen: tuple[ViewFrames, ...]) -> BandedBlocks:
+        problem = Problem(chosen, (BODY,), 0, FPS, (ends_held(BODY, 4),))
+        smooth = problem.smoothness(0, motion, acceleration_precision(BODY, FPS, SETTINGS))
+        [system], _ = systems(problem, motion)
+        return replace(
+            system,
+            diagonal=system.diagonal - smooth.diagonal,
+            first=system.first - smooth.first,
+            gradient=system.gradient - smooth.gradient,
+            energy=system.energy - smooth.energy,
+        )
+
+    both, one, other = gradients(views), gradients(views[:1]), gradients(views[1:])
+    for name in ("diagonal", "first", "gradient"):
+        a, b, c = (getattr(system, name) for system in (both, one, other))
+        np.testing.assert_allclose(a, b + c, atol=1e-9 * np.abs(a).max())
+    assert both.energy == pytest.approx(one.energy + other.energy)
+
+
+def test_smoothness_reaches_into_the_frames_known_around() -> None:
+    """With the poses before and after it, a stretch has the blocks that it has within the whole motion."""
+    motion = random_motion(BODY, 8, turn=0.3)
+    precision = np.random.default_rng(0).uniform(1, 2, D)
+    whole = smoothness(motion, precision)
+    problem = Problem(dark(CAMERAS[0], 4), (BODY,), 2, FPS, (ends_held(BODY, 4),), (motion[[1]],), (motion[[6]],))
+    part = problem.smoothness(0, motion[2:6], precision)
+    inner = smoothness(motion[1:7], precision)
+    np.testing.assert_array_equal(part.diagonal, inner.diagonal[1:5])
+    np.testing.assert_array_equal(part.gradient, inner.gradient[1:5])
+    np.testing.assert_allclose(part.second, whole.second[2:4])
+    alone = Problem(dark(CAMERAS[0], 4), (BODY,), 2, FPS, (ends_held(BODY, 4),)).smoothness(0, motion[2:6], precision)
+    np.testing.assert_array_equal(alone.gradient, smoothness(motion[2:6], precision).gradient)
+
+
+def test_a_stretch_leaves_a_known_frame_with_its_speed() -> None:
+    """The frame before the first says how fast the motion comes in."""
+    F = 6
+    step = np.zeros(D)
+    step[0], step[8] = 0.02, 0.05
+    whole = stacked([at_rest(BODY).moved(j * step[None]) for j in range(-1, F)])
+    start = stacked([whole[[1]]] * F)
+    fixed = np.zeros((F, D), bool)
+    fixed[0] = True
+    problem = Problem(dark(CAMERAS[0], F), (BODY,), 1, FPS, (fixed,), (whole[[0]],))
+    found = gauss_newton.descend(problem, [start], SETTINGS, stages=CONVERGED).motions[0]
+    np.testing.assert_allclose(whole[1:].difference(found), 0, atol=5e-3)
+
+
+def test_at_the_true_motion_it_stays_and_from_another_smooth_one_it_comes_back() -> None:
+    truth, names = swing(BODY, 6, 0.15), list(BODY.landmarks)
+    problem = Problem(filmed(truth), (BODY,), 0, 12.0, (ends_held(BODY, 6),))
+    bow = np.sin(np.pi * np.arange(6) / 5)[:, None]
+    wrong = truth.moved(0.05 * bow * np.random.default_rng(1).normal(0, 1, D))
+
+    def error_mm(motion: Motion) -> float:
+        true, found = (landmark_positions(BODY, m, names) for m in (truth, motion))
+        return 1000 * float(np.linalg.norm(found - true, axis=-1)[1:-1].mean())
+
+    stayed, returned = (
+        gauss_newton.descend(problem, [m], SETTINGS, stages=CONVERGED).motions[0] for m in (truth, wrong)
+    )
+    assert error_mm(stayed) < 0.2 * error_mm(wrong)
+    assert error_mm(returned) < 0.25 * error_mm(wrong)
+
+
+def test_steps_are_limited_joint_by_joint_and_keep_their_direction() -> None:
+    step = np.zeros((2, D))
+    step[0, 3:6], step[1, 6:9] = [3.0, 0, 4.0], [0.1, 0.2, 0.2]
+    cut = limited(step)
+    longest = LONGEST_STEP
+    np.testing.assert_allclose(cut[0, 3:6], longest * np.array([0.6, 0, 0.8]))
+    np.testing.assert_array_equal(cut[1], step[1])
+
+
+def test_precision_of_acceleration_is_per_frame_squared() -> None:
+    """Twice the frames a second: a quarter of the acceleration a frame, sixteen times the precision."""
+    slow, fast = (acceleration_precision(BODY, fps, SETTINGS) for fps in (30, 60))
+    np.testing.assert_allclose(fast, 16 * slow)
+    assert slow[0] == pytest.approx((900 / SETTINGS.root_acceleration) ** 2)
+    assert slow[3] == pytest.approx((900 / SETTINGS.joint_acceleration) ** 2)
+
+
+def test_residuals_of_frames_are_those_of_the_pairs_on_both_sides() -> None:
+    evidence = replace(
+        no_evidence(views=2, frames=3, parts=1),
+        energy=np.array([[4.0, 0.0], [12.0, 0.0]]),
+        weight=np.array([[1.0, 2.0], [3.0, 2.0]]),
+    )
+    np.testing.assert_allclose(frame_residual(evidence), [2.0, np.sqrt(16 / 8), 0.0])
+
+
+def test_the_acceleration_that_is_weighed_is_that_of_the_motion() -> None:
+    motion = swing(BODY, 6)
+    motion.rotations[:, 1] = rotations.exp(np.linspace(0, 1, 6)[:, None] ** 2 * np.array([0, 0, 1.0]))
+    precision = acceleration_precision(BODY, FPS, SETTINGS)
+    problem = Problem(dark(CAMERAS[0], 6), (BODY,), 0, FPS, (ends_held(BODY, 6),))
+    [system], evidence = systems(problem, motion)
+    assert system.energy == pytest.approx(float(np.sum(precision * acceleration(motion) ** 2)))
+    assert evidence.energy.max() < 1e-9
+
+
+def test_a_joint_that_hardly_turns_is_accelerated_the_less() -> None:
+    limits = np.array([[-np.pi / 2, np.pi / 2], [0.0, 0.0], [-np.pi / 8, np.pi / 8]])
+    parts = (*BODY.parts[:2], replace(BODY.parts[2], limits=limits), BODY.parts[3])
+    free, hinge = (acceleration_precision(b, FPS, SETTINGS) for b in (BODY, replace(BODY, parts=parts)))
+    np.testing.assert_allclose(hinge[9:12] / free[9:12], [1, LEAST_MOBILITY**-2, 16])
+    np.testing.assert_array_equal(np.delete(hinge, range(9, 12)), np.delete(free, range(9, 12)))
+
+
+@pytest.mark.parametrize("around", [False, True])
+def test_accelerations_that_are_expected_cost_nothing(around: bool) -> None:
+    motion = random_motion(BODY, 8, turn=0.3)
+    precision = np.random.default_rng(0).uniform(1, 2, D)
+    if around:
+        problem = Problem((), (BODY,), 1, FPS, (ends_held(BODY, 6),), (motion[[0]],), (motion[[7]],))
+        inner, expected = motion[1:7], acceleration(motion)
+    else:
+        problem, inner = Problem((), (BODY,), 0, FPS, (ends_held(BODY, 8),)), motion
+        expected = np.pad(acceleration(motion), ((1, 1), (0, 0)))
+    told = problem.smoothness(0, inner, precision, expected)
+    assert told.energy == pytest.approx(0, abs=1e-20)
+    np.testing.assert_allclose(told.gradient, 0, atol=1e-12)
+    usual = problem.smoothness(0, inner, precision)
+    assert usual.energy > 1
+    np.testing.assert_array_equal(told.diagonal, usual.diagonal)
+    nothing = problem.smoothness(0, inner, precision, np.zeros_like(expected))
+    np.testing.assert_array_equal(nothing.gradient, usual.gradient)
+
+
+def test_the_rows_of_hidden_parts_alone_are_dropped() -> None:
+    V, F, P = 2, 5, len(BODY)
+    rng = np.random.default_rng(0)
+    evidence = replace(
+        no_evidence(V, F, P),
+        H=rng.normal(0, 1, (V, F - 1, P, 12, 12)),
+        g=rng.normal(0, 1, (V, F - 1, P, 12)),
+        outline_H=rng.normal(0, 1, (V, F, P, 6, 6)),
+        outline_g=rng.normal(0, 1, (V, F, P, 6)),
+    )
+    hidden = np.zeros((F, P), bool)
+    hidden[2, 1] = True
+    left = evidence.without(hidden)
+    for name, frames in (("H", [1, 2]), ("g", [1, 2]), ("outline_H", [2]), ("outline_g", [2])):
+        before, after = getattr(evidence, name).copy(), getattr(left, name)
+        assert not after[:, frames, 1].any()
+        before[:, frames, 1] = 0
+        np.testing.assert_array_equal(after, before)
+    np.testing.assert_array_equal(left.share, evidence.share)
+    nowhere = evidence.without(np.zeros((F, P), bool))
+    np.testing.assert_array_equal(nowhere.H, evidence.H)
+
+
+def test_a_part_is_hidden_where_no_view_sees_it_and_no_key_pose_holds_it() -> None:
+    share = np.ones((2, 6, len(BODY)))
+    share[:, 2:5, 1] = 0.1  # neither view sees the upper arm
+    share[0, 1:4, 3] = 0.1  # one view sees the right arm
+    fixed = ends_held(BODY, 6)
+    fixed[3, 6:9] = True
+    [hidden] = Problem((), (BODY,), 0, FPS, (fixed,)).hidden(share)
+    expected = np.zeros((6, len(BODY)), bool)
+    expected[[2, 4], 1] = True
+    np.testing.assert_array_equal(hidden, expected)
+
+
+HIDDEN = slice(30, 42)
+FOREARM = slice(9, 12)
+
+
+class Blindfolded(Problem):
+    """No view sees the forearm while it is hidden."""
+
+    def evidence(self, *arguments: Any) -> Any:
+        poses, evidence = super().evidence(*arguments)
+        share = np.ones_like(evidence.share)
+        share[:, HIDDEN, BODY.index("forearm.L")] = 0
+        return poses, replace(evidence, share=share)
+
+
+def waving(frames: int) -> Motion:
+    """The forearm swings to and fro three times while the upper arm rises and falls."""
+    t, motion = np.arange(frames), at_rest(BODY, frames)
+    zero = np.zeros(frames)
+    motion.rotations[:, 1] = rotations.exp(np.stack([zero, zero, 0.25 * np.sin(2 * np.pi * t / 30)], axis=1))
+    motion.rotations[:, 2] = rotations.exp(np.stack([zero, zero, 0.4 * np.sin(2 * np.pi * (t - 30) / 24)], axis=1))
+    return motion
+
+
+def forearm_mm(found: Motion, truth: Motion) -> np.ndarray:
+    a, b = (landmark_positions(BODY, m, ["forearm.L tip"])[:, 0] for m in (found, truth))
+    return 1000 * np.linalg.norm(a - b, axis=1)
+
+
+def test_a_part_that_nobody_sees_moves_as_it_is_foretold() -> None:
+    """Hidden for 12 frames while it swings out and back; the frames beside them are known."""
+    F = 72
+    truth = waving(F)
+    free = np.zeros((F, D), bool)
+    free[HIDDEN, FOREARM] = True
+    gap = np.linspace(0, 1, 14)[1:-1, None] * truth[[29]].difference(truth[[42]])
+    start = truth.replaced(30, stacked([truth[[29]]] * 12).moved(gap))
+    start = truth.moved(np.where(free, truth.difference(start), 0.0))
+    errors = {}
+    for prediction in (True, False):
+        problem = Blindfolded(dark(CAMERAS[0], F), (BODY,), 0, FPS, (~free,))
+        settings = replace(SETTINGS, prediction=prediction)
+        errors[prediction] = forearm_mm(gauss_newton.descend(problem, [start], settings).motions[0], truth)
+    assert forearm_mm(start, truth).max() > 100
+    assert errors[True].max() < 30 and errors[True].max() < 0.7 * errors[False].max()
+
+
+def test_where_a_part_is_seen_nothing_is_expected_of_it() -> None:
+    motion = waving(72)
+    hidden = np.zeros((72, len(BODY)), bool)
+    hidden[HIDDEN, BODY.index("forearm.L")] = True
+    [expected] = gauss_newton.foretold_accelerations([motion], [hidden])
+    found = expected[HIDDEN, FOREARM]
+    true = np.pad(acceleration(motion), ((1, 1), (0, 0)))[HIDDEN, FOREARM]
+    assert np.abs(found - true).max() < 0.4 * np.abs(true).max()
+    expected[HIDDEN, FOREARM] = 0
+    assert not expected.any()
+    [none] = gauss_newton.foretold_accelerations([motion], [np.zeros_like(hidden)])
+    assert not none.any() and none.shape == (72, D)
+
+
+def test_views_are_looked_at_in_turn_and_never_fewer_than_asked() -> None:
+    def turns(count: int) -> list[list[int]]:
+        problem = Problem(tuple(range(count)), (BODY,), 0, FPS, (ends_held(BODY, 5),))
+        return [list(problem.some_views(2, turn).views) for turn in range(3)]
+
+    assert turns(1) == [[0]] * 3 and turns(3) == [[0, 1, 2]] * 3
+    assert turns(4) == [[0, 2], [1, 3], [0, 2]]
+    assert turns(5) == [[0, 2, 4], [1, 3], [0, 2, 4]]
+    for count in range(2, 12):
+        assert min(len(views) for views in turns(count)) >= 2
+
+
+def test_of_more_views_fewer_pixels_each_are_looked_at() -> None:
+    fine, coarse = gauss_newton.Stage(1.0, 1.0, 2, 1), gauss_newton.Stage(1.0, 1.0, 6, 1)
+    assert [fine.strided(views) for views in (1, 2, 3, 4, 9)] == [2, 2, 3, 4, 4]
+    assert [coarse.strided(views) for views in (1, 4)] == [6, 6]
+
+
+def test_coarse_stages_end_early_and_the_last_looks_at_every_view() -> None:
+    truth = swing(BODY, 5, 0.2)
+    problem = Counting(coloured(BODY, truth, CAMERAS) * 2, (BODY,), 0, FPS, (ends_held(BODY, 5),))
+    gauss_newton.descend(problem, [truth], SETTINGS)
+    looked = Counting.looked
+    assert looked[0] == (2, 8.0) and looked[-1] == (4, 1.0)
+    assert len(looked) < sum(stage.iterations for stage in gauss_newton.STAGES)
+
+
+class Counting(Problem):
+    """Notes how many views are looked at, and with what tolerance."""
+
+    looked: ClassVar[list[tuple[int, float]]] = []
+
+    def evidence(self, geometry, motions, sigma, tolerance, stride, reach=0.0):  # type: ignore[no-untyped-def]
+        self.looked.append((len(self.views), tolerance))
+        return super().evidence(geometry, motions, sigma, tolerance, stride, reach)

@@ -1,0 +1,199 @@
+"""Lost limbs are found by what the model leaves uncovered, and like limbs are told apart by their motion."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+from kfmocap.core.body import human, landmark_positions, part_poses
+from kfmocap.core.body.motion import Motion
+from kfmocap.core.errors import CancelledError
+from kfmocap.core.evidence.view_frames import ViewFrames
+from kfmocap.core.numerics import rotations
+from kfmocap.core.tracking.solvers.limb_search import _best_way, _shares, found_limbs, limbs, pairs, untangled
+from kfmocap.core.tracking.solvers.problem import Problem
+from synthetic import at_rest, ends_held, figure, look_at, poses_of, silhouette
+
+Array = np.ndarray
+BODY = human(1.75)
+LENGTH, FPS = 13, 15.0
+CAMERA = look_at("side", (4.0, 0.3, 1.1), (0, 0, 0.95), size=(120, 160), focal=150.0)
+
+
+def walk(length: int = LENGTH, fps: float = FPS) -> Motion:
+    """Legs and hanging arms that swing against each other, once to and fro in a second."""
+    motion = at_rest(BODY, length)
+    Q = motion.rotations.copy()
+    for side, turn in (("L", -1.4), ("R", 1.4)):
+        Q[:, BODY.index(f"upper_arm.{side}")] = rotations.exp(np.array([0, 0, turn]))
+    phase = np.sin(2 * np.pi * (np.arange(length) / fps + 0.1))
+    for name, size in (("thigh.L", 0.5), ("thigh.R", -0.5), ("upper_arm.L", -0.6), ("upper_arm.R", 0.6)):
+        turn = np.zeros((length, 3))
+        turn[:, 0] = size * phase
+        part = BODY.index(name)
+        Q[:, part] = Q[:, part] @ rotations.exp(turn)
+    return Motion(motion.translations, Q)
+
+
+def seen(motion: Motion) -> ViewFrames:
+    poses = poses_of([BODY], [motion])
+    images = np.stack([silhouette([BODY], poses, f, CAMERA, samples=1) for f in range(len(motion))])
+    return ViewFrames(CAMERA, np.zeros_like(images), 0, images)
+
+
+def problem_of(motion: Motion, *views: ViewFrames) -> Problem:
+    return Problem(views, (BODY,), 0, FPS, (ends_held(BODY, len(motion)),))
+
+
+def error_mm(found: Motion, truth: Motion, name: str) -> Array:
+    a, b = (landmark_positions(BODY, motion, [name])[:, 0] for motion in (found, truth))
+    return 1000 * np.linalg.norm(a - b, axis=-1)
+
+
+def turned(motion: Motion, name: str, angle: float) -> Motion:
+    """A part turned about its x axis, most in the middle of the motion and not at its ends."""
+    Q, turn = motion.rotations.copy(), np.zeros((len(motion), 3))
+    turn[:, 0] = angle * np.sin(np.linspace(0, np.pi, len(motion)))
+    Q[:, BODY.index(name)] = Q[:, BODY.index(name)] @ rotations.exp(turn)
+    return Motion(motion.translations, Q)
+
+
+def exchanged(motion: Motion, pair: tuple[list[int], list[int]], frames: slice) -> Motion:
+    """A motion whose like limbs are each where the other is on some frames."""
+    R, _ = part_poses(BODY, motion)
+    Q = motion.rotations.copy()
+    for chain, other in (pair, pair[::-1]):
+        parent = R[:, BODY.parents[chain[0]]]
+        for part, like in zip(chain, other, strict=True):
+            Q[frames, part] = (np.swapaxes(parent @ BODY.R_parent_rest[part], -1, -2) @ R[:, like])[frames]
+            parent = R[:, like]
+    return Motion(motion.translations, Q)
+
+
+def test_limbs_go_from_where_the_tree_branches_last_to_its_tips() -> None:
+    names = [[BODY.names[part] for part in chain] for chain in limbs(BODY)]
+    assert sorted(names) == sorted(
+        [
+            [f"{part}.{side}" for part in parts]
+            for side in "LR"
+            for parts in (["upper_arm", "forearm", "hand"], ["thigh", "shin", "foot"])
+        ]
+    )
+    assert all(len(chain) > 1 for chain in limbs(figure()))
+
+
+def test_a_pair_is_the_left_and_the_right_of_the_same_parts() -> None:
+    named = [tuple([BODY.names[part] for part in chain] for chain in pair) for pair in pairs(BODY)]
+    assert len(named) == 2
+    for left, right in named:
+        assert [name.replace(".L", ".R") for name in left] == right
+    assert not pairs(figure())
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_way_is_the_best_of_all_and_its_places_are_as_likely_as_they_are(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    score, places = rng.normal(size=(4, 3)), rng.normal(size=(4, 3, 2))
+    ways = np.array(list(product(range(3), repeat=4)))
+    frames = np.arange(4)
+    values = np.array([score[frames, w].sum() - 0.5 * (np.diff(places[frames, w], axis=0) ** 2).sum() for w in ways])
+    share = np.zeros((4, 3))
+    for w, chance in zip(ways, np.exp(values) / np.exp(values).sum(), strict=True):
+        share[frames, w] += chance
+    best, value = _best_way(score, places)
+    np.testing.assert_array_equal(best, ways[values.argmax()])
+    assert value == pytest.approx(values.max())
+    np.testing.assert_allclose(_shares(score, places), share, atol=1e-12)
+
+
+def test_an_arm_half_a_metre_away_is_found() -> None:
+    truth = walk()
+    lost = turned(truth, "upper_arm.L", -1.0)
+    (found,) = found_limbs(problem_of(truth, seen(truth)), [lost], seed=0)
+    assert error_mm(lost, truth, "LWrist").max() > 400
+    assert np.median(error_mm(found, truth, "LWrist")) < 0.4 * np.median(error_mm(lost, truth, "LWrist"))
+
+
+def test_limbs_that_are_seen_where_they_are_stay_there() -> None:
+    truth = walk()
+    (found,) = found_limbs(problem_of(truth, seen(truth)), [truth], seed=0)
+    nearer = [part for chain in limbs(BODY) for part in chain if BODY.names[part].endswith(".L")]
+    np.testing.assert_array_equal(found.rotations[:, nearer], truth.rotations[:, nearer])
+
+
+def test_the_trunk_and_key_poses_stay_to_the_last_bit() -> None:
+    truth = walk()
+    lost = turned(turned(truth, "upper_arm.L", -1.0), "thigh.R", 0.8)
+    problem = problem_of(truth, seen(truth))
+    problem.fixed[0][7, 3 + 3 * BODY.index("upper_arm.L") :] = True
+    (found,) = found_limbs(problem, [lost], seed=1)
+    assert (found.rotations != lost.rotations).any()
+    np.testing.assert_array_equal(found.translations, lost.translations)
+    trunk = [BODY.index(name) for name in ("pelvis", "spine", "chest", "head")]
+    np.testing.assert_array_equal(found.rotations[:, trunk], lost.rotations[:, trunk])
+    np.testing.assert_array_equal(found.rotations[[0, 7, -1]], lost.rotations[[0, 7, -1]])
+
+
+def test_without_foreground_images_nothing_is_looked_for() -> None:
+    truth = walk()
+    lost = turned(truth, "upper_arm.L", -1.0)
+    blind = ViewFrames(CAMERA, np.zeros((LENGTH, 160, 120), np.uint8), 0)
+    (found,) = found_limbs(problem_of(truth, blind), [lost], seed=0)
+    np.testing.assert_array_equal(found.rotations, lost.rotations)
+
+
+@pytest.mark.parametrize("pair", pairs(BODY), ids=["arms", "legs"])
+def test_limbs_taken_for_one_another_between_two_meetings_get_their_own_way_again(
+    pair: tuple[list[int], list[int]],
+) -> None:
+    truth = walk(30)
+    phase = np.sin(2 * np.pi * (np.arange(30) / FPS + 0.1))
+    meetings = np.flatnonzero(np.diff(np.sign(phase))) + 1
+    mixed = exchanged(truth, pair, slice(meetings[0], meetings[1]))
+    tip = BODY.names[pair[0][-1]]
+    name = "LWrist" if tip.startswith("hand") else "LAnkle"
+    assert error_mm(mixed, truth, name).max() > 200
+    found = untangled(BODY, mixed, pair, FPS)
+    assert (error_mm(found, truth, name) > 60).sum() <= 1  # where they meet they may be taken either way
+    np.testing.assert_allclose(untangled(BODY, truth, pair, FPS).rotations, truth.rotations, atol=1e-12)
+
+
+def test_limbs_that_slowly_turn_back_are_not_exchanged() -> None:
+    motion = at_rest(BODY, 40)
+    Q = motion.rotations.copy()
+    for name, side in (("thigh.L", 1), ("thigh.R", -1)):
+        turn = np.zeros((40, 3))
+        turn[:, 0] = side * (0.45 + 0.25 * np.cos(np.arange(40) * 2 * np.pi / 40))
+        Q[:, BODY.index(name)] = rotations.exp(turn)
+    motion = Motion(motion.translations, Q)
+    (legs,) = [pair for pair in pairs(BODY) if BODY.index("thigh.L") in pair[0]]
+    np.testing.assert_allclose(untangled(BODY, motion, legs, FPS).rotations, motion.rotations, atol=1e-12)
+
+
+def test_key_poses_are_not_exchanged() -> None:
+    truth, (arms, legs) = walk(30), pairs(BODY)
+    mixed = exchanged(exchanged(truth, arms, slice(6, 13)), legs, slice(6, 13))
+    free = np.ones(30, bool)
+    free[9] = False
+    found = untangled(BODY, mixed, legs, FPS, free)
+    np.testing.assert_allclose(found.rotations[9], mixed.rotations[9], atol=1e-12)
+
+
+@pytest.mark.parametrize("pair", pairs(BODY), ids=["arms", "legs"])
+def test_limbs_that_never_meet_stay_as_they_are(pair: tuple[list[int], list[int]]) -> None:
+    still = at_rest(BODY, 8)
+    assert untangled(BODY, still, pair, FPS) is still
+
+
+def test_a_search_reports_every_limb_and_can_be_ended() -> None:
+    truth = walk(5)
+    told: list[float] = []
+    found_limbs(problem_of(truth, seen(truth)), [truth], 0, lambda done, _motions: told.append(done))
+    assert told == [k / len(limbs(BODY)) for k in range(len(limbs(BODY)))]
+
+    def end(_done: float, _motions: object) -> None:
+        raise CancelledError
+
+    with pytest.raises(CancelledError):
+        found_limbs(problem_of(truth, seen(truth)), [truth], 0, end)

@@ -1,0 +1,383 @@
+"""The published relaxation: its terminal terms are derivatives, and it converges to the minimum it is meant to."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from kfmocap.core.body.motion import Motion, stacked
+from kfmocap.core.evidence.label_images import Geometry
+from kfmocap.core.evidence.view_frames import ViewFrames
+from kfmocap.core.numerics import rotations
+from kfmocap.core.shot.shot import Settings
+from kfmocap.core.tracking.solvers import relaxation
+from kfmocap.core.tracking.solvers.problem import Problem
+from kfmocap.core.tracking.solvers.relaxation import (
+    LAMBDA,
+    NU,
+    SMOOTHNESS,
+    Steps,
+    axis_vector,
+    follow_gradients,
+    foretold,
+    out_of_sight,
+    relax,
+    solve,
+)
+from synthetic import at_rest, ends_held, figure, look_at, numeric_jacobian, picture, poses_of, random_motion, swing
+
+BODY = figure()
+D, PARTS = BODY.dof, len(BODY)
+ARM = [BODY.index("upper_arm.L"), BODY.index("forearm.L")]
+HIDDEN_FROM = 8
+WITH, WITHOUT = Settings("relaxation", sweeps=20), Settings("relaxation", sweeps=20, prediction=False)
+
+
+def no_gradients(n: int) -> tuple[np.ndarray, np.ndarray]:
+    return np.zeros((n, D, D)), np.zeros((n, D))
+
+
+def test_axis_vector_is_that_of_the_odd_half() -> None:
+    v = np.array([0.3, -0.7, 0.2])
+    angle = np.linalg.norm(v)
+    np.testing.assert_allclose(axis_vector(rotations.exp(v)), v / angle * np.sin(angle), atol=1e-12)
+    np.testing.assert_allclose(
+        rotations.skew(axis_vector(np.arange(9.0).reshape(3, 3))), [[0, -1, -2], [1, 0, -1], [2, 1, 0]]
+    )
+
+
+@pytest.mark.parametrize("j", [0, 3, 6])
+def test_terminal_terms_are_the_derivative_of_the_squared_error_of_the_last_pose(j: int) -> None:
+    """(A.1), (A.2): the derivative of ||R^ - R||^2 by a small turn x_j is 4 (x_j - c), c from the odd half of P."""
+    rng = np.random.default_rng(j)
+    Q = rotations.exp(rng.normal(0, 0.3, (7, 3)))
+    first, last = rotations.exp(rng.normal(0, 1, (2, 3)))
+
+    def product(matrices: np.ndarray) -> np.ndarray:
+        out = np.eye(3)
+        for M in matrices:
+            out = out @ M
+        return out
+
+    def error(x: np.ndarray) -> float:
+        return float(np.sum((first @ product(Q[:j]) @ rotations.exp(x) @ product(Q[j + 1 :]) - last) ** 2))
+
+    P = (first @ product(Q[:j])).T @ last @ product(Q[j + 1 :]).T
+    np.testing.assert_allclose(-4 * axis_vector(P), numeric_jacobian(error, np.zeros(3)), atol=1e-8)
+    # The factor of x_j is exact where P is near the identity: curvature 4.
+    near = rotations.exp(np.array([1e-3, -2e-3, 1e-3]))
+    x = np.array([0.02, 0.01, -0.03])
+    gradient = numeric_jacobian(lambda y: float(np.sum((rotations.exp(y) - near) ** 2)), x)
+    np.testing.assert_allclose(4 * (x - axis_vector(near)), gradient, atol=4 * np.linalg.norm(x) ** 3)
+
+
+def test_the_translations_terminal_term_is_a_derivative() -> None:
+    """(A.3), (A.4): half the derivative of ||T^ - T||^2 by S_j is S_j - (T - T^ + S_j)."""
+    shifts, T = np.random.default_rng(0).normal(0, 1, (5, 3)), np.array([1.0, 2.0, 3.0])
+
+    def error(x: np.ndarray) -> float:
+        return float(np.sum((shifts.sum(axis=0) - shifts[2] + x - T) ** 2))
+
+    b = T - shifts.sum(axis=0) + shifts[2]
+    np.testing.assert_allclose(2 * (shifts[2] - b), numeric_jacobian(error, shifts[2]), atol=1e-7)
+
+
+def test_steps_accumulate_to_the_motion_they_are_of() -> None:
+    motion = random_motion(BODY, 6)
+    again = Steps.of(motion).accumulated(motion)
+    np.testing.assert_allclose(again.difference(motion), 0, atol=1e-9)
+    assert Steps.of(motion).vectors().shape == (5, D)
+
+
+def test_without_gradients_the_last_pose_is_met_and_the_error_shared_evenly() -> None:
+    """The axis vector of (A.2) is the sine of a turn: a step stops short of it by a sixth of its cube."""
+    n = 5
+    keyed = at_rest(BODY, n + 1)
+    turn = np.array([[0.3, 0, 0], [0, 0.5, 0.2], [0, 0, -0.4], [0.1, 0.1, 0.1]])
+    keyed.rotations[-1] = rotations.exp(turn)
+    keyed.translations[-1] += [0.2, -0.1, 0.3]
+    found = relax(at_rest(BODY, n + 1), keyed, ends_held(BODY, n + 1), *no_gradients(n), 1000)
+    steps = Steps.of(found)
+    np.testing.assert_allclose(steps.shifts, np.tile(np.array([0.2, -0.1, 0.3]) / n, (n, 1)), atol=1e-6)
+    np.testing.assert_allclose(steps.turns, np.tile(turn / n, (n, 1, 1)), atol=0.11**3 / 6)
+
+
+def test_one_sweep_takes_a_part_of_the_error_and_never_all_of_it_in_one_frame() -> None:
+    """Equations (26) to (28): with u = 1/n every frame bears its share, whatever the weight."""
+    n = 8
+    keyed = at_rest(BODY, n + 1)
+    keyed.translations[-1] += [1.0, 0, 0]
+    found = relax(at_rest(BODY, n + 1), keyed, ends_held(BODY, n + 1), *no_gradients(n), 1)
+    steps = Steps.of(found).shifts[:, 0]
+    assert (steps > 0).all() and steps.max() <= 1 / n + 1e-9
+    assert 0.4 < steps.sum() < 1
+
+
+def test_a_sweep_goes_frame_after_frame_and_each_sees_what_the_one_before_has_become() -> None:
+    n, target = 4, 0.6
+    keyed = at_rest(BODY, n + 1)
+    keyed.translations[-1, 0] += target
+    x = np.zeros(n)
+    for j in range(n):  # equation (30) by hand
+        x_e = x[j] + (target - x.sum()) / n
+        ends = x[max(j - 1, 0)] + x[min(j + 1, n - 1)]
+        x[j] = (NU * x_e + SMOOTHNESS * ends / 2) / (NU + SMOOTHNESS)
+    found = relax(at_rest(BODY, n + 1), keyed, ends_held(BODY, n + 1), *no_gradients(n), 1)
+    np.testing.assert_allclose(Steps.of(found).shifts[:, 0], x, rtol=1e-9)
+
+
+def test_the_first_pose_stays_and_smooth_steps_stay_smooth() -> None:
+    truth = swing(BODY, 9)
+    found = relax(truth, truth, ends_held(BODY, 9), *no_gradients(8), 300)
+    np.testing.assert_array_equal(found.translations[0], truth.translations[0])
+    np.testing.assert_allclose(found.rotations[0], truth.rotations[0], atol=1e-12)
+    assert np.abs(found[[-1]].difference(truth[[-1]])).max() < 2e-2
+    roughness = [np.abs(np.diff(Steps.of(m).vectors(), axis=0)).max() for m in (found, truth)]
+    assert roughness[0] < roughness[1]
+
+
+def test_without_a_last_key_pose_nothing_pulls_to_it() -> None:
+    keyed = at_rest(BODY, 6)
+    keyed.translations[-1] += 1.0
+    fixed = np.zeros((6, D), bool)
+    fixed[0] = True
+    found = relax(at_rest(BODY, 6), keyed, fixed, *no_gradients(5), 50)
+    np.testing.assert_allclose(found.difference(at_rest(BODY, 6)), 0, atol=1e-12)
+
+
+def test_a_partial_last_key_pose_pulls_its_own_degrees_of_freedom() -> None:
+    keyed = at_rest(BODY, 6)
+    keyed.translations[-1] += [0.1, 0.2, 0.3]
+    keyed.rotations[-1] = rotations.exp(np.full((PARTS, 3), 0.2))
+    fixed = ends_held(BODY, 6)
+    fixed[-1] = False
+    fixed[-1, [0, *range(9, 12)]] = True
+    found = relax(at_rest(BODY, 6), keyed, fixed, *no_gradients(5), 600)
+    delta = at_rest(BODY, 6).difference(found)[-1]
+    expected = np.zeros(D)
+    expected[0], expected[9:12] = 0.1, 0.2
+    np.testing.assert_allclose(delta[:3], expected[:3], atol=1e-6)
+    np.testing.assert_allclose(delta[3:], expected[3:], atol=0.07**3 / 6)  # see above, of a turn of 0.07 a step
+    assert not delta[expected == 0].any()
+
+
+def test_of_translations_alone_it_finds_the_minimum_of_the_energy_as_a_dense_solve_does() -> None:
+    """Equation (21) with quadratic evidence and no turns is convex: a dense solve has its minimum.
+
+    Where sweeps of equation (30) stand still, x' = x + u (x_e - x) leaves nu u (x - x_e) of the terminal term: it is
+    the minimum of (21) for nu / n. Written with x_j as unknowns: sum A_j x_j^2 - 2 b_j x_j + (nu / n) |sum x_j - T|^2
+    + 1/2 sum |x_j - x_{j-1}|^2.
+    """
+    n = 8
+    rng = np.random.default_rng(3)
+    A, b = no_gradients(n)
+    for j in range(n):
+        rows = rng.normal(0, 1.5, (3, 3))
+        A[j, :3, :3] = rows.T @ rows
+        b[j, :3] = A[j, :3, :3] @ rng.normal(0.05, 0.05, 3)
+    keyed, target = at_rest(BODY, n + 1), np.array([0.7, 0.4, -0.2])
+    keyed.translations[-1] += target
+    found = relax(at_rest(BODY, n + 1), keyed, ends_held(BODY, n + 1), A, b, 1500)
+
+    system = np.zeros((n, 3, n, 3))
+    right = b[:, :3].copy()
+    eye = np.eye(3)
+    for j in range(n):
+        system[j, :, j] += A[j, :3, :3]
+        for i in range(n):
+            system[j, :, i] += NU / n * eye
+        right[j] += NU / n * target
+        for i in (j - 1, j + 1):
+            if 0 <= i < n:
+                system[j, :, j] += SMOOTHNESS / 2 * eye
+                system[j, :, i] -= SMOOTHNESS / 2 * eye
+    expected = np.linalg.solve(system.reshape(3 * n, 3 * n), right.ravel()).reshape(n, 3)
+    np.testing.assert_allclose(Steps.of(found).shifts, expected, atol=1e-7)
+    np.testing.assert_allclose(found.rotations, at_rest(BODY, n + 1).rotations, atol=1e-12)
+
+
+def test_of_turns_about_one_axis_it_finds_the_minimum_too() -> None:
+    """Turns of one joint about one axis commute; for small ones sin x is x to a millionth."""
+    n, target = 6, 0.012
+    A, b = no_gradients(n)
+    rng = np.random.default_rng(1)
+    a, wanted = rng.uniform(1, 5, n), rng.normal(0.002, 0.001, n)
+    A[:, 6, 6], b[:, 6] = a, a * wanted
+    keyed = at_rest(BODY, n + 1)
+    keyed.rotations[-1, 1] = rotations.exp(np.array([target, 0, 0]))
+    found = relax(at_rest(BODY, n + 1), keyed, ends_held(BODY, n + 1), A, b, 2000)
+    D2 = np.diff(np.eye(n), axis=0)
+    system = np.diag(a) + LAMBDA / n * np.ones((n, n)) + SMOOTHNESS / 2 * D2.T @ D2
+    expected = np.linalg.solve(system, a * wanted + LAMBDA / n * target)
+    np.testing.assert_allclose(Steps.of(found).turns[:, 1, 0], expected, rtol=1e-3, atol=1e-8)
+
+
+def test_it_does_not_matter_where_the_world_is() -> None:
+    n = 6
+    rng = np.random.default_rng(5)
+    rows = rng.normal(0, 1, (n, 2 * D, D))
+    A = np.swapaxes(rows, 1, 2) @ rows
+    keyed = swing(BODY, n + 1)
+    b = (A @ Steps.of(keyed).vectors()[..., None])[..., 0] + rng.normal(0, 0.01, (n, D))
+    here = relax(keyed, keyed, ends_held(BODY, n + 1), A, b, 50)
+    shift = np.array([5.0, -3.0, 1.0])
+    moved = Motion(keyed.translations + shift, keyed.rotations)
+    there = relax(moved, moved, ends_held(BODY, n + 1), A, b, 50)
+    np.testing.assert_allclose(there.translations - shift, here.translations, atol=1e-9)
+    np.testing.assert_allclose(there.rotations, here.rotations, atol=1e-9)
+
+
+def turning(frames: int) -> Motion:
+    """One joint turns to and fro about an axis, the root walks, the rest stands still."""
+    motion = at_rest(BODY, frames)
+    angle = 0.6 * np.sin(2 * np.pi * np.arange(frames) / 20)
+    motion.rotations[:, ARM[0]] = rotations.exp(angle[:, None] * [0.0, 0.6, 0.8])
+    motion.translations[:, 0] += 0.01 * np.arange(frames)
+    return motion
+
+
+def test_a_hidden_parts_steps_continue_its_series() -> None:
+    motion = turning(60)
+    hidden = np.zeros((59, PARTS), bool)
+    hidden[50:, ARM[0]] = True
+    known, found = motion[:51], []
+    for j in range(50, 56):
+        found.append(foretold(known, hidden[:j]))
+        known = stacked([known, known[-1:].moved(found[-1][None])])
+    truth = Steps.of(motion).vectors()[50:56]
+    joint = slice(3 + 3 * ARM[0], 6 + 3 * ARM[0])
+    off = np.linalg.norm(np.array(found)[:, joint] - truth[:, joint], axis=1)
+    assert off.max() < 0.2 * np.linalg.norm(truth[:, joint], axis=1).max()
+
+
+def test_what_was_foretold_teaches_nothing() -> None:
+    motion = turning(50)
+    hidden = np.zeros((49, PARTS), bool)
+    hidden[40:, ARM[0]] = True
+    wild = motion.replaced(41, random_motion(BODY, 9))
+    wild.rotations[:, [p for p in range(PARTS) if p != ARM[0]]] = np.eye(3)
+    wild.translations[:] = motion.translations
+    np.testing.assert_allclose(foretold(wild, hidden), foretold(motion, hidden), atol=1e-12)
+
+
+def test_before_it_was_ever_seen_a_part_stands_still() -> None:
+    assert not foretold(at_rest(BODY), np.zeros((0, PARTS), bool)).any()
+    assert not foretold(random_motion(BODY, 5), np.ones((4, PARTS), bool)).any()
+
+
+@pytest.fixture(scope="module")
+def passing() -> tuple[Problem, list[Motion]]:
+    """An arm that goes out of a camera's sight behind the trunk."""
+    motion = at_rest(BODY, 18)
+    angle = np.linspace(1.2, -0.1, len(motion))
+    motion.rotations[:, ARM[0]] = rotations.exp(angle[:, None] * [0.0, 0.0, 1.0])
+    camera = look_at("side", (-3.5, 0.0, 1.3), (0, 0, 1.2))
+    poses = poses_of([BODY], [motion])
+    grey = np.stack([picture([BODY], poses, f, camera) for f in range(len(motion))])
+    fixed = ends_held(BODY, len(motion))
+    return Problem((ViewFrames(camera, grey, 0),), (BODY,), 0, 30.0, (fixed,)), [motion]
+
+
+def gone(problem: Problem, motion: Motion, ahead: Motion) -> np.ndarray:
+    pair = replace(problem, fixed=(problem.fixed[0][1:3],))
+    return out_of_sight(pair, Geometry.of([BODY]), [stacked([motion, ahead])])[0]
+
+
+def test_a_part_is_out_of_sight_with_all_it_carries_now_or_where_it_is_foretold(
+    passing: tuple[Problem, list[Motion]],
+) -> None:
+    problem, [motion] = passing
+    seen, unseen = motion[:1], motion[-1:]
+    assert not gone(problem, seen, seen).any()
+    for pair in ((unseen, unseen), (seen, unseen), (unseen, seen)):
+        assert np.flatnonzero(gone(problem, *pair)).tolist() == ARM
+    bent = motion[-1:].moved(np.zeros((1, D)))
+    bent.rotations[:, ARM[1]] = rotations.exp(np.array([0, 0, 1.5]))
+    assert not gone(problem, bent, bent).any(), "the forearm tells of the upper arm"
+
+
+def test_a_part_that_is_keyed_is_never_out_of_sight(passing: tuple[Problem, list[Motion]]) -> None:
+    problem, [motion] = passing
+    fixed = problem.fixed[0].copy()
+    fixed[2, 3 + 3 * ARM[1] : 6 + 3 * ARM[1]] = True
+    keyed = replace(problem, fixed=(fixed,))
+    assert np.flatnonzero(gone(keyed, motion[-1:], motion[-1:])).tolist() == ARM[:1]
+
+
+def hide_the_arm(pair: Problem, *_: object) -> list[np.ndarray]:
+    return [np.isin(np.arange(PARTS), ARM) & (pair.first >= HIDDEN_FROM)]
+
+
+def test_a_hidden_arm_moves_as_foretold_until_it_is_seen_again(
+    passing: tuple[Problem, list[Motion]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem, start = passing
+    monkeypatch.setattr(relaxation, "out_of_sight", hide_the_arm)
+    found, gradients = (follow_gradients(problem, start, s)[0] for s in (WITH, WITHOUT))
+    x, hidden = Steps.of(found).vectors(), np.zeros((len(found) - 1, PARTS), bool)
+    hidden[HIDDEN_FROM:, ARM] = True
+    arm = np.repeat([False, False, True, True, False], 3)
+    for j in range(HIDDEN_FROM, len(x)):
+        expected = foretold(found[: j + 1], hidden[:j])
+        np.testing.assert_allclose(x[j, arm], expected[arm], atol=1e-9)
+    assert np.abs(x[HIDDEN_FROM:, arm]).max() > 1e-3
+    np.testing.assert_allclose(x[:HIDDEN_FROM], Steps.of(gradients).vectors()[:HIDDEN_FROM], atol=1e-6)
+
+
+def test_a_hidden_parts_pixels_move_nothing_in_the_initial_solution(
+    passing: tuple[Problem, list[Motion]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither do they move the trunk that the part hangs from, of which nothing is seen here."""
+    problem, start = passing
+    evidence = Problem.evidence
+
+    def of_the_limbs(self: Problem, *args: object) -> tuple:
+        poses, found = evidence(self, *args)
+        limbs = np.arange(PARTS) > 0
+        return poses, replace(found, H=found.H * limbs[:, None, None], g=found.g * limbs[:, None])
+
+    monkeypatch.setattr(Problem, "evidence", of_the_limbs)
+    for hidden in (False, True):
+        monkeypatch.setattr(relaxation, "out_of_sight", lambda *_, h=hidden: [h & (np.arange(PARTS) > 0)])
+        found = follow_gradients(problem, start, WITH)[0]
+        moved = np.abs(found.difference(stacked([start[0][:1]] * len(found)))).max()
+        assert moved < 1e-12 if hidden else moved > 1e-2
+
+
+def test_rows_of_hidden_parts_are_not_in_the_sweeps(
+    passing: tuple[Problem, list[Motion]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Equation (38): A_t and b_t have no pixel of a part on either frame of a pair where no view sees it."""
+    problem, start = passing
+    rows = []
+
+    def watched(body: object, poses: object, H: np.ndarray, g: np.ndarray, motion: Motion) -> tuple:
+        rows.append((H, g))
+        return spatio_temporal(body, poses, H, g, motion)
+
+    mask = np.zeros((problem.length, PARTS), bool)
+    mask[4:7, 3] = True
+    spatio_temporal = relaxation.spatio_temporal
+    monkeypatch.setattr(relaxation, "spatio_temporal", watched)
+    monkeypatch.setattr(relaxation, "follow_gradients", lambda *_: start)
+    monkeypatch.setattr(Problem, "hidden", lambda *_: [mask])
+    for settings in (WITH, WITHOUT):
+        solve(problem, start, settings)
+    for dropped, whole in zip(rows[0], rows[2], strict=True):
+        assert not dropped[3:7, 3].any() and whole[3:7, 3].any()
+        others = np.delete(np.arange(len(whole)), range(3, 7))
+        np.testing.assert_array_equal(dropped[others], whole[others])
+        np.testing.assert_array_equal(dropped[:, :3], whole[:, :3])
+
+
+def test_without_prediction_it_does_not_matter_what_is_hidden(
+    passing: tuple[Problem, list[Motion]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem, start = passing
+    before = solve(problem, start, WITHOUT).motions[0]
+    monkeypatch.setattr(Problem, "hidden", lambda self, _: [np.ones((self.length, PARTS), bool)])
+    after = solve(problem, start, WITHOUT).motions[0]
+    np.testing.assert_array_equal(after.rotations, before.rotations)
+    np.testing.assert_array_equal(after.translations, before.translations)
+    assert np.abs(solve(problem, start, WITH).motions[0].difference(before)).max() > 1e-3

@@ -1,0 +1,144 @@
+"""The report and the joint error say what happened."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from kfmocap.core.body import human
+from kfmocap.core.body.motion import Motion
+from kfmocap.core.cameras.camera import Camera
+from kfmocap.core.errors import LandmarkError
+from kfmocap.core.formats import Landmarks
+from kfmocap.core.keypoints.observations import Observed
+from kfmocap.core.review.scoring import joint_error
+from kfmocap.core.review.track_report import blind_spots, report
+from kfmocap.core.runtime.files import write_json
+from kfmocap.core.shot.shot import KeyPoses, Performer, Shot, View
+
+
+@dataclass
+class Segment:
+    first: int
+    last: int
+    iterations: int
+    energy: tuple[float, ...]
+
+
+@pytest.fixture
+def tracked() -> tuple[Shot, type]:
+    """A shot that begins at frame 100, two views, and what the tracker would hand back of it."""
+    body, F = human(), 24
+    motion = Motion(np.zeros((F, 3)), np.tile(np.eye(3), (F, len(body), 1, 1)))
+    cameras = [
+        Camera.create(name, (64, 48), [[60, 0, 31], [0, 60, 23], [0, 0, 1]], np.eye(3), np.zeros(3))
+        for name in ("cam01", "cam02")
+    ]
+    performer = Performer("man", body, KeyPoses.whole([0, 23], motion[[0, 23]]))
+    views = tuple(View(camera, Path("a.mp4")) for camera in cameras)
+    visible = np.ones((2, F, len(body)))
+    visible[0, 2:5, body.index("forearm.R")] = 0.1
+    visible[:, 8:15, body.index("hand.R")] = 0.1
+    visible[0, 10:12, body.index("shin.L")] = visible[1, 11:14, body.index("shin.L")] = 0.2
+    values = np.zeros(F)
+    values[6], values[0] = 0.2, np.nan
+
+    class Result:
+        observed = Observed()
+        seconds = {"footage": 1.0, "solve": 3.0}
+        camera_frames = 8
+        footage_offset = 0.0
+        segments = (Segment(0, 23, 3, (5.0, 2.0, 1.5)),)
+
+    deviation = np.full((F, len(body)), 0.004) * np.sin(np.pi * np.arange(F) / (F - 1))[:, None]
+    deviation[13:18, body.index("forearm.L")] = 0.2
+    Result.visible, Result.residual, Result.deviation = (visible,), (values,), (deviation,)
+    return Shot("jump", 25.0, (100, 123), views, (performer,)), Result
+
+
+def test_the_report_counts_frames_as_the_footage_does(tracked: tuple[Shot, type], tmp_path: Path) -> None:
+    shot, result = tracked
+    values = report(shot, result(), {"overlay": 0.5})
+    assert values["camera_frames_per_second"] == 2.0
+    assert values["seconds_total"] == 4.5
+    assert values["segments"] == [{"frames": [100, 123], "iterations": 3, "energy": [5.0, 2.0, 1.5]}]
+    (man,) = values["performers"]
+    assert man["keyframes"] == [100, 123]
+    assert man["worst_frames"][0] == {"frame": 106, "residual": 0.2}
+    assert 100 not in [w["frame"] for w in man["worst_frames"]]
+    write_json(tmp_path / "report.json", values)
+    assert json.loads((tmp_path / "report.json").read_text()) == values
+
+
+def test_the_report_has_what_each_camera_and_what_no_camera_saw(tracked: tuple[Shot, type]) -> None:
+    (man,) = report(*tracked)["performers"]
+    assert man["occluded"] == {
+        "cam01": {"forearm.R": [[102, 104]], "hand.R": [[108, 114]], "shin.L": [[110, 111]]},
+        "cam02": {"hand.R": [[108, 114]], "shin.L": [[111, 113]]},
+    }
+    assert man["unseen"] == {"hand.R": [[108, 114]], "shin.L": [[111, 111]]}
+
+
+def test_the_report_suggests_key_frames_beside_what_no_camera_saw(tracked: tuple[Shot, type]) -> None:
+    (man,) = report(*tracked)["performers"]
+    assert man["suggested_keyframes"] == [
+        {"frame": 107, "parts": ["hand.R"], "hidden": [108, 114]},
+        {"frame": 115, "parts": ["hand.R"], "hidden": [108, 114]},
+    ]
+
+
+def test_the_report_has_how_far_off_the_parts_may_be_and_where_one_more_key_pose_would_help(
+    tracked: tuple[Shot, type],
+) -> None:
+    (man,) = report(*tracked)["performers"]
+    assert len(man["expected_error"]) == 24 and man["expected_error"][0] == man["expected_error"][-1] == 0
+    first, *others = man["helpful_keyframes"]
+    assert 114 <= first["frame"] <= 116 and first["parts"] == ["forearm.L"]
+    assert first["expected_error"] == man["expected_error"][first["frame"] - 100]
+    assert all(first["gain"] >= other["gain"] > 0 for other in others)
+
+
+def test_blind_spots_are_told_in_a_line_each(tracked: tuple[Shot, type]) -> None:
+    shot, result = tracked
+    unseen, helpful, suggested = blind_spots(report(shot, result))
+    assert unseen == "man: frames on which no camera sees a part: shin.L 1, hand.R 7"
+    assert suggested == "man: key poses would help at 107 (hand.R hidden 108-114), 115 (hand.R hidden 108-114)"
+    assert helpful.startswith("man: where one more key pose would help most: ") and "(forearm.L some" in helpful
+    result.visible = tuple(np.ones_like(visible) for visible in result.visible)
+    result.deviation = tuple(np.zeros_like(deviation) for deviation in result.deviation)
+    assert not blind_spots(report(shot, result))
+
+
+def test_footage_out_of_step_is_told_unless_it_was_given(tracked: tuple[Shot, type]) -> None:
+    shot, result = tracked
+    result.footage_offset = 0.38
+    values = report(shot, result)
+    assert values["footage_offset"] == 0.38
+    assert any("0.38 frames later" in line for line in blind_spots(values))
+    assert not any("frames later" in line for line in blind_spots(report(shot.in_step(0.38), result)))
+
+
+def landmarks(names: list[str], points: np.ndarray) -> Landmarks:
+    return Landmarks(tuple(names), points, 30.0)
+
+
+def test_joint_error_leaves_out_key_frames_and_what_is_no_joint() -> None:
+    names = ["Hip", "RHip", "LKnee", "Nose"]
+    truth = np.zeros((5, 4, 3))
+    found = truth.copy()
+    found[:, 1, 0] = 0.010
+    found[:, 2, 1] = 0.030
+    found[:, [0, 3]] = 9.0
+    found[[0, 4]] = 5.0
+    score = joint_error(landmarks(names, found), landmarks(names, truth), [0, 4])
+    assert score.frames == 3
+    assert score.mean == pytest.approx(20.0)
+    assert score.per_landmark == pytest.approx({"RHip": 10.0, "LKnee": 30.0})
+
+
+def test_nothing_to_compare_is_an_error() -> None:
+    with pytest.raises(LandmarkError, match="share no joint"):
+        joint_error(landmarks(["Nose"], np.zeros((3, 1, 3))), landmarks(["Nose"], np.zeros((3, 1, 3))), [])

@@ -1,0 +1,333 @@
+"""The shot file: what it says is what is tracked, and what it says wrongly is named."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from kfmocap.core.body import human, landmark_positions
+from kfmocap.core.body.motion import Motion
+from kfmocap.core.cameras.camera import Camera
+from kfmocap.core.errors import KFMocapError
+from kfmocap.core.formats import load_shot, save_cameras, shot_toml, write_trc
+from kfmocap.core.numerics import rotations
+from kfmocap.core.tracking.selection import selected
+
+FIRST, LAST, KEYS = 2, 9, (3, 6, 9)
+SIZE = (64, 48)
+
+TEXT = """
+[shot]
+name = "walk"
+fps = 30.0
+frames = [2, 9]
+
+[calibration]
+file = "calibration.toml"
+
+[[view]]
+camera = "cam01"
+footage = "cam01_%04d.png"
+
+[[view]]
+camera = "cam02"
+footage = "cam02_%04d.png"
+offset = 1.0
+
+[[performer]]
+name = "man"
+landmarks = "landmarks.trc"
+keyframes = [9, 3, 6]
+
+[track]
+solver = "relaxation"
+"""
+
+
+def walking(frames: int) -> tuple[list[str], np.ndarray]:
+    body = human(1.8)
+    T = np.linspace([0, 0, 1], [0.5, 0, 1], frames)
+    Q = np.tile(np.eye(3), (frames, len(body), 1, 1))
+    Q[:, body.index("upper_arm.L")] = rotations.exp(np.linspace([0, 0, 0], [0.4, 0.2, 0.9], frames))
+    names = list(body.landmarks)
+    return names, landmark_positions(body, Motion(T, Q), names)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A shot folder with tiny footage: two cameras, frames 2 to 9."""
+    names, points = walking(LAST - FIRST + 1)
+    write_trc(tmp_path / "landmarks.trc", names, points, 30)
+    K = [[60, 0, 31.5], [0, 60, 23.5], [0, 0, 1]]
+    cameras = [
+        Camera.create(n, SIZE, K, rotations.exp(np.array([np.pi / 2, 0, 0])), [0, 1, 4]) for n in ("cam01", "cam02")
+    ]
+    save_cameras(tmp_path / "calibration.toml", cameras)
+    for camera in ("cam01", "cam02"):
+        for f in range(LAST + 2):
+            image = np.full((SIZE[1], SIZE[0], 3), 10 * f, np.uint8)
+            cv2.imwrite(str(tmp_path / f"{camera}_{f:04d}.png"), image)
+    (tmp_path / "shot.toml").write_text(TEXT)
+    return tmp_path
+
+
+def test_the_shot_is_what_the_file_says(folder: Path) -> None:
+    shot = load_shot(folder / "shot.toml")
+    assert (shot.name, shot.fps, shot.frames, shot.length) == ("walk", 30.0, (2, 9), 8)
+    assert [view.camera.name for view in shot.views] == ["cam01", "cam02"]
+    assert shot.views[0].footage == folder / "cam01_%04d.png"
+    assert [view.offset for view in shot.views] == [0.0, 1.0]
+    assert shot.settings.solver == "relaxation"
+    (performer,) = shot.performers
+    assert performer.name == "man"
+    assert performer.key_poses.frames.tolist() == [1, 4, 7]  # counted from the shot's first frame
+    assert performer.key_poses.fixed.all()
+
+
+def test_key_poses_and_body_fit_the_landmarks(folder: Path) -> None:
+    (performer,) = load_shot(folder / "shot.toml").performers
+    names, points = walking(LAST - FIRST + 1)
+    joints = [n for n in names if n.endswith(("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle"))]
+    fitted = landmark_positions(performer.body, performer.key_poses.poses, joints)
+    wanted = points[performer.key_poses.frames][:, [names.index(n) for n in joints]]
+    assert np.linalg.norm(fitted - wanted, axis=2).mean() < 0.02
+
+
+def test_landmarks_between_the_key_frames_are_never_seen(folder: Path) -> None:
+    """The same body and key poses come out when all other rows hold nonsense."""
+    before = load_shot(folder / "shot.toml").performers[0]
+    names, points = walking(LAST - FIRST + 1)
+    others = np.setdiff1d(np.arange(len(points)), np.array(KEYS) - FIRST)
+    points[others] = np.random.default_rng(0).normal(size=points[others].shape)
+    write_trc(folder / "landmarks.trc", names, points, 30)
+    after = load_shot(folder / "shot.toml").performers[0]
+    assert np.array_equal(before.key_poses.poses.rotations, after.key_poses.poses.rotations)
+    assert np.array_equal(before.body.offsets, after.body.offsets)
+
+
+def test_arguments_override_the_file(folder: Path) -> None:
+    shot = load_shot(folder / "shot.toml", views=["cam02"], keyframes=[2, 5], solver="gauss-newton")
+    assert [view.camera.name for view in shot.views] == ["cam02"]
+    assert shot.performers[0].key_poses.frames.tolist() == [0, 3]
+    assert shot.settings.solver == "gauss-newton"
+
+
+def test_fields_of_interlaced_footage_are_frames(folder: Path) -> None:
+    (folder / "shot.toml").write_text(TEXT.replace("offset = 1.0", 'offset = 12\nfields = "bottom-first"'))
+    shot = load_shot(folder / "shot.toml")
+    assert [(view.fields, view.offset) for view in shot.views] == [("progressive", 0.0), ("bottom-first", 12.0)]
+
+
+def test_a_part_of_a_shot_can_be_selected(folder: Path) -> None:
+    shot = selected(load_shot(folder / "shot.toml"), ["cam02"], [3, 9], "gauss-newton")
+    assert [view.camera.name for view in shot.views] == ["cam02"]
+    assert shot.performers[0].key_poses.frames.tolist() == [1, 7]
+    assert len(shot.performers[0].key_poses.poses) == 2
+    assert shot.settings.solver == "gauss-newton"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"views": ["cam09"]}, "--views: no view has the camera 'cam09'"),
+        ({"keyframes": [4]}, "--keyframes: man has no key pose at frame 4"),
+        ({"keyframes": []}, "--keyframes: at least one"),
+        ({"solver": "magic"}, "unknown solver 'magic'"),
+    ],
+)
+def test_what_cannot_be_selected_is_named(folder: Path, arguments: dict, message: str) -> None:
+    shot = load_shot(folder / "shot.toml")
+    with pytest.raises(KFMocapError, match=message):
+        selected(shot, **arguments)
+
+
+def test_several_performers_have_their_own_bodies_and_key_frames(folder: Path) -> None:
+    more = '[[performer]]\nname = "child"\nheight = 1.2\nlandmarks = "landmarks.trc"\nkeyframes = [5]\n'
+    (folder / "shot.toml").write_text(TEXT.replace("[track]", more + "[track]"))
+    shot = load_shot(folder / "shot.toml")
+    assert [p.name for p in shot.performers] == ["man", "child"]
+    assert shot.performers[1].key_poses.frames.tolist() == [3]
+
+
+BAD = [
+    # (old, new, what the message says of the file and field)
+    ('camera = "cam01"', 'camrea = "cam01"', r"\[\[view\]\] 1: unknown key 'camrea'.*'camera'"),
+    ("[track]\nsolver", "[track]\nsolvr", r"\[track\]: unknown key 'solvr'.*'solver'"),
+    ("[track]", "[tracking]", "unknown key 'tracking'.*'track'"),
+    ('solver = "relaxation"', 'solver = "magic"', r"\[track\] solver: unknown solver 'magic'"),
+    ('solver = "relaxation"', "solver = 3", r"\[track\] solver: must be a text"),
+    ('name = "walk"', "", r"\[shot\]: 'name' is missing"),
+    ('name = "walk"', 'name = "a/b"', r"\[shot\] name: 'a/b' cannot be a file's name"),
+    ('name = "walk"', 'name = ".."', r"\[shot\] name"),
+    ('name = "walk"', 'name = "con"', r"\[shot\] name"),
+    ("fps = 30.0", "fps = 0", r"\[shot\] fps: must be greater than 0"),
+    ("fps = 30.0", 'fps = "fast"', r"\[shot\] fps: must be a number, not 'fast'"),
+    ("fps = 30.0", "fps = nan", r"\[shot\] fps: must be a number"),
+    ("frames = [2, 9]", "frames = [9, 2]", r"\[shot\] frames: must be \[first, last\]"),
+    ("frames = [2, 9]", "frames = [2, 9.5]", r"\[shot\] frames: must be a list of whole numbers"),
+    ("frames = [2, 9]", "frames = [2, 10]", r"'cam02' footage.*only 11 frames"),
+    ('file = "calibration.toml"', 'file = "none.toml"', r"\[calibration\] file.*none\.toml.*cannot be read"),
+    ('camera = "cam01"', 'camera = "cam09"', r"\[\[view\]\] 1 camera: .*no camera 'cam09'.*cam01, cam02"),
+    ('camera = "cam01"', 'camera = "cam02"', r"\[\[view\]\] camera: 'cam02' is there twice"),
+    ('"cam01_%04d.png"', '"cam01.mp4"', r"'cam01' footage: .*cam01\.mp4: there is no such footage"),
+    ('"cam01_%04d.png"', '"calibration.toml"', r"'cam01' footage: .*cannot be read as a video"),
+    ("offset = 1.0", "offset = -3.0", r"'cam02' footage.*begins before the footage"),
+    ("offset = 1.0", 'offset = "one"', r"\[\[view\]\] 2 offset: must be a number"),
+    ("offset = 1.0", 'fields = "top"', r"\[\[view\]\] 2 fields: unknown value 'top'.*top-first"),
+    ("offset = 1.0", 'offset = 15\nfields = "top-first"', "'cam02' footage.*only 22 fields: .*its fields 17 to 24"),
+    ("offset = 1.0", 'keypoints = "pose"', r"\[\[view\]\] 2 keypoints: there is no such"),
+    ("keyframes = [9, 3, 6]", "keyframes = []", r"\[\[performer\]\] 1 keyframes: at least one key frame"),
+    ("keyframes = [9, 3, 6]", "keyframes = [1, 3]", r"1 keyframes: key frame 1 lies outside .* 2 to 9"),
+    (
+        "keyframes = [9, 3, 6]",
+        'keyframes = "auto"',
+        r"\[\[performer\]\] 1: there is nothing to take the key poses from",
+    ),
+    ("keyframes = [9, 3, 6]", 'keyframes = "some"', "1 keyframes: must be a list of whole numbers"),
+    ("keyframes = [9, 3, 6]", "keyframes = [true]", "1 keyframes: must be a list of whole numbers"),
+    ('landmarks = "landmarks.trc"', "", r"\[\[performer\]\] 1: .*key poses"),
+    ('landmarks = "landmarks.trc"', 'landmarks = "no.trc"', r"1 landmarks: .*no\.trc: .*cannot be read"),
+    ('landmarks = "landmarks.trc"', 'landmarks = ""', r"1 landmarks: must be a text"),
+    ('name = "man"', 'name = "man"\nheight = 30.0', r"\[\[performer\]\] 1: a height of 30"),
+    (TEXT[TEXT.index("[[performer]]") : TEXT.index("[track]")], "", "'performer' is missing"),
+    ('solver = "relaxation"', 'broken_keypoints = "keep"', r"\[track\] broken_keypoints: unknown value 'keep'.*skip"),
+    ("[calibration]", "[calibration", r"shot\.toml: is not a TOML file.*line"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "message"), BAD)
+def test_bad_input_is_one_message_with_file_and_field(folder: Path, old: str, new: str, message: str) -> None:
+    assert old in TEXT
+    path = folder / "shot.toml"
+    path.write_text(TEXT.replace(old, new))
+    with pytest.raises(KFMocapError, match=message) as caught:
+        load_shot(path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "frame", "message"),
+    [
+        ("RKnee", None, r"landmarks\.trc: landmark 'RKnee' is missing"),
+        ("LWrist", 6, r"landmarks\.trc: landmark 'LWrist' is not known at key frame 6"),
+    ],
+)
+def test_missing_landmarks_are_named(folder: Path, name: str, frame: int | None, message: str) -> None:
+    names, points = walking(LAST - FIRST + 1)
+    if frame is None:
+        points = np.delete(points, names.index(name), axis=1)
+        names.remove(name)
+    else:
+        points[frame - FIRST, names.index(name)] = np.nan
+    write_trc(folder / "landmarks.trc", names, points, 30)
+    with pytest.raises(KFMocapError, match=message):
+        load_shot(folder / "shot.toml")
+
+
+def test_landmarks_that_end_before_a_key_frame_are_named(folder: Path) -> None:
+    names, points = walking(5)
+    write_trc(folder / "landmarks.trc", names, points, 30)
+    with pytest.raises(KFMocapError, match="key frame 9 has no landmarks: they end at frame 6"):
+        load_shot(folder / "shot.toml")
+
+
+def test_a_missing_shot_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(KFMocapError, match=r"none\.toml: the shot file cannot be read"):
+        load_shot(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"views": ["cam09"]}, "--views: no view has the camera 'cam09'.*cam01, cam02"),
+        ({"views": []}, "--views: no view is named"),
+        ({"keyframes": [100]}, "--keyframes: key frame 100 lies outside"),
+        ({"keyframes": []}, "--keyframes: at least one"),
+        ({"solver": "magic"}, r"\[track\] solver: unknown solver 'magic'"),
+    ],
+)
+def test_bad_overrides_are_named(folder: Path, arguments: dict, message: str) -> None:
+    with pytest.raises(KFMocapError, match=message):
+        load_shot(folder / "shot.toml", **arguments)
+
+
+def test_key_poses_can_come_from_a_bvh(folder: Path) -> None:
+    from test_bvh import bvh_text, wild
+
+    body = human(1.7)
+    motion = wild(body, LAST - FIRST + 1)
+    (folder / "poses.bvh").write_text(bvh_text(body, motion))
+    text = TEXT.replace('landmarks = "landmarks.trc"', 'height = 1.7\nkeyposes = "poses.bvh"')
+    (folder / "shot.toml").write_text(text)
+    (performer,) = load_shot(folder / "shot.toml").performers
+    assert performer.key_poses.frames.tolist() == [1, 4, 7]
+    assert np.abs(performer.key_poses.poses.difference(motion[[1, 4, 7]])).max() < 1e-6
+
+
+@dataclass(frozen=True)
+class ManySettings:
+    solver: str = "relaxation"
+    smoothness: float = 1.0
+    sweeps: int = 5
+    robust: bool = True
+    limit: float | None = None
+    factors: tuple[float, ...] = (4, 2)
+
+
+@pytest.mark.parametrize(
+    ("line", "key", "value"),
+    [
+        ("smoothness = 2", "smoothness", 2.0),
+        ("sweeps = 7", "sweeps", 7),
+        ("robust = false", "robust", False),
+        ("limit = 0.5", "limit", 0.5),
+        ("factors = [8, 4]", "factors", (8, 4)),
+    ],
+)
+def test_every_setting_is_a_key_of_its_own_type(folder: Path, monkeypatch, line: str, key: str, value) -> None:
+    monkeypatch.setattr(shot_toml, "Settings", ManySettings)
+    (folder / "shot.toml").write_text(TEXT + line)
+    assert getattr(load_shot(folder / "shot.toml").settings, key) == value
+
+
+@pytest.mark.parametrize(
+    ("line", "meant"),
+    [
+        ("smoothness = true", "a number"),
+        ("sweeps = 7.5", "a whole number"),
+        ("robust = 1", "true or false"),
+        ('limit = "far"', "a number"),
+        ("factors = 4", "a list of numbers"),
+    ],
+)
+def test_a_setting_of_another_type_is_refused(folder: Path, monkeypatch, line: str, meant: str) -> None:
+    monkeypatch.setattr(shot_toml, "Settings", ManySettings)
+    (folder / "shot.toml").write_text(TEXT + line)
+    with pytest.raises(KFMocapError, match=rf"\[track\] {line.split()[0]}: must be {meant}"):
+        load_shot(folder / "shot.toml")
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ('keyposes = "no.bvh"', r"\[\[performer\]\] 1 keyposes: .*no\.bvh"),
+        ('keyposes = "poses.bvh"', r"1 keyposes: .*poses\.bvh: key frame 6 has no pose: they end at frame 5"),
+        (
+            'keyposes = "other.bvh"',
+            r"1 keyposes: .*other\.bvh: its joints are not the default body's: LeftLeg",
+        ),
+        ('keyposes = "poses.bvh"\nlandmarks = "landmarks.trc"', "not from both"),
+    ],
+)
+def test_bad_key_poses_are_named(folder: Path, line: str, message: str) -> None:
+    from test_bvh import bvh_text, wild
+
+    short = bvh_text(human(), wild(human(), 4))
+    (folder / "poses.bvh").write_text(short)
+    (folder / "other.bvh").write_text(bvh_text(human(), wild(human(), 8)).replace("shin.L", "LeftLeg"))
+    (folder / "shot.toml").write_text(TEXT.replace('landmarks = "landmarks.trc"', line))
+    with pytest.raises(KFMocapError, match=message):
+        load_shot(folder / "shot.toml")

@@ -1,0 +1,246 @@
+"""Label and depth images against rays cast at the parts face by face."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import cv2
+import numpy as np
+import pytest
+from kfmocap.core.body import Body, human
+from kfmocap.core.body.motion import Motion
+from kfmocap.core.cameras.camera import Camera
+from kfmocap.core.evidence.label_images import Geometry, LabelImages, render_labels
+from kfmocap.core.numerics import rotations
+from synthetic import (
+    at_rest,
+    box,
+    cast,
+    figure,
+    look_at,
+    part,
+    pixel_grid,
+    poses_of,
+    rigidly_moved,
+    rigidly_moved_camera,
+    swing,
+)
+
+Array = np.ndarray
+NEARBY = look_at("near", (1.2, -2.6, 1.7), focal=170, size=(200, 150))
+
+
+def seen(camera: Camera, *performers: tuple[Body, Motion], first: int = 0) -> LabelImages:
+    bodies, motions = zip(*performers, strict=True)
+    return render_labels(Geometry.of(bodies), camera, first, *poses_of(bodies, motions))
+
+
+def truth(camera: Camera, *performers: tuple[Body, Motion], frame: int = 0) -> tuple[Array, Array]:
+    """Label and depth image by casting rays."""
+    bodies, motions = zip(*performers, strict=True)
+    R, T = poses_of(bodies, motions)
+    shape = camera.size[::-1]
+    label, depth, _ = cast(bodies, R[frame], T[frame], camera, frame, pixel_grid(camera.size))
+    return label.reshape(shape), depth.reshape(shape)
+
+
+def solid(centre: tuple[float, float, float], half: float = 0.3, depth: float = 0.2) -> tuple[Body, Motion]:
+    """One box with its middle at `centre`."""
+    x, y, z = centre
+    body = Body((part("solid", -1, (x, y, z - half), (x, y, z + half), half, depth),), {})
+    return body, at_rest(body)
+
+
+def rims(label: Array) -> Array:
+    """Pixels with another label within one pixel, which a filled outline may claim."""
+    near = [cv2.morphologyEx(label.astype(np.int16), op, np.ones((3, 3), np.uint8)) for op in (0, 1)]
+    return near[0] != near[1]
+
+
+@pytest.mark.parametrize("body", [figure(), human()], ids=["figure", "human"])
+def test_labels_and_depths_are_those_of_cast_rays(body: Body) -> None:
+    motion = swing(body, 5, seed=3)
+    images = seen(NEARBY, (body, motion))
+    depths = images.depth_images()
+    for f in range(5):
+        label, depth = truth(NEARBY, (body, motion), frame=f)
+        inner = ~rims(label)
+        assert (label >= 0).sum() > 1500
+        # The painter's order is by the middles of the parts: where parts meet at a joint it may err.
+        wrong = (images.part[f] != label) & inner
+        assert wrong.sum() < 0.03 * (label >= 0).sum()
+        same = inner & (label >= 0) & (images.part[f] == label)
+        np.testing.assert_allclose(depths[f][same], depth[same], rtol=2e-5)
+        assert np.isinf(depths[f][images.part[f] < 0]).all()
+
+
+@pytest.mark.parametrize("body", [figure(), human()], ids=["figure", "human"])
+def test_outlines_are_the_hulls_of_the_projected_vertices_clockwise(body: Body) -> None:
+    motion = swing(body, 4, seed=5)
+    R, T = poses_of([body], [motion])
+    outlines = seen(NEARBY, (body, motion)).outlines
+    for k, (a, b) in enumerate(pairwise(outlines.ends)):
+        f, i = divmod(k, len(body))
+        pixels = NEARBY.project(body.parts[i].vertices @ R[f, i].T + T[f, i], f)
+        hull = cv2.convexHull(np.float32(pixels), clockwise=True)[:, 0]
+        (u, v), n = outlines.uv[a:b].T, np.roll(outlines.uv[a:b], -1, axis=0)
+        area = (u * n[:, 1] - n[:, 0] * v).sum() / 2  # of what goes clockwise as the picture is seen, positive
+        np.testing.assert_allclose(area, cv2.contourArea(hull), rtol=1e-4)
+        for corner in hull:  # the hull's corners are among the outline's
+            assert np.linalg.norm(outlines.uv[a:b] - corner, axis=1).min() < 1e-3
+
+
+def test_a_part_before_and_behind_the_camera_has_no_outline() -> None:
+    body, motion = solid((0, 0, 1), 0.3, 0.3)
+    labels = seen(look_at("within", (0, 0.05, 1), (0, 5, 1)), (body, motion))
+    assert not len(labels.outlines.uv) and (labels.part == -1).all()
+
+
+def test_a_plane_square_to_the_view_has_one_depth() -> None:
+    camera = look_at("front", (0, -3, 1), (0, 0, 1))
+    body, motion = solid((0, 0, 1), 0.3, 0.2)
+    # Flat front: a box without taper.
+    body = Body((replace(body.parts[0], vertices=box([-0.3, 0, -0.2], [0.3, 0.6, 0.2])),), {})
+    images = seen(camera, (body, motion))
+    np.testing.assert_allclose(1 / images.inverse_depth, 2.8, rtol=1e-5)
+    width = 0.6 / 2.8 * 190
+    assert images.part[0].max(axis=0).tolist().count(0) == pytest.approx(width, abs=1.5)
+
+
+def test_depth_at_the_rim_is_never_behind_the_part() -> None:
+    body, motion = human(), at_rest(human())
+    images = seen(NEARBY, (body, motion))
+    R, T = poses_of([body], [motion])
+    Rc, tc = NEARBY.pose(0)
+    for i, p in enumerate(body.parts):
+        z = ((p.vertices @ R[0, i].T + T[0, i]) @ Rc.T + tc)[:, 2]
+        depths = 1 / images.inverse_depth[images.ends[i] : images.ends[i + 1]]
+        assert (depths <= z.max() * (1 + 1e-5)).all() and (depths >= 0.7 * z.min()).all()
+
+
+def test_pixels_are_listed_by_frame_and_part() -> None:
+    body, motion = figure(), swing(figure(), 3)
+    images = seen(NEARBY, (body, motion))
+    n, P = images.share.shape
+    assert (n, P) == (3, 4) and len(images.ends) == n * P + 1
+    assert len(images.index) == len(images.inverse_depth) == (images.part >= 0).sum()
+    for k in range(n * P):
+        index = images.index[images.ends[k] : images.ends[k + 1]]
+        frame = index // images.part[0].size
+        assert (frame == k // P).all() and (images.part.ravel()[index] == k % P).all()
+
+
+def test_box_bounds_what_is_seen() -> None:
+    images = seen(NEARBY, (figure(), swing(figure(), 3)))
+    left, top, right, bottom = images.box()
+    _, v, u = np.nonzero(images.part >= 0)
+    assert (left, top, right, bottom) == (u.min(), v.min(), u.max() + 1, v.max() + 1)
+    assert seen(NEARBY, solid((9, 0, 1))).box() == (0, 0, 0, 0)
+
+
+def test_a_lone_part_in_full_view_is_wholly_visible() -> None:
+    for camera in (NEARBY, look_at("far", (3, -6, 3)), look_at("above", (0.1, -0.5, 4))):
+        assert seen(camera, solid((0, 0, 1))).share[0, 0] == pytest.approx(1, abs=0.02)
+
+
+def test_a_part_outside_the_picture_or_behind_the_camera_is_not_visible() -> None:
+    camera = look_at("front", (0, -3, 1), (0, 0, 1))
+    for centre in ((5, 0, 1), (0, 0, 6), (0, -6, 1)):
+        images = seen(camera, solid(centre))
+        assert images.share[0, 0] == 0 and (images.part < 0).all()
+
+
+@pytest.mark.parametrize("side, up", [(1, 0), (-1, 0), (0, 1), (0, -1)])
+def test_a_part_half_out_of_the_picture_is_half_visible(side: int, up: int) -> None:
+    camera = look_at("front", (0, -3, 1), (0, 0, 1))
+    x, z = side * 3 * 80 / 190, 1 + up * 3 * 60 / 190
+    assert seen(camera, solid((x, 0, z), 0.25, 0.05)).share[0, 0] == pytest.approx(0.5, abs=0.08)
+
+
+def test_the_rim_of_a_thin_part_is_not_counted_as_more_of_it() -> None:
+    """A filled outline of 4 pixels' width covers nearly 5; a part of that width is still half visible."""
+    x, z = 0.0, 1 - 3 * 60 / 190
+    thin = Body((part("thin", -1, (x, 0, z - 0.3), (x, 0, z + 0.3), 0.03, 0.03),), {})
+    share = seen(look_at("front", (0, -3, 1), (0, 0, 1)), (thin, at_rest(thin))).share[0, 0]
+    assert share == pytest.approx(0.5, abs=0.06)
+
+
+def test_a_part_behind_another_is_hidden_and_one_half_behind_is_half_visible() -> None:
+    camera = look_at("front", (0, -3, 1), (0, 0, 1))
+    front = solid((0, 0, 1), 0.4, 0.1)
+    hidden = seen(camera, front, solid((0, 1, 1), 0.3, 0.1)).share[0]
+    assert hidden[0] > 0.97 and hidden[1] == 0
+    # The front box ends at x = 0.4 (0.32 at its tapered top), 2.9 m away; a ray there is at 4/2.9 of it at y = 1.
+    edge = 0.36 / 2.9 * 4
+    half = seen(camera, front, solid((edge, 1, 1), 0.2, 0.05)).share[0, 1]
+    assert half == pytest.approx(0.5, abs=0.1)
+
+
+def test_performers_hide_one_another_and_keep_their_own_numbers() -> None:
+    camera = look_at("front", (0, -4, 1.1), (0, 0, 1.1))
+    body = figure()
+    P, rest = len(body), at_rest(body)
+    before = rigidly_moved(body, rest, np.eye(3), np.array([0.0, -0.8, 0.0]))
+    both = seen(camera, (body, rest), (body, before))
+    assert both.share.shape == (1, 2 * P)
+    assert both.share[0, 0] < 0.05 and both.share[0, P] > 0.97
+    swapped = seen(camera, (body, before), (body, rest))
+    np.testing.assert_array_equal(np.where(both.part >= 0, (both.part + P) % (2 * P), -1), swapped.part)
+    np.testing.assert_array_equal(np.roll(both.share, P, axis=1), swapped.share)
+
+
+def test_performers_who_stand_apart_see_nothing_of_one_another() -> None:
+    camera = look_at("front", (0, -6, 1.1), (0, 0, 1.1), size=(320, 160))
+    people = [
+        (figure(), rigidly_moved(figure(), swing(figure(), 2), np.eye(3), np.array([x, 0.0, 0]))) for x in (-1.3, 1.3)
+    ]
+    both = seen(camera, *people)
+    alone = [seen(camera, person) for person in people]
+    np.testing.assert_allclose(both.share, np.concatenate([a.share for a in alone], axis=1))
+    np.testing.assert_allclose(both.depth_images(), np.minimum(*(a.depth_images() for a in alone)), rtol=1e-6)
+
+
+def test_every_frame_of_a_moving_camera_has_its_own_pose() -> None:
+    eyes = [look_at("cam", (x, -3, 1.4)) for x in (-1.0, 0.0, 1.0)]
+    moving = replace(
+        eyes[0],
+        R_cam_world=np.concatenate([c.R_cam_world for c in eyes]),
+        t_cam_world=np.concatenate([c.t_cam_world for c in eyes]),
+    )
+    body, motion = figure(), at_rest(figure(), 2)
+    images = seen(moving, (body, motion), first=1)
+    for j in range(2):
+        fixed = seen(eyes[1 + j], (body, motion[[j]]))
+        np.testing.assert_array_equal(images.part[j], fixed.part[0])
+        np.testing.assert_allclose(images.depth_images()[j], fixed.depth_images()[0], rtol=1e-6)
+
+
+def test_moving_the_world_changes_nothing_seen() -> None:
+    body, motion = figure(), swing(figure(), 2)
+    G, s = rotations.exp(np.array([0.3, -0.5, 1.1])), np.array([2.0, 1.0, -0.7])
+    here = seen(NEARBY, (body, motion))
+    there = seen(rigidly_moved_camera(NEARBY, G, s), (body, rigidly_moved(body, motion, G, s)))
+    # Outlines are rounded to 1/16 pixel: one may fall on the other side.
+    assert (here.part != there.part).mean() < 1e-3
+    same = here.part == there.part
+    np.testing.assert_allclose(here.depth_images()[same], there.depth_images()[same], rtol=1e-4)
+
+
+def test_coinciding_faces_are_listed_once() -> None:
+    geometry = Geometry.of([figure()])
+    assert len(geometry.planes) == 4 * 6
+    np.testing.assert_array_equal(geometry.counts, [8] * 4)
+    np.testing.assert_array_equal(np.bincount(geometry.face_owner), [6] * 4)
+
+
+def test_some_parts_alone_are_seen_as_if_the_others_were_away() -> None:
+    body, camera = figure(), look_at("front", (0.4, -3.0, 1.3))
+    geometry, (R, T) = Geometry.of([body]), poses_of([body], [swing(body, 3)])
+    kept = [3, 1]
+    alone = render_labels(geometry.subset(kept), camera, 0, R[:, kept], T[:, kept])
+    away = T.copy()
+    away[:, [0, 2]] -= 100 * camera.pose(0)[0][2]  # behind the camera
+    whole = render_labels(geometry, camera, 0, R, away)
+    np.testing.assert_array_equal(np.array([*kept, -1])[alone.part], whole.part)
+    np.testing.assert_allclose(alone.depth_images(), whole.depth_images(), rtol=1e-5)

@@ -1,0 +1,140 @@
+"""Shots and Blender for the tests of the add-on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import SimpleNamespace
+
+import bpy
+import cv2
+import numpy as np
+import pytest
+from kfmocap import kfmocap_addon
+from kfmocap.core.body import Body, human, part_poses
+from kfmocap.core.body.motion import Motion
+from kfmocap.core.cameras.camera import Camera
+from kfmocap.core.numerics import rotations
+from kfmocap.core.runtime.progress import Progress, report_progress
+from kfmocap.core.shot.shot import KeyPoses, Performer, Shot, View
+from kfmocap.core.tracking import retracking
+from kfmocap.core.tracking.tracker import Around
+from kfmocap.kfmocap_addon.scene_io import fcurves
+
+SIZE = (320, 240)
+FIRST, FRAMES = 5, 12
+"""First frame of the shot in its footage's count, and its length."""
+LENS = (0.1, -0.05, 0.002, -0.003, 0.01)
+
+
+@pytest.fixture
+def blender() -> Iterator[SimpleNamespace]:
+    """An empty file in Blender with the add-on registered."""
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    kfmocap_addon.register()
+    yield bpy
+    kfmocap_addon.unregister()
+
+
+def video(path: Path, frames: int = 30, size: tuple[int, int] = SIZE) -> Path:
+    """A small video whose frame i is grey of level 8 i."""
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 25.0, size)
+    for i in range(frames):
+        writer.write(np.full((size[1], size[0], 3), 8 * i, np.uint8))
+    writer.release()
+    return path
+
+
+def camera(seed: int, poses: int = 1, distortions: tuple[float, ...] = LENS, fisheye: bool = False) -> Camera:
+    """A camera some 5 m from the origin that sees it; its pixels are not square."""
+    rng = np.random.default_rng(seed)
+    turn = rotations.exp(np.array([np.pi / 2, 0.0, 0.0]) + rng.normal(0, 0.2, (poses, 3)))
+    matrix = [[410.3, 0, 155.2], [0, 402.1 + 10 * seed, 125.7], [0, 0, 1]]
+    place = np.array([0, 0, 5.0]) + rng.normal(0, 0.3, (poses, 3))
+    return Camera.create(f"cam{seed:02d}", SIZE, matrix, turn, place, distortions, fisheye)
+
+
+def motion(frames: int, seed: int = 0, parts: int = 16) -> Motion:
+    """A wild motion with big rotations, several metres long, around 5 m from the origin."""
+    rng = np.random.default_rng(seed)
+    path = np.cumsum(rng.normal(0, 0.3, (frames, 3)), axis=0) + [4.0, 3.0, 1.0]
+    return Motion(path, rotations.exp(np.cumsum(rng.normal(0, 0.4, (frames, parts, 3)), axis=0)))
+
+
+def shot(folder: Path, performers: tuple[str, ...] = ("man",), fps: float = 60.0, frames: int = FRAMES) -> Shot:
+    """A fixed and a moving camera, key poses at the first, sixth and last frame."""
+    views = (
+        View(camera(1), video(folder / "cam01.mp4"), 2.0, keypoints=folder / "pose" / "cam01_json"),
+        View(camera(2, frames), video(folder / "cam02.mp4")),
+    )
+    people = []
+    for seed, name in enumerate(performers):
+        keys = [0, 5, frames - 1]
+        people.append(Performer(name, human(1.7 + 0.1 * seed), KeyPoses.whole(keys, motion(frames, seed)[keys])))
+    return Shot("walk", fps, (FIRST, FIRST - 1 + frames), views, tuple(people))
+
+
+def sights(given: Shot) -> tuple[np.ndarray, ...]:
+    """What a tracker reports of a shot in which every camera sees everything."""
+    return tuple(np.ones((len(given.views), given.length, len(p.body))) for p in given.performers)
+
+
+def deviations(given: Shot, error: float = 0.01) -> tuple[np.ndarray, ...]:
+    """How far off a tracker reports the parts of a shot to be, metres."""
+    return tuple(np.full((given.length, len(p.body)), error) for p in given.performers)
+
+
+def track_result(
+    given: Shot, motions: Sequence[Motion], visible: tuple[np.ndarray, ...] | None = None, footage_offset: float = 0.0
+) -> SimpleNamespace:
+    """What of a tracker's result goes into a scene."""
+    return SimpleNamespace(
+        motions=tuple(motions),
+        visible=sights(given) if visible is None else visible,
+        deviation=deviations(given),
+        seconds={"solve": 1.0},
+        footage_offset=footage_offset,
+    )
+
+
+@pytest.fixture
+def tracker(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """Stands in for the tracker: gives the true motion of every performer, or the error that a test sets instead."""
+    stand_in = SimpleNamespace(shots=[], error=None, footage_offset=0.0)
+
+    def track(given: Shot, progress: Progress | None = None, around: Around = (None, None)) -> SimpleNamespace:
+        stand_in.shots.append(given)
+        stand_in.around = around
+        report_progress(progress, "tracking", 0.5)
+        if stand_in.error is not None:
+            raise stand_in.error
+        here = slice(given.frames[0] - FIRST, given.frames[1] + 1 - FIRST)
+        motions = tuple(motion(FRAMES, seed)[here] for seed in range(len(given.performers)))
+        return track_result(given, motions, footage_offset=stand_in.footage_offset)
+
+    monkeypatch.setattr(retracking, "track", track)
+    return stand_in
+
+
+def keys_of(armature: bpy.types.Object) -> dict[tuple[str, int], bytes]:
+    """All keys of an object's F-curves."""
+    return {
+        (curve.data_path, curve.array_index): fcurves.get_keys(curve).tobytes()
+        for curve in fcurves.find_channelbag(armature).fcurves
+    }
+
+
+def joint_error(armature: bpy.types.Object, body: Body, truth: Motion, first: float = 1, step: float = 1) -> float:
+    """Largest distance in mm between joints as Blender evaluates them and as the core does.
+
+    The truth's frame f is compared with scene frame first + step f.
+    """
+    scene, joints = bpy.context.scene, part_poses(body, truth)[1]
+    worst = 0.0
+    for f in range(len(truth)):
+        whole, part = divmod(first + step * f, 1)
+        scene.frame_set(int(whole), subframe=part)
+        posed = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
+        heads = [posed.matrix_world @ posed.pose.bones[name].head for name in body.names]
+        worst = max(worst, np.linalg.norm(np.array(heads) - joints[f], axis=1).max())
+    return 1000 * worst

@@ -1,0 +1,110 @@
+"""A Blender file as plain values: two are equal where the file is the same to the last bit."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+from kfmocap.kfmocap_addon.scene_io import fcurves
+
+PROPERTIES = ("kfmocap", "kfmocap_capture")
+
+
+def state() -> dict[str, Any]:
+    """What tools change: keys, poses, places, meshes, our properties of scenes, and custom properties."""
+    return {
+        "scenes": {s.name: _scene(s) for s in bpy.data.scenes},
+        "actions": {a.name: (_action(a), _custom(a)) for a in bpy.data.actions},
+        "objects": {o.name: _object(o) for o in bpy.data.objects},
+        "meshes": {m.name: _mesh(m) for m in bpy.data.meshes},
+        "cameras": {
+            c.name: (c.lens, c.shift_x, c.shift_y, [b.clip and b.clip.name for b in c.background_images])
+            for c in bpy.data.cameras
+        },
+        "clips": {c.name: (c.filepath, c.frame_start, c.tracking.camera.k1) for c in bpy.data.movieclips},
+    }
+
+
+def differences(a: Any, b: Any, where: str = "") -> list[str]:
+    """Where two states differ."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        return [d for k in {**a, **b} for d in differences(a.get(k, "nothing"), b.get(k, "nothing"), f"{where}/{k}")]
+    if isinstance(a, tuple) and isinstance(b, tuple) and len(a) == len(b):
+        return [d for i, (x, y) in enumerate(zip(a, b, strict=True)) for d in differences(x, y, f"{where}[{i}]")]
+    return [] if a == b else [f"{where}: {str(a)[:200]} != {str(b)[:200]}"]
+
+
+def _scene(scene: bpy.types.Scene) -> tuple[Any, ...]:
+    render = scene.render
+    return (
+        (scene.frame_current, scene.frame_start, scene.frame_end, scene.camera and scene.camera.name),
+        (render.resolution_x, render.resolution_y, render.pixel_aspect_x, render.fps, render.fps_base),
+        tuple(sorted(o.name for o in scene.objects)),
+        {name: _group(getattr(scene, name)) for name in PROPERTIES},
+        _custom(scene),
+    )
+
+
+def _group(group: bpy.types.PropertyGroup) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for item in group.bl_rna.properties:
+        value = getattr(group, item.identifier)
+        if item.type == "COLLECTION":
+            found[item.identifier] = tuple(_group(one) for one in value)
+        elif item.type == "POINTER" and item.identifier != "rna_type":
+            is_group = isinstance(value, bpy.types.PropertyGroup)
+            found[item.identifier] = _group(value) if is_group else value and value.name
+        elif item.identifier != "rna_type":
+            found[item.identifier] = tuple(value) if getattr(item, "is_array", False) else value
+    return found
+
+
+def _action(action: bpy.types.Action) -> dict[Any, Any]:
+    bags = [bag for layer in action.layers for strip in layer.strips for bag in strip.channelbags]
+    return {
+        (bag.slot_handle, curve.data_path, curve.array_index): (fcurves.get_keys(curve).tobytes(), curve.lock)
+        for bag in bags
+        for curve in bag.fcurves
+    }
+
+
+def _object(thing: bpy.types.Object) -> tuple[Any, ...]:
+    bones = {
+        bone.name: (
+            tuple(bone.location),
+            tuple(bone.rotation_quaternion),
+            tuple(bone.scale),
+            bone.rotation_mode,
+            _custom(bone),
+        )
+        for bone in (thing.pose.bones if thing.pose else ())
+    }
+    drivers = thing.animation_data.drivers if thing.animation_data else ()
+    return (
+        tuple(map(tuple, thing.matrix_basis)),
+        (thing.parent and thing.parent.name, thing.parent_bone, thing.display_type, thing.hide_select),
+        tuple(thing.color),
+        thing.animation_data and thing.animation_data.action and thing.animation_data.action.name,
+        tuple((d.data_path, d.array_index, d.driver.expression) for d in drivers),
+        bones,
+        _custom(thing),
+        _rest(thing),
+    )
+
+
+def _rest(thing: bpy.types.Object) -> dict[str, Any]:
+    if thing.type != "ARMATURE":
+        return {}
+    return {bone.name: (tuple(bone.head_local), tuple(bone.tail_local), _custom(bone)) for bone in thing.data.bones}
+
+
+def _mesh(mesh: bpy.types.Mesh) -> tuple[Any, ...]:
+    points = np.empty(3 * len(mesh.vertices), np.float32)
+    mesh.vertices.foreach_get("co", points)
+    return points.tobytes(), tuple(tuple(face.vertices) for face in mesh.polygons)
+
+
+def _custom(owner: Any) -> dict[str, str]:
+    """Custom properties, without those that are properties of ours and compared as such."""
+    return {k: str(v.to_dict() if hasattr(v, "to_dict") else v) for k, v in owner.items() if k not in PROPERTIES}
