@@ -15,7 +15,7 @@ from ..core.formats import Landmarks, load_shot, read_trc
 from ..core.review.scoring import Score, joint_error
 from ..core.shot.keypose_spline import spline
 from ..core.shot.shot import Shot
-from ..core.tracking.segments import Stretch
+from ..core.tracking.segments import Segment
 from ..core.tracking.tracker import track
 
 
@@ -36,9 +36,9 @@ class Watch:
     """Motions on the way to a solution, as `track` shows them."""
 
     def __init__(self) -> None:
-        self.seen: dict[Stretch, list[Motion]] = {}
+        self.seen: dict[Segment, list[Motion]] = {}
 
-    def __call__(self, stretch: Stretch, _number: int, motions: Any) -> None:
+    def __call__(self, stretch: Segment, _number: int, motions: Any) -> None:
         self.seen.setdefault(stretch, []).append(motions[0])
 
     def way(self, end: Motion) -> list[Motion]:

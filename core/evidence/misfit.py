@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .foreground import log_ratio
 from .gradients import Poses
 from .label_images import Geometry, render_labels
-from .view_frames import ViewFrames, telling
+from .view_frames import ViewFrames, views_with_foreground
 
 Array = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ def uncovered_gaps(
     ndarray, shape (N, F)
     """
     frames = len(next(iter(poses.values()))[0])
-    shown = telling(views)
+    shown = views_with_foreground(views)
     if not shown:
         return np.zeros((len(spans), frames))
     with ThreadPoolExecutor(_WORKERS) as pool:

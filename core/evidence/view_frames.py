@@ -177,6 +177,6 @@ class ViewFrames:
         return float(self.camera.matrix[[0, 1], [0, 1]].mean() / max((R @ point_world + t)[2], _NEAREST))
 
 
-def telling(views: Sequence[ViewFrames]) -> list[ViewFrames]:
+def views_with_foreground(views: Sequence[ViewFrames]) -> list[ViewFrames]:
     """The views that know how the performers look: those with foreground images."""
     return [view for view in views if view.foreground is not None]

@@ -16,7 +16,7 @@ from ..body.inverse_kinematics import fit_body, fit_poses
 from ..cameras.camera import Camera
 from ..errors import LandmarkError, ShotError
 from ..shot.footage import check_view
-from ..shot.shot import FIELD_ORDERS, KeyPoses, Performer, Settings, Shot, View, Wanted
+from ..shot.shot import FIELD_ORDERS, KeyPoses, Performer, PerformerRequest, Settings, Shot, View
 from .bvh import body_of_bvh, poses_of_bvh, read_bvh
 from .calibration_files import load_cameras
 from .toml_tables import Table, named, read_toml
@@ -75,13 +75,13 @@ def load_shot(
     tables = _tables(document, "performer", path, _PERFORMER)
     _distinct([table.text("name") for table in tables], f"{path} [[performer]] name")
     made = [_performer(table, path.parent, frames, keyframes) for table in tables]
-    performers = tuple(p.unknown() if isinstance(p, Wanted) else p for p in made)
+    performers = tuple(p.unknown() if isinstance(p, PerformerRequest) else p for p in made)
     shot = Shot(name, fps, frames, shot_views, performers, settings)
-    wanted = [p if isinstance(p, Wanted) else None for p in made]
+    wanted = [p if isinstance(p, PerformerRequest) else None for p in made]
     return replace(shot, performers=_from_keypoints(shot, wanted, path)) if any(wanted) else shot
 
 
-def _from_keypoints(shot: Shot, wanted: Sequence[Wanted | None], path: Path) -> tuple[Performer, ...]:
+def _from_keypoints(shot: Shot, wanted: Sequence[PerformerRequest | None], path: Path) -> tuple[Performer, ...]:
     """The performers, with those that only keypoints tell of."""
     from ..keypoints.proposals import proposed
 
@@ -204,16 +204,16 @@ def _setting(table: Table, name: str, kind: Any) -> Any:
 
 def _performer(
     table: Table, folder: Path, frames: tuple[int, int], keyframes: Sequence[int] | Literal["auto"] | None
-) -> Performer | Wanted:
+) -> Performer | PerformerRequest:
     name = table.text("name")
     height = table.number("height", None)
     if keyframes == "auto" or (keyframes is None and table.value("keyframes") == "auto"):
-        return Wanted(name, height)
+        return PerformerRequest(name, height)
     keys = _keyframes(table, frames, keyframes)
     if "keyposes" in table:
         return _posed_performer(table, folder, keys, frames[0])
     if "landmarks" not in table:
-        return Wanted(name, height, tuple(int(key) - frames[0] for key in keys))
+        return PerformerRequest(name, height, tuple(int(key) - frames[0] for key in keys))
     file = table.path("landmarks", folder)
     with named(f"{table.where} landmarks"):
         names, points = _at_keys(read_trc(file), file, keys, frames[0])

@@ -27,7 +27,7 @@ STRAIGHT = (0.1, 0.3)
 """Sine of the bend below which a limb is straight, and above which its bend tells the twist."""
 
 
-def laid_along(body: Body, names: Sequence[str], points_world: Array) -> Motion | None:
+def closed_form_pose(body: Body, names: Sequence[str], points_world: Array) -> Motion | None:
     """Poses of the default body on points (F, L, 3), NaN where not known; None if it is another body, or too few of
     the trunk's points are ever known."""
     parts = {f"{part}.{side}" for upper, lower, *_ in LIMBS for part in (upper, lower) for side in "LR"}

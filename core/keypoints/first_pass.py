@@ -13,7 +13,7 @@ from ..body.motion import Motion, stacked
 from ..errors import KeypointError
 from ..shot.keypose_spline import spline
 from ..shot.shot import KeyPoses
-from .closed_form import laid_along
+from .closed_form import closed_form_pose
 from .keypoint_factor import Keypoints
 from .keypoint_fit import KeypointFit, fit_motion
 from .triangulation import triangulate
@@ -107,7 +107,7 @@ def posed_start(body: Body, keypoints: Keypoints, points_world: Array, fps: floa
     points = steady(points_world, fps)
     frames = knots(keypoints, points, fps)
     names = list(keypoints.names)
-    laid = laid_along(body, names, points[frames])
+    laid = closed_form_pose(body, names, points[frames])
     if laid is not None and misfit(body, names, points[frames], laid) < LOST:
         return spline(KeyPoses.whole(frames, laid), len(keypoints))
     poses: list[Motion] = []

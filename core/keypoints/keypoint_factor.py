@@ -224,7 +224,7 @@ def keypoint_system(body: Body, poses: Poses, keypoints: Keypoints, places: Plac
 
 
 @dataclass(frozen=True, eq=False)
-class Pointers:
+class KeypointFactor:
     """What keypoints say of one performer, their offsets known.
 
     Attributes
@@ -240,7 +240,7 @@ class Pointers:
     places: Places
     together: float
 
-    def __getitem__(self, frames: slice) -> Pointers:
+    def __getitem__(self, frames: slice) -> KeypointFactor:
         """Those of some of the frames."""
         return replace(self, keypoints=self.keypoints[frames])
 

@@ -20,7 +20,7 @@ from ..shot.footage import footage_delay, footage_index
 from ..shot.shot import Performer, Settings, Shot, View
 from .assignment import Found, assign
 from .first_pass import first_pass
-from .keypoint_factor import Keypoints, Places, Pointers, carried
+from .keypoint_factor import KeypointFactor, Keypoints, Places, carried
 
 Array = NDArray[np.float64]
 
@@ -52,7 +52,7 @@ class Sighting:
     """
 
     motion: Motion
-    pointers: Pointers
+    pointers: KeypointFactor
     changed: NDArray[np.bool_]
     weights: Array
 
@@ -106,7 +106,7 @@ def observe_keypoints(shot: Shot, fixed: Sequence[NDArray[np.bool_]]) -> Observe
         body, together = performer.body, frames_together(shot.settings, shot.fps)
         precision = acceleration_precision(body, shot.fps, shot.settings)
         fit = first_pass(body, performer.key_poses, keypoints, held, precision, shot.fps, together)
-        pointers = Pointers(fit.keypoints, fit.places, together)
+        pointers = KeypointFactor(fit.keypoints, fit.places, together)
         sightings.append(Sighting(fit.motion, pointers, fit.changed, fit.weights))
     return Observed(tuple(sightings), tuple(one.skipped for one in detections))
 

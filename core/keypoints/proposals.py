@@ -14,7 +14,7 @@ from ..errors import KeypointError
 from ..formats.toml_tables import named
 from ..runtime.progress import Progress, report_progress
 from ..shot.acceleration_prior import acceleration_precision
-from ..shot.shot import KeyPoses, Performer, Shot, Wanted, fixed_degrees
+from ..shot.shot import KeyPoses, Performer, PerformerRequest, Shot, fixed_degrees
 from .first_pass import first_pass, scaled_first_pass
 from .keypoint_fit import KeypointFit
 from .observations import assigned, frames_together, read_views
@@ -25,7 +25,7 @@ EVERY = 0.6
 """Seconds between proposed key poses, about."""
 
 
-def proposed(shot: Shot, wanted: Sequence[Wanted | None]) -> tuple[Performer, ...]:
+def proposed(shot: Shot, wanted: Sequence[PerformerRequest | None]) -> tuple[Performer, ...]:
     """The performers of a shot, those wanted made from keypoints: body, and proposed key poses.
 
     Parameters

@@ -107,7 +107,7 @@ def fixed_degrees(performer: Performer, first: int, last: int) -> NDArray[np.boo
 
 
 @dataclass(frozen=True)
-class Wanted:
+class PerformerRequest:
     """A performer of whom only keypoints are known.
 
     Attributes

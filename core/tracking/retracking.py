@@ -13,7 +13,7 @@ import numpy as np
 
 from ..runtime.progress import Progress, report_progress
 from ..shot.shot import KeyPoses, Performer, Shot
-from .segments import Stretch
+from .segments import Segment
 from .tracker import Around, TrackResult, track
 
 
@@ -37,24 +37,24 @@ class Excerpt:
     footage_offset: float | None = None
 
 
-def stretches_at(stretches: Sequence[Stretch], frame: int) -> list[Stretch]:
+def stretches_at(stretches: Sequence[Segment], frame: int) -> list[Segment]:
     """Those that a shot frame lies in: two where it is a key pose between them."""
     return [(first, last) for first, last in stretches if first <= frame <= last]
 
 
-def stretches_after(stretches: Sequence[Stretch], frame: int) -> list[Stretch]:
+def stretches_after(stretches: Sequence[Segment], frame: int) -> list[Segment]:
     """Those that have frames after a shot frame."""
     return [(first, last) for first, last in stretches if last > frame]
 
 
-def stretches_before(stretches: Sequence[Stretch], frame: int) -> list[Stretch]:
+def stretches_before(stretches: Sequence[Segment], frame: int) -> list[Segment]:
     """Those that have frames before a shot frame."""
     return [(first, last) for first, last in stretches if first < frame]
 
 
-def joined(stretches: Sequence[Stretch]) -> list[Stretch]:
+def joined(stretches: Sequence[Segment]) -> list[Segment]:
     """First and last frames of runs of stretches that meet."""
-    runs: list[Stretch] = []
+    runs: list[Segment] = []
     for first, last in sorted(stretches):
         if runs and runs[-1][1] == first:
             first = runs.pop()[0]
@@ -95,7 +95,7 @@ def track_excerpts(shot: Shot, excerpts: Sequence[Excerpt], progress: Progress |
     return results
 
 
-def digest(shot: Shot, stretch: Stretch) -> str:
+def digest(shot: Shot, stretch: Segment) -> str:
     """A text that changes with anything that the motion of a stretch depends on, but what is beside it.
 
     What is in files counts by their names; where they are does not.

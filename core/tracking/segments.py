@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from ..shot.shot import Shot
 
-Stretch = tuple[int, int]
+Segment = tuple[int, int]
 """First and last shot frame of frames that are solved together."""
 LONGEST = 150
 """Frames that are solved together where key poses are proposed, at most."""
 
 
-def segments(shot: Shot) -> list[Stretch]:
+def segments(shot: Shot) -> list[Segment]:
     """First and last frames of the stretches that are solved on their own.
 
     They meet where every performer has a key pose of the whole body; before the first and after the last of these

@@ -21,7 +21,7 @@ from ..evidence.foreground import HALO, foreground_images
 from ..evidence.label_images import Geometry, render_labels
 from ..evidence.part_shapes import fitted_shape
 from ..evidence.time_offset import Offset, key_frame_offset
-from ..evidence.view_frames import ViewFrames, telling
+from ..evidence.view_frames import ViewFrames, views_with_foreground
 from ..keypoints.observations import Observed, observe_keypoints
 from ..numerics.banded import BandedFactor
 from ..runtime.progress import Progress, report_progress
@@ -30,7 +30,7 @@ from ..runtime.timing import Seconds
 from ..shot.footage import PICTURE_SIZE, Album, check_view, footage_delay, frames_at, working_factor
 from ..shot.keypose_spline import spline
 from ..shot.shot import Performer, Shot, View, fixed_degrees
-from .segments import Stretch, posed_frames, segments, whole_keys
+from .segments import Segment, posed_frames, segments, whole_keys
 from .solvers import gauss_newton, multi_start, relaxation
 from .solvers.problem import Problem, Solution
 from .uncertainty import joint_deviations
@@ -40,7 +40,7 @@ Image = NDArray[np.uint8]
 
 Around = tuple[tuple[Motion, ...] | None, tuple[Motion, ...] | None]
 """Every performer's pose on the frame before some frames, and on the one after them, where they are known."""
-Observer = Callable[[Stretch, int, Sequence[Motion]], None]
+Observer = Callable[[Segment, int, Sequence[Motion]], None]
 
 SOLVE: dict[str, Callable[..., Solution]] = {"gauss-newton": multi_start.solve, "relaxation": relaxation.solve}
 REFINE: dict[str, Callable[..., Solution]] = {"gauss-newton": gauss_newton.refine}
@@ -153,7 +153,7 @@ def track(
     kept = frozenset(shot.frames[0] + frame for frame in pictures)
     albums = [Album(kept, working_factor(view, PICTURE_SIZE)) for view in shot.views]
     stretches = segments(shot)
-    waiting: tuple[Stretch, tuple[ViewFrames, ...]] | None = None
+    waiting: tuple[Segment, tuple[ViewFrames, ...]] | None = None
     for stretch, views in _footage_by_segment(shot, stretches, albums, job.motions, job.seconds):
         job.look(stretch, views)
         job.solve(stretch, views)
@@ -176,10 +176,10 @@ class _Job:
         self.shot, self.progress, self.observe, self.around = shot, progress, observe, around
         self.motions = [spline(performer.key_poses, shot.length) for performer in shot.performers]
         self.seconds = Seconds()
-        self._shapes: dict[Stretch, Geometry] = {}
-        self._offsets: dict[Stretch, Offset] = {}
-        self._results: dict[Stretch, SegmentResult] = {}
-        self._unjudged: dict[Stretch, tuple[Problem, Solution]] = {}
+        self._shapes: dict[Segment, Geometry] = {}
+        self._offsets: dict[Segment, Offset] = {}
+        self._results: dict[Segment, SegmentResult] = {}
+        self._unjudged: dict[Segment, tuple[Problem, Solution]] = {}
         self._share = np.ones((len(shot.views), shot.length, sum(len(p.body) for p in shot.performers)))
         self._residual = np.zeros(shot.length)
         self._deviation = [np.zeros((shot.length, len(p.body))) for p in shot.performers]
@@ -197,9 +197,9 @@ class _Job:
         self.motions = [sighting.motion for sighting in observed.sightings]
         return observed
 
-    def look(self, stretch: Stretch, views: tuple[ViewFrames, ...]) -> None:
+    def look(self, stretch: Segment, views: tuple[ViewFrames, ...]) -> None:
         """Learn from a stretch's key frames how the performers are shaped."""
-        keys, seeing = posed_frames(self.shot, *stretch), telling(views)
+        keys, seeing = posed_frames(self.shot, *stretch), views_with_foreground(views)
         if not seeing:
             return
         bodies = [performer.body for performer in self.shot.performers]
@@ -208,7 +208,7 @@ class _Job:
             poses = {d: scene_poses(bodies, there) for d, there in shown.items()}
             self._shapes[stretch] = fitted_shape(seeing, Geometry.of(bodies), poses, keys.tolist())
 
-    def synchronise(self, stretch: Stretch, views: tuple[ViewFrames, ...]) -> None:
+    def synchronise(self, stretch: Segment, views: tuple[ViewFrames, ...]) -> None:
         """Learn from a stretch that is solved how far its key poses and the footage are out of step."""
         settings, keys = self.shot.settings, whole_keys(self.shot, *stretch)
         if settings.footage_offset is not None or stretch not in self._shapes:
@@ -217,7 +217,7 @@ class _Job:
         motions = [motion[stretch[0] : stretch[1] + 1] for motion in self.motions]
         with self.seconds.measure("appearance"):
             self._offsets[stretch] = key_frame_offset(
-                telling(views),
+                views_with_foreground(views),
                 Geometry.of(bodies),
                 bodies,
                 motions,
@@ -232,29 +232,29 @@ class _Job:
         given = self.shot.settings.footage_offset
         return Offset.likeliest(self._offsets.values()).value if given is None else given
 
-    def solve(self, stretch: Stretch, views: tuple[ViewFrames, ...]) -> None:
+    def solve(self, stretch: Segment, views: tuple[ViewFrames, ...]) -> None:
         """Solve a stretch that follows what is solved already."""
         self._run(SOLVE[self.shot.settings.solver], self._problem(stretch, views), 0.7 if self._refines(stretch) else 1)
         self._solved = stretch[1] + 1
 
-    def refine(self, stretch: Stretch, views: tuple[ViewFrames, ...]) -> None:
+    def refine(self, stretch: Segment, views: tuple[ViewFrames, ...]) -> None:
         """Solve a stretch once more, now that the motion on both sides is known; not every solver looks there."""
         if self._refines(stretch):
             self._run(REFINE[self.shot.settings.solver], self._problem(stretch, views), 0.3)
 
-    def judge(self, stretch: Stretch) -> None:
+    def judge(self, stretch: Segment) -> None:
         """Tell how far the joints may be off on a stretch that is done."""
         with self.seconds.measure("uncertainty"):
             found = joint_deviations(*self._unjudged.pop(stretch), self.shot.settings)
         for mine, new in zip(self._deviation, found, strict=True):
             mine[stretch[0] : stretch[1] + 1] = new
 
-    def _refines(self, stretch: Stretch) -> bool:
+    def _refines(self, stretch: Segment) -> bool:
         alone = stretch == (0, self.shot.length - 1) and self.around == (None, None)
         in_step = self.footage_offset == (self.shot.settings.footage_offset or 0.0)
         return self.shot.settings.solver in REFINE and not (alone and in_step)
 
-    def _problem(self, stretch: Stretch, views: tuple[ViewFrames, ...]) -> Problem:
+    def _problem(self, stretch: Segment, views: tuple[ViewFrames, ...]) -> Problem:
         frames = slice(stretch[0], stretch[1] + 1)
         return Problem(
             views,
@@ -319,14 +319,14 @@ class _Job:
 
 
 def _footage_by_segment(
-    shot: Shot, stretches: Sequence[Stretch], albums: Sequence[Album], start: Sequence[Motion], seconds: Seconds
-) -> Iterator[tuple[Stretch, tuple[ViewFrames, ...]]]:
+    shot: Shot, stretches: Sequence[Segment], albums: Sequence[Album], start: Sequence[Motion], seconds: Seconds
+) -> Iterator[tuple[Segment, tuple[ViewFrames, ...]]]:
     """Every stretch with its frames, decoded once and in order; three stretches are held at most."""
     stopped = threading.Event()
     readers = [_Reader(shot, view, album, start, stopped) for view, album in zip(shot.views, albums, strict=True)]
     with ThreadPoolExecutor(_WORKERS) as pool:
 
-        def read(stretch: Stretch) -> list[Future[ViewFrames]]:
+        def read(stretch: Segment) -> list[Future[ViewFrames]]:
             return [pool.submit(reader.read, stretch) for reader in readers]
 
         coming = read(stretches[0])
@@ -354,7 +354,7 @@ class _Reader:
         self._stream = frames_at(view, range(shot.frames[0], shot.frames[1] + 1), factor, grey=False, album=album)
         self._held: list[Image] = []
 
-    def read(self, stretch: Stretch) -> ViewFrames:
+    def read(self, stretch: Segment) -> ViewFrames:
         """A stretch that begins where the last one ended; fewer frames when stopped meanwhile."""
         frames = self._held
         while len(frames) < stretch[1] + 1 - stretch[0] and not self.stopped.is_set():

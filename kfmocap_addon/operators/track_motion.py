@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ...core.shot.shot import Shot
-    from ...core.tracking.segments import Stretch
+    from ...core.tracking.segments import Segment
     from ...core.tracking.tracker import TrackResult
 
 
@@ -24,7 +24,7 @@ class Tracking(JobOperator):
 
     bl_options = {"REGISTER", "UNDO"}
 
-    def chosen(self, scene: bpy.types.Scene, shot: Shot) -> Sequence[Stretch]:
+    def chosen(self, scene: bpy.types.Scene, shot: Shot) -> Sequence[Segment]:
         """The stretches of the scene's shot to track."""
         raise NotImplementedError
 
@@ -72,7 +72,7 @@ class TrackAll(Tracking, bpy.types.Operator):
     bl_idname = "kfmocap.track"
     bl_label = "Track All"
 
-    def chosen(self, _scene: bpy.types.Scene, shot: Shot) -> Sequence[Stretch]:
+    def chosen(self, _scene: bpy.types.Scene, shot: Shot) -> Sequence[Segment]:
         from ...core.tracking.segments import segments
 
         return segments(shot)
@@ -85,7 +85,7 @@ class TrackChanges(Tracking, bpy.types.Operator):
     bl_idname = "kfmocap.track_changes"
     bl_label = "Track Changes"
 
-    def chosen(self, scene: bpy.types.Scene, shot: Shot) -> Sequence[Stretch]:
+    def chosen(self, scene: bpy.types.Scene, shot: Shot) -> Sequence[Segment]:
         from ...core.errors import ShotError
         from ..scene_io import tracked_segments
 
@@ -105,7 +105,7 @@ class TrackHere(Tracking, bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         return super().poll(context) and _frame_is_in(cls, context, 0, 0)
 
-    def chosen(self, scene: bpy.types.Scene, shot: Shot) -> Sequence[Stretch]:
+    def chosen(self, scene: bpy.types.Scene, shot: Shot) -> Sequence[Segment]:
         from ...core.tracking.retracking import stretches_at
         from ...core.tracking.segments import segments
 
@@ -122,7 +122,7 @@ class TrackForward(Tracking, bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         return super().poll(context) and _frame_is_in(cls, context, 0, -1)
 
-    def chosen(self, scene: bpy.types.Scene, shot: Shot) -> Sequence[Stretch]:
+    def chosen(self, scene: bpy.types.Scene, shot: Shot) -> Sequence[Segment]:
         from ...core.tracking.retracking import stretches_after
         from ...core.tracking.segments import segments
 
@@ -139,7 +139,7 @@ class TrackBackward(Tracking, bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         return super().poll(context) and _frame_is_in(cls, context, 1, 0)
 
-    def chosen(self, scene: bpy.types.Scene, shot: Shot) -> Sequence[Stretch]:
+    def chosen(self, scene: bpy.types.Scene, shot: Shot) -> Sequence[Segment]:
         from ...core.tracking.retracking import stretches_before
         from ...core.tracking.segments import segments
 

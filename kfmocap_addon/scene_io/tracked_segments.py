@@ -12,7 +12,7 @@ from ...core.body.motion import Motion
 from ...core.errors import ShotError
 from ...core.shot.shot import Shot
 from ...core.tracking.retracking import Excerpt, digest, joined
-from ...core.tracking.segments import Stretch, segments
+from ...core.tracking.segments import Segment, segments
 from ...core.tracking.tracker import TrackResult
 from . import bone_confidence, keyframes, lossless, review_data
 from . import scene as scenes
@@ -20,7 +20,7 @@ from . import scene as scenes
 _OFFSET = "kfmocap_footage_offset"
 
 
-def out_of_date(scene: bpy.types.Scene, shot: Shot) -> list[Stretch]:
+def out_of_date(scene: bpy.types.Scene, shot: Shot) -> list[Segment]:
     """Stretches of a scene's shot that something has changed for since they were tracked, or that never were."""
     keyed = _keyed(scene, 0, shot.length)
     tracked = {(slot.first, slot.last): slot.digest for slot in scene.kfmocap.stretches}
@@ -32,7 +32,7 @@ def out_of_date(scene: bpy.types.Scene, shot: Shot) -> list[Stretch]:
     ]
 
 
-def excerpts(scene: bpy.types.Scene, shot: Shot, chosen: Sequence[Stretch]) -> list[Excerpt]:
+def excerpts(scene: bpy.types.Scene, shot: Shot, chosen: Sequence[Segment]) -> list[Excerpt]:
     """The runs of some stretches, each with what is known of the rest of the shot: the poses beside it that are
     tracked or keyed, and the offset of the footage."""
     return [
@@ -76,7 +76,7 @@ def in_step(scene: bpy.types.Scene, shot: Shot) -> Shot:
     return shot.in_step(_footage_offset(scene))
 
 
-def clear(scene: bpy.types.Scene, shot: Shot, chosen: Sequence[Stretch]) -> int:
+def clear(scene: bpy.types.Scene, shot: Shot, chosen: Sequence[Segment]) -> int:
     """Remove the tracked keys of some stretches of a scene's shot; tells on how many frames there were any."""
     frames = [scene.kfmocap.frame_start + f for f in sorted({f for a, b in chosen for f in range(a, b + 1)})]
     cleared: set[int] = set()
@@ -95,7 +95,7 @@ def _check_unchanged(scene: bpy.types.Scene, shot: Shot, parts: Sequence[Excerpt
         raise ShotError("it was changed while it was tracked", where=f"scene {scene.name}", todo="track again")
 
 
-def _remember(scene: bpy.types.Scene, shot: Shot, tracked: Sequence[Stretch]) -> None:
+def _remember(scene: bpy.types.Scene, shot: Shot, tracked: Sequence[Segment]) -> None:
     """Keep what stretches were tracked from; of frames that are no stretch of the shot any more nothing is kept."""
     zero = shot.frames[0]
     kept = {(slot.first - zero, slot.last - zero): slot.digest for slot in scene.kfmocap.stretches}

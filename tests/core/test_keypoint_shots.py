@@ -19,7 +19,7 @@ from kfmocap.core.keypoints.keypoint_factor import Keypoints
 from kfmocap.core.keypoints.observations import assigned, image_rays, observe_keypoints, read_views
 from kfmocap.core.review.track_report import blind_spots, report
 from kfmocap.core.shot.keypose_spline import spline
-from kfmocap.core.shot.shot import KeyPoses, Performer, Shot, View, Wanted, fixed_degrees
+from kfmocap.core.shot.shot import KeyPoses, Performer, PerformerRequest, Shot, View, fixed_degrees
 from kfmocap.core.tracking.segments import segments
 from kfmocap.core.tracking.selection import selected
 from kfmocap.core.tracking.tracker import track
@@ -42,7 +42,9 @@ def shot_with(folder: Path, motions: list[Motion], keys: list[int], views: int =
         write_openpose(folder / camera.name, camera, order, noise)
         slots.append(View(camera, folder / "none.mp4", keypoints=folder / camera.name))
     performers = [
-        Performer(f"person {i}", body, KeyPoses.whole(keys, m[keys])) if keys else Wanted(f"person {i}").unknown()
+        Performer(f"person {i}", body, KeyPoses.whole(keys, m[keys]))
+        if keys
+        else PerformerRequest(f"person {i}").unknown()
         for i, m in enumerate(motions)
     ]
     return Shot("keypoints", FPS, (0, FRAMES - 1), tuple(slots), tuple(performers))
@@ -230,7 +232,7 @@ def test_the_tracker_follows_keypoints_where_pictures_say_nothing(tmp_path: Path
 
 
 def test_a_wanted_performer_has_no_pose_yet() -> None:
-    performer = Wanted("man", 1.6).unknown()
+    performer = PerformerRequest("man", 1.6).unknown()
     assert not len(performer.key_poses.frames) and len(performer.body) == len(human())
     assert at_rest(performer.body).translations[0, 2] < at_rest(human(1.75)).translations[0, 2]
 

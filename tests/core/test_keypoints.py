@@ -10,12 +10,12 @@ from keypoint_shots import NAMES, cameras, joint_errors, keypoints_of, seen_plac
 from kfmocap.core.body import Body, default_measures, human, part_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.keypoints import keypoint_factor as evidence
-from kfmocap.core.keypoints.closed_form import laid_along
+from kfmocap.core.keypoints.closed_form import closed_form_pose
 from kfmocap.core.keypoints.first_pass import first_pass, scaled_first_pass, steady
 from kfmocap.core.keypoints.keypoint_factor import (
+    KeypointFactor,
     Keypoints,
     Places,
-    Pointers,
     deviations,
     keypoint_system,
     robust_weights,
@@ -205,7 +205,7 @@ def test_a_body_is_laid_along_its_own_joints() -> None:
     motion = strolling(body, 20)
     points = seen_places(body, motion)
     points[7:10, NAMES.index("LKnee")] = np.nan
-    laid = laid_along(body, NAMES, points)
+    laid = closed_form_pose(body, NAMES, points)
     assert laid is not None
     assert joint_errors(body, laid, body, motion).max() < 0.04
 
@@ -216,7 +216,7 @@ def test_a_knee_that_seems_to_bend_forward_does_not_turn_the_thigh_round() -> No
     points = seen_places(body, motion)
     hip, knee, ankle = (points[:, NAMES.index("L" + n)] for n in ("Hip", "Knee", "Ankle"))
     points[:, NAMES.index("LKnee")] = hip + ankle - knee  # on the other side of the line between hip and ankle
-    laid = laid_along(body, NAMES, points)
+    laid = closed_form_pose(body, NAMES, points)
     assert laid is not None
     thigh = body.index("thigh.L")
     turn = rotations.log(np.swapaxes(motion.rotations[:, thigh], -1, -2) @ laid.rotations[:, thigh])
@@ -225,9 +225,9 @@ def test_a_knee_that_seems_to_bend_forward_does_not_turn_the_thigh_round() -> No
 
 def test_other_bodies_are_not_laid() -> None:
     points = seen_places(human(), strolling(human(), 2))
-    assert laid_along(figure(), NAMES, points) is None
+    assert closed_form_pose(figure(), NAMES, points) is None
     points[:, NAMES.index("RShoulder")] = np.nan
-    assert laid_along(human(), NAMES, points) is None
+    assert closed_form_pose(human(), NAMES, points) is None
 
 
 def test_points_that_leap_are_left_out() -> None:
@@ -294,7 +294,7 @@ def test_pointers_pull_towards_their_keypoints() -> None:
     body = human()
     motion = strolling(body, 3)
     seen = keypoints_of(cameras(3), seen_places(body, motion))
-    pointers = Pointers(seen, Places.on(body, NAMES), 1.0)
+    pointers = KeypointFactor(seen, Places.on(body, NAMES), 1.0)
     start = Motion(motion.translations + [0.03, -0.02, 0.01], motion.rotations)
     for _ in range(3):
         blocks = pointers.blocks(body, part_poses(body, start), 8.0)
@@ -305,7 +305,7 @@ def test_pointers_pull_towards_their_keypoints() -> None:
 def test_frames_of_pointers_are_cut() -> None:
     body = human()
     seen = keypoints_of(cameras(2), seen_places(body, strolling(body, 6)))
-    cut = Pointers(seen, Places.on(body, NAMES), 1.0)[2:5]
+    cut = KeypointFactor(seen, Places.on(body, NAMES), 1.0)[2:5]
     assert len(cut.keypoints) == 3
     np.testing.assert_array_equal(cut.keypoints.rays, seen.rays[:, 2:5])
 
@@ -328,7 +328,7 @@ def test_agreement_is_one_on_the_true_poses_and_falls_away_from_them() -> None:
     seen = keypoints_of(cameras(2), seen_places(body, motion))
     seen.rays[0, 1, 2] = np.nan
     seen.confidence[0, 1, 2] = 0
-    pointers = Pointers(seen, Places.on(body, NAMES), 9.0)
+    pointers = KeypointFactor(seen, Places.on(body, NAMES), 9.0)
     beside = Motion(motion.translations + [0, 0, 0.06], motion.rotations)
     assert pointers.agreement(part_poses(body, motion)) == pytest.approx(1)
     assert pointers.agreement(part_poses(body, beside)) == pytest.approx(0.25, abs=0.03)
@@ -341,7 +341,7 @@ def test_of_two_solutions_the_one_that_meets_keypoints_is_better_and_is_confirme
     seen = keypoints_of(cameras(2), seen_places(body, motion))
     astray = Motion(motion.translations + [0.2, 0, 0], motion.rotations)
     fixed = (free(body, 5),)
-    problem = Problem((), (body,), 0, FPS, fixed, pointers=(Pointers(seen, Places.on(body, NAMES), 9.0),))
+    problem = Problem((), (body,), 0, FPS, fixed, pointers=(KeypointFactor(seen, Places.on(body, NAMES), 9.0),))
 
     def solution(found: Motion, explained: float) -> Solution:
         nothing = np.zeros(0)

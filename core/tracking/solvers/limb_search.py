@@ -25,7 +25,7 @@ from ...body.motion import Motion
 from ...cameras.camera import Camera
 from ...evidence.foreground import log_ratio
 from ...evidence.label_images import NEAR, Geometry, LabelImages, pixels_at, render_labels
-from ...evidence.view_frames import ViewFrames, telling
+from ...evidence.view_frames import ViewFrames, views_with_foreground
 from ...numerics import rotations
 from .problem import Problem, Step
 
@@ -90,7 +90,7 @@ def found_limbs(problem: Problem, motions: Sequence[Motion], seed: int, on_step:
     on_step : callable, optional
         Called before each limb with the share of them done and the motions; may raise to end the job.
     """
-    looks = [_Look.of(view, problem) for view in telling(problem.views)]
+    looks = [_Look.of(view, problem) for view in views_with_foreground(problem.views)]
     found, rng = list(motions), np.random.default_rng(seed)
     chains = [(i, chain) for i, body in enumerate(problem.bodies) for chain in limbs(body)]
     for done, (i, chain) in enumerate(chains):

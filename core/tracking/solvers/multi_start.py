@@ -13,7 +13,7 @@ import numpy as np
 
 from ...body.motion import Motion
 from ...evidence.occlusion import LONG, intervals
-from ...evidence.view_frames import telling
+from ...evidence.view_frames import views_with_foreground
 from ...runtime.timing import Seconds
 from ...shot.shot import Settings
 from .gauss_newton import ROUGH_STEP, Stage, descend
@@ -105,7 +105,7 @@ def concealed(problem: Problem, solution: Solution) -> bool:
 
     It may come into sight elsewhere than the solution has it. Foreground images would tell; keypoints do anyway.
     """
-    if not telling(problem.views) or problem.pointers or len(problem.whole_keys()) < 2:
+    if not views_with_foreground(problem.views) or problem.pointers or len(problem.whole_keys()) < 2:
         return False
     return any(
         last + 1 - first >= LONG

@@ -18,7 +18,7 @@ from ...evidence.accumulate import Evidence, image_evidence
 from ...evidence.label_images import Geometry
 from ...evidence.occlusion import unseen
 from ...evidence.view_frames import ViewFrames
-from ...keypoints.keypoint_factor import Pointers
+from ...keypoints.keypoint_factor import KeypointFactor
 from ...numerics.banded import BandedFactor
 from ...numerics.banded_blocks import BandedBlocks
 
@@ -84,7 +84,7 @@ class Problem:
     before: tuple[Motion, ...] | None = None
     after: tuple[Motion, ...] | None = None
     shape: Geometry | None = None
-    pointers: tuple[Pointers, ...] = ()
+    pointers: tuple[KeypointFactor, ...] = ()
     footage_offset: float = 0.0
 
     @property
