@@ -152,7 +152,7 @@ class Settings:
     root_acceleration : float
         Usual acceleration of the root, m/s^2.
     prediction : bool
-        Foretell the motion of parts that no camera sees from the frames on which they are seen.
+        Predict the motion of parts that no camera sees from the frames on which they are seen.
     keypoint_correlation : float
         How far apart in time a detector's errors are independent, seconds: keypoints within that time count as one.
     broken_keypoints : str
@@ -160,6 +160,8 @@ class Settings:
     footage_offset : float, optional
         Of all footage, beside its views' own: the key pose of a frame shows the performers this many frames later,
         -0.5 to 0.5. None looks for it (`core.evidence.time_offset`).
+    threads : int, optional
+        Worker threads for decoding and image work. None uses every core (`core.runtime.threads.worker_count`).
     """
 
     solver: str = "gauss-newton"
@@ -173,6 +175,7 @@ class Settings:
     keypoint_correlation: float = 0.3
     broken_keypoints: str = "refuse"
     footage_offset: float | None = None
+    threads: int | None = None
 
     def __post_init__(self) -> None:
         if self.solver not in SOLVERS:
@@ -185,6 +188,8 @@ class Settings:
         offset = self.footage_offset
         if offset is not None and not abs(offset) <= 0.5:
             raise ShotError(f"it is {offset!r}", where="[track] footage_offset", todo="give -0.5 to 0.5 frames")
+        if self.threads is not None and self.threads < 1:
+            raise ShotError(f"it is {self.threads!r}", where="[track] threads", todo="give 1 or more")
         for item in fields(self):
             value = getattr(self, item.name)
             if item.type in ("int", "float") and not (

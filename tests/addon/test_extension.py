@@ -13,7 +13,7 @@ pytestmark = pytest.mark.blender
 SHOT = ROOT / "examples" / "walk" / "shot.toml"
 OPERATORS = ROOT / "kfmocap_addon" / "operators"
 COMMAND_LINE = ROOT / "cli" / "command_line.py"
-BUNDLED = ("scipy", "cv2", "filterpy")
+BUNDLED = ("scipy", "cv2", "filterpy", "threadpoolctl")
 
 
 def test_the_zip_holds_the_package_and_no_more(extension_zip):

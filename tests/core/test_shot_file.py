@@ -194,6 +194,7 @@ BAD = [
     ('name = "man"', 'name = "man"\nheight = 30.0', r"\[\[performer\]\] 1: a height of 30"),
     (TEXT[TEXT.index("[[performer]]") : TEXT.index("[track]")], "", "'performer' is missing"),
     ('solver = "relaxation"', 'broken_keypoints = "keep"', r"\[track\] broken_keypoints: unknown value 'keep'.*skip"),
+    ('solver = "relaxation"', "threads = 0", r"\[track\] threads: it is 0"),
     ("[calibration]", "[calibration", r"shot\.toml: is not a TOML file.*line"),
 ]
 
