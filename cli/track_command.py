@@ -18,7 +18,7 @@ from ..core.formats.trc import write_trc
 from ..core.review.overlay import contact_sheet, sheet_frames, write_contact_sheet
 from ..core.review.track_report import report
 from ..core.runtime.files import write_json
-from ..core.runtime.progress import Progress
+from ..core.runtime.progress import Progress, share
 from ..core.shot.shot import Shot
 from ..core.tracking.tracker import TrackResult, track
 
@@ -68,10 +68,11 @@ def run_track(
         require_blender()
     with staged(out_dir) as stage:
         shown = sheet_frames(shot)
-        result = track(shot, progress, pictures=shown)
+        result = track(shot, share(progress, 0.0, 0.95), pictures=shown)
         clock = _Clock(dict(seconds or {}))
         write_landmarks(shot, result, stage)
-        sheet = contact_sheet(shot.in_step(result.footage_offset), result.motions, shown, progress, result.pictures)
+        in_step, drawing = shot.in_step(result.footage_offset), share(progress, 0.95, 1.0)
+        sheet = contact_sheet(in_step, result.motions, shown, drawing, result.pictures)
         write_contact_sheet(stage / "overlay.png", sheet)
         clock.lap("overlay")
         if blender:

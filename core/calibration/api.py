@@ -9,7 +9,7 @@ import numpy as np
 from ..cameras.camera import Camera
 from ..capture.capture import LFRAME_BALLS, Capture, CaptureView, Markers
 from ..capture.film import Film
-from ..runtime.progress import Progress
+from ..runtime.progress import Progress, share
 from ..shot.footage import probe
 from .resync import Clocks, known_camera, synchronise
 from .solution import Solution
@@ -40,10 +40,10 @@ def calibrate(source: Film | Capture, progress: Progress | None = None, *, drift
     """
     if isinstance(source, Capture):
         return solve(source, progress, drift=drift)
-    found = find_all(source, _part(progress, 0.0, _SEEING))
+    found = find_all(source, share(progress, 0.0, _SEEING))
     middle = (1 + _SEEING) / 2
-    first = solve(found.capture(), _part(progress, _SEEING, middle), drift=drift)
-    return solve(found.capture(first.cameras), _part(progress, middle, 1.0), drift=drift)
+    first = solve(found.capture(), share(progress, _SEEING, middle), drift=drift)
+    return solve(found.capture(first.cameras), share(progress, middle, 1.0), drift=drift)
 
 
 def synchronise_take(
@@ -58,8 +58,8 @@ def synchronise_take(
     """
     if isinstance(source, Capture):
         return synchronise(source, cameras, progress, drift=drift)
-    capture = _wands(source, cameras, _part(progress, 0.0, _SEEING))
-    return synchronise(capture, cameras, _part(progress, _SEEING, 1.0), drift=drift)
+    capture = _wands(source, cameras, share(progress, 0.0, _SEEING))
+    return synchronise(capture, cameras, share(progress, _SEEING, 1.0), drift=drift)
 
 
 def _wands(film: Film, cameras: Mapping[str, Camera], progress: Progress | None) -> Capture:
@@ -68,7 +68,7 @@ def _wands(film: Film, cameras: Mapping[str, Camera], progress: Progress | None)
     for k, view in enumerate(film.views):
         footage = probe(view.wand)
         camera = known_camera(cameras, view.camera, footage.size)
-        seen = find_wand(view, film, footage.count, _part(progress, k / count, (k + 1) / count))
+        seen = find_wand(view, film, footage.count, share(progress, k / count, (k + 1) / count))
         wand = seen.corrected(camera.matrix, camera.distortions)
         views.append(CaptureView(view.camera, footage.size, footage.fps or None, _unseen(), wand, view.offset))
     return Capture(film.lframe_points, film.wand_length, tuple(views))
@@ -76,10 +76,3 @@ def _wands(film: Film, cameras: Mapping[str, Camera], progress: Progress | None)
 
 def _unseen() -> Markers:
     return Markers(np.zeros(0, np.int64), np.zeros((0, LFRAME_BALLS, 2)), np.zeros((0, LFRAME_BALLS)))
-
-
-def _part(progress: Progress | None, begin: float, end: float) -> Progress | None:
-    """A progress callback for a part of the work."""
-    if progress is None:
-        return None
-    return lambda what, fraction: progress(what, begin + (end - begin) * fraction)

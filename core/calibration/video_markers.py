@@ -14,7 +14,7 @@ from ..cameras.camera import Camera
 from ..capture.capture import LFRAME_BALLS, Capture, CaptureView, Markers
 from ..capture.film import Film, FilmView
 from ..errors import CalibrationError
-from ..runtime.progress import Progress, report_progress
+from ..runtime.progress import Progress, report_progress, share
 from ..shot.footage import Footage, pictures, probe
 from .ball_centres import centres_of
 from .ball_detection import Balls, Picture, find_balls, without_rods
@@ -121,11 +121,9 @@ def find_all(film: Film, progress: Progress | None = None) -> Sightings:
         `progress` returned False.
     """
     seen = []
+    count = len(film.views)
     for k, view in enumerate(film.views):
-
-        def part(what: str, fraction: float, k: int = k) -> bool:
-            return progress is None or progress(what, (k + fraction) / len(film.views))
-
+        part = share(progress, k / count, (k + 1) / count)
         footage, before = probe(view.wand), probe(view.lframe)
         if footage.size != before.size:
             sizes = " and ".join(f"{f.size[0]}x{f.size[1]}" for f in (before, footage))

@@ -175,7 +175,7 @@ class Settings:
     keypoint_correlation: float = 0.3
     broken_keypoints: str = "refuse"
     footage_offset: float | None = None
-    threads: int | None = None
+    threads: int | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         if self.solver not in SOLVERS:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..runtime.progress import Progress, report_progress
+from ..runtime.progress import Progress, share
 from ..shot.shot import KeyPoses, Performer, Shot
 from .segments import Segment
 from .tracker import Around, TrackResult, track
@@ -85,13 +85,8 @@ def track_excerpts(shot: Shot, excerpts: Sequence[Excerpt], progress: Progress |
     ends = ends / max(1, ends[-1])
     results = []
     for part, (begin, end) in zip(excerpts, pairwise(ends), strict=True):
-
-        def so_far(what: str, fraction: float, begin: float = begin, end: float = end) -> bool:
-            report_progress(progress, what, float(begin + fraction * (end - begin)))
-            return True
-
         asked = shot.between(part.first, part.last).in_step(part.footage_offset)
-        results.append(track(asked, so_far, around=part.around))
+        results.append(track(asked, share(progress, float(begin), float(end)), around=part.around))
     return results
 
 
@@ -120,7 +115,7 @@ def _asked(performer: Performer) -> Performer:
 def _pieces(value: Any) -> Iterable[bytes]:
     """A value as bytes, piece by piece."""
     if is_dataclass(value):
-        for item in fields(value):
+        for item in (item for item in fields(value) if item.compare):
             yield item.name.encode()
             yield from _pieces(getattr(value, item.name))
     elif isinstance(value, np.ndarray):

@@ -14,6 +14,7 @@ import numpy as np
 from ...body.motion import Motion
 from ...evidence.occlusion import LONG, intervals
 from ...evidence.view_frames import views_with_foreground
+from ...runtime.progress import step_share
 from ...runtime.timing import Seconds
 from ...shot.shot import Settings
 from .gauss_newton import ROUGH_STEP, Stage, descend
@@ -50,16 +51,16 @@ def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step
     confirm it, or limbs are out of all views' sight for long, the motion is followed from the key poses, and then
     limbs are looked for around the solutions. The best of them all counts. Parameters as of `gauss_newton.descend`.
     """
-    solutions = [descend(problem, start, settings, _share_of(on_step, 0.0, 0.2))]
+    solutions = [descend(problem, start, settings, step_share(on_step, 0.0, 0.2))]
     seconds, best = Seconds(), solutions[0]
     if (doubtful(problem, best) and not confirmed(problem, start, best)) or concealed(problem, best):
         with seconds.measure("initial solution"):
-            initial = followed(problem, start, settings, _share_of(on_step, 0.2, 0.3))
-        solutions.append(descend(problem, initial, settings, _share_of(on_step, 0.3, 0.4)))
+            initial = followed(problem, start, settings, step_share(on_step, 0.2, 0.3))
+        solutions.append(descend(problem, initial, settings, step_share(on_step, 0.3, 0.4)))
         if len(problem.whole_keys()) > 1 and not problem.pointers:  # keypoints tell where limbs are
             # That a doubt is gone does not tell that no arm is lost: it is a small part of what is to be covered.
             with seconds.measure("initial solution"):
-                best = searched(problem, start, solutions, settings, _share_of(on_step, 0.4, 1.0))
+                best = searched(problem, start, solutions, settings, step_share(on_step, 0.4, 1.0))
         else:
             best = better(problem, *solutions)
     for solution in solutions:
@@ -79,13 +80,6 @@ def better(problem: Problem, *solutions: Solution) -> Solution:
         most = max(*merit, 1.0)
         merit = [m / most + problem.agreement(s.motions) for m, s in zip(merit, solutions, strict=True)]
     return solutions[int(np.argmax(merit))]
-
-
-def _share_of(on_step: Step | None, begin: float, end: float) -> Step | None:
-    """Reports a part of the work as its share of the whole."""
-    if on_step is None:
-        return None
-    return lambda done, motions: on_step(begin + done * (end - begin), motions)
 
 
 def doubtful(problem: Problem, solution: Solution) -> bool:
@@ -135,10 +129,10 @@ def searched(
     settled = [descend(problem, solution.motions, settings, None, SETTLED) for solution in likely]
     begins: list[tuple[Sequence[Motion], Problem]] = [(solution.motions, problem) for solution in settled]
     found: list[Solution] = []
-    looking, exchanging = _share_of(on_step, 0.0, 0.7), _share_of(on_step, 0.7, 1.0)
+    looking, exchanging = step_share(on_step, 0.0, 0.7), step_share(on_step, 0.7, 1.0)
     while begins and len(found) < LOOKS:
         motions, around = begins.pop(0)
-        part = _share_of(looking, len(found) / LOOKS, (len(found) + 1) / LOOKS)
+        part = step_share(looking, len(found) / LOOKS, (len(found) + 1) / LOOKS)
         found.append(_looked_for(problem, around, motions, settings, len(found), part))
         best = better(problem, *settled, *found)
         if not begins and doubtful(problem, best) and around is not held:
@@ -162,7 +156,7 @@ def recombined(
     tried = [solution.motions for solution in lenders]
     places = [(i, left + right) for i, body in enumerate(problem.bodies) for left, right in pairs(body)]
     for k, (i, parts) in enumerate(places):
-        share = _share_of(on_step, k / len(places), (k + 1) / len(places))
+        share = step_share(on_step, k / len(places), (k + 1) / len(places))
         mixtures = []
         for a, b in [pair for other in lenders for pair in ((best, other), (other, best))]:
             lent = a.motions[i].with_parts(parts, b.motions[i])
@@ -172,7 +166,7 @@ def recombined(
                 mixtures.append(motions)
         found = [best]
         for n, motions in enumerate(mixtures):
-            part = _share_of(share, n / len(mixtures), (n + 1) / len(mixtures))
+            part = step_share(share, n / len(mixtures), (n + 1) / len(mixtures))
             found.append(descend(problem, motions, settings, part, SETTLED))
         if best not in equals(found):
             best = min(equals(found), key=lambda solution: solution.energy[-1])
@@ -201,10 +195,10 @@ def _looked_for(
     on_step: Step | None = None,
 ) -> Solution:
     """The solution from looking for limbs around motions, which settle first with what `around` has fixed."""
-    begin = found_limbs(problem, motions, seed, _share_of(on_step, 0.0, 0.6))
-    settled = descend(around, begin, settings, _share_of(on_step, 0.6, 0.8), SETTLING)
+    begin = found_limbs(problem, motions, seed, step_share(on_step, 0.0, 0.6))
+    settled = descend(around, begin, settings, step_share(on_step, 0.6, 0.8), SETTLING)
     begin = untangled_limbs(problem, settled.motions)
-    return descend(problem, begin, settings, _share_of(on_step, 0.8, 1.0), SETTLED)
+    return descend(problem, begin, settings, step_share(on_step, 0.8, 1.0), SETTLED)
 
 
 def followed(
@@ -215,7 +209,7 @@ def followed(
     directions = [backward for backward in (False, True) if keyed[backward]]
     found = []
     for k, backward in enumerate(directions):
-        part = _share_of(on_step, k / len(directions), (k + 1) / len(directions))
+        part = step_share(on_step, k / len(directions), (k + 1) / len(directions))
         found.append(follow(problem, start, settings, _in_window, backward, part))
     return blended(*found) if len(found) == 2 else found[0] if found else list(start)
 
