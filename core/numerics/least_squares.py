@@ -1,0 +1,191 @@
+"""Nonlinear least squares by Levenberg-Marquardt, for states that are not plain vectors.
+
+A problem is two functions: `linearise` gives the normal equations at a state, with robust weights applied (see
+`robust_kernels`), and `move` applies a step. The storage of the equations - dense, banded or sparse - is theirs alone
+(see `normal_equations`). Coarse to fine is one call of `minimise` after another. After K. Madsen, H. B. Nielsen,
+O. Tingleff, Methods for non-linear least squares problems (2004), algorithm 3.16, with Marquardt's diagonal scaling; in
+the manner of PoseLib and small_gicp.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from .normal_equations import NormalEquations
+
+State = TypeVar("State")
+Equations = TypeVar("Equations", bound=NormalEquations[Any, Any])
+
+
+@dataclass(frozen=True)
+class Damping:
+    """How Levenberg-Marquardt's damping, a share of the diagonal, follows the success of steps.
+
+    Attributes
+    ----------
+    initial : float
+        Of the first step; 0 begins with a step of Gauss-Newton.
+    grow : float
+        Factor after a refused step.
+    shrink : float
+        Factor after an accepted step.
+    least : float
+        Damping that an accepted step leaves at least; 0 where it began at 0.
+    most : float
+        The search ends when a step with more damping than this would be next.
+    """
+
+    initial: float = 1e-4
+    grow: float = 8.0
+    shrink: float = 0.1
+    least: float = 1e-9
+    most: float = 1e6
+
+    def after_refusal(self, damping: float) -> float:
+        """Damping to try next, after a step that raised the cost."""
+        return max(self.grow * damping, _FIRST_DAMPING)
+
+    def after_success(self, damping: float) -> float:
+        """Damping of the next step, after one that lowered the cost."""
+        smaller = self.shrink * damping
+        return max(smaller, self.least) if self.initial or smaller >= _FIRST_DAMPING else 0.0
+
+
+GAUSS_NEWTON = Damping(initial=0.0)
+"""Full steps, damped only where one would raise the cost."""
+_FIRST_DAMPING = 1e-4  # after an undamped step was refused
+
+
+@dataclass(frozen=True)
+class StoppingRule(Generic[State]):
+    """When a minimisation ends.
+
+    Attributes
+    ----------
+    iterations : int
+        After so many accepted steps.
+    relative_gain : float
+        When a step lowers the cost by no more than this share of it.
+    small_step : float
+        When the size of a step is less.
+    step_size : callable, optional
+        Size of the step from one state to the next, in the unit of `small_step`.
+    """
+
+    iterations: int = 50
+    relative_gain: float = 1e-7
+    small_step: float = 0.0
+    step_size: Callable[[State, State], float] | None = None
+
+    def converged(self, before: State, after: State, cost_before: float, cost_after: float) -> bool:
+        """Whether the accepted step between two states is the last."""
+        if cost_before - cost_after <= self.relative_gain * cost_after:
+            return True
+        return self.step_size is not None and self.step_size(before, after) < self.small_step
+
+
+@dataclass(frozen=True, eq=False)
+class LeastSquaresResult(Generic[State, Equations]):
+    """Outcome of `minimise`. Everything in it belongs to the returned state.
+
+    Attributes
+    ----------
+    state : State
+    equations : NormalEquations
+        At the state: the covariance of its unknowns is the inverse of `equations.factor()`.
+    cost_history : tuple of float
+        Cost of the start and after every accepted step. It never rises, unless `linearise` changes the problem from
+        state to state; see the `trial_cost` of `minimise`.
+    converged : bool
+        False where the iterations ran out or no damping gave a step that lowered the cost.
+    """
+
+    state: State
+    equations: Equations
+    cost_history: tuple[float, ...]
+    converged: bool
+
+    @property
+    def cost(self) -> float:
+        """Robust sum of squared residuals at the state."""
+        return self.cost_history[-1]
+
+    @property
+    def iterations(self) -> int:
+        """Accepted steps."""
+        return len(self.cost_history) - 1
+
+
+def minimise(
+    state: State,
+    linearise: Callable[[State], Equations],
+    move: Callable[[State, Any], State],
+    *,
+    trial_cost: Callable[[State, Equations], float] | None = None,
+    damping: Damping = Damping(),
+    stopping: StoppingRule[State] = StoppingRule(),
+    on_iteration: Callable[[int, State], None] | None = None,
+) -> LeastSquaresResult[State, Equations]:
+    """Minimise a robust sum of squares from a start.
+
+    Every step is tested: one that raises the cost is refused and tried again with more damping.
+
+    Parameters
+    ----------
+    state : State
+        The start; states are values and are not changed.
+    linearise : callable
+        Normal equations at a state.
+    move : callable
+        The state after a step that `NormalEquations.solve` gave. It may shorten or lengthen the step.
+    trial_cost : callable, optional
+        Cost of a trial state with the associations and weights of given equations, where `linearise` chooses those anew
+        at every state. By default a trial state is linearised, its cost taken from there, and the equations used for
+        the next step.
+    damping : Damping
+    stopping : StoppingRule
+    on_iteration : callable, optional
+        Called before every trial with the number of accepted steps and the state; may raise to cancel.
+
+    Returns
+    -------
+    LeastSquaresResult
+    """
+    equations, share = linearise(state), damping.initial
+    history, converged = [equations.cost], False
+    while not converged and len(history) <= stopping.iterations and share <= damping.most:
+        if on_iteration is not None:
+            on_iteration(len(history) - 1, state)
+        step = _finite_step(equations, share)
+        if step is None:
+            share = damping.after_refusal(share)
+            continue
+        trial = move(state, step)
+        if trial_cost is None:
+            ahead = linearise(trial)
+            cost = ahead.cost
+        else:
+            ahead, cost = None, trial_cost(trial, equations)
+        if cost <= equations.cost:
+            converged = stopping.converged(state, trial, equations.cost, cost)
+            state, equations = trial, ahead or linearise(trial)
+            history.append(equations.cost)
+            share = damping.after_success(share)
+        else:
+            # A step that promises next to nothing is refused only for rounding: the state is the minimum.
+            converged = -equations.slope(step) <= stopping.relative_gain * equations.cost
+            share = damping.after_refusal(share)
+    return LeastSquaresResult(state, equations, tuple(history), converged)
+
+
+def _finite_step(equations: NormalEquations[Any, Any], damping: float) -> Any | None:
+    """Return the damped step, or None where the damped matrix is not positive definite."""
+    try:
+        step = equations.solve(damping)
+    except np.linalg.LinAlgError:
+        return None
+    return step if np.isfinite(equations.slope(step)) else None
