@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Render footage of a made person with exact truth: the example shot `walk`, or a take of the experiments.
+"""Render footage of a synthetic person with exact ground truth: the example shot `walk`, or a take of the experiments.
 
     .venv/bin/python tools/render_footage.py walk --out examples/walk
 
-Writes one video per camera, calibration.toml, landmarks.trc and shot.toml; a README there is not touched. When it was
-interrupted it goes on where it was, and what is done already is not rendered again. `--preview 0 30 59` writes PNG
+Writes one video per camera, calibration.toml, landmarks.trc and shot.toml; a README there is left alone. An interrupted
+run continues where it stopped, and a finished take is not rendered again. `--preview 0 30 59` writes PNG
 pictures of those frames instead, with the joints marked.
 """
 
@@ -20,18 +20,18 @@ from render.takes import PLANS, Take, is_written, make_take, write_shot
 
 
 def render_take(take: Take, frames: list[int], folder: Path, marks: bool = False) -> None:
-    """Render frames into PNG files of a folder, as the cameras record them."""
+    """Render frames, as the cameras record them, into PNG files in a folder."""
     import cv2
-    from render import figure, lens, scene
+    from render import camera_lens, figure, render_scene
 
     skin = figure.make_figure(take.body)
-    mesh, vertices = scene.build(skin), skin.posed(take.motion)
-    pinholes = {camera.name: lens.padded_pinhole(camera) for camera in take.cameras}
+    mesh, vertices = render_scene.build(skin), skin.posed(take.motion)
+    pinholes = {camera.name: camera_lens.padded_pinhole(camera) for camera in take.cameras}
     by_name = {camera.name: camera for camera in take.cameras}
     truth = take.truth()
-    for name, frame, image in scene.render(mesh, vertices, list(pinholes.values()), folder, frames, take.board):
-        image = lens.through_lens(image, pinholes[name], by_name[name])
-        image = lens.with_noise(image, seed=[frame, *name.encode()])
+    for name, frame, image in render_scene.render(mesh, vertices, list(pinholes.values()), folder, frames, take.board):
+        image = camera_lens.through_lens(image, pinholes[name], by_name[name])
+        image = camera_lens.with_noise(image, seed=[frame, *name.encode()])
         if marks:
             for u, v in by_name[name].project(truth[frame]):
                 cv2.circle(image, (round(u * 16), round(v * 16)), 32, (0, 255, 0), 1, cv2.LINE_AA, 4)
@@ -45,7 +45,7 @@ def picture(folder: Path, camera: str, frame: int) -> Path:
 
 
 def woven(pictures: list[Path], fields: str, folder: Path) -> list[Path]:
-    """The frames of a video: the pictures, or two at a time as an interlaced camera records them."""
+    """Interlace pictures, two to a frame, for a field order; progressive ones are returned unchanged."""
     if fields == "progressive":
         return pictures
     import cv2
@@ -63,7 +63,7 @@ def woven(pictures: list[Path], fields: str, folder: Path) -> list[Path]:
 
 
 def render_shot(take: Take, out: Path) -> None:
-    """Render a take into a folder, unless it is there."""
+    """Render a take into a folder that does not hold it yet."""
     if is_written(take, out):
         return
     scratch = out / f".pictures-{take.digest()}"
@@ -72,12 +72,12 @@ def render_shot(take: Take, out: Path) -> None:
     missing = [f for f in frames if not all(picture(scratch, c.name, f).exists() for c in take.cameras)]
     if missing:
         render_take(take, missing, scratch)
-    from render import video
+    from render import video_encoding
 
     rate = take.fps if take.fields == "progressive" else take.fps / 2
     for camera in take.cameras:
         pictures = woven([picture(scratch, camera.name, f) for f in frames], take.fields, scratch)
-        video.encode(pictures, camera.size, rate, scratch / f"{camera.name}.mp4")
+        video_encoding.encode(pictures, camera.size, rate, scratch / f"{camera.name}.mp4")
         os.replace(scratch / f"{camera.name}.mp4", out / f"{camera.name}.mp4")
     write_shot(take, out)
     shutil.rmtree(scratch)

@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Render videos to calibrate from: an L-frame on the floor and a waved wand, with exact truth.
+"""Render videos for a calibration: an L-frame on the floor and a waved wand, with exact ground truth.
 
     .venv/bin/python tools/render_wand.py --out build/wand
     .venv/bin/kfmocap calibrate build/wand/wand.toml --out build/wand/calibration.toml --report build/wand/report
 
-Four cameras with lens distortion that were not started together; motion blur, noise, compression; other things of the
-balls' colours lie and move about. Writes the videos, wand.toml, and the truth as truth.toml.
+Four cameras with lens distortion that were not started together; motion blur, noise, compression; other objects of
+the balls' colours lie and move about. Writes the videos, wand.toml, and the true cameras as truth.toml.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from render.waving import WandTake, lframe_pictures, wand_pictures
 
 
 def write_take(take: WandTake, out: Path) -> Path:
-    """Render a take into a folder; returns its wand.toml."""
+    """Render a take into a folder; returns the path of its wand.toml."""
     out.mkdir(parents=True, exist_ok=True)
     for k, camera in enumerate(take.cameras):
         write_video(out / f"{camera.name}_lframe.avi", lframe_pictures(take, k), take.fps, camera.size)
@@ -41,7 +41,7 @@ def write_video(path: Path, pictures: Iterable[np.ndarray], fps: float, size: tu
 
 
 def description(take: WandTake) -> str:
-    """The capture as `kfmocap calibrate` reads it."""
+    """The capture file that `kfmocap calibrate` reads."""
     views = "".join(
         f'\n[[view]]\ncamera = "{c.name}"\nlframe = "{c.name}_lframe.avi"\nwand = "{c.name}_wand.avi"\n'
         for c in take.cameras
@@ -59,8 +59,10 @@ def arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=form)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--frames", type=int, default=WandTake.frames)
-    parser.add_argument("--colours", default=",".join(WandTake.colours), help="of the wand's balls; one for both")
-    parser.add_argument("--plain", action="store_true", help="nothing else of the balls' colours")
+    parser.add_argument(
+        "--colours", default=",".join(WandTake.colours), help="colours of the wand's balls: two, or one for both"
+    )
+    parser.add_argument("--plain", action="store_true", help="no distracting objects of the balls' colours")
     return parser
 
 

@@ -1,7 +1,7 @@
-"""Make the pictures of docs/tutorial.md: the tutorial is done in Blender with mouse and keyboard, and photographed.
+"""Make the pictures of docs/tutorial.md: follow the tutorial in Blender with mouse and keyboard, taking screenshots.
 
-It needs the Blender application, Xvfb, xdotool and ImageMagick. Where they are in another root, `--run` names what runs
-a command there; the work folder must then be visible in it under the same path.
+It needs the Blender application, Xvfb, xdotool and ImageMagick. If they are installed in another root file system,
+`--run` gives the command that runs a program there; it must see the work folder under the same path.
 
     python tools/tutorial.py --zip dist/kfmocap-0.1.0-linux_x64.zip
 """
@@ -21,11 +21,11 @@ import cv2
 ROOT = Path(__file__).resolve().parents[1]
 SIZE = (1440, 900)
 WIDTH, QUALITY = 1200, 78
-"""Of the pictures on the page."""
+"""Width in pixels and JPEG quality of the pictures on the page."""
 
 
 def prepare(work: Path, extension: Path) -> None:
-    """Lay out all that Blender needs to see in one folder."""
+    """Copy everything that Blender needs into one folder."""
     shutil.rmtree(work, ignore_errors=True)
     for folder in ("walkthrough", "user"):
         (work / folder).mkdir(parents=True)
@@ -38,13 +38,13 @@ def prepare(work: Path, extension: Path) -> None:
 
 
 def run_blender(work: Path, prefix: str, seconds: int) -> int:
-    """Do the tutorial; the exit code is Blender's."""
+    """Follow the tutorial; returns Blender's exit code."""
     width, height = SIZE
     command = [
         *shlex.split(prefix.format(work=work)),
         *("xvfb-run", "-a", "-s", f"-screen 0 {width}x{height}x24", "timeout", str(seconds)),
         *("blender", "--gpu-backend", "opengl", "--window-geometry", "0", "0", str(width), str(height)),
-        *("--python", str(work / "walkthrough" / "tutorial.py"), "--", str(work)),
+        *("--python", str(work / "walkthrough" / "tutorial_steps.py"), "--", str(work)),
     ]
     environment = os.environ | {"BLENDER_USER_RESOURCES": str(work / "user"), "KEEP": "BLENDER_USER_RESOURCES"}
     return subprocess.run(command, env=environment, check=False).returncode
@@ -52,20 +52,23 @@ def run_blender(work: Path, prefix: str, seconds: int) -> int:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--zip", type=Path, required=True, help="the extension, for that Blender's Python")
+    parser.add_argument("--zip", type=Path, required=True, help="the extension, built for that Blender's Python")
     parser.add_argument("--work", type=Path, default=ROOT / "build" / "tutorial")
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "tutorial")
     parser.add_argument(
-        "--run", default="", metavar="COMMAND", help="runs a command where Blender is; {work}: the folder"
+        "--run",
+        default="",
+        metavar="COMMAND",
+        help="prefix that runs a command where Blender is installed; {work} is the work folder",
     )
-    parser.add_argument("--seconds", type=int, default=1800, help="at most")
+    parser.add_argument("--seconds", type=int, default=1800, help="time limit")
     arguments = parser.parse_args()
 
     work = arguments.work.resolve()
     prepare(work, arguments.zip)
     code = run_blender(work, arguments.run, arguments.seconds)
     if code:
-        print(f"The walk-through broke off: see {work / 'pictures' / 'failed.png'}")
+        print(f"The walkthrough failed: see {work / 'pictures' / 'failed.png'}")
         return code
     arguments.out.mkdir(parents=True, exist_ok=True)
     for picture in sorted((work / "pictures").glob("*.png")):

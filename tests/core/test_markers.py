@@ -14,7 +14,7 @@ from kfmocap.core.calibration.wand import Pairs, told_apart, wand_path
 from kfmocap.core.capture.colours import parsed
 from kfmocap.core.errors import CalibrationError
 from render.drawing import GAMMA, Ball, Canvas, Rod, outline
-from render.waving import CAMERAS, LFRAME, PAINT, Grain
+from render.waving import CAMERAS, LFRAME, PAINT, SensorNoise
 from synthetic import look_at
 
 SIZE = (480, 270)
@@ -29,7 +29,7 @@ def canvas() -> Canvas:
 
 
 def seen_by(canvas: Canvas, things: list[Ball | Rod], seed: int = 0) -> np.ndarray:
-    return Grain(SIZE, seed).over(canvas.drawn(things))
+    return SensorNoise(SIZE, seed).record(canvas.drawn(things))
 
 
 def found(image: np.ndarray, colour: str) -> Balls:
@@ -221,5 +221,5 @@ def test_ends_of_one_colour_keep_their_places_through_gaps_and_crossings():
 
 def test_linear_light_comes_back_from_grey_levels():
     light = np.full((20, 20, 3), 0.3, np.float32)
-    grey = Grain((20, 20), 0).over(light).mean() / 255
+    grey = SensorNoise((20, 20), 0).record(light).mean() / 255
     assert grey**GAMMA == pytest.approx(0.3, abs=0.01)

@@ -12,11 +12,11 @@ from kfmocap.core.body import human, landmark_positions, part_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.shot.footage import frames_at
 from kfmocap.core.shot.shot import View
+from render.camera_lens import padded_pinhole, through_lens
 from render.figure import make_figure, stance
+from render.figure_pose import posed_rotations, turn
 from render.footwork import Foot, reaching_legs, stepping
-from render.lens import padded_pinhole, through_lens
-from render.posing import posed_rotations, turn
-from render.surface import surface_nets
+from render.isosurface import mesh_isosurface
 from render.takes import BESIDE_THE_WALK, PLANS, Take, is_written, make_take, write_shot
 from render_footage import woven
 
@@ -26,12 +26,14 @@ def figure():
     return make_figure(human(1.75), voxel=0.03)
 
 
-def test_surface_nets_close_a_sphere_and_face_outwards():
-    vertices, quads = surface_nets(lambda p: np.linalg.norm(p, axis=1) - 0.5, np.full(3, -0.7), np.full(3, 0.7), 0.05)
+def test_the_mesh_of_a_sphere_is_closed_and_faces_outwards():
+    vertices, triangles = mesh_isosurface(
+        lambda p: np.linalg.norm(p, axis=1) - 0.5, np.full(3, -0.7), np.full(3, 0.7), 0.05
+    )
     np.testing.assert_allclose(np.linalg.norm(vertices, axis=1), 0.5, atol=1e-3)
-    a, b, c, _ = (vertices[quads[:, k]] for k in range(4))
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
     assert (np.sum(np.cross(b - a, c - a) * a, axis=1) > 0).all()
-    edges = np.sort(np.stack([quads, np.roll(quads, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
+    edges = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
     assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
 
 

@@ -1,1 +1,1 @@
-"""Rendering of made footage with exact truth: motions, a skinned figure, a room, and the video files."""
+"""Synthetic footage with exact ground truth: motions, a skinned figure, a room, and the video files."""

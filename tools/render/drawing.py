@@ -1,6 +1,6 @@
-"""Balls and rods drawn into a camera's picture, through its lens and over its exposure; no Blender here.
+"""Draws balls and rods with lens distortion and motion blur. Needs no Blender.
 
-Colours are linear light, 0..1. Every pixel has its ray through the lens, so that a ball's outline is exact.
+Colours are linear light, 0..1. Every pixel is traced through the lens, so that a ball's outline is exact.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ _BITS = 4
 
 @dataclass(frozen=True, eq=False)
 class Ball:
-    """A ball on its way through one exposure.
+    """A ball that moves during one exposure.
 
     Attributes
     ----------
     centres : ndarray, shape (T, 3)
-        Where it is, metres, at moments spread over the exposure.
+        Its positions at times spread evenly over the exposure, metres.
     radius : float
     colour : ndarray, shape (3,)
         Blue, green, red.
@@ -46,7 +46,7 @@ class Ball:
 
 @dataclass(frozen=True, eq=False)
 class Rod:
-    """A rod with round ends on its way through one exposure; `starts` and `ends` have shape (T, 3)."""
+    """A rod with round ends that moves during one exposure; `starts` and `ends` have shape (T, 3)."""
 
     starts: Array
     ends: Array
@@ -60,7 +60,7 @@ def linear(levels: ArrayLike) -> Array:
 
 
 class Canvas:
-    """A camera's pictures of a room, before things that stand still."""
+    """Draws what a camera sees of a room and the objects in it."""
 
     def __init__(self, camera: Camera, still: Sequence[Ball | Rod] = ()) -> None:
         self.camera = camera
@@ -70,7 +70,7 @@ class Canvas:
         self._background = self.drawn(still)
 
     def drawn(self, things: Sequence[Ball | Rod]) -> NDArray[np.float32]:
-        """The picture, in linear light, with these things before the background, shape (h, w, 3)."""
+        """Draw objects in front of the background: the picture in linear light, shape (h, w, 3)."""
         image = self._background.copy()
         for thing in sorted(things, key=self._distance, reverse=True):
             if isinstance(thing, Ball):
@@ -128,7 +128,7 @@ class Canvas:
 
 
 def outline(centres: Array, radius: float, points: int = 24) -> Array:
-    """The circle on a ball that the origin sees as its outline; centres (..., 3) give (..., points, 3)."""
+    """Points of the circle that outlines a ball as seen from the origin; centres (..., 3) give (..., points, 3)."""
     distance = np.linalg.norm(centres, axis=-1, keepdims=True)
     axis = centres / distance
     across = np.cross(axis, [0.0, 1.0, 0.0])
@@ -142,10 +142,10 @@ def outline(centres: Array, radius: float, points: int = 24) -> Array:
 
 
 def _ball_pixels(rays: Array, centres: Array, radius: float, light: Array) -> tuple[Array, Array]:
-    """How much of each pixel a ball covers, and its shade there, at every moment, shape (T, h, w) each."""
+    """Coverage of each pixel by a ball, and its shading there, at every time, shape (T, h, w) each."""
     along = np.sum(rays * centres, axis=-1)
     length2 = np.sum(rays * rays, axis=-1)
-    g = along**2 - (np.sum(centres**2, axis=-1) - radius**2) * length2  # of the cone that touches the ball
+    g = along**2 - (np.sum(centres**2, axis=-1) - radius**2) * length2  # positive inside the tangent cone
     slope = np.hypot(*np.gradient(g, axis=(1, 2)))
     inside = np.clip(g / np.maximum(slope, 1e-12) + 0.5, 0, 1)
     depth = (along - np.sqrt(np.maximum(g, 0))) / length2
@@ -159,7 +159,7 @@ def _lay_over(image: NDArray[np.float32], cover: Array, light: Array) -> None:
 
 
 def pixel_rays(camera: Camera, scale: int = 1) -> NDArray[np.float32]:
-    """The ray (x, y, 1) through every pixel's centre, scale times as many each way, shape (h, w, 3), camera frame."""
+    """Rays (x, y, 1) through the centres of scale x scale subpixels of every pixel, (h, w, 3), camera frame."""
     width, height = camera.size
     u, v = ((np.arange(n * scale) + 0.5) / scale - 0.5 for n in (width, height))
     grid = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 1, 2)

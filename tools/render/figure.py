@@ -1,8 +1,8 @@
-"""The rendered figure: a smooth skin round a body's bones, coloured as clothes; no Blender here.
+"""The rendered figure: a smooth skin around a body's bones, coloured like clothes. Needs no Blender.
 
 Each part carries a few rounded shapes. Their smooth union is meshed once, in a relaxed stance, and the
-same distances give the skin its weights, so that it bends smoothly at the joints. It is on purpose not the
-tracker's own solid.
+distances to the shapes also give the skin weights, so that the skin bends smoothly at the joints. It differs
+from the tracker's body model on purpose: a test on the tracker's own model would prove nothing.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from kfmocap.core.body import Body, part_poses
 from kfmocap.core.body.motion import Motion
 from numpy.typing import NDArray
 
-from .posing import hanging_arm
+from .figure_pose import hanging_arm
+from .isosurface import mesh_isosurface
 from .shapes import human_shapes
-from .surface import surface_nets
 from .textures import noise
 
 Array = NDArray[np.float64]
 
 UNION = 0.010
-"""Length over which shapes flow into one another, metres."""
+"""Width of the smooth transition between shapes, metres."""
 BLEND = 0.022
-"""Difference of distance over which a joint's two parts share the skin, metres."""
+"""Scale of the skin weights at a joint: difference of the distances to its two parts, metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,10 +34,10 @@ class Figure:
     Attributes
     ----------
     vertices : ndarray, shape (V, 3)
-        In the stance it was made in, metres.
-    quads : ndarray of int, shape (Q, 4)
+        In the stance in which it was meshed, metres.
+    triangles : ndarray of int, shape (N, 3)
     weights : ndarray, shape (V, P)
-        Share of every part in a vertex; rows sum to 1.
+        Skin weight of every part; rows sum to 1.
     colours : ndarray, shape (V, 3)
         sRGB, 0..1.
     R_stance, T_stance : ndarray, shape (P, 3, 3) and (P, 3)
@@ -46,7 +46,7 @@ class Figure:
 
     body: Body
     vertices: Array
-    quads: NDArray[np.int64]
+    triangles: NDArray[np.int64]
     weights: Array
     colours: Array
     R_stance: Array
@@ -65,7 +65,7 @@ class Figure:
 
 
 def make_figure(body: Body, voxel: float = 0.007) -> Figure:
-    """Mesh, weigh and colour the figure of a body."""
+    """Mesh and colour a body's figure and compute its skin weights."""
     shapes = human_shapes(body)
     R, T = (pose[0] for pose in part_poses(body, stance(body)))
 
@@ -81,18 +81,18 @@ def make_figure(body: Body, voxel: float = 0.007) -> Figure:
         return -UNION * (top + np.log(np.exp(d - top[:, None]).sum(axis=-1)))
 
     reach = np.array([0.35, 0.35, 0.45])
-    vertices, quads = surface_nets(union, T.min(axis=0) - reach, T.max(axis=0) + reach, voxel)
+    vertices, triangles = mesh_isosurface(union, T.min(axis=0) - reach, T.max(axis=0) + reach, voxel)
     per_part = np.full((len(vertices), len(body)), np.inf)
     for shape, d in zip(shapes, distances(vertices).T, strict=True):
         i = body.index(shape.part)
         per_part[:, i] = np.minimum(per_part[:, i], d)
     nearest = per_part.argmin(axis=1)
     local = np.einsum("vab,va->vb", R[nearest], vertices - T[nearest])
-    return Figure(body, vertices, quads, _weights(body, per_part), _clothes(body, nearest, local), R, T)
+    return Figure(body, vertices, triangles, _weights(body, per_part), _clothes(body, nearest, local), R, T)
 
 
 def stance(body: Body) -> Motion:
-    """Arms hanging clear of the trunk, feet apart: halfway between the poses that the skin will take."""
+    """Arms hanging clear of the trunk, feet apart: halfway between the poses that the skin takes in the motions."""
     Q = np.broadcast_to(np.eye(3), (1, len(body), 3, 3)).copy()
     T = np.array([body.parts[0].head_world])
     for side, sign in (("L", 1.0), ("R", -1.0)):
@@ -104,7 +104,7 @@ def stance(body: Body) -> Motion:
 
 
 def _weights(body: Body, per_part: Array) -> Array:
-    """Shares by distance, among the nearest part, its parent and its children."""
+    """Skin weights by distance, shared by the nearest part, its parent and its children."""
     nearest = per_part.argmin(axis=1)
     related = np.eye(len(body), dtype=bool)
     for i, p in enumerate(body.parents):
@@ -117,7 +117,7 @@ def _weights(body: Body, per_part: Array) -> Array:
 
 
 def _clothes(body: Body, nearest: NDArray[np.int64], local: Array) -> Array:
-    """sRGB of every vertex from its part and its place there: checked shirt, jeans, shoes, skin and hair."""
+    """sRGB of every vertex, from its part and its position on it: checked shirt, jeans, shoes, skin and hair."""
     kind = np.array([name.split(".")[0] for name in body.names])[nearest]
     lengths = np.array([np.linalg.norm(p.tail_world - p.head_world) for p in body.parts])
     place = local[:, 1] / lengths[nearest]

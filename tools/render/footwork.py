@@ -1,4 +1,4 @@
-"""Legs that reach for the places where the feet stand; no Blender here."""
+"""Legs posed so that the feet stand where they should. Needs no Blender."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation
 
-from .posing import HEADING, turn
+from .figure_pose import HEADING, turn
 
 Array = NDArray[np.float64]
 
 HEEL_FIRST = 0.7
-"""How much of a foot's lift its toes do not follow."""
+"""Share of a foot's lift by which its toes stay lower than its heel."""
 
 
 @dataclass(frozen=True, eq=False)
 class Foot:
-    """Where a foot is over time.
+    """The path of a foot.
 
     Attributes
     ----------
     place : ndarray, shape (F, 2)
-        Of the ankle on the floor, metres.
+        Position of the ankle on the floor, metres.
     heading : ndarray, shape (F,)
-        Of the toes, radians from +X.
+        Direction of the toes, radians from +X.
     lift : ndarray, shape (F,)
-        Above standing flat, metres.
+        Height above standing flat, metres.
     """
 
     place: Array
@@ -39,14 +39,14 @@ class Foot:
 
     @classmethod
     def through(cls, t: Array, *knots: tuple[float, float, float, float, float]) -> Foot:
-        """Smoothly through knots (second, x, y, degrees, lift); between equal ones it stands still."""
+        """Interpolate smoothly between knots (second, x, y, degrees, lift); equal knots make the foot stand still."""
         seconds, x, y, degrees, lift = np.array(knots, float).T
         x, y, heading, lift = (PchipInterpolator(seconds, v)(t) for v in (x, y, np.radians(degrees), lift))
         return cls(np.stack([x, y], axis=1), heading, lift)
 
 
 def stepping(heading: Array, side: str, step: float, half_width: float, height: float) -> Foot:
-    """A foot of somebody who turns on the spot to a heading (F,) that grows, in steps of so many radians.
+    """A foot of a person who turns on the spot, following an increasing heading (F,) in steps of `step` radians.
 
     The left foot steps while the right one stands, and the other way round.
     """
@@ -59,17 +59,17 @@ def stepping(heading: Array, side: str, step: float, half_width: float, height: 
 
 
 def reaching_legs(body: Body, pelvis: Motion, feet: dict[str, Foot]) -> dict[str, Rotation]:
-    """Q of thighs, shins and feet that put the feet, by side, where they are to be; the knees bend towards the toes.
+    """Rotations Q of thighs, shins and feet that bring both feet to their paths; knees bend towards the toes.
 
     Parameters
     ----------
     pelvis : Motion
-        Of which the root alone counts.
+        Only its root is used.
 
     Raises
     ------
     ValueError
-        A foot is out of reach.
+        If a foot is out of reach.
     """
     R_body, T_body = part_poses(body, pelvis)
     turns = {}

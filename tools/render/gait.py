@@ -1,4 +1,4 @@
-"""A walk made of textbook curves; no Blender here."""
+"""A walk made from textbook gait curves. Needs no Blender."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from .posing import HEADING, faced_about, hanging_arm, posed_rotations, turn
+from .figure_pose import HEADING, faced_about, hanging_arm, posed_rotations, turn
 
 Array = NDArray[np.float64]
 
@@ -26,11 +26,11 @@ ANKLE = ((0, -2), (8, -6), (15, 0), (25, 7), (40, 15), (49, 17), (62, 1), (72, -
 STRIDE_TIME, STRIDE, HIP_HEIGHT, BOB = 1.0, 1.30, 0.927, 0.009
 """Seconds and metres of a stride, mean height of the hips and how far they rise and fall, metres."""
 LEG = 0.874
-"""Length of thigh and shin for which these hold; for others they are scaled."""
+"""Length of thigh and shin together for which these values hold, metres; they are scaled for other legs."""
 SWAY = 0.022
-"""How far the hips move over the standing leg, metres."""
+"""How far the hips sway over the supporting leg, metres."""
 TILT = np.radians(4)
-"""Forward tilt of the pelvis. The thighs take it back: the hip curve is against the vertical."""
+"""Forward tilt of the pelvis. The thighs compensate for it: the hip curve is relative to the vertical."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Gait:
         return (self.right + (0.5 if side == "L" else 0.0)) % 1.0
 
     def wave(self, amplitude: float, peak: float = 0.0) -> Array:
-        """A cosine over the stride of the right leg, at its highest at phase `peak`."""
+        """A cosine over the stride of the right leg with its maximum at phase `peak`."""
         return amplitude * np.cos(2 * np.pi * (self.right - peak))
 
 
@@ -57,12 +57,12 @@ def walk(body: Body, frames: int, fps: float) -> Motion:
 
 
 def crossing(body: Body, frames: int, fps: float) -> Motion:
-    """The same walk along -X: past a camera at -Y from right to left, the right arm and leg behind the body."""
+    """The same walk along -X: past a camera at -Y from right to left, the right arm and leg hidden by the body."""
     return faced_about(body, walk(body, frames, fps))
 
 
 def _stride_turns(gait: Gait) -> dict[str, Rotation]:
-    """Q of every part that moves in the stride; angles are of the part's own axes."""
+    """Rotation Q of every part that moves in the stride, by angles about the part's own axes."""
     yaw = gait.wave(np.radians(5))  # right side forward
     roll = gait.wave(np.radians(3.5), peak=0.22)  # left side down
     shoulders, still = gait.wave(np.radians(-6), peak=0.03), np.zeros_like(yaw)
@@ -76,7 +76,7 @@ def _stride_turns(gait: Gait) -> dict[str, Rotation]:
     for side, sign in (("L", 1.0), ("R", -1.0)):
         phase = gait.leg(side)
         hip, knee, ankle = (np.radians(_periodic(curve)(phase)) for curve in (HIP, KNEE, ANKLE))
-        # The thigh takes the turns of the pelvis back: the foot keeps its line, its toes a little outwards.
+        # The thigh undoes the rotation of the pelvis: the foot keeps its direction, toes slightly outwards.
         toes_out, inward = sign * np.radians(5), sign * np.radians(2)
         turns[f"thigh.{side}"] = turn("yzx", yaw - toes_out, roll - inward, hip + TILT)
         turns[f"shin.{side}"] = turn("x", -knee)
@@ -90,13 +90,13 @@ def _stride_turns(gait: Gait) -> dict[str, Rotation]:
 
 
 def _periodic(curve: tuple[tuple[float, float], ...]) -> CubicSpline:
-    """The curve over phase 0..1, smooth and closed."""
+    """A smooth, periodic curve over phase 0..1."""
     x, y = np.array([*curve, (100, curve[0][1])], float).T
     return CubicSpline(x / 100, y, bc_type="periodic")
 
 
 def _pelvis_path(body: Body, gait: Gait) -> Array:
-    """Places of the hip centre at the gait's phases, shape (F, 3), metres; the left is towards +Y."""
+    """Positions of the hip centre at the gait's phases, shape (F, 3), metres; +Y is left."""
     scale = np.linalg.norm(body.offsets[[body.index("shin.L"), body.index("foot.L")]], axis=1).sum() / LEG
     height = HIP_HEIGHT - BOB * np.cos(4 * np.pi * gait.right)
     return np.stack([scale * STRIDE * gait.right, -gait.wave(SWAY, peak=0.3), scale * height], axis=1)

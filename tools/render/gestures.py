@@ -1,4 +1,4 @@
-"""Motions of somebody who turns: a throw of the discus, a turn on the spot with waving arms; no Blender here."""
+"""Turning motions: a discus throw, and a turn on the spot with waving arms. Needs no Blender."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.spatial.transform import Rotation
 
+from .figure_pose import HEADING, hanging_arm, posed_rotations, turn
 from .footwork import Foot, reaching_legs, stepping
-from .posing import HEADING, hanging_arm, posed_rotations, turn
 
 Array = NDArray[np.float64]
 
 THROW_TIME = 71 / 60
-"""Seconds of the throw, however many frames it is cut into."""
+"""Duration of the throw in seconds, at any number of frames."""
 
 STEP = np.radians(66)
-"""How far a foot turns in a step of the turn on the spot."""
+"""How far a foot turns in one step of the turn on the spot."""
 
 
 def throw(body: Body, frames: int, fps: float) -> Motion:
@@ -64,7 +64,7 @@ def throw(body: Body, frames: int, fps: float) -> Motion:
 
 
 def whirl(body: Body, frames: int, fps: float) -> Motion:
-    """Turn on the spot to the left, once and a bit, and wave both arms up and down twice a turn."""
+    """Turn on the spot to the left, a little more than once, and wave both arms up and down twice per turn."""
     share = np.arange(frames) / (frames - 1)
     t = np.arange(frames) / fps
     heading = np.radians(-90 + 400 * share)
@@ -96,13 +96,13 @@ def _curve(t: Array, *knots: tuple[float, float]) -> Array:
 
 
 def _smooth(t: Array, *knots: tuple[float, float]) -> Array:
-    """Radians at t of a curve through (second, degrees) whose speed is smooth, too."""
+    """Radians at t of a curve through (second, degrees) with a smooth derivative."""
     x, y = np.array(knots, float).T
     return np.radians(CubicSpline(x, y)(t))
 
 
 def _on_feet(body: Body, turns: dict[str, Rotation], path: Array, feet: dict[str, Foot]) -> Motion:
-    """The motion whose hips take a path (F, 3) and whose legs reach for the feet."""
+    """The motion whose hips follow a path (F, 3) and whose legs reach for the feet."""
     upright = Motion(path, posed_rotations(body, turns, len(path)))
     legs = reaching_legs(body, upright, feet)
     return Motion(path, posed_rotations(body, turns | legs, len(path)))

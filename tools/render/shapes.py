@@ -12,7 +12,7 @@ from scipy.interpolate import PchipInterpolator
 Array = NDArray[np.float64]
 
 FAR = 0.15
-"""From here on, metres, a distance need not be known."""
+"""Distance, metres, beyond which its exact value does not matter."""
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,9 @@ class Shape:
     stations : tuple of (place, half width, half depth, shift in depth)
         Place as a fraction of the line, the rest in metres.
     depth : tuple of float
-        Direction of the depth, roughly.
+        Approximate direction of the depth.
     floor : float or None
-        Depth below which the solid is cut off, as a sole is.
+        Depth below which the solid is cut off, like the sole of a shoe.
     """
 
     part: str
@@ -40,7 +40,7 @@ class Shape:
     floor: float | None = None
 
     def distance(self, points: Array) -> Array:
-        """About the signed distance of points (N, 3) in the part's frame from the solid; 1 if far."""
+        """Approximate signed distance of points (N, 3), in the part's frame, from the solid; 1 if far."""
         a, axis = np.array(self.a), np.subtract(self.b, self.a)
         length = np.linalg.norm(axis)
         d = np.ones(len(points))

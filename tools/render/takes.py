@@ -1,4 +1,4 @@
-"""What is rendered: a body, its motion, the cameras on it, and the shot that comes of it; no Blender here."""
+"""Takes: a body, its motion, the cameras that film it, and the shot file written from them. Needs no Blender."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from numpy.typing import ArrayLike
 from .motions import MOTIONS
 
 KEY_STEP = 20
-LOOKS = ("figure", "lens", "scene", "shapes", "surface", "textures", "video")
-"""The modules that a picture hangs on besides its take."""
+LOOKS = ("camera_lens", "figure", "isosurface", "render_scene", "shapes", "textures", "video_encoding")
+"""The modules, besides this one, whose changes make rendered pictures out of date."""
 
 
 @dataclass(frozen=True, eq=False)
 class Take:
-    """A motion before cameras.
+    """A motion and the cameras that film it.
 
     Attributes
     ----------
@@ -31,9 +31,9 @@ class Take:
     keys : tuple of int
         Frames that get a key pose.
     fields : str
-        "progressive", or which lines of two successive frames a frame of the video begins with.
+        "progressive", or the field order of an interlaced video: "top-first" or "bottom-first".
     board : ndarray, shape (F, 3), optional
-        Path of the centre of a board in front, metres.
+        Path of the centre of a board that passes in front of the performer, metres.
     """
 
     name: str
@@ -54,7 +54,7 @@ class Take:
         return landmark_positions(self.body, self.motion, self.landmarks)
 
     def digest(self) -> str:
-        """A name for all that its pictures hang on."""
+        """Hash of everything that its pictures depend on."""
         sources = [Path(__file__).with_name(f"{name}.py").read_bytes() for name in LOOKS]
         truth = self.truth()
         seen = [(c.name, c.size, c.distortions.tolist(), c.project(truth).round(3).tolist()) for c in self.cameras]
@@ -64,7 +64,7 @@ class Take:
 
 @dataclass(frozen=True)
 class Plan:
-    """A take by its motion, length, frame rate and cameras; keys at those frames, or about every `KEY_STEP`."""
+    """How to make a take; without `keys` it has a key frame about every `KEY_STEP` frames."""
 
     motion: str
     frames: int
@@ -75,7 +75,7 @@ class Plan:
 
 
 def make_take(name: str, frames: int | None = None, board: bool = False) -> Take:
-    """The take of a plan by name; a board may pass between cam01 and the figure, against its way."""
+    """Make a take of `PLANS`; with `board`, a board passes between cam01 and the figure in the opposite direction."""
     plan = PLANS[name]
     length = frames or plan.frames
     body = human(1.78, {"shoulder_width": 0.375, "upper_arm": 0.298, "torso": 0.52, "head": 0.32396})
@@ -87,18 +87,18 @@ def make_take(name: str, frames: int | None = None, board: bool = False) -> Take
 
 
 def key_frames(frames: int) -> list[int]:
-    """A key about every `KEY_STEP` frames, both ends among them."""
+    """Key frames about every `KEY_STEP` frames, including both ends."""
     return [int(k) for k in np.linspace(0, frames - 1, round(frames / KEY_STEP) + 1).round()]
 
 
 def is_written(take: Take, out: Path) -> bool:
-    """Whether a folder holds the footage of just this take."""
+    """Whether a folder holds the footage of exactly this take."""
     shot = out / "shot.toml"
     return shot.exists() and take.digest() in shot.read_text()
 
 
 def write_shot(take: Take, out: Path) -> None:
-    """Write the calibration, the truth and, last, the shot file of a take whose videos are there."""
+    """Write the calibration, the true landmarks and, last, the shot file of a take whose videos are rendered."""
     save_cameras(out / "calibration.toml", {camera.name: camera for camera in take.cameras})
     write_trc(out / "landmarks.trc", take.landmarks, take.truth(), take.fps)
     fields = "" if take.fields == "progressive" else f'fields = "{take.fields}"\n'
@@ -111,7 +111,7 @@ def write_shot(take: Take, out: Path) -> None:
     )
 
 
-def _looking(
+def camera_looking_at(
     name: str,
     place: ArrayLike,
     at: ArrayLike,
@@ -119,6 +119,7 @@ def _looking(
     distortions: ArrayLike = (0.0, 0.0, 0.0, 0.0),
     size: tuple[int, int] = (640, 480),
 ) -> Camera:
+    """Make a camera at a place, metres, that looks at a point, its picture upright; focal length in pixels."""
     forward = np.subtract(at, place)
     forward /= np.linalg.norm(forward)
     right = np.cross(forward, [0, 0, 1.0])
@@ -130,18 +131,18 @@ def _looking(
 
 _WIDE = (640, 360)
 BESIDE_THE_WALK = (
-    _looking("cam01", (0.0, -4.7, 1.05), (0.0, 0.0, 0.93), 780.0, size=_WIDE),
-    _looking("cam02", (4.1, -3.2, 1.5), (0.05, 0.05, 0.86), 700.0, size=_WIDE),
-    _looking("cam03", (-4.0, 3.1, 1.6), (0.05, -0.05, 0.86), 690.0, (-0.16, 0.06, 0.0005, -0.0007), _WIDE),
+    camera_looking_at("cam01", (0.0, -4.7, 1.05), (0.0, 0.0, 0.93), 780.0, size=_WIDE),
+    camera_looking_at("cam02", (4.1, -3.2, 1.5), (0.05, 0.05, 0.86), 700.0, size=_WIDE),
+    camera_looking_at("cam03", (-4.0, 3.1, 1.6), (0.05, -0.05, 0.86), 690.0, (-0.16, 0.06, 0.0005, -0.0007), _WIDE),
 )
 """From the right side, oblique from the front, oblique from behind (through a lens with distortion)."""
 ALL_ROUND = (
-    _looking("cam01", (0.0, -4.6, 1.2), (0.0, 0.0, 0.98), 900.0),
-    _looking("cam02", (3.9, 2.4, 1.4), (0.0, 0.0, 0.96), 900.0),
-    _looking("cam03", (-3.9, 2.4, 1.4), (0.0, 0.0, 0.96), 900.0),
+    camera_looking_at("cam01", (0.0, -4.6, 1.2), (0.0, 0.0, 0.98), 900.0),
+    camera_looking_at("cam02", (3.9, 2.4, 1.4), (0.0, 0.0, 0.96), 900.0),
+    camera_looking_at("cam03", (-3.9, 2.4, 1.4), (0.0, 0.0, 0.96), 900.0),
 )
-BEFORE_THE_CROSSING = (_looking("cam01", (0.0, -4.7, 1.1), (0.0, 0.0, 0.95), 780.0),)
-BEFORE_THE_RING = (_looking("cam01", (0.0, -5.0, 1.2), (0.03, 0.0, 0.9), 900.0),)
+BEFORE_THE_CROSSING = (camera_looking_at("cam01", (0.0, -4.7, 1.1), (0.0, 0.0, 0.95), 780.0),)
+BEFORE_THE_RING = (camera_looking_at("cam01", (0.0, -5.0, 1.2), (0.03, 0.0, 0.9), 900.0),)
 THROW_KEYS = (0, 15, 26, 41, 52, 61, 66, 71)
 PLANS = {
     "walk": Plan("walk", 60, 30.0, BESIDE_THE_WALK),

@@ -10,13 +10,13 @@ Array = NDArray[np.float64]
 
 
 def noise(points: Array, seed: int = 1) -> Array:
-    """Smooth noise of mean 0, deviation about 0.4 and features of size 1 at points (..., 3), shape (...)."""
+    """Smooth noise with mean 0, standard deviation about 0.4 and features of size 1 at points (..., 3), shape (...)."""
     lattice = np.random.default_rng(seed).standard_normal((24, 24, 24))
     return 0.6 * map_coordinates(lattice, np.moveaxis(points, -1, 0), order=3, mode="grid-wrap")
 
 
 def _plane(width: float, height: float, pixel: float) -> tuple[Array, Array]:
-    """Metres across and up of the pixels of an image, row 0 at the bottom as Blender keeps images."""
+    """Metres across and up of the pixels of an image, row 0 at the bottom, as in Blender's images."""
     columns, rows = round(width / pixel), round(height / pixel)
     return np.meshgrid((np.arange(columns) + 0.5) * pixel, (np.arange(rows) + 0.5) * pixel)
 

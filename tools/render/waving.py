@@ -1,6 +1,6 @@
-"""The calibration take: an L-frame on the floor, somebody waving a wand, and other things of the same colours.
+"""The calibration take: an L-frame on the floor, a waved wand, and distracting objects of the same colours.
 
-No Blender here.
+Needs no Blender.
 """
 
 from __future__ import annotations
@@ -14,20 +14,20 @@ from kfmocap.core.cameras.camera import Camera
 from numpy.typing import NDArray
 
 from .drawing import GAMMA, Ball, Canvas, Rod, linear
-from .takes import _looking
+from .takes import camera_looking_at
 
 Array = NDArray[np.float64]
 
 SIZE = (960, 540)
 CAMERAS = (
-    _looking("cam01", (-3.4, -3.6, 1.9), (0.1, 0.0, 0.85), 860.0, (-0.17, 0.04, 0.0, 0.0), SIZE),
-    _looking("cam02", (3.5, -3.3, 1.6), (-0.1, 0.1, 0.9), 905.0, (-0.11, 0.0, 0.0, 0.0), SIZE),
-    _looking("cam03", (3.2, 3.4, 2.1), (0.0, -0.1, 0.8), 780.0, (-0.2, 0.06, 0.0, 0.0), SIZE),
-    _looking("cam04", (-3.3, 3.2, 1.7), (0.0, 0.1, 0.85), 835.0, (0.06, 0.0, 0.0, 0.0), SIZE),
+    camera_looking_at("cam01", (-3.4, -3.6, 1.9), (0.1, 0.0, 0.85), 860.0, (-0.17, 0.04, 0.0, 0.0), SIZE),
+    camera_looking_at("cam02", (3.5, -3.3, 1.6), (-0.1, 0.1, 0.9), 905.0, (-0.11, 0.0, 0.0, 0.0), SIZE),
+    camera_looking_at("cam03", (3.2, 3.4, 2.1), (0.0, -0.1, 0.8), 780.0, (-0.2, 0.06, 0.0, 0.0), SIZE),
+    camera_looking_at("cam04", (-3.3, 3.2, 1.7), (0.0, 0.1, 0.85), 835.0, (0.06, 0.0, 0.0, 0.0), SIZE),
 )
-"""Round the middle of the room, each with its own lens."""
+"""Around the centre of the room, each with its own lens."""
 OFFSETS = (0.0, 3.4, -2.75, 6.2)
-"""Frame f of the take is the camera's video frame f + offset: they were not started together."""
+"""Frame f of the take is the camera's video frame f + offset: the cameras were not started together."""
 LFRAME = np.array([[0, 0, 0], [0.4, 0, 0], [0.9, 0, 0], [0, 0.6, 0]], float)
 PAINT = {
     "red": linear([0.08, 0.05, 0.80]),
@@ -41,31 +41,31 @@ PAINT = {
 }
 """Blue, green, red."""
 NOISE = 1.5
-"""Deviation of the sensor noise, grey levels of 255."""
+"""Standard deviation of the sensor noise, grey levels of 255."""
 
 
 @dataclass(frozen=True, eq=False)
 class WandTake:
-    """What is filmed, and with what.
+    """The cameras, the calibration objects and how they are filmed.
 
     Attributes
     ----------
     cameras : tuple of Camera
     offsets : tuple of float
-        Of each camera's video, frames.
+        Time offset of each camera's video, frames.
     frames : int
-        Of each video with the wand.
+        Length of each video of the wand.
     fps : float
     exposure : float
         Seconds.
     colours : tuple of str
-        Of the wand's balls; one colour or two.
+        Colours of the wand's balls: one for both, or two.
     length : float
-        Of the wand, metres.
+        Length of the wand, metres.
     diameter : float
-        Of all balls, metres.
+        Diameter of all balls, metres.
     distractors : bool
-        Other things of the balls' colours: balls that lie about or roll by, discs on the wall, the waver's shirt.
+        Objects of the balls' colours: balls that lie about or roll by, discs on the wall, the shirt of whoever waves.
     """
 
     cameras: tuple[Camera, ...] = CAMERAS
@@ -90,18 +90,18 @@ class WandTake:
         return np.stack([middle - along, middle + along], axis=-2)
 
     def moments(self, camera: int, frame: int) -> Array:
-        """Seconds, in the take's time, of moments spread over the exposure of a video's frame."""
+        """Times, seconds of the take, spread evenly over the exposure of a video's frame."""
         middle = (frame - self.offsets[camera]) / self.fps
         steps = 8 if self.exposure else 1
         return middle + self.exposure * ((np.arange(steps) + 0.5) / steps - 0.5)
 
     def truth(self, camera: int) -> Array:
-        """The wand's centres as a camera sees them in the middle of each exposure, shape (frames, 2, 2), pixels."""
+        """Pixels of the wand's ball centres at the middle of each exposure, shape (frames, 2, 2)."""
         seconds = (np.arange(self.frames) - self.offsets[camera]) / self.fps
         return self.cameras[camera].project(self.wand(seconds))
 
     def wand_things(self, seconds: Array) -> list[Ball | Rod]:
-        """What there is to see at moments of an exposure while the wand is waved."""
+        """Everything that moves during an exposure while the wand is waved."""
         first, second = np.moveaxis(self.wand(seconds), 1, 0)
         along = (second - first) / self.length
         radius, paint = self.diameter / 2, [PAINT[name] for name in self.colours]
@@ -113,10 +113,10 @@ class WandTake:
         return things + (self._passing(seconds[:, None]) if self.distractors else [])
 
     def still_things(self) -> list[Ball | Rod]:
-        """What lies or hangs about while the wand is waved."""
+        """Distracting objects that stand still while the wand is waved."""
         first, last = PAINT[self.colours[0]], PAINT[self.colours[-1]]
         things: list[Ball | Rod] = [
-            Ball(_at(1.3, 1.4, 0.03), self.diameter / 2, first),  # as a ball of the wand, but it lies there
+            Ball(_at(1.3, 1.4, 0.03), self.diameter / 2, first),  # looks like a ball of the wand, but lies still
             Ball(_at(-1.7, -0.6, 0.09), 0.09, last),
             Rod(_at(-1.5, 4.55, 1.7), _at(-1.4, 4.55, 1.75), 0.06, last),
             Rod(_at(4.5, 0.6, 1.2), _at(4.5, 1.2, 1.2), 0.05, first),
@@ -128,7 +128,7 @@ class WandTake:
         return [Ball(rolling, 0.05, PAINT[self.colours[0]]), *self._waver(t)]
 
     def _waver(self, t: Array) -> list[Ball | Rod]:
-        """Somebody behind the wand in a shirt of nearly its first ball's colour."""
+        """A person behind the wand, in a shirt of nearly the colour of its first ball."""
         hand = self.wand(t[:, 0]).mean(axis=1)
         feet = hand * [0.4, 0.4, 0]
         shoulder = feet + [0.0, 0.0, 1.35]
@@ -142,7 +142,7 @@ class WandTake:
         ]
 
     def lframe_things(self) -> list[Ball | Rod]:
-        """What there is to see while the L-frame lies on the floor; its balls' centres are the points."""
+        """Everything in view while the L-frame lies on the floor."""
         p, radius = self.lframe_points, self.diameter / 2
         things: list[Ball | Rod] = [Ball(ball[None], radius, PAINT["red"]) for ball in p]
         for a, b in ((0, 1), (1, 2), (0, 3)):
@@ -162,30 +162,30 @@ def _at(x: float, y: float, z: float) -> Array:
 
 
 def wand_pictures(take: WandTake, camera: int) -> Iterator[NDArray[np.uint8]]:
-    """The frames of a camera's video of the wand."""
+    """Draw the frames of a camera's video of the wand."""
     canvas = Canvas(take.cameras[camera], take.still_things())
-    grain = Grain(take.cameras[camera].size, camera)
+    sensor = SensorNoise(take.cameras[camera].size, camera)
     for frame in range(take.frames):
-        yield grain.over(canvas.drawn(take.wand_things(take.moments(camera, frame))))
+        yield sensor.record(canvas.drawn(take.wand_things(take.moments(camera, frame))))
 
 
 def lframe_pictures(take: WandTake, camera: int) -> Iterator[NDArray[np.uint8]]:
-    """The frames of a camera's video of the L-frame."""
-    grain = Grain(take.cameras[camera].size, 100 + camera)
+    """Draw the frames of a camera's video of the L-frame."""
+    sensor = SensorNoise(take.cameras[camera].size, 100 + camera)
     picture = Canvas(take.cameras[camera]).drawn(take.lframe_things())
     for _ in range(take.lframe_frames):
-        yield grain.over(picture)
+        yield sensor.record(picture)
 
 
-class Grain:
-    """A sensor: light becomes grey levels, a little blurred, with noise that is drawn once and shifted about."""
+class SensorNoise:
+    """A camera sensor: slight blur, gamma, and noise that is generated once and shifted at random."""
 
     def __init__(self, size: tuple[int, int], seed: int) -> None:
         self.rng = np.random.default_rng(seed)
         self.noise = self.rng.normal(0, NOISE, (2 * size[1], 2 * size[0], 3)).astype(np.float32)
 
-    def over(self, light: NDArray[np.float32]) -> NDArray[np.uint8]:
-        """The picture that a sensor records of linear light."""
+    def record(self, light: NDArray[np.float32]) -> NDArray[np.uint8]:
+        """Record linear light as a picture of grey levels."""
         height, width = light.shape[:2]
         levels = cv2.pow(cv2.GaussianBlur(light, (5, 5), 0.55), 1 / GAMMA)
         row, column = self.rng.integers(0, [height, width])

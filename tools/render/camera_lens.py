@@ -1,4 +1,4 @@
-"""From rendered pinhole images to what a camera records: lens distortion, sensor noise; no Blender here."""
+"""From rendered pinhole images to what a camera records: lens distortion, sensor noise; needs no Blender."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from kfmocap.core.cameras.camera import Camera
 from numpy.typing import NDArray
 
 NOISE = 1.2
-"""Deviation of the sensor noise, grey levels of 255."""
+"""Standard deviation of the sensor noise, grey levels of 255."""
 
 
 def padded_pinhole(camera: Camera) -> Camera:
-    """The camera without distortion, its picture widened so that it covers what the lens sees."""
+    """The same camera without distortion, its picture padded to cover everything that the lens sees."""
     if not camera.distortions.any():
         return camera
     width, height = camera.size
@@ -29,7 +29,7 @@ def padded_pinhole(camera: Camera) -> Camera:
 
 
 def through_lens(image: NDArray[np.uint8], pinhole: Camera, camera: Camera) -> NDArray[np.uint8]:
-    """What the camera records, given the image of `padded_pinhole(camera)`."""
+    """Distort an image of `padded_pinhole(camera)` into what the camera records."""
     if not camera.distortions.any():
         return image
     width, height = camera.size
@@ -40,6 +40,6 @@ def through_lens(image: NDArray[np.uint8], pinhole: Camera, camera: Camera) -> N
 
 
 def with_noise(image: NDArray[np.uint8], seed: list[int]) -> NDArray[np.uint8]:
-    """The image with Gaussian sensor noise."""
+    """Add Gaussian sensor noise to an image."""
     noise = np.random.default_rng(seed).normal(0, NOISE, image.shape)
     return np.clip(image + noise, 0, 255).round().astype(np.uint8)

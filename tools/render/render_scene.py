@@ -1,4 +1,4 @@
-"""The Blender scene of made footage: room, light, figure and cameras. Needs the bpy module."""
+"""The Blender scene of synthetic footage: room, light, figure and cameras. Needs the bpy module."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FIGURE, SUN = "Figure", "Sun"
 
 
 def build(figure: Figure) -> bpy.types.Mesh:
-    """Make a scene with the room, its light and the figure, whose mesh is returned."""
+    """Build a scene with the room, its light and the figure; returns the figure's mesh."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     _render_settings(scene)
@@ -45,11 +45,11 @@ def render(
     frames: list[int],
     board_path: Array | None = None,
 ) -> Iterator[tuple[str, int, Image]]:
-    """Render frames of posed vertices (F, V, 3), yielding camera name, frame and BGR picture.
+    """Render frames of posed vertices (F, V, 3); yields camera name, frame and BGR picture.
 
-    The room is rendered once per camera, and on every frame the rectangle round the figure and its shadow.
-    A board may pass through the pictures, its centre at `board_path` (F, 3). The cameras must be without
-    distortion: Blender renders pinhole images. `folder` takes temporary files.
+    The room is rendered once per camera; every frame renders only the rectangle around the figure and its shadow.
+    A board may pass through the pictures, its centre at `board_path` (F, 3). The cameras must have
+    no distortion: Blender renders pinhole images. `folder` is for temporary files.
     """
     scene, figure = bpy.context.scene, bpy.data.objects[FIGURE]
     objects = {camera.name: _camera(camera) for camera in cameras}
@@ -86,7 +86,7 @@ def _picture(
     scene.camera, scene.cycles.seed, scene.cycles.samples = obj, seed, samples
     render.resolution_x, render.resolution_y = camera.size
     render.use_border = render.use_crop_to_border = box is not None
-    # Blender cuts the fractions down to whole pixels, counted from the lower left: a quarter more is safe.
+    # Blender truncates the fractions to whole pixels from the lower left; a quarter of a pixel guards the edge.
     render.border_min_x, render.border_max_x = (low[0] + 0.25) / size[0], (high[0] + 0.25) / size[0]
     render.border_min_y, render.border_max_y = 1 - (high[1] - 0.25) / size[1], 1 - (low[1] - 0.25) / size[1]
     render.filepath = str(path)
@@ -98,7 +98,7 @@ def _picture(
 
 
 def _pasted(room: Image, part: Image, low: IntArray, ramp: int = 10) -> Image:
-    """The picture of the room with a part drawn over it, fading in from the part's border: no seam shows."""
+    """Paste a part over the picture of the room, blended at its border so that no seam shows."""
     image = room.astype(float)
     rows, columns = part.shape[:2]
     up, across = (np.minimum(np.arange(n), np.arange(n)[::-1]) for n in (rows, columns))
@@ -109,7 +109,7 @@ def _pasted(room: Image, part: Image, low: IntArray, ramp: int = 10) -> Image:
 
 
 def _touched(camera: Camera, points: Array, margin: int = 20) -> tuple[IntArray, IntArray]:
-    """Box of pixels round what moves and what it shades on the floor."""
+    """Box of pixels around moving points and their shadow on the floor."""
     sun = np.array(bpy.data.objects[SUN].matrix_world)[:3, :3] @ [0, 0, -1.0]
     shadow = points - points[:, 2:] / sun[2] * sun
     uv = camera.project(np.concatenate([points, shadow, points * [1, 1, 0]]))
@@ -175,7 +175,7 @@ def _panel(name: str, pixels: Array, corners: list[tuple[float, ...]]) -> bpy.ty
 
 
 def board_corners() -> Array:
-    """Corners of the board about its centre, metres, shape (4, 3): upright, along the walker's way."""
+    """Corners of the board about its centre, metres, shape (4, 3): upright, parallel to the walk."""
     x, z = BOARD[0] / 2, BOARD[1] / 2
     return np.array([[-x, 0, -z], [x, 0, -z], [x, 0, z], [-x, 0, z]])
 
@@ -186,8 +186,8 @@ def _board() -> bpy.types.Object:
 
 def _figure(figure: Figure) -> bpy.types.Mesh:
     mesh = bpy.data.meshes.new(FIGURE)
-    mesh.from_pydata(figure.vertices, [], figure.quads)
-    mesh.polygons.foreach_set("use_smooth", np.ones(len(figure.quads), dtype=bool))
+    mesh.from_pydata(figure.vertices, [], figure.triangles)
+    mesh.polygons.foreach_set("use_smooth", np.ones(len(figure.triangles), dtype=bool))
     sRGB = figure.colours
     linear = np.where(sRGB <= 0.04045, sRGB / 12.92, ((sRGB + 0.055) / 1.055) ** 2.4)
     layer = mesh.attributes.new("colour", "FLOAT_COLOR", "POINT")

@@ -1,4 +1,4 @@
-"""Turns of a body's parts from angles, as the motions use them; no Blender here."""
+"""Rotations of a body's parts from angles, as the motions use them. Needs no Blender."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ HEADING = np.pi / 2
 
 
 def turn(axes: str, *angles: Array) -> Rotation:
-    """Turns about the part's own axes, first axis outermost; angles in radians, shape (F,) each."""
+    """Rotation about the part's own axes, the first axis outermost; angles in radians, shape (F,) each."""
     return Rotation.from_euler(axes.upper(), np.stack(angles, axis=-1))
 
 
 def hanging_arm(sign: float, swing: Array, drop: Array) -> Rotation:
-    """Upper arm dropped from the T pose and swung forward; sign is 1 on the left, -1 on the right.
+    """Rotation of an upper arm lowered from the T pose and swung forward; sign is 1 on the left, -1 on the right.
 
-    The bone's y axis points outwards and its z axis forwards: the drop is a turn about z, the swing one about
-    the line through both shoulders, which is y of the undropped arm.
+    The bone's y axis points outwards and its z axis forwards: lowering it is a rotation about z, the swing one about
+    the line through both shoulders, which is y of the arm in the T pose.
     """
     return turn("yz", -sign * swing, -sign * drop)
 
 
 def posed_rotations(body: Body, turns: dict[str, Rotation], frames: int) -> Array:
-    """Q of all parts, shape (F, P, 3, 3)."""
+    """Rotations Q of all parts, shape (F, P, 3, 3): the given ones, identity for the others."""
     Q = np.broadcast_to(np.eye(3), (frames, len(body), 3, 3)).copy()
     for name, turn in turns.items():
         Q[:, body.index(name)] = turn.as_matrix()
@@ -37,7 +37,7 @@ def posed_rotations(body: Body, turns: dict[str, Rotation], frames: int) -> Arra
 
 
 def faced_about(body: Body, motion: Motion) -> Motion:
-    """The motion turned by half a turn about the world's vertical."""
+    """The motion turned by 180 degrees about the vertical through the world's origin."""
     half = np.diag([-1.0, -1.0, 1.0])
     Q = motion.rotations.copy()
     Q[:, 0] = body.R_parent_rest[0].T @ half @ body.R_parent_rest[0] @ Q[:, 0]

@@ -1,4 +1,4 @@
-"""Pictures into video files. Needs the bpy module."""
+"""Video files from pictures. Needs the bpy module."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import bpy
 
 
 def encode(pictures: list[Path], size: tuple[int, int], fps: float, target: Path) -> None:
-    """Write PNG pictures as an H.264 file through Blender's sequencer."""
+    """Encode PNG pictures as an H.264 file with Blender's sequencer."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     scene.view_settings.view_transform = "Standard"

@@ -1,6 +1,7 @@
-"""A person before Blender's window: reads the labels, clicks on them, types, and takes pictures.
+"""Operates Blender's window as a user would: finds labels, clicks on them, types, and takes screenshots.
 
-Runs within Blender, in an X server; needs xdotool and ImageMagick. What takes time is a generator of seconds to wait.
+Runs inside Blender under an X server; needs xdotool and ImageMagick. Every action is a generator that yields how
+many seconds to wait before it continues.
 """
 
 from __future__ import annotations
@@ -23,12 +24,12 @@ from numpy.typing import NDArray
 
 Waits = Iterator[float]
 Place = tuple[int, int]
-"""Pixels of the screen from its upper left."""
+"""Pixel of the screen, counted from its upper left corner."""
 Box = tuple[int, int, int, int]
 """Left, top, right, bottom."""
 
 _ALIKE = 0.8
-"""Least correlation of a label with what is on the screen: the same letters have more, on any background."""
+"""Minimum correlation of a label with the screen: a label that is there exceeds it on any background."""
 
 
 class NotShownError(RuntimeError):
@@ -36,7 +37,7 @@ class NotShownError(RuntimeError):
 
 
 def run(steps: Waits, picture: Path) -> None:
-    """Take the steps one after the other; end Blender when they are through, with code 1 where one fails."""
+    """Carry out the steps, then quit Blender; a failing step saves a screenshot and ends Blender with exit code 1."""
 
     def tick() -> float | None:
         try:
@@ -55,7 +56,7 @@ def run(steps: Waits, picture: Path) -> None:
 
 
 def click(label: str, **where: Any) -> Waits:
-    """Click on a label; further arguments as of `find`."""
+    """Click on a label; the other arguments are those of `find`."""
     yield from click_at(find(label, **where))
 
 
@@ -84,7 +85,7 @@ def click_with(key: str, place: Place) -> Waits:
 
 
 def click_quickly(place: Place) -> Waits:
-    """Click where the screen need not come to rest before the next click."""
+    """Click without waiting for the screen to come to rest."""
     yield from hover(place)
     _xdotool("click", 1)
     yield 0.3
@@ -99,7 +100,7 @@ def press(key: str, place: Place | None = None) -> Waits:
 
 
 def write(text: str, place: Place) -> Waits:
-    """Type a text into the field at a place, in place of what is there, and Return."""
+    """Replace the text of the field at a place, then press Return."""
     yield from click_at(place)
     yield from press("ctrl+a")
     _xdotool("type", "--delay", 15, text)
@@ -108,15 +109,15 @@ def write(text: str, place: Place) -> Waits:
 
 
 def choose_file(path: Path | str, button: str) -> Waits:
-    """In Blender's file browser, over the whole screen, type a path and click on the button that takes it."""
+    """Enter a path in Blender's full-screen file browser and click on the button that accepts it."""
     height, width = screenshot().shape[:2]
     yield from write(str(path), (width // 2, 47))
-    yield from click_at((width // 2, height - 8))  # out of the field, which else takes the next click
+    yield from click_at((width // 2, height - 8))  # leave the field, which would otherwise swallow the next click
     yield from click(button, within=(width // 2, height - 60, width, height))
 
 
 def settled(seconds: float = 5.0) -> Waits:
-    """Wait until the screen has come to rest, for some seconds at most."""
+    """Wait until the screen stops changing, for a limited number of seconds."""
     yield 0.6
     end, shown = time.monotonic() + seconds, screenshot()
     while time.monotonic() < end:
@@ -132,7 +133,7 @@ def until(condition: Callable[[], object], seconds: float = 120.0) -> Waits:
     Raises
     ------
     TimeoutError
-        It is not met in time.
+        If it is not met in time.
     """
     end = time.monotonic() + seconds
     while not condition():
@@ -142,19 +143,19 @@ def until(condition: Callable[[], object], seconds: float = 120.0) -> Waits:
 
 
 def find(label: str, *, within: Box | None = None, sideways: bool = False) -> Place:
-    """The middle of a label on the screen, where it is most like it.
+    """Find the centre of a label on the screen, where it correlates best.
 
     Parameters
     ----------
     sideways : bool
-        It reads from above down, as on a tab.
+        The label reads downwards, as on a tab.
     within : tuple, optional
-        Where to look, by default everywhere.
+        Where to look; by default everywhere.
 
     Raises
     ------
     NotShownError
-        It is not there.
+        If it is not there.
     """
     screen, text = screenshot().max(axis=2).astype(float), _drawn(label)
     if sideways:
@@ -182,7 +183,7 @@ def is_shown(label: str) -> bool:
 
 
 def screenshot() -> NDArray[np.uint8]:
-    """What the screen shows, shape (h, w, 3)."""
+    """Capture the screen, shape (h, w, 3)."""
     command = ["import", "-window", "root", "-depth", "8", "ppm:-"]
     picture = subprocess.run(command, capture_output=True, check=True).stdout
     _, size, _, pixels = picture.split(b"\n", 3)
@@ -195,7 +196,7 @@ def _photograph_to(path: Path) -> None:
 
 
 def photograph(path: Path) -> Waits:
-    """Take a picture of the screen."""
+    """Save a screenshot, once the screen has come to rest."""
     yield from settled()
     _photograph_to(path)
 
@@ -205,7 +206,7 @@ def _xdotool(*arguments: object) -> None:
 
 
 def _drawn(label: str) -> NDArray[np.floating]:
-    """A label as Blender draws it, white on black, trimmed, shape (h, w)."""
+    """Draw a label as Blender does, white on black, trimmed, shape (h, w)."""
     size = bpy.context.preferences.ui_styles[0].widget.points * bpy.context.preferences.system.ui_scale
     blf.size(0, size)
     width, height = int(blf.dimensions(0, label)[0]) + 6, int(1.6 * size)
@@ -228,7 +229,7 @@ def _drawn(label: str) -> NDArray[np.floating]:
 
 
 def _correlation(screen: NDArray[np.floating], text: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Normalised correlation at every place of a text's upper left corner."""
+    """Normalised correlation for every position of a text's upper left corner."""
     h, w = text.shape
     pattern = text - text.mean()
     spectrum = np.fft.rfft2(screen) * np.conj(np.fft.rfft2(pattern, screen.shape))

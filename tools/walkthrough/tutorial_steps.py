@@ -1,6 +1,7 @@
-"""What the tutorial shows, done as a person would do it: in Blender, with mouse and keyboard.
+"""The steps of docs/tutorial.md, carried out as a user would: in Blender, with mouse and keyboard.
 
-Run by `tools/tutorial.py`, with the folder of the examples, the extension's zip and the pictures after `--`.
+Run by `tools/tutorial.py`; the argument after `--` is the folder with the examples, the extension's zip and the
+pictures.
 """
 
 from __future__ import annotations
@@ -16,8 +17,19 @@ from mathutils import Vector
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
-import screen  # noqa: E402
-from screen import Place, Waits, choose_file, click, click_at, click_quickly, find, photograph, press, until  # noqa: E402
+import blender_screen as screen  # noqa: E402
+from blender_screen import (  # noqa: E402
+    Place,
+    Waits,
+    choose_file,
+    click,
+    click_at,
+    click_quickly,
+    find,
+    photograph,
+    press,
+    until,
+)
 
 WORK = Path(sys.argv[sys.argv.index("--") + 1])
 PICTURES = WORK / "pictures"
@@ -36,28 +48,28 @@ def scene() -> bpy.types.Scene:
 
 
 def view3d() -> tuple[bpy.types.Area, bpy.types.Region]:
-    """The 3D view with the open sidebar, or the only one, and the region of it that shows the scene."""
+    """The 3D view whose sidebar is open (or the only 3D view) and its main region."""
     areas = [a for a in window().screen.areas if a.type == "VIEW_3D"]
     area = max(areas, key=lambda a: a.spaces.active.show_region_ui)
     return area, next(r for r in area.regions if r.type == "WINDOW")
 
 
 def in_view(share: tuple[float, float] = (0.3, 0.5)) -> Place:
-    """A place in the 3D view, as shares of its width and height from its upper left."""
+    """A place in the 3D view, as fractions of its width and height from its upper left corner."""
     _, region = view3d()
     height = window().height
     return round(region.x + share[0] * region.width), round(height - region.y - (1 - share[1]) * region.height)
 
 
 def shown_at(point: np.ndarray) -> Place:
-    """Where the 3D view shows a point of the world."""
+    """Where on the screen the 3D view shows a point of the world."""
     area, region = view3d()
     x, y = location_3d_to_region_2d(region, area.spaces.active.region_3d, Vector(point))
     return round(region.x + x), round(window().height - region.y - y)
 
 
 def truth(example: str) -> dict[str, np.ndarray]:
-    """Where the joints are on every frame (F, 3): what a person sees in the footage, the script reads from a file."""
+    """Positions of the joints on every frame, (F, 3) each, from a file: a user would see them in the footage."""
     lines = (WORK / example / "landmarks.trc").read_text().splitlines()
     names = [name for name in lines[3].split("\t")[2:] if name]
     rows = np.array([[float(x) if x else np.nan for x in line.split("\t")] for line in lines[5:] if line.strip()])
@@ -82,7 +94,7 @@ def install() -> Waits:
 
 
 def open_tab() -> Waits:
-    """N, then the tab; the default cube, lamp and camera go."""
+    """Delete the default objects, press N and open the tab."""
     yield from press("a", in_view())
     yield from press("x", in_view())
     yield from press("Return")
@@ -92,7 +104,7 @@ def open_tab() -> Waits:
 
 
 def add_footage() -> Waits:
-    """All three videos of the example, then its calibration."""
+    """Add the three videos of the example, then its calibration."""
     yield from click("Add Footage")
     yield from screen.write(str(WORK / "walk") + "/", (640, 47))
     yield from click_at((screen.screenshot().shape[1] // 2, screen.screenshot().shape[0] - 8))
@@ -108,7 +120,7 @@ def add_footage() -> Waits:
 
 
 def add_body() -> Waits:
-    """An average body of 1.75 m beside the performer."""
+    """Add an average body of 1.75 m beside the performer."""
     yield from only("Body")
     yield from click("Add Body")
     yield from until(lambda: len(scene().kfmocap.performers) == 1)
@@ -116,7 +128,7 @@ def add_body() -> Waits:
 
 
 def only(section: str) -> Waits:
-    """Ctrl-click on a section's title: it opens, the others close."""
+    """Ctrl-click on a section's title, which opens it and closes the others."""
     yield from screen.click_with("ctrl", find(section, within=sidebar()))
 
 
@@ -134,11 +146,11 @@ def placing() -> object:
 
 
 CLICKED = 15
-"""So many of the joints that are asked for: limbs, head and neck. The rest may stay as it is."""
+"""How many of the requested joints to click: limbs, head and neck. The others keep their pose."""
 
 
 def pose(frame: int, joints: dict[str, np.ndarray], photographed: str = "") -> Waits:
-    """Click the joints of a frame (from 0) of the example in two cameras, then Enter."""
+    """Click the joints of a frame (from 0) of the example in two cameras, then press Enter."""
     yield from click("Place Joints")
     for view in ("cam01", "cam02"):
         while scene().camera.name != view:
@@ -156,7 +168,7 @@ def pose(frame: int, joints: dict[str, np.ndarray], photographed: str = "") -> W
 
 
 def key_poses() -> Waits:
-    """Key poses on the first frame and the last one; then the body is fitted to them."""
+    """Set key poses on the first and the last frame, then fit the body to them."""
     joints = truth("walk")
     yield from only("Key Poses")
     yield from pose(0, joints, "joints")
@@ -175,14 +187,14 @@ def bone_lengths() -> list[float]:
 
 
 def tracked_keys() -> int:
-    """How many keys the tracker has written."""
+    """Number of keys that the tracker has written."""
     action = scene().kfmocap.performers[0].armature.animation_data.action
     curves = action.layers[0].strips[0].channelbags[0].fcurves
     return sum(key.type == "GENERATED" for curve in curves for key in curve.keyframe_points)
 
 
 def idle() -> bool:
-    """Whether no tool is at work."""
+    """Whether no tool is running."""
     return not window().modal_operators
 
 
@@ -197,7 +209,7 @@ def track() -> Waits:
 
 
 def to_frame(frame: int) -> Waits:
-    """A click on the timeline."""
+    """Click on a frame in the timeline."""
     timeline = next(a for a in window().screen.areas if a.type == "DOPESHEET_EDITOR")
     region = next(r for r in timeline.regions if r.type == "WINDOW")
     x, _ = region.view2d.view_to_region(frame, 0, clip=False)
@@ -206,7 +218,7 @@ def to_frame(frame: int) -> Waits:
 
 
 def correct() -> Waits:
-    """A correcting key pose where the review says that it helps most, and the two stretches beside it again."""
+    """Add a key pose where the review says that it helps most, then track the two segments beside it again."""
     joints = truth("walk")
     yield from only("Review")
     x, y = find("One more key pose would help most at", within=sidebar())
@@ -231,7 +243,7 @@ def export() -> Waits:
 
 
 def real_shot() -> Waits:
-    """The beam: from its shot file, four cameras side by side, tracked."""
+    """Load the beam from its shot file, show its four cameras side by side, and track it."""
     if not (WORK / "beam" / "cam01.mp4").exists():
         return
     yield from only("Footage and Cameras")
