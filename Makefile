@@ -46,7 +46,7 @@ lint: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	@mkdir -p build/typing && ln -sfn ../.. build/typing/kfmocap
-	$(BIN)/mypy -p kfmocap.core
+	$(BIN)/mypy -p kfmocap.core -p kfmocap.cli
 
 format: install
 	$(BIN)/ruff check --fix .

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import platform
@@ -14,9 +13,9 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from ..cli.demo_command import example_folder
-from ..cli.track_command import check_output, staged
+from ..cli.example_footage import example_folder
 from ..core.errors import FootageError, KFMocapError
+from ..core.runtime.files import check_writable, staged
 from . import tables
 from .rows import CONVERGENCE, ROWS, Case, cases
 
@@ -32,25 +31,41 @@ _CONVERGENCE = (
 )
 
 
-def run(args: argparse.Namespace) -> int:
-    """Measure, print the tables, and with `--out` write bench.md and bench.json.
+def run(out: Path | None = None, *, shot: str | None = None, quick: bool = False, repeat: int = 1) -> int:
+    """Measure the cases and print the tables.
+
+    Parameters
+    ----------
+    out : Path, optional
+        Folder for bench.md and bench.json; made if it does not exist.
+    shot : str, optional
+        Measure only this example.
+    quick : bool
+        Measure only the quick rows.
+    repeat : int
+        Number of runs of each case; times are their medians.
 
     Returns
     -------
     int
-        0 when every case that could be measured was; footage that cannot be had is said and left out.
+        0 when every case that could be measured was. Footage that cannot be downloaded is reported and left out.
+
+    Raises
+    ------
+    KFMocapError
+        There is no such example, or the folder cannot be written.
     """
-    if args.repeat < 1:
-        raise KFMocapError(f"it is {args.repeat}", where="--repeat", todo="at least 1")
-    if args.shot is not None and args.shot not in (known := sorted({row.shot for row in ROWS})):
-        raise KFMocapError(f"there is no '{args.shot}'", where="--shot", todo=f"there are {', '.join(known)}")
-    if args.out is not None:
-        check_output(args.out)
-    results = measured(cases(args.shot, args.quick), args.repeat)
+    if repeat < 1:
+        raise KFMocapError(f"it is {repeat}", where="--repeat", todo="at least 1")
+    if shot is not None and shot not in (known := sorted({row.shot for row in ROWS})):
+        raise KFMocapError(f"there is no '{shot}'", where="--shot", todo=f"there are {', '.join(known)}")
+    if out is not None:
+        check_writable(out)
+    results = measured(cases(shot, quick), repeat)
     text = summary(results)
     print(text)
-    if args.out is not None:
-        write(args.out, text, results)
+    if out is not None:
+        write(out, text, results)
     return 0 if results and not any("error" in result for result in results) else 1
 
 

@@ -15,9 +15,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..cli.track_command import check_output, staged
 from ..core.errors import FootageError, KFMocapError
-from ..core.runtime.files import replacing
+from ..core.runtime.files import check_writable, replacing, staged
 from .experiments_pictures import write_jpeg
 from .experiments_runs import Footage, Outcome, say, throw, walk, whirl
 
@@ -95,7 +94,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Do experiments, print their tables and write everything; returns the exit code."""
     args = parser().parse_args(argv)
     try:
-        check_output(args.out)
+        check_writable(args.out)
         for name in EXPERIMENTS if args.name == "all" else [args.name]:
             experiment = EXPERIMENTS[name]
             outcome = experiment.run(Footage.load(rendered(experiment.take)))

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..cli.demo_command import example_folder
+from ..cli.example_footage import example_folder
 from ..core.cameras.camera import Camera
 from ..core.fitting.camera_refinement import refine_cameras
 from ..core.fitting.resection import adjusted

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
-from ..cli.demo_command import example_folder
+from ..cli.example_footage import example_folder
 from ..core.body import landmark_positions
 from ..core.formats import Landmarks, load_shot, read_trc
 from ..core.review.scoring import JOINTS

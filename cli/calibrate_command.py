@@ -1,46 +1,85 @@
-"""Calibrate from a capture file and write what comes of it: all of it, or nothing."""
+"""`kfmocap calibrate`: solve for cameras from a waved wand, or refine those of a shot."""
 
 from __future__ import annotations
 
+import argparse
+import sys
 from contextlib import nullcontext
 from pathlib import Path
 
 from ..core.calibration.api import calibrate
 from ..core.calibration.calibration_report import write_report
 from ..core.calibration.solution import Solution
+from ..core.errors import KFMocapError
+from ..core.fitting.camera_refinement import Refinement, refine_cameras
+from ..core.formats import load_shot
 from ..core.formats.calibration_export import check_kind, export_cameras
 from ..core.formats.marker_points import write_marker_points
+from ..core.formats.shot_toml import load_shot_cameras
 from ..core.formats.wand_toml import load_wand
+from ..core.runtime.files import check_writable, staged
 from ..core.runtime.progress import Progress
-from .track_command import check_output, staged
+from .progress_bar import progress_bar
+from .services import Services
+
+
+def run(args: argparse.Namespace, _services: Services) -> int:
+    """Carry out the command; returns the exit code."""
+    if args.refine is None:
+        with progress_bar() as progress:
+            solution, files = run_calibrate(
+                args.wand,
+                args.out,
+                report=args.report,
+                points=args.points,
+                progress=progress,
+                kind=args.format,
+                drift=args.drift,
+            )
+        lines = [*solution.clocks.lines, *solution.findings]
+    else:
+        if args.report is not None or args.points is not None or args.drift:
+            todo = "leave them out with --refine"
+            raise KFMocapError(
+                "--report, --points and --drift apply to a wand capture only", where="kfmocap calibrate", todo=todo
+            )
+        with progress_bar() as progress:
+            refinement = refine_shot(args.refine, args.out, progress, kind=args.format)
+        lines = [view.summary for view in refinement.views]
+        files = [args.out]
+    print(*files, sep="\n")
+    for line in lines:
+        print(f"kfmocap: {line}", file=sys.stderr)
+    return 0
 
 
 def run_calibrate(
     wand: Path,
     out: Path,
+    *,
     report: Path | None = None,
     points: Path | None = None,
     progress: Progress | None = None,
-    *,
     kind: str | None = None,
     drift: bool = False,
 ) -> tuple[Solution, list[Path]]:
-    """Calibrate; write the cameras, and if asked for the report's folder and the markers' points.
+    """Calibrate; write the cameras and, if asked for, the report and the detected marker positions.
 
     Parameters
     ----------
     wand : Path
         The capture file.
     out : Path
-        The calibration.
+        The calibration file to write.
     report : Path, optional
-        A folder: made if it is not there.
+        Folder for the report; made if it does not exist.
     points : Path, optional
-        A CSV file.
+        CSV file for the marker positions.
+    progress : callable, optional
     kind : str, optional
-        Of the calibration; by default what its name asks for. See `export_cameras`.
+        Kind of calibration file; by default the one that the name of `out` asks for. See `export_cameras`.
     drift : bool
-        Clocks may run faster or slower.
+        Whether clocks may run faster or slower.
 
     Returns
     -------
@@ -51,12 +90,12 @@ def run_calibrate(
     Raises
     ------
     KFMocapError
-        A file cannot be read or written, or the capture does not tell where the cameras are.
+        A file cannot be read or written, or the capture does not determine where the cameras are.
     """
     check_kind(out, kind)
-    check_output(out.parent)
+    check_writable(out.parent)
     if report is not None:
-        check_output(report)
+        check_writable(report)
     solution = calibrate(load_wand(wand), progress, drift=drift)
     files = []
     with nullcontext() if report is None else staged(report) as stage:
@@ -69,3 +108,29 @@ def run_calibrate(
         out.parent.mkdir(parents=True, exist_ok=True)
         export_cameras(out, solution.cameras, kind)
     return solution, [out, *files]
+
+
+def refine_shot(shot_path: Path, out: Path, progress: Progress | None = None, *, kind: str | None = None) -> Refinement:
+    """Refine the cameras of a shot file's views; write them with the other cameras of its calibration.
+
+    Parameters
+    ----------
+    shot_path, out : Path
+        The shot file, and the calibration file to write.
+    progress : callable, optional
+    kind : str, optional
+        Kind of calibration file; by default the one that the name of `out` asks for. See `export_cameras`.
+
+    Raises
+    ------
+    KFMocapError
+        See `load_shot` and `refine_cameras`; nothing was written then.
+    OutputError
+        The calibration cannot be written; raised before the work where this can be seen.
+    """
+    check_kind(out, kind)
+    check_writable(out.parent)
+    cameras = load_shot_cameras(shot_path)
+    refinement = refine_cameras(load_shot(shot_path), progress)
+    export_cameras(out, cameras | refinement.cameras, kind)
+    return refinement

@@ -1,53 +1,72 @@
-"""Track a shot and write its results: all of them, or nothing."""
+"""`kfmocap track`: track a shot and write its results, all of them or none."""
 
 from __future__ import annotations
 
-import os
-import shutil
-import tempfile
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+import argparse
+import json
+import sys
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Literal
 
 from ..core.body import landmark_positions
-from ..core.errors import OutputError
+from ..core.errors import ShotError
+from ..core.formats import load_shot
 from ..core.formats.shot_toml import shot_name
 from ..core.formats.trc import write_trc
 from ..core.review.overlay import contact_sheet, sheet_frames, write_contact_sheet
-from ..core.review.track_report import report
-from ..core.runtime.files import write_json
+from ..core.review.track_report import blind_spots, report
+from ..core.runtime.files import check_writable, staged, write_json
 from ..core.runtime.progress import Progress, share
+from ..core.runtime.timing import Seconds
 from ..core.shot.shot import Shot
+from ..core.tracking.selection import selected
 from ..core.tracking.tracker import TrackResult, track
+from .progress_bar import progress_bar
+from .services import BlenderSession, Services
 
-if TYPE_CHECKING:
-    import bpy
+
+def run(args: argparse.Namespace, services: Services) -> int:
+    """Carry out the command; returns the exit code."""
+    check_writable(args.out)
+    blender = None if args.no_blender else services.blender()
+    seconds = Seconds()
+    with seconds.measure("shot"):
+        shot = _shot(args, services)
+    with progress_bar() as progress:
+        files = run_track(
+            shot, args.out, blender=blender, progress=progress, seconds=seconds, open_scene=args.shot is None
+        )
+    print(*files, sep="\n")
+    # On standard error: the list of files can be piped on as it is.
+    for line in blind_spots(json.loads((args.out / "report.json").read_text(encoding="utf-8"))):
+        print(f"kfmocap: {line}", file=sys.stderr)
+    return 0
 
 
 def run_track(
     shot: Shot,
     out_dir: Path,
-    blender: bool = True,
+    *,
+    blender: BlenderSession | None = None,
     progress: Progress | None = None,
-    seconds: dict[str, float] | None = None,
-    scene: bpy.types.Scene | None = None,
+    seconds: Mapping[str, float] | None = None,
+    open_scene: bool = False,
 ) -> list[Path]:
-    """Track a shot; write NAME.trc, overlay.png, report.json; with Blender NAME.bvh, NAME.fbx, shot.blend.
+    """Track a shot; write NAME.trc, overlay.png and report.json, and with Blender NAME.bvh, NAME.fbx and shot.blend.
 
     Parameters
     ----------
     shot : Shot
     out_dir : Path
-        Made if it is not there; other files in it stay as they are.
-    blender : bool
-        Write what needs Blender's module bpy, too.
+        Made if it does not exist; other files in it stay as they are.
+    blender : BlenderSession, optional
+        By default the files that need Blender are left out.
     progress : callable, optional
-    seconds : dict, optional
+    seconds : mapping of str to float, optional
         Seconds of earlier stages, for the report.
-    scene : bpy.types.Scene, optional
-        The scene that the shot was read from: shot.blend is then a copy of the open file with the motion.
+    open_scene : bool
+        The shot was read from Blender's open scene: shot.blend is then a copy of the open file with the motion.
 
     Returns
     -------
@@ -57,123 +76,58 @@ def run_track(
     Raises
     ------
     OutputError
-        The folder cannot be written, seen before the tracking begins, or Blender's module is missing.
+        The folder cannot be written; raised before the tracking begins.
     FootageError
         The footage breaks off.
     CancelledError
         `progress` returned False.
     """
     shot_name(shot.name, "[shot]")
-    if blender:
-        require_blender()
     with staged(out_dir) as stage:
         shown = sheet_frames(shot)
         result = track(shot, share(progress, 0.0, 0.95), pictures=shown)
-        clock = _Clock(dict(seconds or {}))
-        write_landmarks(shot, result, stage)
-        in_step, drawing = shot.in_step(result.footage_offset), share(progress, 0.95, 1.0)
-        sheet = contact_sheet(in_step, result.motions, shown, drawing, result.pictures)
-        write_contact_sheet(stage / "overlay.png", sheet)
-        clock.lap("overlay")
-        if blender:
-            from ..kfmocap_addon.export import blender_outputs
-
-            blender_outputs.write_blender_outputs(shot, result, stage, scene, home=out_dir)
-            clock.lap("Blender")
-        write_json(stage / "report.json", report(shot, result, clock.seconds))
+        times = Seconds(seconds or {})
+        with times.measure("overlay"):
+            _write_landmarks(shot, result, stage)
+            in_step, drawing = shot.in_step(result.footage_offset), share(progress, 0.95, 1.0)
+            sheet = contact_sheet(in_step, result.motions, shown, drawing, result.pictures)
+            write_contact_sheet(stage / "overlay.png", sheet)
+        if blender is not None:
+            with times.measure("Blender"):
+                blender.write_outputs(shot, result, stage, home=out_dir, open_scene=open_scene)
+        write_json(stage / "report.json", report(shot, result, times))
         names = sorted(file.name for file in stage.iterdir())
     return [out_dir / name for name in names]
 
 
-def require_blender() -> None:
-    """See that Blender's module is there.
+def _shot(args: argparse.Namespace, services: Services) -> Shot:
+    """Read the shot of the file or, inside Blender, of the open scene."""
+    views = None if args.views is None else [name for name in args.views.split(",") if name]
+    keyframes = _keyframes(args.keyframes)
+    if args.shot is not None:
+        return load_shot(args.shot, views=views, keyframes=keyframes, solver=args.solver)
+    if not services.in_blender:
+        raise ShotError("no shot file is named", where="kfmocap track", todo="kfmocap track SHOT.toml --out DIR")
+    return selected(services.blender().read_shot(), views, keyframes, args.solver)
 
-    Raises
-    ------
-    OutputError
-        It is not, or it does not load.
-    """
+
+def _keyframes(text: str | None) -> list[int] | Literal["auto"] | None:
+    if text is None:
+        return None
+    if text == "auto":
+        return "auto"
     try:
-        import bpy  # noqa: F401
-    except ImportError as error:
-        raise OutputError(
-            f"BVH, FBX and .blend need Blender's module bpy: {error}",
-            todo="pip install 'kfmocap[blender]', or ask for the rest alone with --no-blender",
-        ) from error
+        return [int(number) for number in text.split(",")]
+    except ValueError as error:
+        todo = "give whole numbers separated by commas, such as 0,33,66,99"
+        raise ShotError(f"'{text}' is not a list of frames", where="--keyframes", todo=todo) from error
 
 
-def write_landmarks(shot: Shot, result: TrackResult, folder: Path) -> None:
-    """Write every performer's landmarks: NAME.trc, or NAME_PERFORMER.trc each where there are several."""
+def _write_landmarks(shot: Shot, result: TrackResult, folder: Path) -> None:
+    """Write every performer's landmarks: NAME.trc, or one NAME_PERFORMER.trc each where there are several."""
     for performer, motion in zip(shot.performers, result.motions, strict=True):
         names = list(performer.body.landmarks)
         several = len(shot.performers) > 1
         name = shot_name(f"{shot.name}_{performer.name}", "[[performer]]") if several else shot.name
         points = landmark_positions(performer.body, motion, names)
         write_trc(folder / f"{name}.trc", names, points, shot.fps)
-
-
-def check_output(out_dir: Path) -> None:
-    """See that results can be written, before any work is done.
-
-    Raises
-    ------
-    OutputError
-        They cannot.
-    """
-    _new_stage(out_dir).rmdir()
-
-
-@contextmanager
-def staged(out_dir: Path) -> Iterator[Path]:
-    """Give an empty folder whose files are moved into `out_dir` when the block ends well, else dropped.
-
-    Raises
-    ------
-    OutputError
-        `out_dir` cannot be written: raised before the block begins.
-    """
-    stage = _new_stage(out_dir)
-    try:
-        yield stage
-        _move_files(stage, out_dir)
-    except OSError as error:
-        raise _unwritable(out_dir, error) from error
-    finally:
-        shutil.rmtree(stage, ignore_errors=True)
-
-
-def _new_stage(out_dir: Path) -> Path:
-    if out_dir.exists() and not out_dir.is_dir():
-        raise OutputError("is a file, not a folder", where=f"--out {out_dir}")
-    # On the file system of the results, so that moving a file into place cannot fail half-way.
-    beside = next(folder for folder in (out_dir, *out_dir.absolute().parents) if folder.exists())
-    try:
-        return Path(tempfile.mkdtemp(prefix=".kfmocap-", dir=beside))
-    except OSError as error:
-        raise _unwritable(out_dir, error) from error
-
-
-def _unwritable(out_dir: Path, error: OSError) -> OutputError:
-    return OutputError(f"the folder cannot be written: {error.strerror or error}", where=f"--out {out_dir}")
-
-
-def _move_files(stage: Path, out_dir: Path) -> None:
-    files = sorted(stage.iterdir())
-    for file in files:
-        if (out_dir / file.name).is_dir():
-            raise OutputError("a folder is in the way", where=f"--out {out_dir / file.name}")
-    out_dir.mkdir(parents=True, exist_ok=True)
-    for file in files:
-        os.replace(file, out_dir / file.name)
-
-
-class _Clock:
-    """Adds up the seconds of stages."""
-
-    def __init__(self, seconds: dict[str, float]) -> None:
-        self.seconds, self._last = seconds, time.perf_counter()
-
-    def lap(self, stage: str) -> None:
-        now = time.perf_counter()
-        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._last
-        self._last = now

@@ -5,12 +5,16 @@ Importing it pulls in no bpy; `register` does.
 
 
 def register() -> None:
-    from . import registration
+    """Add the classes, properties and handlers of the add-on, and its command, to Blender."""
+    from . import batch, registration
 
     registration.register()
+    batch.register()
 
 
 def unregister() -> None:
-    from . import registration
+    """Remove them again."""
+    from . import batch, registration
 
+    batch.unregister()
     registration.unregister()

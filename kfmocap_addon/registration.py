@@ -1,10 +1,13 @@
-"""What Blender is told of: classes, the scene's properties, the command.
+"""What the add-on adds to Blender: classes, the scene's properties, menu entries, drawing handlers.
 
-What is imported here is loaded with Blender: it needs neither numpy nor the core beyond its errors. Tools import the
-rest when they are used.
+What is imported here is loaded when Blender starts: it needs neither NumPy nor the core beyond its errors. Operators
+import the rest when they are used.
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import bpy
 
@@ -63,14 +66,14 @@ OPERATORS = (
 CLASSES = tuple(cls for module in (properties, capture_scene, *OPERATORS, *panels.SECTIONS) for cls in module.CLASSES)
 MENUS = edit_body.MENUS
 """Names of Blender's menus and what is appended to them."""
-COMMAND = "kfmocap"
 
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(CLASSES)
-_commands: list[object] = []
 _drawings: list[object] = []
+"""Blender's handles of the drawing functions, which Blender wants back when they are removed."""
 
 
 def register() -> None:
+    """Add everything to Blender."""
     _register_classes()
     bpy.types.Scene.kfmocap = bpy.props.PointerProperty(type=properties.KFMocapScene)
     bpy.types.Scene.kfmocap_capture = bpy.props.PointerProperty(type=capture_scene.KFMocapCapture)
@@ -79,13 +82,10 @@ def register() -> None:
     key_list.register()
     _drawings.append(bpy.types.SpaceView3D.draw_handler_add(_draw_outlines, (), "WINDOW", "POST_VIEW"))
     _drawings.append(bpy.types.SpaceView3D.draw_handler_add(_draw_marks, (), "WINDOW", "POST_PIXEL"))
-    if hasattr(bpy.utils, "register_cli_command"):
-        _commands.append(bpy.utils.register_cli_command(COMMAND, _command))
 
 
 def unregister() -> None:
-    while _commands:
-        bpy.utils.unregister_cli_command(_commands.pop())
+    """Remove everything from Blender again."""
     for menu, entry in MENUS:
         getattr(bpy.types, menu).remove(entry)
     key_list.unregister()
@@ -96,8 +96,17 @@ def unregister() -> None:
     _unregister_classes()
 
 
-def is_registered() -> bool:
-    return hasattr(bpy.types.Scene, "kfmocap")
+@contextmanager
+def registered() -> Iterator[None]:
+    """Register the add-on while the block runs, where it is not registered already."""
+    if hasattr(bpy.types.Scene, "kfmocap"):
+        yield
+        return
+    register()
+    try:
+        yield
+    finally:
+        unregister()
 
 
 def _draw_outlines() -> None:
@@ -111,9 +120,3 @@ def _draw_marks() -> None:
     from .overlays import mark_drawing
 
     mark_drawing.draw_marks()
-
-
-def _command(argv: list[str]) -> int:
-    from ..cli import command_line
-
-    return command_line.main(argv)

@@ -89,6 +89,13 @@ class RefinedCamera:
         """Whether it shows the performers elsewhere than where the key poses are, or not at all; it is as it was."""
         return self.clearness < LOST
 
+    @property
+    def summary(self) -> str:
+        """What became of the camera, in one line."""
+        if self.lost:
+            return f"{self.camera.name}: not changed: it does not show the performers where the key poses are"
+        return f"{self.camera.name}: its picture moved by {self.shift:.1f} px, known to {self.deviation:.1f} px"
+
 
 @dataclass(frozen=True, eq=False)
 class Refinement:

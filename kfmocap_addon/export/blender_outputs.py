@@ -13,7 +13,6 @@ import bpy
 
 from ...core.errors import OutputError
 from ...core.shot.shot import Shot
-from .. import registration
 from ..scene_io import review_data, tracked_segments
 from ..scene_io import scene as scenes
 from . import exporters
@@ -22,12 +21,6 @@ if TYPE_CHECKING:
     from ...core.tracking.tracker import TrackResult
 
 _STEPS_UP = 3  # footage further away than that is found by its absolute path
-
-
-def shot_from_scene(scene: bpy.types.Scene) -> Shot:
-    """The shot that a scene shows, also where no add-on was switched on; see `scene.shot_from_scene`."""
-    with _registered():
-        return scenes.shot_from_scene(scene)
 
 
 def write_blender_outputs(
@@ -65,33 +58,19 @@ def write_blender_outputs(
         If a file cannot be written, or a new scene is asked for in an application with a user.
     """
     folder = Path(out_dir).resolve()
-    with _registered():
-        if scene is None:
-            scene = _fresh_scene()
-            scenes.build_scene(shot, result.motions, scene)
-            _open_on_footage(scene)
-        else:
-            scenes.write_motions(scene, result.motions, shot)
-        review_data.write_review(scene, [(shot, result, 0)])
-        tracked_segments.remember_offset(scene, result)
-        paths = exporters.export_performers(scene, folder)
-        with exporters.writing(folder / "shot.blend") as target, _portable_paths(Path(home or folder).resolve()):
-            bpy.ops.wm.save_as_mainfile(filepath=str(target), copy=True, check_existing=False, relative_remap=False)
-        paths.append(folder / "shot.blend")
+    if scene is None:
+        scene = _fresh_scene()
+        scenes.build_scene(shot, result.motions, scene)
+        _open_on_footage(scene)
+    else:
+        scenes.write_motions(scene, result.motions, shot)
+    review_data.write_review(scene, [(shot, result, 0)])
+    tracked_segments.remember_offset(scene, result)
+    paths = exporters.export_performers(scene, folder)
+    with exporters.writing(folder / "shot.blend") as target, _portable_paths(Path(home or folder).resolve()):
+        bpy.ops.wm.save_as_mainfile(filepath=str(target), copy=True, check_existing=False, relative_remap=False)
+    paths.append(folder / "shot.blend")
     return paths
-
-
-@contextmanager
-def _registered() -> Iterator[None]:
-    """Our properties exist on scenes for the time of a job, also where no add-on was switched on."""
-    if registration.is_registered():
-        yield
-        return
-    registration.register()
-    try:
-        yield
-    finally:
-        registration.unregister()
 
 
 def _fresh_scene() -> bpy.types.Scene:

@@ -30,15 +30,13 @@ class RefineCameras(JobOperator, bpy.types.Operator):
         return partial(refine_cameras, shot)
 
     def finish(self, context: bpy.types.Context, result: object) -> None:
-        from ...cli.refine_command import told
         from ..scene_io import view_cameras
 
         properties = context.scene.kfmocap
         for slot, found in zip(properties.views, result.views, strict=True):
             if not found.lost:
                 view_cameras.show_camera(slot, found.camera, properties.frame_start)
-        for view, line in zip(result.views, told(result), strict=True):
-            self.report({"WARNING" if view.lost else "INFO"}, line)
+            self.report({"WARNING" if found.lost else "INFO"}, found.summary)
 
 
 CLASSES = (RefineCameras,)

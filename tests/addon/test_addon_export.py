@@ -17,7 +17,7 @@ from kfmocap.core.body import human, part_poses  # noqa: E402
 from kfmocap.core.body.motion import Motion  # noqa: E402
 from kfmocap.core.errors import OutputError, ShotError  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
-from kfmocap.kfmocap_addon import registration  # noqa: E402
+from kfmocap.kfmocap_addon.batch import BatchSession  # noqa: E402
 from kfmocap.kfmocap_addon.export import blender_outputs, exporters, presets  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import body_armature, keyframes, scene  # noqa: E402
 from mathutils import Matrix  # noqa: E402
@@ -30,6 +30,11 @@ TOLERANCE = 0.1  # mm
 def result_of(original):
     motions = tuple(motion(original.length, seed) for seed in range(len(original.performers)))
     return track_result(original, motions)
+
+
+def write_outputs(original, folder: Path, home: Path | None = None) -> list[Path]:
+    """As the command line does it, where no add-on is switched on."""
+    return BatchSession().write_outputs(original, result_of(original), folder, home=home or folder, open_scene=False)
 
 
 def empty_file():
@@ -49,7 +54,7 @@ def imported(path: Path):
 @pytest.mark.parametrize("suffix", [".bvh", ".fbx"])
 def test_the_motion_read_back_is_the_cores(tmp_path, suffix):
     original = shot(tmp_path)
-    blender_outputs.write_blender_outputs(original, result_of(original), tmp_path / "out")
+    write_outputs(original, tmp_path / "out")
     armature = imported(tmp_path / "out" / f"walk{suffix}")
     assert joint_error(armature, human(1.7), motion(12)) < TOLERANCE
     first, last = armature.animation_data.action.frame_range
@@ -60,7 +65,7 @@ def test_the_motion_read_back_is_the_cores(tmp_path, suffix):
 
 def test_at_a_broken_rate_the_exports_keep_time(tmp_path):
     original = shot(tmp_path, fps=29.97)
-    blender_outputs.write_blender_outputs(original, result_of(original), tmp_path)
+    write_outputs(original, tmp_path)
     text = (tmp_path / "walk.bvh").read_text()
     assert float(re.search(r"Frame Time: (.*)", text)[1]) == pytest.approx(1 / 29.97, rel=1e-7)
     assert "Frames: 12\n" in text
@@ -71,7 +76,7 @@ def test_at_a_broken_rate_the_exports_keep_time(tmp_path):
 
 def test_several_performers_have_files_of_their_own(tmp_path):
     original = shot(tmp_path, ("man", "woman"))
-    paths = blender_outputs.write_blender_outputs(original, result_of(original), tmp_path / "out")
+    paths = write_outputs(original, tmp_path / "out")
     names = ["walk_man.bvh", "walk_man.fbx", "walk_woman.bvh", "walk_woman.fbx", "shot.blend"]
     assert [path.name for path in paths] == names
     assert sorted(names) == sorted(path.name for path in (tmp_path / "out").iterdir())
@@ -81,8 +86,8 @@ def test_several_performers_have_files_of_their_own(tmp_path):
 
 def test_shot_blend_opens_with_everything(tmp_path):
     original = shot(tmp_path)
-    blender_outputs.write_blender_outputs(original, result_of(original), tmp_path / "out")
-    assert not registration.is_registered()
+    write_outputs(original, tmp_path / "out")
+    assert not hasattr(bpy.types.Scene, "kfmocap")
     kfmocap_addon.register()
     try:
         bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "out" / "shot.blend"))
@@ -105,7 +110,7 @@ def test_shot_blend_and_footage_move_together(tmp_path):
     (project / "out").mkdir(parents=True)
     original = shot(project)
     stage = project / "deep" / "stage"
-    blender_outputs.write_blender_outputs(original, result_of(original), stage, home=project / "out")
+    write_outputs(original, stage, home=project / "out")
     shutil.move(stage / "shot.blend", project / "out" / "shot.blend")
     project.rename(tmp_path / "moved")
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "moved" / "out" / "shot.blend"))
@@ -115,7 +120,7 @@ def test_shot_blend_and_footage_move_together(tmp_path):
 def test_far_footage_is_named_by_its_absolute_path(tmp_path):
     (tmp_path / "footage").mkdir()
     original = shot(tmp_path / "footage")
-    blender_outputs.write_blender_outputs(original, result_of(original), tmp_path / "a" / "b" / "c" / "d" / "out")
+    write_outputs(original, tmp_path / "a" / "b" / "c" / "d" / "out")
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "a" / "b" / "c" / "d" / "out" / "shot.blend"))
     assert Path(bpy.data.movieclips[0].filepath) == (tmp_path / "footage" / "cam01.mp4").resolve()
 

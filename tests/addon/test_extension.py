@@ -12,7 +12,6 @@ pytestmark = pytest.mark.blender
 
 SHOT = ROOT / "examples" / "walk" / "shot.toml"
 OPERATORS = ROOT / "kfmocap_addon" / "operators"
-COMMAND_LINE = ROOT / "cli" / "command_line.py"
 BUNDLED = ("scipy", "cv2", "filterpy", "threadpoolctl")
 
 
@@ -78,13 +77,12 @@ def test_operators_are_registered_and_unregistered(extension):
 
 
 @pytest.mark.skipif(not SHOT.exists(), reason="examples/walk is not there")
-@pytest.mark.skipif(not COMMAND_LINE.exists(), reason="the command line is not there")
 def test_the_installed_extension_tracks_the_small_example(extension, tmp_path):
     printed = extension.run(f"""
         import importlib
-        command_line = importlib.import_module({extension.module!r} + ".cli.command_line")
+        batch = importlib.import_module({extension.module!r} + ".kfmocap_addon.batch")
         arguments = ["track", {str(SHOT)!r}, "--views", "cam01,cam02", "--out", {str(tmp_path)!r}]
-        print("\\nexit code", command_line.main(arguments))
+        print("\\nexit code", batch.run_command(arguments))
     """)
     assert printed == "exit code 0"
     written = {path.suffix for path in tmp_path.iterdir() if path.stat().st_size}

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import ROOT
+from kfmocap.__main__ import main
 from kfmocap.benchmarks import bench, tables
 from kfmocap.benchmarks.case import Watch
 from kfmocap.benchmarks.rows import CONVERGENCE, ROWS, SWEEPS, Case, Row, cases
-from kfmocap.cli.command_line import main
 from kfmocap.core.body import human
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.errors import FootageError

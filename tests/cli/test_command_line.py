@@ -10,8 +10,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from kfmocap.cli import command_line, demo_command, track_command
-from kfmocap.cli.command_line import main
+from kfmocap.__main__ import main
+from kfmocap.cli import example_footage, progress_bar, track_command
 from kfmocap.core.body import human, landmark_positions
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
@@ -218,7 +218,7 @@ def test_bad_input_is_one_line_and_changes_nothing(
 def test_the_libraries_below_add_nothing_to_the_message(folder: Path) -> None:
     (folder / "broken.mp4").write_bytes(b"\0\0\0\x18ftypmp42" + bytes(200))
     (folder / "shot.toml").write_text(SHOT.replace("footage_%02d.png", "broken.mp4"))
-    code = "import sys; from kfmocap.cli.command_line import main; sys.exit(main())"
+    code = "import sys; from kfmocap.__main__ import main; sys.exit(main())"
     command = [sys.executable, "-c", code, "track", "shot.toml", "--out", "out", "--no-blender"]
     run = subprocess.run(command, cwd=folder, capture_output=True, text=True)
     assert run.returncode == 1
@@ -253,7 +253,7 @@ def test_an_output_folder_that_cannot_be_written_is_refused_before_tracking(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, out: str
 ) -> None:
     monkeypatch.setattr(track_command, "track", lambda *_: pytest.fail("tracking began"))
-    assert_refused(folder, capsys, track(folder, out=out), "--out", out)
+    assert_refused(folder, capsys, track(folder, out=out), out)
 
 
 def test_a_folder_in_the_way_of_a_result_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -305,10 +305,10 @@ def test_without_a_shot_file_outside_blender_one_is_asked_for(
 def test_the_progress_bar_is_drawn_on_terminals_alone(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with command_line.progress_bar() as progress:
+    with progress_bar.progress_bar() as progress:
         assert progress is None
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    with command_line.progress_bar() as progress:
+    with progress_bar.progress_bar() as progress:
         assert progress is not None
         assert progress("solve", 0.5)
     drawn = capsys.readouterr().err
@@ -316,8 +316,9 @@ def test_the_progress_bar_is_drawn_on_terminals_alone(
     assert "50%" in drawn
 
 
-def test_the_command_line_imports_neither_blender_nor_the_core() -> None:
-    code = "import sys, kfmocap.cli.command_line\nassert not {'bpy', 'numpy', 'cv2', 'kfmocap.core'} & set(sys.modules)"
+def test_the_program_starts_without_blender_and_the_libraries() -> None:
+    """`kfmocap --help` answers at once, and the libraries are loaded after they have been told to be quiet."""
+    code = "import sys, kfmocap.__main__\nassert not {'bpy', 'numpy', 'cv2'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
@@ -332,7 +333,7 @@ def examples(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for image in folder.glob("footage_*.png"):
         (root / "walk" / image.name).write_bytes(image.read_bytes())
     (root / "beam" / "SHA256SUMS").write_text("00  footage_00.png\n")
-    monkeypatch.setattr(demo_command, "_EXAMPLES", root)
+    monkeypatch.setattr(example_footage, "_EXAMPLES", root)
     monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
     return root
 
@@ -343,7 +344,7 @@ def test_the_demo_falls_back_to_the_rendered_example(
     def offline(command, **_):
         return subprocess.CompletedProcess(command, 1, "", "ERROR: no network\n")
 
-    monkeypatch.setattr(demo_command.subprocess, "run", offline)
+    monkeypatch.setattr(example_footage.subprocess, "run", offline)
     assert main(["demo", "--no-blender", "--out", str(folder / "out")]) == 0
     captured = capsys.readouterr()
     assert "no network" in captured.err
@@ -367,7 +368,7 @@ def test_the_demo_fetches_its_footage_once_and_checks_it(
                 wheel.write(image, f"Pose2Sim/Demo_SinglePerson/videos/{image.name}")
         return subprocess.CompletedProcess(command, 0, "", "")
 
-    monkeypatch.setattr(demo_command.subprocess, "run", pip)
+    monkeypatch.setattr(example_footage.subprocess, "run", pip)
     images = sorted(folder.glob("footage_*.png"))
     sums = [f"{hashlib.sha256(i.read_bytes()).hexdigest()}  {i.name}\n" for i in images]
     (examples / "beam" / "SHA256SUMS").write_text("".join(sums))

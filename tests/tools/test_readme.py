@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 import shlex
 import shutil
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
-from kfmocap.cli import command_line
+from kfmocap.cli import arguments
 from kfmocap.core.formats import load_shot, read_trc
 from kfmocap.core.review.scoring import joint_error
 
@@ -30,8 +31,8 @@ def block(language: str) -> str:
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_commands_are_understood(command: str) -> None:
-    parsed = command_line.parser().parse_args(shlex.split(command, comments=True))
-    assert callable(parsed.run)
+    parsed = arguments.parser().parse_args(shlex.split(command, comments=True))
+    assert callable(importlib.import_module(f"kfmocap.cli.{parsed.command}_command").run)
 
 
 def test_commands_were_found() -> None:

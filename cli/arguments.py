@@ -1,0 +1,70 @@
+"""The arguments of every command. A command NAME is carried out by the function `run` of NAME_command.py."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+
+def parser() -> argparse.ArgumentParser:
+    """Build the parser; the name of the command is parsed into `command`."""
+    program = argparse.ArgumentParser(prog="kfmocap", description="Keyframe motion tracking of performers.")
+    commands = program.add_subparsers(required=True, metavar="COMMAND", dest="command")
+    _add_track(commands.add_parser("track", help="track a shot and write motion, pictures and a report"))
+    _add_calibrate(
+        commands.add_parser("calibrate", help="solve for cameras from a waved wand, or refine those of a shot")
+    )
+    _add_synchronise(
+        commands.add_parser("synchronise", help="find the time offsets of another take's videos from its wand")
+    )
+    _add_demo(commands.add_parser("demo", help="track real footage of four cameras, downloaded once"))
+    _add_bench(commands.add_parser("bench", help="measure the tracker's errors and times on the examples"))
+    return program
+
+
+def _add_track(command: argparse.ArgumentParser) -> None:
+    command.add_argument("shot", nargs="?", type=Path, metavar="SHOT.toml", help="inside Blender: the open scene")
+    command.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder for the results")
+    command.add_argument("--views", metavar="CAM,CAM", help="use only the views of these cameras")
+    command.add_argument("--keyframes", metavar="N,N | auto", help="use these key frames instead of the shot's")
+    _add_tracking(command)
+
+
+def _add_calibrate(command: argparse.ArgumentParser) -> None:
+    source = command.add_mutually_exclusive_group(required=True)
+    source.add_argument(
+        "wand", nargs="?", type=Path, metavar="WAND.toml", help="capture of an L-frame and a wand, as videos or points"
+    )
+    source.add_argument("--refine", type=Path, metavar="SHOT.toml", help="refine a shot's cameras from its key poses")
+    command.add_argument("--out", required=True, type=Path, metavar="FILE", help="the calibration to write")
+    command.add_argument("--format", metavar="NAME", help="toml, caliscope, qualisys or opencv (default: by --out)")
+    command.add_argument("--report", type=Path, metavar="DIR", help="folder for the calibration report")
+    command.add_argument("--points", type=Path, metavar="FILE.csv", help="also write the detected marker positions")
+    _add_drift(command)
+
+
+def _add_synchronise(command: argparse.ArgumentParser) -> None:
+    command.add_argument("wand", type=Path, metavar="WAND.toml", help="capture file of that take: videos or points")
+    command.add_argument("--cameras", required=True, type=Path, metavar="FILE", help="calibration of the cameras")
+    _add_drift(command)
+
+
+def _add_demo(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--out", type=Path, default=Path("kfmocap-demo"), metavar="DIR", help="default: %(default)s")
+    _add_tracking(command)
+
+
+def _add_bench(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--out", type=Path, metavar="DIR", help="also write bench.md and bench.json there")
+    command.add_argument("--shot", metavar="NAME", help="measure one example only: beam or walk")
+    command.add_argument("--quick", action="store_true", help="measure a few rows only")
+    command.add_argument("--repeat", type=int, default=1, metavar="N", help="times are medians of N runs (default: 1)")
+
+
+def _add_tracking(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--solver", metavar="NAME", help="gauss-newton or relaxation")
+    command.add_argument("--no-blender", action="store_true", help="leave out the files that need Blender")
+
+
+def _add_drift(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--drift", action="store_true", help="clocks may also run at different speeds (long takes)")

@@ -1,0 +1,97 @@
+"""What the commands need of the program around them: Blender, where there is one, and the benchmark."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn, Protocol
+
+from ..core.errors import OutputError
+
+if TYPE_CHECKING:
+    from ..core.shot.shot import Shot
+    from ..core.tracking.tracker import TrackResult
+
+
+class BlenderSession(Protocol):
+    """Blender as the commands use it."""
+
+    def read_shot(self) -> Shot:
+        """Read the shot that the open scene shows.
+
+        Raises
+        ------
+        ShotError
+            The scene shows none, or it cannot be tracked.
+        """
+
+    def write_outputs(
+        self, shot: Shot, result: TrackResult, folder: Path, *, home: Path, open_scene: bool
+    ) -> list[Path]:
+        """Write the BVH and FBX files and shot.blend; returns the files written.
+
+        Parameters
+        ----------
+        shot : Shot
+        result : TrackResult
+            The result of tracking that shot.
+        folder : Path
+            The folder to write into.
+        home : Path
+            The folder that the files are moved to afterwards; footage near it is referred to by a relative path.
+        open_scene : bool
+            The shot is the open scene's: shot.blend is a copy of the open file with the motion. Otherwise a new
+            scene is built.
+
+        Raises
+        ------
+        OutputError
+            A file cannot be written.
+        """
+
+
+class RunBenchmark(Protocol):
+    """Measures the tracker on the examples and prints tables; returns the exit code."""
+
+    def __call__(self, out: Path | None, *, shot: str | None, quick: bool, repeat: int) -> int: ...
+
+
+def no_blender() -> NoReturn:
+    """Raise the ImportError of a program that was put together without Blender."""
+    raise ImportError("this program was put together without it")
+
+
+@dataclass(frozen=True)
+class Services:
+    """What a program hands to the commands.
+
+    Attributes
+    ----------
+    load_blender : callable
+        Gives a `BlenderSession`, or raises ImportError where Blender's module is missing or does not load.
+    in_blender : bool
+        The program runs inside Blender: `track` without a shot file tracks the open scene.
+    run_benchmark : callable, optional
+        None where the benchmark is not installed.
+    """
+
+    load_blender: Callable[[], BlenderSession] = no_blender
+    in_blender: bool = False
+    run_benchmark: RunBenchmark | None = None
+
+    def blender(self) -> BlenderSession:
+        """Load Blender.
+
+        Raises
+        ------
+        OutputError
+            It is missing, or does not load.
+        """
+        try:
+            return self.load_blender()
+        except ImportError as error:
+            raise OutputError(
+                f"BVH, FBX and .blend need Blender's module bpy: {error}",
+                todo="pip install 'kfmocap[blender]', or leave these files out with --no-blender",
+            ) from error

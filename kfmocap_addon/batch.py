@@ -1,0 +1,66 @@
+"""Commands and Blender: the command line reads and writes Blender's data here, and Blender runs the command line.
+
+Importing it loads neither NumPy nor the core beyond its errors, as Blender does when it starts.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import bpy
+
+from ..cli import command_line
+from ..cli.services import Services
+from . import registration
+
+if TYPE_CHECKING:
+    from ..core.shot.shot import Shot
+    from ..core.tracking.tracker import TrackResult
+
+COMMAND = "kfmocap"
+"""Name of the command: `blender ... --command kfmocap ...`."""
+
+_commands: list[object] = []
+"""Blender's handle of the command, which Blender wants back when the command is unregistered."""
+
+
+class BatchSession:
+    """Blender as the commands use it; see `kfmocap.cli.services.BlenderSession`.
+
+    It also works where the add-on is not switched on.
+    """
+
+    def read_shot(self) -> Shot:
+        """Read the shot that the open scene shows."""
+        from .scene_io import scene
+
+        with registration.registered():
+            return scene.shot_from_scene(bpy.context.scene)
+
+    def write_outputs(
+        self, shot: Shot, result: TrackResult, folder: Path, *, home: Path, open_scene: bool
+    ) -> list[Path]:
+        """Write the BVH and FBX files and shot.blend; returns the files written."""
+        from .export import blender_outputs
+
+        scene = bpy.context.scene if open_scene else None
+        with registration.registered():
+            return blender_outputs.write_blender_outputs(shot, result, folder, scene, home=home)
+
+
+def register() -> None:
+    """Give the Blender application its command; the module bpy takes none."""
+    if hasattr(bpy.utils, "register_cli_command"):
+        _commands.append(bpy.utils.register_cli_command(COMMAND, run_command))
+
+
+def unregister() -> None:
+    """Take the command away."""
+    while _commands:
+        bpy.utils.unregister_cli_command(_commands.pop())
+
+
+def run_command(argv: list[str]) -> int:
+    """Run a command inside Blender; returns the exit code."""
+    return command_line.main(argv, Services(load_blender=BatchSession, in_blender=True))
