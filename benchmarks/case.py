@@ -11,10 +11,11 @@ from typing import Any
 
 from ..core.body import landmark_positions
 from ..core.body.motion import Motion
-from ..core.formats import Landmarks, load_shot, read_trc
+from ..core.formats import Landmarks, read_trc
 from ..core.review.scoring import Score, joint_error
 from ..core.shot.keypose_spline import spline
 from ..core.shot.shot import Shot
+from ..core.tracking.prepare import load_shot
 from ..core.tracking.segments import Segment
 from ..core.tracking.tracker import track
 

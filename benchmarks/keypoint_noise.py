@@ -15,12 +15,13 @@ from statistics import mean
 import numpy as np
 
 from ..core.body import landmark_positions
-from ..core.formats import Landmarks, load_shot, read_trc
+from ..core.formats import Landmarks, read_trc
 from ..core.formats.keypoint_files import read_keypoints
-from ..core.formats.keypoint_layouts import HALPE_26, mirrored
+from ..core.formats.keypoint_layouts import HALPE_26, mirrored_name
 from ..core.review.scoring import joint_error
 from ..core.shot.detections import Detections
 from ..core.shot.shot import Shot
+from ..core.tracking.prepare import load_shot
 from ..core.tracking.tracker import track
 from .tables import markdown
 
@@ -96,7 +97,7 @@ def worse(found: Detections, rng: np.random.Generator) -> Detections:
     kept = np.sort(rng.permutation(len(found))[round(MISSING * len(found)) :])
     points, confidence = found.points[kept].copy(), found.confidence[kept].copy()
     turned = rng.permutation(len(kept))[: round(TURNED * len(kept))]
-    order = [found.names.index(mirrored(name)) for name in found.names]
+    order = [found.names.index(mirrored_name(name)) for name in found.names]
     points[turned], confidence[turned] = points[turned][:, order], confidence[turned][:, order]
     leaping = rng.random(confidence.shape) < LEAPS
     angle = rng.uniform(0, 2 * np.pi, confidence.shape)

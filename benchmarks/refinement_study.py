@@ -18,8 +18,9 @@ from ..cli.example_footage import example_folder
 from ..core.cameras.camera import Camera
 from ..core.fitting.camera_refinement import refine_cameras
 from ..core.fitting.resection import adjusted
-from ..core.formats import Landmarks, load_cameras, load_shot, read_trc
+from ..core.formats import Landmarks, load_cameras, read_trc
 from ..core.shot.shot import Shot
+from ..core.tracking.prepare import load_shot
 from ..core.tracking.tracker import track
 from .case import Reference
 

@@ -12,10 +12,11 @@ from scipy.stats import spearmanr
 
 from ..cli.example_footage import example_folder
 from ..core.body import landmark_positions
-from ..core.formats import Landmarks, load_shot, read_trc
+from ..core.formats import Landmarks, read_trc
 from ..core.review.scoring import JOINTS
 from ..core.review.suggestions import helpful_keys
 from ..core.shot.shot import Shot
+from ..core.tracking.prepare import load_shot
 from ..core.tracking.tracker import TrackResult, track
 from ..core.tracking.uncertainty import expected_errors
 from .rows import BEAM, ROWS, WALK, Row

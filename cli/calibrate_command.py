@@ -12,13 +12,13 @@ from ..core.calibration.calibration_report import write_report
 from ..core.calibration.solution import Solution
 from ..core.errors import KFMocapError
 from ..core.fitting.camera_refinement import Refinement, refine_cameras
-from ..core.formats import load_shot
 from ..core.formats.calibration_export import check_kind, export_cameras
 from ..core.formats.marker_points import write_marker_points
-from ..core.formats.shot_toml import load_shot_cameras
+from ..core.formats.shot_toml import read_shot_spec
 from ..core.formats.wand_toml import load_wand
 from ..core.runtime.files import check_writable, staged
 from ..core.runtime.progress import Progress
+from ..core.tracking.prepare import prepare_shot, read_shot_cameras
 from .progress_bar import progress_bar
 from .services import Services
 
@@ -124,13 +124,14 @@ def refine_shot(shot_path: Path, out: Path, progress: Progress | None = None, *,
     Raises
     ------
     KFMocapError
-        See `load_shot` and `refine_cameras`; nothing was written then.
+        See `prepare_shot` and `refine_cameras`; nothing was written then.
     OutputError
         The calibration cannot be written; raised before the work where this can be seen.
     """
     check_kind(out, kind)
     check_writable(out.parent)
-    cameras = load_shot_cameras(shot_path)
-    refinement = refine_cameras(load_shot(shot_path), progress)
+    spec = read_shot_spec(shot_path)
+    cameras = read_shot_cameras(spec)
+    refinement = refine_cameras(prepare_shot(spec), progress)
     export_cameras(out, cameras | refinement.cameras, kind)
     return refinement

@@ -8,10 +8,11 @@ import time
 from pathlib import Path
 
 from ..core.errors import FootageError
-from ..core.formats import load_shot, read_trc
+from ..core.formats import read_trc
 from ..core.review.scoring import joint_error
 from ..core.runtime.files import check_writable
 from ..core.shot.shot import Shot
+from ..core.tracking.prepare import load_shot
 from .example_footage import example_folder
 from .progress_bar import progress_bar
 from .services import Services

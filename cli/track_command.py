@@ -11,8 +11,6 @@ from typing import Literal
 
 from ..core.body import landmark_positions
 from ..core.errors import ShotError
-from ..core.formats import load_shot
-from ..core.formats.shot_toml import shot_name
 from ..core.formats.trc import write_trc
 from ..core.review.overlay import contact_sheet, sheet_frames, write_contact_sheet
 from ..core.review.track_report import blind_spots, report
@@ -20,6 +18,8 @@ from ..core.runtime.files import check_writable, staged, write_json
 from ..core.runtime.progress import Progress, share
 from ..core.runtime.timing import Seconds
 from ..core.shot.shot import Shot
+from ..core.shot.shot_spec import checked_file_name
+from ..core.tracking.prepare import load_shot
 from ..core.tracking.selection import selected
 from ..core.tracking.tracker import TrackResult, track
 from .progress_bar import progress_bar
@@ -82,7 +82,7 @@ def run_track(
     CancelledError
         `progress` returned False.
     """
-    shot_name(shot.name, "[shot]")
+    checked_file_name(shot.name, "[shot]")
     with staged(out_dir) as stage:
         shown = sheet_frames(shot)
         result = track(shot, share(progress, 0.0, 0.95), pictures=shown)
@@ -128,6 +128,6 @@ def _write_landmarks(shot: Shot, result: TrackResult, folder: Path) -> None:
     for performer, motion in zip(shot.performers, result.motions, strict=True):
         names = list(performer.body.landmarks)
         several = len(shot.performers) > 1
-        name = shot_name(f"{shot.name}_{performer.name}", "[[performer]]") if several else shot.name
+        name = checked_file_name(f"{shot.name}_{performer.name}", "[[performer]]") if several else shot.name
         points = landmark_positions(performer.body, motion, names)
         write_trc(folder / f"{name}.trc", names, points, shot.fps)

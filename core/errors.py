@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 
@@ -32,6 +34,16 @@ def _unpickled(kind: type[KFMocapError], args: tuple[str, ...], state: dict[str,
     error = kind.__new__(kind, *args)
     error.__dict__.update(state)
     return error
+
+
+@contextmanager
+def located(where: str) -> Iterator[None]:
+    """Put the file and field that led to an error before the place that the error names."""
+    try:
+        yield
+    except KFMocapError as error:
+        place = f"{where}: {error.where}" if error.where else where
+        raise type(error)(error.what, where=place, todo=error.todo) from error
 
 
 class ShotError(KFMocapError):

@@ -25,9 +25,10 @@ from ..errors import BodyError
 from ..evidence.gradients import Poses, camera_twist
 from ..evidence.label_images import Geometry
 from ..evidence.part_shapes import SHIFT, STRETCH, stretched
+from ..formats.keypoint_files import read_shot_keypoints
 from ..keypoints.keypoint_factor import USUAL_DEVIATION, Keypoints, Places, offset_deviation, robust_weights
-from ..keypoints.left_right import righted
-from ..keypoints.observations import assigned, read_views
+from ..keypoints.left_right import correct_sides
+from ..keypoints.observations import performer_keypoints
 from ..numerics import rotations
 from ..runtime.progress import Progress, report_progress
 from ..runtime.threads import one_blas_thread
@@ -177,7 +178,7 @@ def _start(shot: Shot, looks: Sequence[Look], frames: NDArray[np.int64]) -> list
     curves = [spline(performer.key_poses, shot.length) for performer in shot.performers]
     delays = {0.0} | {look.delay for look in looks}
     motions = {delay: poses_after(curves, delay, frames) for delay in delays}
-    found = assigned(shot, read_views(shot))
+    found = performer_keypoints(shot, read_shot_keypoints(shot))
     people = []
     for i, (performer, keypoints) in enumerate(zip(shot.performers, found, strict=True)):
         body, names = performer.body, keypoints.names
@@ -267,7 +268,7 @@ def _add_keypoints(H: Array, g: Array, person: Person, tolerance: float) -> None
     body, places = person.body, person.places
     R, T = part_poses(body, person.motions[0.0])
     points = places.world((R, T))
-    keypoints, _ = righted(person.keypoints, points)
+    keypoints, _ = correct_sides(person.keypoints, points)
     residual = keypoints.residuals(points)
     usual = np.full((residual.shape[0], residual.shape[2]), USUAL_DEVIATION)
     weights = robust_weights(residual, keypoints.confidence, usual, tolerance)

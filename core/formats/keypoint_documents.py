@@ -16,7 +16,7 @@ from .keypoint_layouts import landmark_of
 
 
 @dataclass(frozen=True)
-class Person:
+class DetectedPerson:
     """One person in one picture.
 
     Attributes
@@ -40,7 +40,7 @@ class Person:
     names: tuple[str, ...] | None = None
 
 
-def people(document: Any) -> list[Person] | None:
+def people(document: Any) -> list[DetectedPerson] | None:
     """All people of a document, or None if it is not one of those known.
 
     Raises
@@ -55,11 +55,11 @@ def people(document: Any) -> list[Person] | None:
     return None
 
 
-def _of_mapping(document: Mapping[str, Any]) -> list[Person] | None:
+def _of_mapping(document: Mapping[str, Any]) -> list[DetectedPerson] | None:
     if "people" in document:
         return [_openpose(person) for person in document["people"] if person["pose_keypoints_2d"]]
     if "bodies" in document:
-        return [Person(body["joints"]) for body in document["bodies"]]
+        return [DetectedPerson(body["joints"]) for body in document["bodies"]]
     if "annotations" in document:
         return _annotations(document)
     if "instance_info" in document:
@@ -76,7 +76,7 @@ def _of_mapping(document: Mapping[str, Any]) -> list[Person] | None:
     return None
 
 
-def _of_list(document: list[Any]) -> list[Person] | None:
+def _of_list(document: list[Any]) -> list[DetectedPerson] | None:
     if not document:
         return []
     first = document[0]
@@ -106,25 +106,27 @@ def picture_number(name: Any) -> int:
     return int(numbers[-1])
 
 
-def _openpose(person: Mapping[str, Any]) -> Person:
+def _openpose(person: Mapping[str, Any]) -> DetectedPerson:
     track = person.get("person_id") or [-1]
-    return Person(person["pose_keypoints_2d"], None, int(track[0] if isinstance(track, list) else track))
+    return DetectedPerson(person["pose_keypoints_2d"], None, int(track[0] if isinstance(track, list) else track))
 
 
-def _by_picture(document: Mapping[str, Any]) -> list[Person] | None:
+def _by_picture(document: Mapping[str, Any]) -> list[DetectedPerson] | None:
     found = []
     for name, inner in document.items():
         for person in _of_mapping(inner) or ():
-            found.append(Person(person.values, picture_number(name), person.track, person.normalised, person.names))
+            found.append(
+                DetectedPerson(person.values, picture_number(name), person.track, person.normalised, person.names)
+            )
     return found or None
 
 
-def _coco(entry: Mapping[str, Any], frame: int) -> Person:
+def _coco(entry: Mapping[str, Any], frame: int) -> DetectedPerson:
     track = entry.get("track_id", entry.get("idx", -1))
-    return Person(entry["keypoints"], frame, track if isinstance(track, int) else -1)
+    return DetectedPerson(entry["keypoints"], frame, track if isinstance(track, int) else -1)
 
 
-def _annotations(document: Mapping[str, Any]) -> list[Person]:
+def _annotations(document: Mapping[str, Any]) -> list[DetectedPerson]:
     """COCO's ground truth: visibility is 0, 1 (hidden) or 2; pictures are numbered by their names where they can be."""
     names = {image["id"]: image.get("file_name", image["id"]) for image in document.get("images", ())}
     found = []
@@ -143,26 +145,26 @@ def _spoken_names(meta: Mapping[str, Any]) -> tuple[str, ...] | None:
     return tuple(map(landmark_of, names)) if names else None
 
 
-def _mmpose(one: Mapping[str, Any], frame: int | None, names: tuple[str, ...] | None = None) -> Person:
+def _mmpose(one: Mapping[str, Any], frame: int | None, names: tuple[str, ...] | None = None) -> DetectedPerson:
     if any(len(point) != 2 for point in one["keypoints"]):
         raise ValueError("places in a picture have two coordinates, those of a 3D pose do not")
     values = [v for (x, y), c in zip(one["keypoints"], one["keypoint_scores"], strict=True) for v in (x, y, c)]
     track = one.get("track_id", -1)
-    return Person(values, frame, track if isinstance(track, int) else -1, names=names)
+    return DetectedPerson(values, frame, track if isinstance(track, int) else -1, names=names)
 
 
-def _mmpose_video(entries: Sequence[Mapping[str, Any]], names: tuple[str, ...] | None) -> list[Person]:
+def _mmpose_video(entries: Sequence[Mapping[str, Any]], names: tuple[str, ...] | None) -> list[DetectedPerson]:
     """Frames by their `frame_id`; MMPose's demo programs count them from 1, its inferencer from 0."""
     first = min((int(entry["frame_id"]) for entry in entries), default=0)
     start = 1 if first >= 1 and names is not None else 0
     return [_mmpose(one, int(entry["frame_id"]) - start, names) for entry in entries for one in entry["instances"]]
 
 
-def _ultralytics(one: Mapping[str, Any]) -> Person:
+def _ultralytics(one: Mapping[str, Any]) -> DetectedPerson:
     points = one["keypoints"]
     seen = points.get("visible") or [1.0] * len(points["x"])
     values = [v for row in zip(points["x"], points["y"], seen, strict=True) for v in row]
-    return Person(values, track=int(one.get("track_id", -1)))
+    return DetectedPerson(values, track=int(one.get("track_id", -1)))
 
 
 def _is_landmark(value: Any) -> bool:
@@ -178,7 +180,7 @@ def _is_mediapipe_frame(value: Any) -> bool:
     return isinstance(value, list) and (not value or _is_landmark(value[0]) or _is_mediapipe_frame(value[0]))
 
 
-def _mediapipe_bodies(document: Mapping[str, Any]) -> list[Person] | None:
+def _mediapipe_bodies(document: Mapping[str, Any]) -> list[DetectedPerson] | None:
     for key in ("pose_landmarks", "poseLandmarks", "landmarks", "landmark"):
         if key in document:
             frame = document.get("frame", document.get("frame_id"))
@@ -186,17 +188,17 @@ def _mediapipe_bodies(document: Mapping[str, Any]) -> list[Person] | None:
     return None
 
 
-def _mediapipe_frames(document: Sequence[Any]) -> Iterator[Person]:
+def _mediapipe_frames(document: Sequence[Any]) -> Iterator[DetectedPerson]:
     for number, picture in enumerate(document):
         if isinstance(picture, Mapping):
             for person in _mediapipe_bodies(picture) or ():
                 frame = number if person.frame is None else person.frame
-                yield Person(person.values, frame, person.track, person.normalised)
+                yield DetectedPerson(person.values, frame, person.track, person.normalised)
         else:
             yield from _mediapipe_picture(picture, number)
 
 
-def _mediapipe_picture(value: Any, frame: int | None) -> Iterator[Person]:
+def _mediapipe_picture(value: Any, frame: int | None) -> Iterator[DetectedPerson]:
     """One person's landmarks or several people's; nothing where nobody was found."""
     if isinstance(value, Mapping):
         value = value["landmark"]
@@ -207,6 +209,6 @@ def _mediapipe_picture(value: Any, frame: int | None) -> Iterator[Person]:
             yield from _mediapipe_picture(body, frame)
 
 
-def _mediapipe(landmarks: Sequence[Mapping[str, float]], frame: int | None) -> Person:
+def _mediapipe(landmarks: Sequence[Mapping[str, float]], frame: int | None) -> DetectedPerson:
     values = [v for p in landmarks for v in (p["x"], p["y"], p.get("visibility", 1.0))]
-    return Person(values, frame, normalised=True)
+    return DetectedPerson(values, frame, normalised=True)

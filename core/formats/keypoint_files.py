@@ -10,15 +10,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import KeypointError
+from ..errors import KeypointError, located
 from ..shot.detections import Detections
-from .keypoint_documents import Person, people, picture_number
-from .keypoint_layouts import LAYOUTS, layout_of
+from ..shot.shot import Shot, View
+from .keypoint_documents import DetectedPerson, people, picture_number
+from .keypoint_layouts import LAYOUTS, keypoint_layout
 
 KNOWN = "OpenPose, COCO, AlphaPose, MMPose, MediaPipe or YOLO"
 
 
-def read_keypoints(path: Path | str, size: tuple[int, int] | None = None, skip_broken: bool = False) -> Detections:
+def read_keypoints(path: Path | str, size: tuple[int, int] | None = None, *, skip_broken: bool = False) -> Detections:
     """Read what a detector found in the footage of one view; its format is told by its content.
 
     Parameters
@@ -41,7 +42,7 @@ def read_keypoints(path: Path | str, size: tuple[int, int] | None = None, skip_b
     files = sorted((f for f in _listed(path) if f.suffix.lower() == ".json"), key=lambda f: f.name)
     if not files:
         raise KeypointError("there is no .json file in the folder", where=str(path))
-    found: list[Person] = []
+    found: list[DetectedPerson] = []
     skipped: list[str] = []
     for file in files:
         try:
@@ -55,6 +56,25 @@ def read_keypoints(path: Path | str, size: tuple[int, int] | None = None, skip_b
     return _gathered(found, skipped, path, size)
 
 
+def read_shot_keypoints(shot: Shot) -> list[Detections]:
+    """Read what detectors found in every view of a shot; nothing for views that name no keypoints.
+
+    Raises
+    ------
+    KeypointError
+        Files cannot be read; names the camera and the file.
+    """
+    return [_read_view(view, skip_broken=shot.settings.broken_keypoints == "skip") for view in shot.views]
+
+
+def _read_view(view: View, *, skip_broken: bool) -> Detections:
+    if view.keypoints is None:
+        nobody = np.zeros(0, np.int64)
+        return Detections((), nobody, np.zeros((0, 0, 2)), np.zeros((0, 0)), nobody)
+    with located(f"keypoints of camera '{view.camera.name}'"):
+        return read_keypoints(view.keypoints, view.camera.size, skip_broken=skip_broken)
+
+
 def _listed(path: Path) -> list[Path]:
     try:
         return list(path.iterdir())
@@ -62,7 +82,7 @@ def _listed(path: Path) -> list[Path]:
         raise KeypointError(f"keypoints cannot be read: {error.strerror}", where=str(path)) from error
 
 
-def _read(file: Path) -> list[Person]:
+def _read(file: Path) -> list[DetectedPerson]:
     try:
         document: Any = json.loads(file.read_bytes())
         found = people(document)
@@ -83,7 +103,7 @@ def _read(file: Path) -> list[Person]:
 _SKIP = 'write it again, or leave such files out with broken_keypoints = "skip" in [track]'
 
 
-def _check(person: Person, file: Path) -> None:
+def _check(person: DetectedPerson, file: Path) -> None:
     count, rest = divmod(len(person.values), 3)
     if rest or (person.names is None and count not in LAYOUTS):
         known = ", ".join(map(str, LAYOUTS))
@@ -95,7 +115,7 @@ def _check(person: Person, file: Path) -> None:
         raise KeypointError("a coordinate is not a number", where=str(file), todo=_SKIP)
 
 
-def _numbered(found: list[Person], file: Path) -> list[Person]:
+def _numbered(found: list[DetectedPerson], file: Path) -> list[DetectedPerson]:
     """People of a folder's file: of one picture, whose number its name tells."""
     if all(person.frame is not None for person in found):
         return found
@@ -104,10 +124,12 @@ def _numbered(found: list[Person], file: Path) -> list[Person]:
     except ValueError as error:
         todo = "name the files by the frames, as cam01_000012.json"
         raise KeypointError("its name has no number", where=str(file), todo=todo) from error
-    return [Person(p.values, frame, p.track, p.normalised, p.names) for p in found]
+    return [DetectedPerson(p.values, frame, p.track, p.normalised, p.names) for p in found]
 
 
-def _gathered(found: list[Person], skipped: Sequence[str], path: Path, size: tuple[int, int] | None) -> Detections:
+def _gathered(
+    found: list[DetectedPerson], skipped: Sequence[str], path: Path, size: tuple[int, int] | None
+) -> Detections:
     """All people in one set of arrays, sorted by frame."""
     found = sorted(found, key=lambda person: person.frame or 0)
     names, table = _table(found)
@@ -128,7 +150,7 @@ def _gathered(found: list[Person], skipped: Sequence[str], path: Path, size: tup
     )
 
 
-def _table(found: Sequence[Person]) -> tuple[tuple[str, ...], NDArray[np.float64]]:
+def _table(found: Sequence[DetectedPerson]) -> tuple[tuple[str, ...], NDArray[np.float64]]:
     """Our names of all their keypoints, and (n, k, 3) x, y, confidence; NaN where a list has no such name."""
     alike: dict[tuple[int, tuple[str, ...] | None], list[int]] = {}
     for i, person in enumerate(found):
@@ -136,7 +158,7 @@ def _table(found: Sequence[Person]) -> tuple[tuple[str, ...], NDArray[np.float64
     groups = []
     for (_, named), rows in alike.items():
         values = np.array([found[i].values for i in rows], float).reshape(len(rows), -1, 3)
-        groups.append((rows, named or layout_of(values), values))
+        groups.append((rows, named or keypoint_layout(values), values))
     names = tuple(dict.fromkeys(name for _, layout, _ in groups for name in layout if name))
     table = np.full((len(found), len(names), 3), np.nan)
     for rows, layout, values in groups:

@@ -56,7 +56,7 @@ LAYOUTS: Mapping[int, Sequence[str]] = {len(names): _named(names) for names in _
 """Our names of a detector's keypoints, by how many it lists."""
 
 
-def layout_of(people: NDArray[np.float64]) -> Sequence[str]:
+def keypoint_layout(people: NDArray[np.float64]) -> Sequence[str]:
     """Our names of the keypoints of people whose lists have one length.
 
     OpenPose has two orders of 25. BODY_25 lists the eyes and ears 16th to 19th and a whole arm among the first five;
@@ -100,7 +100,7 @@ def landmark_of(spoken: str) -> str:
     return side + name if name else ""
 
 
-def mirrored(name: str) -> str:
+def mirrored_name(name: str) -> str:
     """The name of the same landmark on the body's other side; its own on the middle."""
     return {"L": "R", "R": "L"}[name[0]] + name[1:] if is_sided(name) else name
 

@@ -5,24 +5,13 @@ from __future__ import annotations
 import difflib
 import math
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from ..errors import KFMocapError, ShotError
 
 _REQUIRED: Any = object()
-
-
-@contextmanager
-def named(where: str) -> Iterator[None]:
-    """Put before an error's place the file and field that led there."""
-    try:
-        yield
-    except KFMocapError as error:
-        place = f"{where}: {error.where}" if error.where else where
-        raise type(error)(error.what, where=place, todo=error.todo) from error
 
 
 def read_toml(path: Path, what: str, error: type[KFMocapError]) -> dict[str, Any]:

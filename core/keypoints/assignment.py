@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from .keypoint_factor import Keypoints
-from .left_right import swapped
+from .left_right import swap_sides
 from .triangulation import triangulate
 
 Array = NDArray[np.float64]
@@ -47,7 +47,7 @@ class Track:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class ViewDetections:
     """Detections of one view on the shot's frames.
 
     Attributes
@@ -67,7 +67,7 @@ class Found:
     tracks: NDArray[np.int64]
 
 
-def tracks_of(found: Found, view: int, fps: float) -> list[Track]:
+def detection_tracks(found: ViewDetections, view: int, fps: float) -> list[Track]:
     """String the detections of a view together, frame by frame: the least movement in all (Hungarian method)."""
     open_tracks: list[list[int]] = []
     done: list[list[int]] = []
@@ -87,7 +87,7 @@ def tracks_of(found: Found, view: int, fps: float) -> list[Track]:
     return [Track(view, found.frames[t], np.array(t)) for t in done + open_tracks]
 
 
-def _movement(found: Found, before: int, after: int) -> float:
+def _movement(found: ViewDetections, before: int, after: int) -> float:
     """Median movement of the keypoints that both have, in `LEAP`s of the person's size, at most 2."""
     same = found.tracks[before] == found.tracks[after]
     if not same and min(found.tracks[before], found.tracks[after]) >= 0:
@@ -102,14 +102,14 @@ def _movement(found: Found, before: int, after: int) -> float:
     return float(min(moved / (LEAP * max(size, 1e-9) * np.sqrt(steps)), 2.0))
 
 
-def assign(
-    founds: Sequence[Found], empty: Keypoints, known: Sequence[Array | None], count: int, fps: float
+def assign_detections(
+    founds: Sequence[ViewDetections], empty: Keypoints, known: Sequence[Array | None], count: int, fps: float
 ) -> list[Keypoints]:
     """Give detections to performers.
 
     Parameters
     ----------
-    founds : sequence of Found
+    founds : sequence of ViewDetections
         Per view.
     empty : Keypoints
         On F frames, without a keypoint: the names and the cameras.
@@ -124,7 +124,7 @@ def assign(
     list of Keypoints
         Per performer.
     """
-    tracks = [track for v, found in enumerate(founds) for track in tracks_of(found, v, fps)]
+    tracks = [track for v, found in enumerate(founds) for track in detection_tracks(found, v, fps)]
     if count == 1 and all(len(np.unique(found.frames)) == len(found.frames) for found in founds):
         return [_filled(founds, empty, tracks)]  # nobody else is there
     owned: list[list[Track]] = [[] for _ in range(count)]
@@ -158,10 +158,10 @@ def _doubled(owned: Sequence[Track], track: Track) -> bool:
     return any(own.view == track.view and np.intersect1d(own.frames, track.frames).size for own in owned)
 
 
-def _distance(founds: Sequence[Found], empty: Keypoints, track: Track, places: Array) -> float:
+def _distance(founds: Sequence[ViewDetections], empty: Keypoints, track: Track, places: Array) -> float:
     """Median distance of a track's keypoints from known places, whichever side is which, metres."""
     one = _filled(founds, empty, [track])
-    sizes = [np.linalg.norm(k.residuals(places), axis=-1)[track.view] for k in (one, swapped(one))]
+    sizes = [np.linalg.norm(k.residuals(places), axis=-1)[track.view] for k in (one, swap_sides(one))]
     by_frame = [
         [float(np.median(row[np.isfinite(row)])) for row in size[track.frames] if np.isfinite(row).any()]
         for size in sizes
@@ -169,7 +169,7 @@ def _distance(founds: Sequence[Found], empty: Keypoints, track: Track, places: A
     return float(np.median(np.min(by_frame, axis=0))) if by_frame[0] else np.inf
 
 
-def _agreeing(founds: Sequence[Found], empty: Keypoints, free: Sequence[Track]) -> list[Track]:
+def _agreeing(founds: Sequence[ViewDetections], empty: Keypoints, free: Sequence[Track]) -> list[Track]:
     """The two tracks of different views that agree on the most points; of one view, its longest track."""
     best: tuple[float, list[Track]] = (0.0, [])
     for a, b in combinations(free, 2):
@@ -183,7 +183,7 @@ def _agreeing(founds: Sequence[Found], empty: Keypoints, free: Sequence[Track]) 
     return best[1]
 
 
-def _places(founds: Sequence[Found], empty: Keypoints, owned: Sequence[Track], known: Array | None) -> Array:
+def _places(founds: Sequence[ViewDetections], empty: Keypoints, owned: Sequence[Track], known: Array | None) -> Array:
     """Where a performer is known to be: by triangulation, else by key poses and, near in time, by either."""
     points, _ = triangulate(_filled(founds, empty, owned))
     if known is not None:
@@ -191,7 +191,7 @@ def _places(founds: Sequence[Found], empty: Keypoints, owned: Sequence[Track], k
     return points
 
 
-def _filled(founds: Sequence[Found], empty: Keypoints, tracks: Sequence[Track]) -> Keypoints:
+def _filled(founds: Sequence[ViewDetections], empty: Keypoints, tracks: Sequence[Track]) -> Keypoints:
     """The keypoints of some tracks."""
     rays, confidence = empty.rays.copy(), empty.confidence.copy()
     for track in tracks:

@@ -106,7 +106,7 @@ class Places:
 
     @classmethod
     def on(cls, body: Body, names: Sequence[str]) -> Places:
-        placed = [place(body, name) for name in names]
+        placed = [keypoint_on_body(body, name) for name in names]
         local = np.array([point for _, point in placed], float).reshape(-1, 3)
         return cls(np.array([part for part, _ in placed], np.int64), local, np.zeros_like(local))
 
@@ -120,7 +120,7 @@ _FACE = {"Eye": (0.11, 0.62, 0.17), "Ear": (0.26, 0.55, 0.0)}
 """Left, up and forward in a head's frame, in lengths of the head."""
 
 
-def place(body: Body, name: str) -> tuple[int, Array]:
+def keypoint_on_body(body: Body, name: str) -> tuple[int, Array]:
     """The part that carries a keypoint, and the keypoint's landmark in its frame, metres."""
     if name[1:] in _FACE and "Head" in body.landmarks:
         part, top = body.landmarks["Head"]
@@ -129,7 +129,7 @@ def place(body: Body, name: str) -> tuple[int, Array]:
     return body.landmarks[name]
 
 
-def carried(body: Body, name: str) -> bool:
+def has_keypoint(body: Body, name: str) -> bool:
     """Whether the body has a place for a keypoint."""
     return name in body.landmarks or (name[1:] in _FACE and "Head" in body.landmarks)
 

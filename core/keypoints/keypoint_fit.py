@@ -25,12 +25,12 @@ from .keypoint_factor import (
     robust_energy,
     robust_weights,
 )
-from .left_right import righted
+from .left_right import correct_sides
 
 Array = NDArray[np.float64]
 
 TOLERANCES = (8.0, 4.0, 4.0, 2.0, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0)
-TELLS_SIDES = 2.0
+SIDES_TOLERANCE = 2.0
 """Sides are put right when the tolerance has come down to this: before, the start may be farther off than the limbs are
 apart."""
 LIMIT_DEVIATION = 0.05
@@ -109,9 +109,11 @@ def fit_motion(
     for tolerance in TOLERANCES:
         poses = part_poses(body, motion)
         expected = (
-            places.world(poses) if tolerance <= TELLS_SIDES else np.full((len(motion), len(places.parts), 3), np.nan)
+            places.world(poses)
+            if tolerance <= SIDES_TOLERANCE
+            else np.full((len(motion), len(places.parts), 3), np.nan)
         )
-        sided, changed = righted(keypoints, expected)
+        sided, changed = correct_sides(keypoints, expected)
         residual = sided.residuals(places.world(poses))
         deviation = deviations(residual, sided.confidence)
         weights = robust_weights(residual, sided.confidence, deviation, tolerance) / together

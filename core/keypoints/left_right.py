@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..formats.keypoint_layouts import is_sided, mirrored
+from ..formats.keypoint_layouts import is_sided, mirrored_name
 from .keypoint_factor import Keypoints
 
 Array = NDArray[np.float64]
@@ -20,7 +20,7 @@ CLEAR = 0.6
 """Sides are changed where that leaves less than this share of the error."""
 
 
-def righted(keypoints: Keypoints, points_world: Array) -> tuple[Keypoints, NDArray[np.bool_]]:
+def correct_sides(keypoints: Keypoints, points_world: Array) -> tuple[Keypoints, NDArray[np.bool_]]:
     """Change the sides of keypoints where that brings them nearer to expected places.
 
     Parameters
@@ -34,7 +34,7 @@ def righted(keypoints: Keypoints, points_world: Array) -> tuple[Keypoints, NDArr
     keypoints : Keypoints
     changed : ndarray of bool, shape (V, F, L)
     """
-    other = swapped(keypoints)
+    other = swap_sides(keypoints)
     own, turned = (_cost(k, points_world) for k in (keypoints, other))
     changed = np.zeros(keypoints.confidence.shape, bool)
     for group in GROUPS:
@@ -44,10 +44,10 @@ def righted(keypoints: Keypoints, points_world: Array) -> tuple[Keypoints, NDArr
     return _chosen(keypoints, other, changed), changed
 
 
-def swapped(keypoints: Keypoints) -> Keypoints:
+def swap_sides(keypoints: Keypoints) -> Keypoints:
     """All keypoints with left for right."""
     order = [
-        keypoints.names.index(mirrored(n)) if mirrored(n) in keypoints.names else i
+        keypoints.names.index(mirrored_name(n)) if mirrored_name(n) in keypoints.names else i
         for i, n in enumerate(keypoints.names)
     ]
     return replace(keypoints, rays=keypoints.rays[:, :, order], confidence=keypoints.confidence[:, :, order])

@@ -1,4 +1,4 @@
-"""The keypoints of a shot: read, freed of lens distortion, and given to the performers."""
+"""The keypoints of a shot, as detectors found them: freed of lens distortion and given to the performers."""
 
 from __future__ import annotations
 
@@ -12,15 +12,13 @@ from numpy.typing import NDArray
 from ..body import part_poses
 from ..body.motion import Motion
 from ..cameras.camera import Camera
-from ..formats.keypoint_files import read_keypoints
-from ..formats.toml_tables import named
 from ..shot.acceleration_prior import acceleration_precision
 from ..shot.detections import Detections
 from ..shot.footage import footage_delay, footage_index
 from ..shot.shot import Performer, Settings, Shot, View
-from .assignment import Found, assign
+from .assignment import ViewDetections, assign_detections
 from .first_pass import first_pass
-from .keypoint_factor import KeypointFactor, Keypoints, Places, carried
+from .keypoint_factor import KeypointFactor, Keypoints, Places, has_keypoint
 
 Array = NDArray[np.float64]
 
@@ -36,14 +34,14 @@ def image_rays(camera: Camera, pixels: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Sighting:
+class PerformerKeypoints:
     """What keypoints say of one performer over a whole shot.
 
     Attributes
     ----------
     motion : Motion
         F poses, from keypoints and key poses alone.
-    pointers : Pointers
+    factor : KeypointFactor
         The same keypoints as evidence.
     changed : ndarray of bool, shape (V, F, L)
         Where left and right were changed.
@@ -52,80 +50,75 @@ class Sighting:
     """
 
     motion: Motion
-    pointers: KeypointFactor
+    factor: KeypointFactor
     changed: NDArray[np.bool_]
     weights: Array
 
-    def of_views(self, views: list[int]) -> Sighting:
-        """The same of some views, in that order."""
-        pointers = replace(self.pointers, keypoints=self.pointers.keypoints.of_views(views))
-        return Sighting(self.motion, pointers, self.changed[views], self.weights[views])
+    def of_views(self, views: list[int]) -> PerformerKeypoints:
+        """Return the same of some views, in that order."""
+        factor = replace(self.factor, keypoints=self.factor.keypoints.of_views(views))
+        return PerformerKeypoints(self.motion, factor, self.changed[views], self.weights[views])
 
 
 @dataclass(frozen=True, eq=False)
-class Observed:
+class ShotKeypoints:
     """The keypoints of a shot.
 
     Attributes
     ----------
-    sightings : tuple of Sighting
-        One per performer.
+    performers : tuple of PerformerKeypoints
     skipped : tuple of tuple of str
         Per view: files that could not be read, and why.
     """
 
-    sightings: tuple[Sighting, ...] = ()
+    performers: tuple[PerformerKeypoints, ...] = ()
     skipped: tuple[tuple[str, ...], ...] = ()
 
-    def of_views(self, views: Sequence[int]) -> Observed:
-        """The same of some views, in that order."""
+    def of_views(self, views: Sequence[int]) -> ShotKeypoints:
+        """Return the same of some views, in that order."""
         order = list(views)
-        if not self.sightings:
+        if not self.performers:
             return self
-        return Observed(tuple(s.of_views(order) for s in self.sightings), tuple(self.skipped[v] for v in order))
+        return ShotKeypoints(tuple(p.of_views(order) for p in self.performers), tuple(self.skipped[v] for v in order))
 
 
-def observe_keypoints(shot: Shot, fixed: Sequence[NDArray[np.bool_]]) -> Observed:
-    """Read the keypoints of a shot's views, and fit every performer's motion to those that are theirs.
+def fit_keypoints(shot: Shot, detections: Sequence[Detections], fixed: Sequence[NDArray[np.bool_]]) -> ShotKeypoints:
+    """Give the detections of a shot's views to its performers, and fit every performer's motion to its own.
 
     Parameters
     ----------
     shot : Shot
+    detections : sequence of Detections
+        Per view; see `core.formats.keypoint_files.read_shot_keypoints`.
     fixed : sequence of ndarray of bool, shape (F, D)
         Per performer: the degrees of freedom that are held.
 
     Raises
     ------
     KeypointError
-        Files cannot be read, or do not show enough to begin with.
+        They do not show enough to begin with.
     """
-    detections = read_views(shot)
-    found = assigned(shot, detections)
-    sightings = []
+    found = performer_keypoints(shot, detections)
+    performers = []
     for performer, held, keypoints in zip(shot.performers, fixed, found, strict=True):
-        body, together = performer.body, frames_together(shot.settings, shot.fps)
+        body, correlated = performer.body, correlated_frames(shot.settings, shot.fps)
         precision = acceleration_precision(body, shot.fps, shot.settings)
-        fit = first_pass(body, performer.key_poses, keypoints, held, precision, shot.fps, together)
-        pointers = KeypointFactor(fit.keypoints, fit.places, together)
-        sightings.append(Sighting(fit.motion, pointers, fit.changed, fit.weights))
-    return Observed(tuple(sightings), tuple(one.skipped for one in detections))
+        fit = first_pass(body, performer.key_poses, keypoints, held, precision, shot.fps, correlated)
+        factor = KeypointFactor(fit.keypoints, fit.places, correlated)
+        performers.append(PerformerKeypoints(fit.motion, factor, fit.changed, fit.weights))
+    return ShotKeypoints(tuple(performers), tuple(one.skipped for one in detections))
 
 
-def frames_together(settings: Settings, fps: float) -> float:
+def correlated_frames(settings: Settings, fps: float) -> float:
     """How many neighbouring frames' keypoints count as one."""
     return max(1.0, settings.keypoint_correlation * fps)
 
 
-def read_views(shot: Shot) -> list[Detections]:
-    """What detectors found in every view."""
-    return [_read(view, shot.settings) for view in shot.views]
-
-
-def assigned(shot: Shot, detections: Sequence[Detections]) -> list[Keypoints]:
-    """The keypoints of every performer of a shot, on its frames; key poses tell who is who."""
+def performer_keypoints(shot: Shot, detections: Sequence[Detections]) -> list[Keypoints]:
+    """Return the keypoints of every performer of a shot, on its frames; key poses tell them apart."""
     bodies = [performer.body for performer in shot.performers]
     known_names = dict.fromkeys(name for found in detections for name in found.names)
-    names = tuple(name for name in known_names if all(carried(body, name) for body in bodies))
+    names = tuple(name for name in known_names if all(has_keypoint(body, name) for body in bodies))
     V, F, L = len(shot.views), shot.length, len(names)
     poses = [view.camera.poses(0, F) for view in shot.views]
     empty = Keypoints(
@@ -137,21 +130,12 @@ def assigned(shot: Shot, detections: Sequence[Detections]) -> list[Keypoints]:
     )
     founds = [_found(view, found, names, shot) for view, found in zip(shot.views, detections, strict=True)]
     where = [_key_places(p, names, F) for p in shot.performers]
-    owned = assign(founds, empty, where, len(bodies), shot.fps)
+    owned = assign_detections(founds, empty, where, len(bodies), shot.fps)
     delays = [footage_delay(view) for view in shot.views]
     return [_on_time(keypoints, delays) for keypoints in owned]
 
 
-def _read(view: View, settings: Settings) -> Detections:
-    """The detections of a view; none where no keypoints are named."""
-    if view.keypoints is None:
-        nobody = np.zeros(0, np.int64)
-        return Detections((), nobody, np.zeros((0, 0, 2)), np.zeros((0, 0)), nobody)
-    with named(f"keypoints of camera '{view.camera.name}'"):
-        return read_keypoints(view.keypoints, view.camera.size, settings.broken_keypoints == "skip")
-
-
-def _found(view: View, detections: Detections, names: Sequence[str], shot: Shot) -> Found:
+def _found(view: View, detections: Detections, names: Sequence[str], shot: Shot) -> ViewDetections:
     """The detections that are on the shot's frames, with the keypoints of these names."""
     first = footage_index(view, shot.frames[0])
     frames = detections.frames - first
@@ -163,7 +147,7 @@ def _found(view: View, detections: Detections, names: Sequence[str], shot: Shot)
     kept = [columns[i] for i in used]
     rays[:, kept] = image_rays(view.camera, detections.points[rows][:, used])
     confidence[:, kept] = detections.confidence[rows][:, used]
-    return Found(frames[rows], rays, confidence, detections.tracks[rows])
+    return ViewDetections(frames[rows], rays, confidence, detections.tracks[rows])
 
 
 def _key_places(performer: Performer, names: Sequence[str], frames: int) -> Array:

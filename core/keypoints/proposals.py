@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..body.motion import Motion
-from ..errors import KeypointError
-from ..formats.toml_tables import named
+from ..errors import KeypointError, located
 from ..runtime.progress import Progress, report_progress
 from ..shot.acceleration_prior import acceleration_precision
+from ..shot.detections import Detections
 from ..shot.shot import KeyPoses, Performer, PerformerRequest, Shot, fixed_degrees
 from .first_pass import first_pass, scaled_first_pass
 from .keypoint_fit import KeypointFit
-from .observations import assigned, frames_together, read_views
+from .observations import correlated_frames, performer_keypoints
 
 Array = NDArray[np.float64]
 
@@ -25,15 +25,24 @@ EVERY = 0.6
 """Seconds between proposed key poses, about."""
 
 
-def proposed(shot: Shot, wanted: Sequence[PerformerRequest | None]) -> tuple[Performer, ...]:
-    """The performers of a shot, those wanted made from keypoints: body, and proposed key poses.
+def propose_performers(
+    shot: Shot, detections: Sequence[Detections], requests: Sequence[PerformerRequest | None]
+) -> tuple[Performer, ...]:
+    """Make the performers that are asked for from keypoints: their bodies, and proposed key poses.
 
     Parameters
     ----------
     shot : Shot
-        Its performers stand in the places of those wanted as `Wanted.unknown`.
-    wanted : sequence of Wanted or None
-        One per performer of the shot; None for those that are known already.
+        The performers asked for stand in it as `PerformerRequest.placeholder`.
+    detections : sequence of Detections
+        Per view.
+    requests : sequence of PerformerRequest or None
+        Per performer of the shot; None for those that are known already.
+
+    Returns
+    -------
+    tuple of Performer
+        All performers of the shot.
 
     Raises
     ------
@@ -41,24 +50,25 @@ def proposed(shot: Shot, wanted: Sequence[PerformerRequest | None]) -> tuple[Per
         The keypoints do not show a performer well enough.
     """
     performers = []
-    for performer, wish, keypoints in zip(shot.performers, wanted, assigned(shot, read_views(shot)), strict=True):
-        if wish is None:
+    found = performer_keypoints(shot, detections)
+    for performer, request, keypoints in zip(shot.performers, requests, found, strict=True):
+        if request is None:
             performers.append(performer)
             continue
         precision = acceleration_precision(performer.body, shot.fps, shot.settings)
-        with named(f"performer '{wish.name}'"):
+        with located(f"performer '{request.name}'"):
             if not keypoints.confidence.any():
                 raise KeypointError("no keypoints are left for it", todo="there may be fewer people than performers")
-            together = frames_together(shot.settings, shot.fps)
-            fit = scaled_first_pass(keypoints, shot.fps, together, precision, wish.height)
-        frames = chosen_frames(fit, shot.fps) if wish.frames is None else np.array(sorted(wish.frames), np.int64)
-        performers.append(Performer(wish.name, fit.body, KeyPoses.proposed(frames, fit.motion[frames])))
+            correlated = correlated_frames(shot.settings, shot.fps)
+            fit = scaled_first_pass(keypoints, shot.fps, correlated, precision, request.height)
+        frames = chosen_frames(fit, shot.fps) if request.frames is None else np.array(sorted(request.frames), np.int64)
+        performers.append(Performer(request.name, fit.body, KeyPoses.proposed(frames, fit.motion[frames])))
     return tuple(performers)
 
 
 @dataclass(frozen=True, eq=False)
-class SeenPoses:
-    """What keypoints say of one performer of a shot.
+class KeypointPoses:
+    """The motion that keypoints show of one performer of a shot, and frames for key poses.
 
     Attributes
     ----------
@@ -72,20 +82,25 @@ class SeenPoses:
     frames: NDArray[np.int64]
 
     def key_poses(self) -> KeyPoses:
-        """The poses of these frames; they fix nothing."""
+        """Return the poses of these frames as proposals, which fix nothing."""
         return KeyPoses.proposed(self.frames, self.motion[self.frames])
 
 
-def seen_poses(
-    shot: Shot, frames: Sequence[int] | None = None, progress: Progress | None = None
-) -> tuple[SeenPoses, ...]:
+def poses_from_keypoints(
+    shot: Shot,
+    detections: Sequence[Detections],
+    frames: Sequence[int] | None = None,
+    progress: Progress | None = None,
+) -> tuple[KeypointPoses, ...]:
     """Fit the motion of every performer of a shot to keypoints; bodies and key poses stay as they are.
 
     Parameters
     ----------
     shot : Shot
+    detections : sequence of Detections
+        Per view.
     frames : sequence of int, optional
-        Shot frames on which poses are wanted; by default some are chosen beside the key poses that there are.
+        Shot frames on which poses are wanted; by default some are chosen, away from the key poses that there are.
     progress : callable, optional
 
     Raises
@@ -96,14 +111,13 @@ def seen_poses(
         `progress` returned False.
     """
     found = []
-    report_progress(progress, "keypoints", 0.0)
-    owned = assigned(shot, read_views(shot))
+    owned = performer_keypoints(shot, detections)
     for i, (performer, keypoints) in enumerate(zip(shot.performers, owned, strict=True)):
-        report_progress(progress, performer.name, (1 + i) / (1 + len(owned)))
+        report_progress(progress, performer.name, i / len(owned))
         body, keys = performer.body, performer.key_poses
-        with named(f"performer '{performer.name}'"):
+        with located(f"performer '{performer.name}'"):
             if not keypoints.confidence.any():
-                raise KeypointError("no keypoints are its", todo="give the views keypoints that show it")
+                raise KeypointError("it has no keypoints", todo="give the views keypoints that show it")
             fit = first_pass(
                 body,
                 keys,
@@ -111,29 +125,17 @@ def seen_poses(
                 fixed_degrees(performer, 0, shot.length - 1),
                 acceleration_precision(body, shot.fps, shot.settings),
                 shot.fps,
-                frames_together(shot.settings, shot.fps),
+                correlated_frames(shot.settings, shot.fps),
             )
-        chosen = beside(chosen_frames(fit, shot.fps), keys.frames, shot.fps) if frames is None else sorted(set(frames))
-        found.append(SeenPoses(fit.motion, np.array(chosen, np.int64)))
+        if frames is None:
+            chosen = away_from_keys(chosen_frames(fit, shot.fps), keys.frames, shot.fps)
+        else:
+            chosen = np.array(sorted(set(frames)), np.int64)
+        found.append(KeypointPoses(fit.motion, chosen))
     return tuple(found)
 
 
-def with_proposals(shot: Shot) -> Shot:
-    """A shot with proposed key poses beside those that it has; these, and the bodies, stay as they are.
-
-    Raises
-    ------
-    KeypointError
-        The keypoints do not show a performer well enough.
-    """
-    performers = [
-        replace(performer, key_poses=performer.key_poses.joined(seen.key_poses()))
-        for performer, seen in zip(shot.performers, seen_poses(shot), strict=True)
-    ]
-    return replace(shot, performers=tuple(performers))
-
-
-def beside(chosen: NDArray[np.int64], keys: NDArray[np.int64], fps: float) -> NDArray[np.int64]:
+def away_from_keys(chosen: NDArray[np.int64], keys: NDArray[np.int64], fps: float) -> NDArray[np.int64]:
     """Those of some frames that are not near a key pose."""
     apart = EVERY * fps / 2
     return np.array([f for f in chosen if not len(keys) or abs(keys - f).min() > apart], np.int64)

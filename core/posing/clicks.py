@@ -21,7 +21,7 @@ from ..body.smoothness import limited
 from ..cameras.camera import Camera
 from ..errors import KeypointError
 from ..evidence.gradients import Poses
-from ..keypoints.keypoint_factor import Keypoints, Places, carried, keypoint_system
+from ..keypoints.keypoint_factor import Keypoints, Places, has_keypoint, keypoint_system
 from ..keypoints.keypoint_fit import posture
 from ..keypoints.triangulation import triangulate
 from ..numerics import rotations
@@ -155,7 +155,7 @@ class ClickSolver:
             The body has no place for a landmark.
         """
         for name in clicks.names:
-            if not carried(self.body, name):
+            if not has_keypoint(self.body, name):
                 raise KeypointError(f"the body has no landmark '{name}'", todo="take its mark away")
         if not clicks.confidence.any():
             return ClickFit(self.given, self.given)

@@ -19,7 +19,7 @@ from ..tracking.uncertainty import expected_errors
 from .suggestions import helpful_keys
 
 if TYPE_CHECKING:
-    from ..keypoints.observations import Sighting
+    from ..keypoints.observations import PerformerKeypoints
     from ..tracking.tracker import TrackResult
 
 WORST_FRAMES = 10
@@ -62,7 +62,7 @@ def report(shot: Shot, result: TrackResult, seconds: Mapping[str, float] | None 
         "performers": [
             _performer(shot, p, visible, residual)
             | _expected_errors(shot, p, deviation)
-            | ({"keypoints": _keypoints(shot, result.observed.sightings[i])} if result.observed.sightings else {})
+            | ({"keypoints": _keypoints(shot, result.observed.performers[i])} if result.observed.performers else {})
             for i, (p, visible, residual, deviation) in enumerate(
                 zip(shot.performers, result.visible, result.residual, result.deviation, strict=True)
             )
@@ -131,14 +131,14 @@ def _expected_errors(shot: Shot, performer: Performer, deviation: NDArray[np.flo
     }
 
 
-def _keypoints(shot: Shot, sighting: Sighting) -> dict[str, Any]:
+def _keypoints(shot: Shot, own: PerformerKeypoints) -> dict[str, Any]:
     """By view: on how many frames a performer's keypoints were found, how far they agree, where sides were changed."""
-    keypoints = sighting.pointers.keypoints
+    keypoints = own.factor.keypoints
     return {
         view.camera.name: {
             "frames": int(keypoints.confidence[v].any(axis=1).sum()),
-            "agreement": round(float(sighting.weights[v].sum() / max(keypoints.confidence[v].sum(), 1e-9)), 3),
-            "sides_changed": intervals(sighting.changed[v].any(axis=1), shot.frames[0]),
+            "agreement": round(float(own.weights[v].sum() / max(keypoints.confidence[v].sum(), 1e-9)), 3),
+            "sides_changed": intervals(own.changed[v].any(axis=1), shot.frames[0]),
         }
         for v, view in enumerate(shot.views)
     }

@@ -123,7 +123,7 @@ class PerformerRequest:
     height: float | None = None
     frames: tuple[int, ...] | None = None
 
-    def unknown(self) -> Performer:
+    def placeholder(self) -> Performer:
         """The performer before anything is known of it."""
         body = human() if self.height is None else human(self.height)
         nowhere = Motion(np.zeros((0, 3)), np.zeros((0, len(body), 3, 3)))

@@ -10,8 +10,8 @@ import numpy as np
 
 from ..body.motion import Motion
 from ..errors import ShotError
-from ..keypoints.proposals import with_proposals
 from ..shot.shot import KeyPoses, Performer, Shot
+from .prepare import with_proposed_keys
 
 
 def selected(
@@ -41,7 +41,7 @@ def selected(
     if keyframes == "auto":
         if not any(view.keypoints for view in shot.views):
             raise ShotError("no view has keypoints to propose key poses from", where="--keyframes")
-        shot = with_proposals(shot)
+        shot = with_proposed_keys(shot)
     elif keyframes is not None:
         performers = tuple(_at(performer, keyframes, shot.frames[0]) for performer in shot.performers)
         shot = replace(shot, performers=performers)

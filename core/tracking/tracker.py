@@ -22,7 +22,8 @@ from ..evidence.label_images import Geometry, render_labels
 from ..evidence.part_shapes import fitted_shape
 from ..evidence.time_offset import Offset, key_frame_offset
 from ..evidence.view_frames import ViewFrames, views_with_foreground
-from ..keypoints.observations import Observed, observe_keypoints
+from ..formats.keypoint_files import read_shot_keypoints
+from ..keypoints.observations import ShotKeypoints, fit_keypoints
 from ..numerics.banded import BandedFactor
 from ..runtime.progress import Progress, report_progress
 from ..runtime.threads import one_blas_thread
@@ -90,7 +91,7 @@ class TrackResult:
         Per performer: how far every part's tip may be from its true place, metres; see `core.review`.
     pictures : tuple of dict of int to ndarray of uint8, shape (h, w, 3)
         Per view: the pictures that were asked for, by shot frame; rectified; blue, green, red.
-    observed : Observed
+    observed : ShotKeypoints
         What keypoints said; empty where none were used.
     footage_offset : float
         How much later than on their frames the key poses are shown, frames; see `core.shot.shot.Settings`.
@@ -104,7 +105,7 @@ class TrackResult:
     residual: tuple[Array, ...]
     deviation: tuple[Array, ...]
     pictures: tuple[dict[int, Image], ...] = ()
-    observed: Observed = field(default_factory=Observed)
+    observed: ShotKeypoints = field(default_factory=ShotKeypoints)
     footage_offset: float = 0.0
 
 
@@ -186,15 +187,15 @@ class _Job:
         self._begun, self._solved = 0.0, 0
         self.observed = self._first_pass()
 
-    def _first_pass(self) -> Observed:
+    def _first_pass(self) -> ShotKeypoints:
         """Where keypoints are, what they say of every performer; the motion then starts from that."""
         if self.shot.settings.solver != "gauss-newton" or not any(view.keypoints for view in self.shot.views):
-            return Observed()
+            return ShotKeypoints()
         report_progress(self.progress, "keypoints", 0.0)
         with self.seconds.measure("keypoints"):
             fixed = [fixed_degrees(p, 0, self.shot.length - 1) for p in self.shot.performers]
-            observed = observe_keypoints(self.shot, fixed)
-        self.motions = [sighting.motion for sighting in observed.sightings]
+            observed = fit_keypoints(self.shot, read_shot_keypoints(self.shot), fixed)
+        self.motions = [own.motion for own in observed.performers]
         return observed
 
     def look(self, stretch: Segment, views: tuple[ViewFrames, ...]) -> None:
@@ -265,7 +266,7 @@ class _Job:
             self._context(stretch[0] - 1),
             self._context(stretch[1] + 1),
             self._shapes.get(stretch),
-            tuple(sighting.pointers[frames] for sighting in self.observed.sightings),
+            tuple(own.factor[frames] for own in self.observed.performers),
             self.footage_offset,
         )
 

@@ -14,11 +14,11 @@ from ...core.body import Body
 from ...core.body.inverse_kinematics import fit_poses
 from ...core.body.motion import Motion
 from ...core.errors import KeypointError, LandmarkError, ShotError
-from ...core.formats.keypoint_files import read_keypoints
+from ...core.formats.keypoint_files import read_keypoints, read_shot_keypoints
 from ...core.formats.landmark_files import landmarks_of, read_landmarks
 from ...core.formats.trc import Landmarks
-from ...core.keypoints.observations import assigned, read_views
-from ...core.keypoints.proposals import SeenPoses, beside, best_frames
+from ...core.keypoints.observations import performer_keypoints
+from ...core.keypoints.proposals import KeypointPoses, away_from_keys, best_frames
 from ...core.posing.clicks import pixel
 from ...core.shot.shot import KeyPoses, Shot
 from ..scene_io import body_armature, joint_marks, keyframes, view_cameras
@@ -92,7 +92,7 @@ def without_replaced(scene: bpy.types.Scene, shot: Shot, number: int, frames: Se
     return replace(shot, performers=tuple(performers))
 
 
-def propose(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, seen: SeenPoses) -> int:
+def propose(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, seen: KeypointPoses) -> int:
     """Show a motion as tracked, with key poses proposed on some of its frames; how many are."""
     start = scene.kfmocap.frame_start
     earlier = keyframes.keyed_bones(slot.armature)[1]
@@ -135,7 +135,7 @@ def mark_keypoints(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> int
     number = next(i for i, other in enumerate(scene.kfmocap.performers) if other == slot)
     if not 0 <= frame < shot.length:
         raise KeypointError("the frame lies outside the shot", where=f"frame {scene.frame_current}")
-    keypoints = assigned(shot, read_views(shot))[number]
+    keypoints = performer_keypoints(shot, read_shot_keypoints(shot))[number]
     found = dict(joint_marks.on_frame(slot, scene.frame_current))
     before = len(found)
     for v, k in zip(*np.nonzero(keypoints.confidence[:, frame] > 0), strict=True):
@@ -167,7 +167,7 @@ def landmark_poses(
     if frames is None:
         own = np.array(sorted(keyframes.keyed_bones(slot.armature)[0]), np.int64) - scene.kfmocap.frame_start
         known = [np.isfinite(landmarks.points_world[row]).all(axis=-1).mean() if row >= 0 else 0.0 for row in rows]
-        chosen = beside(best_frames(np.array(known), _fps(scene)), own, _fps(scene))
+        chosen = away_from_keys(best_frames(np.array(known), _fps(scene)), own, _fps(scene))
         frames = [int(frame) for frame in chosen if known[frame] > 0]
     return frames, _fitted(scene, body, landmarks, [int(rows[frame]) for frame in frames], frames, str(path))
 

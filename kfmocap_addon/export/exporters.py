@@ -20,9 +20,9 @@ from mathutils import Matrix
 from numpy.typing import NDArray
 
 from ...core.errors import OutputError, ShotError
-from ...core.formats.shot_toml import shot_name
 from ...core.numerics.resampling import sample_times, slerped
 from ...core.runtime.files import replacing
+from ...core.shot.shot_spec import checked_file_name
 from ..scene_io import body_armature, fcurves
 from ..scene_io.scene import set_rate
 from .presets import PRESETS
@@ -76,7 +76,7 @@ def export_performers(scene: bpy.types.Scene, folder: Path, options: ExportOptio
         if slot.armature is None:
             raise ShotError("the armature is gone from the scene", where=f"performer {slot.name}")
         name = scene.kfmocap.shot if len(performers) == 1 else f"{scene.kfmocap.shot}_{slot.name}"
-        name = shot_name(name, f"scene {scene.name}")
+        name = checked_file_name(name, f"scene {scene.name}")
         for suffix, writer in writers:
             paths.append(folder / f"{name}{suffix}")
             writer(paths[-1], slot.armature, scene, options)

@@ -18,7 +18,7 @@ class LoadShot(bpy.types.Operator, ImportHelper):
     filter_glob: bpy.props.StringProperty(default="*.toml", options={"HIDDEN"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ...core.formats.shot_toml import load_shot
+        from ...core.tracking.prepare import load_shot
         from ..scene_io import scene as scenes
 
         with reported(self) as outcome:

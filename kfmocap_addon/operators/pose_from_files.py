@@ -14,7 +14,7 @@ from .job_operator import JobOperator, Work
 from .reporting import explained, progress_shown, reported
 
 if TYPE_CHECKING:
-    from ...core.keypoints.proposals import SeenPoses
+    from ...core.keypoints.proposals import KeypointPoses
 
 
 class ImportKeypoints(bpy.types.Operator, ImportHelper):
@@ -89,7 +89,7 @@ class PoseFromKeypoints(_FromKeypoints, JobOperator, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     def prepared(self, context: bpy.types.Context) -> Work:
-        from ...core.keypoints.proposals import seen_poses
+        from ...core.tracking.prepare import pose_by_keypoint_files
         from ..editing import keyframing
         from ..scene_io import scene as scenes
 
@@ -97,9 +97,9 @@ class PoseFromKeypoints(_FromKeypoints, JobOperator, bpy.types.Operator):
         frames = keyframing.frames_wanted(scene)
         number = scene.kfmocap.performers.find(self._slot)
         shot = keyframing.without_replaced(scene, scenes.shot_from_scene(scene), number, frames)
-        return partial(seen_poses, shot, frames)
+        return partial(pose_by_keypoint_files, shot, frames)
 
-    def finish(self, context: bpy.types.Context, result: tuple[SeenPoses, ...]) -> None:
+    def finish(self, context: bpy.types.Context, result: tuple[KeypointPoses, ...]) -> None:
         from ..editing import keyframing
 
         scene = context.scene

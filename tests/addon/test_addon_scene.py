@@ -156,9 +156,9 @@ def test_an_incomplete_scene_is_refused_by_name(blender, tmp_path):  # noqa: F81
 
 
 def test_load_shot_shows_a_shot_file(blender, tmp_path, monkeypatch):  # noqa: F811
-    from kfmocap.core.formats import shot_toml
+    from kfmocap.core.tracking import prepare
 
-    monkeypatch.setattr(shot_toml, "load_shot", lambda path: shot(tmp_path))
+    monkeypatch.setattr(prepare, "load_shot", lambda path: shot(tmp_path))
     assert bpy.ops.kfmocap.load_shot(filepath=str(tmp_path / "shot.toml")) == {"FINISHED"}
     assert bpy.context.scene.kfmocap.shot == "walk"
 

@@ -14,7 +14,7 @@ from keypoint_shots import cameras, seen_places, strolling, write_openpose
 from kfmocap.benchmarks.keypoint_noise import LEAP, as_coco, worse, worse_shot
 from kfmocap.core.body import human
 from kfmocap.core.formats.keypoint_files import read_keypoints
-from kfmocap.core.formats.keypoint_layouts import mirrored
+from kfmocap.core.formats.keypoint_layouts import mirrored_name
 
 
 @pytest.fixture
@@ -29,7 +29,7 @@ def test_as_much_is_spoiled_as_is_said(folder: Path) -> None:
     bad = worse(found, np.random.default_rng(0))
     assert len(bad) == 48 and set(bad.frames) <= set(found.frames)
     before = found.points[np.isin(found.frames, bad.frames)]
-    order = [found.names.index(mirrored(name)) for name in found.names]
+    order = [found.names.index(mirrored_name(name)) for name in found.names]
     moved, turned = (np.linalg.norm(bad.points - p, axis=-1) for p in (before, before[:, order]))
     is_turned = np.median(turned, axis=1) < np.median(moved, axis=1)
     assert is_turned.sum() == 5

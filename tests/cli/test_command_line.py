@@ -18,7 +18,7 @@ from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import CancelledError, FootageError
 from kfmocap.core.evidence.occlusion import Suggestion
 from kfmocap.core.formats import read_trc, save_cameras, write_trc
-from kfmocap.core.keypoints.observations import Observed
+from kfmocap.core.keypoints.observations import ShotKeypoints
 from kfmocap.core.numerics import rotations
 
 SIZE = (96, 72)
@@ -63,7 +63,7 @@ class Result:
         self.deviation = tuple(np.zeros(count[1:]) for count in counts)
         self.pictures = None
         self.footage_offset = 0.0
-        self.observed = Observed()
+        self.observed = ShotKeypoints()
 
 
 @pytest.fixture

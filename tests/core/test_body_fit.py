@@ -114,8 +114,8 @@ def test_keypoints_tell_lengths_that_outlines_leave_open(tmp_path, monkeypatch):
     shot = shot_of([View(c, tmp_path) for c in views], [start], [motion], range(4))
     black = [body_fit.Look(np.arange(4), np.zeros((4, 48, 64, 3), np.uint8), 10.0, 0.0) for _ in views]
     monkeypatch.setattr(body_fit, "look_at_keys", lambda *_: black)
-    monkeypatch.setattr(body_fit, "read_views", lambda _: [])
-    monkeypatch.setattr(body_fit, "assigned", lambda *_: [seen])
+    monkeypatch.setattr(body_fit, "read_shot_keypoints", lambda _: [])
+    monkeypatch.setattr(body_fit, "performer_keypoints", lambda *_: [seen])
     fit = fit_bodies(shot)
     limbs = [truth.index(f"{bone}.{s}") for bone in ("upper_arm", "forearm", "thigh", "shin") for s in "LR"]
     off = [np.abs(lengths(b) - lengths(truth))[limbs].max() for b in (start, fit.bodies[0])]

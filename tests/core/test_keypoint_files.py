@@ -19,7 +19,7 @@ from kfmocap.core.formats.keypoint_layouts import (
     LAYOUTS,
     MEDIAPIPE_33,
     landmark_of,
-    mirrored,
+    mirrored_name,
 )
 
 SIZE = (640, 480)
@@ -254,14 +254,20 @@ def test_shares_of_a_picture_need_its_size(tmp_path: Path) -> None:
 def test_names_are_mapped_to_ours() -> None:
     assert [landmark_of(n) for n in COCO_NAMES] == COCO_17
     assert landmark_of("left_big_toe") == "LBigToe" and landmark_of("small toe") == ""
-    assert [mirrored(n) for n in ("LKnee", "RHeel", "Neck", "Nose", "Hip")] == ["RKnee", "LHeel", "Neck", "Nose", "Hip"]
+    assert [mirrored_name(n) for n in ("LKnee", "RHeel", "Neck", "Nose", "Hip")] == [
+        "RKnee",
+        "LHeel",
+        "Neck",
+        "Nose",
+        "Hip",
+    ]
 
 
 @pytest.mark.parametrize("count", LAYOUTS)
 def test_a_layout_names_no_keypoint_twice_and_has_both_sides(count: int) -> None:
     names = [name for name in LAYOUTS[count] if name]
     assert len(set(names)) == len(names) and len(LAYOUTS[count]) == count
-    assert {mirrored(name) for name in names} == set(names)
+    assert {mirrored_name(name) for name in names} == set(names)
     assert set(SIDED) <= set(names)
 
 

@@ -13,13 +13,15 @@ from kfmocap.core.body import human, landmark_positions
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import KFMocapError
-from kfmocap.core.formats import load_shot, save_cameras, write_trc
-from kfmocap.core.keypoints.assignment import Found, assign, tracks_of
+from kfmocap.core.formats import save_cameras, write_trc
+from kfmocap.core.formats.keypoint_files import read_shot_keypoints
+from kfmocap.core.keypoints.assignment import ViewDetections, assign_detections, detection_tracks
 from kfmocap.core.keypoints.keypoint_factor import Keypoints
-from kfmocap.core.keypoints.observations import assigned, image_rays, observe_keypoints, read_views
+from kfmocap.core.keypoints.observations import fit_keypoints, image_rays, performer_keypoints
 from kfmocap.core.review.track_report import blind_spots, report
 from kfmocap.core.shot.keypose_spline import spline
 from kfmocap.core.shot.shot import KeyPoses, Performer, PerformerRequest, Shot, View, fixed_degrees
+from kfmocap.core.tracking.prepare import load_shot
 from kfmocap.core.tracking.segments import segments
 from kfmocap.core.tracking.selection import selected
 from kfmocap.core.tracking.tracker import track
@@ -44,14 +46,14 @@ def shot_with(folder: Path, motions: list[Motion], keys: list[int], views: int =
     performers = [
         Performer(f"person {i}", body, KeyPoses.whole(keys, m[keys]))
         if keys
-        else PerformerRequest(f"person {i}").unknown()
+        else PerformerRequest(f"person {i}").placeholder()
         for i, m in enumerate(motions)
     ]
     return Shot("keypoints", FPS, (0, FRAMES - 1), tuple(slots), tuple(performers))
 
 
 def own_keypoints(shot: Shot) -> list[Keypoints]:
-    return assigned(shot, read_views(shot))
+    return performer_keypoints(shot, read_shot_keypoints(shot))
 
 
 def test_rays_go_through_the_points_that_a_lens_shows() -> None:
@@ -95,8 +97,8 @@ def test_tracks_go_on_over_gaps_and_crossings() -> None:
     present = np.ones((FRAMES, 2), bool)
     present[10:14, 1] = False
     frames, person = np.nonzero(present)
-    found = Found(frames, rays[frames, person], np.ones((len(frames), len(NAMES))), np.full(len(frames), -1))
-    tracks = tracks_of(found, 0, FPS)
+    found = ViewDetections(frames, rays[frames, person], np.ones((len(frames), len(NAMES))), np.full(len(frames), -1))
+    tracks = detection_tracks(found, 0, FPS)
     assert sorted(len(track.frames) for track in tracks) == [FRAMES - 4, FRAMES]
     assert all(len(set(person[track.rows])) == 1 for track in tracks)
 
@@ -105,16 +107,16 @@ def test_a_detectors_own_numbers_hold_people_apart() -> None:
     body = human()
     rays = keypoints_of(cameras(1), seen_places(body, people(1)[0])).rays[0]
     numbers = np.where(np.arange(FRAMES) < 12, 3, 8)
-    found = Found(np.arange(FRAMES), rays, np.ones((FRAMES, len(NAMES))), numbers)
-    assert [len(track.frames) for track in tracks_of(found, 0, FPS)] == [12, 12]
+    found = ViewDetections(np.arange(FRAMES), rays, np.ones((FRAMES, len(NAMES))), numbers)
+    assert [len(track.frames) for track in detection_tracks(found, 0, FPS)] == [12, 12]
 
 
 def test_a_view_without_people_gives_nothing() -> None:
     empty = keypoints_of(cameras(1), seen_places(human(), people(1)[0]))
     empty = replace(empty, rays=np.full_like(empty.rays, np.nan), confidence=np.zeros_like(empty.confidence))
-    nobody = Found(np.zeros(0, int), np.zeros((0, len(NAMES), 2)), np.zeros((0, len(NAMES))), np.zeros(0, int))
+    nobody = ViewDetections(np.zeros(0, int), np.zeros((0, len(NAMES), 2)), np.zeros((0, len(NAMES))), np.zeros(0, int))
     for count in (1, 2):
-        found = assign([nobody], empty, [None] * count, count, FPS)
+        found = assign_detections([nobody], empty, [None] * count, count, FPS)
         assert len(found) == count and not any(k.confidence.any() for k in found)
 
 
@@ -122,7 +124,7 @@ def test_first_passes_of_two_people_are_their_motions(tmp_path: Path) -> None:
     motions = people(2)
     shot = shot_with(tmp_path, motions, [0, FRAMES - 1])
     fixed = [fixed_degrees(performer, 0, FRAMES - 1) for performer in shot.performers]
-    for sighting, motion in zip(observe_keypoints(shot, fixed).sightings, motions, strict=True):
+    for sighting, motion in zip(fit_keypoints(shot, read_shot_keypoints(shot), fixed).performers, motions, strict=True):
         assert joint_errors(human(), sighting.motion, human(), motion).mean() < 0.02
         assert sighting.weights.mean() > 0.7 and not sighting.changed.any()
 
@@ -232,7 +234,7 @@ def test_the_tracker_follows_keypoints_where_pictures_say_nothing(tmp_path: Path
 
 
 def test_a_wanted_performer_has_no_pose_yet() -> None:
-    performer = PerformerRequest("man", 1.6).unknown()
+    performer = PerformerRequest("man", 1.6).placeholder()
     assert not len(performer.key_poses.frames) and len(performer.body) == len(human())
     assert at_rest(performer.body).translations[0, 2] < at_rest(human(1.75)).translations[0, 2]
 

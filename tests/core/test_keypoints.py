@@ -21,7 +21,7 @@ from kfmocap.core.keypoints.keypoint_factor import (
     robust_weights,
 )
 from kfmocap.core.keypoints.keypoint_fit import LIMIT_DEVIATION, POSTURE_DEVIATION, fit_motion, posture
-from kfmocap.core.keypoints.left_right import righted, swapped
+from kfmocap.core.keypoints.left_right import correct_sides, swap_sides
 from kfmocap.core.keypoints.triangulation import triangulate
 from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.banded import BandedFactor, bordered_solution
@@ -48,7 +48,7 @@ def spoiled(keypoints: Keypoints, seed: int = 0) -> Keypoints:
     """20 % of the frames missing, 10 % with left for right, 5 % of the keypoints somewhere else: 30 cm away."""
     rng = np.random.default_rng(seed)
     V, F, L = keypoints.confidence.shape
-    turned = swapped(keypoints)
+    turned = swap_sides(keypoints)
     rays, confidence = keypoints.rays.copy(), keypoints.confidence.copy()
     for v in range(V):
         order = rng.permutation(F)
@@ -182,12 +182,12 @@ def test_sides_are_put_right_limb_by_limb() -> None:
     body = human()
     points = seen_places(body, strolling(body, 6))
     true = keypoints_of(cameras(2), points)
-    turned = swapped(true)
+    turned = swap_sides(true)
     legs = [i for i, n in enumerate(NAMES) if n[1:] in ("Hip", "Knee", "Ankle", "BigToe", "Heel")]
     rays = true.rays.copy()
     rays[0, 2] = turned.rays[0, 2]
     rays[1, 4][legs] = turned.rays[1, 4][legs]
-    found, changed = righted(replace(true, rays=rays), points + 0.01)
+    found, changed = correct_sides(replace(true, rays=rays), points + 0.01)
     np.testing.assert_array_equal(found.rays, true.rays)
     assert changed[0, 2].sum() == sum(n[0] in "LR" for n in NAMES)
     assert changed[1, 4].sum() == len(legs) and not changed[0, [0, 1, 3, 4, 5]].any()
@@ -195,7 +195,7 @@ def test_sides_are_put_right_limb_by_limb() -> None:
 
 def test_what_is_expected_nowhere_keeps_its_sides() -> None:
     seen = keypoints_of(cameras(2), seen_places(human(), strolling(human(), 2)))
-    found, changed = righted(seen, np.full((2, len(NAMES), 3), np.nan))
+    found, changed = correct_sides(seen, np.full((2, len(NAMES), 3), np.nan))
     assert not changed.any() and np.array_equal(found.rays, seen.rays)
 
 

@@ -19,10 +19,10 @@ from kfmocap.core.evidence.contours import Lines
 from kfmocap.core.fitting import resection
 from kfmocap.core.fitting.camera_refinement import Refinement, refine_cameras
 from kfmocap.core.fitting.resection import CAMERA, Look, State, adjusted, on_frames
-from kfmocap.core.formats import load_shot
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.footage import frames_at
 from kfmocap.core.shot.shot import KeyPoses, Shot, View
+from kfmocap.core.tracking.prepare import load_shot
 from synthetic import (
     figure,
     film,

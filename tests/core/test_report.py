@@ -13,7 +13,7 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import LandmarkError
 from kfmocap.core.formats import Landmarks
-from kfmocap.core.keypoints.observations import Observed
+from kfmocap.core.keypoints.observations import ShotKeypoints
 from kfmocap.core.review.scoring import joint_error
 from kfmocap.core.review.track_report import blind_spots, report
 from kfmocap.core.runtime.files import write_json
@@ -47,7 +47,7 @@ def tracked() -> tuple[Shot, type]:
     values[6], values[0] = 0.2, np.nan
 
     class Result:
-        observed = Observed()
+        observed = ShotKeypoints()
         seconds = {"footage": 1.0, "solve": 3.0}
         camera_frames = 8
         footage_offset = 0.0

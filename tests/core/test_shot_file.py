@@ -12,8 +12,10 @@ from kfmocap.core.body import human, landmark_positions
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import KFMocapError
-from kfmocap.core.formats import load_shot, save_cameras, shot_toml, write_trc
+from kfmocap.core.formats import save_cameras, shot_toml, write_trc
+from kfmocap.core.formats.shot_toml import read_shot_spec
 from kfmocap.core.numerics import rotations
+from kfmocap.core.tracking.prepare import load_shot
 from kfmocap.core.tracking.selection import selected
 
 FIRST, LAST, KEYS = 2, 9, (3, 6, 9)
@@ -291,7 +293,7 @@ class ManySettings:
 def test_every_setting_is_a_key_of_its_own_type(folder: Path, monkeypatch, line: str, key: str, value) -> None:
     monkeypatch.setattr(shot_toml, "Settings", ManySettings)
     (folder / "shot.toml").write_text(TEXT + line)
-    assert getattr(load_shot(folder / "shot.toml").settings, key) == value
+    assert getattr(read_shot_spec(folder / "shot.toml").settings, key) == value
 
 
 @pytest.mark.parametrize(

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from kfmocap.core.body import landmark_positions
 from kfmocap.core.formats.calibration_files import load_cameras
-from kfmocap.core.formats.shot_toml import load_shot
 from kfmocap.core.formats.trc import read_trc
 from kfmocap.core.numerics import rotations
+from kfmocap.core.tracking.prepare import load_shot
 from render.takes import BESIDE_THE_WALK, PLANS, key_frames, make_take
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -11,8 +11,9 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 from kfmocap.cli import arguments
-from kfmocap.core.formats import load_shot, read_trc
+from kfmocap.core.formats import read_trc
 from kfmocap.core.review.scoring import joint_error
+from kfmocap.core.tracking.prepare import load_shot
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = [ROOT / "README.md", *sorted(ROOT.glob("examples/*/README.md"))]

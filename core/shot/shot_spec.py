@@ -1,0 +1,164 @@
+"""What a shot file says, before any of the files that it names is read."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal
+
+from ..errors import ShotError
+from .shot import Settings
+
+KeyFrames = tuple[int, ...] | Literal["auto"]
+"""Key frames in the footage's count, increasing; "auto" has them chosen by 2D keypoints."""
+
+_RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")
+
+
+@dataclass(frozen=True)
+class ViewSpec:
+    """A view of a shot file: the attributes of `View`, with the camera by its name.
+
+    Attributes
+    ----------
+    where : str
+        File and table, for error messages.
+    """
+
+    camera: str
+    footage: Path
+    offset: float = 0.0
+    fields: str = "progressive"
+    keypoints: Path | None = None
+    where: str = ""
+
+
+@dataclass(frozen=True)
+class PerformerSpec:
+    """A performer of a shot file.
+
+    Attributes
+    ----------
+    name : str
+    height : float or None
+        Metres; None to have it estimated.
+    keyframes : tuple of int, "auto" or None
+        None if the file gives none.
+    landmarks, keyposes : Path or None
+        The files that the key poses come from (TRC or BVH); None for both to have them posed by 2D keypoints.
+    where : str
+        File and table, for error messages.
+    """
+
+    name: str
+    height: float | None = None
+    keyframes: KeyFrames | None = None
+    landmarks: Path | None = None
+    keyposes: Path | None = None
+    where: str = ""
+
+
+@dataclass(frozen=True)
+class ShotSpec:
+    """A shot file with its paths resolved and its settings checked.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    name : str
+    fps : float
+    frames : tuple of int
+        First and last frame in the footage's count, inclusive.
+    calibration : Path
+    views : tuple of ViewSpec
+    performers : tuple of PerformerSpec
+    settings : Settings
+    """
+
+    path: Path
+    name: str
+    fps: float
+    frames: tuple[int, int]
+    calibration: Path
+    views: tuple[ViewSpec, ...]
+    performers: tuple[PerformerSpec, ...]
+    settings: Settings = field(default_factory=Settings)
+
+    def selected(
+        self,
+        *,
+        views: Sequence[str] | None = None,
+        keyframes: Sequence[int] | Literal["auto"] | None = None,
+        solver: str | None = None,
+    ) -> ShotSpec:
+        """Return the specification with the choices of a command line instead of the file's.
+
+        Parameters
+        ----------
+        views : sequence of str, optional
+            Keep the views of these cameras only.
+        keyframes : sequence of int or "auto", optional
+            The key frames of every performer.
+        solver : str, optional
+
+        Raises
+        ------
+        ShotError
+            There is no such view or solver, or a key frame is outside the shot.
+        """
+        spec = self
+        if views is not None:
+            spec = replace(spec, views=self._chosen_views(views))
+        if keyframes is not None:
+            keys: KeyFrames = (
+                "auto" if keyframes == "auto" else checked_keyframes(keyframes, self.frames, where="--keyframes")
+            )
+            spec = replace(spec, performers=tuple(replace(p, keyframes=keys) for p in self.performers))
+        if solver is not None:
+            spec = replace(spec, settings=replace(self.settings, solver=solver))
+        return spec
+
+    def _chosen_views(self, cameras: Sequence[str]) -> tuple[ViewSpec, ...]:
+        known = [view.camera for view in self.views]
+        todo = f"there are {', '.join(known)}"
+        for name in cameras:
+            if name not in known:
+                raise ShotError(f"no view has the camera '{name}'", where="--views", todo=todo)
+        if not cameras:
+            raise ShotError("no view is named", where="--views", todo=todo)
+        return tuple(view for view in self.views if view.camera in cameras)
+
+
+def checked_keyframes(frames: Sequence[int], shot_frames: tuple[int, int], *, where: str) -> tuple[int, ...]:
+    """Return key frames sorted and without repetition.
+
+    Raises
+    ------
+    ShotError
+        There are none, or one lies outside the shot's first and last frame.
+    """
+    if not frames:
+        raise ShotError("at least one key frame is needed", where=where)
+    first, last = shot_frames
+    for frame in frames:
+        if not first <= frame <= last:
+            raise ShotError(f"key frame {frame} lies outside the shot's frames {first} to {last}", where=where)
+    return tuple(sorted(set(frames)))
+
+
+def checked_file_name(name: str, where: str) -> str:
+    """Return a shot's name if it can be a file's name on every system.
+
+    Raises
+    ------
+    ShotError
+        It cannot.
+    """
+    unsafe = re.search(r'[<>:"/\\|?*\x00-\x1f]', name) or name.startswith(".") or name.endswith((".", " "))
+    if not name or unsafe or _RESERVED.fullmatch(name):
+        todo = 'leave out < > : " / \\ | ? * and dots at the ends'
+        raise ShotError(f"'{name}' cannot be a file's name", where=f"{where} name", todo=todo)
+    return name

@@ -1,0 +1,187 @@
+"""From what a shot file says to the shot: the files that it names are read, bodies and key poses are made of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body.inverse_kinematics import fit_body, fit_poses
+from ..cameras.camera import Camera
+from ..errors import LandmarkError, ShotError, located
+from ..formats.bvh import body_of_bvh, poses_of_bvh, read_bvh
+from ..formats.calibration_files import load_cameras
+from ..formats.keypoint_files import read_shot_keypoints
+from ..formats.shot_toml import read_shot_spec
+from ..formats.trc import Landmarks, read_trc
+from ..keypoints.proposals import KeypointPoses, poses_from_keypoints, propose_performers
+from ..runtime.progress import Progress, report_progress, share
+from ..shot.footage import check_view
+from ..shot.shot import KeyPoses, Performer, PerformerRequest, Shot, View
+from ..shot.shot_spec import PerformerSpec, ShotSpec, ViewSpec
+
+NEEDED_LANDMARKS = tuple(
+    side + joint for joint in ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle") for side in "LR"
+)
+"""Landmarks that a key pose cannot do without: the main joints."""
+
+
+def load_shot(
+    path: Path | str,
+    *,
+    views: Sequence[str] | None = None,
+    keyframes: Sequence[int] | Literal["auto"] | None = None,
+    solver: str | None = None,
+) -> Shot:
+    """Read a shot file and prepare its shot; see `ShotSpec.selected` and `prepare_shot`."""
+    return prepare_shot(read_shot_spec(path).selected(views=views, keyframes=keyframes, solver=solver))
+
+
+def prepare_shot(spec: ShotSpec) -> Shot:
+    """Read all that a shot file names but the footage's pictures, and make bodies and key poses of it.
+
+    Returns
+    -------
+    Shot
+        Of landmarks only those at the key frames were used: more the tracker may not see.
+
+    Raises
+    ------
+    ShotError, CalibrationError, FootageError, LandmarkError, KeypointError, BodyError
+        One message that names the file and the field.
+    """
+    cameras = read_shot_cameras(spec)
+    views = tuple(_view(view, cameras) for view in spec.views)
+    for view in views:
+        with located(f"{spec.path} [[view]] '{view.camera.name}' footage"):
+            check_view(view, spec.frames[0], spec.frames[1] - spec.frames[0] + 1)
+    prepared = [_performer(performer, spec.frames[0]) for performer in spec.performers]
+    requests = [p if isinstance(p, PerformerRequest) else None for p in prepared]
+    performers = tuple(p.placeholder() if isinstance(p, PerformerRequest) else p for p in prepared)
+    shot = Shot(spec.name, spec.fps, spec.frames, views, performers, spec.settings)
+    return replace(shot, performers=_from_keypoints(shot, requests, spec)) if any(requests) else shot
+
+
+def read_shot_cameras(spec: ShotSpec) -> dict[str, Camera]:
+    """Read all cameras of a shot's calibration, by name, whether a view uses them or not.
+
+    Raises
+    ------
+    CalibrationError
+        One message that names the file and the field.
+    """
+    with located(f"{spec.path} [calibration] file"):
+        return load_cameras(spec.calibration)
+
+
+def pose_by_keypoint_files(
+    shot: Shot, frames: Sequence[int] | None = None, progress: Progress | None = None
+) -> tuple[KeypointPoses, ...]:
+    """Read the keypoints of a shot's views and fit every performer's motion to them; see `poses_from_keypoints`."""
+    report_progress(progress, "keypoints", 0.0)
+    return poses_from_keypoints(shot, read_shot_keypoints(shot), frames, share(progress, 0.1, 1.0))
+
+
+def with_proposed_keys(shot: Shot) -> Shot:
+    """Add key poses proposed from keypoints to those that a shot has, which stay as they are, as do the bodies.
+
+    Raises
+    ------
+    KeypointError
+        The keypoints do not show a performer well enough.
+    """
+    performers = [
+        replace(performer, key_poses=performer.key_poses.joined(found.key_poses()))
+        for performer, found in zip(shot.performers, pose_by_keypoint_files(shot), strict=True)
+    ]
+    return replace(shot, performers=tuple(performers))
+
+
+def _view(spec: ViewSpec, cameras: dict[str, Camera]) -> View:
+    if spec.camera not in cameras:
+        what, todo = f"the calibration has no camera '{spec.camera}'", f"its cameras are {', '.join(cameras)}"
+        raise ShotError(what, where=f"{spec.where} camera", todo=todo)
+    return View(cameras[spec.camera], spec.footage, spec.offset, spec.fields, spec.keypoints)
+
+
+def _performer(spec: PerformerSpec, first: int) -> Performer | PerformerRequest:
+    """The performer, or where only keypoints show it, what is to be made of these."""
+    if spec.keyframes is None:
+        raise ShotError("'keyframes' is missing", where=spec.where)
+    if spec.keyframes == "auto":
+        return _request(spec, None)
+    keys = np.array(spec.keyframes, dtype=np.int64)
+    if spec.landmarks is not None and spec.keyposes is not None:
+        what = "key poses come from a BVH or from landmarks, not from both"
+        raise ShotError(what, where=f"{spec.where} keyposes")
+    if spec.keyposes is not None:
+        return _posed_by_bvh(spec, spec.keyposes, keys, first)
+    if spec.landmarks is not None:
+        return _posed_by_landmarks(spec, spec.landmarks, keys, first)
+    return _request(spec, tuple((keys - first).tolist()))
+
+
+def _request(spec: PerformerSpec, frames: tuple[int, ...] | None) -> PerformerRequest:
+    request = PerformerRequest(spec.name, spec.height, frames)
+    with located(spec.where):
+        request.placeholder()  # refuses an impossible height
+    return request
+
+
+def _posed_by_bvh(spec: PerformerSpec, file: Path, keys: NDArray[np.int64], first: int) -> Performer:
+    """A performer whose key poses stand in a BVH file, of which row r is frame first + r."""
+    with located(f"{spec.where} keyposes"):
+        skeleton = read_bvh(file)
+        count = len(skeleton.positions_world)
+        for key in keys:
+            if key - first >= count:
+                what = f"key frame {key} has no pose: they end at frame {first + count - 1}"
+                raise ShotError(what, where=str(file))
+        with located(str(file)):
+            body = body_of_bvh(skeleton, spec.height)
+        poses = poses_of_bvh(skeleton, body, keys - first)
+    return Performer(spec.name, body, KeyPoses.whole(keys - first, poses))
+
+
+def _posed_by_landmarks(spec: PerformerSpec, file: Path, keys: NDArray[np.int64], first: int) -> Performer:
+    """A performer whose body and key poses are fitted to landmarks, of which row r is frame first + r."""
+    with located(f"{spec.where} landmarks"):
+        landmarks = read_trc(file)
+        with located(str(file)):
+            points = _landmarks_at(landmarks, keys, first)
+    names = list(landmarks.names)
+    with located(spec.where):
+        body = fit_body(names, points, spec.height)
+        return Performer(spec.name, body, KeyPoses.whole(keys - first, fit_poses(body, names, points)))
+
+
+def _landmarks_at(landmarks: Landmarks, keys: NDArray[np.int64], first: int) -> NDArray[np.float64]:
+    """The landmarks at the key frames and nothing else, shape (K, L, 3)."""
+    for name in NEEDED_LANDMARKS:
+        if name not in landmarks.names:
+            raise LandmarkError(f"landmark '{name}' is missing")
+    for key in keys:
+        if key - first >= len(landmarks):
+            raise LandmarkError(f"key frame {key} has no landmarks: they end at frame {first + len(landmarks) - 1}")
+    points = landmarks.points_world[keys - first]
+    for k, key in enumerate(keys):
+        for name in NEEDED_LANDMARKS:
+            if not np.isfinite(points[k, landmarks.names.index(name)]).all():
+                raise LandmarkError(f"landmark '{name}' is not known at key frame {key}")
+    return points
+
+
+def _from_keypoints(shot: Shot, requests: Sequence[PerformerRequest | None], spec: ShotSpec) -> tuple[Performer, ...]:
+    """The performers, with those that only keypoints show."""
+    where = next(s.where for s, request in zip(spec.performers, requests, strict=True) if request is not None)
+    if not any(view.keypoints for view in shot.views):
+        todo = "name a TRC file as landmarks, a BVH file as keyposes, or keypoints in the views"
+        raise ShotError("there is nothing to take the key poses from", where=where, todo=todo)
+    if shot.settings.solver != "gauss-newton":
+        raise ShotError("key poses from keypoints need the solver gauss-newton", where=where)
+    with located(str(spec.path)):
+        return propose_performers(shot, read_shot_keypoints(shot), requests)
