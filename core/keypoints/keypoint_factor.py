@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..body import Body, twist_jacobian
 from ..body.joint_blocks import single_blocks
-from ..evidence.gradients import Poses
+from ..body.kinematics import Poses
 from ..numerics.banded_blocks import BandedBlocks
 
 Array = NDArray[np.float64]
