@@ -145,23 +145,25 @@ def cast(
         The point met, in the part's frame.
     """
     Rc, tc = camera.pose(frame)
-    rays = np.column_stack([uv, np.ones(len(uv))]) @ np.linalg.inv(camera.matrix).T
+    rays = np.linalg.inv(camera.matrix) @ np.stack([*uv.T, np.ones(len(uv))])
     part, depth, local = np.full(len(uv), -1), np.full(len(uv), np.inf), np.zeros((len(uv), 3))
     for i, solid in enumerate(p for body in bodies for p in body.parts):
         at = _around(camera.project(solid.vertices @ R[i].T + T[i], frame), uv)
+        if not len(at):
+            continue
+        planes = np.unique(solid.planes.round(12), axis=0)  # a face of four corners is listed as two triangles
         turn = R[i].T @ Rc.T
         origin = -turn @ tc - R[i].T @ T[i]
-        direction = rays[at] @ turn.T
-        near, far = np.zeros(len(at)), np.full(len(at), np.inf)
-        for *n, d in solid.planes:
-            speed, ahead = direction @ n, -(origin @ n + d)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                t = ahead / speed
-            near = np.where(speed < 0, np.maximum(near, t), near)
-            far = np.where(speed > 0, np.minimum(far, t), far)
+        direction = turn @ rays[:, at]
+        speed = planes[:, :3] @ direction
+        ahead = -(planes[:, :3] @ origin + planes[:, 3])[:, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = ahead / speed
+        near = np.where(speed < 0, t, 0.0).max(axis=0)
+        far = np.where(speed > 0, t, np.inf).min(axis=0)
         hit = (near < far) & (near > 0) & (near < depth[at])
         part[at[hit]], depth[at[hit]] = i, near[hit]
-        local[at[hit]] = origin + near[hit, None] * direction[hit]
+        local[at[hit]] = origin + (near * direction)[:, hit].T
     return part, depth, local
 
 
@@ -169,7 +171,9 @@ def _around(corners: Array, uv: Array) -> Array:
     """Indices of the pixels in the box around projected corners; of all where a corner is behind the camera."""
     if np.isnan(corners).any():
         return np.arange(len(uv))
-    return np.flatnonzero(((uv >= corners.min(axis=0)) & (uv <= corners.max(axis=0))).all(axis=1))
+    (left, top), (right, bottom) = corners.min(axis=0), corners.max(axis=0)
+    u, v = uv.T
+    return np.flatnonzero((u >= left) & (u <= right) & (v >= top) & (v <= bottom))
 
 
 def pixel_grid(size: tuple[int, int]) -> Array:
@@ -194,7 +198,9 @@ def picture(bodies: Sequence[Body], poses: Poses, frame: int, camera: Camera, sa
     total = np.zeros(len(grid))
     for du, dv in product(offsets, offsets):
         part, _, local = cast(bodies, R[frame], T[frame], camera, frame, grid + [du, dv])
-        total += np.where(part >= 0, texture(part, local), 0.35)
+        met = part >= 0
+        total[~met] += 0.35
+        total[met] += texture(part[met], local[met])
     grey = np.clip(255 * total / samples**2, 0, 255).round().astype(np.uint8)
     return grey.reshape(camera.size[1], camera.size[0])
 
