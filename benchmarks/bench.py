@@ -20,14 +20,17 @@ from . import tables
 from .rows import CONVERGENCE, ROWS, Case, cases
 
 _LIBRARIES = ("numpy", "scipy", "opencv-python-headless")
-_ERRORS = "Mean error of the joints on frames without a key pose, mm, beside curves through the key poses alone:"
+_ERRORS = (
+    "Mean error of the joints on frames without a key pose, in mm. The last two columns are curves through the same "
+    "key poses that do not use the footage:"
+)
 _TIMES = (
-    "Seconds by stage (some overlap; total: from reading the shot file to the motion), frames of all cameras per "
-    "second of the total, peak memory, iterations (sweeps) per stretch between two key poses:"
+    "Seconds by stage (some stages overlap; the total runs from reading the shot file to the finished motion), frames "
+    "of all cameras per second of the total, peak memory, and iterations (or sweeps) per segment between two key poses:"
 )
 _CONVERGENCE = (
-    f"Error on the way, {CONVERGENCE.shot} with {len(CONVERGENCE.cameras)} cameras and key poses at "
-    f"{' '.join(map(str, CONVERGENCE.keyframes))}; no sweep is the relaxation's initial solution:"
+    f"Convergence, {CONVERGENCE.shot} with {len(CONVERGENCE.cameras)} cameras and key poses at "
+    f"{' '.join(map(str, CONVERGENCE.keyframes))}; after 0 sweeps the relaxation is at its initial solution:"
 )
 
 
