@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.calibration.bundle import Evidence, Observations, Scene, covariance, unknowns
+from ..core.calibration.bundle import covariance
+from ..core.calibration.bundle_residuals import BallObservations, BundleEvidence, Scene, unknowns
 from ..core.calibration.camera_rig import CAMERA_DOF, FOCAL, K1, OFFSET, SHIFT, TURN, Wand, rig_of
 from ..core.calibration.lframe import resting
 from ..core.calibration.solution import Solution
@@ -133,10 +134,10 @@ def bound(given: Capture, truth: Scene) -> Array:
         sigma = float(np.nanmedian(view.wand.sigma))
         near = matched(truth, v, view.wand, np.full((len(view.wand), 2), 4 * sigma))
         parts.append(near.observations(v, view.wand))
-    seen = Observations.joined(parts)
+    seen = BallObservations.joined(parts)
     lframe = resting([view.lframe for view in given.views])
     timed = np.array([view.offset is None for view in given.views])
-    evidence = Evidence(seen, lframe, given.lframe_points, _EXACT, smooth=bool(timed.any()))
+    evidence = BundleEvidence(seen, lframe, given.lframe_points, _EXACT, smooth=bool(timed.any()))
     count = len(truth.rig)
     own = np.zeros((count, CAMERA_DOF), bool)
     own[:, TURN] = own[:, SHIFT] = True

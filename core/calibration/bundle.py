@@ -1,315 +1,34 @@
 """Bundle adjustment of cameras, clocks and a wand whose length is known.
 
-Levenberg-Marquardt on sparse normal equations. The wand's length is built in (a middle and a direction on each
-frame), so no weight holds it. A wand between frames is interpolated, which ties neighbouring frames together: the
-normal matrix is a band with a border. With the cameras last, factorising it in the order of the unknowns eliminates
-the wand frame by frame and leaves the Schur complement of the cameras; no other ordering fills in less.
+The normal matrix is a band, of the wand on neighbouring frames, with a border. With the cameras last, factorising it in
+the order of the unknowns eliminates the wand frame by frame and leaves the Schur complement of the cameras; no other
+ordering fills in less. See B. Triggs et al., Bundle adjustment - a modern synthesis (2000), section 6.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.linalg import splu
 
-from .camera_rig import (
-    CAMERA_DOF,
-    CENTRE,
-    DRIFT,
-    FOCAL,
-    K1,
-    K2,
-    OFFSET,
-    SHIFT,
-    TURN,
-    WAND_DOF,
-    Rig,
-    Stencil,
-    Wand,
-    tangents,
-)
+from ..numerics.least_squares import StoppingRule, minimise
+from ..numerics.normal_equations import SparseEquations, SparseFactor
+from ..numerics.robust_kernels import Cauchy, Quadratic, RobustKernel
+from .bundle_residuals import BundleEvidence, BundleResiduals, Scene, first_camera, linearise, unknowns
+from .camera_rig import CAMERA_DOF
 
 Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-LFRAME_SIGMA = 1e-3
-"""How exactly an L-frame is built, metres."""
-BEND_SIGMA = 0.02
-"""Fourth differences of a waved wand's ends from frame to frame, metres: what is left of them at some 2 Hz."""
-_RIDGE = 1e-9
 _RAYLEIGH_MEDIAN = 1.1774
 _LEAST_LEFT = 0.1
-_NEAREST = 1e-3
-"""Metres before a camera; points behind are taken to be there."""
 
 
 @dataclass(frozen=True, eq=False)
-class Observations:
-    """Balls seen by cameras.
-
-    Attributes
-    ----------
-    camera : ndarray of int, shape (n,)
-    ball : ndarray of int, shape (n,)
-        0 or 1 of the wand; 0 to 3 of the L-frame.
-    frame : ndarray, shape (n,)
-        Frame of the camera's video; of no meaning for the L-frame.
-    uv : ndarray, shape (n, 2)
-        Pixels, distorted.
-    sigma : ndarray, shape (n,)
-        Pixels.
-    """
-
-    camera: Ints
-    ball: Ints
-    frame: Array
-    uv: Array
-    sigma: Array
-
-    def __len__(self) -> int:
-        return len(self.camera)
-
-    @classmethod
-    def joined(cls, parts: Sequence[Observations]) -> Observations:
-        """All of several."""
-        return cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))
-
-    def take(self, chosen: NDArray) -> Observations:
-        """Some of them."""
-        return Observations(*(value[chosen] for value in vars(self).values()))
-
-
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """The unknowns: cameras, the wand, and the L-frame's balls, shape (4, 3), where they take part."""
-
-    rig: Rig
-    wand: Wand
-    lframe_world: Array | None = None
-
-    def moved(self, step: Array) -> Scene:
-        """The scene after a step: that of the wand, of the L-frame, and of the cameras, one after the other."""
-        wand, lframe, cameras = np.split(step, [_first_lframe(self), _first_camera(self)])
-        balls = None if self.lframe_world is None else self.lframe_world + lframe.reshape(-1, 3)
-        rig = self.rig.moved(cameras.reshape(-1, CAMERA_DOF))
-        return Scene(rig, self.wand.moved(wand.reshape(-1, WAND_DOF)), balls)
-
-    def in_world(self, R: Array, t: Array) -> Scene:
-        """The same scene in a world whose points are R x + t."""
-        lframe = None if self.lframe_world is None else self.lframe_world @ R.T + t
-        return Scene(self.rig.in_world(R, t), self.wand.in_world(R, t), lframe)
-
-
-@dataclass(frozen=True, eq=False)
-class Evidence:
-    """What the unknowns must fit.
-
-    Attributes
-    ----------
-    wand : Observations
-    lframe : Observations, optional
-        Its balls; without measures they are unknown points.
-    lframe_measures : ndarray, shape (4, 3), optional
-        Where the balls are in the world.
-    lframe_sigma : float
-        How exactly they are known, metres.
-    focal : ndarray, shape (C,), optional
-        Focal lengths known beforehand, pixels; NaN where not.
-    focal_sigma : float
-        Their standard deviation, as a share.
-    smooth : bool
-        The wand is waved, and cameras see it between its frames.
-    """
-
-    wand: Observations
-    lframe: Observations | None = None
-    lframe_measures: Array | None = None
-    lframe_sigma: float = LFRAME_SIGMA
-    focal: Array | None = None
-    focal_sigma: float = 0.1
-    smooth: bool = False
-
-
-@dataclass(frozen=True, eq=False)
-class System:
-    """Residuals in standard deviations and their Jacobian.
-
-    Attributes
-    ----------
-    points : ndarray, shape (n, 2)
-        Of the balls: the wand's, then the L-frame's.
-    others : ndarray, shape (m,)
-        Of what is known beforehand.
-    jacobian : sparse array, shape (2 n + m, unknowns)
-    """
-
-    points: Array
-    others: Array
-    jacobian: sparse.csr_array
-
-
-def linearise(scene: Scene, evidence: Evidence) -> System:
-    """Residuals and Jacobian, by all of the unknowns of `Scene.moved`."""
-    blocks = [_wand_rows(scene, evidence.wand)]
-    if evidence.lframe is not None:
-        blocks.append(_lframe_rows(scene, evidence.lframe))
-    points = np.concatenate([residual for residual, _ in blocks])
-    bend = _bend_rows(scene) if evidence.smooth else None
-    known = [rows for rows in (_measure_rows(scene, evidence), _focal_rows(scene, evidence), bend) if rows]
-    others = np.concatenate([np.zeros(0), *(residual for residual, _ in known)])
-    jacobian = sparse.vstack([J for _, J in blocks + known], format="csr")
-    return System(points, others, jacobian)
-
-
-def _first_lframe(scene: Scene) -> int:
-    return len(scene.wand) * WAND_DOF
-
-
-def _first_camera(scene: Scene) -> int:
-    return _first_lframe(scene) + (0 if scene.lframe_world is None else scene.lframe_world.size)
-
-
-def unknowns(scene: Scene) -> int:
-    """How many numbers a step has."""
-    return _first_camera(scene) + len(scene.rig) * CAMERA_DOF
-
-
-def _projected(rig: Rig, camera: Ints, points_world: Array) -> tuple[Array, Array, Array]:
-    """Pixels (n, 2), and their Jacobians by the world point (n, 2, 3) and by the camera's step (n, 2, 13)."""
-    n = len(points_world)
-    uv, by_point, by_camera = np.zeros((n, 2)), np.zeros((n, 2, 3)), np.zeros((n, 2, CAMERA_DOF))
-    zero = np.zeros(3)
-    for c in range(len(rig)):
-        rows = np.flatnonzero(camera == c)
-        if not len(rows):
-            continue
-        x = points_world[rows] @ rig.R_cam_world[c].T + rig.t_cam_world[c]
-        x[:, 2] = np.maximum(x[:, 2], _NEAREST)
-        at, J = cv2.projectPoints(x[:, None], zero, zero, rig.matrix(c), rig.distortions[c])
-        J = J.reshape(len(rows), 2, -1)
-        uv[rows], by_point[rows] = at[:, 0], J[:, :, 3:6] @ rig.R_cam_world[c]
-        by_camera[rows, :, TURN], by_camera[rows, :, SHIFT] = J[:, :, :3], J[:, :, 3:6]
-        by_camera[rows, :, FOCAL] = J[:, :, 6:8] @ rig.focal[c]
-        by_camera[rows, :, CENTRE] = J[:, :, 8:10]
-        by_camera[rows, :, K1], by_camera[rows, :, K2] = J[:, :, 10], J[:, :, 11]
-    return uv, by_point, by_camera
-
-
-def _wand_at(scene: Scene, seen: Observations) -> tuple[Stencil, Array, Array, Array]:
-    """Where the seen ends are: stencil, places (n, 3), velocities (n, 3) per frame, and by the summed direction."""
-    rig, wand = scene.rig, scene.wand
-    stencil = Stencil.create(wand.frames, rig.times(seen.camera, seen.frame))
-    half = wand.length / 2 * np.where(seen.ball == 0, 1.0, -1.0)[:, None]
-    total = stencil.value(wand.direction)
-    norm = np.linalg.norm(total, axis=1, keepdims=True)
-    unit = total / norm
-    by_total = half[..., None] * (np.eye(3) - unit[:, :, None] * unit[:, None, :]) / norm[..., None]
-    places = stencil.value(wand.middle) + half * unit
-    velocity = stencil.slope(wand.middle) + np.einsum("nij,nj->ni", by_total, stencil.slope(wand.direction))
-    return stencil, places, velocity, by_total
-
-
-def predicted(scene: Scene, seen: Observations) -> tuple[Array, Bools]:
-    """Pixels (n, 2) where the wand's ends are to be seen, and which of them the wand's frames reach."""
-    stencil, places, _, _ = _wand_at(scene, seen)
-    return _projected(scene.rig, seen.camera, places)[0], stencil.reached
-
-
-def _wand_rows(scene: Scene, seen: Observations) -> tuple[Array, sparse.csr_array]:
-    stencil, places, velocity, by_total = _wand_at(scene, seen)
-    uv, by_point, by_camera = _projected(scene.rig, seen.camera, places)
-    rig, c = scene.rig, seen.camera
-    pace = 1 / (rig.rate * (1 + rig.drift))[c]
-    by_time = np.einsum("nij,nj->ni", by_point, velocity)
-    by_camera[:, :, OFFSET] = -by_time * pace[:, None]
-    by_camera[:, :, DRIFT] = -by_time * (rig.times(c, seen.frame) / (1 + rig.drift[c]))[:, None]
-    by_wand = np.empty((len(seen), 2, stencil.nodes.shape[1], WAND_DOF))
-    by_wand[..., :3] = by_point[:, :, None, :] * stencil.weights[:, None, :, None]
-    by_direction = np.einsum("nij,nkjl->nikl", by_point @ by_total, tangents(scene.wand.direction)[stencil.nodes])
-    by_wand[..., 3:] = by_direction * stencil.weights[:, None, :, None]
-    columns = stencil.nodes[..., None] * WAND_DOF + np.arange(WAND_DOF)
-    weight = np.where(stencil.reached, 1 / seen.sigma, 0.0)
-    rows = _rows(scene, c, by_camera, columns.reshape(len(seen), -1), by_wand.reshape(len(seen), 2, -1), weight)
-    return (uv - seen.uv) * weight[:, None], rows
-
-
-def _lframe_rows(scene: Scene, seen: Observations) -> tuple[Array, sparse.csr_array]:
-    assert scene.lframe_world is not None
-    uv, by_point, by_camera = _projected(scene.rig, seen.camera, scene.lframe_world[seen.ball])
-    columns = _first_lframe(scene) + seen.ball[:, None] * 3 + np.arange(3)
-    return (uv - seen.uv) / seen.sigma[:, None], _rows(scene, seen.camera, by_camera, columns, by_point, 1 / seen.sigma)
-
-
-def _rows(
-    scene: Scene, camera: Ints, by_camera: Array, columns: Ints, by_columns: Array, weight: Array
-) -> sparse.csr_array:
-    """Weighted rows of two for each observation: by its camera, and by some further columns."""
-    n = len(camera)
-    values = np.concatenate([by_columns, by_camera], axis=2) * weight[:, None, None]
-    own = _first_camera(scene) + camera[:, None] * CAMERA_DOF + np.arange(CAMERA_DOF)
-    at = np.concatenate([columns, own], axis=1)
-    index = np.repeat(at[:, None], 2, axis=1)
-    kept = values != 0
-    counts = np.concatenate([[0], np.cumsum(kept.sum(axis=2).ravel())])
-    return sparse.csr_array((values[kept], index[kept], counts), shape=(2 * n, unknowns(scene)))
-
-
-def _measure_rows(scene: Scene, evidence: Evidence) -> tuple[Array, sparse.csr_array] | None:
-    """The L-frame's balls are where its measures say."""
-    if evidence.lframe_measures is None or scene.lframe_world is None:
-        return None
-    n, first, weight = scene.lframe_world.size, _first_lframe(scene), 1 / evidence.lframe_sigma
-    J = sparse.csr_array((np.full(n, weight), (np.arange(n), first + np.arange(n))), (n, unknowns(scene)))
-    return ((scene.lframe_world - evidence.lframe_measures) * weight).ravel(), J
-
-
-def _focal_rows(scene: Scene, evidence: Evidence) -> tuple[Array, sparse.csr_array] | None:
-    """Focal lengths are near those known beforehand."""
-    if evidence.focal is None or not np.isfinite(evidence.focal).any():
-        return None
-    c = np.flatnonzero(np.isfinite(evidence.focal))
-    weight = np.full(len(c), 1 / evidence.focal_sigma)
-    J = sparse.csr_array(
-        (weight, (np.arange(len(c)), _first_camera(scene) + c * CAMERA_DOF + FOCAL)), (len(c), unknowns(scene))
-    )
-    return np.log(scene.rig.focal[c].mean(axis=1) / evidence.focal[c]) * weight, J
-
-
-def _bend_rows(scene: Scene) -> tuple[Array, sparse.csr_array] | None:
-    """Fourth differences over consecutive frames are small.
-
-    Seen only half-way between frames, a wand that trembles to and fro from frame to frame would go unnoticed.
-    """
-    wand = scene.wand
-    first = np.flatnonzero(wand.frames[4:] - wand.frames[:-4] == 4)
-    if not len(first):
-        return None
-    binomial = np.array([1.0, -4, 6, -4, 1])
-    nodes = first[:, None] + np.arange(5)
-    half = wand.length / 2
-    middle = np.einsum("k,nki->ni", binomial, wand.middle[nodes])
-    direction = np.einsum("k,nki->ni", binomial, wand.direction[nodes]) * half
-    n = len(first)
-    J = np.zeros((n, 6, 5, WAND_DOF))
-    J[:, :3, :, :3] = np.eye(3)[:, None, :] * binomial[:, None]
-    J[:, 3:, :, 3:] = np.einsum("k,nkij->nikj", half * binomial, tangents(wand.direction)[nodes])
-    columns = (nodes[..., None] * WAND_DOF + np.arange(WAND_DOF)).reshape(n, 1, -1)
-    index = np.repeat(columns, 6, axis=1)
-    values = J.reshape(n, 6, -1) / BEND_SIGMA
-    kept = values != 0
-    counts = np.concatenate([[0], np.cumsum(kept.sum(axis=2).ravel())])
-    rows = sparse.csr_array((values[kept], index[kept], counts), (6 * n, unknowns(scene)))
-    return np.concatenate([middle, direction], axis=1).ravel() / BEND_SIGMA, rows
-
-
-@dataclass(frozen=True, eq=False)
-class Fit:
+class BundleFit:
     """An adjusted scene.
 
     Attributes
@@ -318,10 +37,10 @@ class Fit:
     free : ndarray of bool, shape (unknowns,)
         Which unknowns were solved for.
     cost : float
-        Robust sum of squares, in standard deviations.
+        Robust sum of squared residuals, in variances.
     iterations : int
     residual : ndarray, shape (n, 2)
-        Of the balls: the wand's, then the L-frame's; in standard deviations.
+        Predicted less observed balls in standard deviations: the wand's, then the L-frame's.
     """
 
     scene: Scene
@@ -332,17 +51,27 @@ class Fit:
 
     @property
     def noise(self) -> float:
-        """How many times their sigma the balls lie off: by the median residual, and how much of it is left to see."""
+        """Noise of the observations as a multiple of their sigma, from the median residual.
+
+        Corrected for the unknowns that were fitted to the same residuals.
+        """
         if not len(self.residual):
             return np.inf
         middle = float(np.median(np.linalg.norm(self.residual, axis=1))) / _RAYLEIGH_MEDIAN
         left = 1 - self.free.sum() / self.residual.size
-        return middle / np.sqrt(max(left, _LEAST_LEFT))
+        return middle / float(np.sqrt(max(left, _LEAST_LEFT)))
+
+
+@dataclass(frozen=True, eq=False)
+class _BundleEquations(SparseEquations):
+    """Normal equations together with the residuals of the balls, shape (n, 2), that they were made from."""
+
+    points: Array
 
 
 def adjust(
     scene: Scene,
-    evidence: Evidence,
+    evidence: BundleEvidence,
     free_camera: Bools,
     *,
     scale: float = np.inf,
@@ -350,117 +79,83 @@ def adjust(
     tolerance: float = 1e-7,
     free_wand: bool = True,
     cancel: Callable[[], None] | None = None,
-) -> Fit:
-    """Move the scene to the least robust sum of squares.
+) -> BundleFit:
+    """Minimise the robust sum of squared residuals of a scene.
 
     Parameters
     ----------
     scene : Scene
-    evidence : Evidence
+        The start.
+    evidence : BundleEvidence
     free_camera : ndarray of bool, shape (C, 13)
         Which of the cameras' unknowns are solved for.
     scale : float
-        Of Cauchy's loss c² log(1 + s / c²) on the squared residual of a ball, in standard deviations; infinite:
-        least squares.
+        Of Cauchy's kernel on the residual of each ball, in standard deviations; infinite: least squares.
+    iterations : int
+        At most.
     tolerance : float
-        Ends when an iteration takes less than this share off the cost.
+        The adjustment ends when an iteration lowers the cost by less than this share.
     free_wand : bool
         Solve for the wand and the L-frame, too.
     cancel : callable, optional
         Called in every iteration; may raise.
+
+    Returns
+    -------
+    BundleFit
     """
     free = np.full(unknowns(scene), free_wand)
-    free[_first_camera(scene) :] = free_camera.ravel()
-    system = linearise(scene, evidence)
-    cost, damping = _cost(system, scale), 1e-4
-    done = 0
-    while done < iterations:
-        done += 1
-        if cancel is not None:
-            cancel()
-        H, gradient = normal_equations(system, free, scale)
-        found = _step(scene, evidence, H, gradient, free, scale, cost, damping)
-        if found is None:
-            break
-        scene, system, damping, new = found
-        gain, cost = cost - new, new
-        if gain <= tolerance * cost:
-            break
-    return Fit(scene, free, cost, done, system.points)
+    free[first_camera(scene) :] = free_camera.ravel()
+    kernel = Quadratic() if np.isinf(scale) else Cauchy(scale)
+
+    def equations(state: Scene) -> _BundleEquations:
+        residuals = linearise(state, evidence)
+        squared = (residuals.points**2).sum(axis=1)
+        cost = float(kernel.cost(squared).sum() + (residuals.others**2).sum())
+        return _BundleEquations(*_normal_equations(residuals, free, kernel), cost, residuals.points)
+
+    def move(state: Scene, step: Array) -> Scene:
+        whole = np.zeros(len(free))
+        whole[free] = step
+        return state.moved(whole)
+
+    result = minimise(
+        scene,
+        equations,
+        move,
+        stopping=StoppingRule(iterations, relative_gain=tolerance),
+        on_iteration=None if cancel is None else lambda iteration, state: cancel(),
+    )
+    return BundleFit(result.state, free, result.cost, result.iterations, result.equations.points)
 
 
-def _step(
-    scene: Scene,
-    evidence: Evidence,
-    H: sparse.csc_array,
-    gradient: Array,
-    free: Bools,
-    scale: float,
-    cost: float,
-    damping: float,
-) -> tuple[Scene, System, float, float] | None:
-    """A step that lowers the cost, with less damping the next time; None where none does."""
-    diagonal = H.diagonal()
-    floor = np.maximum(diagonal, _RIDGE * diagonal.max(initial=1.0))
-    for _ in range(12):
-        step = np.zeros(len(free))
-        step[free] = -factor(H + sparse.diags_array(damping * floor, format="csc")).solve(gradient)
-        if np.isfinite(step).all():
-            moved = scene.moved(step)
-            system = linearise(moved, evidence)
-            new = _cost(system, scale)
-            if new <= cost:
-                return moved, system, max(damping / 10, 1e-9), new
-        damping *= 8
-    return None
-
-
-def normal_equations(system: System, free: Bools, scale: float = np.inf) -> tuple[sparse.csc_array, Array]:
+def _normal_equations(residuals: BundleResiduals, free: Bools, kernel: RobustKernel) -> tuple[sparse.csc_array, Array]:
     """Gauss-Newton's matrix and gradient of the free unknowns, robustly weighted."""
-    weight = np.ones(system.jacobian.shape[0])
-    weight[: 2 * len(system.points)] = np.repeat(_weights(system.points, scale), 2)
-    J = system.jacobian[:, np.flatnonzero(free)]
+    weight = np.ones(residuals.jacobian.shape[0])
+    weight[: residuals.points.size] = np.repeat(kernel.weight((residuals.points**2).sum(axis=1)), 2)
+    J = residuals.jacobian[:, np.flatnonzero(free)]
     weighted = J.multiply(weight[:, None]).tocsc()
-    residual = np.concatenate([system.points.ravel(), system.others])
-    return (weighted.T @ J).tocsc(), weighted.T @ residual
+    return (weighted.T @ J).tocsc(), weighted.T @ np.concatenate([residuals.points.ravel(), residuals.others])
 
 
-def factor(H: sparse.csc_array):  # type: ignore[no-untyped-def]
-    """Factorisation of a symmetric positive definite matrix whose border comes last."""
-    return splu(H, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-
-
-def covariance(scene: Scene, evidence: Evidence, free: Bools, weight: Array | None = None) -> Array:
+def covariance(scene: Scene, evidence: BundleEvidence, free: Bools) -> Array:
     """Covariance of the cameras' unknowns, shape (13 C, 13 C), zero where they are held.
 
     Parameters
     ----------
-    weight : ndarray, shape (n,), optional
-        Of each ball.
+    scene : Scene
+    evidence : BundleEvidence
+    free : ndarray of bool, shape (unknowns,)
+        Which unknowns are not known beforehand, see `BundleFit.free`.
     """
-    system = linearise(scene, evidence)
-    if weight is not None:
-        rows = np.ones(system.jacobian.shape[0])
-        rows[: 2 * len(weight)] = np.repeat(np.sqrt(weight), 2)
-        system = replace(system, jacobian=system.jacobian.multiply(rows[:, None]).tocsr())
-    H, _ = normal_equations(system, free)
+    H, _ = _normal_equations(linearise(scene, evidence), free, Quadratic())
     diagonal = H.diagonal()
-    # The direction of a wand of which one end alone is seen is told by nothing.
-    lu = factor(H + sparse.diags_array(np.where(diagonal > 0, 1e-14 * diagonal, 1.0), format="csc"))
-    own = np.flatnonzero(free[_first_camera(scene) :])
+    # Nothing measures the direction of a wand of which only one end is seen.
+    ridge = sparse.diags_array(np.where(diagonal > 0, 1e-14 * diagonal, 1.0), format="csc")
+    factor = SparseFactor.create(H + ridge)
+    own = np.flatnonzero(free[first_camera(scene) :])
     unit = np.zeros((int(free.sum()), len(own)))
     unit[-len(own) :] = np.eye(len(own))
     out = np.zeros((len(scene.rig) * CAMERA_DOF,) * 2)
-    out[np.ix_(own, own)] = lu.solve(unit)[-len(own) :]
+    out[np.ix_(own, own)] = factor.solve(unit)[-len(own) :]
     return out
-
-
-def _weights(points: Array, scale: float) -> Array:
-    """Cauchy's weights of the balls."""
-    return 1 / (1 + (points**2).sum(axis=1) / scale**2)
-
-
-def _cost(system: System, scale: float) -> float:
-    squared = (system.points**2).sum(axis=1)
-    robust = squared if np.isinf(scale) else scale**2 * np.log1p(squared / scale**2)
-    return float(robust.sum() + (system.others**2).sum())

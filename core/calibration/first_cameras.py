@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..numerics import rotations
-from .bundle import Evidence, Fit, Observations, Scene, adjust
+from .bundle import BundleFit, adjust
+from .bundle_residuals import BallObservations, BundleEvidence, Scene
 from .camera_rig import CAMERA_DOF, COEFFICIENTS, FOCAL, K1, SHIFT, TURN, Rig
 from .pairwise import Epipolar, Lens, Start, epipolar, starts
 from .wand_tracks import Tracks
@@ -96,11 +97,11 @@ def crossed_views(links: Sequence[Link]) -> list[int]:
     return [v for v, other in turned.items() if other]
 
 
-def observed(tracks: Tracks, sighting: Sighting) -> Observations:
+def observed(tracks: Tracks, sighting: Sighting) -> BallObservations:
     """The balls that a sighting takes for the wand's, on the frames where both its ends are known."""
     v, f, end = np.nonzero((sighting.ball >= 0) & sighting.known[None, :, None])
     ball = sighting.ball[v, f, end]
-    return Observations(v, end, tracks.frames[f].astype(float), tracks.points[v, f, ball], tracks.sigma[v, f, ball])
+    return BallObservations(v, end, tracks.frames[f].astype(float), tracks.points[v, f, ball], tracks.sigma[v, f, ball])
 
 
 def first_rig(
@@ -252,7 +253,7 @@ def _pair(rig: Rig, guess: Start, geometry: Epipolar, lenses: Sequence[Lens]) ->
     return replace(rig, focal=focal, distortions=distortions, R_cam_world=R, t_cam_world=t)
 
 
-def _adjusted(rig: Rig, tracks: Tracks, lenses: Sequence[Lens], length: float, cancel: Cancel) -> Fit | None:
+def _adjusted(rig: Rig, tracks: Tracks, lenses: Sequence[Lens], length: float, cancel: Cancel) -> BundleFit | None:
     """The cameras adjusted, loosely first and then to what they agree on; None where they see the wand nowhere."""
     free = np.stack([unknown_lens(lens) for lens in lenses])
     fit = None
@@ -262,7 +263,7 @@ def _adjusted(rig: Rig, tracks: Tracks, lenses: Sequence[Lens], length: float, c
         if sighting.known.sum() < FEWEST_SHARED // 2:
             return None
         scene = Scene(rig, sighting.wand(tracks.frames, length))
-        evidence = Evidence(observed(tracks, sighting))
+        evidence = BundleEvidence(observed(tracks, sighting))
         fit = adjust(scene, evidence, free, scale=scale, iterations=15, tolerance=1e-2, cancel=cancel)
         rig = fit.scene.rig
     return fit
@@ -298,11 +299,13 @@ def _resected(
     focals = alone.focal if lens.matrix is not None else np.full((1, 2), focal)
     alone = replace(alone, focal=focals, distortions=distortions, R_cam_world=R[None], t_cam_world=t[None])
     v, f = np.zeros(2 * usable.sum(), int), np.repeat(tracks.frames[usable], 2).astype(float)
-    seen = Observations(v, np.tile([0, 1], usable.sum()), f, uv, tracks.sigma[new, usable].ravel())
+    seen = BallObservations(v, np.tile([0, 1], usable.sum()), f, uv, tracks.sigma[new, usable].ravel())
     scene = Scene(alone, sighting.wand(tracks.frames, length))
     free = unknown_lens(lens)[None]
     for scale in (3 * _LOOSE, _TIGHT):
-        scene = adjust(scene, Evidence(seen), free, scale=scale, tolerance=1e-3, free_wand=False, cancel=cancel).scene
+        scene = adjust(
+            scene, BundleEvidence(seen), free, scale=scale, tolerance=1e-3, free_wand=False, cancel=cancel
+        ).scene
     return scene.rig
 
 

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from .bundle import Evidence, Scene, adjust, covariance
+from .bundle import adjust, covariance
+from .bundle_residuals import BundleEvidence, Scene
 from .camera_rig import CAMERA_DOF, CENTRE, K2
 from .pairwise import Lens
 
@@ -20,7 +21,9 @@ K2_SIGMA = 0.1
 _CHANCE = 1e-4
 
 
-def chosen(scene: Scene, evidence: Evidence, free: Bools, lenses: Sequence[Lens], cancel: Callable[[], None]) -> Bools:
+def chosen(
+    scene: Scene, evidence: BundleEvidence, free: Bools, lenses: Sequence[Lens], cancel: Callable[[], None]
+) -> Bools:
     """What to solve for, shape (C, 13): as `free`, with k2 and principal points where they differ for certain.
 
     All are tried at once. A camera keeps those whose Wald statistic chance alone would hardly give, and that are known

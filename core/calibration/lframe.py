@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from ..capture.capture import LFRAME_BALLS, Markers
 from . import findings
-from .bundle import LFRAME_SIGMA, Observations
+from .bundle_residuals import LFRAME_SIGMA, BallObservations
 from .camera_rig import Rig
 from .wand_triangulation import projected, rays, triangulated
 
@@ -26,7 +26,7 @@ _ASIDE_PIXELS = 1.5
 """Pixels aside from which a camera is said to have moved between the takes."""
 
 
-def resting(markers: Sequence[Markers]) -> Observations:
+def resting(markers: Sequence[Markers]) -> BallObservations:
     """The balls of an L-frame that lies still, each camera's frames averaged without outliers."""
     rows = []
     for v, view in enumerate(markers):
@@ -42,7 +42,7 @@ def resting(markers: Sequence[Markers]) -> Observations:
             rows.append((v, b, points[good].mean(axis=0), spread * lasting))
     uv = np.array([row[2] for row in rows]).reshape(-1, 2)
     camera, ball = (np.array([row[k] for row in rows], int) for k in (0, 1))
-    return Observations(camera, ball, np.zeros(len(rows)), uv, np.array([row[3] for row in rows], float))
+    return BallObservations(camera, ball, np.zeros(len(rows)), uv, np.array([row[3] for row in rows], float))
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class Placement:
     sigma: float
 
 
-def place(rig: Rig, seen: Observations, measures: Array, noise: float) -> Placement:
+def place(rig: Rig, seen: BallObservations, measures: Array, noise: float) -> Placement:
     """Lay the world onto the L-frame, without changing the size that the wand gives.
 
     Parameters
@@ -95,7 +95,7 @@ def place(rig: Rig, seen: Observations, measures: Array, noise: float) -> Placem
     return Placement(R, shift, scale, misfit, noise * _least_known(rig, seen, balls))
 
 
-def _least_known(rig: Rig, seen: Observations, balls_world: Array) -> float:
+def _least_known(rig: Rig, seen: BallObservations, balls_world: Array) -> float:
     """Standard deviation across the rays of the ball that is told least of, metres."""
     distance = np.linalg.norm(balls_world[seen.ball] - rig.centres_world[seen.camera], axis=1)
     told = (rig.focal[seen.camera].mean(axis=1) / (seen.sigma * distance)) ** 2
@@ -103,14 +103,14 @@ def _least_known(rig: Rig, seen: Observations, balls_world: Array) -> float:
     return float(1 / np.sqrt(sums[np.isfinite(balls_world).all(axis=1)].min()))
 
 
-def _balls(rig: Rig, seen: Observations) -> Array:
+def _balls(rig: Rig, seen: BallObservations) -> Array:
     """The balls where the cameras see them, shape (4, 3)."""
     points = np.full((len(rig), LFRAME_BALLS, 2), np.nan)
     points[seen.camera, seen.ball] = seen.uv
     return triangulated(rig.centres_world, rays(rig, points))
 
 
-def moved_since(rig: Rig, seen: Observations, noise: float) -> dict[int, float]:
+def moved_since(rig: Rig, seen: BallObservations, noise: float) -> dict[int, float]:
     """Cameras that see the L-frame aside from where the others see it, and by how many pixels.
 
     Cameras that contradict the others most are taken out one by one, until the rest agree.
@@ -134,14 +134,14 @@ def moved_since(rig: Rig, seen: Observations, noise: float) -> dict[int, float]:
     return {c: pixels for c, pixels in off.items() if pixels > least}
 
 
-def _disagreement(rig: Rig, seen: Observations, cameras: list[int]) -> float:
+def _disagreement(rig: Rig, seen: BallObservations, cameras: list[int]) -> float:
     """How far aside the worst of some cameras sees the balls that they see together, pixels."""
     own = seen.take(np.isin(seen.camera, cameras))
     balls = _balls(rig, own)
     return max(_off(rig, own, balls, c) for c in cameras)
 
 
-def _off(rig: Rig, seen: Observations, balls_world: Array, c: int) -> float:
+def _off(rig: Rig, seen: BallObservations, balls_world: Array, c: int) -> float:
     """How far aside a camera sees the balls, pixels; 0 where no ball is known."""
     own = seen.camera == c
     miss = np.linalg.norm(projected(rig, c, balls_world[seen.ball[own]]) - seen.uv[own], axis=1)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..capture.capture import Markers
-from .bundle import Observations
+from .bundle_residuals import BallObservations
 from .camera_rig import CENTRE, DRIFT, FOCAL, K1, K2, OFFSET, SHIFT, Rig
 from .wand_matching import matched
 from .wand_tracks import picked, sampled
@@ -32,7 +32,7 @@ _NEAR = 100.0
 """Pixels beside its place within which a ball may still be the wand's."""
 
 
-def measured_lengths(rig: Rig, seen: Observations, frames: NDArray[np.int64]) -> Array:
+def measured_lengths(rig: Rig, seen: BallObservations, frames: NDArray[np.int64]) -> Array:
     """Lengths of the wand, shape (n,), metres, its ends triangulated one by one, on frames where both are seen."""
     points, sigma = np.full((len(rig), len(frames), 2, 2), np.nan), np.ones((len(rig), len(frames), 2))
     for c in range(len(rig)):
@@ -48,7 +48,7 @@ def measured_lengths(rig: Rig, seen: Observations, frames: NDArray[np.int64]) ->
     return lengths[np.isfinite(lengths)]
 
 
-def _track(seen: Observations) -> Markers:
+def _track(seen: BallObservations) -> Markers:
     """One camera's balls as markers."""
     frames, row = np.unique(seen.frame.astype(np.int64), return_inverse=True)
     points, sigma = np.full((len(frames), 2, 2), np.nan), np.full((len(frames), 2), np.nan)

@@ -13,7 +13,8 @@ from ..capture.capture import Capture
 from ..errors import CalibrationError
 from ..runtime.progress import Progress, report_progress
 from . import findings
-from .bundle import Evidence, Scene, adjust, covariance
+from .bundle import adjust, covariance
+from .bundle_residuals import BundleEvidence, Scene
 from .camera_rig import CAMERA_DOF, DRIFT, OFFSET, rig_of
 from .clocks import Clocks
 from .first_cameras import FEWEST_SHARED
@@ -59,7 +60,7 @@ def synchronise(
             raise findings.nothing_agrees().error()
         scene = Scene(rig, wand)
         seen, _ = labelled(scene, capture.views, noise)
-        evidence = Evidence(seen, smooth=together.between)
+        evidence = BundleEvidence(seen, smooth=together.between)
         fit = adjust(scene, evidence, free, scale=4 * noise, cancel=check)
         rig, noise = fit.scene.rig, max(fit.noise, 1.0)
     sigma = noise * np.sqrt(np.diag(covariance(fit.scene, evidence, fit.free))).reshape(-1, CAMERA_DOF)

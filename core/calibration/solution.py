@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..cameras.camera import Camera
 from ..capture.capture import Capture
-from .bundle import Observations, Scene
+from .bundle_residuals import BallObservations, Scene
 from .camera_rig import CAMERA_DOF, Rig, Wand
 from .clocks import Clocks
 from .findings import Finding
@@ -29,9 +29,9 @@ class Solution:
         Cameras and clocks in the L-frame's world.
     wand : Wand
     lframe_world : ndarray, shape (4, 3)
-    seen : Observations
+    seen : BallObservations
         The wand's balls that were used; ends that were swapped are swapped back.
-    lframe_seen : Observations
+    lframe_seen : BallObservations
     residual : ndarray, shape (n, 2)
         Of the wand's balls, then the L-frame's: predicted less seen, pixels.
     used : ndarray, shape (C,)
@@ -57,8 +57,8 @@ class Solution:
     rig: Rig
     wand: Wand
     lframe_world: Array
-    seen: Observations
-    lframe_seen: Observations
+    seen: BallObservations
+    lframe_seen: BallObservations
     residual: Array
     used: Array
     free: Bools

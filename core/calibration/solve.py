@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from ..capture.capture import Capture, CaptureView
 from ..runtime.progress import Progress, report_progress
 from . import diagnosis, lens_selection, lframe
-from .bundle import Evidence, Observations, Scene, adjust, covariance
+from .bundle import adjust, covariance
+from .bundle_residuals import BallObservations, BundleEvidence, Scene
 from .camera_rig import DRIFT, OFFSET, Rig, Wand
 from .first_cameras import FEWEST_SHARED, crossed_views, find_links, first_rig, unknown_lens
 from .pairwise import FOCAL_GRID, Lens
@@ -113,7 +114,7 @@ class _Draft:
     """Cameras, the wand, and the balls that are the wand's."""
 
     scene: Scene
-    seen: Observations
+    seen: BallObservations
     used: Array
     noise: float
 
@@ -148,9 +149,9 @@ def _sighted(rig: Rig, together: Synchrony, length: float, noise: float) -> Wand
     return found.wand(tracks.frames, length, single=not together.between)
 
 
-def _evidence(capture: Capture, seen: Observations, together: Synchrony) -> Evidence:
+def _evidence(capture: Capture, seen: BallObservations, together: Synchrony) -> BundleEvidence:
     focal = np.array([np.nan if v.focal is None or v.matrix is not None else v.focal for v in capture.views])
-    return Evidence(seen, focal=focal, focal_sigma=FOCAL_SIGMA, smooth=together.between)
+    return BundleEvidence(seen, focal=focal, focal_sigma=FOCAL_SIGMA, smooth=together.between)
 
 
 def _finished(
@@ -203,7 +204,7 @@ def _unit_noise(residual: Array, scene: Scene, free: Bools) -> float:
     return float(np.sqrt((residual**2).sum() / max(left, 1)))
 
 
-def _held_out(scene: Scene, evidence: Evidence, free: Bools, steps: _Steps) -> Array:
+def _held_out(scene: Scene, evidence: BundleEvidence, free: Bools, steps: _Steps) -> Array:
     """Lengths of the wand on stretches of frames that took no part in the solution that measures them."""
     wand = scene.wand
     left_out = (np.arange(len(wand)) // _STRETCH) % _HELD_OUT == _HELD_OUT // 2

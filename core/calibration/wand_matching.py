@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..capture.capture import CaptureView, Markers
-from .bundle import Observations, Scene, predicted
+from .bundle_residuals import BallObservations, Scene, predicted
 from .wand_triangulation import GATE
 
 Array = NDArray[np.float64]
@@ -37,11 +37,11 @@ class Matches:
     ball: Ints
     aside: Array
 
-    def observations(self, view: int, markers: Markers) -> Observations:
+    def observations(self, view: int, markers: Markers) -> BallObservations:
         """The same for the adjustment."""
         at = markers.frames[self.row].astype(float)
         points, sigma = markers.points[self.row, self.ball], markers.sigma[self.row, self.ball]
-        return Observations(np.full(len(at), view), self.end, at, points, sigma)
+        return BallObservations(np.full(len(at), view), self.end, at, points, sigma)
 
 
 def matched(scene: Scene, view: int, markers: Markers, reach: Array) -> Matches:
@@ -56,7 +56,7 @@ def matched(scene: Scene, view: int, markers: Markers, reach: Array) -> Matches:
     aside = np.full((n, 2, 2, 2), np.nan)  # row, end, ball, coordinate
     for end in range(2):
         camera, ball = np.full(n, view), np.full(n, end)
-        asked = Observations(camera, ball, markers.frames.astype(float), np.zeros((n, 2)), np.ones(n))
+        asked = BallObservations(camera, ball, markers.frames.astype(float), np.zeros((n, 2)), np.ones(n))
         uv, reached = predicted(scene, asked)
         aside[:, end] = np.where(reached[:, None, None], markers.points - uv[:, None], np.nan)
     far = np.linalg.norm(aside, axis=-1) / reach[:, None]
@@ -67,9 +67,9 @@ def matched(scene: Scene, view: int, markers: Markers, reach: Array) -> Matches:
     return Matches(rows, ends, own[rows, ends], aside[rows, ends, own[rows, ends]])
 
 
-def labelled(scene: Scene, views: Sequence[CaptureView], noise: float) -> tuple[Observations, Array]:
+def labelled(scene: Scene, views: Sequence[CaptureView], noise: float) -> tuple[BallObservations, Array]:
     """The balls of all views that the scene's wand explains, swapped ends swapped back, and their share by view."""
     matches = [matched(scene, v, view.wand, GATE * noise * view.wand.sigma) for v, view in enumerate(views)]
     parts = [found.observations(v, views[v].wand) for v, found in enumerate(matches)]
     shares = [len(found.row) / max(view.wand.seen.sum(), 1) for found, view in zip(matches, views, strict=True)]
-    return Observations.joined(parts), np.array(shares)
+    return BallObservations.joined(parts), np.array(shares)

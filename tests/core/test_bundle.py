@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kfmocap.benchmarks.wand_captures import LFRAME, Faults, capture, ring, scattered, waved
-from kfmocap.core.calibration.bundle import Evidence, Observations, Scene, adjust, covariance, linearise, unknowns
+from kfmocap.core.calibration.bundle import adjust, covariance
+from kfmocap.core.calibration.bundle_residuals import BallObservations, BundleEvidence, Scene, linearise, unknowns
 from kfmocap.core.calibration.camera_rig import (
     CAMERA_DOF,
     DRIFT,
@@ -37,14 +38,14 @@ def scene_of(positions: Array, rig: Rig | None = None) -> Scene:
     return Scene(rig or rig_of(CAMERAS), wand, LFRAME.copy())
 
 
-def evidence_of(scene: Scene, positions: Array, noise: float = 0.3, seed: int = 0) -> Evidence:
+def evidence_of(scene: Scene, positions: Array, noise: float = 0.3, seed: int = 0) -> BundleEvidence:
     given = capture(CAMERAS, [positions] * 3, Faults(noise), seed)
     parts = [
         matched(scene, v, view.wand, np.full((len(view.wand), 2), 50.0)).observations(v, view.wand)
         for v, view in enumerate(given.views)
     ]
     lframe = resting([view.lframe for view in given.views])
-    return Evidence(Observations.joined(parts), lframe, LFRAME, focal=np.array([1200.0, np.nan, 1400]))
+    return BundleEvidence(BallObservations.joined(parts), lframe, LFRAME, focal=np.array([1200.0, np.nan, 1400]))
 
 
 def lens_free() -> Array:
@@ -122,7 +123,7 @@ def test_a_robust_loss_leaves_a_wrong_ball_behind() -> None:
     uv[::15] += [40.0, -30.0]
     spoilt = replace(clean, wand=replace(clean.wand, uv=uv))
 
-    def focal_error(evidence: Evidence, scale: float) -> float:
+    def focal_error(evidence: BundleEvidence, scale: float) -> float:
         fit = adjust(scene, evidence, lens_free(), scale=scale)
         return float(np.abs(fit.scene.rig.focal / scene.rig.focal - 1).max())
 

@@ -1,0 +1,302 @@
+"""Residuals of a bundle adjustment of cameras, clocks and a wand of known length, and their sparse Jacobian.
+
+The wand's length is built in: each frame has a middle and a direction, so no weight holds the length. A camera that
+sees the wand between frames sees an interpolated one, which ties neighbouring frames together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from .camera_rig import (
+    CAMERA_DOF,
+    CENTRE,
+    DRIFT,
+    FOCAL,
+    K1,
+    K2,
+    OFFSET,
+    SHIFT,
+    TURN,
+    WAND_DOF,
+    Rig,
+    Stencil,
+    Wand,
+    tangents,
+)
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+LFRAME_SIGMA = 1e-3
+"""How exactly an L-frame is built, metres."""
+BEND_SIGMA = 0.02
+"""Fourth differences of a waved wand's ends from frame to frame, metres: what is left of them at some 2 Hz."""
+_NEAREST = 1e-3
+"""Metres before a camera; points behind are taken to be there."""
+
+
+@dataclass(frozen=True, eq=False)
+class BallObservations:
+    """Balls seen by cameras.
+
+    Attributes
+    ----------
+    camera : ndarray of int, shape (n,)
+    ball : ndarray of int, shape (n,)
+        0 or 1 of the wand; 0 to 3 of the L-frame.
+    frame : ndarray, shape (n,)
+        Frame of the camera's video; of no meaning for the L-frame.
+    uv : ndarray, shape (n, 2)
+        Pixels, distorted.
+    sigma : ndarray, shape (n,)
+        Pixels.
+    """
+
+    camera: Ints
+    ball: Ints
+    frame: Array
+    uv: Array
+    sigma: Array
+
+    def __len__(self) -> int:
+        return len(self.camera)
+
+    @classmethod
+    def joined(cls, parts: Sequence[BallObservations]) -> BallObservations:
+        """All of several."""
+        return cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))
+
+    def take(self, chosen: NDArray) -> BallObservations:
+        """Some of them."""
+        return BallObservations(*(value[chosen] for value in vars(self).values()))
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """The unknowns: cameras, the wand, and the L-frame's balls, shape (4, 3), where they take part."""
+
+    rig: Rig
+    wand: Wand
+    lframe_world: Array | None = None
+
+    def moved(self, step: Array) -> Scene:
+        """The scene after a step: that of the wand, of the L-frame, and of the cameras, one after the other."""
+        wand, lframe, cameras = np.split(step, [_first_lframe(self), first_camera(self)])
+        balls = None if self.lframe_world is None else self.lframe_world + lframe.reshape(-1, 3)
+        rig = self.rig.moved(cameras.reshape(-1, CAMERA_DOF))
+        return Scene(rig, self.wand.moved(wand.reshape(-1, WAND_DOF)), balls)
+
+    def in_world(self, R: Array, t: Array) -> Scene:
+        """The same scene in a world whose points are R x + t."""
+        lframe = None if self.lframe_world is None else self.lframe_world @ R.T + t
+        return Scene(self.rig.in_world(R, t), self.wand.in_world(R, t), lframe)
+
+
+@dataclass(frozen=True, eq=False)
+class BundleEvidence:
+    """What the unknowns must fit.
+
+    Attributes
+    ----------
+    wand : BallObservations
+    lframe : BallObservations, optional
+        Its balls; without measures they are unknown points.
+    lframe_measures : ndarray, shape (4, 3), optional
+        Where the balls are in the world.
+    lframe_sigma : float
+        How exactly they are known, metres.
+    focal : ndarray, shape (C,), optional
+        Focal lengths known beforehand, pixels; NaN where not.
+    focal_sigma : float
+        Their standard deviation, as a share.
+    smooth : bool
+        The wand is waved, and cameras see it between its frames.
+    """
+
+    wand: BallObservations
+    lframe: BallObservations | None = None
+    lframe_measures: Array | None = None
+    lframe_sigma: float = LFRAME_SIGMA
+    focal: Array | None = None
+    focal_sigma: float = 0.1
+    smooth: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class BundleResiduals:
+    """Residuals in standard deviations and their Jacobian.
+
+    Attributes
+    ----------
+    points : ndarray, shape (n, 2)
+        Of the balls: the wand's, then the L-frame's.
+    others : ndarray, shape (m,)
+        Of what is known beforehand.
+    jacobian : sparse array, shape (2 n + m, unknowns)
+    """
+
+    points: Array
+    others: Array
+    jacobian: sparse.csr_array
+
+
+def linearise(scene: Scene, evidence: BundleEvidence) -> BundleResiduals:
+    """Residuals and Jacobian, by all of the unknowns of `Scene.moved`."""
+    blocks = [_wand_rows(scene, evidence.wand)]
+    if evidence.lframe is not None:
+        blocks.append(_lframe_rows(scene, evidence.lframe))
+    points = np.concatenate([residual for residual, _ in blocks])
+    bend = _bend_rows(scene) if evidence.smooth else None
+    known = [rows for rows in (_measure_rows(scene, evidence), _focal_rows(scene, evidence), bend) if rows]
+    others = np.concatenate([np.zeros(0), *(residual for residual, _ in known)])
+    jacobian = sparse.vstack([J for _, J in blocks + known], format="csr")
+    return BundleResiduals(points, others, jacobian)
+
+
+def _first_lframe(scene: Scene) -> int:
+    return len(scene.wand) * WAND_DOF
+
+
+def first_camera(scene: Scene) -> int:
+    return _first_lframe(scene) + (0 if scene.lframe_world is None else scene.lframe_world.size)
+
+
+def unknowns(scene: Scene) -> int:
+    """How many numbers a step has."""
+    return first_camera(scene) + len(scene.rig) * CAMERA_DOF
+
+
+def _projected(rig: Rig, camera: Ints, points_world: Array) -> tuple[Array, Array, Array]:
+    """Pixels (n, 2), and their Jacobians by the world point (n, 2, 3) and by the camera's step (n, 2, 13)."""
+    n = len(points_world)
+    uv, by_point, by_camera = np.zeros((n, 2)), np.zeros((n, 2, 3)), np.zeros((n, 2, CAMERA_DOF))
+    zero = np.zeros(3)
+    for c in range(len(rig)):
+        rows = np.flatnonzero(camera == c)
+        if not len(rows):
+            continue
+        x = points_world[rows] @ rig.R_cam_world[c].T + rig.t_cam_world[c]
+        x[:, 2] = np.maximum(x[:, 2], _NEAREST)
+        at, J = cv2.projectPoints(x[:, None], zero, zero, rig.matrix(c), rig.distortions[c])
+        J = J.reshape(len(rows), 2, -1)
+        uv[rows], by_point[rows] = at[:, 0], J[:, :, 3:6] @ rig.R_cam_world[c]
+        by_camera[rows, :, TURN], by_camera[rows, :, SHIFT] = J[:, :, :3], J[:, :, 3:6]
+        by_camera[rows, :, FOCAL] = J[:, :, 6:8] @ rig.focal[c]
+        by_camera[rows, :, CENTRE] = J[:, :, 8:10]
+        by_camera[rows, :, K1], by_camera[rows, :, K2] = J[:, :, 10], J[:, :, 11]
+    return uv, by_point, by_camera
+
+
+def _wand_at(scene: Scene, seen: BallObservations) -> tuple[Stencil, Array, Array, Array]:
+    """Where the seen ends are: stencil, places (n, 3), velocities (n, 3) per frame, and by the summed direction."""
+    rig, wand = scene.rig, scene.wand
+    stencil = Stencil.create(wand.frames, rig.times(seen.camera, seen.frame))
+    half = wand.length / 2 * np.where(seen.ball == 0, 1.0, -1.0)[:, None]
+    total = stencil.value(wand.direction)
+    norm = np.linalg.norm(total, axis=1, keepdims=True)
+    unit = total / norm
+    by_total = half[..., None] * (np.eye(3) - unit[:, :, None] * unit[:, None, :]) / norm[..., None]
+    places = stencil.value(wand.middle) + half * unit
+    velocity = stencil.slope(wand.middle) + np.einsum("nij,nj->ni", by_total, stencil.slope(wand.direction))
+    return stencil, places, velocity, by_total
+
+
+def predicted(scene: Scene, seen: BallObservations) -> tuple[Array, Bools]:
+    """Pixels (n, 2) where the wand's ends are to be seen, and which of them the wand's frames reach."""
+    stencil, places, _, _ = _wand_at(scene, seen)
+    return _projected(scene.rig, seen.camera, places)[0], stencil.reached
+
+
+def _wand_rows(scene: Scene, seen: BallObservations) -> tuple[Array, sparse.csr_array]:
+    stencil, places, velocity, by_total = _wand_at(scene, seen)
+    uv, by_point, by_camera = _projected(scene.rig, seen.camera, places)
+    rig, c = scene.rig, seen.camera
+    pace = 1 / (rig.rate * (1 + rig.drift))[c]
+    by_time = np.einsum("nij,nj->ni", by_point, velocity)
+    by_camera[:, :, OFFSET] = -by_time * pace[:, None]
+    by_camera[:, :, DRIFT] = -by_time * (rig.times(c, seen.frame) / (1 + rig.drift[c]))[:, None]
+    by_wand = np.empty((len(seen), 2, stencil.nodes.shape[1], WAND_DOF))
+    by_wand[..., :3] = by_point[:, :, None, :] * stencil.weights[:, None, :, None]
+    by_direction = np.einsum("nij,nkjl->nikl", by_point @ by_total, tangents(scene.wand.direction)[stencil.nodes])
+    by_wand[..., 3:] = by_direction * stencil.weights[:, None, :, None]
+    columns = stencil.nodes[..., None] * WAND_DOF + np.arange(WAND_DOF)
+    weight = np.where(stencil.reached, 1 / seen.sigma, 0.0)
+    rows = _rows(scene, c, by_camera, columns.reshape(len(seen), -1), by_wand.reshape(len(seen), 2, -1), weight)
+    return (uv - seen.uv) * weight[:, None], rows
+
+
+def _lframe_rows(scene: Scene, seen: BallObservations) -> tuple[Array, sparse.csr_array]:
+    assert scene.lframe_world is not None
+    uv, by_point, by_camera = _projected(scene.rig, seen.camera, scene.lframe_world[seen.ball])
+    columns = _first_lframe(scene) + seen.ball[:, None] * 3 + np.arange(3)
+    return (uv - seen.uv) / seen.sigma[:, None], _rows(scene, seen.camera, by_camera, columns, by_point, 1 / seen.sigma)
+
+
+def _rows(
+    scene: Scene, camera: Ints, by_camera: Array, columns: Ints, by_columns: Array, weight: Array
+) -> sparse.csr_array:
+    """Weighted rows of two for each observation: by its camera, and by some further columns."""
+    n = len(camera)
+    values = np.concatenate([by_columns, by_camera], axis=2) * weight[:, None, None]
+    own = first_camera(scene) + camera[:, None] * CAMERA_DOF + np.arange(CAMERA_DOF)
+    at = np.concatenate([columns, own], axis=1)
+    index = np.repeat(at[:, None], 2, axis=1)
+    kept = values != 0
+    counts = np.concatenate([[0], np.cumsum(kept.sum(axis=2).ravel())])
+    return sparse.csr_array((values[kept], index[kept], counts), shape=(2 * n, unknowns(scene)))
+
+
+def _measure_rows(scene: Scene, evidence: BundleEvidence) -> tuple[Array, sparse.csr_array] | None:
+    """The L-frame's balls are where its measures say."""
+    if evidence.lframe_measures is None or scene.lframe_world is None:
+        return None
+    n, first, weight = scene.lframe_world.size, _first_lframe(scene), 1 / evidence.lframe_sigma
+    J = sparse.csr_array((np.full(n, weight), (np.arange(n), first + np.arange(n))), (n, unknowns(scene)))
+    return ((scene.lframe_world - evidence.lframe_measures) * weight).ravel(), J
+
+
+def _focal_rows(scene: Scene, evidence: BundleEvidence) -> tuple[Array, sparse.csr_array] | None:
+    """Focal lengths are near those known beforehand."""
+    if evidence.focal is None or not np.isfinite(evidence.focal).any():
+        return None
+    c = np.flatnonzero(np.isfinite(evidence.focal))
+    weight = np.full(len(c), 1 / evidence.focal_sigma)
+    J = sparse.csr_array(
+        (weight, (np.arange(len(c)), first_camera(scene) + c * CAMERA_DOF + FOCAL)), (len(c), unknowns(scene))
+    )
+    return np.log(scene.rig.focal[c].mean(axis=1) / evidence.focal[c]) * weight, J
+
+
+def _bend_rows(scene: Scene) -> tuple[Array, sparse.csr_array] | None:
+    """Fourth differences over consecutive frames are small.
+
+    Seen only half-way between frames, a wand that trembles to and fro from frame to frame would go unnoticed.
+    """
+    wand = scene.wand
+    first = np.flatnonzero(wand.frames[4:] - wand.frames[:-4] == 4)
+    if not len(first):
+        return None
+    binomial = np.array([1.0, -4, 6, -4, 1])
+    nodes = first[:, None] + np.arange(5)
+    half = wand.length / 2
+    middle = np.einsum("k,nki->ni", binomial, wand.middle[nodes])
+    direction = np.einsum("k,nki->ni", binomial, wand.direction[nodes]) * half
+    n = len(first)
+    J = np.zeros((n, 6, 5, WAND_DOF))
+    J[:, :3, :, :3] = np.eye(3)[:, None, :] * binomial[:, None]
+    J[:, 3:, :, 3:] = np.einsum("k,nkij->nikj", half * binomial, tangents(wand.direction)[nodes])
+    columns = (nodes[..., None] * WAND_DOF + np.arange(WAND_DOF)).reshape(n, 1, -1)
+    index = np.repeat(columns, 6, axis=1)
+    values = J.reshape(n, 6, -1) / BEND_SIGMA
+    kept = values != 0
+    counts = np.concatenate([[0], np.cumsum(kept.sum(axis=2).ravel())])
+    rows = sparse.csr_array((values[kept], index[kept], counts), (6 * n, unknowns(scene)))
+    return np.concatenate([middle, direction], axis=1).ravel() / BEND_SIGMA, rows
