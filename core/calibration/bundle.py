@@ -17,7 +17,7 @@ from scipy import sparse
 from ..numerics.least_squares import StoppingRule, minimise
 from ..numerics.normal_equations import SparseEquations, SparseFactor
 from ..numerics.robust_kernels import Cauchy, Quadratic, RobustKernel
-from .bundle_residuals import BundleEvidence, BundleResiduals, Scene, first_camera, linearise, unknowns
+from .bundle_residuals import BundleEvidence, BundleResiduals, Scene, first_camera, linearise, residuals, unknowns
 from .camera_rig import CAMERA_DOF
 
 Array = NDArray[np.float64]
@@ -108,11 +108,12 @@ def adjust(
     free[first_camera(scene) :] = free_camera.ravel()
     kernel = Quadratic() if np.isinf(scale) else Cauchy(scale)
 
+    def cost(points: Array, others: Array) -> float:
+        return float(kernel.cost((points**2).sum(axis=1)).sum() + (others**2).sum())
+
     def equations(state: Scene) -> _BundleEquations:
-        residuals = linearise(state, evidence)
-        squared = (residuals.points**2).sum(axis=1)
-        cost = float(kernel.cost(squared).sum() + (residuals.others**2).sum())
-        return _BundleEquations(*_normal_equations(residuals, free, kernel), cost, residuals.points)
+        found = linearise(state, evidence)
+        return _BundleEquations(*_normal_equations(found, free, kernel), cost(found.points, found.others), found.points)
 
     def move(state: Scene, step: Array) -> Scene:
         whole = np.zeros(len(free))
@@ -123,19 +124,20 @@ def adjust(
         scene,
         equations,
         move,
+        trial_cost=lambda trial, _: cost(*residuals(trial, evidence)),
         stopping=StoppingRule(iterations, relative_gain=tolerance),
         on_iteration=None if cancel is None else lambda iteration, state: cancel(),
     )
     return BundleFit(result.state, free, result.cost, result.iterations, result.equations.points)
 
 
-def _normal_equations(residuals: BundleResiduals, free: Bools, kernel: RobustKernel) -> tuple[sparse.csc_array, Array]:
+def _normal_equations(found: BundleResiduals, free: Bools, kernel: RobustKernel) -> tuple[sparse.csc_array, Array]:
     """Gauss-Newton's matrix and gradient of the free unknowns, robustly weighted."""
-    weight = np.ones(residuals.jacobian.shape[0])
-    weight[: residuals.points.size] = np.repeat(kernel.weight((residuals.points**2).sum(axis=1)), 2)
-    J = residuals.jacobian[:, np.flatnonzero(free)]
-    weighted = J.multiply(weight[:, None]).tocsc()
-    return (weighted.T @ J).tocsc(), weighted.T @ np.concatenate([residuals.points.ravel(), residuals.others])
+    weight = np.ones(found.jacobian.shape[0])
+    weight[: found.points.size] = np.repeat(kernel.weight((found.points**2).sum(axis=1)), 2)
+    J = found.jacobian[:, np.flatnonzero(free)]
+    rows = sparse.csr_array((J.data * np.repeat(weight, np.diff(J.indptr)), J.indices, J.indptr), J.shape)
+    return (rows.T @ J).tocsc(), rows.T @ np.concatenate([found.points.ravel(), found.others])
 
 
 def covariance(scene: Scene, evidence: BundleEvidence, free: Bools) -> Array:

@@ -34,11 +34,13 @@ from .camera_rig import (
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+Rows = tuple[Array, sparse.csr_array]
 
 LFRAME_SIGMA = 1e-3
 """How exactly an L-frame is built, metres."""
 BEND_SIGMA = 0.02
 """Fourth differences of a waved wand's ends from frame to frame, metres: what is left of them at some 2 Hz."""
+_FOURTH_DIFFERENCE = np.array([1.0, -4, 6, -4, 1])
 _NEAREST = 1e-3
 """Metres before a camera; points behind are taken to be there."""
 
@@ -149,16 +151,39 @@ class BundleResiduals:
 
 
 def linearise(scene: Scene, evidence: BundleEvidence) -> BundleResiduals:
-    """Residuals and Jacobian, by all of the unknowns of `Scene.moved`."""
+    """Evaluate residuals and their Jacobian by all unknowns of `Scene.moved`."""
     blocks = [_wand_rows(scene, evidence.wand)]
     if evidence.lframe is not None:
         blocks.append(_lframe_rows(scene, evidence.lframe))
-    points = np.concatenate([residual for residual, _ in blocks])
-    bend = _bend_rows(scene) if evidence.smooth else None
-    known = [rows for rows in (_measure_rows(scene, evidence), _focal_rows(scene, evidence), bend) if rows]
-    others = np.concatenate([np.zeros(0), *(residual for residual, _ in known)])
+    known = _known_rows(scene, evidence)
+    if evidence.smooth:
+        known.append((_bends(scene.wand), _bend_jacobian(scene)))
+    others = np.concatenate([np.zeros(0), *(r for r, _ in known)])
     jacobian = sparse.vstack([J for _, J in blocks + known], format="csr")
-    return BundleResiduals(points, others, jacobian)
+    return BundleResiduals(np.concatenate([r for r, _ in blocks]), others, jacobian)
+
+
+def residuals(scene: Scene, evidence: BundleEvidence) -> tuple[Array, Array]:
+    """Evaluate the residuals alone, which is much cheaper: `points` and `others` of `BundleResiduals`."""
+    uv, reached = predicted(scene, evidence.wand)
+    points = [_weighted(uv, evidence.wand, reached)]
+    if evidence.lframe is not None and scene.lframe_world is not None:
+        balls = scene.lframe_world[evidence.lframe.ball]
+        points.append(_weighted(_projected(scene.rig, evidence.lframe.camera, balls)[0], evidence.lframe))
+    others = [r for r, _ in _known_rows(scene, evidence)]
+    if evidence.smooth:
+        others.append(_bends(scene.wand))
+    return np.concatenate(points), np.concatenate([np.zeros(0), *others])
+
+
+def _known_rows(scene: Scene, evidence: BundleEvidence) -> list[Rows]:
+    """Residuals and Jacobians of the L-frame's measures and of focal lengths that are known beforehand."""
+    return [rows for rows in (_measure_rows(scene, evidence), _focal_rows(scene, evidence)) if rows is not None]
+
+
+def _weighted(uv: Array, seen: BallObservations, reached: Bools | bool = True) -> Array:
+    """Predicted less observed balls, in standard deviations; zero where no frame of the wand is near."""
+    return (uv - seen.uv) * np.where(reached, 1 / seen.sigma, 0.0)[:, None]
 
 
 def _first_lframe(scene: Scene) -> int:
@@ -215,7 +240,7 @@ def predicted(scene: Scene, seen: BallObservations) -> tuple[Array, Bools]:
     return _projected(scene.rig, seen.camera, places)[0], stencil.reached
 
 
-def _wand_rows(scene: Scene, seen: BallObservations) -> tuple[Array, sparse.csr_array]:
+def _wand_rows(scene: Scene, seen: BallObservations) -> Rows:
     stencil, places, velocity, by_total = _wand_at(scene, seen)
     uv, by_point, by_camera = _projected(scene.rig, seen.camera, places)
     rig, c = scene.rig, seen.camera
@@ -230,14 +255,14 @@ def _wand_rows(scene: Scene, seen: BallObservations) -> tuple[Array, sparse.csr_
     columns = stencil.nodes[..., None] * WAND_DOF + np.arange(WAND_DOF)
     weight = np.where(stencil.reached, 1 / seen.sigma, 0.0)
     rows = _rows(scene, c, by_camera, columns.reshape(len(seen), -1), by_wand.reshape(len(seen), 2, -1), weight)
-    return (uv - seen.uv) * weight[:, None], rows
+    return _weighted(uv, seen, stencil.reached), rows
 
 
-def _lframe_rows(scene: Scene, seen: BallObservations) -> tuple[Array, sparse.csr_array]:
+def _lframe_rows(scene: Scene, seen: BallObservations) -> Rows:
     assert scene.lframe_world is not None
     uv, by_point, by_camera = _projected(scene.rig, seen.camera, scene.lframe_world[seen.ball])
     columns = _first_lframe(scene) + seen.ball[:, None] * 3 + np.arange(3)
-    return (uv - seen.uv) / seen.sigma[:, None], _rows(scene, seen.camera, by_camera, columns, by_point, 1 / seen.sigma)
+    return _weighted(uv, seen), _rows(scene, seen.camera, by_camera, columns, by_point, 1 / seen.sigma)
 
 
 def _rows(
@@ -254,7 +279,7 @@ def _rows(
     return sparse.csr_array((values[kept], index[kept], counts), shape=(2 * n, unknowns(scene)))
 
 
-def _measure_rows(scene: Scene, evidence: BundleEvidence) -> tuple[Array, sparse.csr_array] | None:
+def _measure_rows(scene: Scene, evidence: BundleEvidence) -> Rows | None:
     """The L-frame's balls are where its measures say."""
     if evidence.lframe_measures is None or scene.lframe_world is None:
         return None
@@ -263,7 +288,7 @@ def _measure_rows(scene: Scene, evidence: BundleEvidence) -> tuple[Array, sparse
     return ((scene.lframe_world - evidence.lframe_measures) * weight).ravel(), J
 
 
-def _focal_rows(scene: Scene, evidence: BundleEvidence) -> tuple[Array, sparse.csr_array] | None:
+def _focal_rows(scene: Scene, evidence: BundleEvidence) -> Rows | None:
     """Focal lengths are near those known beforehand."""
     if evidence.focal is None or not np.isfinite(evidence.focal).any():
         return None
@@ -275,28 +300,32 @@ def _focal_rows(scene: Scene, evidence: BundleEvidence) -> tuple[Array, sparse.c
     return np.log(scene.rig.focal[c].mean(axis=1) / evidence.focal[c]) * weight, J
 
 
-def _bend_rows(scene: Scene) -> tuple[Array, sparse.csr_array] | None:
-    """Fourth differences over consecutive frames are small.
+def _runs_of_five(wand: Wand) -> Ints:
+    """Indices of five consecutive frames each, shape (n, 5)."""
+    first = np.flatnonzero(wand.frames[4:] - wand.frames[:-4] == 4)
+    return first[:, None] + np.arange(5)
+
+
+def _bends(wand: Wand) -> Array:
+    """Fourth differences of middle and half length over consecutive frames, in standard deviations, shape (6 n,).
 
     Seen only half-way between frames, a wand that trembles to and fro from frame to frame would go unnoticed.
     """
+    nodes = _runs_of_five(wand)
+    each = np.concatenate([wand.middle[nodes], wand.length / 2 * wand.direction[nodes]], axis=2)
+    return np.einsum("k,nki->ni", _FOURTH_DIFFERENCE, each).ravel() / BEND_SIGMA
+
+
+def _bend_jacobian(scene: Scene) -> sparse.csr_array:
     wand = scene.wand
-    first = np.flatnonzero(wand.frames[4:] - wand.frames[:-4] == 4)
-    if not len(first):
-        return None
-    binomial = np.array([1.0, -4, 6, -4, 1])
-    nodes = first[:, None] + np.arange(5)
-    half = wand.length / 2
-    middle = np.einsum("k,nki->ni", binomial, wand.middle[nodes])
-    direction = np.einsum("k,nki->ni", binomial, wand.direction[nodes]) * half
-    n = len(first)
+    nodes = _runs_of_five(wand)
+    n = len(nodes)
     J = np.zeros((n, 6, 5, WAND_DOF))
-    J[:, :3, :, :3] = np.eye(3)[:, None, :] * binomial[:, None]
-    J[:, 3:, :, 3:] = np.einsum("k,nkij->nikj", half * binomial, tangents(wand.direction)[nodes])
+    J[:, :3, :, :3] = np.eye(3)[:, None, :] * _FOURTH_DIFFERENCE[:, None]
+    J[:, 3:, :, 3:] = np.einsum("k,nkij->nikj", wand.length / 2 * _FOURTH_DIFFERENCE, tangents(wand.direction)[nodes])
     columns = (nodes[..., None] * WAND_DOF + np.arange(WAND_DOF)).reshape(n, 1, -1)
     index = np.repeat(columns, 6, axis=1)
     values = J.reshape(n, 6, -1) / BEND_SIGMA
     kept = values != 0
     counts = np.concatenate([[0], np.cumsum(kept.sum(axis=2).ravel())])
-    rows = sparse.csr_array((values[kept], index[kept], counts), (6 * n, unknowns(scene)))
-    return np.concatenate([middle, direction], axis=1).ravel() / BEND_SIGMA, rows
+    return sparse.csr_array((values[kept], index[kept], counts), (6 * n, unknowns(scene)))

@@ -143,9 +143,10 @@ def minimise(
     move : callable
         The state after a step that `NormalEquations.solve` gave. It may shorten or lengthen the step.
     trial_cost : callable, optional
-        Cost of a trial state with the associations and weights of given equations, where `linearise` chooses those anew
-        at every state. By default a trial state is linearised, its cost taken from there, and the equations used for
-        the next step.
+        Cost of a trial state, given the equations that the step was made from: where that is much cheaper than
+        `linearise`, or where `linearise` chooses associations or weights anew at every state, which must stay the same
+        while a step is tested. By default a trial state is linearised, its cost taken from there, and the equations
+        used for the next step.
     damping : Damping
     stopping : StoppingRule
     on_iteration : callable, optional
