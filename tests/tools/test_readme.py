@@ -83,13 +83,13 @@ def test_the_calibration_on_the_page_can_be_read(tmp_path: Path) -> None:
 
 
 def test_the_python_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Those of a page run one after the other, in one namespace."""
+    """Those of the page run one after the other, in one namespace; they begin with the README's."""
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     monkeypatch.chdir(tmp_path)
-    [short] = blocks(ROOT / "README.md", "python")
-    exec(compile(short, "README.md", "exec"), {})
+    examples = blocks(ROOT / "docs" / "python.md", "python")
+    assert blocks(ROOT / "README.md", "python") == examples[:1]
     names: dict[str, Any] = {}
-    for code in blocks(ROOT / "docs" / "python.md", "python"):
+    for code in examples:
         exec(compile(code, "docs/python.md", "exec"), names)
     keys = names["shot"].performers[0].key_poses.frames.tolist()
     truth = read_trc(ROOT / "examples" / "walk" / "landmarks.trc")
