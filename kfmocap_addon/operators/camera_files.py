@@ -56,7 +56,7 @@ class ExportCameras(bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ...core.formats.calibration_export import export_cameras
+        from ...core.formats.calibration_files import export_cameras
         from ..scene_io import scene_cameras, solved_cameras
 
         scene = context.scene
