@@ -17,7 +17,8 @@ from ..core.review.scoring import JOINTS
 from ..core.review.suggestions import helpful_keys
 from ..core.shot.shot import Shot
 from ..core.tracking.prepare import load_shot
-from ..core.tracking.tracker import TrackResult, track
+from ..core.tracking.track_result import TrackResult
+from ..core.tracking.tracker import track
 from ..core.tracking.uncertainty import expected_errors
 from .rows import BEAM, ROWS, WALK, Row
 from .tables import markdown

@@ -11,7 +11,7 @@ from ..core.errors import OutputError
 
 if TYPE_CHECKING:
     from ..core.shot.shot import Shot
-    from ..core.tracking.tracker import TrackResult
+    from ..core.tracking.track_result import TrackResult
 
 
 class BlenderSession(Protocol):

@@ -21,7 +21,8 @@ from ..core.shot.shot import Shot
 from ..core.shot.shot_spec import checked_file_name
 from ..core.tracking.prepare import load_shot
 from ..core.tracking.selection import selected
-from ..core.tracking.tracker import TrackResult, track
+from ..core.tracking.track_result import TrackResult
+from ..core.tracking.tracker import track
 from .progress_bar import progress_bar
 from .services import BlenderSession, Services
 

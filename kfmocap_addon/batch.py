@@ -16,7 +16,7 @@ from . import registration
 
 if TYPE_CHECKING:
     from ..core.shot.shot import Shot
-    from ..core.tracking.tracker import TrackResult
+    from ..core.tracking.track_result import TrackResult
 
 COMMAND = "kfmocap"
 """Name of the command: `blender ... --command kfmocap ...`."""

@@ -34,12 +34,12 @@ def smoothness(motion: Motion, weights: Array, expected: Array | None = None) ->
     ----------
     motion : Motion
         F poses.
-    weights : ndarray, shape (D,)
+    weights : ndarray, shape (D,) or (F - 2, D)
         Inverse variance of the acceleration of each degree of freedom, 1/(m/frame^2)^2 and 1/(rad/frame^2)^2.
     expected : ndarray, shape (F - 2, D), optional
         Accelerations that cost nothing; by default none.
     """
-    F, D = len(motion), len(weights)
+    F, D = len(motion), weights.shape[-1]
     blocks = BandedBlocks.zeros(F, D)
     if F < 3:
         return blocks
@@ -49,7 +49,7 @@ def smoothness(motion: Motion, weights: Array, expected: Array | None = None) ->
     J_last = with_translation(rotations.right_jacobian_inverse(behind))
     J_here = -np.swapaxes(J_next + J_last, -1, -2)  # Jl^-1 is the transpose of Jr^-1
     J: list[Array] = [J_last, J_here, J_next]
-    weighted: list[Array] = [weights.reshape(-1, 3, 1) * x for x in J]
+    weighted: list[Array] = [weights.reshape(*weights.shape[:-1], -1, 3, 1) * x for x in J]
 
     def product(a: int, b: int) -> Array:
         block: Array = np.swapaxes(J[a], -1, -2) @ weighted[b]

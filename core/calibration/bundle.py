@@ -62,6 +62,13 @@ class BundleFit:
         return middle / float(np.sqrt(max(left, _LEAST_LEFT)))
 
 
+@dataclass(frozen=True, eq=False)
+class _BundleEquations(SparseEquations):
+    """Normal equations together with the residuals of the balls, shape (n, 2), that they were made from."""
+
+    points: Array
+
+
 def adjust(
     scene: Scene,
     evidence: BundleEvidence,
@@ -104,9 +111,9 @@ def adjust(
     def cost(points: Array, others: Array) -> float:
         return float(kernel.cost((points**2).sum(axis=1)).sum() + (others**2).sum())
 
-    def equations(state: Scene) -> SparseEquations:
+    def equations(state: Scene) -> _BundleEquations:
         found = linearise(state, evidence)
-        return SparseEquations(*_normal_equations(found, free, kernel), cost(found.points, found.others))
+        return _BundleEquations(*_normal_equations(found, free, kernel), cost(found.points, found.others), found.points)
 
     def move(state: Scene, step: Array) -> Scene:
         whole = np.zeros(len(free))
@@ -121,8 +128,7 @@ def adjust(
         stopping=StoppingRule(iterations, relative_gain=tolerance),
         on_iteration=None if cancel is None else lambda iteration, state: cancel(),
     )
-    points, _ = residuals(result.state, evidence)
-    return BundleFit(result.state, free, result.cost, result.iterations, points)
+    return BundleFit(result.state, free, result.cost, result.iterations, result.equations.points)
 
 
 def _normal_equations(found: BundleResiduals, free: Bools, kernel: RobustKernel) -> tuple[sparse.csc_array, Array]:

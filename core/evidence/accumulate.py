@@ -1,4 +1,4 @@
-"""Evidence of a whole segment: label images, gradients and outlines of every view and frame, mapped to joints."""
+"""Evidence of a whole segment: label images, gradients and outlines of every view and frame, summed per part."""
 
 from __future__ import annotations
 
@@ -14,167 +14,167 @@ from numpy.typing import NDArray
 
 from .contours import OutlineSums, outline_sums
 from .foreground import log_ratio
-from .gradients import Poses, WrenchSums, brightness_constancy
+from .gradients import GradientSums, Poses, brightness_constancy
 from .label_images import Geometry, render_labels
-from .view_frames import ViewFrames
+from .view_frames import GradientImageCache, ViewFrames
 
 Array = NDArray[np.float64]
 
 RUN = 32
 """Pairs of frames that are worked on at a time, about: enough to keep NumPy busy, few enough to stay in the cache."""
-_WORKERS = 2
 
 
-@dataclass(frozen=True, eq=False)
-class Evidence:
-    """Evidence of the frames of a segment, all views together.
+@dataclass(frozen=True)
+class Sampling:
+    """How the images are sampled.
 
     Attributes
     ----------
-    H : ndarray, shape (V, F - 1, P, 12, 12)
-    g : ndarray, shape (V, F - 1, P, 12)
-        See `WrenchSums`; P counts the parts of all performers.
-    energy, weight, noise, density : ndarray, shape (V, F - 1)
-        Gradients between neighbouring frames.
-    outline_H, outline_g, outline_energy : ndarray, shape (V, F, P, 6, 6), (V, F, P, 6) and (V, F)
-        See `OutlineSums`; zero where a view has no foreground images.
+    sigma : float
+        Smoothing of the images, pixels of the reduced frames.
+    tolerance : float
+        Factor on the limits of the robust weights: far from the solution large residuals still have to pull.
+    stride : int
+        Every how many pixels, each way, the evidence is taken: neighbours say nearly the same.
+    reach : float
+        How far from the model's outlines the body's are looked for, metres; 0 leaves outlines and foreground images
+        out.
+    """
+
+    sigma: float
+    tolerance: float
+    stride: int
+    reach: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentEvidence:
+    """Evidence of the F frames of a segment from V views on P parts, those of all performers.
+
+    Attributes
+    ----------
+    gradients : GradientSums
+        Arrays of shape (V, F - 1, ...): brightness constancy between neighbouring frames.
+    outlines : OutlineSums
+        Arrays of shape (V, F, ...); zero where a view has no foreground images.
     explained : ndarray, shape (V, F)
         Sum of the log likelihood ratios of the pixels that show a part.
     share : ndarray, shape (V, F, P)
         Visible share of every part, see `LabelImages`.
-    stride : int
-        Every how many pixels, each way, the evidence was taken.
+    sampling : Sampling
+        How the evidence was taken.
     seconds : dict
-        Time spent, by what.
+        Time spent, by stage.
     """
 
-    H: Array
-    g: Array
-    energy: Array
-    weight: Array
-    noise: Array
-    density: Array
-    outline_H: Array
-    outline_g: Array
-    outline_energy: Array
+    gradients: GradientSums
+    outlines: OutlineSums
     explained: Array
     share: Array
-    stride: int
+    sampling: Sampling
     seconds: dict[str, float]
 
-    def without(self, hidden: NDArray[np.bool_]) -> Evidence:
+    def without(self, hidden: NDArray[np.bool_]) -> SegmentEvidence:
         """The evidence less the rows of parts where they are hidden (F, P), equation (38)."""
         seen, pairs = ~hidden, ~(hidden[:-1] | hidden[1:])
+        gradients, outlines = self.gradients, self.outlines
         return replace(
             self,
-            H=self.H * pairs[..., None, None],
-            g=self.g * pairs[..., None],
-            outline_H=self.outline_H * seen[..., None, None],
-            outline_g=self.outline_g * seen[..., None],
+            gradients=replace(gradients, H=gradients.H * pairs[..., None, None], g=gradients.g * pairs[..., None]),
+            outlines=replace(outlines, H=outlines.H * seen[..., None, None], g=outlines.g * seen[..., None]),
         )
 
 
-def image_evidence(
+def accumulate_evidence(
     views: Sequence[ViewFrames],
     geometry: Geometry,
-    poses: Poses,
+    poses: Mapping[float, Poses],
+    sampling: Sampling,
+    *,
     first: int,
-    sigma: float,
-    tolerance: float,
-    stride: int,
-    reach: float = 0.0,
-    delayed: Mapping[float, Poses] | None = None,
-) -> Evidence:
-    """Collect the evidence of F frames.
+    cache: GradientImageCache | None = None,
+    threads: int = 1,
+) -> SegmentEvidence:
+    """Collect the evidence of F frames; the result does not depend on the number of threads.
 
     Parameters
     ----------
     views : sequence of ViewFrames
     geometry : Geometry
-        Of all performers.
-    poses : tuple
-        From `scene_poses`, F frames.
+        The parts of all performers.
+    poses : mapping of float to tuple
+        World poses (R, T) of all parts, (F, P, 3, 3) and (F, P, 3), by the delay of the views that show them.
+    sampling : Sampling
     first : int
-        Shot frame of the first of them.
-    sigma : float
-        Smoothing of the images, pixels of the reduced frames.
-    tolerance : float
-        See `brightness_constancy`.
-    stride : int
-        Every how many pixels, each way, the evidence is taken: neighbours say nearly the same.
-    reach : float
-        How far from the model's outlines the body's are looked for, metres; 0 leaves them and the foreground images
-        out.
-    delayed : mapping of float to tuple, optional
-        The poses that views with a delay show, by the delay.
+        Shot frame of the first of the F frames.
+    cache : GradientImageCache, optional
+        Keeps gradient images for the next call.
+    threads : int
     """
-    at = {0.0: poses, **(delayed or {})}
-    F = len(poses[0])
+    cache = GradientImageCache() if cache is None else cache
+    F = len(next(iter(poses.values()))[0])
     runs = max(round((F - 1) / RUN), 1)
     bounds = [(F - 1) * k // runs for k in range(runs + 1)]
-    tasks = [(view, a, b, geometry, at[view.delay]) for view in views for a, b in pairwise(bounds)]
-    with ThreadPoolExecutor(_WORKERS) as pool:
-        jobs = [pool.submit(_run, *task, first, sigma, tolerance, stride, reach) for task in tasks]
-        done = [job.result() for job in jobs]
+    spans = [(view, slice(a, b + 1)) for view in views for a, b in pairwise(bounds)]
+
+    def run(span: tuple[ViewFrames, slice]) -> _Run:
+        view, frames = span
+        R, T = poses[view.delay]
+        return _run(view, geometry, (R[frames], T[frames]), sampling, first=first + frames.start, cache=cache)
+
+    with ThreadPoolExecutor(threads) as pool:
+        done = list(pool.map(run, spans))
     rows = [done[i : i + runs] for i in range(0, len(done), runs)]
 
-    def joined(name: str) -> Array:
-        return np.stack([np.concatenate([getattr(run.sums, name) for run in row]) for row in rows])
+    def by_pair(of: Callable[[_Run], Array]) -> Array:
+        return np.stack([np.concatenate([of(run) for run in row]) for row in rows])
 
-    def by_frame(arrays: Callable[[_Run], Array]) -> Array:
+    def by_frame(of: Callable[[_Run], Array]) -> Array:
         """The frame where two runs meet is in both."""
-        return np.stack([np.concatenate([arrays(row[0])[:1]] + [arrays(run)[1:] for run in row]) for row in rows])
+        return np.stack([np.concatenate([of(row[0])[:1]] + [of(run)[1:] for run in row]) for row in rows])
 
-    workers = min(_WORKERS, len(tasks))
-    seconds = {
-        "label images": sum(run.seconds[0] for run in done) / workers,
-        "gradients": sum(run.seconds[1] for run in done) / workers,
-        "outlines": sum(run.seconds[2] for run in done) / workers,
-    }
-    sums = {f.name: joined(f.name) for f in fields(WrenchSums)}
-    outlines = {f"outline_{f.name}": by_frame(attrgetter(f"outlines.{f.name}")) for f in fields(OutlineSums)}
-    return Evidence(
-        **sums,
-        **outlines,
-        explained=by_frame(lambda run: run.explained),
-        share=by_frame(lambda run: run.share),
-        stride=stride,
-        seconds=seconds,
+    return SegmentEvidence(
+        GradientSums(*(by_pair(attrgetter(f"gradients.{f.name}")) for f in fields(GradientSums))),
+        OutlineSums(*(by_frame(attrgetter(f"outlines.{f.name}")) for f in fields(OutlineSums))),
+        by_frame(lambda run: run.explained),
+        by_frame(lambda run: run.share),
+        sampling,
+        {stage: sum(run.seconds[stage] for run in done) / min(threads, len(done)) for stage in done[0].seconds},
     )
 
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """Evidence of a few frames of one view, and the seconds for its label images, its gradients and its outlines."""
+    """Evidence of a few frames of one view, and the seconds for it by stage."""
 
-    sums: WrenchSums
+    gradients: GradientSums
     outlines: OutlineSums
     explained: Array
     share: Array
-    seconds: tuple[float, float, float]
+    seconds: dict[str, float]
 
 
 def _run(
-    view: ViewFrames,
-    start: int,
-    stop: int,
-    geometry: Geometry,
-    poses: Poses,
-    first: int,
-    sigma: float,
-    tolerance: float,
-    stride: int,
-    reach: float,
+    view: ViewFrames, geometry: Geometry, poses: Poses, sampling: Sampling, *, first: int, cache: GradientImageCache
 ) -> _Run:
-    """Evidence of frames start to stop, inclusive, of one view."""
+    """Evidence of some frames of one view, the first of which is shot frame `first`."""
     begin = time.perf_counter()
-    R, T = (a[start : stop + 1] for a in poses)
-    labels = render_labels(geometry, view.camera.subsampled(stride), first + start, R, T)
+    (R, T), stride = poses, sampling.stride
+    labels = render_labels(geometry, view.camera.subsampled(stride), first, R, T)
     drawn = time.perf_counter()
     left, top, right, bottom = (stride * edge for edge in labels.box())
-    images = view.images(first + start, len(R), sigma, (left, top, right, bottom))
-    foreground = view.foreground_at(first + start, len(R)) if reach and view.foreground is not None else None
-    sums = brightness_constancy(view.camera, first + start, images, labels, (R, T), stride, tolerance, foreground)
+    images = cache.images(view, range(first, first + len(R)), sampling.sigma, (left, top, right, bottom))
+    foreground = view.foreground_at(first, len(R)) if sampling.reach and view.foreground is not None else None
+    gradients = brightness_constancy(
+        view.camera,
+        images,
+        labels,
+        poses,
+        first=first,
+        stride=stride,
+        tolerance=sampling.tolerance,
+        foreground=foreground,
+    )
     summed = time.perf_counter()
     outlines = OutlineSums(np.zeros((*T.shape[:2], 6, 6)), np.zeros((*T.shape[:2], 6)), np.zeros(len(T)))
     explained = np.zeros(len(T))
@@ -182,6 +182,19 @@ def _run(
         frame, u, v = labels.places
         shown = stride**2 * log_ratio(foreground[frame, stride * v, stride * u])
         explained = np.bincount(frame, shown, minlength=len(T)).astype(float)
-        half = max(4, round(reach * view.pixels_per_metre(T.mean(axis=(0, 1)), first + start)))
-        outlines = outline_sums(view.camera, first + start, foreground, labels, stride, half, tolerance, view.halo)
-    return _Run(sums, outlines, explained, labels.share, (drawn - begin, summed - drawn, time.perf_counter() - summed))
+        outlines = outline_sums(
+            view.camera,
+            foreground,
+            labels,
+            first=first,
+            stride=stride,
+            reach=max(4, round(sampling.reach * view.pixels_per_metre(T.mean(axis=(0, 1)), first))),
+            tolerance=sampling.tolerance,
+            halo=view.halo,
+        )
+    seconds = {
+        "label images": drawn - begin,
+        "gradients": summed - drawn,
+        "outlines": time.perf_counter() - summed,
+    }
+    return _Run(gradients, outlines, explained, labels.share, seconds)

@@ -98,17 +98,20 @@ class OutlineSums:
 
 def outline_sums(
     camera: Camera,
-    first: int,
     foreground: NDArray[np.uint8],
     labels: LabelImages,
+    *,
+    first: int,
     stride: int,
     reach: int,
     tolerance: float,
     halo: float = 0.0,
 ) -> OutlineSums:
-    """Sum the outline evidence of n frames of one view, of which `first` is the first shot frame; other parameters as
-    of `outline_lines`."""
-    lines = outline_lines(camera, foreground, labels, stride, reach, tolerance, halo)
+    """Sum the outline evidence of n frames of one view.
+
+    `first` is the shot frame of the first of them; the other parameters are those of `outline_lines`.
+    """
+    lines = outline_lines(camera, foreground, labels, stride=stride, reach=reach, tolerance=tolerance, halo=halo)
     n, P = labels.share.shape
     sums = lines.products(np.concatenate([lines.wrenches(camera), -lines.shift[:, None]], axis=1), n, P)
     A = camera_twist(*camera.poses(first, n))[:, None]
@@ -120,6 +123,7 @@ def outline_lines(
     camera: Camera,
     foreground: NDArray[np.uint8],
     labels: LabelImages,
+    *,
     stride: int,
     reach: int,
     tolerance: float,
@@ -130,21 +134,23 @@ def outline_lines(
     Parameters
     ----------
     camera : Camera
-        Of the view's reduced, rectified frames.
+        The view's camera, for its reduced and rectified frames.
     foreground : ndarray of uint8, shape (n, h, w)
         See `core.evidence.foreground`.
     labels : LabelImages
-        Of the n frames, with every stride-th pixel.
+        Label images of the n frames, with every stride-th pixel.
+    stride : int
+        Every how many pixels, each way, the label images are drawn.
     reach : int
         Half length of the lines, pixels.
     tolerance : float
-        Of the robust weights: 1 near the solution, more far from it.
+        Factor on the limit of the robust weights: 1 near the solution, more far from it.
     halo : float
         How far the foreground images show the body beyond its edge, pixels.
     """
-    frame, part, uv, normal, z, length = _against_background(labels, stride)
+    pieces = _against_background(labels, stride)
     places = np.arange(-reach, reach + 1)
-    ratio = _along(foreground, labels, frame, uv, normal, places, stride)
+    ratio = _along(foreground, labels, pieces, places, stride)
     inside = np.cumsum(ratio, axis=1)
     score = CONTRAST * (2 * inside - inside[:, -1:])  # of an end between a place and the next: inside less outside
     likely = np.exp(score - score.max(axis=1, keepdims=True, initial=-np.inf))
@@ -155,17 +161,41 @@ def outline_lines(
     ignorance = len(places) ** 2 / 12 + EDGE_DEVIATION**2  # of a line along which nothing is seen
     information = np.maximum(1 / variance - 1 / ignorance, 0)
     focal = camera.matrix[[0, 1], [0, 1]]
+    z = pieces.depth
     model = (MODEL_DEVIATION * focal.mean() / z) ** 2
     farthest = np.minimum(BISQUARE * tolerance * np.sqrt(model + EDGE_DEVIATION**2), _FARTHEST * reach)
     robust = np.maximum(1 - (shift / farthest) ** 2, 0) ** 2
-    points = np.concatenate([(uv - camera.matrix[:2, 2]) / focal * z[:, None], z[:, None]], axis=1)
-    weight = robust * information / (1 + information * model)
-    return Lines(frame, part, uv, normal, points, length * z / focal.mean(), shift, weight)
+    points = np.concatenate([(pieces.uv - camera.matrix[:2, 2]) / focal * z[:, None], z[:, None]], axis=1)
+    return Lines(
+        pieces.frame,
+        pieces.part,
+        pieces.uv,
+        pieces.normal,
+        points,
+        pieces.length * z / focal.mean(),
+        shift,
+        weight=robust * information / (1 + information * model),
+    )
 
 
-def _against_background(labels: LabelImages, stride: int) -> tuple[Indices, Indices, Array, Array, Array, Array]:
-    """Frame, part, place, outward normal, depth and length in pixels of the pieces of outline that part the body from
-    the background."""
+@dataclass(frozen=True, eq=False)
+class _Pieces:
+    """N pieces of the parts' outlines that separate the body from the background.
+
+    `uv` (N, 2) are their middles and `length` (N,) their lengths, pixels; `normal` (N, 2) points outward, and `depth`
+    (N,) is the distance along the camera's axis, metres.
+    """
+
+    frame: Indices
+    part: Indices
+    uv: Array
+    normal: Array
+    depth: Array
+    length: Array
+
+
+def _against_background(labels: LabelImages, stride: int) -> _Pieces:
+    """The pieces of outline that have their part on one side and background on the other."""
     outlines, after = labels.outlines, labels.outlines.following
     group = outlines.group
     a, z_a = stride * outlines.uv, outlines.depth
@@ -183,27 +213,24 @@ def _against_background(labels: LabelImages, stride: int) -> tuple[Indices, Indi
     within = labels.part_at(frame, *(uv - 0.75 * stride * normal).T / stride) == part
     beyond = labels.part_at(frame, *(uv + stride * normal).T / stride) == -1
     kept = within & beyond
-    return frame[kept], part[kept], uv[kept], normal[kept], z[kept], (length / np.maximum(pieces, 1))[edge][kept]
+    each = (length / np.maximum(pieces, 1))[edge]
+    return _Pieces(frame[kept], part[kept], uv[kept], normal[kept], z[kept], each[kept])
 
 
 def _along(
-    foreground: NDArray[np.uint8],
-    labels: LabelImages,
-    frame: Indices,
-    uv: Array,
-    normal: Array,
-    places: NDArray[np.int_],
-    stride: int,
+    foreground: NDArray[np.uint8], labels: LabelImages, pieces: _Pieces, places: NDArray[np.int_], stride: int
 ) -> Array:
-    """Log likelihood ratios along the lines, shape (N, len(places)); 0 where the model does not foretell them: another
-    part beyond the outline, or background within."""
-    across = places.astype(np.float32)
-    place, outward = uv.astype(np.float32), normal.astype(np.float32)
+    """Log likelihood ratios along the lines, shape (N, len(places)).
+
+    They are 0 where the model predicts something else: another part beyond the outline, or background within.
+    """
+    frame, across = pieces.frame, places.astype(np.float32)
+    place, outward = pieces.uv.astype(np.float32), pieces.normal.astype(np.float32)
     u, v = (place[:, k, None] + outward[:, k, None] * across for k in range(2))
     n, height, width = foreground.shape
     stacked = foreground.reshape(n * height, width)
     seen = interpolated(stacked, stacked_places(u, v, frame[:, None], height), u.shape)
     label = labels.part_at(frame[:, None], u / np.float32(stride), v / np.float32(stride))
-    foretold = (label == -1) == (places > 0)
-    foretold |= np.abs(places) <= stride
-    return np.where(foretold & (label != -2), log_ratio(seen), 0.0)
+    predicted = (label == -1) == (places > 0)
+    predicted |= np.abs(places) <= stride
+    return np.where(predicted & (label != -2), log_ratio(seen), 0.0)

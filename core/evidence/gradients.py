@@ -32,7 +32,7 @@ _AT_A_TIME = 16  # groups of pixels: few enough to stay in the cache
 
 
 @dataclass(frozen=True, eq=False)
-class WrenchSums:
+class GradientSums:
     """Normal equations of the twists of P parts in m pairs of frames.
 
     Attributes
@@ -97,37 +97,41 @@ class Pixels:
 
 def brightness_constancy(
     camera: Camera,
-    first: int,
     images: GradientImages,
     labels: LabelImages,
     poses: Poses,
+    *,
+    first: int,
     stride: int,
     tolerance: float,
     foreground: NDArray[np.uint8] | None = None,
-) -> WrenchSums:
-    """Sum the gradient constraint between neighbouring frames of one view.
+) -> GradientSums:
+    """Sum the brightness constancy constraint between neighbouring frames of one view.
 
     Parameters
     ----------
     camera : Camera
-        Of the view's reduced, rectified frames.
+        The view's camera, for its reduced and rectified frames.
+    images : GradientImages
+        Brightness and derivatives of the n frames.
+    labels : LabelImages
+        Label images of the n frames, with every stride-th pixel. A pixel of a frame counts if the next frame still
+        shows its point.
+    poses : tuple
+        World poses (R, T) of all parts, (n, P, 3, 3) and (n, P, 3).
     first : int
         Shot frame of the first of the n frames.
-    images : GradientImages
-        Of the n frames.
-    labels : LabelImages
-        Of the n frames, with every stride-th pixel. A pixel of a frame counts if the next frame still shows its point.
-    poses : tuple
-        (R, T) of all parts, (n, P, 3, 3) and (n, P, 3).
+    stride : int
+        Every how many pixels, each way, the label images are drawn.
     tolerance : float
         Huber's limit in units of `HUBER` standard deviations: 1 near the solution, more far from it.
     foreground : ndarray of uint8, shape (n, h, w), optional
-        Pixels that show the background say nothing; see `core.evidence.foreground`.
+        Pixels that show the background are left out; see `core.evidence.foreground`.
 
     Returns
     -------
-    WrenchSums
-        Of the m = n - 1 pairs.
+    GradientSums
+        For the m = n - 1 pairs of neighbouring frames.
     """
     m, P = len(poses[0]) - 1, labels.share.shape[1]
     to_camera = camera.poses(first, m + 1)
@@ -151,7 +155,7 @@ def brightness_constancy(
     sums = summed_products(rows, weight, pixels.ends).reshape(m, P, 13, 13)
     A = _pair_twists(*to_camera)[:, None]
     A_t = np.swapaxes(A, -1, -2)
-    return WrenchSums(
+    return GradientSums(
         A_t @ sums[..., :12, :12] @ A,
         (A_t @ sums[..., :12, 12:])[..., 0],
         sums[..., 12, 12].sum(axis=1),

@@ -22,18 +22,19 @@ NEAR = 0.2
 SURE = 2.0
 """Log likelihood ratio at which a pixel counts as foreground in full."""
 _STRIDE = 4
-_WORKERS = 2
 
 
 def uncovered_gaps(
     views: Sequence[ViewFrames],
     geometry: Geometry,
     poses: Mapping[float, Poses],
+    *,
     first: int,
     spans: Sequence[slice],
     known: NDArray[np.intp],
+    threads: int = 1,
 ) -> Array:
-    """How far the performers' outlines lie, on the average, outside of the model's, metres.
+    """How far the performers' outlines lie outside of the model's on average, metres.
 
     It is the uncovered foreground near the model over the length of the model's outline, less what there is of it on
     the frames whose poses are known: clothes, shadows and bystanders that the model does not have.
@@ -41,9 +42,9 @@ def uncovered_gaps(
     Parameters
     ----------
     views : sequence of ViewFrames
-        Those without foreground images say nothing.
+        Those without foreground images are left out.
     geometry : Geometry
-        Of all performers.
+        The parts of all performers.
     poses : mapping of float to tuple
         World poses of all parts on F frames, by the delay of the views that show them.
     first : int
@@ -52,6 +53,7 @@ def uncovered_gaps(
         The parts of each of N performers.
     known : ndarray of int, shape (K,)
         The frames, of the F, whose poses are known.
+    threads : int
 
     Returns
     -------
@@ -61,7 +63,7 @@ def uncovered_gaps(
     shown = views_with_foreground(views)
     if not shown:
         return np.zeros((len(spans), frames))
-    with ThreadPoolExecutor(_WORKERS) as pool:
+    with ThreadPoolExecutor(threads) as pool:
         gaps_of = partial(_view_gaps, geometry=geometry, first=first, spans=spans)
         found = np.stack(list(pool.map(lambda view: gaps_of(view, poses=poses[view.delay]), shown)))
     gaps = np.nansum(found, axis=0) / np.maximum(np.isfinite(found).sum(axis=0), 1)

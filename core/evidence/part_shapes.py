@@ -82,7 +82,7 @@ def _rows(
     labels = render_labels(geometry, camera.subsampled(_STRIDE), 0, R, T)
     scale = max(view.pixels_per_metre(places.mean(axis=0), frame) for places, frame in zip(T, frames, strict=True))
     reach = max(4, round(REACH * scale))
-    lines = outline_lines(camera, foreground, labels, _STRIDE, reach, TOLERANCE, view.halo)
+    lines = outline_lines(camera, foreground, labels, stride=_STRIDE, reach=reach, tolerance=TOLERANCE, halo=view.halo)
     wrench = lines.wrenches(camera)
     columns = shape_columns(lines, wrench, camera, poses)
     if twists is not None:

@@ -50,6 +50,7 @@ def key_frame_offset(
     geometry: Geometry,
     bodies: Sequence[Body],
     motions: Sequence[Motion],
+    *,
     first: int,
     keys: Sequence[int],
     correlation: float,

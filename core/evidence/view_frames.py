@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -16,10 +16,10 @@ from ..cameras.camera import Camera
 Image = NDArray[np.float32]
 
 MARGIN = 6
-"""How far around what is looked for a frame is looked at, pixels."""
+"""How far beyond the box that is asked for gradient images reach, pixels."""
 KEPT_BYTES = 32 << 20
-"""Most that a view keeps of a stretch's gradient images; the next iteration's performers are nearly where they were."""
-_NEAREST = 0.5  # metres before the camera, where sizes are told
+"""Most that a cache keeps of one view's gradient images."""
+_NEAREST = 0.5  # metres before the camera: nearer points have the scale of this distance
 _ROW = 256
 _STEPS = 1 << cv2.INTER_BITS
 
@@ -44,7 +44,7 @@ class GradientImages:
 
     @classmethod
     def of(cls, grey: NDArray[np.uint8], sigma: float, origin: tuple[int, int] = (0, 0)) -> GradientImages:
-        """From windows of 8 bits (n, h, w), smoothed by a Gaussian of `sigma` pixels."""
+        """Smooth windows of 8 bits (n, h, w) by a Gaussian of `sigma` pixels and differentiate them."""
         values = np.empty((*grey.shape, 3), np.float32)
         for image, out in zip(grey, values, strict=True):
             smooth = cv2.GaussianBlur(image * np.float32(1 / 255), (0, 0), sigma)
@@ -54,6 +54,7 @@ class GradientImages:
 
     @property
     def height(self) -> int:
+        """Height of the window, pixels."""
         return self.values.shape[0] // self.count
 
     def shows(self, box: tuple[int, int, int, int]) -> bool:
@@ -119,7 +120,7 @@ class ViewFrames:
     Attributes
     ----------
     camera : Camera
-        Of the reduced frames, without distortion.
+        The camera for the reduced frames, without lens distortion.
     grey : ndarray of uint8, shape (N, h, w)
     first : int
         Shot frame of the first of them.
@@ -137,33 +138,6 @@ class ViewFrames:
     foreground: NDArray[np.uint8] | None = None
     halo: float = 0.0
     delay: float = 0.0
-    _kept: dict[tuple[int, int], tuple[float, GradientImages]] = field(default_factory=dict, init=False, repr=False)
-
-    def images(self, first: int, count: int, sigma: float, box: tuple[int, int, int, int]) -> GradientImages:
-        """The gradient images of consecutive shot frames within a box (left, top, right, bottom) and around it."""
-        margin, (height, width) = MARGIN + int(np.ceil(2 * sigma)), self.grey.shape[1:]
-        left, top = max(box[0] - margin, 0), max(box[1] - margin, 0)
-        right, bottom = min(box[2] + margin, width), min(box[3] + margin, height)
-        kept_sigma, kept = self._kept.get((first, count), (0.0, None))
-        if kept is not None and kept_sigma == sigma and kept.shows((left, top, right, bottom)):
-            return kept
-        left, top = max(left - MARGIN, 0), max(top - MARGIN, 0)  # a little more, for the next time
-        start = first - self.first
-        window = self.grey[start : start + count, top : bottom + MARGIN, left : right + MARGIN]
-        images = GradientImages.of(window, sigma, (left, top))
-        self._keep(first, sigma, images)
-        return images
-
-    def _keep(self, first: int, sigma: float, images: GradientImages) -> None:
-        """Keep gradient images instead of those that show some of the same pairs of frames."""
-        stop = first + images.count
-        for start, count in list(self._kept):
-            if min(start + count, stop) - max(start, first) > 1:
-                self._kept.pop((start, count), None)  # another run may have done it
-        # The same are kept whichever thread comes first: what lies beyond a window's edge depends on it.
-        windows = 1 + (first - self.first) / max(images.count - 1, 1)
-        if windows * images.values.nbytes <= KEPT_BYTES:
-            self._kept[first, images.count] = sigma, images
 
     def foreground_at(self, first: int, count: int) -> NDArray[np.uint8]:
         """The foreground images of consecutive shot frames, shape (count, h, w)."""
@@ -177,6 +151,39 @@ class ViewFrames:
         return float(self.camera.matrix[[0, 1], [0, 1]].mean() / max((R @ point_world + t)[2], _NEAREST))
 
 
+class GradientImageCache:
+    """Gradient images that are kept from one evaluation of the evidence to the next.
+
+    Performers are then nearly where they were. Threads may share a cache; what it returns does not depend on which of
+    them comes first.
+    """
+
+    def __init__(self) -> None:
+        self._kept: dict[ViewFrames, dict[tuple[int, int], tuple[float, GradientImages]]] = {}
+
+    def images(self, view: ViewFrames, frames: range, sigma: float, box: tuple[int, int, int, int]) -> GradientImages:
+        """The gradient images of consecutive shot frames within a box (left, top, right, bottom) and around it."""
+        margin, (height, width) = MARGIN + int(np.ceil(2 * sigma)), view.grey.shape[1:]
+        left, top = max(box[0] - margin, 0), max(box[1] - margin, 0)
+        right, bottom = min(box[2] + margin, width), min(box[3] + margin, height)
+        kept = self._kept.setdefault(view, {})
+        kept_sigma, images = kept.get((frames.start, len(frames)), (0.0, None))
+        if images is not None and kept_sigma == sigma and images.shows((left, top, right, bottom)):
+            return images
+        left, top = max(left - MARGIN, 0), max(top - MARGIN, 0)  # a little more, for the next time
+        start = frames.start - view.first
+        window = view.grey[start : start + len(frames), top : bottom + MARGIN, left : right + MARGIN]
+        images = GradientImages.of(window, sigma, (left, top))
+        for first, count in list(kept):  # those that show some of the same pairs of frames are replaced
+            if min(first + count, frames.stop) - max(first, frames.start) > 1:
+                kept.pop((first, count), None)  # another thread may have done it
+        # The same are kept whichever thread comes first: what lies beyond a window's edge depends on it.
+        windows = 1 + start / max(images.count - 1, 1)
+        if windows * images.values.nbytes <= KEPT_BYTES:
+            kept[frames.start, len(frames)] = sigma, images
+        return images
+
+
 def views_with_foreground(views: Sequence[ViewFrames]) -> list[ViewFrames]:
-    """The views that know how the performers look: those with foreground images."""
+    """The views that have foreground images."""
     return [view for view in views if view.foreground is not None]

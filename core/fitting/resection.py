@@ -273,7 +273,7 @@ def key_outlines(
     foreground = foreground_images(pictures, masks, scale, still, dict(enumerate(core)))
     labels = render_labels(geometry, camera.subsampled(_STRIDE), 0, *poses)
     half = max(4, round(reach * scale))
-    return outline_lines(camera, foreground, labels, _STRIDE, half, tolerance)
+    return outline_lines(camera, foreground, labels, stride=_STRIDE, reach=half, tolerance=tolerance)
 
 
 def _clearness(lines: Lines, camera: Camera) -> float:

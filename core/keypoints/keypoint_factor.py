@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body import Body, twist_jacobian
-from ..body.joint_blocks import single_blocks
+from ..body.joint_blocks import joint_blocks
 from ..body.kinematics import Poses
 from ..numerics.banded_blocks import BandedBlocks
 
@@ -213,7 +213,7 @@ def keypoint_system(body: Body, poses: Poses, keypoints: Keypoints, places: Plac
 
     carrier = (places.parts == np.arange(len(body))[:, None]).astype(float)  # which part carries which keypoint
     per_part = np.einsum("pl,flab->fpab", carrier, H), np.einsum("pl,fla->fpa", carrier, g)
-    blocks = single_blocks(body, poses, *per_part, float(np.sum(weights[..., None] * residual**2)))
+    blocks = joint_blocks(body, poses, *per_part, float(np.sum(weights[..., None] * residual**2)))
     J = twist_jacobian(body, R, T)[:, places.parts]  # (F, L, 6, D)
     border = np.einsum("flad,flac->fdlc", J, cross).reshape(F, D, 3 * L)
     prior = np.array([1 / offset_deviation(name) ** 2 for name in keypoints.names])[:, None]

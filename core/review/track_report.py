@@ -20,7 +20,7 @@ from .suggestions import helpful_keys
 
 if TYPE_CHECKING:
     from ..keypoints.observations import PerformerKeypoints
-    from ..tracking.tracker import TrackResult
+    from ..tracking.track_result import TrackResult
 
 WORST_FRAMES = 10
 

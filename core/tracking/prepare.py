@@ -23,6 +23,7 @@ from ..runtime.progress import Progress, report_progress, share
 from ..shot.footage import check_view
 from ..shot.shot import KeyPoses, Performer, PerformerRequest, Shot, View
 from ..shot.shot_spec import PerformerSpec, ShotSpec, ViewSpec
+from .solvers.registry import REGISTRY, solver_named
 
 NEEDED_LANDMARKS = tuple(
     side + joint for joint in ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle") for side in "LR"
@@ -181,7 +182,8 @@ def _from_keypoints(shot: Shot, requests: Sequence[PerformerRequest | None], spe
     if not any(view.keypoints for view in shot.views):
         todo = "name a TRC file as landmarks, a BVH file as keyposes, or keypoints in the views"
         raise ShotError("there is nothing to take the key poses from", where=where, todo=todo)
-    if shot.settings.solver != "gauss-newton":
-        raise ShotError("key poses from keypoints need the solver gauss-newton", where=where)
+    if not solver_named(shot.settings.solver).uses_keypoints:
+        able = " or ".join(name for name, solver in REGISTRY.items() if solver.uses_keypoints)
+        raise ShotError(f"key poses from keypoints need the solver {able}", where=where)
     with located(str(spec.path)):
         return propose_performers(shot, read_shot_keypoints(shot), requests)

@@ -13,8 +13,10 @@ import numpy as np
 
 from ..runtime.progress import Progress, share
 from ..shot.shot import KeyPoses, Performer, Shot
+from .segment_stages import Around
 from .segments import Segment
-from .tracker import Around, TrackResult, track
+from .track_result import TrackResult
+from .tracker import track
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body import Body, part_poses
-from ..body.kinematics import point_jacobian, scene_poses
+from ..body.kinematics import point_jacobian
 from ..body.motion import Motion
 from ..evidence.misfit import uncovered_gaps
 from ..numerics.banded import BandedFactor
-from ..shot.shot import Settings
 from .solvers.gauss_newton import normal_equations
-from .solvers.problem import Problem, Solution
+from .solvers.measurement import MeasuredMotion, hidden_parts, poses_by_delay, view_instants
+from .solvers.problem import SegmentProblem, SegmentSolution
 
 Array = NDArray[np.float64]
 
@@ -30,23 +30,31 @@ MISPLACED = 2.0
 """Error of a joint per gap between the outlines: what is misplaced are a few limbs, the gap is the whole outline's."""
 
 
-def joint_deviations(problem: Problem, solution: Solution, settings: Settings) -> list[Array]:
+def joint_deviations(problem: SegmentProblem, solution: SegmentSolution, threads: int = 1) -> list[Array]:
     """Expected distance of every part's tip from its true place, metres: per performer, shape (F, P).
 
     Where the poses are held it is zero.
 
     Parameters
     ----------
-    problem : Problem
+    problem : SegmentProblem
         As it was solved.
-    solution : Solution
-    settings : Settings
+    solution : SegmentSolution
+    threads : int
     """
+    assert solution.evidence is not None
     motions = solution.motions
-    poses = scene_poses(problem.bodies, motions)
-    covariances = pose_covariances(problem, solution, poses, settings)
-    at = problem.poses_by_delay(motions, poses)
-    gaps = uncovered_gaps(problem.views, problem.geometry(), at, problem.first, problem.spans(), problem.whole_keys())
+    measured = MeasuredMotion(motions, view_instants(problem, motions), solution.evidence)
+    covariances = pose_covariances(problem, measured)
+    gaps = uncovered_gaps(
+        problem.views,
+        problem.geometry(),
+        poses_by_delay(problem, measured.instants),
+        first=problem.first,
+        spans=problem.spans(),
+        known=problem.whole_keys(),
+        threads=threads,
+    )
     deviations = []
     for i, (body, motion) in enumerate(zip(problem.bodies, motions, strict=True)):
         misplaced = MISPLACED * gaps[i] * ~problem.fixed[i].all(axis=1)
@@ -68,14 +76,12 @@ def joint_parts(parents: Sequence[int]) -> list[int]:
     return sorted({parent for parent in parents if parent >= 0}) or [0]
 
 
-def pose_covariances(
-    problem: Problem, solution: Solution, poses: tuple[Array, Array], settings: Settings
-) -> list[Array]:
+def pose_covariances(problem: SegmentProblem, measured: MeasuredMotion) -> list[Array]:
     """Covariances of every performer's poses, (F, D, D), in the order of the degrees of freedom; see the module."""
-    assert solution.evidence is not None
+    settings = problem.settings
     softened = replace(settings, outline_correlation=ALIKE * settings.outline_correlation)
-    hidden = problem.hidden(solution.share) if settings.prediction else []
-    systems = normal_equations(problem, solution.motions, poses, solution.evidence, softened, 1.0, hidden)
+    hidden = hidden_parts(problem, measured.evidence.share) if settings.prediction else []
+    systems = normal_equations(replace(problem, settings=softened), measured, hidden)
     return [BandedFactor(s, fixed).covariances() for s, fixed in zip(systems, problem.fixed, strict=True)]
 
 

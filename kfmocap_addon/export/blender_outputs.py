@@ -18,7 +18,7 @@ from ..scene_io import scene as scenes
 from . import exporters
 
 if TYPE_CHECKING:
-    from ...core.tracking.tracker import TrackResult
+    from ...core.tracking.track_result import TrackResult
 
 _STEPS_UP = 3  # footage further away than that is found by its absolute path
 

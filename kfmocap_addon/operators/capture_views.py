@@ -7,7 +7,6 @@ from bpy_extras.io_utils import ImportHelper
 
 from ...core.errors import CalibrationError
 from ..scene_io import capture_scene as captures
-from .conditions import Conditional
 from .reporting import reported
 
 
@@ -41,17 +40,16 @@ def camera_name(path: Path) -> str:
     return name or path.stem
 
 
-def _has_videos(context: bpy.types.Context) -> str:
-    return "" if context.scene.kfmocap_capture.views else "Add the cameras' videos first"
-
-
-class RemoveVideos(Conditional, bpy.types.Operator):
+class RemoveVideos(bpy.types.Operator):
     """Take the selected camera out of the capture"""
 
     bl_idname = "kfmocap.remove_videos"
     bl_label = "Remove"
     bl_options = {"REGISTER", "UNDO"}
-    conditions = (_has_videos,)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return bool(context.scene.kfmocap_capture.views)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         capture = context.scene.kfmocap_capture

@@ -3,63 +3,71 @@
 import bpy
 
 from . import active_performer
-from .conditions import Conditional, has_performer
 from .reporting import reported
 
 
-class SetKeyPose(Conditional, bpy.types.Operator):
+class SetKeyPose(bpy.types.Operator):
     """Key the pose on this frame, so that tracking meets it exactly: bones selected in pose mode,
     else the whole body. Tracked keys become your own"""
 
     bl_idname = "kfmocap.set_key_pose"
     bl_label = "Set Key Pose"
     bl_options = {"REGISTER", "UNDO"}
-    conditions = (has_performer,)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return active_performer.explained(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ..scene_io import key_pose_curves
+        from ..scene_io import keyframes
 
         with reported(self) as outcome:
             frame = context.scene.frame_current
-            for armature in active_performer.posed_armatures(context):
+            for armature in active_performer.posed(context):
                 bones = active_performer.chosen_bones(context, armature)
-                key_pose_curves.key_current_pose(armature, frame, bones)
-                self.report({"INFO"}, f"Key pose of {_bones_text(bones)} on frame {frame}")
+                keyframes.key_current_pose(armature, frame, bones)
+                self.report({"INFO"}, f"Key pose of {_told(bones)} on frame {frame}")
         return outcome.value
 
 
-class RemoveKeyPose(Conditional, bpy.types.Operator):
+class RemoveKeyPose(bpy.types.Operator):
     """Take your keys on this frame away, of the bones selected in pose mode, else of the whole body: the tracker may
     move them there again"""
 
     bl_idname = "kfmocap.remove_key_pose"
     bl_label = "Remove Key Pose"
     bl_options = {"REGISTER", "UNDO"}
-    conditions = (has_performer,)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return active_performer.explained(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ..scene_io import key_pose_curves
+        from ..scene_io import keyframes
 
         with reported(self) as outcome:
             frame, removed = context.scene.frame_current, 0
-            for armature in active_performer.posed_armatures(context):
+            for armature in active_performer.posed(context):
                 bones = active_performer.chosen_bones(context, armature)
-                removed += key_pose_curves.remove_key_pose(armature, frame, bones)
+                removed += keyframes.remove_key_pose(armature, frame, bones)
             if not removed:
                 self.report({"WARNING"}, f"There is no key pose on frame {frame}")
                 return {"CANCELLED"}
         return outcome.value
 
 
-class AcceptProposals(Conditional, bpy.types.Operator):
+class AcceptProposals(bpy.types.Operator):
     """Make a proposed key pose your own, so that tracking meets it exactly"""
 
     bl_idname = "kfmocap.accept_proposals"
     bl_label = "Accept Proposal"
     bl_options = {"REGISTER", "UNDO"}
-    conditions = (has_performer,)
 
     every: bpy.props.BoolProperty(name="All", description="All proposals, not only that on this frame")
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return active_performer.explained(cls, context)
 
     @classmethod
     def description(cls, _context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
@@ -68,21 +76,21 @@ class AcceptProposals(Conditional, bpy.types.Operator):
         return cls.__doc__
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ..scene_io import key_pose_curves, motion_curves
+        from ..scene_io import keyframes
 
         with reported(self) as outcome:
             armature, frame = active_performer.chosen(context).armature, context.scene.frame_current
-            proposed = key_pose_curves.keyed_bones(armature)[1]
+            proposed = keyframes.keyed_bones(armature)[1]
             chosen = [f for f in proposed if self.every or f == frame]
             if not chosen:
                 self.report({"WARNING"}, "There is no proposal" + ("" if self.every else f" on frame {frame}"))
                 return {"CANCELLED"}
-            motion_curves.accept_proposals(armature, chosen)
+            keyframes.accept_proposals(armature, chosen)
             self.report({"INFO"}, f"{len(chosen)} proposals are key poses now")
         return outcome.value
 
 
-def _bones_text(bones: set[str] | None) -> str:
+def _told(bones: set[str] | None) -> str:
     return "the whole body" if bones is None else ", ".join(sorted(bones))
 
 

@@ -11,7 +11,7 @@ from . import bone_confidence, bone_visibility
 
 if TYPE_CHECKING:
     from ...core.shot.shot import Shot
-    from ...core.tracking.tracker import TrackResult
+    from ...core.tracking.track_result import TrackResult
 
 
 def write_review(scene: bpy.types.Scene, tracked: Sequence[tuple[Shot, TrackResult, int]]) -> None:

@@ -17,10 +17,12 @@ from ...core.body.motion import Motion
 from ...core.errors import ShotError
 from ...core.shot.keypose_spline import spline
 from ...core.shot.shot import Performer, Settings, Shot
-from . import body_armature, footage_background, key_pose_curves, lossless, motion_curves, view_cameras
+from . import body_armature, footage_background, keyframes, lossless, view_cameras
 
 FRAME_START = 1
 """Scene frame of shot frame 0 in the scenes that we build, as Blender's own scenes start."""
+
+
 _FPS = "kfmocap_fps"
 
 
@@ -57,10 +59,10 @@ def build_scene(
         slot = scene.kfmocap.performers.add()
         slot.name = performer.name
         slot.armature = body_armature.build_armature(performer.body, performer.name, bodies)
-        key_pose_curves.write_key_poses(slot.armature, performer.key_poses, FRAME_START)
+        keyframes.write_key_poses(slot.armature, performer.key_poses, FRAME_START)
         if len(proposed := performer.key_poses.proposals()):
             first_pass = spline(performer.key_poses, shot.length)
-            motion_curves.write_motion(slot.armature, first_pass, FRAME_START, FRAME_START + proposed)
+            keyframes.write_motion(slot.armature, first_pass, FRAME_START, FRAME_START + proposed)
     if motions is not None:
         write_motions(scene, motions)
     return scene
@@ -75,7 +77,7 @@ def write_motions(scene: bpy.types.Scene, motions: Sequence[Motion], shot: Shot 
     start = scene.kfmocap.frame_start + first
     for i, (slot, motion) in enumerate(zip(scene.kfmocap.performers, motions, strict=True)):
         proposed = None if shot is None else start + shot.performers[i].key_poses.proposals()
-        motion_curves.write_motion(slot.armature, motion, start, proposed)
+        keyframes.write_motion(slot.armature, motion, start, proposed)
 
 
 def shot_from_scene(scene: bpy.types.Scene, footage: bool = True) -> Shot:
@@ -117,7 +119,7 @@ def _read_performer(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> Pe
     return Performer(
         slot.name,
         body_armature.body_from_armature(slot.armature),
-        key_pose_curves.read_key_poses(slot.armature, scene.kfmocap.frame_start, scene.kfmocap.length),
+        keyframes.read_key_poses(slot.armature, scene.kfmocap.frame_start, scene.kfmocap.length),
     )
 
 

@@ -16,7 +16,8 @@ from kfmocap.core.shot.shot import KeyPoses, Shot, View
 from kfmocap.core.tracking import retracking
 from kfmocap.core.tracking.retracking import Excerpt, digest, joined, track_excerpts
 from kfmocap.core.tracking.segments import segments
-from kfmocap.core.tracking.tracker import TrackResult, track
+from kfmocap.core.tracking.track_result import TrackResult
+from kfmocap.core.tracking.tracker import track
 from synthetic import figure, film, look_at, shot_of, swing
 
 BODY, LENGTH = figure(), 16

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 from kfmocap.core.body import landmark_positions
 from kfmocap.core.body.motion import Motion, stacked
 from kfmocap.core.body.smoothness import LONGEST_STEP, acceleration, limited, smoothness
-from kfmocap.core.evidence.accumulate import Evidence
+from kfmocap.core.evidence.accumulate import Sampling, SegmentEvidence
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.shot.acceleration_prior import LEAST_MOBILITY, acceleration_precision
 from kfmocap.core.shot.shot import Settings
 from kfmocap.core.tracking.solvers import gauss_newton
-from kfmocap.core.tracking.solvers.problem import Problem, frame_residual
+from kfmocap.core.tracking.solvers.measurement import MeasuredMotion, Workspace, hidden_parts
+from kfmocap.core.tracking.solvers.problem import SegmentProblem, frame_residual
+from kfmocap.core.tracking.solvers.smoothness_factor import segment_smoothness
+from made_evidence import AlteredWorkspace, no_evidence, with_share
 from synthetic import at_rest, coloured, dark, ends_held, figure, look_at, picture, poses_of, random_motion, swing
 
 BODY = figure()
@@ -25,7 +27,7 @@ D = BODY.dof
 CAMERAS = (look_at("front", (0.5, -2.8, 1.5)), look_at("side", (-2.4, -1.4, 1.3)))
 SETTINGS = Settings()
 FPS = 30.0
-CONVERGED = (gauss_newton.Stage(1.0, 1.0, 2, 20, small=1e-4),)
+CONVERGED = (gauss_newton.DescentStage(Sampling(1.0, 1.0, 2, gauss_newton.REACH), 20, small=1e-4),)
 """How soon it comes there is not what is tested here."""
 
 
@@ -36,18 +38,9 @@ def filmed(motion: Motion) -> tuple[ViewFrames, ...]:
     )
 
 
-def no_evidence(views: int, frames: int, parts: int) -> Evidence:
-    V, F, P = views, frames, parts
-    gradients = (np.zeros((V, F - 1, P, *shape)) for shape in ((12, 12), (12,)))
-    outlines = (np.zeros((V, F, P, *shape)) for shape in ((6, 6), (6,)))
-    pairs = (np.zeros((V, F - 1)) for _ in range(4))
-    single = (np.zeros((V, F)) for _ in range(2))
-    return Evidence(*gradients, *pairs, *outlines, *single, share=np.ones((V, F, P)), stride=1, seconds={})
-
-
-def systems(problem: Problem, motion: Motion) -> tuple[list[BandedBlocks], Evidence]:
-    poses, evidence = problem.evidence(problem.geometry(), [motion], 1.0, 1.0, 2)
-    return gauss_newton.normal_equations(problem, [motion], poses, evidence, SETTINGS), evidence
+def systems(problem: SegmentProblem, motion: Motion) -> tuple[list[BandedBlocks], SegmentEvidence]:
+    measured = Workspace().measure(problem, [motion], Sampling(1.0, 1.0, 2))
+    return gauss_newton.normal_equations(problem, measured), measured.evidence
 
 
 def test_without_evidence_the_motion_between_key_poses_is_the_smoothest() -> None:
@@ -55,8 +48,8 @@ def test_without_evidence_the_motion_between_key_poses_is_the_smoothest() -> Non
     F = 9
     start = swing(BODY, F, 0.3)
     uniform = start[:1].difference(start[-1:])[0] / (F - 1)
-    problem = Problem(dark(CAMERAS[0], F), (BODY,), 0, FPS, (ends_held(BODY, F),))
-    found = gauss_newton.descend(problem, [start], SETTINGS, stages=CONVERGED).motions[0]
+    problem = SegmentProblem(dark(CAMERAS[0], F), (BODY,), 0, FPS, (ends_held(BODY, F),))
+    found = gauss_newton.descend(problem, [start], Workspace(), CONVERGED).motions[0]
     expected = stacked([start[:1].moved(j * uniform[None]) for j in range(F)])
     np.testing.assert_allclose(expected.difference(found), 0, atol=2e-3)
     np.testing.assert_array_equal(found.translations[[0, -1]], start.translations[[0, -1]])
@@ -67,8 +60,8 @@ def test_views_add_to_the_normal_equations() -> None:
     views = filmed(motion)
 
     def gradients(chosen: tuple[ViewFrames, ...]) -> BandedBlocks:
-        problem = Problem(chosen, (BODY,), 0, FPS, (ends_held(BODY, 4),))
-        smooth = problem.smoothness(0, motion, acceleration_precision(BODY, FPS, SETTINGS))
+        problem = SegmentProblem(chosen, (BODY,), 0, FPS, (ends_held(BODY, 4),))
+        smooth = segment_smoothness(problem, 0, motion)
         [system], _ = systems(problem, motion)
         return replace(
             system,
@@ -86,21 +79,22 @@ def test_views_add_to_the_normal_equations() -> None:
 
 
 def test_smoothness_reaches_into_the_frames_known_around() -> None:
-    """With the poses before and after it, a stretch has the blocks that it has within the whole motion."""
+    """With the poses before and after it, a segment has the blocks that it has within the whole motion."""
     motion = random_motion(BODY, 8, turn=0.3)
     precision = np.random.default_rng(0).uniform(1, 2, D)
     whole = smoothness(motion, precision)
-    problem = Problem(dark(CAMERAS[0], 4), (BODY,), 2, FPS, (ends_held(BODY, 4),), (motion[[1]],), (motion[[6]],))
-    part = problem.smoothness(0, motion[2:6], precision)
+    problem = SegmentProblem((), (BODY,), 2, FPS, (ends_held(BODY, 4),), (motion[[1]],), (motion[[6]],))
+    problem = replace(problem, acceleration_precision=(precision,))
+    part = segment_smoothness(problem, 0, motion[2:6])
     inner = smoothness(motion[1:7], precision)
     np.testing.assert_array_equal(part.diagonal, inner.diagonal[1:5])
     np.testing.assert_array_equal(part.gradient, inner.gradient[1:5])
     np.testing.assert_allclose(part.second, whole.second[2:4])
-    alone = Problem(dark(CAMERAS[0], 4), (BODY,), 2, FPS, (ends_held(BODY, 4),)).smoothness(0, motion[2:6], precision)
+    alone = segment_smoothness(replace(problem, before=None, after=None), 0, motion[2:6])
     np.testing.assert_array_equal(alone.gradient, smoothness(motion[2:6], precision).gradient)
 
 
-def test_a_stretch_leaves_a_known_frame_with_its_speed() -> None:
+def test_a_segment_leaves_a_known_frame_with_its_speed() -> None:
     """The frame before the first says how fast the motion comes in."""
     F = 6
     step = np.zeros(D)
@@ -109,14 +103,14 @@ def test_a_stretch_leaves_a_known_frame_with_its_speed() -> None:
     start = stacked([whole[[1]]] * F)
     fixed = np.zeros((F, D), bool)
     fixed[0] = True
-    problem = Problem(dark(CAMERAS[0], F), (BODY,), 1, FPS, (fixed,), (whole[[0]],))
-    found = gauss_newton.descend(problem, [start], SETTINGS, stages=CONVERGED).motions[0]
+    problem = SegmentProblem(dark(CAMERAS[0], F), (BODY,), 1, FPS, (fixed,), (whole[[0]],))
+    found = gauss_newton.descend(problem, [start], Workspace(), CONVERGED).motions[0]
     np.testing.assert_allclose(whole[1:].difference(found), 0, atol=5e-3)
 
 
 def test_at_the_true_motion_it_stays_and_from_another_smooth_one_it_comes_back() -> None:
     truth, names = swing(BODY, 6, 0.15), list(BODY.landmarks)
-    problem = Problem(filmed(truth), (BODY,), 0, 12.0, (ends_held(BODY, 6),))
+    problem = SegmentProblem(filmed(truth), (BODY,), 0, 12.0, (ends_held(BODY, 6),))
     bow = np.sin(np.pi * np.arange(6) / 5)[:, None]
     wrong = truth.moved(0.05 * bow * np.random.default_rng(1).normal(0, 1, D))
 
@@ -124,9 +118,7 @@ def test_at_the_true_motion_it_stays_and_from_another_smooth_one_it_comes_back()
         true, found = (landmark_positions(BODY, m, names) for m in (truth, motion))
         return 1000 * float(np.linalg.norm(found - true, axis=-1)[1:-1].mean())
 
-    stayed, returned = (
-        gauss_newton.descend(problem, [m], SETTINGS, stages=CONVERGED).motions[0] for m in (truth, wrong)
-    )
+    stayed, returned = (gauss_newton.descend(problem, [m], Workspace(), CONVERGED).motions[0] for m in (truth, wrong))
     assert error_mm(stayed) < 0.2 * error_mm(wrong)
     assert error_mm(returned) < 0.25 * error_mm(wrong)
 
@@ -149,11 +141,9 @@ def test_precision_of_acceleration_is_per_frame_squared() -> None:
 
 
 def test_residuals_of_frames_are_those_of_the_pairs_on_both_sides() -> None:
-    evidence = replace(
-        no_evidence(views=2, frames=3, parts=1),
-        energy=np.array([[4.0, 0.0], [12.0, 0.0]]),
-        weight=np.array([[1.0, 2.0], [3.0, 2.0]]),
-    )
+    evidence = no_evidence(views=2, frames=3, parts=1)
+    energy, weight = np.array([[4.0, 0.0], [12.0, 0.0]]), np.array([[1.0, 2.0], [3.0, 2.0]])
+    evidence = replace(evidence, gradients=replace(evidence.gradients, energy=energy, weight=weight))
     np.testing.assert_allclose(frame_residual(evidence), [2.0, np.sqrt(16 / 8), 0.0])
 
 
@@ -161,10 +151,10 @@ def test_the_acceleration_that_is_weighed_is_that_of_the_motion() -> None:
     motion = swing(BODY, 6)
     motion.rotations[:, 1] = rotations.exp(np.linspace(0, 1, 6)[:, None] ** 2 * np.array([0, 0, 1.0]))
     precision = acceleration_precision(BODY, FPS, SETTINGS)
-    problem = Problem(dark(CAMERAS[0], 6), (BODY,), 0, FPS, (ends_held(BODY, 6),))
+    problem = SegmentProblem(dark(CAMERAS[0], 6), (BODY,), 0, FPS, (ends_held(BODY, 6),))
     [system], evidence = systems(problem, motion)
     assert system.energy == pytest.approx(float(np.sum(precision * acceleration(motion) ** 2)))
-    assert evidence.energy.max() < 1e-9
+    assert evidence.gradients.energy.max() < 1e-9
 
 
 def test_a_joint_that_hardly_turns_is_accelerated_the_less() -> None:
@@ -175,47 +165,69 @@ def test_a_joint_that_hardly_turns_is_accelerated_the_less() -> None:
     np.testing.assert_array_equal(np.delete(hinge, range(9, 12)), np.delete(free, range(9, 12)))
 
 
+def test_precision_may_differ_from_frame_to_frame() -> None:
+    """The same on all frames, it is as one for all; on one frame more, that frame's acceleration counts more."""
+    motion = random_motion(BODY, 8, turn=0.3)
+    precision = np.random.default_rng(0).uniform(1, 2, D)
+    problem = SegmentProblem((), (BODY,), 1, FPS, (ends_held(BODY, 6),), (motion[[0]],), (motion[[7]],))
+
+    def smooth(precision: np.ndarray) -> BandedBlocks:
+        return segment_smoothness(replace(problem, acceleration_precision=(precision,)), 0, motion[1:7])
+
+    one, each = smooth(precision), smooth(np.tile(precision, (6, 1)))
+    np.testing.assert_allclose(each.diagonal, one.diagonal)
+    np.testing.assert_allclose(each.gradient, one.gradient)
+    more = np.tile(precision, (6, 1))
+    more[2] *= 2
+    gained = smooth(more).energy - one.energy
+    assert gained == pytest.approx(float(np.sum(precision * acceleration(motion)[2] ** 2)))
+
+
 @pytest.mark.parametrize("around", [False, True])
 def test_accelerations_that_are_expected_cost_nothing(around: bool) -> None:
     motion = random_motion(BODY, 8, turn=0.3)
     precision = np.random.default_rng(0).uniform(1, 2, D)
     if around:
-        problem = Problem((), (BODY,), 1, FPS, (ends_held(BODY, 6),), (motion[[0]],), (motion[[7]],))
+        problem = SegmentProblem((), (BODY,), 1, FPS, (ends_held(BODY, 6),), (motion[[0]],), (motion[[7]],))
         inner, expected = motion[1:7], acceleration(motion)
     else:
-        problem, inner = Problem((), (BODY,), 0, FPS, (ends_held(BODY, 8),)), motion
+        problem, inner = SegmentProblem((), (BODY,), 0, FPS, (ends_held(BODY, 8),)), motion
         expected = np.pad(acceleration(motion), ((1, 1), (0, 0)))
-    told = problem.smoothness(0, inner, precision, expected)
-    assert told.energy == pytest.approx(0, abs=1e-20)
-    np.testing.assert_allclose(told.gradient, 0, atol=1e-12)
-    usual = problem.smoothness(0, inner, precision)
+    problem = replace(problem, acceleration_precision=(precision,))
+    met = segment_smoothness(problem, 0, inner, expected)
+    assert met.energy == pytest.approx(0, abs=1e-20)
+    np.testing.assert_allclose(met.gradient, 0, atol=1e-12)
+    usual = segment_smoothness(problem, 0, inner)
     assert usual.energy > 1
-    np.testing.assert_array_equal(told.diagonal, usual.diagonal)
-    nothing = problem.smoothness(0, inner, precision, np.zeros_like(expected))
+    np.testing.assert_array_equal(met.diagonal, usual.diagonal)
+    nothing = segment_smoothness(problem, 0, inner, np.zeros_like(expected))
     np.testing.assert_array_equal(nothing.gradient, usual.gradient)
 
 
 def test_the_rows_of_hidden_parts_alone_are_dropped() -> None:
     V, F, P = 2, 5, len(BODY)
     rng = np.random.default_rng(0)
+    evidence = no_evidence(V, F, P)
     evidence = replace(
-        no_evidence(V, F, P),
-        H=rng.normal(0, 1, (V, F - 1, P, 12, 12)),
-        g=rng.normal(0, 1, (V, F - 1, P, 12)),
-        outline_H=rng.normal(0, 1, (V, F, P, 6, 6)),
-        outline_g=rng.normal(0, 1, (V, F, P, 6)),
+        evidence,
+        gradients=replace(
+            evidence.gradients, H=rng.normal(0, 1, (V, F - 1, P, 12, 12)), g=rng.normal(0, 1, (V, F - 1, P, 12))
+        ),
+        outlines=replace(evidence.outlines, H=rng.normal(0, 1, (V, F, P, 6, 6)), g=rng.normal(0, 1, (V, F, P, 6))),
     )
     hidden = np.zeros((F, P), bool)
     hidden[2, 1] = True
     left = evidence.without(hidden)
-    for name, frames in (("H", [1, 2]), ("g", [1, 2]), ("outline_H", [2]), ("outline_g", [2])):
-        before, after = getattr(evidence, name).copy(), getattr(left, name)
-        assert not after[:, frames, 1].any()
-        before[:, frames, 1] = 0
-        np.testing.assert_array_equal(after, before)
+    for sums, frames in (("gradients", [1, 2]), ("outlines", [2])):
+        for name in ("H", "g"):
+            before, after = (getattr(getattr(e, sums), name) for e in (evidence, left))
+            assert not after[:, frames, 1].any()
+            before = before.copy()
+            before[:, frames, 1] = 0
+            np.testing.assert_array_equal(after, before)
     np.testing.assert_array_equal(left.share, evidence.share)
     nowhere = evidence.without(np.zeros((F, P), bool))
-    np.testing.assert_array_equal(nowhere.H, evidence.H)
+    np.testing.assert_array_equal(nowhere.gradients.H, evidence.gradients.H)
 
 
 def test_a_part_is_hidden_where_no_view_sees_it_and_no_key_pose_holds_it() -> None:
@@ -224,7 +236,7 @@ def test_a_part_is_hidden_where_no_view_sees_it_and_no_key_pose_holds_it() -> No
     share[0, 1:4, 3] = 0.1  # one view sees the right arm
     fixed = ends_held(BODY, 6)
     fixed[3, 6:9] = True
-    [hidden] = Problem((), (BODY,), 0, FPS, (fixed,)).hidden(share)
+    [hidden] = hidden_parts(SegmentProblem((), (BODY,), 0, FPS, (fixed,)), share)
     expected = np.zeros((6, len(BODY)), bool)
     expected[[2, 4], 1] = True
     np.testing.assert_array_equal(hidden, expected)
@@ -234,14 +246,11 @@ HIDDEN = slice(30, 42)
 FOREARM = slice(9, 12)
 
 
-class Blindfolded(Problem):
+def unseen_forearm(_problem: SegmentProblem, share: np.ndarray) -> np.ndarray:
     """No view sees the forearm while it is hidden."""
-
-    def evidence(self, *arguments: Any) -> Any:
-        poses, evidence = super().evidence(*arguments)
-        share = np.ones_like(evidence.share)
-        share[:, HIDDEN, BODY.index("forearm.L")] = 0
-        return poses, replace(evidence, share=share)
+    share = np.ones_like(share)
+    share[:, HIDDEN, BODY.index("forearm.L")] = 0
+    return share
 
 
 def waving(frames: int) -> Motion:
@@ -258,7 +267,7 @@ def forearm_mm(found: Motion, truth: Motion) -> np.ndarray:
     return 1000 * np.linalg.norm(a - b, axis=1)
 
 
-def test_a_part_that_nobody_sees_moves_as_it_is_foretold() -> None:
+def test_a_part_that_nobody_sees_moves_as_predicted() -> None:
     """Hidden for 12 frames while it swings out and back; the frames beside them are known."""
     F = 72
     truth = waving(F)
@@ -269,9 +278,10 @@ def test_a_part_that_nobody_sees_moves_as_it_is_foretold() -> None:
     start = truth.moved(np.where(free, truth.difference(start), 0.0))
     errors = {}
     for prediction in (True, False):
-        problem = Blindfolded(dark(CAMERAS[0], F), (BODY,), 0, FPS, (~free,))
         settings = replace(SETTINGS, prediction=prediction)
-        errors[prediction] = forearm_mm(gauss_newton.descend(problem, [start], settings).motions[0], truth)
+        problem = SegmentProblem(dark(CAMERAS[0], F), (BODY,), 0, FPS, (~free,), settings=settings)
+        found = gauss_newton.descend(problem, [start], with_share(unseen_forearm))
+        errors[prediction] = forearm_mm(found.motions[0], truth)
     assert forearm_mm(start, truth).max() > 100
     assert errors[True].max() < 30 and errors[True].max() < 0.7 * errors[False].max()
 
@@ -280,20 +290,20 @@ def test_where_a_part_is_seen_nothing_is_expected_of_it() -> None:
     motion = waving(72)
     hidden = np.zeros((72, len(BODY)), bool)
     hidden[HIDDEN, BODY.index("forearm.L")] = True
-    [expected] = gauss_newton.foretold_accelerations([motion], [hidden])
+    [expected] = gauss_newton.predicted_accelerations([motion], [hidden])
     found = expected[HIDDEN, FOREARM]
     true = np.pad(acceleration(motion), ((1, 1), (0, 0)))[HIDDEN, FOREARM]
     assert np.abs(found - true).max() < 0.4 * np.abs(true).max()
     expected[HIDDEN, FOREARM] = 0
     assert not expected.any()
-    [none] = gauss_newton.foretold_accelerations([motion], [np.zeros_like(hidden)])
+    [none] = gauss_newton.predicted_accelerations([motion], [np.zeros_like(hidden)])
     assert not none.any() and none.shape == (72, D)
 
 
 def test_views_are_looked_at_in_turn_and_never_fewer_than_asked() -> None:
     def turns(count: int) -> list[list[int]]:
-        problem = Problem(tuple(range(count)), (BODY,), 0, FPS, (ends_held(BODY, 5),))
-        return [list(problem.some_views(2, turn).views) for turn in range(3)]
+        problem = SegmentProblem(tuple(range(count)), (BODY,), 0, FPS, (ends_held(BODY, 5),))
+        return [list(gauss_newton.view_subset(problem, 2, turn).views) for turn in range(3)]
 
     assert turns(1) == [[0]] * 3 and turns(3) == [[0, 1, 2]] * 3
     assert turns(4) == [[0, 2], [1, 3], [0, 2]]
@@ -303,25 +313,20 @@ def test_views_are_looked_at_in_turn_and_never_fewer_than_asked() -> None:
 
 
 def test_of_more_views_fewer_pixels_each_are_looked_at() -> None:
-    fine, coarse = gauss_newton.Stage(1.0, 1.0, 2, 1), gauss_newton.Stage(1.0, 1.0, 6, 1)
-    assert [fine.strided(views) for views in (1, 2, 3, 4, 9)] == [2, 2, 3, 4, 4]
-    assert [coarse.strided(views) for views in (1, 4)] == [6, 6]
+    fine, coarse = (gauss_newton.DescentStage(Sampling(1.0, 1.0, stride), 1) for stride in (2, 6))
+    assert [fine.sampling_of(views).stride for views in (1, 2, 3, 4, 9)] == [2, 2, 3, 4, 4]
+    assert [coarse.sampling_of(views).stride for views in (1, 4)] == [6, 6]
 
 
 def test_coarse_stages_end_early_and_the_last_looks_at_every_view() -> None:
     truth = swing(BODY, 5, 0.2)
-    problem = Counting(coloured(BODY, truth, CAMERAS) * 2, (BODY,), 0, FPS, (ends_held(BODY, 5),))
-    gauss_newton.descend(problem, [truth], SETTINGS)
-    looked = Counting.looked
+    problem = SegmentProblem(coloured(BODY, truth, CAMERAS) * 2, (BODY,), 0, FPS, (ends_held(BODY, 5),))
+    looked: list[tuple[int, float]] = []
+
+    def note(problem: SegmentProblem, measured: MeasuredMotion) -> MeasuredMotion:
+        looked.append((len(problem.views), measured.evidence.sampling.tolerance))
+        return measured
+
+    gauss_newton.descend(problem, [truth], AlteredWorkspace(alter=note))
     assert looked[0] == (2, 8.0) and looked[-1] == (4, 1.0)
     assert len(looked) < sum(stage.iterations for stage in gauss_newton.STAGES)
-
-
-class Counting(Problem):
-    """Notes how many views are looked at, and with what tolerance."""
-
-    looked: ClassVar[list[tuple[int, float]]] = []
-
-    def evidence(self, geometry, motions, sigma, tolerance, stride, reach=0.0):  # type: ignore[no-untyped-def]
-        self.looked.append((len(self.views), tolerance))
-        return super().evidence(geometry, motions, sigma, tolerance, stride, reach)

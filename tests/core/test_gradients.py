@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import cv2
 import numpy as np
@@ -13,10 +14,10 @@ from kfmocap.core.body.joint_blocks import joint_blocks
 from kfmocap.core.body.motion import Motion, stacked
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.evidence import accumulate
-from kfmocap.core.evidence.accumulate import Evidence, image_evidence
-from kfmocap.core.evidence.gradients import HUBER, WrenchSums, brightness_constancy, camera_twist, huber_weights
+from kfmocap.core.evidence.accumulate import Sampling, SegmentEvidence, accumulate_evidence
+from kfmocap.core.evidence.gradients import HUBER, GradientSums, brightness_constancy, camera_twist, huber_weights
 from kfmocap.core.evidence.label_images import Geometry, LabelImages, render_labels
-from kfmocap.core.evidence.view_frames import GradientImages, ViewFrames
+from kfmocap.core.evidence.view_frames import GradientImageCache, GradientImages, ViewFrames
 from kfmocap.core.numerics import rotations
 from synthetic import (
     at_rest,
@@ -38,6 +39,7 @@ BODY = figure()
 P = len(BODY)
 CAMERA = look_at("cam", (0.8, -2.2, 1.6))
 ALL_COUNT = 1e9
+WHOLE = {"first": 0, "stride": 1, "tolerance": ALL_COUNT}
 """A tolerance with which every pixel weighs one."""
 
 
@@ -134,7 +136,9 @@ def test_standing_still_before_a_flash_the_sums_are_the_derivatives() -> None:
     """Nothing moves and the derivatives of both pictures agree: what is left is single precision."""
     labels, poses = labels_of(at_rest(BODY, 2), CAMERA)
     pictures = (pattern, flashed)
-    sums = brightness_constancy(CAMERA, 0, gradient_images(pictures, CAMERA.size), labels, poses, 1, ALL_COUNT)
+    sums = brightness_constancy(
+        CAMERA, gradient_images(pictures, CAMERA.size), labels, poses, first=0, stride=1, tolerance=ALL_COUNT
+    )
     expected = by_differences(labels, poses, pictures, CAMERA)
     assert distance(sums.H[0], expected.H) < 2e-5
     assert distance(sums.g[0], expected.g) < 2e-5
@@ -145,7 +149,7 @@ def test_standing_still_before_a_flash_the_sums_are_the_derivatives() -> None:
 def test_identical_pictures_of_a_body_at_rest_pull_nowhere() -> None:
     labels, poses = labels_of(at_rest(BODY, 2), CAMERA)
     images = gradient_images((pattern, pattern), CAMERA.size)
-    sums = brightness_constancy(CAMERA, 0, images, labels, poses, 1, ALL_COUNT)
+    sums = brightness_constancy(CAMERA, images, labels, poses, **WHOLE)
     assert np.abs(sums.g).max() < 1e-6 * np.abs(sums.H).max()
     assert sums.energy[0] < 1e-9
 
@@ -181,7 +185,9 @@ def test_of_moving_parts_the_sums_are_the_derivatives_to_first_order(size: float
     moved = rest.moved(delta)
     labels, poses = labels_of(stacked([rest, moved]), CAMERA)
     pictures = filmed(poses, CAMERA)
-    sums = brightness_constancy(CAMERA, 0, gradient_images(pictures, CAMERA.size), labels, poses, 1, ALL_COUNT)
+    sums = brightness_constancy(
+        CAMERA, gradient_images(pictures, CAMERA.size), labels, poses, first=0, stride=1, tolerance=ALL_COUNT
+    )
     expected = by_differences(labels, poses, pictures, CAMERA)
     assert sums.weight[0] > 0.95 * labels.ends[P]  # few pixels are hidden in the next frame
     assert distance(sums.H[0], expected.H) < limit
@@ -204,7 +210,7 @@ def test_of_parts_and_a_camera_that_move_before_a_ramp_the_later_frames_sums_are
     delta = np.random.default_rng(4).normal(0, 0.01, (1, BODY.dof))
     labels, poses = labels_of(stacked([rest, rest.moved(delta)]), camera)
     images = gradient_images((ramp, ramp), camera.size)
-    sums = brightness_constancy(camera, 0, images, labels, poses, 1, ALL_COUNT)
+    sums = brightness_constancy(camera, images, labels, poses, **WHOLE)
     expected = by_differences(labels, poses, (ramp, ramp), camera)
     assert distance(sums.H[0, :, 6:, 6:], expected.H[:, 6:, 6:]) < 2e-3
     # OpenCV samples to 1/32 pixel, a ten-thousandth of the grey levels here.
@@ -217,7 +223,7 @@ def test_slopes_are_the_mean_of_both_frames() -> None:
     def H(*contrast: float) -> Array:
         pictures = [lambda u, v, c=c: c * pattern(u, v) for c in contrast]
         images = gradient_images(pictures, CAMERA.size)
-        return brightness_constancy(CAMERA, 0, images, labels, poses, 1, ALL_COUNT).H
+        return brightness_constancy(CAMERA, images, labels, poses, **WHOLE).H
 
     assert distance(H(1.0, 1.4)[0], 1.2**2 * H(1.0, 1.0)[0]) < 1e-3
 
@@ -235,8 +241,9 @@ def two_frames(seed: int = 0, shift: float = 0.01) -> tuple[Motion, list[ViewFra
 
 def evidence_of(
     views: Sequence[ViewFrames], motion: Motion, *, stride: int = 1, tolerance: float = ALL_COUNT
-) -> Evidence:
-    return image_evidence(views, Geometry.of([BODY]), poses_of([BODY], [motion]), 0, 1.0, tolerance, stride)
+) -> SegmentEvidence:
+    poses = {0.0: poses_of([BODY], [motion])}
+    return accumulate_evidence(views, Geometry.of([BODY]), poses, Sampling(1.0, tolerance, stride), first=0)
 
 
 def test_evidence_pulls_a_wrong_pose_back() -> None:
@@ -245,7 +252,9 @@ def test_evidence_pulls_a_wrong_pose_back() -> None:
     delta = np.random.default_rng(7).normal(0, 0.006, (1, BODY.dof))
     wrong = stacked([motion[:1], motion[1:].moved(delta)])
     evidence = evidence_of(views, wrong, tolerance=1.0)
-    blocks = joint_blocks(BODY, poses_of([BODY], [wrong]), evidence.H.sum(0), evidence.g.sum(0), 0.0)
+    blocks = joint_blocks(
+        BODY, poses_of([BODY], [wrong]), evidence.gradients.H.sum(0), evidence.gradients.g.sum(0), 0.0
+    )
     step = np.linalg.solve(blocks.diagonal[1] + 1e-3 * np.eye(BODY.dof), -blocks.gradient[1])
     right = wrong.moved(np.stack([np.zeros(BODY.dof), step]))
     names = list(BODY.landmarks)
@@ -258,9 +267,10 @@ def test_cameras_add() -> None:
     both = evidence_of(views, motion)
     for v in range(2):
         alone = evidence_of([views[v]], motion)
-        for name in ("H", "g", "energy", "weight", "noise", "share"):
-            np.testing.assert_array_equal(getattr(both, name)[v], getattr(alone, name)[0])
-    eigenvalues = [np.linalg.eigvalsh(H.sum(axis=0)) for H in (both.H[:1], both.H)]
+        np.testing.assert_array_equal(both.share[v], alone.share[0])
+        for name in ("H", "g", "energy", "weight", "noise"):
+            np.testing.assert_array_equal(getattr(both.gradients, name)[v], getattr(alone.gradients, name)[0])
+    eigenvalues = [np.linalg.eigvalsh(H.sum(axis=0)) for H in (both.gradients.H[:1], both.gradients.H)]
     assert (eigenvalues[1] >= eigenvalues[0] - 1e-5 * eigenvalues[1].max()).all()  # knowing more never hurts
 
 
@@ -272,8 +282,8 @@ def test_evidence_in_runs_is_the_evidence_at_once(monkeypatch: pytest.MonkeyPatc
     whole = evidence_of(views, motion)
     monkeypatch.setattr(accumulate, "RUN", 3)
     parts = evidence_of(views, motion)
-    for name in ("H", "g", "energy", "weight", "noise", "share"):
-        a, b = getattr(parts, name), getattr(whole, name)
+    for name in ("gradients.H", "gradients.g", "gradients.energy", "gradients.weight", "gradients.noise", "share"):
+        a, b = attrgetter(name)(parts), attrgetter(name)(whole)
         # OpenCV rounds places to 1/32 pixel, and a place on the border goes another way in another window.
         np.testing.assert_allclose(a, b, rtol=1e-3, atol=5e-3 * np.abs(b).max())
 
@@ -285,9 +295,9 @@ def test_moving_the_world_moves_twists_by_the_adjoint() -> None:
     adjoint[:3, 3:] = rotations.skew(s) @ G
     inverse = np.linalg.inv(np.kron(np.eye(2), adjoint))
     motion, views = two_frames()
-    here = evidence_of(views, motion)
+    here = evidence_of(views, motion).gradients
     turned = [replace(view, camera=rigidly_moved_camera(view.camera, G, s)) for view in views]
-    there = evidence_of(turned, rigidly_moved(BODY, motion, G, s))
+    there = evidence_of(turned, rigidly_moved(BODY, motion, G, s)).gradients
     scale = np.abs(here.H).max(axis=(0, 1, 3, 4), keepdims=True)
     expected_H = inverse.T @ here.H @ inverse
     expected_g = here.g @ inverse
@@ -304,14 +314,14 @@ def test_the_joints_system_does_not_know_where_the_world_is() -> None:
     for g, t in ((np.eye(3), np.zeros(3)), (G, s)):
         moved = rigidly_moved(BODY, motion, g, t)
         e = evidence_of([replace(v, camera=rigidly_moved_camera(v.camera, g, t)) for v in views], moved)
-        systems.append(joint_blocks(BODY, poses_of([BODY], [moved]), e.H.sum(0), e.g.sum(0), 0.0))
+        systems.append(joint_blocks(BODY, poses_of([BODY], [moved]), e.gradients.H.sum(0), e.gradients.g.sum(0), 0.0))
     turn = np.eye(BODY.dof)
     turn[:3, :3] = G
     assert distance(systems[1].diagonal, turn @ systems[0].diagonal @ turn.T) < 5e-3
     assert distance(systems[1].gradient, systems[0].gradient @ turn.T) < 5e-3
 
 
-def reversed_sums(sums: WrenchSums) -> tuple[Array, Array]:
+def reversed_sums(sums: GradientSums) -> tuple[Array, Array]:
     order = [*range(6, 12), *range(6)]
     return sums.H[::-1][:, :, order][..., order], sums.g[::-1][..., order]
 
@@ -320,7 +330,9 @@ def test_reversing_time_swaps_the_blocks() -> None:
     labels, poses = labels_of(at_rest(BODY, 2), CAMERA)
     pictures = (pattern, flashed)
     ahead, back = (
-        brightness_constancy(CAMERA, 0, gradient_images(p, CAMERA.size), labels, poses, 1, ALL_COUNT)
+        brightness_constancy(
+            CAMERA, gradient_images(p, CAMERA.size), labels, poses, first=0, stride=1, tolerance=ALL_COUNT
+        )
         for p in (pictures, pictures[::-1])
     )
     H, g = reversed_sums(ahead)
@@ -330,8 +342,8 @@ def test_reversing_time_swaps_the_blocks() -> None:
 def test_reversing_time_on_moving_pictures_nearly_swaps_the_blocks() -> None:
     """A pair's pixels are those of its earlier frame, so the other way round they are others."""
     motion, views = two_frames(shift=0.004)
-    ahead = evidence_of(views, motion)
-    back = evidence_of([replace(view, grey=view.grey[::-1]) for view in views], motion[::-1])
+    ahead = evidence_of(views, motion).gradients
+    back = evidence_of([replace(view, grey=view.grey[::-1]) for view in views], motion[::-1]).gradients
     order = [*range(6, 12), *range(6)]
     for v in range(2):
         assert distance(back.H[v, 0][:, order][..., order], ahead.H[v, 0]) < 0.1
@@ -385,7 +397,9 @@ def test_points_hidden_in_the_next_frame_do_not_count() -> None:
     motion.rotations[1, 0] = rotations.exp(np.array([0.0, 1.6, 0.0]))  # the trunk's y axis points up
     labels, poses = labels_of(motion, look_at("front", (0, -2.5, 1.2)))
     images = gradient_images((pattern, pattern), CAMERA.size)
-    sums = brightness_constancy(look_at("front", (0, -2.5, 1.2)), 0, images, labels, poses, 1, ALL_COUNT)
+    sums = brightness_constancy(
+        look_at("front", (0, -2.5, 1.2)), images, labels, poses, first=0, stride=1, tolerance=ALL_COUNT
+    )
     arms = [int(np.argmin(labels.share[1]))]
     assert labels.share[1, arms[0]] < 0.1 and labels.share[0, arms[0]] > 0.9
     assert np.abs(sums.H[0, arms]).max() < 0.05 * np.abs(sums.H[0]).max()
@@ -403,8 +417,11 @@ def test_a_spot_of_other_light_hardly_pulls_under_robust_weights() -> None:
     spot[1, 50:64, 70:84] = 255
     dazzled = [replace(views[0], grey=spot)]
     pull = [
-        np.abs(evidence_of(dazzled, motion, tolerance=t).g - evidence_of(views[:1], motion, tolerance=t).g).max()
-        for t in (1.0, ALL_COUNT)
+        np.abs(a.gradients.g - b.gradients.g).max()
+        for a, b in (
+            (evidence_of(dazzled, motion, tolerance=t), evidence_of(views[:1], motion, tolerance=t))
+            for t in (1.0, ALL_COUNT)
+        )
     ]
     assert pull[0] < 0.2 * pull[1]
 
@@ -412,8 +429,8 @@ def test_a_spot_of_other_light_hardly_pulls_under_robust_weights() -> None:
 def test_sampling_reads_between_pixels_and_in_the_window_that_was_asked_for() -> None:
     grey = np.random.default_rng(0).integers(0, 255, (3, 40, 50)).astype(np.uint8)
     view = ViewFrames(CAMERA, grey, 10)
-    images = view.images(11, 2, 1.0, (20, 15, 35, 30))
-    whole = view.images(11, 2, 1.0, (0, 0, 50, 40))
+    images = GradientImageCache().images(view, range(11, 13), 1.0, (20, 15, 35, 30))
+    whole = GradientImageCache().images(view, range(11, 13), 1.0, (0, 0, 50, 40))
     frame, uv = np.array([0, 1, 1]), np.array([[20, 15], [27, 22], [34, 29]])
     np.testing.assert_allclose(images.at(frame, uv), whole.at(frame, uv), atol=1e-6)
     np.testing.assert_allclose(images.sample(frame, np.float32(uv)), whole.at(frame, uv), atol=1e-6)
@@ -423,24 +440,26 @@ def test_sampling_reads_between_pixels_and_in_the_window_that_was_asked_for() ->
 
 def test_gradient_images_are_kept_while_they_show_what_is_looked_for() -> None:
     grey = np.random.default_rng(0).integers(0, 255, (4, 90, 120)).astype(np.uint8)
-    view, box = ViewFrames(CAMERA, grey, 10), (40, 30, 70, 50)
-    kept = view.images(10, 3, 1.0, box)
-    assert view.images(10, 3, 1.0, (36, 33, 73, 54)) is kept
-    assert view.images(12, 2, 1.0, box) is not kept
-    assert view.images(10, 3, 1.0, box) is kept, "the frame where two runs meet is no reason to forget one"
+    view, box, cache = ViewFrames(CAMERA, grey, 10), (40, 30, 70, 50), GradientImageCache()
+    kept = cache.images(view, range(10, 13), 1.0, box)
+    assert cache.images(view, range(10, 13), 1.0, (36, 33, 73, 54)) is kept
+    assert cache.images(view, range(12, 14), 1.0, box) is not kept
+    assert cache.images(view, range(10, 13), 1.0, box) is kept, "the frame where two runs meet is no reason to forget"
+    assert cache.images(ViewFrames(CAMERA, grey, 10), range(10, 13), 1.0, box) is not kept, "another view's are its own"
     for first, sigma, other in ((10, 2.0, box), (10, 1.0, (20, 30, 70, 50)), (11, 1.0, box)):
-        images = view.images(first, 3, sigma, other)
-        fresh = ViewFrames(CAMERA, grey, 10).images(first, 3, sigma, other)
+        frames = range(first, first + 3)
+        images, fresh = (c.images(view, frames, sigma, other) for c in (cache, GradientImageCache()))
         np.testing.assert_array_equal(images.values, fresh.values)
 
 
 def test_no_more_gradient_images_are_kept_than_the_bound_allows(monkeypatch: pytest.MonkeyPatch) -> None:
-    view, box = ViewFrames(CAMERA, np.zeros((12, 90, 120), np.uint8), 0), (0, 0, 120, 90)
-    one = view.images(0, 2, 1.0, box).values.nbytes
+    view, box, cache = ViewFrames(CAMERA, np.zeros((12, 90, 120), np.uint8), 0), (0, 0, 120, 90), GradientImageCache()
+    one = cache.images(view, range(2), 1.0, box).values.nbytes
     monkeypatch.setattr("kfmocap.core.evidence.view_frames.KEPT_BYTES", 3 * one)
     for order in (range(10), reversed(range(10))):  # as threads come
-        runs = {f: view.images(f, 2, 1.0, box) for f in order}
-        assert [f for f, run in sorted(runs.items()) if view.images(f, 2, 1.0, box) is run] == [0, 1, 2]
+        runs = {f: cache.images(view, range(f, f + 2), 1.0, box) for f in order}
+        kept = [f for f, run in sorted(runs.items()) if cache.images(view, range(f, f + 2), 1.0, box) is run]
+        assert kept == [0, 1, 2]
 
 
 def test_gradient_images_are_derivatives_of_the_smoothed_picture() -> None:
@@ -458,5 +477,5 @@ def test_rendered_pictures_hold_still_on_the_body() -> None:
     R, T = poses_of([BODY], [motion])
     label, _, _ = cast([BODY], R[0], T[0], CAMERA, 0, pixel_grid(CAMERA.size))
     assert len(set(label)) == P + 1
-    right, wrong = (evidence_of(views[:1], m) for m in (motion, motion[[0, 0]]))
+    right, wrong = (evidence_of(views[:1], m).gradients for m in (motion, motion[[0, 0]]))
     assert right.energy[0, 0] / right.weight[0, 0] < 0.1 * wrong.energy[0, 0] / wrong.weight[0, 0]

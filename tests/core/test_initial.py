@@ -13,7 +13,8 @@ from kfmocap.core.errors import CancelledError
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.shot.shot import Settings
 from kfmocap.core.tracking.solvers import gauss_newton, multi_start, sequential_start
-from kfmocap.core.tracking.solvers.problem import Problem, Solution
+from kfmocap.core.tracking.solvers.measurement import Workspace
+from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.sequential_start import blended, follow
 from synthetic import figure, look_at, picture, poses_of, random_motion, silhouette, swing
 
@@ -23,7 +24,6 @@ D = BODY.dof
 LENGTH = 13
 TRUTH = swing(BODY, LENGTH)
 FPS = 12.0
-SETTINGS = Settings()
 CAMERAS = (look_at("front", (0.5, -2.8, 1.5)), look_at("side", (-2.4, -1.4, 1.3)))
 
 
@@ -58,8 +58,9 @@ def views() -> tuple[ViewFrames, ...]:
     )
 
 
-def in_window(problem: Problem, start: Sequence[Motion], settings: Settings) -> Solution:
-    return gauss_newton.descend(problem, start, replace(settings, prediction=False), None, multi_start.WINDOW)
+def in_window(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
+    unpredicted = replace(problem, settings=replace(problem.settings, prediction=False))
+    return gauss_newton.descend(unpredicted, start, workspace, multi_start.WINDOW)
 
 
 @pytest.mark.parametrize(("backward", "limit_mm"), [(False, 25), (True, 60)])
@@ -67,8 +68,8 @@ def test_from_one_pose_alone_the_motion_is_followed_to_the_other_end(
     views: tuple[ViewFrames, ...], backward: bool, limit_mm: float
 ) -> None:
     key = LENGTH - 1 if backward else 0
-    problem = Problem(views, (BODY,), 0, FPS, (held(key),))
-    [found] = follow(problem, [still(key)], SETTINGS, in_window, backward)
+    problem = SegmentProblem(views, (BODY,), 0, FPS, (held(key),))
+    [found] = follow(problem, [still(key)], Workspace(), in_window, backward=backward)
     assert error_mm(still(key)).max() > 150
     assert error_mm(found).max() < limit_mm
     np.testing.assert_allclose(found[[key]].difference(TRUTH[[key]]), 0, atol=1e-12)
@@ -86,23 +87,21 @@ class Halfway:
 
     def __init__(self, truth: Motion) -> None:
         self.truth = truth
-        self.problems: list[Problem] = []
+        self.problems: list[SegmentProblem] = []
         self.starts: list[Motion] = []
 
-    def __call__(self, problem: Problem, start: Sequence[Motion], settings: Settings) -> Solution:
+    def __call__(self, problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
         self.problems.append(problem)
         self.starts.append(start[0])
         frames = slice(problem.first, problem.first + problem.length)
         step = 0.5 * start[0].difference(self.truth[frames]) * ~problem.fixed[0]
         share, none = np.ones((1, problem.length, len(BODY))), np.zeros(problem.length)
-        return Solution((start[0].moved(step),), 1, (0.0,), (), share, none, none, {})
+        return SegmentSolution((start[0].moved(step),), 1, (0.0,), (), share, none, none, {})
 
 
-def followed(
-    truth: Motion, start: Motion, fixed: Array, backward: bool = False, settings: Settings = SETTINGS
-) -> tuple[Motion, Halfway]:
+def followed(truth: Motion, start: Motion, fixed: Array, backward: bool = False) -> tuple[Motion, Halfway]:
     solver = Halfway(truth)
-    [found] = follow(Problem((), (BODY,), 0, FPS, (fixed,)), [start], settings, solver, backward)
+    [found] = follow(SegmentProblem((), (BODY,), 0, FPS, (fixed,)), [start], Workspace(), solver, backward=backward)
     return found, solver
 
 
@@ -173,20 +172,20 @@ def test_the_start_is_not_written_to() -> None:
 
 
 @pytest.mark.usefixtures("short_windows")
-def test_on_step_is_told_how_far_it_is_and_may_end_the_job() -> None:
-    told: list[float] = []
+def test_progress_is_reported_and_may_end_the_job() -> None:
+    reported: list[float] = []
 
     def on_step(done: float, motions: Sequence[Motion]) -> None:
         assert len(motions) == 1 and len(motions[0]) == LENGTH
-        told.append(done)
-        if len(told) == 3:
+        reported.append(done)
+        if len(reported) == 3:
             raise CancelledError
 
-    solver, problem = Halfway(TRUTH), Problem((), (BODY,), 0, FPS, (held(0),))
+    solver, problem = Halfway(TRUTH), SegmentProblem((), (BODY,), 0, FPS, (held(0),))
     with pytest.raises(CancelledError):
-        follow(problem, [still(0)], SETTINGS, solver, on_step=on_step)
+        follow(problem, [still(0)], Workspace(on_step=on_step), solver)
     assert len(solver.problems) == 2
-    assert told == sorted(told) and told[0] > 0 and told[-1] < 1
+    assert reported == sorted(reported) and reported[0] > 0 and reported[-1] < 1
 
 
 class Blindfolded(Halfway):
@@ -194,8 +193,8 @@ class Blindfolded(Halfway):
 
     part, hidden = 2, range(9, LENGTH)
 
-    def __call__(self, problem: Problem, start: Sequence[Motion], settings: Settings) -> Solution:
-        solution = super().__call__(problem, start, settings)
+    def __call__(self, problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
+        solution = super().__call__(problem, start, workspace)
         share = solution.share.copy()
         blind = [f - problem.first for f in self.hidden if 0 <= f - problem.first < problem.length]
         share[:, blind, self.part] = 0
@@ -207,16 +206,17 @@ class Blindfolded(Halfway):
 
 
 @pytest.mark.usefixtures("short_windows")
-def test_a_part_that_is_hidden_is_foretold() -> None:
+def test_a_part_that_is_hidden_is_predicted() -> None:
     step = np.zeros((1, D))
     step[0, 11] = 0.08
     poses = stacked([TRUTH[[0]].moved(j * step) for j in range(LENGTH)])
     start = stacked([poses[[0]]] * LENGTH)
-    problem = Problem((), (BODY,), 0, FPS, (held(*range(8)),))
+    problem = SegmentProblem((), (BODY,), 0, FPS, (held(*range(8)),))
     start = start.replaced(0, poses[:8])
     errors = []
     for prediction in (True, False):
-        [found] = follow(problem, [start], replace(SETTINGS, prediction=prediction), Blindfolded(poses))
+        posed = replace(problem, settings=Settings(prediction=prediction))
+        [found] = follow(posed, [start], Workspace(), Blindfolded(poses))
         errors.append(np.abs(found.difference(poses)[9:, 9:12]).max())
     assert errors[0] < 0.15 and errors[1] > 0.6
 

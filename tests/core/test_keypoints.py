@@ -29,7 +29,7 @@ from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.shot.acceleration_prior import acceleration_precision
 from kfmocap.core.shot.shot import KeyPoses, Settings
 from kfmocap.core.tracking.solvers.multi_start import better, confirmed
-from kfmocap.core.tracking.solvers.problem import Problem, Solution
+from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
 from synthetic import figure, numeric_jacobian, random_motion
 
 FPS = 30.0
@@ -341,14 +341,14 @@ def test_of_two_solutions_the_one_that_meets_keypoints_is_better_and_is_confirme
     seen = keypoints_of(cameras(2), seen_places(body, motion))
     astray = Motion(motion.translations + [0.2, 0, 0], motion.rotations)
     fixed = (free(body, 5),)
-    problem = Problem((), (body,), 0, FPS, fixed, pointers=(KeypointFactor(seen, Places.on(body, NAMES), 9.0),))
+    problem = SegmentProblem((), (body,), 0, FPS, fixed, keypoints=(KeypointFactor(seen, Places.on(body, NAMES), 9.0),))
 
-    def solution(found: Motion, explained: float) -> Solution:
+    def solution(found: Motion, explained: float) -> SegmentSolution:
         nothing = np.zeros(0)
-        return Solution((found,), 1, (), (), nothing, np.full(5, explained), nothing, {})
+        return SegmentSolution((found,), 1, (), (), nothing, np.full(5, explained), nothing, {})
 
     right, wrong = solution(motion, 90.0), solution(astray, 100.0)
     assert better(problem, wrong, right) is right
-    assert better(replace(problem, pointers=()), wrong, right) is wrong
+    assert better(replace(problem, keypoints=()), wrong, right) is wrong
     assert confirmed(problem, [motion], right) and not confirmed(problem, [motion], wrong)
-    assert not confirmed(replace(problem, pointers=()), [motion], right)
+    assert not confirmed(replace(problem, keypoints=()), [motion], right)

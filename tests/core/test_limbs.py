@@ -12,7 +12,8 @@ from kfmocap.core.errors import CancelledError
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
 from kfmocap.core.tracking.solvers.limb_search import _best_way, _shares, found_limbs, limbs, pairs, untangled
-from kfmocap.core.tracking.solvers.problem import Problem
+from kfmocap.core.tracking.solvers.measurement import Workspace
+from kfmocap.core.tracking.solvers.problem import SegmentProblem
 from synthetic import at_rest, ends_held, figure, look_at, poses_of, silhouette
 
 Array = np.ndarray
@@ -42,8 +43,8 @@ def seen(motion: Motion) -> ViewFrames:
     return ViewFrames(CAMERA, np.zeros_like(images), 0, images)
 
 
-def problem_of(motion: Motion, *views: ViewFrames) -> Problem:
-    return Problem(views, (BODY,), 0, FPS, (ends_held(BODY, len(motion)),))
+def problem_of(motion: Motion, *views: ViewFrames) -> SegmentProblem:
+    return SegmentProblem(views, (BODY,), 0, FPS, (ends_held(BODY, len(motion)),))
 
 
 def error_mm(found: Motion, truth: Motion, name: str) -> Array:
@@ -110,14 +111,14 @@ def test_the_way_is_the_best_of_all_and_its_places_are_as_likely_as_they_are(see
 def test_an_arm_half_a_metre_away_is_found() -> None:
     truth = walk()
     lost = turned(truth, "upper_arm.L", -1.0)
-    (found,) = found_limbs(problem_of(truth, seen(truth)), [lost], seed=0)
+    (found,) = found_limbs(problem_of(truth, seen(truth)), [lost], seed=0, workspace=Workspace())
     assert error_mm(lost, truth, "LWrist").max() > 400
     assert np.median(error_mm(found, truth, "LWrist")) < 0.4 * np.median(error_mm(lost, truth, "LWrist"))
 
 
 def test_limbs_that_are_seen_where_they_are_stay_there() -> None:
     truth = walk()
-    (found,) = found_limbs(problem_of(truth, seen(truth)), [truth], seed=0)
+    (found,) = found_limbs(problem_of(truth, seen(truth)), [truth], seed=0, workspace=Workspace())
     nearer = [part for chain in limbs(BODY) for part in chain if BODY.names[part].endswith(".L")]
     np.testing.assert_array_equal(found.rotations[:, nearer], truth.rotations[:, nearer])
 
@@ -127,7 +128,7 @@ def test_the_trunk_and_key_poses_stay_to_the_last_bit() -> None:
     lost = turned(turned(truth, "upper_arm.L", -1.0), "thigh.R", 0.8)
     problem = problem_of(truth, seen(truth))
     problem.fixed[0][7, 3 + 3 * BODY.index("upper_arm.L") :] = True
-    (found,) = found_limbs(problem, [lost], seed=1)
+    (found,) = found_limbs(problem, [lost], seed=1, workspace=Workspace())
     assert (found.rotations != lost.rotations).any()
     np.testing.assert_array_equal(found.translations, lost.translations)
     trunk = [BODY.index(name) for name in ("pelvis", "spine", "chest", "head")]
@@ -139,7 +140,7 @@ def test_without_foreground_images_nothing_is_looked_for() -> None:
     truth = walk()
     lost = turned(truth, "upper_arm.L", -1.0)
     blind = ViewFrames(CAMERA, np.zeros((LENGTH, 160, 120), np.uint8), 0)
-    (found,) = found_limbs(problem_of(truth, blind), [lost], seed=0)
+    (found,) = found_limbs(problem_of(truth, blind), [lost], seed=0, workspace=Workspace())
     np.testing.assert_array_equal(found.rotations, lost.rotations)
 
 
@@ -188,12 +189,12 @@ def test_limbs_that_never_meet_stay_as_they_are(pair: tuple[list[int], list[int]
 
 def test_a_search_reports_every_limb_and_can_be_ended() -> None:
     truth = walk(5)
-    told: list[float] = []
-    found_limbs(problem_of(truth, seen(truth)), [truth], 0, lambda done, _motions: told.append(done))
-    assert told == [k / len(limbs(BODY)) for k in range(len(limbs(BODY)))]
+    reported: list[float] = []
+    found_limbs(problem_of(truth, seen(truth)), [truth], 0, Workspace(on_step=lambda done, _: reported.append(done)))
+    assert reported == [k / len(limbs(BODY)) for k in range(len(limbs(BODY)))]
 
     def end(_done: float, _motions: object) -> None:
         raise CancelledError
 
     with pytest.raises(CancelledError):
-        found_limbs(problem_of(truth, seen(truth)), [truth], 0, end)
+        found_limbs(problem_of(truth, seen(truth)), [truth], 0, Workspace(on_step=end))

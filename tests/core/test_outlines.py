@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from kfmocap.core.evidence.contours import (
     outline_sums,
 )
 from kfmocap.core.evidence.gradients import camera_twist
-from kfmocap.core.evidence.label_images import Geometry, render_labels
+from kfmocap.core.evidence.label_images import Geometry, LabelImages, render_labels
 from kfmocap.core.numerics import rotations
 from synthetic import (
     at_rest,
@@ -40,7 +41,7 @@ BODY = figure()
 TRUNK = Body(BODY.parts[:1], {})
 CAMERA = look_at("cam", (0.8, -2.2, 1.6))
 STRIDE, REACH = 2, 12
-Arguments = tuple
+Arguments = tuple[tuple[Camera, Array, LabelImages], dict[str, Any]]
 
 
 def arguments(
@@ -48,7 +49,7 @@ def arguments(
 ) -> Arguments:
     geometry, poses = Geometry.of([body]), poses_of([body], [motion])
     labels = render_labels(geometry, camera.subsampled(STRIDE), 0, *poses)
-    return camera, foreground, labels, STRIDE, reach, tolerance
+    return (camera, foreground, labels), {"stride": STRIDE, "reach": reach, "tolerance": tolerance}
 
 
 def seen(body: Body, motion: Motion, camera: Camera, shift: Sequence[float] = (0, 0)) -> Array:
@@ -56,15 +57,19 @@ def seen(body: Body, motion: Motion, camera: Camera, shift: Sequence[float] = (0
     return np.stack([silhouette([body], poses, f, camera, shift) for f in range(len(motion))])
 
 
-def sums_of(camera: Camera, *seen: object) -> OutlineSums:
-    """Of frames from the first on."""
-    return outline_sums(camera, 0, *seen)
+def sums_of(given: Arguments) -> OutlineSums:
+    """The sums over frames from the first on."""
+    return outline_sums(*given[0], first=0, **given[1])
+
+
+def lines_across(given: Arguments) -> Lines:
+    return outline_lines(*given[0], **given[1])
 
 
 def lines_of(
     body: Body, motion: Motion, camera: Camera = CAMERA, shift: Sequence[float] = (0, 0), tolerance: float = 1.0
 ) -> Lines:
-    return outline_lines(*arguments(body, motion, camera, seen(body, motion, camera, shift), tolerance))
+    return lines_across(arguments(body, motion, camera, seen(body, motion, camera, shift), tolerance))
 
 
 @pytest.mark.parametrize("shift", [(0, 0), (0.4, 0), (-1.3, 2.1), (2.5, -3.0)])
@@ -127,7 +132,7 @@ def test_rows_are_derivatives_of_the_projected_outline() -> None:
 def test_sums_are_those_of_the_weighted_rows() -> None:
     motion = swing(BODY, 3)
     given = arguments(BODY, motion, CAMERA, seen(BODY, motion, CAMERA, (1.5, -0.5)), tolerance=2.0)
-    lines, sums = outline_lines(*given), sums_of(*given)
+    lines, sums = lines_across(given), sums_of(given)
     rows = lines.wrenches(CAMERA) @ camera_twist(*CAMERA.pose(0))
     weight = lines.weight * lines.length
     assert sums.H.shape == (3, len(BODY), 6, 6)
@@ -150,7 +155,7 @@ def test_the_sums_pull_the_trunk_to_where_it_is_seen() -> None:
     poses = poses_of([TRUNK], [wrong])
     H, g = np.zeros((6, 6)), np.zeros(6)
     for camera in (CAMERA, look_at("side", (-2.4, -1.0, 1.4))):
-        sums = sums_of(*arguments(TRUNK, wrong, camera, seen(TRUNK, truth, camera), 2.0))
+        sums = sums_of(arguments(TRUNK, wrong, camera, seen(TRUNK, truth, camera), 2.0))
         J = twist_jacobian(TRUNK, *poses)[0, 0]
         H, g = H + J.T @ sums.H[0, 0] @ J, g + J.T @ sums.g[0, 0]
     right = wrong.moved(-np.linalg.solve(H, g)[None])
@@ -189,7 +194,7 @@ def test_a_line_is_not_drawn_to_another_limb_whose_place_the_model_foretells() -
     geometry, poses = Geometry.of(bodies), poses_of(bodies, motions)
     labels = render_labels(geometry, camera.subsampled(STRIDE), 0, *poses)
     foreground = silhouette(bodies, poses, 0, camera)[None]
-    lines = outline_lines(camera, foreground, labels, STRIDE, 24, 2.0)
+    lines = outline_lines(camera, foreground, labels, stride=STRIDE, reach=24, tolerance=2.0)
     between = ((lines.part == 0) & (lines.normal[:, 0] > 0.9)) | ((lines.part == 1) & (lines.normal[:, 0] < -0.9))
     assert between.sum() > 20
     assert np.median(np.abs(lines.shift[between])) < 0.3 and lines.weight[between].min() > 0
@@ -203,9 +208,9 @@ def test_moving_the_world_moves_the_evidence() -> None:
     inverse = np.linalg.inv(adjoint)
     motion = swing(BODY, 2)
     picture = seen(BODY, motion, CAMERA, (1.0, 0.5))
-    here = sums_of(*arguments(BODY, motion, CAMERA, picture, 2.0))
+    here = sums_of(arguments(BODY, motion, CAMERA, picture, 2.0))
     moved = rigidly_moved(BODY, motion, G, s)
-    there = sums_of(*arguments(BODY, moved, rigidly_moved_camera(CAMERA, G, s), picture, 2.0))
+    there = sums_of(arguments(BODY, moved, rigidly_moved_camera(CAMERA, G, s), picture, 2.0))
     assert np.abs(there.H - inverse.T @ here.H @ inverse).max() < 1e-3 * np.abs(here.H).max()
     assert np.abs(there.g - here.g @ inverse).max() < 1e-3 * np.abs(here.g).max()
     np.testing.assert_allclose(there.energy, here.energy, rtol=1e-3)
@@ -214,9 +219,9 @@ def test_moving_the_world_moves_the_evidence() -> None:
 def test_frames_do_not_know_of_one_another() -> None:
     motion = swing(BODY, 3)
     picture = seen(BODY, motion, CAMERA, (1.0, 0.5))
-    together = sums_of(*arguments(BODY, motion, CAMERA, picture))
+    together = sums_of(arguments(BODY, motion, CAMERA, picture))
     for f in range(3):
-        alone = sums_of(*arguments(BODY, motion[[f]], CAMERA, picture[[f]]))
+        alone = sums_of(arguments(BODY, motion[[f]], CAMERA, picture[[f]]))
         for name in ("H", "g", "energy"):
             # OpenCV reads pictures to 1/32 pixel, and rounds another way farther down the stack.
             a, b = getattr(together, name)[f], getattr(alone, name)[0]
@@ -228,9 +233,9 @@ def test_a_moving_camera_sees_every_frame_from_its_place() -> None:
     R, t = (np.concatenate([getattr(e, n) for e in eyes]) for n in ("R_cam_world", "t_cam_world"))
     dolly, motion = replace(eyes[0], R_cam_world=R, t_cam_world=t), at_rest(BODY, 2)
     picture = seen(BODY, motion, dolly)
-    both = sums_of(*arguments(BODY, motion, dolly, picture))
+    both = sums_of(arguments(BODY, motion, dolly, picture))
     for f, eye in enumerate(eyes):
-        alone = sums_of(*arguments(BODY, motion[[f]], eye, picture[[f]]))
+        alone = sums_of(arguments(BODY, motion[[f]], eye, picture[[f]]))
         np.testing.assert_allclose(both.H[f], alone.H[0], atol=1e-9 * np.abs(both.H).max())
 
 
@@ -248,9 +253,9 @@ def test_there_is_no_line_beyond_the_picture() -> None:
 
 def test_behind_the_camera_there_is_no_line() -> None:
     away = look_at("away", (0.8, -2.2, 1.6), (1.6, -5.5, 2.1))
-    lines = outline_lines(*arguments(BODY, at_rest(BODY), away, np.full((1, 120, 160), 128, np.uint8)))
+    lines = lines_across(arguments(BODY, at_rest(BODY), away, np.full((1, 120, 160), 128, np.uint8)))
     assert len(lines.frame) == 0
-    sums = sums_of(*arguments(BODY, at_rest(BODY), away, np.full((1, 120, 160), 128, np.uint8)))
+    sums = sums_of(arguments(BODY, at_rest(BODY), away, np.full((1, 120, 160), 128, np.uint8)))
     assert not sums.H.any() and not sums.g.any() and sums.energy[0] == 0
 
 
@@ -270,7 +275,7 @@ def test_weights_fall_to_zero_at_the_bisquares_limit() -> None:
 
 
 def test_where_nothing_is_seen_outlines_say_nothing() -> None:
-    lines = outline_lines(*arguments(BODY, at_rest(BODY), CAMERA, np.full((1, 120, 160), 128, np.uint8)))
+    lines = lines_across(arguments(BODY, at_rest(BODY), CAMERA, np.full((1, 120, 160), 128, np.uint8)))
     assert len(lines.weight) > 40
     np.testing.assert_allclose(lines.weight, 0, atol=1e-3)
 
@@ -281,13 +286,13 @@ def test_a_part_is_the_less_sure_the_vaguer_it_is_seen() -> None:
     totals = []
     for contrast in (1.0, 0.2, 0.05):
         faint = (128 + contrast * (sharp - 128)).round().astype(np.uint8)
-        lines = outline_lines(*arguments(TRUNK, motion, CAMERA, faint))
+        lines = lines_across(arguments(TRUNK, motion, CAMERA, faint))
         totals.append(float(lines.weight.sum()))
     assert totals[0] > totals[1] > totals[2] > 0
 
 
 def test_sums_of_two_frames_are_stacked() -> None:
     motion = stacked([at_rest(BODY), folded()])
-    sums = sums_of(*arguments(BODY, motion, CAMERA, seen(BODY, motion, CAMERA)))
+    sums = sums_of(arguments(BODY, motion, CAMERA, seen(BODY, motion, CAMERA)))
     assert isinstance(sums, OutlineSums) and sums.g.shape == (2, len(BODY), 6) and sums.energy.shape == (2,)
     assert (np.linalg.eigvalsh(sums.H) > -1e-6 * np.abs(sums.H).max()).all()

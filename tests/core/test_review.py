@@ -65,7 +65,7 @@ def gaps(truth: Motion, found: Motion, known: list[int], cameras: list = CAMERAS
         seen = np.stack([silhouette([BODY], poses, 0, camera, samples=2)] * len(truth))  # the true pose stands still
         views.append(ViewFrames(camera, np.zeros_like(seen), 0, foreground=seen))
     at = {0.0: poses_of([BODY], [found])}
-    (row,) = uncovered_gaps(views, Geometry.of([BODY]), at, 0, [slice(0, P)], np.array(known, int))
+    (row,) = uncovered_gaps(views, Geometry.of([BODY]), at, first=0, spans=[slice(0, P)], known=np.array(known, int))
     return row
 
 
@@ -92,9 +92,13 @@ def test_what_a_model_lacks_on_its_key_frames_is_no_gap() -> None:
         ViewFrames(c, np.zeros((4, 120, 160), np.uint8), 0, np.stack([silhouette([wide], poses, 0, c, samples=2)] * 4))
         for c in CAMERAS
     ]
-    arguments = (views, Geometry.of([BODY]), {0.0: poses_of([BODY], [truth])}, 0, [slice(0, P)])
-    assert (uncovered_gaps(*arguments, np.array([], int)) > 1e-3).all()
-    np.testing.assert_allclose(uncovered_gaps(*arguments, np.array([0, 3])), 0, atol=1e-9)
+    at = {0.0: poses_of([BODY], [truth])}
+    unknown, known = (
+        uncovered_gaps(views, Geometry.of([BODY]), at, first=0, spans=[slice(0, P)], known=np.array(keys, int))
+        for keys in ([], [0, 3])
+    )
+    assert (unknown > 1e-3).all()
+    np.testing.assert_allclose(known, 0, atol=1e-9)
 
 
 def test_a_view_that_sees_nobody_or_has_no_foreground_changes_no_gap() -> None:
@@ -104,7 +108,8 @@ def test_a_view_that_sees_nobody_or_has_no_foreground_changes_no_gap() -> None:
     np.testing.assert_allclose(gaps(truth, found, [0, 3], [*CAMERAS, away]), alone)
     blind = ViewFrames(CAMERAS[0], np.zeros((4, 120, 160), np.uint8), 0)
     at = {0.0: poses_of([BODY], [found])}
-    assert not uncovered_gaps([blind], Geometry.of([BODY]), at, 0, [slice(0, P)], np.array([0, 3])).any()
+    spans, known = [slice(0, P)], np.array([0, 3])
+    assert not uncovered_gaps([blind], Geometry.of([BODY]), at, first=0, spans=spans, known=known).any()
 
 
 def helpful_keys(deviation: Array, keys: KeyPoses) -> list[HelpfulKey]:

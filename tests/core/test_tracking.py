@@ -16,9 +16,9 @@ from kfmocap.core.body.smoothness import acceleration
 from kfmocap.core.errors import CancelledError, ShotError
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.keypose_spline import spline
-from kfmocap.core.shot.shot import KeyPoses, Settings, Shot, View
+from kfmocap.core.shot.shot import KeyPoses, Settings, Shot, View, fixed_degrees
 from kfmocap.core.tracking.segments import segments
-from kfmocap.core.tracking.tracker import fixed_degrees, track
+from kfmocap.core.tracking.tracker import track
 from synthetic import at_rest, figure, film, look_at, rigidly_moved, rigidly_moved_camera, shot_of, swing
 
 BODY = figure()

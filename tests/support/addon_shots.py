@@ -18,7 +18,7 @@ from kfmocap.core.numerics import rotations
 from kfmocap.core.runtime.progress import Progress, report_progress
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot, View
 from kfmocap.core.tracking import retracking
-from kfmocap.core.tracking.tracker import Around
+from kfmocap.core.tracking.segment_stages import Around
 from kfmocap.kfmocap_addon.scene_io import fcurves
 
 SIZE = (320, 240)

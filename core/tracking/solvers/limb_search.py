@@ -27,7 +27,8 @@ from ...evidence.foreground import log_ratio
 from ...evidence.label_images import NEAR, Geometry, LabelImages, pixels_at, render_labels
 from ...evidence.view_frames import ViewFrames, views_with_foreground
 from ...numerics import rotations
-from .problem import Problem, Step
+from .measurement import Workspace
+from .problem import SegmentProblem
 
 Array = NDArray[np.float64]
 
@@ -76,31 +77,30 @@ def pairs(body: Body) -> list[tuple[list[int], list[int]]]:
     return [(chains[left], chains[right]) for left, right in sides if left != right and right in chains]
 
 
-def found_limbs(problem: Problem, motions: Sequence[Motion], seed: int, on_step: Step | None = None) -> list[Motion]:
+def found_limbs(problem: SegmentProblem, motions: Sequence[Motion], seed: int, workspace: Workspace) -> list[Motion]:
     """Look for every limb of every performer; the trunk stays as it is.
 
     Parameters
     ----------
-    problem : Problem
+    problem : SegmentProblem
         Views without foreground images are not looked at. Views are taken to be simultaneous.
     motions : sequence of Motion
         F poses per performer; their fixed degrees of freedom are kept.
     seed : int
-        Of the poses drawn.
-    on_step : callable, optional
-        Called before each limb with the share of them done and the motions; may raise to end the job.
+        Seed of the poses drawn.
+    workspace : Workspace
+        Progress is reported before each limb.
     """
-    looks = [_Look.of(view, problem) for view in views_with_foreground(problem.views)]
+    looks = [_ViewRatios.of(view, problem) for view in views_with_foreground(problem.views)]
     found, rng = list(motions), np.random.default_rng(seed)
     chains = [(i, chain) for i, body in enumerate(problem.bodies) for chain in limbs(body)]
     for done, (i, chain) in enumerate(chains):
-        if on_step is not None:
-            on_step(done / len(chains), found)
-        found[i] = _found(problem, looks, found, i, chain, rng)
+        workspace.report(done / len(chains), found)
+        found[i] = _with_limb_found(problem, looks, found, (i, chain), rng)
     return untangled_limbs(problem, found)
 
 
-def untangled_limbs(problem: Problem, motions: Sequence[Motion]) -> list[Motion]:
+def untangled_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[Motion]:
     """Give all like limbs of every performer their own way, see `untangled`."""
     found = list(motions)
     for i, body in enumerate(problem.bodies):
@@ -111,7 +111,7 @@ def untangled_limbs(problem: Problem, motions: Sequence[Motion]) -> list[Motion]
 
 
 @dataclass(frozen=True, eq=False)
-class _Look:
+class _ViewRatios:
     """Every _STRIDE-th pixel of a view's frames: its log likelihood ratios, (F, h, w)."""
 
     camera: Camera
@@ -119,17 +119,17 @@ class _Look:
     ratio: NDArray[np.float32]
 
     @classmethod
-    def of(cls, view: ViewFrames, problem: Problem) -> _Look:
+    def of(cls, view: ViewFrames, problem: SegmentProblem) -> _ViewRatios:
         foreground = view.foreground_at(problem.first, problem.length)[:, ::_STRIDE, ::_STRIDE]
         return cls(view.camera.subsampled(_STRIDE), problem.first, log_ratio(foreground))
 
     def labels(self, geometry: Geometry, poses: tuple[Array, Array]) -> LabelImages:
         return render_labels(geometry, self.camera, self.first, *poses)
 
-    def uncovered(self, geometry: Geometry, poses: tuple[Array, Array]) -> _Look:
+    def uncovered(self, geometry: Geometry, poses: tuple[Array, Array]) -> _ViewRatios:
         """The same, zero where parts cover it."""
         labels = self.labels(geometry, poses)
-        return _Look(self.camera, self.first, np.where(labels.part < 0, self.ratio, np.float32(0)))
+        return _ViewRatios(self.camera, self.first, np.where(labels.part < 0, self.ratio, np.float32(0)))
 
     def at(self, frames: slice, points_world: NDArray[np.float32]) -> NDArray[np.float32]:
         """Ratios of the pixels that points (m, K, n, points, 3) of some frames fall on, 0 beyond the picture."""
@@ -162,10 +162,15 @@ class _Limb:
     held: Array
 
 
-def _found(
-    problem: Problem, looks: Sequence[_Look], motions: Sequence[Motion], i: int, chain: list[int], rng: Generator
+def _with_limb_found(
+    problem: SegmentProblem,
+    looks: Sequence[_ViewRatios],
+    motions: Sequence[Motion],
+    place: tuple[int, list[int]],
+    rng: Generator,
 ) -> Motion:
-    """One performer's motion with one limb where it is likeliest."""
+    """One performer's motion with one limb, a chain of its parts, where it is likeliest."""
+    i, chain = place
     body, motion = problem.bodies[i], motions[i]
     span, geometry = problem.spans()[i], problem.geometry()
     parts = [span.start + part for part in chain]
@@ -191,7 +196,7 @@ def _found(
 
 
 def _likeliest(
-    limb: _Limb, uncovered: Sequence[_Look], begin: Array, fps: float, rng: Generator
+    limb: _Limb, uncovered: Sequence[_ViewRatios], begin: Array, fps: float, rng: Generator
 ) -> tuple[Array, float]:
     """The limb's rotation vectors (F, n, 3) that are likeliest around those it begins with, and by how much.
 
@@ -220,7 +225,7 @@ def _likeliest(
     return path, values[-1] - values[0]
 
 
-def _held(looks: Sequence[_Look], geometry: Geometry, poses: tuple[Array, Array], parts: list[int]) -> Array:
+def _held(looks: Sequence[_ViewRatios], geometry: Geometry, poses: tuple[Array, Array], parts: list[int]) -> Array:
     """The share of each part that is seen and on foreground, in the view that shows most of it, (F, n)."""
     held = np.zeros((len(poses[0]), len(parts)))
     for look in looks:
@@ -240,7 +245,7 @@ def _samples(geometry: Geometry, parts: Sequence[int], rng: Generator) -> tuple[
     return np.array(points), np.array([ConvexHull(v).area / 4 for v in vertices])
 
 
-def _covered(limb: _Limb, uncovered: Sequence[_Look], drawn: Array) -> Array:
+def _covered(limb: _Limb, uncovered: Sequence[_ViewRatios], drawn: Array) -> Array:
     """How much likelier the images are with the limb in each of K poses drawn (F, K, n, 3), shape (F, K)."""
     score = np.zeros(drawn.shape[:2])
     for some in _chunks(len(drawn)):

@@ -6,29 +6,32 @@ tried, and the one that covers the most of what looks like the performers counts
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ...body.motion import Motion
+from ...evidence.accumulate import Sampling
 from ...evidence.occlusion import LONG, intervals
 from ...evidence.view_frames import views_with_foreground
-from ...runtime.progress import step_share
 from ...runtime.timing import Seconds
-from ...shot.shot import Settings
-from .gauss_newton import ROUGH_STEP, Stage, descend
+from .gauss_newton import REACH, ROUGH_STEP, DescentStage, descend
 from .limb_search import found_limbs, limbs, pairs, untangled_limbs
-from .problem import Problem, Solution, Step
+from .measurement import Workspace, hidden_parts, keypoint_agreement
+from .problem import SegmentProblem, SegmentSolution
 from .sequential_start import blended, follow
 
 EXPLAINED = 0.8
 """Share of what the key poses explain of their images that a solution should explain of every other frame's."""
 CONFIRMED = 0.9
 """Share of the keypoints' agreement with the first pass that clears a solution of doubt."""
-SETTLING = (Stage(1.0, 4.0, 3, 2, small=ROUGH_STEP), Stage(1.0, 1.0, 3, 1))
+SETTLING = (
+    DescentStage(Sampling(1.0, 4.0, 3, REACH), 2, small=ROUGH_STEP),
+    DescentStage(Sampling(1.0, 1.0, 3, REACH), 1),
+)
 """Of limbs that were looked for, around a trunk that is held."""
-SETTLED = (Stage(1.0, 1.0, 3, 4),)
+SETTLED = (DescentStage(Sampling(1.0, 1.0, 3, REACH), 4),)
 """From there to the solution."""
 EQUAL = 0.005
 """Solutions whose covers of the performers differ by less than this share of them are equals: which of them covers the
@@ -40,27 +43,33 @@ ALIKE = np.radians(8)
 radians."""
 LOOKS = 5
 """How often limbs are looked for, at most."""
-WINDOW = (Stage(2.0, 4.0, 4, 2, 0.10, small=ROUGH_STEP), Stage(1.0, 1.0, 4, 2))
-"""Within the window of `initial.follow`."""
+WINDOW = (
+    DescentStage(Sampling(2.0, 4.0, 4, 0.10), 2, small=ROUGH_STEP),
+    DescentStage(Sampling(1.0, 1.0, 4, REACH), 2),
+)
+"""Within the window of `sequential_start.follow`."""
+
+LimbSearch = Callable[[SegmentProblem, SegmentProblem, Sequence[Motion], int, Workspace], SegmentSolution]
+"""See `look_for_limbs`."""
 
 
-def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step: Step | None = None) -> Solution:
+def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
     """Fit the motion of all performers between their key poses.
 
     The curve through the key poses is one start. Where the images disagree with what it led to, and no keypoints
     confirm it, or limbs are out of all views' sight for long, the motion is followed from the key poses, and then
     limbs are looked for around the solutions. The best of them all counts. Parameters as of `gauss_newton.descend`.
     """
-    solutions = [descend(problem, start, settings, step_share(on_step, 0.0, 0.2))]
+    solutions = [descend(problem, start, workspace.part(0.0, 0.2))]
     seconds, best = Seconds(), solutions[0]
     if (doubtful(problem, best) and not confirmed(problem, start, best)) or concealed(problem, best):
         with seconds.measure("initial solution"):
-            initial = followed(problem, start, settings, step_share(on_step, 0.2, 0.3))
-        solutions.append(descend(problem, initial, settings, step_share(on_step, 0.3, 0.4)))
-        if len(problem.whole_keys()) > 1 and not problem.pointers:  # keypoints tell where limbs are
+            initial = followed(problem, start, workspace.part(0.2, 0.3))
+        solutions.append(descend(problem, initial, workspace.part(0.3, 0.4)))
+        if len(problem.whole_keys()) > 1 and not problem.keypoints:  # keypoints tell where limbs are
             # That a doubt is gone does not tell that no arm is lost: it is a small part of what is to be covered.
             with seconds.measure("initial solution"):
-                best = searched(problem, start, solutions, settings, step_share(on_step, 0.4, 1.0))
+                best = searched(problem, start, solutions, workspace.part(0.4, 1.0))
         else:
             best = better(problem, *solutions)
     for solution in solutions:
@@ -68,21 +77,23 @@ def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step
     return replace(best, seconds=seconds)
 
 
-def confirmed(problem: Problem, start: Sequence[Motion], solution: Solution) -> bool:
+def confirmed(problem: SegmentProblem, start: Sequence[Motion], solution: SegmentSolution) -> bool:
     """Whether keypoints agree with a solution nearly as well as with the start, which they led to."""
-    return bool(problem.pointers) and problem.agreement(solution.motions) >= CONFIRMED * problem.agreement(start)
+    if not problem.keypoints:
+        return False
+    return keypoint_agreement(problem, solution.motions) >= CONFIRMED * keypoint_agreement(problem, start)
 
 
-def better(problem: Problem, *solutions: Solution) -> Solution:
+def better(problem: SegmentProblem, *solutions: SegmentSolution) -> SegmentSolution:
     """The solution that covers the most of what looks like the performers and meets the most keypoints, if any."""
     merit = [float(found.explained.sum()) for found in solutions]
-    if problem.pointers:
+    if problem.keypoints:
         most = max(*merit, 1.0)
-        merit = [m / most + problem.agreement(s.motions) for m, s in zip(merit, solutions, strict=True)]
+        merit = [m / most + keypoint_agreement(problem, s.motions) for m, s in zip(merit, solutions, strict=True)]
     return solutions[int(np.argmax(merit))]
 
 
-def doubtful(problem: Problem, solution: Solution) -> bool:
+def doubtful(problem: SegmentProblem, solution: SegmentSolution) -> bool:
     """Whether the images leave a doubt that a solution is near the true one.
 
     The body covers what looks like it on the key frames; on every other frame it should do so nearly as well.
@@ -94,16 +105,16 @@ def doubtful(problem: Problem, solution: Solution) -> bool:
     return bool((solution.explained < EXPLAINED * expected).any())
 
 
-def concealed(problem: Problem, solution: Solution) -> bool:
+def concealed(problem: SegmentProblem, solution: SegmentSolution) -> bool:
     """Whether part of a limb is out of all views' sight, between whole key poses, for longer than prediction bridges.
 
     It may come into sight elsewhere than the solution has it. Foreground images would tell; keypoints do anyway.
     """
-    if not views_with_foreground(problem.views) or problem.pointers or len(problem.whole_keys()) < 2:
+    if not views_with_foreground(problem.views) or problem.keypoints or len(problem.whole_keys()) < 2:
         return False
     return any(
         last + 1 - first >= LONG
-        for body, hidden in zip(problem.bodies, problem.hidden(solution.share), strict=True)
+        for body, hidden in zip(problem.bodies, hidden_parts(problem, solution.share), strict=True)
         for chain in limbs(body)
         for part in chain
         for first, last in intervals(hidden[:, part])
@@ -111,29 +122,31 @@ def concealed(problem: Problem, solution: Solution) -> bool:
 
 
 def searched(
-    problem: Problem,
+    problem: SegmentProblem,
     start: Sequence[Motion],
-    solutions: Sequence[Solution],
-    settings: Settings,
-    on_step: Step | None = None,
-) -> Solution:
+    solutions: Sequence[SegmentSolution],
+    workspace: Workspace,
+    look: LimbSearch | None = None,
+) -> SegmentSolution:
     """The solution from looking for limbs around some solutions, and then around the best until that has an equal.
 
     Of the solutions only equals of the best are looked around, or all where that is doubtful; they settle first. While
     all are doubtful, limbs are also looked for around a trunk that moves as at the start, which limbs in wrong places
     have not led astray. Poses are drawn by chance: limbs stay where they were when what is found is no better than an
-    equal. At last the solutions exchange limbs, see `recombined`.
+    equal. At last the solutions exchange limbs, see `recombined`. `look` is how limbs are looked for, by default
+    `look_for_limbs`.
     """
+    look = look_for_limbs if look is None else look
     held = replace(problem, fixed=tuple(fixed | (np.arange(fixed.shape[1]) < 6) for fixed in problem.fixed))
     likely = solutions if doubtful(problem, better(problem, *solutions)) else equals(solutions)
-    settled = [descend(problem, solution.motions, settings, None, SETTLED) for solution in likely]
-    begins: list[tuple[Sequence[Motion], Problem]] = [(solution.motions, problem) for solution in settled]
-    found: list[Solution] = []
-    looking, exchanging = step_share(on_step, 0.0, 0.7), step_share(on_step, 0.7, 1.0)
+    settled = [descend(problem, solution.motions, workspace.silent(), SETTLED) for solution in likely]
+    begins: list[tuple[Sequence[Motion], SegmentProblem]] = [(solution.motions, problem) for solution in settled]
+    found: list[SegmentSolution] = []
+    looking, exchanging = workspace.part(0.0, 0.7), workspace.part(0.7, 1.0)
     while begins and len(found) < LOOKS:
         motions, around = begins.pop(0)
-        part = step_share(looking, len(found) / LOOKS, (len(found) + 1) / LOOKS)
-        found.append(_looked_for(problem, around, motions, settings, len(found), part))
+        part = looking.part(len(found) / LOOKS, (len(found) + 1) / LOOKS)
+        found.append(look(problem, around, motions, len(found), part))
         best = better(problem, *settled, *found)
         if not begins and doubtful(problem, best) and around is not held:
             begins.append((start, held))
@@ -141,12 +154,12 @@ def searched(
             begins.append((best.motions, problem))
     kept = better(problem, *settled)
     best = kept if kept in equals([*settled, *found]) else better(problem, *found)
-    return recombined(problem, best, [*settled, *found], settings, exchanging)
+    return recombined(problem, best, [*settled, *found], exchanging)
 
 
 def recombined(
-    problem: Problem, best: Solution, others: Sequence[Solution], settings: Settings, on_step: Step | None = None
-) -> Solution:
+    problem: SegmentProblem, best: SegmentSolution, others: Sequence[SegmentSolution], workspace: Workspace
+) -> SegmentSolution:
     """The best of some solutions, or with like limbs exchanged with others where that covers more of the performers.
 
     What is drawn by chance may bring the arms to their places in one solution and the legs in another. Limbs do not
@@ -156,7 +169,7 @@ def recombined(
     tried = [solution.motions for solution in lenders]
     places = [(i, left + right) for i, body in enumerate(problem.bodies) for left, right in pairs(body)]
     for k, (i, parts) in enumerate(places):
-        share = step_share(on_step, k / len(places), (k + 1) / len(places))
+        share = workspace.part(k / len(places), (k + 1) / len(places))
         mixtures = []
         for a, b in [pair for other in lenders for pair in ((best, other), (other, best))]:
             lent = a.motions[i].with_parts(parts, b.motions[i])
@@ -166,8 +179,8 @@ def recombined(
                 mixtures.append(motions)
         found = [best]
         for n, motions in enumerate(mixtures):
-            part = step_share(share, n / len(mixtures), (n + 1) / len(mixtures))
-            found.append(descend(problem, motions, settings, part, SETTLED))
+            part = share.part(n / len(mixtures), (n + 1) / len(mixtures))
+            found.append(descend(problem, motions, part, SETTLED))
         if best not in equals(found):
             best = min(equals(found), key=lambda solution: solution.energy[-1])
     return best
@@ -179,40 +192,33 @@ def alike(motions: Sequence[Motion], others: Sequence[Motion]) -> bool:
     return all(np.sqrt(3 * np.mean(turn**2)) < ALIKE for turn in turns)
 
 
-def equals(solutions: Sequence[Solution], share: float = EQUAL) -> list[Solution]:
+def equals(solutions: Sequence[SegmentSolution], share: float = EQUAL) -> list[SegmentSolution]:
     """Those of some solutions that cover as much of the performers as the one that covers the most, but for a share."""
     covers = [float(solution.explained.sum()) for solution in solutions]
     least = max(covers) - share * abs(max(covers))
     return [solution for solution, cover in zip(solutions, covers, strict=True) if cover >= least]
 
 
-def _looked_for(
-    problem: Problem,
-    around: Problem,
-    motions: Sequence[Motion],
-    settings: Settings,
-    seed: int,
-    on_step: Step | None = None,
-) -> Solution:
+def look_for_limbs(
+    problem: SegmentProblem, around: SegmentProblem, motions: Sequence[Motion], seed: int, workspace: Workspace
+) -> SegmentSolution:
     """The solution from looking for limbs around motions, which settle first with what `around` has fixed."""
-    begin = found_limbs(problem, motions, seed, step_share(on_step, 0.0, 0.6))
-    settled = descend(around, begin, settings, step_share(on_step, 0.6, 0.8), SETTLING)
-    begin = untangled_limbs(problem, settled.motions)
-    return descend(problem, begin, settings, step_share(on_step, 0.8, 1.0), SETTLED)
+    begin = found_limbs(problem, motions, seed, workspace.part(0.0, 0.6))
+    settled = descend(around, begin, workspace.part(0.6, 0.8), SETTLING)
+    return descend(problem, untangled_limbs(problem, settled.motions), workspace.part(0.8, 1.0), SETTLED)
 
 
-def followed(
-    problem: Problem, start: Sequence[Motion], settings: Settings, on_step: Step | None = None
-) -> list[Motion]:
-    """The initial solution from the key poses at one or both ends of the problem."""
+def followed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> list[Motion]:
+    """The motion followed from the key poses at one or both ends of the problem."""
     keyed = [end in problem.whole_keys() for end in (0, problem.length - 1)]
     directions = [backward for backward in (False, True) if keyed[backward]]
     found = []
     for k, backward in enumerate(directions):
-        part = step_share(on_step, k / len(directions), (k + 1) / len(directions))
-        found.append(follow(problem, start, settings, _in_window, backward, part))
+        part = workspace.part(k / len(directions), (k + 1) / len(directions))
+        found.append(follow(problem, start, part, _solve_window, backward=backward))
     return blended(*found) if len(found) == 2 else found[0] if found else list(start)
 
 
-def _in_window(problem: Problem, start: Sequence[Motion], settings: Settings) -> Solution:
-    return descend(problem, start, replace(settings, prediction=False), None, WINDOW)
+def _solve_window(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
+    without_prediction = replace(problem.settings, prediction=False)
+    return descend(replace(problem, settings=without_prediction), start, workspace, WINDOW)

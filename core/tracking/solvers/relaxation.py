@@ -3,7 +3,7 @@
 Unknown are the motion parameters x_j between frames j - 1 and j: the root's translation S_j in the world and each
 part's turn Q_j about its own axes. An initial solution follows the gradients alone, frame after frame; sweeps of
 equation (30) then solve one frame after the other for x_j, with the terminal terms (A.1) to (A.4) and the smoothness
-terms (A.5) and (A.6). Grey levels count 0 to 1. Parts that no view sees are foretold in the initial solution, and have
+terms (A.5) and (A.6). Grey levels count 0 to 1. Parts that no view sees are predicted in the initial solution, and have
 no gradients in the sweeps, equation (38).
 
 With u = 1/n of equation (27), the sweeps come to rest where equation (21) is least for lambda / n and nu / n. The
@@ -24,15 +24,15 @@ from ...body import Body
 from ...body.joint_blocks import joint_blocks
 from ...body.kinematics import scene_poses
 from ...body.motion import Motion, stacked
-from ...evidence.accumulate import Evidence
-from ...evidence.label_images import Geometry, render_labels
+from ...evidence.accumulate import Sampling, SegmentEvidence
+from ...evidence.label_images import render_labels
 from ...evidence.occlusion import intervals
 from ...numerics import rotations
 from ...numerics.banded_blocks import BandedBlocks
 from ...runtime.timing import Seconds
-from ...shot.shot import Settings
 from ..prediction import PAST, autoregression, predict
-from .problem import Problem, Solution, Step, frame_residual
+from .measurement import Instants, Workspace, hidden_parts
+from .problem import SegmentProblem, SegmentSolution, frame_residual
 
 Array = NDArray[np.float64]
 
@@ -44,12 +44,12 @@ SMOOTHNESS = 1.0
 """Weight of the smoothness of every motion parameter."""
 RELINEARISE = 10
 """Sweeps between two measurements of the gradients around the current motion."""
-INITIAL = ((2.0, 8.0), (1.0, 4.0), (1.0, 4.0))
-"""Smoothing and tolerance of the steps from one frame to the next that make the initial solution."""
-FINE = (1.0, 1.0)
-"""Smoothing and tolerance of the gradients of the sweeps."""
 STRIDE = 2
 """Every how many pixels, each way, the gradients are taken."""
+INITIAL = (Sampling(2.0, 8.0, STRIDE), Sampling(1.0, 4.0, STRIDE), Sampling(1.0, 4.0, STRIDE))
+"""Sampling for the steps from one frame to the next that make the initial solution."""
+FINE = Sampling(1.0, 1.0, STRIDE)
+"""Sampling for the sweeps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +69,7 @@ class Steps:
 
     @classmethod
     def of(cls, motion: Motion) -> Steps:
+        """The motion parameters of n + 1 poses."""
         T, Q = motion.translations, motion.rotations
         return cls(np.diff(T, axis=0), rotations.log(np.swapaxes(Q[:-1], -1, -2) @ Q[1:]))
 
@@ -85,32 +86,32 @@ class Steps:
         return np.concatenate([self.shifts, self.turns.reshape(len(self.turns), 3 * self.turns.shape[1])], axis=1)
 
 
-def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step: Step | None = None) -> Solution:
-    """Fit the motion of all performers by relaxation; parameters as of `gauss_newton.descend`.
+def relaxed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
+    """Fit the motion of all performers by relaxation; parameters as in `gauss_newton.descend`.
 
-    A stretch that ends without a key pose has no terminal constraint. Key poses of some degrees of freedom within
-    the stretch are held as they are.
+    A segment that ends without a key pose has no terminal constraint. Key poses of some degrees of freedom within
+    the segment are held as they are.
     """
-    geometry, seconds = problem.geometry(), Seconds()
+    seconds, settings = Seconds(), problem.settings
     with seconds.measure("initial solution"):
-        motions = follow_gradients(problem, start, settings, on_step)
+        motions = follow_gradients(problem, start, workspace.part(0.0, 0.2))
     energies: list[float] = []
     for sweep in range(0, settings.sweeps, RELINEARISE):
-        if on_step is not None:
-            on_step(0.2 + 0.8 * sweep / settings.sweeps, motions)
-        poses, evidence = problem.evidence(geometry, motions, *FINE, STRIDE)
+        workspace.report(0.2 + 0.8 * sweep / settings.sweeps, motions)
+        measured = workspace.measure(problem, motions, FINE)
+        evidence = measured.evidence
         seconds.add(evidence.seconds)
-        energies.append(float(evidence.energy.sum()))
+        energies.append(float(evidence.gradients.energy.sum()))
         if settings.prediction:
-            evidence = evidence.without(np.concatenate(problem.hidden(evidence.share), axis=1))
+            evidence = evidence.without(np.concatenate(hidden_parts(problem, evidence.share), axis=1))
         count = min(RELINEARISE, settings.sweeps - sweep)
         with seconds.measure("solve"):
-            rows = _rows_of_steps(problem, motions, poses, evidence)
+            rows = _rows_of_steps(problem, measured.instants, evidence)
             motions = [
-                relax(motion, keyed, fixed, A, b, count)
-                for motion, keyed, fixed, (A, b) in zip(motions, start, problem.fixed, rows, strict=True)
+                relax(motion, keyed, fixed, own, count)
+                for motion, keyed, fixed, own in zip(motions, start, problem.fixed, rows, strict=True)
             ]
-    return Solution(
+    return SegmentSolution(
         tuple(_held(m, s, fixed) for m, s, fixed in zip(motions, start, problem.fixed, strict=True)),
         settings.sweeps,
         tuple(energies),
@@ -123,34 +124,30 @@ def solve(problem: Problem, start: Sequence[Motion], settings: Settings, on_step
     )
 
 
-def follow_gradients(
-    problem: Problem, start: Sequence[Motion], settings: Settings, on_step: Step | None = None
-) -> list[Motion]:
+def follow_gradients(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> list[Motion]:
     """Initial solution: from the first pose on, each frame from the one before by its gradients alone, equation (12).
 
-    A direction that no pixel measures does not move. With prediction, parts that are out of sight move as foretold
+    A direction that no pixel measures does not move. With prediction, parts that are out of sight move as predicted
     until they are seen again (section 5.4). The first frame is that of `start`.
     """
-    geometry = problem.geometry()
     motions = [motion[:1] for motion in start]
     hidden = [np.zeros((0, len(body)), dtype=bool) for body in problem.bodies]
     for j in range(1, problem.length):
-        if on_step is not None:
-            on_step(0.2 * j / problem.length, start)
+        workspace.report(j / problem.length, start)
         pair = replace(problem, first=problem.first + j - 1, fixed=tuple(f[j - 1 : j + 1] for f in problem.fixed))
         here = [stacked([motion[-1:], motion[-1:]]) for motion in motions]
         gone = [np.zeros(len(body), dtype=bool) for body in problem.bodies]
-        if settings.prediction:
-            x = [foretold(motion, h) for motion, h in zip(motions, hidden, strict=True)]
-            gone = out_of_sight(pair, geometry, [_advanced(h, step) for h, step in zip(here, x, strict=True)])
+        if problem.settings.prediction:
+            x = [predicted_step(motion, h) for motion, h in zip(motions, hidden, strict=True)]
+            gone = out_of_sight(pair, [_advanced(h, step) for h, step in zip(here, x, strict=True)])
             here = [_advanced(h, step * _degrees(g)) for h, step, g in zip(here, x, gone, strict=True)]
-        here = _moved_by_gradients(pair, geometry, here, gone)
+        here = _moved_by_gradients(pair, here, gone, workspace)
         motions = [stacked([motion, h[1:]]) for motion, h in zip(motions, here, strict=True)]
         hidden = [np.concatenate([h, g[None]]) for h, g in zip(hidden, gone, strict=True)]
     return motions
 
 
-def foretold(motion: Motion, hidden: NDArray[np.bool_]) -> Array:
+def predicted_step(motion: Motion, hidden: NDArray[np.bool_]) -> Array:
     """The step that follows a motion, as many ahead of the last one seen as each part has been hidden, shape (D,).
 
     Parameters
@@ -158,7 +155,7 @@ def foretold(motion: Motion, hidden: NDArray[np.bool_]) -> Array:
     motion : Motion
         j poses of one performer.
     hidden : ndarray of bool, shape (j - 1, P)
-        Which of the steps between them are foretold themselves: a part's model is learnt from its others.
+        Which of the steps between them are predicted themselves: a part's model is learnt from its others.
     """
     x = Steps.of(motion).vectors()
     step = np.zeros(x.shape[1])
@@ -171,38 +168,38 @@ def foretold(motion: Motion, hidden: NDArray[np.bool_]) -> Array:
     return step
 
 
-def out_of_sight(pair: Problem, geometry: Geometry, motions: Sequence[Motion]) -> list[NDArray[np.bool_]]:
+def out_of_sight(pair: SegmentProblem, motions: Sequence[Motion]) -> list[NDArray[np.bool_]]:
     """Per performer: parts whose motion from one frame to the next no view shows, shape (P,).
 
-    A view does not show a part that is occluded in its current pose or in the one foretold (section 5.3). But what a
-    part carries tells how it moves: arms before the trunk do not make the body stand still.
+    A view does not show a part that is occluded in its current pose or in the predicted one (section 5.3). But what a
+    part carries shows how it moves: arms before the trunk do not make the body stand still.
 
     Parameters
     ----------
-    pair : Problem
+    pair : SegmentProblem
         The two frames.
-    geometry : Geometry
     motions : sequence of Motion
-        The current pose and the one foretold.
+        The current pose and the predicted one.
     """
-    poses = scene_poses(pair.bodies, motions)
+    poses, geometry = scene_poses(pair.bodies, motions), pair.geometry()
     labels = [render_labels(geometry, v.camera.subsampled(STRIDE), pair.first, *poses) for v in pair.views]
     share = np.stack([view.share for view in labels]).min(axis=1, keepdims=True)
     carried = block_diag(*(body.ancestry for body in pair.bodies))
-    return [hidden[-1] for hidden in pair.hidden((share[..., None] * carried).max(axis=2))]
+    return [hidden[-1] for hidden in hidden_parts(pair, (share[..., None] * carried).max(axis=2))]
 
 
 def _moved_by_gradients(
-    pair: Problem, geometry: Geometry, motions: Sequence[Motion], gone: Sequence[NDArray[np.bool_]]
+    pair: SegmentProblem, motions: Sequence[Motion], gone: Sequence[NDArray[np.bool_]], workspace: Workspace
 ) -> list[Motion]:
     """Two poses per performer, the second moved by the gradients on all parts but those that are gone."""
     here, seen = list(motions), ~np.concatenate(gone)
-    for sigma, tolerance in INITIAL:
-        world, evidence = pair.evidence(geometry, here, sigma, tolerance, STRIDE)
+    for sampling in INITIAL:
+        measured = workspace.measure(pair, here, sampling)
+        sums = measured.evidence.gradients
         systems = [BandedBlocks.zeros(2, body.dof) for body in pair.bodies]
-        for instants in pair.instants(here, world):
-            (R, T), views = instants.poses, instants.views
-            H, g = evidence.H[views].sum(axis=0) * seen[:, None, None], evidence.g[views].sum(axis=0) * seen[:, None]
+        for instants in measured.instants:
+            (R, T), views = instants.poses, list(instants.views)
+            H, g = sums.H[views].sum(axis=0) * seen[:, None, None], sums.g[views].sum(axis=0) * seen[:, None]
             for i, (body, span) in enumerate(zip(pair.bodies, pair.spans(), strict=True)):
                 blocks = joint_blocks(body, (R[:, span], T[:, span]), H[:, span], g[:, span], 0.0)
                 systems[i] += instants.on_frames(i, blocks)
@@ -223,20 +220,20 @@ def _advanced(poses: Motion, step: Array) -> Motion:
 
 
 def _rows_of_steps(
-    problem: Problem, motions: Sequence[Motion], poses: tuple[Array, Array], evidence: Evidence
+    problem: SegmentProblem, instants: Sequence[Instants], evidence: SegmentEvidence
 ) -> list[tuple[Array, Array]]:
-    """A_t and b_t of every performer, of the views of all instants; see `spatio_temporal`."""
+    """A_t and b_t of every performer, summed over the views of all instants; see `spatio_temporal`."""
     n = problem.length - 1
     A = [np.zeros((n, body.dof, body.dof)) for body in problem.bodies]
     b = [np.zeros((n, body.dof)) for body in problem.bodies]
-    for instants in problem.instants(motions, poses):
-        (R, T), views = instants.poses, instants.views
-        H, g = evidence.H[views].sum(axis=0), evidence.g[views].sum(axis=0)
-        there = [delayed.motion for delayed in instants.delayed] if instants.delayed else motions
+    for group in instants:
+        (R, T), views = group.poses, list(group.views)
+        H, g = evidence.gradients.H[views].sum(axis=0), evidence.gradients.g[views].sum(axis=0)
         for i, (body, span) in enumerate(zip(problem.bodies, problem.spans(), strict=True)):
-            own = spatio_temporal(body, (R[:, span], T[:, span]), H[:, span], g[:, span], there[i])
+            poses = R[:, span], T[:, span]
+            own = spatio_temporal(body, poses, H[:, span], g[:, span], group.motions[i])
             for total, rows in zip((A[i], b[i]), own, strict=True):
-                total += shared_out(rows, instants.delay)
+                total += shared_out(rows, group.delay)
     return list(zip(A, b, strict=True))
 
 
@@ -264,7 +261,7 @@ def spatio_temporal(body: Body, poses: tuple[Array, Array], H: Array, g: Array, 
     return A, (A @ x[..., None])[..., 0] - gradient
 
 
-def relax(motion: Motion, keyed: Motion, fixed: NDArray[np.bool_], A: Array, b: Array, sweeps: int) -> Motion:
+def relax(motion: Motion, keyed: Motion, fixed: NDArray[np.bool_], rows: tuple[Array, Array], sweeps: int) -> Motion:
     """Sweeps of equation (30) over one performer's frames.
 
     Parameters
@@ -274,9 +271,11 @@ def relax(motion: Motion, keyed: Motion, fixed: NDArray[np.bool_], A: Array, b: 
     keyed : Motion
         F poses that are right where `fixed` is true; the last one gives the terminal constraint.
     fixed : ndarray of bool, shape (F, D)
-    A, b : ndarray, shape (n, D, D) and (n, D)
-        From `spatio_temporal`.
+    rows : tuple of ndarray, shape (n, D, D) and (n, D)
+        A and b from `spatio_temporal`.
+    sweeps : int
     """
+    A, b = rows
     n, D = b.shape
     terminal = fixed[-1].astype(float)
     weight = terminal * np.concatenate([np.full(3, NU), np.full(D - 3, LAMBDA)])

@@ -1,8 +1,8 @@
 """Initial solution: the motion followed from a key pose on, forward and backward, and the two blended (section 4.1).
 
-A window of a few frames moves along the stretch. What lies behind it is held, the frames in it are solved together from
+A window of a few frames moves along the segment. What lies behind it is held, the frames in it are solved together from
 where the motion so far leads, and the window moves on by half of its length. Following from one key pose needs no
-other: it is tracking in the sense of paper 001 where the stretch has no key pose at its end.
+other: it is tracking in the sense of paper 001 where the segment has no key pose at its end.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from ...body.motion import Motion, stacked
 from ...evidence.occlusion import unseen
-from ...shot.shot import Settings
 from ..prediction import predict_unseen
-from .problem import Problem, Solution, Step
+from .measurement import Workspace
+from .problem import SegmentProblem, SegmentSolution
 
 Array = NDArray[np.float64]
 
@@ -28,30 +28,29 @@ STEP = 5
 PERSISTENCE = 0.9
 """Share of its speed that a motion keeps from one frame to the next."""
 
-Solve = Callable[[Problem, Sequence[Motion], Settings], Solution]
+SolveWindow = Callable[[SegmentProblem, Sequence[Motion], Workspace], SegmentSolution]
 
 
 def follow(
-    problem: Problem,
+    problem: SegmentProblem,
     start: Sequence[Motion],
-    settings: Settings,
-    solve: Solve,
+    workspace: Workspace,
+    solve: SolveWindow,
+    *,
     backward: bool = False,
-    on_step: Step | None = None,
 ) -> list[Motion]:
     """Follow the motion from the first pose to the last frame, or from the last pose to the first frame.
 
     Parameters
     ----------
-    problem : Problem
+    problem : SegmentProblem
     start : sequence of Motion
         F poses per performer, of which the first (or last) pose and the fixed degrees of freedom are taken.
-    settings : Settings
+    workspace : Workspace
+        Progress is reported before each window.
     solve : callable
-        Solves the frames of a window, given its problem, their poses before, and the settings.
+        Solves the frames of a window, given its problem, a guess of their poses, and a workspace.
     backward : bool
-    on_step : callable, optional
-        Called before each window with the share of the frames done and the motions; may raise to end the job.
     """
     F = problem.length
     order = list(range(F - 1, -1, -1) if backward else range(F))
@@ -59,8 +58,7 @@ def follow(
     hidden = [np.zeros((F, len(body)), dtype=bool) for body in problem.bodies]
     known = 1
     while known < F:
-        if on_step is not None:
-            on_step(known / F, motions)
+        workspace.report(known / F, motions)
         new, held = order[known : known + WINDOW], order[max(known - 2, 0) : known]
         first, stop = min(new + held), max(new + held) + 1
         behind = order[max(known - WINDOW, 0) : known]
@@ -69,13 +67,13 @@ def follow(
             guess = _placed(motion, new, _continued(motion[behind], len(new)))
             guesses.append(guess.moved(np.where(fixed, guess.difference(keyed), 0.0)))
         window = _window(problem, first, stop, held)
-        solution = solve(window, [guess[first:stop] for guess in guesses], settings)
+        solution = solve(window, [guess[first:stop] for guess in guesses], workspace.silent())
         motions = [guess.replaced(first, found) for guess, found in zip(guesses, solution.motions, strict=True)]
-        if settings.prediction:
+        if problem.settings.prediction:
             for i, span in enumerate(problem.spans()):
                 hidden[i][new] = unseen(solution.share[:, [f - first for f in new]][..., span])
                 so_far = order[: known + len(new)]
-                motions[i] = _foretold(motions[i], so_far, hidden[i], problem.fixed[i])
+                motions[i] = _predicted(motions[i], so_far, hidden[i], problem.fixed[i])
         known += STEP if known + len(new) < F else len(new)
     return motions
 
@@ -103,17 +101,25 @@ def _placed(motion: Motion, frames: Sequence[int], poses: Motion) -> Motion:
     return Motion(T, Q)
 
 
-def _window(problem: Problem, first: int, stop: int, held: Sequence[int]) -> Problem:
+def _window(problem: SegmentProblem, first: int, stop: int, held: Sequence[int]) -> SegmentProblem:
     """The frames first to stop of a problem, with some of them held."""
     fixed = [f[first:stop].copy() for f in problem.fixed]
     for f in fixed:
         f[[frame - first for frame in held]] = True
-    pointers = tuple(pointer[first:stop] for pointer in problem.pointers)
-    return replace(problem, first=problem.first + first, fixed=tuple(fixed), before=None, after=None, pointers=pointers)
+    precision = problem.acceleration_precision
+    return replace(
+        problem,
+        first=problem.first + first,
+        fixed=tuple(fixed),
+        before=None,
+        after=None,
+        keypoints=tuple(keypoints[first:stop] for keypoints in problem.keypoints),
+        acceleration_precision=precision and tuple(p[first:stop] if p.ndim > 1 else p for p in precision),
+    )
 
 
-def _foretold(motion: Motion, frames: Sequence[int], hidden: NDArray[np.bool_], fixed: NDArray[np.bool_]) -> Motion:
-    """The motion with hidden parts foretold on the frames followed so far, which may run backward."""
+def _predicted(motion: Motion, frames: Sequence[int], hidden: NDArray[np.bool_], fixed: NDArray[np.bool_]) -> Motion:
+    """The motion with hidden parts predicted on the frames followed so far, which may run backward."""
     filled = predict_unseen(motion[list(frames)], hidden[list(frames)])
     placed = _placed(motion, frames, filled)
     return placed.moved(np.where(fixed, placed.difference(motion), 0.0))

@@ -1,0 +1,198 @@
+"""The stages that a segment goes through, each a function from values to values.
+
+views -> SegmentData -> SegmentProblem -> SegmentState -> time offset -> refined SegmentState -> deviations
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body.motion import Motion
+from ..evidence.label_images import Geometry
+from ..evidence.time_offset import Offset, key_frame_offset
+from ..evidence.view_frames import ViewFrames, views_with_foreground
+from ..keypoints.keypoint_factor import KeypointFactor
+from ..keypoints.observations import ShotKeypoints
+from ..shot.shot import Shot, fixed_degrees
+from .appearance import key_frame_shape
+from .segments import Segment, posed_frames, whole_keys
+from .solvers.measurement import Workspace
+from .solvers.problem import SegmentProblem, SegmentSolution
+from .solvers.protocol import Solver
+
+Array = NDArray[np.float64]
+
+Around = tuple[tuple[Motion, ...] | None, tuple[Motion, ...] | None]
+"""Every performer's pose on the frame before some frames, and on the one after them, where they are known."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrackState:
+    """A shot that is being tracked, from its first frame on.
+
+    Attributes
+    ----------
+    motions : tuple of Motion
+        Per performer, every frame of the shot; where nothing is solved yet, the start.
+    around : tuple of (tuple of Motion or None)
+        The poses before the shot's first frame and after its last, where they are known.
+    solved : int
+        The frames before this one are solved.
+    offsets : tuple of Offset
+        The offset of the footage as it was measured on the segments solved.
+    """
+
+    motions: tuple[Motion, ...]
+    around: Around = (None, None)
+    solved: int = 0
+    offsets: tuple[Offset, ...] = ()
+
+    def with_solution(self, segment: Segment, solution: SegmentSolution) -> TrackState:
+        """The state once a segment is solved, or solved better."""
+        first, last = segment
+        motions = tuple(m.replaced(first, new) for m, new in zip(self.motions, solution.motions, strict=True))
+        return replace(self, motions=motions, solved=max(self.solved, last + 1))
+
+    def with_offset(self, measured: Offset | None) -> TrackState:
+        """The state with one more measurement of the footage's offset, if there is one."""
+        return self if measured is None else replace(self, offsets=(*self.offsets, measured))
+
+    def footage_offset(self, shot: Shot) -> float:
+        """The offset of the footage as the settings give it, or as it was measured so far, frames."""
+        given = shot.settings.footage_offset
+        return Offset.likeliest(self.offsets).value if given is None else given
+
+    def poses_at(self, frame: int) -> tuple[Motion, ...] | None:
+        """The poses on a frame where they are known: solved, or given from beside the shot."""
+        if frame < 0 or frame == len(self.motions[0]):
+            return self.around[frame > 0]
+        return tuple(m[[frame]] for m in self.motions) if frame < self.solved else None
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentData:
+    """All that is known of a segment before it is solved.
+
+    Attributes
+    ----------
+    segment : tuple of int
+    views : tuple of ViewFrames
+    fixed : tuple of ndarray of bool, shape (F, D)
+        Per performer: the degrees of freedom that key poses hold.
+    keypoints : tuple of KeypointFactor
+        One per performer, or none.
+    shape : Geometry or None
+        The parts of all performers as the key frames show them.
+    """
+
+    segment: Segment
+    views: tuple[ViewFrames, ...]
+    fixed: tuple[NDArray[np.bool_], ...]
+    keypoints: tuple[KeypointFactor, ...] = ()
+    shape: Geometry | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentState:
+    """A segment that is solved.
+
+    Attributes
+    ----------
+    data : SegmentData
+    problem : SegmentProblem
+        As it was solved last.
+    solution : SegmentSolution
+    earlier : tuple of SegmentSolution
+        What was solved before that.
+    """
+
+    data: SegmentData
+    problem: SegmentProblem
+    solution: SegmentSolution
+    earlier: tuple[SegmentSolution, ...] = ()
+
+    @property
+    def iterations(self) -> int:
+        """Iterations of all solutions together."""
+        return sum(solution.iterations for solution in (*self.earlier, self.solution))
+
+
+def segment_data(
+    shot: Shot, segment: Segment, views: tuple[ViewFrames, ...], state: TrackState, observed: ShotKeypoints
+) -> SegmentData:
+    """Put together what is known of a segment, with the shapes of the parts on its key frames."""
+    bodies, frames = [p.body for p in shot.performers], slice(segment[0], segment[1] + 1)
+    keys = posed_frames(shot, *segment)
+    return SegmentData(
+        segment,
+        views,
+        tuple(fixed_degrees(performer, *segment) for performer in shot.performers),
+        tuple(own.factor[frames] for own in observed.performers),
+        key_frame_shape(views, bodies, state.motions, keys, state.footage_offset(shot)),
+    )
+
+
+def segment_problem(shot: Shot, data: SegmentData, state: TrackState) -> SegmentProblem:
+    """Make the problem of a segment, between the poses that are known beside it."""
+    first, last = data.segment
+    return SegmentProblem(
+        data.views,
+        tuple(performer.body for performer in shot.performers),
+        first,
+        shot.fps,
+        data.fixed,
+        state.poses_at(first - 1),
+        state.poses_at(last + 1),
+        data.shape,
+        data.keypoints,
+        state.footage_offset(shot),
+        shot.settings,
+    )
+
+
+def is_refined(shot: Shot, solver: Solver, segment: Segment, state: TrackState) -> bool:
+    """Whether a segment is solved once more when all beside it is solved, with the offset that was measured."""
+    alone = segment == (0, shot.length - 1) and state.around == (None, None)
+    in_step = state.footage_offset(shot) == (shot.settings.footage_offset or 0.0)
+    return solver.refines and not (alone and in_step)
+
+
+def solve_segment(
+    shot: Shot, solver: Solver, data: SegmentData, state: TrackState, workspace: Workspace
+) -> SegmentState:
+    """Solve a segment that follows what is solved already."""
+    problem = segment_problem(shot, data, state)
+    return SegmentState(data, problem, solver.solve(problem, _on(data.segment, state.motions), workspace))
+
+
+def refine_segment(
+    shot: Shot, solver: Solver, solved: SegmentState, state: TrackState, workspace: Workspace
+) -> SegmentState:
+    """Solve a segment once more, now that the motion on both sides is known."""
+    problem = segment_problem(shot, solved.data, state)
+    refined = solver.refine(problem, _on(solved.data.segment, state.motions), workspace)
+    return SegmentState(solved.data, problem, refined, (*solved.earlier, solved.solution))
+
+
+def measured_offset(shot: Shot, data: SegmentData, state: TrackState) -> Offset | None:
+    """How far a solved segment's key poses and the footage are out of step; None where nothing shows it."""
+    if shot.settings.footage_offset is not None or data.shape is None:
+        return None
+    bodies, first = [performer.body for performer in shot.performers], data.segment[0]
+    return key_frame_offset(
+        views_with_foreground(data.views),
+        Geometry.of(bodies),
+        bodies,
+        _on(data.segment, state.motions),
+        first=first,
+        keys=(whole_keys(shot, *data.segment) - first).tolist(),
+        correlation=shot.settings.outline_correlation,
+    )
+
+
+def _on(segment: Segment, motions: Sequence[Motion]) -> list[Motion]:
+    return [motion[segment[0] : segment[1] + 1] for motion in motions]

@@ -1,0 +1,158 @@
+"""Measuring motions against the footage: where they put the parts when the views were taken, and the evidence there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...body.kinematics import Poses, scene_poses
+from ...body.motion import Motion
+from ...body.time_shift import Delayed, delayed
+from ...evidence.accumulate import Sampling, SegmentEvidence, accumulate_evidence
+from ...evidence.occlusion import unseen
+from ...evidence.view_frames import GradientImageCache
+from ...numerics.banded_blocks import BandedBlocks
+from ...runtime.progress import step_share
+from .problem import SegmentProblem
+
+Array = NDArray[np.float64]
+StepCallback = Callable[[float, Sequence[Motion]], None]
+"""Called before a step with the share of the work done and the motions; may raise to end the job."""
+
+
+@dataclass(frozen=True, eq=False)
+class Instants:
+    """Views that were taken at the same F instants, and the performers there.
+
+    Attributes
+    ----------
+    views : tuple of int
+        Indices of the views.
+    delay : float
+        How much later than the frames the instants are, frames.
+    poses : tuple of ndarray, shape (F, P, 3, 3) and (F, P, 3)
+        World poses of all performers' parts.
+    motions : tuple of Motion
+        Per performer: the poses at the instants.
+    delayed : tuple of Delayed, optional
+        Per performer; none where the instants are the frames.
+    """
+
+    views: tuple[int, ...]
+    delay: float
+    poses: Poses
+    motions: tuple[Motion, ...]
+    delayed: tuple[Delayed, ...] | None = None
+
+    def on_frames(self, performer: int, blocks: BandedBlocks) -> BandedBlocks:
+        """Turn a performer's system for the poses at the instants into one for the poses on the frames."""
+        return blocks if self.delayed is None else self.delayed[performer].spread(blocks)
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredMotion:
+    """Motions of all performers with the evidence of the images at them.
+
+    Attributes
+    ----------
+    motions : tuple of Motion
+        F poses per performer.
+    instants : tuple of Instants
+        The views by when they were taken.
+    evidence : SegmentEvidence
+    """
+
+    motions: tuple[Motion, ...]
+    instants: tuple[Instants, ...]
+    evidence: SegmentEvidence
+
+
+@dataclass(frozen=True, eq=False)
+class Workspace:
+    """What a solver works with beside its problem; nothing of it changes a solution.
+
+    Attributes
+    ----------
+    threads : int
+    cache : GradientImageCache
+        Gradient images from one evaluation to the next.
+    on_step : callable, optional
+        See `StepCallback`.
+    """
+
+    threads: int = 1
+    cache: GradientImageCache = field(default_factory=GradientImageCache)
+    on_step: StepCallback | None = None
+
+    def report(self, done: float, motions: Sequence[Motion]) -> None:
+        """Report how much of the work is done, 0 to 1."""
+        if self.on_step is not None:
+            self.on_step(done, motions)
+
+    def part(self, begin: float, end: float) -> Workspace:
+        """The workspace for a part of the work, whose progress goes from `begin` to `end`."""
+        return replace(self, on_step=step_share(self.on_step, begin, end))
+
+    def silent(self) -> Workspace:
+        """The workspace without reports of progress."""
+        return replace(self, on_step=None)
+
+    def measure(self, problem: SegmentProblem, motions: Sequence[Motion], sampling: Sampling) -> MeasuredMotion:
+        """Collect the evidence of the images at motions."""
+        instants = view_instants(problem, motions)
+        evidence = accumulate_evidence(
+            problem.views,
+            problem.geometry(),
+            poses_by_delay(problem, instants),
+            sampling,
+            first=problem.first,
+            cache=self.cache,
+            threads=self.threads,
+        )
+        return MeasuredMotion(tuple(motions), instants, evidence)
+
+
+def view_instants(problem: SegmentProblem, motions: Sequence[Motion]) -> tuple[Instants, ...]:
+    """The views by when they were taken."""
+    delays = [view.delay for view in problem.views]
+    by_delay = {delay: tuple(v for v, own in enumerate(delays) if own == delay) for delay in dict.fromkeys(delays)}
+    return tuple(
+        _instants(problem, motions, views, delay - problem.footage_offset) for delay, views in by_delay.items()
+    )
+
+
+def keypoint_instants(problem: SegmentProblem, motions: Sequence[Motion]) -> Instants:
+    """When footage without a delay of its own was taken: keypoints are brought to these instants."""
+    return _instants(problem, motions, (), -problem.footage_offset)
+
+
+def _instants(problem: SegmentProblem, motions: Sequence[Motion], views: tuple[int, ...], delay: float) -> Instants:
+    if delay == 0:
+        return Instants(views, delay, scene_poses(problem.bodies, motions), tuple(motions))
+    there = tuple(delayed(motion, delay, *problem.around(i)) for i, motion in enumerate(motions))
+    shown = tuple(d.motion for d in there)
+    return Instants(views, delay, scene_poses(problem.bodies, shown), shown, there)
+
+
+def poses_by_delay(problem: SegmentProblem, instants: Sequence[Instants]) -> dict[float, Poses]:
+    """World poses of all parts that the views show, by the views' own delay."""
+    return {problem.views[group.views[0]].delay: group.poses for group in instants}
+
+
+def hidden_parts(problem: SegmentProblem, share: Array) -> list[NDArray[np.bool_]]:
+    """Where no view sees a part, per performer (F, P), from visible shares (V, F, P); keyed parts are known."""
+    keyed = [f[:, 3:].reshape(len(f), -1, 3).all(axis=2) for f in problem.fixed]
+    return [unseen(share[..., span]) & ~known for span, known in zip(problem.spans(), keyed, strict=True)]
+
+
+def keypoint_agreement(problem: SegmentProblem, motions: Sequence[Motion]) -> float:
+    """How far the keypoints agree with motions, 0 to 1, on average over the performers."""
+    R, T = keypoint_instants(problem, motions).poses
+    each = [
+        keypoints.agreement((R[:, span], T[:, span]))
+        for keypoints, span in zip(problem.keypoints, problem.spans(), strict=True)
+    ]
+    return float(np.mean(each))

@@ -1,0 +1,75 @@
+"""What tracking returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body.motion import Motion
+from ..keypoints.observations import ShotKeypoints
+from ..numerics.banded import BandedFactor
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentResult:
+    """How the solver went over one segment.
+
+    Attributes
+    ----------
+    first, last : int
+        Shot frames, inclusive.
+    iterations : int
+    energy : tuple of float
+        Before each iteration.
+    factors : tuple of BandedFactor
+        Per performer, see `SegmentSolution`: the covariance of every pose.
+    """
+
+    first: int
+    last: int
+    iterations: int
+    energy: tuple[float, ...]
+    factors: tuple[BandedFactor, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class TrackResult:
+    """Tracked motion and how it came about.
+
+    Attributes
+    ----------
+    motions : tuple of Motion
+        One per performer, every frame of the shot; key poses are as they were set.
+    seconds : dict of str to float
+        Time spent, by stage.
+    camera_frames : int
+        Views times frames.
+    segments : tuple of SegmentResult
+    visible : tuple of ndarray, shape (V, F, P)
+        Per performer: visible share of each part's projected area, 0 to 1.
+    residual : tuple of ndarray, shape (F,)
+        Per performer: root mean square grey-level difference between neighbouring frames, 0 to 1.
+    deviation : tuple of ndarray, shape (F, P)
+        Per performer: how far every part's tip may be from its true place, metres; see `core.review`.
+    pictures : tuple of dict of int to ndarray of uint8, shape (h, w, 3)
+        Per view: the pictures that were asked for, by shot frame; rectified; blue, green, red.
+    observed : ShotKeypoints
+        The keypoints that were used; empty where there are none.
+    footage_offset : float
+        How much later than on their frames the key poses are shown, frames; see `core.shot.shot.Settings`.
+    """
+
+    motions: tuple[Motion, ...]
+    seconds: dict[str, float]
+    camera_frames: int
+    segments: tuple[SegmentResult, ...]
+    visible: tuple[Array, ...]
+    residual: tuple[Array, ...]
+    deviation: tuple[Array, ...]
+    pictures: tuple[dict[int, NDArray[np.uint8]], ...] = ()
+    observed: ShotKeypoints = field(default_factory=ShotKeypoints)
+    footage_offset: float = 0.0
