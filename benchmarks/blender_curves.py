@@ -6,7 +6,11 @@ import bpy
 
 from ..core.body.motion import Motion
 from ..core.shot.shot import Performer
-from ..kfmocap_addon.scene_io import body_armature, keyframes
+from ..kfmocap_addon.scene_io import (
+    body_armature,
+    key_pose_curves,
+    motion_curves,
+)
 
 
 def interpolated(performer: Performer, length: int) -> Motion:
@@ -16,5 +20,5 @@ def interpolated(performer: Performer, length: int) -> Motion:
     """
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     armature = body_armature.build_armature(performer.body, performer.name, bpy.context.scene.collection)
-    keyframes.write_key_poses(armature, performer.key_poses, 0)
-    return keyframes.read_motion(armature, 0, length)
+    key_pose_curves.write_key_poses(armature, performer.key_poses, 0)
+    return motion_curves.read_motion(armature, 0, length)

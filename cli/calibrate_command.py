@@ -12,7 +12,7 @@ from ..core.calibration.calibration_report import write_report
 from ..core.calibration.solution import Solution
 from ..core.errors import KFMocapError
 from ..core.fitting.camera_refinement import Refinement, refine_cameras
-from ..core.formats.calibration_export import check_kind, export_cameras
+from ..core.formats.calibration_files import export_cameras, format_name
 from ..core.formats.marker_points import write_marker_points
 from ..core.formats.shot_toml import read_shot_spec
 from ..core.formats.wand_toml import load_wand
@@ -92,7 +92,7 @@ def run_calibrate(
     KFMocapError
         A file cannot be read or written, or the capture does not determine where the cameras are.
     """
-    check_kind(out, kind)
+    format_name(out, kind)
     check_writable(out.parent)
     if report is not None:
         check_writable(report)
@@ -128,7 +128,7 @@ def refine_shot(shot_path: Path, out: Path, progress: Progress | None = None, *,
     OutputError
         The calibration cannot be written; raised before the work where this can be seen.
     """
-    check_kind(out, kind)
+    format_name(out, kind)
     check_writable(out.parent)
     spec = read_shot_spec(shot_path)
     cameras = read_shot_cameras(spec)

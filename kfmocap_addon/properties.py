@@ -41,9 +41,9 @@ def _show_opacity(self: bpy.types.PropertyGroup, _context: bpy.types.Context) ->
 
 
 def _show_model(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
-    from .scene_io import body_armature
+    from .scene_io import part_meshes
 
-    body_armature.show_parts(self.id_data)
+    part_meshes.show_parts(self.id_data)
 
 
 class KFMocapView(bpy.types.PropertyGroup):

@@ -62,13 +62,6 @@ class BundleFit:
         return middle / float(np.sqrt(max(left, _LEAST_LEFT)))
 
 
-@dataclass(frozen=True, eq=False)
-class _BundleEquations(SparseEquations):
-    """Normal equations together with the residuals of the balls, shape (n, 2), that they were made from."""
-
-    points: Array
-
-
 def adjust(
     scene: Scene,
     evidence: BundleEvidence,
@@ -111,9 +104,9 @@ def adjust(
     def cost(points: Array, others: Array) -> float:
         return float(kernel.cost((points**2).sum(axis=1)).sum() + (others**2).sum())
 
-    def equations(state: Scene) -> _BundleEquations:
+    def equations(state: Scene) -> SparseEquations:
         found = linearise(state, evidence)
-        return _BundleEquations(*_normal_equations(found, free, kernel), cost(found.points, found.others), found.points)
+        return SparseEquations(*_normal_equations(found, free, kernel), cost(found.points, found.others))
 
     def move(state: Scene, step: Array) -> Scene:
         whole = np.zeros(len(free))
@@ -128,7 +121,8 @@ def adjust(
         stopping=StoppingRule(iterations, relative_gain=tolerance),
         on_iteration=None if cancel is None else lambda iteration, state: cancel(),
     )
-    return BundleFit(result.state, free, result.cost, result.iterations, result.equations.points)
+    points, _ = residuals(result.state, evidence)
+    return BundleFit(result.state, free, result.cost, result.iterations, points)
 
 
 def _normal_equations(found: BundleResiduals, free: Bools, kernel: RobustKernel) -> tuple[sparse.csc_array, Array]:

@@ -1,51 +1,76 @@
-"""Calibrations: our own TOML (aniposelib's and Pose2Sim's too), Caliscope's, Qualisys', OpenCV's.
-
-A camera of our TOML is a table with name, size, matrix, distortions, rotation (Rodrigues) and translation
-(metres). A moving camera's rotation and translation are lists of such vectors, one per frame of the shot.
-"""
+"""Calibration files of every program that KF Mocap reads and writes."""
 
 from __future__ import annotations
 
-import json
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from ..cameras.camera import Camera
 from ..errors import CalibrationError
-from ..numerics import rotations
-from ..runtime.files import replacing
-from .opencv_storage import read_opencv_cameras
-from .qualisys import read_qualisys_cameras
-from .toml_tables import read_toml
+from .caliscope import write_caliscope_cameras
+from .opencv_storage import read_opencv_cameras, write_opencv_cameras
+from .qualisys import read_qualisys_cameras, write_qualisys_cameras
+from .toml_cameras import read_toml_cameras, save_cameras
 
-Array = NDArray[np.float64]
 
-_FORMATS = ".toml (aniposelib, Pose2Sim, Caliscope), .qca.txt (Qualisys), .yml, .yaml or .json (OpenCV)"
+@dataclass(frozen=True)
+class CalibrationFormat:
+    """A kind of calibration file, and what it can store.
+
+    Attributes
+    ----------
+    programs : str
+        The programs that use it, for error messages.
+    endings : tuple of str
+        How its files' names end, in lower case. The first format with an ending reads the files that have it, and
+        writes them unless another format is asked for by name.
+    read : callable
+    write : callable
+    moving, fisheye : bool
+        Whether it can store moving cameras, and fisheye lenses.
+    coefficients : int or None
+        How many distortion coefficients it can store; None for any number.
+    """
+
+    programs: str
+    endings: tuple[str, ...]
+    read: Callable[[Path], list[Camera]]
+    write: Callable[[Path, Sequence[Camera]], None]
+    moving: bool = False
+    fisheye: bool = False
+    coefficients: int | None = 5
+
+
+FORMATS = {
+    "toml": CalibrationFormat(
+        "aniposelib, Pose2Sim, Caliscope",
+        (".toml",),
+        read_toml_cameras,
+        save_cameras,
+        moving=True,
+        fisheye=True,
+        coefficients=None,
+    ),
+    "caliscope": CalibrationFormat("Caliscope", (".toml",), read_toml_cameras, write_caliscope_cameras),
+    "qualisys": CalibrationFormat("Qualisys", (".qca.txt", ".qca"), read_qualisys_cameras, write_qualisys_cameras),
+    "opencv": CalibrationFormat(
+        "OpenCV", (".yml", ".yaml", ".json"), read_opencv_cameras, write_opencv_cameras, fisheye=True, coefficients=None
+    ),
+}
+"""By the name that the command line knows them by."""
 
 
 def load_cameras(path: Path | str) -> dict[str, Camera]:
-    """Read the cameras of a calibration file by their names.
+    """Read the cameras of a calibration file, by name.
 
     Raises
     ------
     CalibrationError
-        The file cannot be read, or a camera in it is not complete; names the file, the camera and the field.
+        The file cannot be read, or a camera in it is incomplete; names the file, the camera and the field.
     """
     path = Path(path)
-    name = path.name.lower()
-    if name.endswith(".toml"):
-        cameras = _read_toml(path)
-    elif name.endswith((".qca.txt", ".qca")):
-        cameras = read_qualisys_cameras(path)
-    elif name.endswith((".yml", ".yaml", ".json")):
-        cameras = read_opencv_cameras(path)
-    else:
-        raise CalibrationError("unknown kind of calibration", where=str(path), todo=f"known are {_FORMATS}")
+    cameras = FORMATS[format_name(path)].read(path)
     if not cameras:
         raise CalibrationError("the calibration holds no camera with a pose", where=str(path))
     for camera in cameras:
@@ -58,95 +83,66 @@ def load_cameras(path: Path | str) -> dict[str, Camera]:
     return by_name
 
 
-def _read_toml(path: Path) -> list[Camera]:
-    document = read_toml(path, "the calibration", CalibrationError)
-    tables = {k: v for k, v in document.items() if isinstance(v, dict) and "matrix" in v}
-    nested = document.get("cameras")  # Caliscope: [cameras.1], without names of their own
-    if isinstance(nested, dict):
-        tables.update({f"cam_{k}": v for k, v in nested.items() if isinstance(v, dict) and "matrix" in v})
-    return [_toml_camera(key, table, path) for key, table in tables.items() if _posed(table)]
+def export_cameras(path: Path | str, cameras: Mapping[str, Camera] | Sequence[Camera], kind: str | None = None) -> None:
+    """Write a calibration file; `load_cameras` reads the same cameras back.
+
+    Parameters
+    ----------
+    path : path
+    cameras : mapping or sequence of Camera
+    kind : str, optional
+        One of `FORMATS`; by default the first one with the path's ending.
+
+    Raises
+    ------
+    CalibrationError
+        The format is unknown or cannot store a camera.
+    OutputError
+        The file cannot be written.
+    """
+    path = Path(path)
+    name = format_name(path, kind)
+    values = list(cameras.values()) if isinstance(cameras, Mapping) else list(cameras)
+    for camera in values:
+        _check_storable(camera, name)
+    FORMATS[name].write(path, values)
 
 
-def _posed(table: Mapping[str, Any]) -> bool:
-    """Caliscope leaves cameras without a pose in the file, with "null" for what is not known."""
-    return all(table.get(key, "null") != "null" for key in ("matrix", "rotation", "translation"))
+def format_name(path: Path, kind: str | None = None) -> str:
+    """Name the format of `FORMATS` that is asked for, either by itself or by the path's ending.
 
-
-def _toml_camera(key: str, table: Mapping[str, Any], path: Path) -> Camera:
-    name = str(table.get("name", key))
-    where = f"{path} camera {name}"
-    size = _numbers(table, "size", where, (2,))
-    if not (size == size.round()).all() or not (size > 0).all():
-        raise CalibrationError("size must be two whole numbers of pixels", where=where)
-    return Camera.create(
-        name,
-        (int(size[0]), int(size[1])),
-        _numbers(table, "matrix", where, (3, 3)),
-        rotations.exp(np.atleast_2d(_numbers(table, "rotation", where, (3,), per_frame=True))),
-        _numbers(table, "translation", where, (3,), per_frame=True),
-        _numbers(table, "distortions", where, None) if "distortions" in table else (0.0, 0.0, 0.0, 0.0),
-        bool(table.get("fisheye", False)),
-    )
-
-
-def _numbers(
-    table: Mapping[str, Any], key: str, where: str, shape: tuple[int, ...] | None, per_frame: bool = False
-) -> Array:
-    """The array of one field, of the asked shape (None: any vector), or of that shape for each frame."""
-    if key not in table:
-        raise CalibrationError(f"'{key}' is missing", where=where)
-    try:
-        values = np.asarray(table[key], dtype=float)
-    except (TypeError, ValueError) as error:
-        raise CalibrationError(f"'{key}' must be numbers", where=where) from error
-    fits = values.ndim == 1 if shape is None else values.shape == shape
-    moving = per_frame and values.ndim == 2 and len(values) > 0 and values.shape[1:] == shape
-    if not fits and not moving:
-        wanted = "a list" if shape is None else " x ".join(map(str, shape))
-        raise CalibrationError(f"'{key}' has shape {values.shape}, not {wanted}", where=where)
-    if not np.isfinite(values).all():
-        raise CalibrationError(f"'{key}' holds a value that is not a finite number", where=where)
-    return values
+    Raises
+    ------
+    CalibrationError
+        There is no such format.
+    """
+    if kind is not None:
+        if kind in FORMATS:
+            return kind
+        todo = f"there are {', '.join(FORMATS)}"
+        raise CalibrationError(f"unknown kind of calibration '{kind}'", where=str(path), todo=todo)
+    for name, known in FORMATS.items():
+        if path.name.lower().endswith(known.endings):
+            return name
+    endings = dict.fromkeys(ending for known in FORMATS.values() for ending in known.endings)
+    programs = ", ".join(dict.fromkeys(program for known in FORMATS.values() for program in known.programs.split(", ")))
+    todo = f"known are {', '.join(endings)} of {programs}"
+    raise CalibrationError("unknown kind of calibration", where=str(path), todo=todo)
 
 
 def _check_distortions(camera: Camera, where: str) -> None:
-    """OpenCV takes only some numbers of coefficients."""
+    """Refuse a number of coefficients that OpenCV does not take."""
     counts = (4,) if camera.fisheye else (4, 5, 8, 12, 14)
     if len(camera.distortions) not in counts:
         wanted = " or ".join(map(str, counts))
         raise CalibrationError(f"{len(camera.distortions)} distortions, not {wanted}", where=where)
 
 
-def save_cameras(path: Path | str, cameras: Mapping[str, Camera] | Sequence[Camera]) -> None:
-    """Write cameras as our TOML; `load_cameras` gives the same cameras back.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
-    """
-    values = list(cameras.values()) if isinstance(cameras, Mapping) else list(cameras)
-    head = (
-        "# OpenCV convention: x_cam = R x_world + t, metres, Z-up world, pixel centres at integers;\n"
-        "# rotation is a Rodrigues vector; lists of vectors are the poses of a moving camera, one a frame.\n"
-    )
-    with replacing(Path(path)) as temporary:
-        temporary.write_text("\n".join([head, *map(_toml_table, values)]), encoding="utf-8")
-
-
-def _toml_table(camera: Camera) -> str:
-    key = camera.name if re.fullmatch(r"[A-Za-z0-9_-]+", camera.name) else _quoted(camera.name)
-    rotation, translation = rotations.log(camera.R_cam_world), camera.t_cam_world
-    if not camera.moving:
-        rotation, translation = rotation[0], translation[0]
-    return (
-        f"[{key}]\nname = {_quoted(camera.name)}\nsize = {list(camera.size)}\n"
-        f"matrix = {camera.matrix.tolist()}\ndistortions = {camera.distortions.tolist()}\n"
-        f"rotation = {rotation.tolist()}\ntranslation = {translation.tolist()}\n"
-        f"fisheye = {str(camera.fisheye).lower()}\n"
-    )
-
-
-def _quoted(text: str) -> str:
-    """A TOML basic string: JSON's escapes are a part of TOML's."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+def _check_storable(camera: Camera, name: str) -> None:
+    known, where = FORMATS[name], f"camera {camera.name}"
+    if camera.moving and not known.moving:
+        raise CalibrationError(f"{name} has no moving cameras", where=where)
+    if camera.fisheye and not known.fisheye:
+        raise CalibrationError(f"{name} has no fisheye lenses", where=where)
+    if known.coefficients is not None and camera.distortions[known.coefficients :].any():
+        raise CalibrationError(f"{name} has {known.coefficients} distortion coefficients, not more", where=where)

@@ -1,4 +1,4 @@
-"""Calibrations that OpenCV's FileStorage writes (.yml, .yaml, .json).
+"""Calibration files of OpenCV's FileStorage (.yml, .yaml, .json).
 
 Two layouts are read. EasyMocap's: a list `names`, and for each name K_name, dist_name, H_name and W_name (its
 size), R_name (Rodrigues) or Rot_name (matrix), and T_name, in one file or in extri.yml beside intri.yml. The
@@ -9,7 +9,8 @@ translation or T.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from ..cameras.camera import Camera
 from ..errors import CalibrationError
 from ..numerics import rotations
+from ..runtime.files import replacing
 
 Array = NDArray[np.float64]
 
@@ -136,3 +138,23 @@ def _size(table: Mapping[str, Any], where: str) -> tuple[int, int]:
             return int(values[0]), int(values[1])
     todo = "add image_width and image_height, or W_name and H_name in EasyMocap's layout"
     raise CalibrationError("the size of its footage is missing", where=where, todo=todo)
+
+
+def write_opencv_cameras(path: Path, cameras: Sequence[Camera]) -> None:
+    """Write a node per camera with the fields of OpenCV's calibration sample, its rotation as a matrix."""
+    with replacing(path) as temporary:
+        temporary.touch()  # where that fails the error says why, which OpenCV's does not
+        storage = cv2.FileStorage(str(temporary), cv2.FILE_STORAGE_WRITE)
+        for c, camera in enumerate(cameras, 1):
+            key = camera.name if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", camera.name) else f"camera_{c}"
+            storage.startWriteStruct(key, cv2.FILE_NODE_MAP)
+            storage.write("name", camera.name)
+            storage.write("image_width", camera.size[0])
+            storage.write("image_height", camera.size[1])
+            storage.write("camera_matrix", camera.matrix)
+            storage.write("distortion_coefficients", camera.distortions[None])
+            storage.write("rotation", camera.R_cam_world[0])
+            storage.write("translation", camera.t_cam_world[0][:, None])
+            storage.write("fisheye", int(camera.fisheye))
+            storage.endWriteStruct()
+        storage.release()

@@ -95,19 +95,20 @@ class LeastSquaresResult(Generic[State, Equations]):
     Attributes
     ----------
     state : State
-    equations : NormalEquations
-        At the state: the covariance of its unknowns is the inverse of `equations.factor()`.
     cost_history : tuple of float
         Cost of the start and after every accepted step. It never rises, unless `linearise` changes the problem from
         state to state; see the `trial_cost` of `minimise`.
     converged : bool
         False where the iterations ran out or no damping gave a step that lowered the cost.
+    linearised : callable
+        Returns the normal equations at the state: the covariance of its unknowns is the inverse of their `factor()`.
+        Where steps were tested by a `trial_cost`, every call linearises.
     """
 
     state: State
-    equations: Equations
     cost_history: tuple[float, ...]
     converged: bool
+    linearised: Callable[[], Equations]
 
     @property
     def cost(self) -> float:
@@ -157,10 +158,12 @@ def minimise(
     LeastSquaresResult
     """
     equations, share = linearise(state), damping.initial
-    history, converged = [equations.cost], False
+    history, converged, stale = [equations.cost], False, False
     while not converged and len(history) <= stopping.iterations and share <= damping.most:
         if on_iteration is not None:
             on_iteration(len(history) - 1, state)
+        if stale:
+            equations, stale = linearise(state), False
         step = _finite_step(equations, share)
         if step is None:
             share = damping.after_refusal(share)
@@ -170,17 +173,18 @@ def minimise(
             ahead = linearise(trial)
             cost = ahead.cost
         else:
-            ahead, cost = None, trial_cost(trial, equations)
+            ahead, cost = equations, trial_cost(trial, equations)
         if cost <= equations.cost:
             converged = stopping.converged(state, trial, equations.cost, cost)
-            state, equations = trial, ahead or linearise(trial)
-            history.append(equations.cost)
+            state, equations, stale = trial, ahead, trial_cost is not None
+            history.append(cost)
             share = damping.after_success(share)
         else:
             # A step that promises next to nothing is refused only for rounding: the state is the minimum.
             converged = -equations.slope(step) <= stopping.relative_gain * equations.cost
             share = damping.after_refusal(share)
-    return LeastSquaresResult(state, equations, tuple(history), converged)
+    last = (lambda: linearise(state)) if stale else (lambda: equations)
+    return LeastSquaresResult(state, tuple(history), converged, last)
 
 
 def _finite_step(equations: NormalEquations[Any, Any], damping: float) -> Any | None:

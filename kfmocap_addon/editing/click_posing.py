@@ -13,7 +13,7 @@ from ...core.cameras.camera import Camera
 from ...core.errors import KeypointError
 from ...core.posing.clicks import STEPS, Click, ClickFit, ClickSolver, clicked, pixel, ray
 from ...core.posing.depth import limb_flipped
-from ..scene_io import body_armature, joint_marks, keyframes, view_cameras
+from ..scene_io import body_armature, joint_marks, key_pose_curves, scene_cameras, shown_pose
 
 ASKED = [
     side + joint
@@ -49,10 +49,10 @@ class Placing:
         self.body = body_armature.body_from_armature(slot.armature)
         self.landmarks = order(self.body)
         self.marks = joint_marks.on_frame(slot, self.frame)
-        self._before = keyframes.shown_values(slot.armature), joint_marks.everything(slot)
+        self._before = shown_pose.shown_values(slot.armature), joint_marks.everything(slot)
         self._cameras = _cameras_now(scene)
         self._held = _held(self.body, self.bones)
-        self._given = keyframes.shown_pose(slot.armature)
+        self._given = shown_pose.read_shown_pose(slot.armature)
         self._solver = ClickSolver(self.body, self._given, self._held)
         self._history: list[joint_marks.Snapshot] = []
         self.fitted = ClickFit(self._given, self._given)
@@ -131,7 +131,7 @@ class Placing:
     def show(self) -> None:
         """Let scene and armature show marks and pose."""
         joint_marks.put(self.slot, self.frame, self.marks)
-        keyframes.show_pose(self.slot.armature, self.pose, self.bones)
+        shown_pose.show_pose(self.slot.armature, self.pose, self.bones)
 
     def key(self) -> None:
         """Make the pose a key pose."""
@@ -140,12 +140,12 @@ class Placing:
                 "no joint is marked on this frame", where=f"frame {self.frame}", todo="click joints with Place Joints"
             )
         self.show()
-        keyframes.key_current_pose(self.slot.armature, self.frame, self.bones)
+        key_pose_curves.key_current_pose(self.slot.armature, self.frame, self.bones)
 
     def restore(self) -> None:
         """Leave scene and armature as they were."""
         values, everything = self._before
-        keyframes.show_values(self.slot.armature, values)
+        shown_pose.show_values(self.slot.armature, values)
         joint_marks.restore(self.slot, everything)
 
     def _fit_afresh(self) -> None:
@@ -163,7 +163,7 @@ def _cameras_now(scene: bpy.types.Scene) -> dict[str, Camera]:
     """The calibrated cameras of the shot as they stand on the scene's present frame, by the names of their views."""
     slots = [s for s in scene.kfmocap.views if s.is_calibrated and s.camera is not None]
     slots = [slot for slot in slots if slot.camera.name in scene.objects]
-    cameras = view_cameras.read_cameras(scene, [slot.camera for slot in slots], scene.frame_current, 1)
+    cameras = scene_cameras.read_cameras(scene, [slot.camera for slot in slots], scene.frame_current, 1)
     return {slot.name: camera for slot, camera in zip(slots, cameras, strict=True)}
 
 

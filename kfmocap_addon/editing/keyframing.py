@@ -21,7 +21,7 @@ from ...core.keypoints.observations import performer_keypoints
 from ...core.keypoints.proposals import KeypointPoses, away_from_keys, best_frames
 from ...core.posing.clicks import pixel
 from ...core.shot.shot import KeyPoses, Shot
-from ..scene_io import body_armature, joint_marks, keyframes, view_cameras
+from ..scene_io import body_armature, joint_marks, key_pose_curves, motion_curves, view_cameras
 from ..scene_io import scene as scenes
 
 _RATES_DIFFER = 0.01
@@ -74,10 +74,10 @@ def set_key_poses(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, frames:
     """Key poses on shot frames as the animator's own, beside the keys that are there already unless the settings say
     that these are replaced; how many were set."""
     start = scene.kfmocap.frame_start
-    own = {frame - start for frame in keyframes.keyed_bones(slot.armature)[0]}
+    own = {frame - start for frame in key_pose_curves.keyed_bones(slot.armature)[0]}
     free = [i for i, frame in enumerate(frames) if scene.kfmocap.key_frames.replace or frame not in own]
     if free:
-        keyframes.write_key_poses(slot.armature, KeyPoses.whole([frames[i] for i in free], poses[free]), start)
+        key_pose_curves.write_key_poses(slot.armature, KeyPoses.whole([frames[i] for i in free], poses[free]), start)
     return len(free)
 
 
@@ -95,8 +95,8 @@ def without_replaced(scene: bpy.types.Scene, shot: Shot, number: int, frames: Se
 def propose(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, seen: KeypointPoses) -> int:
     """Show a motion as tracked, with key poses proposed on some of its frames; how many are."""
     start = scene.kfmocap.frame_start
-    earlier = keyframes.keyed_bones(slot.armature)[1]
-    keyframes.write_motion(slot.armature, seen.motion, start, np.union1d(start + seen.frames, earlier))
+    earlier = key_pose_curves.keyed_bones(slot.armature)[1]
+    motion_curves.write_motion(slot.armature, seen.motion, start, np.union1d(start + seen.frames, earlier))
     return len(seen.frames)
 
 
@@ -165,7 +165,7 @@ def landmark_poses(
     rows = _rows(scene, landmarks, first_row)
     frames = frames_wanted(scene)
     if frames is None:
-        own = np.array(sorted(keyframes.keyed_bones(slot.armature)[0]), np.int64) - scene.kfmocap.frame_start
+        own = np.array(sorted(key_pose_curves.keyed_bones(slot.armature)[0]), np.int64) - scene.kfmocap.frame_start
         known = [np.isfinite(landmarks.points_world[row]).all(axis=-1).mean() if row >= 0 else 0.0 for row in rows]
         chosen = away_from_keys(best_frames(np.array(known), _fps(scene)), own, _fps(scene))
         frames = [int(frame) for frame in chosen if known[frame] > 0]

@@ -11,21 +11,21 @@ from ...core.body.motion import Motion
 from ...core.errors import BodyError, ShotError
 from ...core.posing.depth import moved_in_depth
 from ...core.posing.mirror import mirrored_poses
-from ..scene_io import body_armature, keyframes, view_cameras
+from ..scene_io import body_armature, body_channels, key_pose_curves, motion_curves, scene_cameras, shown_pose
 
 
 def set_pose(armature: bpy.types.Object, pose: Motion, frame: int, bones: set[str] | None) -> None:
     """Show a pose and key it on a scene frame: of these bones or the whole body."""
-    keyframes.show_pose(armature, pose, bones)
-    keyframes.key_current_pose(armature, frame, bones)
+    shown_pose.show_pose(armature, pose, bones)
+    key_pose_curves.key_current_pose(armature, frame, bones)
 
 
 def beside(armature: bpy.types.Object, frame: int) -> tuple[Motion | None, Motion | None]:
     """The poses on the nearest frames before and after a scene frame that have a key pose."""
-    keyed, _ = keyframes.keyed_bones(armature)
+    keyed, _ = key_pose_curves.keyed_bones(armature)
     before = max((f for f in keyed if f < frame), default=None)
     after = min((f for f in keyed if f > frame), default=None)
-    return tuple(None if f is None else keyframes.read_motion(armature, f, 1) for f in (before, after))
+    return tuple(None if f is None else motion_curves.read_motion(armature, f, 1) for f in (before, after))
 
 
 def between(armature: bpy.types.Object, frame: int, share: float) -> Motion:
@@ -55,14 +55,14 @@ def nudged(armature: bpy.types.Object, frame: int, earlier: bool, share: float) 
     if target is None:
         where = "before" if earlier else "after"
         raise ShotError(f"there is no key pose {where} it", where=f"frame {frame}", todo="set one first")
-    shown = keyframes.shown_pose(armature)
+    shown = shown_pose.read_shown_pose(armature)
     return shown.moved(share * shown.difference(target))
 
 
 def nudged_in_depth(scene: bpy.types.Scene, armature: bpy.types.Object, distance: float) -> Motion:
     """The pose shown, moved away from the scene's camera, metres."""
-    [camera] = view_cameras.read_cameras(scene, [scene.camera], scene.frame_current, 1)
-    return moved_in_depth(keyframes.shown_pose(armature), camera.centre_world(), distance)
+    [camera] = scene_cameras.read_cameras(scene, [scene.camera], scene.frame_current, 1)
+    return moved_in_depth(shown_pose.read_shown_pose(armature), camera.centre_world(), distance)
 
 
 def mirrored(armature: bpy.types.Object, pose: Motion, root: bool) -> Motion:
@@ -78,7 +78,7 @@ def mirrored(armature: bpy.types.Object, pose: Motion, root: bool) -> Motion:
 def copied(armature: bpy.types.Object) -> str:
     """The pose shown, as text: the bones' own values by their names."""
     values = {}
-    for channel, value in zip(keyframes.body_channels(armature), keyframes.shown_values(armature), strict=True):
+    for channel, value in zip(body_channels.list_channels(armature), shown_pose.shown_values(armature), strict=True):
         values.setdefault(channel.bone, {}).setdefault(channel.property, []).append(value)
     return json.dumps(values)
 
@@ -92,10 +92,10 @@ def pasted(armature: bpy.types.Object, text: str) -> Motion:
         No bone has such a name.
     """
     values = json.loads(text)
-    channels, shown = keyframes.body_channels(armature), np.array(keyframes.shown_values(armature))
+    channels, shown = body_channels.list_channels(armature), np.array(shown_pose.shown_values(armature))
     if not any(channel.bone in values for channel in channels):
         raise BodyError("no bone has the name of one of the copied pose", where=f"armature {armature.name}")
     for i, channel in enumerate(channels):
         if channel.property in values.get(channel.bone, {}):
             shown[i] = values[channel.bone][channel.property][channel.index]
-    return keyframes.pose_of(armature, shown)
+    return shown_pose.pose_of_values(armature, shown)

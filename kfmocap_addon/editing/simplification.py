@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..scene_io import fcurves, keyframes
+from ..scene_io import body_channels, fcurves, key_ownership
 
 Array = NDArray[np.float64]
 
@@ -97,9 +97,9 @@ def simplify(
 
 
 def _tracks(armature: bpy.types.Object, bones: Collection[str] | None) -> Iterator[_Track]:
-    channels = keyframes.body_channels(armature)
+    channels = body_channels.list_channels(armature)
     found = [
-        row for row in keyframes.channel_keys(armature, channels) if bones is None or channels[row[0]].bone in bones
+        row for row in key_ownership.channel_keys(armature, channels) if bones is None or channels[row[0]].bone in bones
     ]
     for path, rows in groupby(found, key=lambda row: channels[row[0]].path):
         _, curves, keys, own = zip(*rows, strict=True)

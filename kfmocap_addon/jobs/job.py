@@ -1,4 +1,4 @@
-"""Work beside Blender, in a process of its own: Blender's window stays at hand, and what is given up ends at once."""
+"""A job: work in a process of its own, so that Blender's window stays usable and a cancelled job ends at once."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ if TYPE_CHECKING:
     from ...core.runtime.progress import Progress
 
 Work = Callable[["Progress"], Any]
-"""Pickled to get there, and so is what it returns: a function of a module, or a `functools.partial` of one."""
-_TELLING = 0.02
-"""Share of the work after which the time that it took tells how long the rest will take."""
+"""A function of a module, or a `functools.partial` of one: it and its result are pickled between the processes."""
+_ESTIMATE_FROM = 0.02
+"""Share of the work that must be done before the time that it took says how long the rest will take."""
 
 
 class Job:
-    """A piece of work, a function of a progress callback, that goes on by itself until it is done or given up.
+    """Work that runs in a process of its own until it is done or cancelled.
 
     Attributes
     ----------
     state : tuple of str and float
-        What it does, and the share of it that is done.
+        What is being done, and the share of the work that is done.
     """
 
     def __init__(self, work: Work) -> None:
         self.state = ("", 0.0)
         self._begun = time.monotonic()
         self._cancelled = False
-        self._outcome: tuple[str, Any] = ("error", KFMocapError("the work ended before its time"))
+        self._outcome: tuple[str, Any] = ("error", KFMocapError("the worker process ended unexpectedly"))
         head = sys.path, __package__.rsplit(".", 2)[0], str(Path(__file__).parents[2])
         sent = pickle.dumps(head) + pickle.dumps(work)
         flags = getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0) | getattr(subprocess, "CREATE_NO_WINDOW", 0)
@@ -65,24 +65,25 @@ class Job:
             self._outcome = kind, value
 
     def cancel(self) -> None:
-        """Give it up: its process ends at once."""
+        """Stop the work: its process ends at once."""
         self._cancelled = True
         self._process.kill()
 
     @property
     def done(self) -> bool:
+        """Whether the work has ended, in whatever way."""
         return not self._thread.is_alive()
 
-    def told(self) -> str:
-        """What it does, how far it is, and how long it will go on."""
+    def status_text(self) -> str:
+        """Say what is being done, how much of it is done, and how long the rest will take."""
         what, fraction = self.state
         text = f"{what.capitalize() or 'Starting'} {fraction:.0%}"
-        if fraction < _TELLING:
+        if fraction < _ESTIMATE_FROM:
             return text
         return f"{text}, {duration((time.monotonic() - self._begun) * (1 / fraction - 1))} left"
 
     def result(self) -> Any:
-        """What the work returned; raises what it raised, or CancelledError where it was given up."""
+        """Return what the work returned; raises what it raised, or CancelledError where it was cancelled."""
         if self._cancelled:
             raise CancelledError
         kind, value = self._outcome
@@ -92,7 +93,7 @@ class Job:
 
 
 def duration(seconds: float) -> str:
-    """A duration as one tells it: 8 s, 2:05 min, 1:02 h."""
+    """Format a duration: 8 s, 2:05 min, 1:02 h."""
     whole = max(0, round(seconds))
     if whole < 60:
         return f"{whole} s"

@@ -6,6 +6,7 @@ import bpy
 from bpy_extras.io_utils import ImportHelper
 
 from ..viewports import screens
+from .conditions import Conditional, has_views
 from .reporting import reported
 
 VIDEOS = ".mp4;.mov;.avi;.mkv;.mts;.m2ts;.m4v;.mpg;.mpeg;.webm;.mxf"
@@ -55,12 +56,13 @@ class AddFootage(bpy.types.Operator, ImportHelper):
         return [folder / name for name in names if name]
 
 
-class ImportCalibration(bpy.types.Operator, ImportHelper):
+class ImportCalibration(Conditional, bpy.types.Operator, ImportHelper):
     """Give the views the cameras of a calibration file, by their names"""
 
     bl_idname = "kfmocap.import_calibration"
     bl_label = "Import Calibration"
     bl_options = {"REGISTER", "UNDO"}
+    conditions = (has_views,)
 
     filepath: bpy.props.StringProperty(
         subtype="FILE_PATH",
@@ -70,54 +72,47 @@ class ImportCalibration(bpy.types.Operator, ImportHelper):
     )
     filter_glob: bpy.props.StringProperty(default=globbed(CALIBRATIONS), options={"HIDDEN"})
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return has_views(cls, context)
-
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ...core.formats import load_cameras
         from ..scene_io import added_views
 
         with reported(self) as outcome:
             cameras = load_cameras(bpy.path.abspath(self.filepath))
-            told(self, added_views.calibrate_views(context.scene, cameras))
+            _report_calibrated(self, added_views.calibrate_views(context.scene, cameras))
         return outcome.value
 
 
-class UseSceneCameras(bpy.types.Operator):
+def _has_other_cameras(context: bpy.types.Context) -> str:
+    own = {view.camera for view in context.scene.kfmocap.views}
+    if any(owner.type == "CAMERA" and owner not in own for owner in context.scene.objects):
+        return ""
+    return "The scene has no camera that is not a view: calibrate, or import a calibration"
+
+
+class UseSceneCameras(Conditional, bpy.types.Operator):
     """Give the views the cameras that were calibrated in this scene, by their names: with the wand, by Import Cameras
     or by Blender's own motion tracker. Without views, cameras that have footage behind them become views"""
 
     bl_idname = "kfmocap.use_scene_cameras"
     bl_label = "Use Scene Cameras"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        own = {view.camera for view in context.scene.kfmocap.views}
-        if any(owner.type == "CAMERA" and owner not in own for owner in context.scene.objects):
-            return True
-        cls.poll_message_set("The scene has no camera that is not a view: calibrate, or import a calibration")
-        return False
+    conditions = (_has_other_cameras,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..scene_io import added_views
 
         with reported(self) as outcome:
-            told(self, added_views.use_scene_cameras(context.scene))
+            _report_calibrated(self, added_views.use_scene_cameras(context.scene))
         return outcome.value
 
 
-class RemoveView(bpy.types.Operator):
+class RemoveView(Conditional, bpy.types.Operator):
     """Take the view that is looked through out of the shot, with its camera. The file stays where it is"""
 
     bl_idname = "kfmocap.remove_view"
     bl_label = "Remove View"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return has_views(cls, context)
+    conditions = (has_views,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..scene_io import added_views
@@ -130,15 +125,7 @@ class RemoveView(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def has_views(operator: type[bpy.types.Operator], context: bpy.types.Context) -> bool:
-    """Whether the scene has views; if not, the disabled button says so."""
-    if context.scene.kfmocap.views:
-        return True
-    operator.poll_message_set("There is no footage yet: use Add Footage or Load Shot")
-    return False
-
-
-def told(operator: bpy.types.Operator, calibrated: object) -> None:
+def _report_calibrated(operator: bpy.types.Operator, calibrated: object) -> None:
     """Report which views were calibrated and which were not."""
     operator.report({"INFO"}, f"Calibrated {', '.join(calibrated.views)}")
     if calibrated.left:

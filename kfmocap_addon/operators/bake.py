@@ -3,28 +3,26 @@
 import bpy
 
 from . import active_performer
+from .conditions import Conditional, has_performer
 from .reporting import reported
 
 
-class Bake(bpy.types.Operator):
+class Bake(Conditional, bpy.types.Operator):
     """Make tracked keys your own, of the bones selected in pose mode, else of the whole body: from then on no
     tracking replaces them"""
 
     bl_idname = "kfmocap.bake"
     bl_label = "Bake"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return active_performer.explained(cls, context)
+    conditions = (has_performer,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ..scene_io import keyframes
+        from ..scene_io import motion_curves
 
         with reported(self) as outcome:
             frames = 0
-            for armature in active_performer.posed(context):
-                frames = max(frames, keyframes.bake(armature, active_performer.chosen_bones(context, armature)))
+            for armature in active_performer.posed_armatures(context):
+                frames = max(frames, motion_curves.bake(armature, active_performer.chosen_bones(context, armature)))
             if not frames:
                 self.report({"WARNING"}, "There are no tracked keys to bake: track first")
                 return {"CANCELLED"}

@@ -7,26 +7,25 @@ import bpy
 
 from ..jobs.job import Work
 from ..scene_io import capture_scene as captures
+from .conditions import Conditional
 from .job_operator import JobOperator
 
 REPORT = "Calibration Report"
 
 
-class Calibrate(JobOperator, bpy.types.Operator):
+def _capture_is_complete(context: bpy.types.Context) -> str:
+    return captures.missing(context.scene.kfmocap_capture)
+
+
+class Calibrate(Conditional, JobOperator, bpy.types.Operator):
     """Find the balls in all videos, solve for the cameras, and show them with the wand's path. Esc cancels"""
 
     bl_idname = "kfmocap.calibrate"
     bl_label = "Calibrate"
     bl_options = {"REGISTER", "UNDO"}
+    conditions = (_capture_is_complete,)
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        missing = captures.missing(context.scene.kfmocap_capture)
-        if missing:
-            cls.poll_message_set(missing)
-        return not missing
-
-    def prepared(self, context: bpy.types.Context) -> Work:
+    def prepare(self, context: bpy.types.Context) -> Work:
         from ...core.calibration.api import calibrate
 
         self._film = captures.film_of(context.scene.kfmocap_capture)
@@ -51,16 +50,17 @@ class Calibrate(JobOperator, bpy.types.Operator):
         self.report({"INFO"}, f"Solved {len(result.cameras)} cameras")
 
 
-class ShowReport(bpy.types.Operator):
+def _has_report(context: bpy.types.Context) -> str:
+    return "" if REPORT in bpy.data.images else "There is no report yet: use Calibrate"
+
+
+class ShowReport(Conditional, bpy.types.Operator):
     """Show the report of the last calibration in an image editor"""
 
     bl_idname = "kfmocap.show_calibration_report"
     bl_label = "Show Report"
     bl_options = {"REGISTER"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return REPORT in bpy.data.images
+    conditions = (_has_report,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         area = image_area(context)

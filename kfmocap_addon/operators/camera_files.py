@@ -56,14 +56,14 @@ class ExportCameras(bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ...core.formats.calibration_export import export_cameras
-        from ..scene_io import solved_cameras, view_cameras
+        from ...core.formats.calibration_files import export_cameras
+        from ..scene_io import scene_cameras, solved_cameras
 
         scene = context.scene
         with reported(self) as outcome:
             owners = solved_cameras.camera_objects(scene, context.selected_objects)
             length = scene.frame_end - scene.frame_start + 1
-            cameras = view_cameras.read_cameras(scene, owners, scene.frame_start, length)
+            cameras = scene_cameras.read_cameras(scene, owners, scene.frame_start, length)
             path = Path(bpy.path.abspath(self.filepath))
             export_cameras(path, cameras)
             self.report({"INFO"}, f"Wrote {len(cameras)} cameras to {path}")

@@ -7,6 +7,7 @@ from bpy_extras.io_utils import ImportHelper
 
 from ...core.errors import CalibrationError
 from ..scene_io import capture_scene as captures
+from .conditions import Conditional
 from .reporting import reported
 
 
@@ -40,16 +41,17 @@ def camera_name(path: Path) -> str:
     return name or path.stem
 
 
-class RemoveVideos(bpy.types.Operator):
+def _has_videos(context: bpy.types.Context) -> str:
+    return "" if context.scene.kfmocap_capture.views else "Add the cameras' videos first"
+
+
+class RemoveVideos(Conditional, bpy.types.Operator):
     """Take the selected camera out of the capture"""
 
     bl_idname = "kfmocap.remove_videos"
     bl_label = "Remove"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return bool(context.scene.kfmocap_capture.views)
+    conditions = (_has_videos,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         capture = context.scene.kfmocap_capture

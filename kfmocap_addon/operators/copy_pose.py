@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from . import active_performer
+from .conditions import Conditional, has_performer
 from .posing_operator import PosingOperator
 from .reporting import reported
 
@@ -20,16 +21,13 @@ _ROOT = bpy.props.BoolProperty(
 )
 
 
-class CopyPose(bpy.types.Operator):
+class CopyPose(Conditional, bpy.types.Operator):
     """Copy the pose on this frame, tracked or your own, to paste it on another"""
 
     bl_idname = "kfmocap.copy_pose"
     bl_label = "Copy Pose"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return active_performer.explained(cls, context)
+    conditions = (has_performer,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..editing import pose_editing
@@ -40,23 +38,19 @@ class CopyPose(bpy.types.Operator):
         return outcome.value
 
 
+def _has_copied_pose(context: bpy.types.Context) -> str:
+    return "" if context.scene.kfmocap.copied else "Copy a pose first"
+
+
 class PastePose(PosingOperator, bpy.types.Operator):
     """Make the copied pose a key pose on this frame: of the bones selected in pose mode, else of the whole body"""
 
     bl_idname = "kfmocap.paste_pose"
     bl_label = "Paste Pose"
+    conditions = (has_performer, _has_copied_pose)
 
     flipped: bpy.props.BoolProperty(name="Mirrored", description="Exchange left and right")
     root: _ROOT
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not active_performer.explained(cls, context):
-            return False
-        if context.scene.kfmocap.copied:
-            return True
-        cls.poll_message_set("Copy a pose first")
-        return False
 
     @classmethod
     def description(cls, _context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
@@ -80,9 +74,9 @@ class MirrorPose(PosingOperator, bpy.types.Operator):
 
     def pose(self, _context: bpy.types.Context, armature: bpy.types.Object) -> Motion:
         from ..editing import pose_editing
-        from ..scene_io import keyframes
+        from ..scene_io import shown_pose
 
-        return pose_editing.mirrored(armature, keyframes.shown_pose(armature), self.root)
+        return pose_editing.mirrored(armature, shown_pose.read_shown_pose(armature), self.root)
 
 
 CLASSES = (CopyPose, PastePose, MirrorPose)

@@ -35,12 +35,12 @@ class OpenFile(bpy.types.Operator):
                 "keypoints": tools.import_keypoints,
                 "landmarks": tools.pose_from_landmarks,
             }
-            outcome.value = run(self, tool[file_kind(path)], filepath=path)
+            outcome.value = run_operator(self, tool[file_kind(path)], filepath=path)
         return outcome.value
 
 
-def run(operator: bpy.types.Operator, tool: object, **settings: object) -> set[str]:
-    """Run another tool; what it reports as an error is this one's."""
+def run_operator(operator: bpy.types.Operator, tool: object, **settings: object) -> set[str]:
+    """Run another operator; the errors that it reports become this one's."""
     try:
         return tool("EXEC_DEFAULT", **settings)
     except RuntimeError as error:

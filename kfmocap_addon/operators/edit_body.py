@@ -2,6 +2,7 @@
 
 import bpy
 
+from .conditions import Conditional, in_object_mode
 from .reporting import reported
 
 LENGTHS = (
@@ -30,13 +31,14 @@ def _length(name: str, what: str) -> object:
     )
 
 
-class AddBody(bpy.types.Operator):
+class AddBody(Conditional, bpy.types.Operator):
     """Add a body to track: an armature with its parts, from a height or from measured lengths. It stands at the 3D
     cursor and is a performer of the shot"""
 
     bl_idname = "kfmocap.add_body"
     bl_label = "KF Mocap Body"
     bl_options = {"REGISTER", "UNDO"}
+    conditions = (in_object_mode,)
 
     performer: bpy.props.StringProperty(
         default="Performer", name="Name", description="Of the performer and the armature"
@@ -62,10 +64,6 @@ class AddBody(bpy.types.Operator):
     shin: _length("Shin", "From the knee to the ankle")
     foot_forward: _length("Foot", "From the ankle forward to the big toe")
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return in_object_mode(cls, context)
-
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ...core.body import human
         from ..scene_io import performers
@@ -89,23 +87,24 @@ class AddBody(bpy.types.Operator):
                 column.prop(self, name)
 
 
-class UseArmature(bpy.types.Operator):
+def _armature_is_active(context: bpy.types.Context) -> str:
+    active = context.active_object
+    return "" if active is not None and active.type == "ARMATURE" else "Make an armature active first"
+
+
+def _armature_is_new(context: bpy.types.Context) -> str:
+    active = context.active_object
+    known = any(slot.armature == active for slot in context.scene.kfmocap.performers)
+    return f"{active.name} is a performer already" if known else ""
+
+
+class UseArmature(Conditional, bpy.types.Operator):
     """Make the active armature a performer of the shot. Its bones must carry meshes, each parented to its bone"""
 
     bl_idname = "kfmocap.use_armature"
     bl_label = "Use Active Armature"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        active = context.active_object
-        if active is None or active.type != "ARMATURE":
-            cls.poll_message_set("Make an armature active first")
-            return False
-        if any(slot.armature == active for slot in context.scene.kfmocap.performers):
-            cls.poll_message_set(f"{active.name} is a performer already")
-            return False
-        return True
+    conditions = (_armature_is_active, _armature_is_new)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..scene_io import performers
@@ -133,25 +132,25 @@ class RemovePerformer(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class EditPart(bpy.types.Operator):
+def _bone_is_active(context: bpy.types.Context) -> str:
+    if context.mode == "POSE" and context.active_pose_bone is not None:
+        return ""
+    return "Go to pose mode and click on the bone whose part you want to edit"
+
+
+class EditPart(Conditional, bpy.types.Operator):
     """Edit the mesh of the active bone: the tracker takes the convex hull of what you make of it"""
 
     bl_idname = "kfmocap.edit_part"
     bl_label = "Edit Part"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if context.mode == "POSE" and context.active_pose_bone is not None:
-            return True
-        cls.poll_message_set("Go to pose mode and click on the bone whose part you want to edit")
-        return False
+    conditions = (_bone_is_active,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ..scene_io import body_armature
+        from ..scene_io import part_meshes
 
         armature, bone = context.active_object, context.active_pose_bone.name
-        part = next(iter(body_armature.meshes_on(armature, bone)), None)
+        part = next(iter(part_meshes.meshes_on(armature, bone)), None)
         if part is None:
             self.report({"ERROR"}, f"No mesh is parented to the bone {bone}")
             return {"CANCELLED"}
@@ -167,36 +166,34 @@ class EditPart(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class FinishPart(bpy.types.Operator):
+def _part_is_edited(context: bpy.types.Context) -> str:
+    return "" if edited_part(context) is not None else "No part is being edited: use Edit Part"
+
+
+class FinishPart(Conditional, bpy.types.Operator):
     """Go back to posing. Parts cannot be clicked on again, so that they are never in the way of the bones"""
 
     bl_idname = "kfmocap.finish_part"
     bl_label = "Finish Part"
     bl_options = {"REGISTER", "UNDO"}
+    conditions = (_part_is_edited,)
 
     mirror: bpy.props.BoolProperty(
         default=True, name="Both Sides", description="Give the same part of the other side the mirrored shape"
     )
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if edited_part(context) is not None:
-            return True
-        cls.poll_message_set("No part is being edited: use Edit Part")
-        return False
-
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ..scene_io import body_armature
+        from ..scene_io import part_meshes
 
         part = edited_part(context)
         if context.mode != "OBJECT":
             bpy.ops.object.mode_set(mode="OBJECT")
         with reported(self) as outcome:
-            body_armature.check_part(part)
+            part_meshes.check_part(part)
             if self.mirror:
-                body_armature.mirror_part(part)
+                part_meshes.mirror_part(part)
             part.hide_select = True
-            body_armature.show_parts(context.scene)
+            part_meshes.show_parts(context.scene)
             select_only(context, part.parent)
             if part.parent.visible_get():
                 bpy.ops.object.mode_set(mode="POSE")
@@ -209,14 +206,6 @@ def edited_part(context: bpy.types.Context) -> bpy.types.Object | None:
     if active is None or active.type != "MESH" or active.parent_type != "BONE":
         return None
     return active if any(slot.armature == active.parent for slot in context.scene.kfmocap.performers) else None
-
-
-def in_object_mode(operator: type[bpy.types.Operator], context: bpy.types.Context) -> bool:
-    """Whether something can be added; if not, the disabled button says so."""
-    if context.mode == "OBJECT":
-        return True
-    operator.poll_message_set("Go to object mode first")
-    return False
 
 
 def select_only(context: bpy.types.Context, owner: bpy.types.Object) -> None:

@@ -4,29 +4,26 @@ from pathlib import Path
 
 import bpy
 
-from .reporting import explained, reported
+from .conditions import Conditional, has_shot
+from .reporting import reported
 
 
-class Export(bpy.types.Operator):
+def _has_file_kind(context: bpy.types.Context) -> str:
+    settings = context.scene.kfmocap.export
+    return "" if settings.bvh or settings.fbx else "Choose BVH, FBX or both"
+
+
+class Export(Conditional, bpy.types.Operator):
     """Write every performer's motion as BVH and FBX, as the settings in the panel say"""
 
     bl_idname = "kfmocap.export"
     bl_label = "Export"
     bl_options = {"REGISTER"}
+    conditions = (has_shot, _has_file_kind)
 
     directory: bpy.props.StringProperty(
         subtype="DIR_PATH", name="Folder", description="Where the files go; they take the shot's name"
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not explained(cls, context):
-            return False
-        settings = context.scene.kfmocap.export
-        if settings.bvh or settings.fbx:
-            return True
-        cls.poll_message_set("Choose BVH, FBX or both")
-        return False
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         context.window_manager.fileselect_add(self)

@@ -4,28 +4,25 @@ from functools import partial
 
 import bpy
 
+from .conditions import Conditional, has_shot
 from .job_operator import JobOperator, Work
-from .reporting import explained
 
 
-class FitBody(JobOperator, bpy.types.Operator):
+class FitBody(Conditional, JobOperator, bpy.types.Operator):
     """Make the parts as long and as wide as the performers in the footage, from the frames on which you posed the whole
     body: three or more in different postures are best. 2D keypoints tell lengths more exactly. Esc cancels"""
 
     bl_idname = "kfmocap.fit_body"
     bl_label = "Fit Body"
     bl_options = {"REGISTER", "UNDO"}
+    conditions = (has_shot,)
 
     adjust_poses: bpy.props.BoolProperty(
         name="Adjust Key Poses",
         description="Also move your key poses of the whole body to where the fitted body lies best on the footage",
     )
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return explained(cls, context)
-
-    def prepared(self, context: bpy.types.Context) -> Work:
+    def prepare(self, context: bpy.types.Context) -> Work:
         from ...core.fitting.body_fit import fit_bodies
         from ..scene_io import scene as scenes
 
@@ -34,13 +31,13 @@ class FitBody(JobOperator, bpy.types.Operator):
 
     def finish(self, context: bpy.types.Context, result: object) -> None:
         from ...core.shot.shot import KeyPoses
-        from ..scene_io import body_armature, keyframes
+        from ..scene_io import body_armature, key_pose_curves
 
         shot = context.scene.kfmocap
         for slot, body, poses, growth in zip(shot.performers, result.bodies, result.poses, result.growth, strict=True):
             body_armature.reshape(slot.armature, body)
             if self.adjust_poses:
-                keyframes.write_key_poses(slot.armature, KeyPoses.whole(result.frames, poses), shot.frame_start)
+                key_pose_curves.write_key_poses(slot.armature, KeyPoses.whole(result.frames, poses), shot.frame_start)
             change = f"{abs(growth):.0%} {'larger' if growth > 0 else 'smaller'}"
             self.report({"INFO"}, f"{slot.name}: fitted to {len(result.frames)} key poses; {change} than before")
 

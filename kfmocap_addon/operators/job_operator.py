@@ -1,4 +1,4 @@
-"""Long work beside Blender's window: the status bar shows how far it is, Esc ends it."""
+"""Operators whose work is a job: the status bar shows the progress, Esc cancels."""
 
 from __future__ import annotations
 
@@ -19,21 +19,24 @@ _PASSES = {"MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "WINDOW_DEACTIVATE"}
 
 
 class JobOperator:
-    """A tool whose work is a job. `prepared` reads the scene, `finish` writes into it; both run in Blender's thread.
+    """An operator whose work is a job.
 
-    Called with a window it runs modally; without one, and from scripts, it blocks until it is done. While it runs
-    modally the 3D views can be turned and zoomed; everything else waits.
+    `prepare` reads the scene and `finish` writes into it; both run in Blender's thread. Called with a window the
+    operator runs modally; without one, and from scripts, it blocks until the work is done. While it runs modally the
+    3D views can be turned and zoomed; everything else waits.
     """
 
-    def prepared(self, context: bpy.types.Context) -> Work:
+    def prepare(self, context: bpy.types.Context) -> Work:
+        """Read the scene; returns the work to do."""
         raise NotImplementedError
 
     def finish(self, context: bpy.types.Context, result: Any) -> None:
+        """Write what the work returned into the scene."""
         raise NotImplementedError
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         with progress_shown(context) as progress, reported(self) as outcome:
-            self.finish(context, self.prepared(context)(progress))
+            self.finish(context, self.prepare(context)(progress))
         return outcome.value
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
@@ -42,9 +45,9 @@ class JobOperator:
         if any(running_job(window) for window in context.window_manager.windows):
             self.report({"ERROR"}, "Something is still being worked on: wait, or end it with Esc")
             return {"CANCELLED"}
-        self._told = ""
+        self._status = ""
         with reported(self) as outcome:
-            self.job = Job(self.prepared(context))
+            self.job = Job(self.prepare(context))
         if outcome.value != {"FINISHED"}:
             return outcome.value
         self._timer = context.window_manager.event_timer_add(_INTERVAL, window=context.window)
@@ -64,8 +67,8 @@ class JobOperator:
 
     def _continued(self, context: bpy.types.Context) -> set[str]:
         if not self.job.done:
-            if (told := self.job.told()) != self._told:  # drawing takes its time, too
-                self._told = told
+            if (text := self.job.status_text()) != self._status:  # drawing takes its time, too
+                self._status = text
                 context.window_manager.progress_update(self.job.state[1])
                 context.workspace.status_text_set(_status_of(self.job))
                 _redraw_sidebars(context.window)
@@ -116,7 +119,7 @@ def _status_of(job: Job) -> Callable[[bpy.types.Header, bpy.types.Context], None
 def draw_progress(layout: bpy.types.UILayout, job: Job) -> bpy.types.UILayout:
     """A bar that shows how far a job is; returns its row."""
     row = layout.row()
-    row.progress(factor=min(max(job.state[1], 0.0), 1.0), text=job.told())
+    row.progress(factor=min(max(job.state[1], 0.0), 1.0), text=job.status_text())
     return row
 
 

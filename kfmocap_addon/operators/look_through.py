@@ -3,43 +3,37 @@
 import bpy
 
 from ..viewports import screens
-from .add_footage import has_views
+from .conditions import Conditional, has_views
 
 
-class LookThrough(bpy.types.Operator):
+class LookThrough(Conditional, bpy.types.Operator):
     """Look through this view's camera, at the size of its footage"""
 
     bl_idname = "kfmocap.look_through"
     bl_label = "Look Through"
     bl_options = {"REGISTER", "UNDO"}
+    conditions = (has_views,)
 
     view: bpy.props.IntProperty(min=0, name="View", description="Number of the view in the shot, from 0")
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return has_views(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         slots = context.scene.kfmocap.views
         if self.view >= len(slots) or slots[self.view].camera is None:
             self.report({"ERROR"}, f"The shot has no view {self.view} with a camera")
             return {"CANCELLED"}
-        show(context, self.view)
+        show_view(context, self.view)
         return {"FINISHED"}
 
 
-class StepView(bpy.types.Operator):
+class StepView(Conditional, bpy.types.Operator):
     """Look through the next view's camera, or the one before"""
 
     bl_idname = "kfmocap.step_view"
     bl_label = "Next View"
     bl_options = {"REGISTER", "UNDO"}
+    conditions = (has_views,)
 
     step: bpy.props.IntProperty(default=1, name="Step", description="1: the next view; -1: the one before")
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return has_views(cls, context)
 
     @classmethod
     def description(cls, _context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
@@ -52,26 +46,27 @@ class StepView(bpy.types.Operator):
             self.report({"ERROR"}, "No view has a camera any more")
             return {"CANCELLED"}
         place = usable.index(shot.shown_view) + self.step if shot.shown_view in usable else 0
-        show(context, usable[place % len(usable)])
+        show_view(context, usable[place % len(usable)])
         return {"FINISHED"}
 
 
-class QuadView(bpy.types.Operator):
+def _has_two_cameras(context: bpy.types.Context) -> str:
+    several = sum(view.camera is not None for view in context.scene.kfmocap.views) > 1
+    return "" if several else "There are no two views to show side by side"
+
+
+def _has_3d_view(context: bpy.types.Context) -> str:
+    found = not bpy.app.background and screens.view3d_of(context) is not None
+    return "" if found else "There is no 3D view to split"
+
+
+class QuadView(Conditional, bpy.types.Operator):
     """Show up to four views side by side, beginning with the one that is looked through; again for a single one"""
 
     bl_idname = "kfmocap.quad_view"
     bl_label = "Quad View"
     bl_options = {"REGISTER"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if len([view for view in context.scene.kfmocap.views if view.camera is not None]) < 2:
-            cls.poll_message_set("There are no two views to show side by side")
-            return False
-        if bpy.app.background or screens.view3d_of(context) is None:
-            cls.poll_message_set("There is no 3D view to split")
-            return False
-        return True
+    conditions = (_has_two_cameras, _has_3d_view)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         if len(screens.layout_of(context.window)) > 1:
@@ -85,7 +80,7 @@ class QuadView(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def show(context: bpy.types.Context, index: int) -> None:
+def show_view(context: bpy.types.Context, index: int) -> None:
     """Look through a view's camera."""
     from ..scene_io import footage_background
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
+from .conditions import has_performer
 from .posing_operator import PosingOperator
 
 if TYPE_CHECKING:
@@ -64,12 +65,17 @@ class NudgePose(PosingOperator, bpy.types.Operator):
         return pose_editing.nudged(armature, context.scene.frame_current, self.side == "BEFORE", self.share)
 
 
+def _has_camera(context: bpy.types.Context) -> str:
+    return "" if context.scene.camera is not None else "The scene has no camera: look through a view first"
+
+
 class NudgeDepth(PosingOperator, bpy.types.Operator):
     """Move the body nearer to the camera that the scene looks through, or farther, so that it is seen where it was, and
     key it: what one camera does not tell is corrected so"""
 
     bl_idname = "kfmocap.nudge_depth"
     bl_label = "Nudge Depth"
+    conditions = (has_performer, _has_camera)
 
     distance: bpy.props.FloatProperty(
         default=0.05,
@@ -79,15 +85,6 @@ class NudgeDepth(PosingOperator, bpy.types.Operator):
         name="Distance",
         description="How much farther from the camera, metres; below 0 nearer",
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not super().poll(context):
-            return False
-        if context.scene.camera is not None:
-            return True
-        cls.poll_message_set("The scene has no camera: look through a view first")
-        return False
 
     def pose(self, context: bpy.types.Context, armature: bpy.types.Object) -> Motion:
         from ..editing import pose_editing

@@ -4,32 +4,31 @@ import bpy
 
 from ...core.errors import CalibrationError
 from ..scene_io import capture_scene as captures
+from .conditions import Conditional
 from .reporting import reported
 
 PICTURE = "Calibration Footage"
 _HINT = "Click on the ball; Left and Right go through the video; Enter takes what is circled, Esc leaves it as it was"
 
 
-class PickColour(bpy.types.Operator):
+def _has_videos(context: bpy.types.Context) -> str:
+    return "" if context.scene.kfmocap_capture.views else "Add the cameras' videos first"
+
+
+class PickColour(Conditional, bpy.types.Operator):
     """Click on a ball in a frame of the selected camera's video: its colour is learned, and what is found with it is
     circled"""
 
     bl_idname = "kfmocap.pick_colour"
     bl_label = "Pick Colour"
     bl_options = {"REGISTER", "UNDO"}
+    conditions = (_has_videos,)
 
     slot: bpy.props.EnumProperty(items=captures.slot_items(), name="Ball", description="Whose colour it is")
     frame: bpy.props.IntProperty(min=0, name="Frame", description="Of the video")
     point: bpy.props.IntVectorProperty(
         size=2, default=(-1, -1), name="Point", description="Where on the picture, pixels from its upper left"
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if context.scene.kfmocap_capture.views:
-            return True
-        cls.poll_message_set("Add the cameras' videos first")
-        return False
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         with reported(self) as outcome:

@@ -7,7 +7,8 @@ import bpy
 from ..scene_io import joint_marks
 from ..viewports import viewport
 from . import active_performer
-from .look_through import show
+from .conditions import Conditional, has_performer
+from .look_through import show_view
 from .reporting import reported
 
 _NEAR, _CLICK = 14, 4  # pixels: how near a handle is meant, how far the mouse of a click moves
@@ -18,7 +19,13 @@ _HINT = (
 )
 
 
-class PlaceJoints(bpy.types.Operator):
+def _has_calibrated_camera(context: bpy.types.Context) -> str:
+    if any(view.camera is not None and view.is_calibrated for view in context.scene.kfmocap.views):
+        return ""
+    return "No view has a calibrated camera yet: clicks need one"
+
+
+class PlaceJoints(Conditional, bpy.types.Operator):
     """Pose the body by clicking joints in the footage, in one camera or several: it follows with every click. Two
     cameras tell where a joint is; with one its depth stays as in the pose that is shown. Enter, or a click beside the
     picture, keys the pose. With bones selected in pose mode, these alone are posed and keyed"""
@@ -26,15 +33,7 @@ class PlaceJoints(bpy.types.Operator):
     bl_idname = "kfmocap.place_joints"
     bl_label = "Place Joints"
     bl_options = {"UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not active_performer.explained(cls, context):
-            return False
-        if any(view.camera is not None and view.is_calibrated for view in context.scene.kfmocap.views):
-            return True
-        cls.poll_message_set("No view has a calibrated camera yet: clicks need one")
-        return False
+    conditions = (has_performer, _has_calibrated_camera)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Without a mouse: pose the body on the marks that this frame has."""
@@ -200,7 +199,7 @@ class PlaceJoints(bpy.types.Operator):
     def _look_on(self, context: bpy.types.Context, step: int) -> None:
         usable = [i for i, slot in enumerate(context.scene.kfmocap.views) if slot.name in self._placing.views()]
         shown = context.scene.kfmocap.shown_view
-        show(context, usable[(usable.index(shown) + step if shown in usable else 0) % len(usable)])
+        show_view(context, usable[(usable.index(shown) + step if shown in usable else 0) % len(usable)])
         # Another camera has Blender evaluate the keys anew.
         context.view_layer.update()
         self._placing.show()
@@ -263,21 +262,17 @@ class PlaceJoints(bpy.types.Operator):
         viewport.redraw(context)
 
 
-class ClearMarks(bpy.types.Operator):
+def _has_marks(context: bpy.types.Context) -> str:
+    return "" if len(active_performer.chosen(context).marks) else "No joint is marked"
+
+
+class ClearMarks(Conditional, bpy.types.Operator):
     """Take all clicked joints of the chosen performer on this frame away. Poses stay"""
 
     bl_idname = "kfmocap.clear_marks"
     bl_label = "Clear Marks"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not active_performer.explained(cls, context):
-            return False
-        if len(active_performer.chosen(context).marks):
-            return True
-        cls.poll_message_set("No joint is marked")
-        return False
+    conditions = (has_performer, _has_marks)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         slot, frame = active_performer.chosen(context), context.scene.frame_current

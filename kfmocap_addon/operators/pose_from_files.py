@@ -10,14 +10,15 @@ import bpy
 from bpy_extras.io_utils import ImportHelper
 
 from . import active_performer
+from .conditions import Conditional, has_performer, has_shot
 from .job_operator import JobOperator, Work
-from .reporting import explained, progress_shown, reported
+from .reporting import progress_shown, reported
 
 if TYPE_CHECKING:
     from ...core.keypoints.proposals import KeypointPoses
 
 
-class ImportKeypoints(bpy.types.Operator, ImportHelper):
+class ImportKeypoints(Conditional, bpy.types.Operator, ImportHelper):
     """Give the views 2D keypoints of a detector: JSON of OpenPose, COCO, RTMPose and MMPose, AlphaPose, MediaPipe or
     YOLO, a file for each view or a folder with a file for each picture. The view's name in the file's or the folder's
     name tells whose they are; else they are of the view that the scene looks through"""
@@ -25,15 +26,12 @@ class ImportKeypoints(bpy.types.Operator, ImportHelper):
     bl_idname = "kfmocap.import_keypoints"
     bl_label = "Import Keypoints"
     bl_options = {"REGISTER", "UNDO"}
+    conditions = (has_shot,)
 
     filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
     directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
     files: bpy.props.CollectionProperty(type=bpy.types.OperatorFileListElement, options={"SKIP_SAVE"})
     filter_glob: bpy.props.StringProperty(default="*.json", options={"HIDDEN"})
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return explained(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..editing import keyframing
@@ -47,17 +45,15 @@ class ImportKeypoints(bpy.types.Operator, ImportHelper):
         return outcome.value
 
 
-class _FromKeypoints:
+def _has_keypoints(context: bpy.types.Context) -> str:
+    known = any(view.keypoints for view in context.scene.kfmocap.views)
+    return "" if known else "No view has 2D keypoints yet: use Import Keypoints"
+
+
+class _FromKeypoints(Conditional):
     """Tools that need a view with keypoints."""
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not (explained(cls, context) and active_performer.explained(cls, context)):
-            return False
-        if any(view.keypoints for view in context.scene.kfmocap.views):
-            return True
-        cls.poll_message_set("No view has 2D keypoints yet: use Import Keypoints")
-        return False
+    conditions = (has_shot, has_performer, _has_keypoints)
 
 
 class MarkKeypoints(_FromKeypoints, bpy.types.Operator):
@@ -88,7 +84,8 @@ class PoseFromKeypoints(_FromKeypoints, JobOperator, bpy.types.Operator):
     bl_label = "Pose from Keypoints"
     bl_options = {"REGISTER", "UNDO"}
 
-    def prepared(self, context: bpy.types.Context) -> Work:
+    def prepare(self, context: bpy.types.Context) -> Work:
+        """Read the shot without the key poses that are to be replaced."""
         from ...core.tracking.prepare import pose_by_keypoint_files
         from ..editing import keyframing
         from ..scene_io import scene as scenes
@@ -112,13 +109,14 @@ class PoseFromKeypoints(_FromKeypoints, JobOperator, bpy.types.Operator):
             _tell(self, keyframing.set_key_poses(scene, slot, seen.frames.tolist(), poses), len(seen.frames))
 
 
-class PoseFromLandmarks(bpy.types.Operator, ImportHelper):
+class PoseFromLandmarks(Conditional, bpy.types.Operator, ImportHelper):
     """Pose the chosen performer by 3D landmarks, on the frames chosen in the panel: a TRC file as Pose2Sim and OpenSim
     write it, or a C3D file where the package ezc3d is installed. The poses are key poses of yours"""
 
     bl_idname = "kfmocap.pose_from_landmarks"
     bl_label = "Pose from Landmarks"
     bl_options = {"REGISTER", "UNDO"}
+    conditions = (has_performer,)
 
     filepath: bpy.props.StringProperty(subtype="FILE_PATH", name="Landmarks", description="TRC or C3D file")
     filter_glob: bpy.props.StringProperty(default="*.trc;*.c3d", options={"HIDDEN"})
@@ -132,10 +130,6 @@ class PoseFromLandmarks(bpy.types.Operator, ImportHelper):
         name="Up (C3D)",
         description="Which axis of a C3D file is up",
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return active_performer.explained(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..editing import keyframing

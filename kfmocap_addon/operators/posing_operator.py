@@ -7,21 +7,19 @@ from typing import TYPE_CHECKING
 import bpy
 
 from . import active_performer
+from .conditions import Conditional, has_performer
 from .reporting import reported
 
 if TYPE_CHECKING:
     from ...core.body.motion import Motion
 
 
-class PosingOperator:
+class PosingOperator(Conditional):
     """A tool that poses the chosen performer on this frame and keys it: the bones selected in pose mode, else the whole
     body."""
 
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return active_performer.explained(cls, context)
+    conditions = (has_performer,)
 
     def pose(self, context: bpy.types.Context, armature: bpy.types.Object) -> Motion:
         """The new pose."""

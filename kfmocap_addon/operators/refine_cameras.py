@@ -4,29 +4,26 @@ from functools import partial
 
 import bpy
 
+from .conditions import Conditional, has_shot
 from .job_operator import JobOperator, Work
-from .reporting import explained
 
 
-class RefineCameras(JobOperator, bpy.types.Operator):
+class RefineCameras(Conditional, JobOperator, bpy.types.Operator):
     """Move, turn and zoom the cameras a little, until your key poses of the whole body lie on the performers in the
     footage. The key poses stay as they are. Esc cancels"""
 
     bl_idname = "kfmocap.refine_cameras"
     bl_label = "Refine Cameras"
     bl_options = {"REGISTER", "UNDO"}
+    conditions = (has_shot,)
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return explained(cls, context)
-
-    def prepared(self, context: bpy.types.Context) -> Work:
+    def prepare(self, context: bpy.types.Context) -> Work:
         from ...core.fitting.camera_refinement import refine_cameras
+        from ..scene_io import camera_poses
         from ..scene_io import scene as scenes
-        from ..scene_io import view_cameras
 
         shot = scenes.shot_from_scene(context.scene)
-        view_cameras.check_can_be_placed(context.scene.kfmocap.views)
+        camera_poses.check_can_be_placed(context.scene.kfmocap.views)
         return partial(refine_cameras, shot)
 
     def finish(self, context: bpy.types.Context, result: object) -> None:

@@ -1,4 +1,4 @@
-"""What the tools share: errors a user can cause become Blender's reports."""
+"""Errors that a user can cause become Blender's reports; progress is shown at the mouse pointer."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class Outcome:
-    """How a tool ended, as Blender's operators return it."""
+    """How an operator ended, as Blender wants it returned."""
 
     def __init__(self) -> None:
         self.value = {"FINISHED"}
@@ -23,7 +23,7 @@ class Outcome:
 
 @contextmanager
 def reported(operator: bpy.types.Operator) -> Iterator[Outcome]:
-    """Run a tool's body; an error of ours is reported and makes the outcome CANCELLED."""
+    """Run an operator's body; an error of ours is reported and makes the outcome CANCELLED."""
     outcome = Outcome()
     try:
         yield outcome
@@ -37,7 +37,7 @@ def reported(operator: bpy.types.Operator) -> Iterator[Outcome]:
 
 @contextmanager
 def progress_shown(context: bpy.types.Context) -> Iterator[Progress]:
-    """A progress callback that the mouse pointer shows while the block runs."""
+    """Give a progress callback that shows a number at the mouse pointer while the block runs."""
     manager = context.window_manager
 
     def progress(_what: str, fraction: float) -> bool:
@@ -49,21 +49,3 @@ def progress_shown(context: bpy.types.Context) -> Iterator[Progress]:
         yield progress
     finally:
         manager.progress_end()
-
-
-def explained(operator: type[bpy.types.Operator], context: bpy.types.Context) -> bool:
-    """Whether the scene holds a shot; if not, the disabled button says so."""
-    missing = missing_of(context.scene.kfmocap)
-    if missing:
-        operator.poll_message_set(missing)
-    return not missing
-
-
-def missing_of(shot: bpy.types.PropertyGroup) -> str:
-    """What a shot lacks to be tracked and how to come by it; empty where it lacks nothing."""
-    if not shot.views:
-        return "There is no footage yet: use Add Footage or Load Shot"
-    unknown = next((view.name for view in shot.views if not view.is_calibrated), None)
-    if unknown is not None:
-        return f"The camera of {unknown} is not calibrated: use Import Calibration"
-    return "" if shot.performers else "There is nobody to track yet: use Add Body"

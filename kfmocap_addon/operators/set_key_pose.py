@@ -3,71 +3,63 @@
 import bpy
 
 from . import active_performer
+from .conditions import Conditional, has_performer
 from .reporting import reported
 
 
-class SetKeyPose(bpy.types.Operator):
+class SetKeyPose(Conditional, bpy.types.Operator):
     """Key the pose on this frame, so that tracking meets it exactly: bones selected in pose mode,
     else the whole body. Tracked keys become your own"""
 
     bl_idname = "kfmocap.set_key_pose"
     bl_label = "Set Key Pose"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return active_performer.explained(cls, context)
+    conditions = (has_performer,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ..scene_io import keyframes
+        from ..scene_io import key_pose_curves
 
         with reported(self) as outcome:
             frame = context.scene.frame_current
-            for armature in active_performer.posed(context):
+            for armature in active_performer.posed_armatures(context):
                 bones = active_performer.chosen_bones(context, armature)
-                keyframes.key_current_pose(armature, frame, bones)
-                self.report({"INFO"}, f"Key pose of {_told(bones)} on frame {frame}")
+                key_pose_curves.key_current_pose(armature, frame, bones)
+                self.report({"INFO"}, f"Key pose of {_bones_text(bones)} on frame {frame}")
         return outcome.value
 
 
-class RemoveKeyPose(bpy.types.Operator):
+class RemoveKeyPose(Conditional, bpy.types.Operator):
     """Take your keys on this frame away, of the bones selected in pose mode, else of the whole body: the tracker may
     move them there again"""
 
     bl_idname = "kfmocap.remove_key_pose"
     bl_label = "Remove Key Pose"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return active_performer.explained(cls, context)
+    conditions = (has_performer,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ..scene_io import keyframes
+        from ..scene_io import key_pose_curves
 
         with reported(self) as outcome:
             frame, removed = context.scene.frame_current, 0
-            for armature in active_performer.posed(context):
+            for armature in active_performer.posed_armatures(context):
                 bones = active_performer.chosen_bones(context, armature)
-                removed += keyframes.remove_key_pose(armature, frame, bones)
+                removed += key_pose_curves.remove_key_pose(armature, frame, bones)
             if not removed:
                 self.report({"WARNING"}, f"There is no key pose on frame {frame}")
                 return {"CANCELLED"}
         return outcome.value
 
 
-class AcceptProposals(bpy.types.Operator):
+class AcceptProposals(Conditional, bpy.types.Operator):
     """Make a proposed key pose your own, so that tracking meets it exactly"""
 
     bl_idname = "kfmocap.accept_proposals"
     bl_label = "Accept Proposal"
     bl_options = {"REGISTER", "UNDO"}
+    conditions = (has_performer,)
 
     every: bpy.props.BoolProperty(name="All", description="All proposals, not only that on this frame")
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return active_performer.explained(cls, context)
 
     @classmethod
     def description(cls, _context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
@@ -76,21 +68,21 @@ class AcceptProposals(bpy.types.Operator):
         return cls.__doc__
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ..scene_io import keyframes
+        from ..scene_io import key_pose_curves, motion_curves
 
         with reported(self) as outcome:
             armature, frame = active_performer.chosen(context).armature, context.scene.frame_current
-            proposed = keyframes.keyed_bones(armature)[1]
+            proposed = key_pose_curves.keyed_bones(armature)[1]
             chosen = [f for f in proposed if self.every or f == frame]
             if not chosen:
                 self.report({"WARNING"}, "There is no proposal" + ("" if self.every else f" on frame {frame}"))
                 return {"CANCELLED"}
-            keyframes.accept_proposals(armature, chosen)
+            motion_curves.accept_proposals(armature, chosen)
             self.report({"INFO"}, f"{len(chosen)} proposals are key poses now")
         return outcome.value
 
 
-def _told(bones: set[str] | None) -> str:
+def _bones_text(bones: set[str] | None) -> str:
     return "the whole body" if bones is None else ", ".join(sorted(bones))
 
 

@@ -2,25 +2,22 @@
 
 import bpy
 
-from .reporting import explained, reported
+from .conditions import Conditional, has_shot
+from .reporting import reported
 
 
-class ShowResidual(bpy.types.Operator):
+def _looks_through_view(context: bpy.types.Context) -> str:
+    return "" if context.scene.kfmocap.shown_view >= 0 else "Look through one of the views first"
+
+
+class ShowResidual(Conditional, bpy.types.Operator):
     """Show on this frame, in the view that is looked through, where the footage contradicts the model: orange where it
     shows the performer and the model is not, blue where the model is and the performer is not. Image editors show it"""
 
     bl_idname = "kfmocap.show_residual"
     bl_label = "Show Residual"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not explained(cls, context):
-            return False
-        if context.scene.kfmocap.shown_view >= 0:
-            return True
-        cls.poll_message_set("Look through one of the views first")
-        return False
+    conditions = (has_shot, _looks_through_view)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..overlays import misfit_backgrounds
@@ -39,19 +36,18 @@ class ShowResidual(bpy.types.Operator):
         return outcome.value
 
 
-class HideResidual(bpy.types.Operator):
+def _shows_residual(context: bpy.types.Context) -> str:
+    shown = any(view.residual is not None for view in context.scene.kfmocap.views)
+    return "" if shown else "No residual is shown"
+
+
+class HideResidual(Conditional, bpy.types.Operator):
     """Take the residual pictures away again"""
 
     bl_idname = "kfmocap.hide_residual"
     bl_label = "Hide Residual"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if any(view.residual is not None for view in context.scene.kfmocap.views):
-            return True
-        cls.poll_message_set("No residual is shown")
-        return False
+    conditions = (_shows_residual,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..overlays import misfit_backgrounds

@@ -3,16 +3,18 @@
 import bpy
 
 from . import active_performer
+from .conditions import Conditional, has_performer
 from .reporting import reported
 
 
-class Simplify(bpy.types.Operator):
+class Simplify(Conditional, bpy.types.Operator):
     """Take out tracked keys that smooth curves through the others tell anyway, of the bones selected in pose mode, else
     of the whole body. Your own keys stay. Tracking again puts keys on every frame"""
 
     bl_idname = "kfmocap.simplify"
     bl_label = "Simplify"
     bl_options = {"REGISTER", "UNDO"}
+    conditions = (has_performer,)
 
     angle: bpy.props.FloatProperty(
         default=0.0174533,
@@ -30,16 +32,12 @@ class Simplify(bpy.types.Operator):
         description="How far the root may move away from where it was, on any frame, mm",
     )
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return active_performer.explained(cls, context)
-
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..editing import simplification
 
         with reported(self) as outcome:
             before = after = 0
-            for armature in active_performer.posed(context):
+            for armature in active_performer.posed_armatures(context):
                 bones = active_performer.chosen_bones(context, armature)
                 counts = simplification.simplify(armature, self.angle, self.distance / 1000, bones)
                 before, after = before + counts[0], after + counts[1]

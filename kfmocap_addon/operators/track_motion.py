@@ -1,4 +1,4 @@
-"""Tracking: the frames between the key poses, from the footage; all of them, or some stretches."""
+"""Tracking: the frames between the key poses, from the footage; all of them, or some segments."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ..jobs.job import Work
+from .conditions import Condition, Conditional, has_shot
 from .job_operator import JobOperator
-from .reporting import explained, reported
+from .reporting import reported
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,32 +20,38 @@ if TYPE_CHECKING:
     from ...core.tracking.track_result import TrackResult
 
 
-class Tracking(JobOperator):
-    """Track some of the stretches between key poses. What lies beside them stays as it is."""
+def _has_key_poses(context: bpy.types.Context) -> str:
+    if all(_is_animated(slot.armature) for slot in context.scene.kfmocap.performers):
+        return ""
+    return "A performer has no key pose yet: pose it on a frame, and use Set Key Pose"
+
+
+class Tracking(Conditional, JobOperator):
+    """Track some of the segments between key poses. The frames beside them stay as they are.
+
+    Attributes
+    ----------
+    side : str
+        Which segments: EVERYWHERE, or relative to the current frame HERE, FORWARD or BACKWARD.
+    """
 
     bl_options = {"REGISTER", "UNDO"}
+    conditions = (has_shot, _has_key_poses)
+    side = "EVERYWHERE"
 
-    def chosen(self, scene: bpy.types.Scene, shot: Shot) -> Sequence[Segment]:
-        """The stretches of the scene's shot to track."""
-        raise NotImplementedError
+    def segments(self, scene: bpy.types.Scene, shot: Shot) -> Sequence[Segment]:
+        """Choose the segments of the scene's shot to track."""
+        return _segments_on_side(scene, shot, self.side)
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not explained(cls, context):
-            return False
-        if all(_is_animated(slot.armature) for slot in context.scene.kfmocap.performers):
-            return True
-        cls.poll_message_set("A performer has no key pose yet: pose it on a frame, and use Set Key Pose")
-        return False
-
-    def prepared(self, context: bpy.types.Context) -> Work:
+    def prepare(self, context: bpy.types.Context) -> Work:
+        """Read the shot and choose what to track."""
         from ...core.errors import ShotError
         from ...core.tracking.retracking import track_excerpts
         from ..scene_io import scene as scenes
         from ..scene_io import tracked_segments
 
         shot = scenes.shot_from_scene(context.scene)
-        chosen = self.chosen(context.scene, shot)
+        chosen = self.segments(context.scene, shot)
         if not chosen:
             raise ShotError("there is nothing to track", where=self.bl_label)
         parts = tracked_segments.excerpts(context.scene, shot, chosen)
@@ -52,6 +59,7 @@ class Tracking(JobOperator):
         return partial(track_excerpts, shot, parts)
 
     def finish(self, _context: bpy.types.Context, results: Sequence[TrackResult]) -> None:
+        """Write the tracked motion into the scene."""
         from ...core.errors import ShotError
         from ..scene_io import tracked_segments
 
@@ -72,20 +80,16 @@ class TrackAll(Tracking, bpy.types.Operator):
     bl_idname = "kfmocap.track"
     bl_label = "Track All"
 
-    def chosen(self, _scene: bpy.types.Scene, shot: Shot) -> Sequence[Segment]:
-        from ...core.tracking.segments import segments
-
-        return segments(shot)
-
 
 class TrackChanges(Tracking, bpy.types.Operator):
-    """Track the stretches that were never tracked, and those for which a key pose, a camera or a setting has changed
+    """Track the segments that were never tracked, and those for which a key pose, a camera or a setting has changed
     since: after a correcting key pose, the two beside it. Esc cancels"""
 
     bl_idname = "kfmocap.track_changes"
     bl_label = "Track Changes"
 
-    def chosen(self, scene: bpy.types.Scene, shot: Shot) -> Sequence[Segment]:
+    def segments(self, scene: bpy.types.Scene, shot: Shot) -> Sequence[Segment]:
+        """Choose the segments for which something has changed."""
         from ...core.errors import ShotError
         from ..scene_io import tracked_segments
 
@@ -95,21 +99,24 @@ class TrackChanges(Tracking, bpy.types.Operator):
         return found
 
 
+def _frame_is_in_shot(first: int = 0, last: int = 0) -> Condition:
+    """Make the condition that the current frame is from the shot's first + `first` to its last + `last`."""
+
+    def condition(context: bpy.types.Context) -> str:
+        if first <= _shot_frame(context.scene) < context.scene.kfmocap.length + last:
+            return ""
+        return "The shot has no frame on that side of this one, or this is not one of its frames"
+
+    return condition
+
+
 class TrackHere(Tracking, bpy.types.Operator):
     """Track from the key pose before this frame to the one after it; on a key pose, both sides of it. Esc cancels"""
 
     bl_idname = "kfmocap.track_here"
     bl_label = "Track Here"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return super().poll(context) and _frame_is_in(cls, context, 0, 0)
-
-    def chosen(self, scene: bpy.types.Scene, shot: Shot) -> Sequence[Segment]:
-        from ...core.tracking.retracking import stretches_at
-        from ...core.tracking.segments import segments
-
-        return stretches_at(segments(shot), _shot_frame(scene))
+    conditions = (*Tracking.conditions, _frame_is_in_shot())
+    side = "HERE"
 
 
 class TrackForward(Tracking, bpy.types.Operator):
@@ -117,16 +124,8 @@ class TrackForward(Tracking, bpy.types.Operator):
 
     bl_idname = "kfmocap.track_forward"
     bl_label = "Track Forward"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return super().poll(context) and _frame_is_in(cls, context, 0, -1)
-
-    def chosen(self, scene: bpy.types.Scene, shot: Shot) -> Sequence[Segment]:
-        from ...core.tracking.retracking import stretches_after
-        from ...core.tracking.segments import segments
-
-        return stretches_after(segments(shot), _shot_frame(scene))
+    conditions = (*Tracking.conditions, _frame_is_in_shot(last=-1))
+    side = "FORWARD"
 
 
 class TrackBackward(Tracking, bpy.types.Operator):
@@ -134,24 +133,17 @@ class TrackBackward(Tracking, bpy.types.Operator):
 
     bl_idname = "kfmocap.track_backward"
     bl_label = "Track Backward"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return super().poll(context) and _frame_is_in(cls, context, 1, 0)
-
-    def chosen(self, scene: bpy.types.Scene, shot: Shot) -> Sequence[Segment]:
-        from ...core.tracking.retracking import stretches_before
-        from ...core.tracking.segments import segments
-
-        return stretches_before(segments(shot), _shot_frame(scene))
+    conditions = (*Tracking.conditions, _frame_is_in_shot(first=1))
+    side = "BACKWARD"
 
 
-class ClearBetween(bpy.types.Operator):
+class ClearBetween(Conditional, bpy.types.Operator):
     """Remove tracked keys; those you set stay as they are"""
 
     bl_idname = "kfmocap.clear_between"
     bl_label = "Clear Between"
     bl_options = {"REGISTER", "UNDO"}
+    conditions = (has_shot,)
 
     where: bpy.props.EnumProperty(
         items=[
@@ -163,27 +155,18 @@ class ClearBetween(bpy.types.Operator):
     )
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return explained(cls, context)
-
-    @classmethod
     def description(cls, _context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
         place = cls.bl_rna.properties["where"].enum_items[properties.where].description
         return f"{cls.__doc__}. {place}"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ...core.errors import ShotError
-        from ...core.tracking.retracking import stretches_at
-        from ...core.tracking.segments import segments
         from ..scene_io import scene as scenes
         from ..scene_io import tracked_segments
 
         with reported(self) as outcome:
             shot = scenes.shot_from_scene(context.scene, footage=False)
-            chosen = segments(shot)
-            if self.where == "HERE":
-                chosen = stretches_at(chosen, _shot_frame(context.scene))
-            cleared = tracked_segments.clear(context.scene, shot, chosen)
+            cleared = tracked_segments.clear(context.scene, shot, _segments_on_side(context.scene, shot, self.where))
             if not cleared:
                 raise ShotError("there are no tracked keys to remove", where=self.bl_label)
             self.report({"INFO"}, f"Removed tracked keys of {cleared} frames")
@@ -194,16 +177,20 @@ def _is_animated(armature: bpy.types.Object | None) -> bool:
     return armature is not None and armature.animation_data is not None and armature.animation_data.action is not None
 
 
+def _segments_on_side(scene: bpy.types.Scene, shot: Shot, side: str) -> Sequence[Segment]:
+    from ...core.tracking.retracking import stretches_after, stretches_at, stretches_before
+    from ...core.tracking.segments import segments
+
+    every, frame = segments(shot), _shot_frame(scene)
+    if side == "HERE":
+        return stretches_at(every, frame)
+    if side == "FORWARD":
+        return stretches_after(every, frame)
+    return stretches_before(every, frame) if side == "BACKWARD" else every
+
+
 def _shot_frame(scene: bpy.types.Scene) -> int:
     return scene.frame_current - scene.kfmocap.frame_start
-
-
-def _frame_is_in(operator: type[bpy.types.Operator], context: bpy.types.Context, inner: int, outer: int) -> bool:
-    """Whether the current frame is one of the shot's, from its first + `inner` to its last + `outer`."""
-    if inner <= _shot_frame(context.scene) < context.scene.kfmocap.length + outer:
-        return True
-    operator.poll_message_set("There is no frame of the shot on that side of this one, or this is none of its frames")
-    return False
 
 
 CLASSES = (TrackAll, TrackChanges, TrackHere, TrackForward, TrackBackward, ClearBetween)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ...core.review.misfit_pictures import MisfitPicture, misfit_picture
-from ..scene_io import footage_background, keyframes, solved_cameras, tracked_segments
+from ..scene_io import footage_background, motion_curves, solved_cameras, tracked_segments
 from ..scene_io import scene as scenes
 
 
@@ -20,7 +20,7 @@ def show(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, frame: int) -> M
     shot = tracked_segments.in_step(scene, scenes.shot_from_scene(scene))
     start = scene.kfmocap.frame_start
     view = next(v for v in shot.views if v.camera.name == slot.name)
-    motions = [keyframes.read_motion(s.armature, start, shot.length) for s in scene.kfmocap.performers]
+    motions = [motion_curves.read_motion(s.armature, start, shot.length) for s in scene.kfmocap.performers]
     found = misfit_picture(shot, view, motions, frame - start)
     image = solved_cameras.show_picture(slot.residual_name, found.image)
     image.pack()

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import QhullError
 
 from ...core.body.silhouette import Solid
-from ..scene_io import body_armature
+from ..scene_io import part_meshes
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ def posed_solids(scene: bpy.types.Scene, graph: bpy.types.Depsgraph) -> Iterator
         if slot.armature is None or slot.armature.name not in scene.objects or not slot.armature.visible_get():
             continue
         posed = slot.armature.evaluated_get(graph)
-        for name, vertices in body_armature.part_clouds(slot.armature).items():
+        for name, vertices in part_meshes.part_clouds(slot.armature).items():
             try:
                 solid = _solid(vertices.tobytes())
             except QhullError:

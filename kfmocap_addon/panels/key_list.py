@@ -1,4 +1,4 @@
-"""What the panel lists as key poses: looked up beside the drawing, when keys have changed."""
+"""The key poses that the panel lists; a timer looks them up after changes, as drawing must not wait for it."""
 
 from __future__ import annotations
 
@@ -9,12 +9,10 @@ import bpy
 from ..viewports import viewport
 
 _DELAY = 0.05
-_found: dict[int, tuple[Row, ...]] = {}  # by the armature's number of this session
-_current: set[int] = set()  # those that are as the keys are now
 
 
 @dataclass(frozen=True)
-class Row:
+class KeyPoseEntry:
     """A frame with a key pose.
 
     Attributes
@@ -31,77 +29,94 @@ class Row:
     bones: tuple[str, ...] = ()
     proposed: bool = False
 
-    def told(self) -> str:
-        """What is posed there, for people."""
+    @property
+    def description(self) -> str:
+        """The tooltip of the entry's button."""
         if self.proposed:
             return "Go to this frame: a proposed key pose, which the tracker may still move"
         return f"Go to this frame: a key pose of {', '.join(self.bones) if self.bones else 'the whole body'}"
 
 
-def rows(armature: bpy.types.Object) -> tuple[Row, ...] | None:
-    """The key poses of an armature; as they were until they have been looked up anew, None before the first time."""
-    if armature.session_uid not in _current:
-        _schedule()
-    return _found.get(armature.session_uid)
-
-
-def looked_up(armature: bpy.types.Object) -> tuple[Row, ...]:
-    """The key poses of an armature, now; none where it is no body of ours."""
+def find_key_poses(armature: bpy.types.Object) -> tuple[KeyPoseEntry, ...]:
+    """Look up the key poses of an armature; none where it is not a body of ours."""
     from ...core.errors import KFMocapError
-    from ..scene_io import body_armature, keyframes
+    from ..scene_io import body_armature, key_pose_curves
 
     try:
-        keyed, proposed = keyframes.keyed_bones(armature)
+        keyed, proposed = key_pose_curves.keyed_bones(armature)
     except KFMocapError:
         return ()
     whole = {bone.name for bone in body_armature.body_bones(armature)}
-    found = [Row(frame, () if bones == whole else tuple(sorted(bones))) for frame, bones in keyed.items()]
-    return tuple(sorted(found + [Row(frame, (), True) for frame in proposed], key=lambda row: row.frame))
+    found = [KeyPoseEntry(frame, () if bones == whole else tuple(sorted(bones))) for frame, bones in keyed.items()]
+    found += [KeyPoseEntry(frame, proposed=True) for frame in proposed]
+    return tuple(sorted(found, key=lambda entry: entry.frame))
 
 
-def _schedule() -> None:
-    if not bpy.app.timers.is_registered(_look_up):
-        bpy.app.timers.register(_look_up, first_interval=_DELAY)
+class KeyPoseCache:
+    """The key poses of all performers, by the armature's number in this session of Blender."""
+
+    def __init__(self) -> None:
+        self._entries: dict[int, tuple[KeyPoseEntry, ...]] = {}
+        self._current: set[int] = set()  # armatures whose keys have not changed since they were looked up
+
+    def entries(self, armature: bpy.types.Object) -> tuple[KeyPoseEntry, ...] | None:
+        """Give the key poses of an armature as last looked up, None before the first time."""
+        if armature.session_uid not in self._current:
+            self._schedule()
+        return self._entries.get(armature.session_uid)
+
+    def outdate(self) -> None:
+        """Have what was drawn before looked up again."""
+        self._current.clear()
+        if self._entries:
+            self._schedule()
+
+    def clear(self) -> None:
+        """Forget everything."""
+        if bpy.app.timers.is_registered(self.look_up):
+            bpy.app.timers.unregister(self.look_up)
+        self._entries.clear()
+        self._current.clear()
+
+    def look_up(self) -> None:
+        """Look up what has changed, and draw it."""
+        for scene in bpy.data.scenes:
+            for slot in scene.kfmocap.performers:
+                if slot.armature is not None and slot.armature.session_uid not in self._current:
+                    self._entries[slot.armature.session_uid] = find_key_poses(slot.armature)
+                    self._current.add(slot.armature.session_uid)
+        viewport.redraw(bpy.context)
+
+    def _schedule(self) -> None:
+        if not bpy.app.timers.is_registered(self.look_up):
+            bpy.app.timers.register(self.look_up, first_interval=_DELAY)
 
 
-def _look_up() -> None:
-    for scene in bpy.data.scenes:
-        for slot in scene.kfmocap.performers:
-            if slot.armature is not None and slot.armature.session_uid not in _current:
-                _found[slot.armature.session_uid] = looked_up(slot.armature)
-                _current.add(slot.armature.session_uid)
-    viewport.redraw(bpy.context)
+CACHE = KeyPoseCache()
+"""The one cache of the session: Blender's handlers and panels are given no state of ours."""
 
 
 @bpy.app.handlers.persistent
 def _changed(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     if any(isinstance(update.id, bpy.types.Action) for update in depsgraph.updates):
-        _outdated()
+        CACHE.outdate()
 
 
 @bpy.app.handlers.persistent
 def _replaced(*_arguments: object) -> None:
-    _outdated()
-
-
-def _outdated() -> None:
-    """Have what was drawn before looked up anew."""
-    _current.clear()
-    if _found:
-        _schedule()
+    CACHE.outdate()
 
 
 def register() -> None:
+    """Watch for changes."""
     bpy.app.handlers.depsgraph_update_post.append(_changed)
     for handlers in (bpy.app.handlers.undo_post, bpy.app.handlers.redo_post, bpy.app.handlers.load_post):
         handlers.append(_replaced)
 
 
 def unregister() -> None:
+    """Stop watching, and forget everything."""
     bpy.app.handlers.depsgraph_update_post.remove(_changed)
     for handlers in (bpy.app.handlers.undo_post, bpy.app.handlers.redo_post, bpy.app.handlers.load_post):
         handlers.remove(_replaced)
-    if bpy.app.timers.is_registered(_look_up):
-        bpy.app.timers.unregister(_look_up)
-    _found.clear()
-    _current.clear()
+    CACHE.clear()

@@ -22,7 +22,7 @@ class KeyPosesPanel(Section, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout, properties = self.layout, context.scene.kfmocap
         slot = active_performer.chosen(context)
-        rows = key_list.rows(slot.armature) if slot is not None else None
+        rows = key_list.CACHE.entries(slot.armature) if slot is not None else None
         if slot is None:
             layout.label(text="No performer to pose yet", icon="INFO")
         else:
@@ -96,7 +96,9 @@ class PoseFilesPanel(Section, bpy.types.Panel):
         column.operator(PoseFromLandmarks.bl_idname, icon="EMPTY_AXIS")
 
 
-def _draw_advice(layout: bpy.types.UILayout, scene: bpy.types.Scene, rows: tuple[key_list.Row, ...] | None) -> None:
+def _draw_advice(
+    layout: bpy.types.UILayout, scene: bpy.types.Scene, rows: tuple[key_list.KeyPoseEntry, ...] | None
+) -> None:
     """What there is to do next."""
     if rows is None:
         return
@@ -118,7 +120,7 @@ def _draw_advice(layout: bpy.types.UILayout, scene: bpy.types.Scene, rows: tuple
             column.operator(GoToFrame.bl_idname, text=f"To Frame {far}", icon="FF").frame = far
 
 
-def _draw_rows(layout: bpy.types.UILayout, frame: int, rows: tuple[key_list.Row, ...]) -> None:
+def _draw_rows(layout: bpy.types.UILayout, frame: int, rows: tuple[key_list.KeyPoseEntry, ...]) -> None:
     """A button for every key pose: a click goes there."""
     if rows:
         layout.label(text="Frames with a key pose")
@@ -126,7 +128,7 @@ def _draw_rows(layout: bpy.types.UILayout, frame: int, rows: tuple[key_list.Row,
     for row in rows:
         icon = "QUESTION" if row.proposed else "BONE_DATA" if row.bones else "NONE"
         button = grid.operator(GoToFrame.bl_idname, text=str(row.frame), icon=icon, depress=row.frame == frame)
-        button.frame, button.reason = row.frame, row.told()
+        button.frame, button.reason = row.frame, row.description
     if any(row.proposed for row in rows):
         accept = layout.row(align=True)
         accept.operator(AcceptProposals.bl_idname, icon="CHECKMARK").every = False

@@ -15,7 +15,7 @@ from ...core.errors import CalibrationError, FootageError, ShotError
 from ...core.shot.footage import Footage, probe
 from ...core.shot.name_matching import footage_name, footage_of, paired
 from ...core.shot.shot import View
-from . import footage_background, scene, solved_cameras, view_cameras
+from . import camera_poses, footage_background, scene, scene_cameras, solved_cameras, view_cameras
 
 _USUAL_FOCAL = 1.1
 """Of a camera that nothing is known of, in longer sides of its picture."""
@@ -125,7 +125,7 @@ def calibrate_views(
         )
     for name, camera_name in pairs.items():
         _check_size(slots[name], cameras[camera_name])
-    view_cameras.check_can_be_placed(slots[name] for name in pairs)
+    camera_poses.check_can_be_placed(slots[name] for name in pairs)
     for name, camera_name in pairs.items():
         _calibrate(current, slots[name], cameras[camera_name])
     footage_background.refresh(current)
@@ -176,7 +176,7 @@ def use_scene_cameras(current: bpy.types.Scene, names: Sequence[str] | None = No
     if not current.kfmocap.views:
         return _adopted(current, owners)
     properties = current.kfmocap
-    read = view_cameras.read_cameras(current, owners, properties.frame_start, max(properties.length, 1))
+    read = scene_cameras.read_cameras(current, owners, properties.frame_start, max(properties.length, 1))
     done = calibrate_views(current, {_plain(c.name): replace(c, name=_plain(c.name)) for c in read}, names)
     solved_cameras.forget([o for o in owners if _plain(o.name) in done.views], current)
     return done
@@ -190,10 +190,10 @@ def _spare_cameras(current: bpy.types.Scene) -> list[bpy.types.Object]:
     own = [slot.camera for slot in current.kfmocap.views]
     spare = [owner for owner in current.objects if owner.type == "CAMERA" and owner not in own]
     ours = [
-        owner for owner in solved_cameras.camera_objects(current) if owner in spare and view_cameras.is_built(owner)
+        owner for owner in solved_cameras.camera_objects(current) if owner in spare and scene_cameras.is_built(owner)
     ]
     return ours or [
-        owner for owner in spare if view_cameras.is_built(owner) or footage_background.clip_behind(owner) is not None
+        owner for owner in spare if scene_cameras.is_built(owner) or footage_background.clip_behind(owner) is not None
     ]
 
 

@@ -17,12 +17,10 @@ from ...core.body.motion import Motion
 from ...core.errors import ShotError
 from ...core.shot.keypose_spline import spline
 from ...core.shot.shot import Performer, Settings, Shot
-from . import body_armature, footage_background, keyframes, lossless, view_cameras
+from . import body_armature, footage_background, key_pose_curves, lossless, motion_curves, view_cameras
 
 FRAME_START = 1
 """Scene frame of shot frame 0 in the scenes that we build, as Blender's own scenes start."""
-
-
 _FPS = "kfmocap_fps"
 
 
@@ -59,10 +57,10 @@ def build_scene(
         slot = scene.kfmocap.performers.add()
         slot.name = performer.name
         slot.armature = body_armature.build_armature(performer.body, performer.name, bodies)
-        keyframes.write_key_poses(slot.armature, performer.key_poses, FRAME_START)
+        key_pose_curves.write_key_poses(slot.armature, performer.key_poses, FRAME_START)
         if len(proposed := performer.key_poses.proposals()):
             first_pass = spline(performer.key_poses, shot.length)
-            keyframes.write_motion(slot.armature, first_pass, FRAME_START, FRAME_START + proposed)
+            motion_curves.write_motion(slot.armature, first_pass, FRAME_START, FRAME_START + proposed)
     if motions is not None:
         write_motions(scene, motions)
     return scene
@@ -77,7 +75,7 @@ def write_motions(scene: bpy.types.Scene, motions: Sequence[Motion], shot: Shot 
     start = scene.kfmocap.frame_start + first
     for i, (slot, motion) in enumerate(zip(scene.kfmocap.performers, motions, strict=True)):
         proposed = None if shot is None else start + shot.performers[i].key_poses.proposals()
-        keyframes.write_motion(slot.armature, motion, start, proposed)
+        motion_curves.write_motion(slot.armature, motion, start, proposed)
 
 
 def shot_from_scene(scene: bpy.types.Scene, footage: bool = True) -> Shot:
@@ -119,7 +117,7 @@ def _read_performer(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> Pe
     return Performer(
         slot.name,
         body_armature.body_from_armature(slot.armature),
-        keyframes.read_key_poses(slot.armature, scene.kfmocap.frame_start, scene.kfmocap.length),
+        key_pose_curves.read_key_poses(slot.armature, scene.kfmocap.frame_start, scene.kfmocap.length),
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.cameras.camera import Camera
-from . import footage_background, view_cameras
+from . import footage_background, scene_cameras
 from . import scene as scenes
 
 Array = NDArray[np.float64]
@@ -40,7 +40,7 @@ def show_cameras(
         clip.frame_start = scene.frame_start - round((offsets or {}).get(name, 0.0))
     collection = _emptied(scene)
     built = [
-        view_cameras.build_camera(c, collection, scene.frame_start, clips.get(name)) for name, c in cameras.items()
+        scene_cameras.build_camera(c, collection, scene.frame_start, clips.get(name)) for name, c in cameras.items()
     ]
     if built and scene.camera is None:
         scene.camera = built[0]

@@ -14,7 +14,7 @@ from ...core.shot.shot import Shot
 from ...core.tracking.retracking import Excerpt, digest, joined
 from ...core.tracking.segments import Segment, segments
 from ...core.tracking.track_result import TrackResult
-from . import bone_confidence, keyframes, lossless, review_data
+from . import bone_confidence, lossless, motion_curves, review_data
 from . import scene as scenes
 
 _OFFSET = "kfmocap_footage_offset"
@@ -81,7 +81,7 @@ def clear(scene: bpy.types.Scene, shot: Shot, chosen: Sequence[Segment]) -> int:
     frames = [scene.kfmocap.frame_start + f for f in sorted({f for a, b in chosen for f in range(a, b + 1)})]
     cleared: set[int] = set()
     for slot in scene.kfmocap.performers:
-        if gone := keyframes.clear_motion(slot.armature, frames):
+        if gone := motion_curves.clear_motion(slot.armature, frames):
             bone_confidence.forget(scene, slot, sorted(gone))
             cleared |= gone
     return len(cleared)
@@ -118,10 +118,12 @@ def _pose(scene: bpy.types.Scene, shot: Shot, frame: int) -> tuple[Motion, ...] 
     if not 0 <= frame < shot.length or not _keyed(scene, frame, 1).all():
         return None
     start = scene.kfmocap.frame_start
-    return tuple(keyframes.read_motion(slot.armature, start + frame, 1) for slot in scene.kfmocap.performers)
+    return tuple(motion_curves.read_motion(slot.armature, start + frame, 1) for slot in scene.kfmocap.performers)
 
 
 def _keyed(scene: bpy.types.Scene, first: int, length: int) -> NDArray[np.bool_]:
     """Shot frames, from the first on, on which every channel of every performer has a key, shape (length,)."""
     start = scene.kfmocap.frame_start + first
-    return np.all([keyframes.keyed_frames(slot.armature, start, length) for slot in scene.kfmocap.performers], axis=0)
+    return np.all(
+        [motion_curves.keyed_frames(slot.armature, start, length) for slot in scene.kfmocap.performers], axis=0
+    )

@@ -16,7 +16,7 @@ from kfmocap.core.body.motion import Motion  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.shot.shot import KeyPoses  # noqa: E402
 from kfmocap.kfmocap_addon.operators.fit_body import FitBody  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import body_armature, keyframes, scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import body_armature, key_pose_curves, scene  # noqa: E402
 from mathutils import Matrix  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
@@ -113,7 +113,7 @@ def test_a_reshaped_armature_is_the_new_body_and_keeps_its_keys(armature, moved)
         armature.matrix_world = Matrix.Translation((1, -2, 0.5)) @ Matrix.Rotation(0.7, 4, "Z")
         bpy.context.view_layer.update()
     truth = motion(6)
-    keyframes.write_key_poses(armature, KeyPoses.whole([0, 3, 5], truth[[0, 3, 5]]), 1)
+    key_pose_curves.write_key_poses(armature, KeyPoses.whole([0, 3, 5], truth[[0, 3, 5]]), 1)
     before = body_armature.body_from_armature(armature)
     root = before.parts[0]
     other = replace(before, parts=tuple(replace(p, vertices=1.1 * p.vertices) for p in before.parts))
@@ -128,7 +128,7 @@ def test_a_reshaped_armature_is_the_new_body_and_keeps_its_keys(armature, moved)
         assert np.abs(got.tail_world - part.tail_world).max() < 2e-6
         assert np.abs(got.R_world_rest - part.R_world_rest).max() < 2e-6
     assert np.array_equal(read.parts[0].head_world, root.head_world)
-    keys = keyframes.read_key_poses(armature, 1, 6)
+    keys = key_pose_curves.read_key_poses(armature, 1, 6)
     assert np.abs(keys.poses.difference(truth[[0, 3, 5]])).max() < 1e-5
     poses = Motion(truth.translations[:1], truth.rotations[:1])
     assert joint_error(armature, read, poses) < 0.05
@@ -157,7 +157,10 @@ def test_a_fitted_body_takes_the_old_ones_place(tmp_path, fitter, adjusted):
     original = shot(tmp_path)
     built = scene.build_scene(original, scene=bpy.context.scene)
     armature = built.kfmocap.performers[0].armature
-    before, keys = body_armature.body_from_armature(armature), keyframes.read_key_poses(armature, 1, original.length)
+    before, keys = (
+        body_armature.body_from_armature(armature),
+        key_pose_curves.read_key_poses(armature, 1, original.length),
+    )
     assert bpy.ops.kfmocap.fit_body(adjust_poses=adjusted) == {"FINISHED"}
     read = scene.shot_from_scene(built).performers[0]
     assert np.allclose(read.body.offsets[1:], 1.1 * before.offsets[1:], atol=1e-6)
@@ -168,7 +171,7 @@ def test_a_fitted_body_takes_the_old_ones_place(tmp_path, fitter, adjusted):
 
 def test_the_work_of_a_fit_can_go_to_another_process(tmp_path):
     scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
-    work = pickle.loads(pickle.dumps(FitBody.prepared(None, bpy.context)))
+    work = pickle.loads(pickle.dumps(FitBody.prepare(None, bpy.context)))
     assert [view.camera.name for view in work.args[0].views] == ["cam01", "cam02"]
 
 

@@ -18,7 +18,7 @@ from kfmocap.core.capture.colours import parsed, to_hsv  # noqa: E402
 from kfmocap.core.capture.film import Film, FilmView  # noqa: E402
 from kfmocap.core.errors import CalibrationError, CancelledError  # noqa: E402
 from kfmocap.core.formats import load_cameras, save_cameras  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import capture_scene, footage_background, view_cameras  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import capture_scene, footage_background, scene_cameras  # noqa: E402
 from test_addon_views import largest_difference  # noqa: E402
 
 pytestmark = pytest.mark.blender
@@ -151,7 +151,7 @@ def test_calibrate_shows_cameras_wand_lframe_and_report(blender, tmp_path, solve
     starts = [owners[name].data.background_images[0].clip.frame_start for name in ("cam01", "cam02")]
     assert starts == [scene.frame_start, scene.frame_start - 3]
     assert "Calibration Report" in bpy.data.images
-    read = view_cameras.read_cameras(scene, [owners["cam01"], owners["cam02"]], 1, 1)
+    read = scene_cameras.read_cameras(scene, [owners["cam01"], owners["cam02"]], 1, 1)
     for built, original in zip(read, solver.cameras, strict=True):
         assert largest_difference(original, built, 0) < 1e-4
 

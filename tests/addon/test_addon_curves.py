@@ -13,7 +13,7 @@ from addon_shots import blender, joint_error, motion  # noqa: E402, F401
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.errors import BodyError, ShotError  # noqa: E402
 from kfmocap.core.shot.shot import KeyPoses  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import body_armature, fcurves, keyframes  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import body_armature, body_channels, fcurves, key_pose_curves, motion_curves  # noqa: E402
 
 pytestmark = pytest.mark.blender
 
@@ -30,7 +30,7 @@ def build(key_frames=KEYS, fixed=None):
         keys = KeyPoses.whole(key_frames, poses)
         if fixed is not None:
             keys = KeyPoses(keys.frames, poses, fixed)
-        keyframes.write_key_poses(armature, keys, START)
+        key_pose_curves.write_key_poses(armature, keys, START)
     return armature
 
 
@@ -45,7 +45,7 @@ def key_at(curve, frame):
 
 def test_key_poses_are_keyframes_and_tracked_frames_are_generated():
     armature = build()
-    keyframes.write_motion(armature, motion(FRAMES), START)
+    motion_curves.write_motion(armature, motion(FRAMES), START)
     assert len(all_curves(armature)) == 3 + 4 * 16
     for curve in all_curves(armature).values():
         keys = fcurves.get_keys(curve)
@@ -57,62 +57,62 @@ def test_key_poses_are_keyframes_and_tracked_frames_are_generated():
 def test_the_evaluated_motion_is_the_tracked_one():
     armature = build()
     truth = motion(FRAMES)
-    keyframes.write_motion(armature, truth, START)
+    motion_curves.write_motion(armature, truth, START)
     assert joint_error(armature, human(), truth, first=START) < 0.05
 
 
 def test_key_poses_come_back_as_they_were_set():
     armature = build()
     for _ in range(2):  # before and after tracking
-        read = keyframes.read_key_poses(armature, START, FRAMES)
+        read = key_pose_curves.read_key_poses(armature, START, FRAMES)
         assert read.frames.tolist() == KEYS and read.fixed.all()
         assert np.abs(read.poses.difference(motion(FRAMES)[KEYS])).max() < 1e-5
-        keyframes.write_motion(armature, motion(FRAMES), START)
+        motion_curves.write_motion(armature, motion(FRAMES), START)
 
 
 def test_tracking_again_replaces_tracked_keys_alone():
     armature = build()
-    keyframes.write_motion(armature, motion(FRAMES, seed=0), START)
+    motion_curves.write_motion(armature, motion(FRAMES, seed=0), START)
     before = {k: fcurves.get_keys(c)[KEYS] for k, c in all_curves(armature).items()}
     second = motion(FRAMES, seed=0).replaced(1, motion(4, seed=7)).replaced(6, motion(5, seed=8))
-    keyframes.write_motion(armature, second, START)
+    motion_curves.write_motion(armature, second, START)
     for k, c in all_curves(armature).items():
         for field in ("co", "type", "interpolation", "handle_left_type", "handle_right_type"):
             assert np.array_equal(fcurves.get_keys(c)[KEYS][field], before[k][field])
     assert joint_error(armature, human(), second, first=START) < 0.05
-    assert keyframes.read_key_poses(armature, START, FRAMES).frames.tolist() == KEYS
+    assert key_pose_curves.read_key_poses(armature, START, FRAMES).frames.tolist() == KEYS
 
 
 def test_proposals_are_breakdowns_and_hold_nothing():
     armature = build(key_frames=[])
-    keyframes.write_motion(armature, motion(FRAMES), START, START + np.array([2, 7]))
+    motion_curves.write_motion(armature, motion(FRAMES), START, START + np.array([2, 7]))
     for curve in all_curves(armature).values():
         assert np.flatnonzero(fcurves.get_keys(curve)["type"] == BREAKDOWN).tolist() == [2, 7]
-    read = keyframes.read_key_poses(armature, START, FRAMES)
+    read = key_pose_curves.read_key_poses(armature, START, FRAMES)
     assert read.frames.tolist() == read.proposals().tolist() == [2, 7]
     assert np.abs(read.poses.difference(motion(FRAMES)[[2, 7]])).max() < 1e-5
 
 
 def test_tracking_again_moves_proposals_and_they_stay_proposals():
     armature = build(key_frames=[])
-    keyframes.write_motion(armature, motion(FRAMES), START, START + np.array([2, 7]))
-    keyframes.write_motion(armature, motion(FRAMES, seed=7), START)
-    read = keyframes.read_key_poses(armature, START, FRAMES)
+    motion_curves.write_motion(armature, motion(FRAMES), START, START + np.array([2, 7]))
+    motion_curves.write_motion(armature, motion(FRAMES, seed=7), START)
+    read = key_pose_curves.read_key_poses(armature, START, FRAMES)
     assert read.proposals().tolist() == [2, 7]
     assert np.abs(read.poses.difference(motion(FRAMES, seed=7)[[2, 7]])).max() < 1e-5
 
 
 def test_a_key_pose_set_over_a_proposal_is_the_animators():
     armature = build(key_frames=[])
-    keyframes.write_motion(armature, motion(FRAMES), START, START + np.array([2, 7]))
+    motion_curves.write_motion(armature, motion(FRAMES), START, START + np.array([2, 7]))
     bpy.context.scene.frame_set(START + 7)
-    keyframes.key_current_pose(armature, START + 7)
-    read = keyframes.read_key_poses(armature, START, FRAMES)
+    key_pose_curves.key_current_pose(armature, START + 7)
+    read = key_pose_curves.read_key_poses(armature, START, FRAMES)
     assert read.full().tolist() == [7] and read.proposals().tolist() == [2]
     edited = all_curves(armature)['pose.bones["forearm.L"].rotation_quaternion', 1]
     key_at(edited, START + 2).co.y += 0.2  # dragged: Blender keeps the key's type
     edited.update()
-    read = keyframes.read_key_poses(armature, START, FRAMES)
+    read = key_pose_curves.read_key_poses(armature, START, FRAMES)
     assert read.frames.tolist() == [2, 7] and read.fixed[0].sum() == 3
 
 
@@ -133,8 +133,8 @@ edits = st.lists(
 @given(edits)
 def test_whatever_the_animator_keys_is_kept_bit_for_bit(changes):
     armature = build()
-    keyframes.write_motion(armature, motion(FRAMES), START)
-    channels = keyframes.body_channels(armature)
+    motion_curves.write_motion(armature, motion(FRAMES), START)
+    channels = body_channels.list_channels(armature)
     bag = fcurves.find_channelbag(armature)
     armature.pose.bones["hand.L"]["strength"] = 0.5
     armature.pose.bones["hand.L"].keyframe_insert('["strength"]', frame=4)
@@ -164,8 +164,8 @@ def test_whatever_the_animator_keys_is_kept_bit_for_bit(changes):
         if "strength" in f.data_path or "scale" in f.data_path
     }
 
-    keyframes.write_motion(armature, motion(FRAMES, seed=3), START)
-    keyframes.write_motion(armature, motion(FRAMES, seed=4), START)
+    motion_curves.write_motion(armature, motion(FRAMES, seed=3), START)
+    motion_curves.write_motion(armature, motion(FRAMES, seed=4), START)
 
     for (path, index, frame), stored in touched.items():
         keys = fcurves.get_keys(bag.fcurves.find(path, index=index))
@@ -174,35 +174,35 @@ def test_whatever_the_animator_keys_is_kept_bit_for_bit(changes):
         assert fcurves.get_keys(bag.fcurves.find(path, index=index)).tobytes() == stored
     assert armature.pose.bones["hand.L"]["strength"] == 0.5
     expected = {f for _, _, f in touched if START <= f < START + FRAMES}
-    read = keyframes.read_key_poses(armature, START, FRAMES)
+    read = key_pose_curves.read_key_poses(armature, START, FRAMES)
     assert set(read.frames + START) == expected | {START + k for k in KEYS}
 
 
 def test_an_edited_tracked_key_is_a_key_pose_though_blender_calls_it_generated():
     armature = build()
-    keyframes.write_motion(armature, motion(FRAMES), START)
+    motion_curves.write_motion(armature, motion(FRAMES), START)
     hand = armature.pose.bones["hand.L"]
     hand.rotation_quaternion = (0.6, 0.0, 0.8, 0.0)
     hand.keyframe_insert("rotation_quaternion", frame=START + 8)
     curve = all_curves(armature)[f'pose.bones["{hand.name}"].rotation_quaternion', 0]
     assert key_at(curve, START + 8).type == "GENERATED"
-    read = keyframes.read_key_poses(armature, START, FRAMES)
+    read = key_pose_curves.read_key_poses(armature, START, FRAMES)
     assert read.frames.tolist() == [0, 5, 8, 11]
     part = human().index("hand.L")
     assert np.flatnonzero(read.fixed[2]).tolist() == list(range(3 + 3 * part, 6 + 3 * part))
-    keyframes.write_motion(armature, motion(FRAMES, seed=2), START)
+    motion_curves.write_motion(armature, motion(FRAMES, seed=2), START)
     assert key_at(curve, START + 8).co.y == pytest.approx(0.6)
 
 
 def test_the_record_survives_saving(tmp_path):
     armature = build()
-    keyframes.write_motion(armature, motion(FRAMES), START)
+    motion_curves.write_motion(armature, motion(FRAMES), START)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"))
     armature = bpy.data.objects["man"]
-    assert keyframes.read_key_poses(armature, START, FRAMES).frames.tolist() == KEYS
+    assert key_pose_curves.read_key_poses(armature, START, FRAMES).frames.tolist() == KEYS
     key_at(all_curves(armature)['pose.bones["spine"].rotation_quaternion', 1], START + 2).co.y += 0.01
-    assert keyframes.read_key_poses(armature, START, FRAMES).frames.tolist() == [0, 2, 5, 11]
+    assert key_pose_curves.read_key_poses(armature, START, FRAMES).frames.tolist() == [0, 2, 5, 11]
 
 
 def test_a_partial_key_pose_fixes_only_what_is_keyed():
@@ -213,7 +213,7 @@ def test_a_partial_key_pose_fixes_only_what_is_keyed():
     root.location = (1, 2, 3)
     root.keyframe_insert("location", index=1, frame=START + 7)  # the pelvis' y points up
     arm.keyframe_insert("location", frame=START + 9)  # moves no part of the body
-    read = keyframes.read_key_poses(armature, START, FRAMES)
+    read = key_pose_curves.read_key_poses(armature, START, FRAMES)
     part = human().index("upper_arm.R")
     assert read.frames.tolist() == [4, 7]
     assert np.flatnonzero(read.fixed[0]).tolist() == list(range(3 + 3 * part, 6 + 3 * part))
@@ -228,7 +228,7 @@ def test_partial_key_poses_are_written_and_read_alike(axes):
     fixed[0, axes] = True
     fixed[1, 12:15] = fixed[2, 30:33] = True
     armature = build(fixed=fixed)
-    read = keyframes.read_key_poses(armature, START, FRAMES)
+    read = key_pose_curves.read_key_poses(armature, START, FRAMES)
     assert np.array_equal(read.fixed, fixed)
 
 
@@ -241,7 +241,7 @@ def test_quaternions_do_not_flip_between_tracked_frames_and_keys():
         key_at(curve, START + 5).co.y *= -1
         curve.update()
     truth = motion(FRAMES)
-    keyframes.write_motion(armature, truth, START)
+    motion_curves.write_motion(armature, truth, START)
     assert joint_error(armature, human(), truth, first=START) < 0.05
     q = np.array(
         [
@@ -254,24 +254,24 @@ def test_quaternions_do_not_flip_between_tracked_frames_and_keys():
 
 def test_keys_outside_the_tracked_frames_stay():
     armature = build()
-    keyframes.write_motion(armature, motion(FRAMES), START)
+    motion_curves.write_motion(armature, motion(FRAMES), START)
     before = {k: fcurves.get_keys(c)["co"][8:] for k, c in all_curves(armature).items()}
-    keyframes.write_motion(armature, motion(4, seed=5), START + 1)
+    motion_curves.write_motion(armature, motion(4, seed=5), START + 1)
     for k, c in all_curves(armature).items():
         assert np.array_equal(fcurves.get_keys(c)["co"][8:], before[k])
-    assert keyframes.read_key_poses(armature, START, FRAMES).frames.tolist() == KEYS
+    assert key_pose_curves.read_key_poses(armature, START, FRAMES).frames.tolist() == KEYS
 
 
 def test_what_cannot_be_a_key_pose_is_named():
     armature = build()
     key_at(all_curves(armature)['pose.bones["head"].rotation_quaternion', 0], START + 5).co.x += 0.5
     with pytest.raises(ShotError, match=r"bone head.*between frames"):
-        keyframes.read_key_poses(armature, START, FRAMES)
+        key_pose_curves.read_key_poses(armature, START, FRAMES)
     armature.pose.bones["head"].rotation_mode = "XYZ"
     with pytest.raises(BodyError, match=r"bone head.*Quaternion"):
-        keyframes.read_key_poses(armature, START, FRAMES)
+        key_pose_curves.read_key_poses(armature, START, FRAMES)
 
 
 def test_a_motion_of_another_body_is_refused():
     with pytest.raises(BodyError, match="armature man"):
-        keyframes.write_motion(build(), motion(FRAMES, parts=3), START)
+        motion_curves.write_motion(build(), motion(FRAMES, parts=3), START)

@@ -19,7 +19,7 @@ from kfmocap.core.errors import OutputError, ShotError  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
 from kfmocap.kfmocap_addon.batch import BatchSession  # noqa: E402
 from kfmocap.kfmocap_addon.export import blender_outputs, exporters, presets  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import body_armature, keyframes, scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import body_armature, key_pose_curves, scene  # noqa: E402
 from mathutils import Matrix  # noqa: E402
 
 pytestmark = pytest.mark.blender
@@ -141,7 +141,7 @@ def test_tracking_the_open_scene_loses_nothing_in_it(blender, tmp_path):  # noqa
     assert [clip.filepath for clip in bpy.data.movieclips] == names
     assert len(bpy.data.scenes) == len(bpy.data.armatures) == 1
     armature = bpy.context.scene.kfmocap.performers[0].armature
-    assert armature.name == "man" and keyframes.read_key_poses(armature, 1, 12).frames.tolist() == [0, 5, 11]
+    assert armature.name == "man" and key_pose_curves.read_key_poses(armature, 1, 12).frames.tolist() == [0, 5, 11]
     bpy.ops.wm.open_mainfile(filepath=str(out / "shot.blend"))
     assert "mine" in bpy.data.objects
     assert [clip.frame_duration for clip in bpy.data.movieclips] == [30, 30]

@@ -10,7 +10,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from addon_shots import SIZE, blender, camera, video  # noqa: E402, F401
-from kfmocap.core.formats.calibration_files import save_cameras  # noqa: E402
+from kfmocap.core.formats.toml_cameras import save_cameras  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import footage_background, scene, solved_cameras, view_cameras  # noqa: E402
 from test_addon_views import largest_difference  # noqa: E402
 

@@ -13,7 +13,7 @@ from kfmocap.core.body import landmark_positions  # noqa: E402
 from kfmocap.core.errors import ShotError  # noqa: E402
 from kfmocap.core.formats import write_trc  # noqa: E402
 from kfmocap.kfmocap_addon.editing import keyframing  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import joint_marks, keyframes  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import joint_marks, key_pose_curves, shown_pose  # noqa: E402
 from test_addon_posing import BENT, BODY, LIMBS, WALK, error, keyed, walk_scene  # noqa: E402
 
 pytestmark = pytest.mark.blender
@@ -75,11 +75,11 @@ def test_keys_of_the_animators_stay_unless_they_are_to_be_replaced(blender, tmp_
     slot = keypoint_scene(tmp_path)
     bpy.context.scene.frame_set(13)
     bpy.ops.kfmocap.set_key_pose()
-    wrong = keyframes.shown_values(slot.armature)
+    wrong = shown_pose.shown_values(slot.armature)
     ask("CURRENT")
     bpy.ops.kfmocap.pose_from_keypoints()
     bpy.context.scene.frame_set(13)
-    assert keyframes.shown_values(slot.armature) == pytest.approx(wrong, abs=1e-6)
+    assert shown_pose.shown_values(slot.armature) == pytest.approx(wrong, abs=1e-6)
     ask("CURRENT", replace=True)
     # What is to be replaced must not hold the fit.
     bpy.ops.kfmocap.pose_from_keypoints()
@@ -91,7 +91,7 @@ def test_proposals_and_a_first_pass_without_any_key_pose(blender, tmp_path):  # 
     slot = keypoint_scene(tmp_path, keys=())
     ask("AUTO")
     assert bpy.ops.kfmocap.pose_from_keypoints() == {"FINISHED"}
-    own, proposed = keyframes.keyed_bones(slot.armature)
+    own, proposed = key_pose_curves.keyed_bones(slot.armature)
     assert not own and len(proposed) == 2
     for frame in (3, 12, 25):
         bpy.context.scene.frame_set(1 + frame)

@@ -13,7 +13,7 @@ from addon_shots import blender, motion, shot, track_result  # noqa: E402, F401
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.kfmocap_addon import panels  # noqa: E402
 from kfmocap.kfmocap_addon.export import blender_outputs, exporters  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import bone_visibility, fcurves, keyframes, scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import bone_visibility, fcurves, key_pose_curves, scene  # noqa: E402
 
 pytestmark = pytest.mark.blender
 
@@ -102,7 +102,7 @@ def test_the_animators_keys_and_key_poses_stay(blender, tmp_path):  # noqa: F811
     assert others() == before
     # Whole-character keying sets key custom properties too: still no key pose.
     armature.pose.bones["hand.L"].keyframe_insert(f'["{bone_visibility.VIEWS}"]', frame=13)
-    assert keyframes.read_key_poses(armature, START, FRAMES).frames.tolist() == [0, 5, FRAMES - 1]
+    assert key_pose_curves.read_key_poses(armature, START, FRAMES).frames.tolist() == [0, 5, FRAMES - 1]
 
 
 def test_a_saved_scene_still_says_what_was_hidden(blender, tmp_path):  # noqa: F811

@@ -16,7 +16,7 @@ from kfmocap.core.body.motion import Motion  # noqa: E402
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot, View  # noqa: E402
 from kfmocap.kfmocap_addon.editing import click_posing  # noqa: E402
 from kfmocap.kfmocap_addon.panels import key_list  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import body_armature, joint_marks, keyframes, scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import body_armature, joint_marks, key_pose_curves, motion_curves, scene, shown_pose  # noqa: E402
 
 pytestmark = pytest.mark.blender
 
@@ -57,13 +57,13 @@ def mark_joints(slot, frame: int, truth: Motion, views: tuple[str, ...], noise: 
 
 def error(slot, truth: Motion) -> float:
     """Mean distance of the limbs' joints from where they should be, metres."""
-    shown = landmark_positions(BODY, keyframes.shown_pose(slot.armature), LIMBS)
+    shown = landmark_positions(BODY, shown_pose.read_shown_pose(slot.armature), LIMBS)
     return float(np.linalg.norm(shown - landmark_positions(BODY, truth, LIMBS), axis=-1).mean())
 
 
 def keyed(slot) -> dict[int, bool]:
     """Shot frames with a key pose, and whether it fixes the whole body."""
-    found = keyframes.read_key_poses(slot.armature, 1, 30)
+    found = key_pose_curves.read_key_poses(slot.armature, 1, 30)
     return {int(frame): bool(fixed.all()) for frame, fixed in zip(found.frames, found.fixed, strict=True)}
 
 
@@ -92,19 +92,19 @@ def test_marks_of_other_frames_do_not_count(blender, tmp_path):  # noqa: F811
 def test_an_arm_alone_is_posed_and_keyed(blender, tmp_path):  # noqa: F811
     slot = walk_scene(tmp_path)
     bpy.context.scene.frame_set(13)
-    before = keyframes.shown_pose(slot.armature)
+    before = shown_pose.read_shown_pose(slot.armature)
     placed = click_posing.Placing(bpy.context.scene, slot, {"upper_arm.L", "forearm.L"})
     placed.remember()
     placed.mark("cam01", "LWrist", (0.1, -0.1))
     placed.key()
-    moved = before.difference(keyframes.shown_pose(slot.armature))[0, 3:].reshape(-1, 3)
+    moved = before.difference(shown_pose.read_shown_pose(slot.armature))[0, 3:].reshape(-1, 3)
     parts = {BODY.names[i] for i in np.flatnonzero(np.abs(moved).max(axis=1) > 1e-5)}
     assert parts == {"upper_arm.L", "forearm.L"}
     assert keyed(slot) == {0: True, 12: False, 29: True}
 
 
 def state(slot) -> list:
-    return [keyframes.shown_values(slot.armature), joint_marks.everything(slot)]
+    return [shown_pose.shown_values(slot.armature), joint_marks.everything(slot)]
 
 
 def test_what_is_cancelled_leaves_pose_and_marks_to_the_last_bit(blender, tmp_path):  # noqa: F811
@@ -180,7 +180,7 @@ def test_a_body_of_another_origin_is_posed_by_its_bones(blender, tmp_path):  # n
 
 
 def shown(slot) -> Motion:
-    return keyframes.shown_pose(slot.armature)
+    return shown_pose.read_shown_pose(slot.armature)
 
 
 def test_a_tracked_pose_is_copied_to_another_frame(blender, tmp_path):  # noqa: F811
@@ -277,8 +277,8 @@ def test_a_nudge_in_depth_leaves_the_root_where_it_is_seen(blender, tmp_path):  
 
 def test_proposals_become_key_poses_one_by_one_or_all(blender, tmp_path):  # noqa: F811
     slot = walk_scene(tmp_path, keys=(0,))
-    keyframes.write_motion(slot.armature, WALK, 1, [6, 13, 20])
-    assert [row.frame for row in key_list.looked_up(slot.armature) if row.proposed] == [6, 13, 20]
+    motion_curves.write_motion(slot.armature, WALK, 1, [6, 13, 20])
+    assert [row.frame for row in key_list.find_key_poses(slot.armature) if row.proposed] == [6, 13, 20]
     bpy.context.scene.frame_set(7)
     assert bpy.ops.kfmocap.accept_proposals() == {"CANCELLED"}
     bpy.context.scene.frame_set(13)
@@ -286,33 +286,33 @@ def test_proposals_become_key_poses_one_by_one_or_all(blender, tmp_path):  # noq
     assert [frame for frame, whole in keyed(slot).items() if whole] == [0, 12]
     bpy.ops.kfmocap.accept_proposals(every=True)
     assert keyed(slot) == dict.fromkeys([0, 5, 12, 19], True)
-    assert np.abs(keyframes.read_motion(slot.armature, 6, 1).difference(WALK[[5]])).max() < 1e-5
+    assert np.abs(motion_curves.read_motion(slot.armature, 6, 1).difference(WALK[[5]])).max() < 1e-5
 
 
 def test_key_poses_are_listed_with_what_they_fix(blender, tmp_path):  # noqa: F811
     slot = walk_scene(tmp_path, tracked=True)
     slot.armature.pose.bones["hand.L"].keyframe_insert("rotation_quaternion", frame=9)
-    keyframes.write_motion(slot.armature, WALK, 1)
+    motion_curves.write_motion(slot.armature, WALK, 1)
     slot.armature.pose.bones["hand.L"].rotation_quaternion = (0.8, 0.6, 0, 0)
     slot.armature.pose.bones["hand.L"].keyframe_insert("rotation_quaternion", frame=9)
-    rows = {row.frame: row for row in key_list.looked_up(slot.armature)}
+    rows = {row.frame: row for row in key_list.find_key_poses(slot.armature)}
     assert sorted(rows) == [1, 9, 30] and rows[9].bones == ("hand.L",) and not rows[1].bones
-    assert "hand.L" in rows[9].told() and "whole body" in rows[1].told()
+    assert "hand.L" in rows[9].description and "whole body" in rows[1].description
 
 
 def test_the_list_is_looked_up_anew_when_keys_change(blender, tmp_path):  # noqa: F811
     slot = walk_scene(tmp_path)
-    assert key_list.rows(slot.armature) is None
-    key_list._look_up()
-    assert len(key_list.rows(slot.armature)) == 2
+    assert key_list.CACHE.entries(slot.armature) is None
+    key_list.CACHE.look_up()
+    assert len(key_list.CACHE.entries(slot.armature)) == 2
     bpy.context.scene.frame_set(13)
     bpy.context.view_layer.update()
-    assert len(key_list.rows(slot.armature)) == 2  # a frame change alone changes no keys
+    assert len(key_list.CACHE.entries(slot.armature)) == 2  # a frame change alone changes no keys
     bpy.ops.kfmocap.set_key_pose()
     bpy.context.view_layer.update()
-    assert len(key_list.rows(slot.armature)) == 2  # until it has been looked up
-    key_list._look_up()
-    assert len(key_list.rows(slot.armature)) == 3
+    assert len(key_list.CACHE.entries(slot.armature)) == 2  # until it has been looked up
+    key_list.CACHE.look_up()
+    assert len(key_list.CACHE.entries(slot.armature)) == 3
 
 
 def test_the_active_armature_is_posed_else_the_one_chosen_by_name(blender, tmp_path):  # noqa: F811

@@ -13,7 +13,7 @@ from addon_shots import blender, motion, shot, sights  # noqa: E402, F401
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.tracking.uncertainty import expected_errors  # noqa: E402
 from kfmocap.kfmocap_addon.overlays import misfit_backgrounds  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import bone_confidence, bone_visibility, fcurves, keyframes, scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import bone_confidence, bone_visibility, fcurves, key_pose_curves, scene  # noqa: E402
 
 pytestmark = pytest.mark.blender
 
@@ -62,9 +62,9 @@ def test_every_bone_carries_its_expected_error_in_millimetres(built):
 
 def test_errors_are_no_key_poses_and_change_none(built):
     _, armature, _ = built
-    before = keyframes.read_key_poses(armature, START, FRAMES).frames.tolist()
+    before = key_pose_curves.read_key_poses(armature, START, FRAMES).frames.tolist()
     armature.pose.bones["hand.L"].keyframe_insert(f'["{bone_confidence.ERROR}"]', frame=13)
-    assert keyframes.read_key_poses(armature, START, FRAMES).frames.tolist() == before == [0, 5, FRAMES - 1]
+    assert key_pose_curves.read_key_poses(armature, START, FRAMES).frames.tolist() == before == [0, 5, FRAMES - 1]
 
 
 def test_an_excerpt_replaces_its_own_frames_alone(built):
@@ -220,7 +220,7 @@ def test_without_a_key_pose_around_there_is_no_residual_and_the_tool_says_why(bl
     built = scene.build_scene(original, [strayed], bpy.context.scene)
     armature = built.kfmocap.performers[0].armature
     for frame in (1, 9):
-        keyframes.remove_key_pose(armature, frame)
+        key_pose_curves.remove_key_pose(armature, frame)
     with pytest.raises(RuntimeError, match="no key pose of the whole body"):
         bpy.ops.kfmocap.show_residual()
     assert not len(bpy.data.images)

@@ -11,7 +11,7 @@ from addon_shots import blender, joint_error, motion  # noqa: E402, F401
 from kfmocap.core.body import human, part_poses  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import body_armature, keyframes  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import body_armature, motion_curves  # noqa: E402
 from mathutils import Matrix  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
@@ -56,7 +56,7 @@ def test_landmarks_and_limits_survive_the_renaming_of_a_bone(armature, body):
 
 def test_joints_and_parts_evaluate_as_the_core_says(armature, body):
     truth = motion(8)
-    keyframes.write_motion(armature, truth, 1)
+    motion_curves.write_motion(armature, truth, 1)
     assert joint_error(armature, body, truth) < 0.05
     bpy.context.scene.frame_set(8)
     R, T = part_poses(body, truth)
@@ -75,7 +75,7 @@ def test_a_moved_armature_object_changes_neither_body_nor_motion(armature, body)
     read = body_armature.body_from_armature(armature)
     assert np.allclose(read.offsets[1:], body.offsets[1:], atol=1e-6)
     seen = body_armature.body_from_armature(armature)
-    keyframes.write_motion(armature, truth, 1)
+    motion_curves.write_motion(armature, truth, 1)
     assert joint_error(armature, seen, truth) < 0.05
 
 

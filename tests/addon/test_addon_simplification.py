@@ -16,7 +16,7 @@ from kfmocap.core.body.motion import Motion  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
 from kfmocap.core.shot.shot import KeyPoses, Shot  # noqa: E402
 from kfmocap.kfmocap_addon.editing import simplification  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import fcurves, keyframes, scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import body_channels, fcurves, key_ownership, key_pose_curves, motion_curves, scene  # noqa: E402
 
 pytestmark = pytest.mark.blender
 
@@ -46,7 +46,7 @@ def armature(blender, tmp_path):  # noqa: F811
 
 
 def read(armature) -> Motion:
-    return keyframes.read_motion(armature, START, FRAMES)
+    return motion_curves.read_motion(armature, START, FRAMES)
 
 
 def apart(a: Motion, b: Motion) -> tuple[float, float]:
@@ -57,13 +57,13 @@ def apart(a: Motion, b: Motion) -> tuple[float, float]:
 
 
 def keys_of(armature) -> dict:
-    bag, channels = fcurves.find_channelbag(armature), keyframes.body_channels(armature)
+    bag, channels = fcurves.find_channelbag(armature), body_channels.list_channels(armature)
     return {c.key: fcurves.get_keys(bag.fcurves.find(c.path, index=c.index)) for c in channels}
 
 
 def animators(armature) -> dict:
-    channels = keyframes.body_channels(armature)
-    rows = keyframes.channel_keys(armature, channels)
+    channels = body_channels.list_channels(armature)
+    rows = key_ownership.channel_keys(armature, channels)
     return {
         channels[c].key: [keys[own][f].tolist() for f in ("co", "type", "interpolation")] for c, _, keys, own in rows
     }
@@ -99,11 +99,11 @@ def test_with_no_tolerance_the_motion_stays(armature):
 def test_the_animators_keys_stay_as_they_are(armature):
     bone = armature.pose.bones["hand.L"]
     bone.rotation_quaternion = (0.5, 0.5, 0.5, 0.5)
-    keyframes.key_current_pose(armature, START + 30, {"hand.L"})
-    before, poses = animators(armature), keyframes.read_key_poses(armature, START, FRAMES)
+    key_pose_curves.key_current_pose(armature, START + 30, {"hand.L"})
+    before, poses = animators(armature), key_pose_curves.read_key_poses(armature, START, FRAMES)
     simplification.simplify(armature, np.radians(2), 0.01)
     assert animators(armature) == before
-    after = keyframes.read_key_poses(armature, START, FRAMES)
+    after = key_pose_curves.read_key_poses(armature, START, FRAMES)
     np.testing.assert_array_equal(after.frames, poses.frames)
     np.testing.assert_array_equal(after.fixed, poses.fixed)
     held = poses.fixed[:, 3:].reshape(len(poses.frames), -1, 3).all(axis=2)
@@ -112,8 +112,8 @@ def test_the_animators_keys_stay_as_they_are(armature):
 
 def test_kept_keys_are_still_the_trackers_and_tracking_replaces_them(armature):
     simplification.simplify(armature, np.radians(2), 0.01)
-    assert keyframes.read_key_poses(armature, START, FRAMES).frames.tolist() == [0, 25, FRAMES - 1]
-    keyframes.write_motion(armature, smooth_motion(), START)
+    assert key_pose_curves.read_key_poses(armature, START, FRAMES).frames.tolist() == [0, 25, FRAMES - 1]
+    motion_curves.write_motion(armature, smooth_motion(), START)
     angle, distance = apart(smooth_motion()[[20]], read(armature)[[20]])
     assert angle < 1e-5 and distance < 1e-6
 
@@ -127,19 +127,19 @@ def test_some_bones_alone(armature):
 
 def test_baked_keys_are_the_animators_and_have_the_same_values(armature):
     before, motion = keys_of(armature), read(armature)
-    assert keyframes.bake(armature) == FRAMES - 3
+    assert motion_curves.bake(armature) == FRAMES - 3
     after = keys_of(armature)
     assert all((keys["type"] == fcurves.enum_value("type", "KEYFRAME")).all() for keys in after.values())
     assert all((after[name]["co"] == keys["co"]).all() for name, keys in before.items())
-    assert keyframes.read_key_poses(armature, START, FRAMES).frames.tolist() == list(range(FRAMES))
-    keyframes.write_motion(armature, smooth_motion(), START)
+    assert key_pose_curves.read_key_poses(armature, START, FRAMES).frames.tolist() == list(range(FRAMES))
+    motion_curves.write_motion(armature, smooth_motion(), START)
     assert apart(motion, read(armature)) < (1e-5, 1e-6)
-    assert keyframes.bake(armature) == 0
+    assert motion_curves.bake(armature) == 0
 
 
 def test_some_bones_are_baked_alone(armature):
-    keyframes.bake(armature, {"hand.L"})
-    fixed = keyframes.read_key_poses(armature, START, FRAMES).fixed
+    motion_curves.bake(armature, {"hand.L"})
+    fixed = key_pose_curves.read_key_poses(armature, START, FRAMES).fixed
     hand = 3 + 3 * BODY.index("hand.L")
     assert fixed[:, hand].all() and not fixed[1, hand + 3]
 

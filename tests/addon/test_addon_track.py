@@ -20,7 +20,7 @@ from kfmocap.core.tracking.retracking import Excerpt, track_excerpts  # noqa: E4
 from kfmocap.kfmocap_addon.jobs.job import Job, duration  # noqa: E402
 from kfmocap.kfmocap_addon.operators import job_operator  # noqa: E402
 from kfmocap.kfmocap_addon.operators.job_operator import JobOperator  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import fcurves, keyframes, scene, tracked_segments  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import fcurves, key_pose_curves, motion_curves, scene, tracked_segments  # noqa: E402
 from scene_state import differences, state  # noqa: E402
 from synthetic import figure, film, look_at, shot_of, swing  # noqa: E402
 
@@ -59,7 +59,7 @@ def shift_key_pose(built, frame):
     """A key pose as the animator corrects it."""
     built.frame_set(frame + FRAME)
     armature_of(built).pose.bones["hand.L"].rotation_quaternion = (0.6, 0.0, 0.8, 0.0)
-    keyframes.key_current_pose(armature_of(built), frame + FRAME)
+    key_pose_curves.key_current_pose(armature_of(built), frame + FRAME)
 
 
 @pytest.mark.parametrize(
@@ -86,7 +86,7 @@ def test_tools_track_the_stretches_that_they_say(built, tracker, tool, frame, tr
 def test_other_stretches_stay_to_the_last_bit(built, tracker):  # noqa: F811
     bpy.ops.kfmocap.track()
     before = {k: fcurves.get_keys(c)[6:] for k, c in body_curves(built).items()}
-    keyframes.write_motion(armature_of(built), motion(4, seed=9), FRAME + 1)
+    motion_curves.write_motion(armature_of(built), motion(4, seed=9), FRAME + 1)
     built.frame_set(FRAME + 2)
     bpy.ops.kfmocap.track_here()
     for k, c in body_curves(built).items():
@@ -142,7 +142,7 @@ def test_clear_between_removes_tracked_keys_alone(built, where, frame, left):
     built.frame_set(FRAME + frame)
     assert bpy.ops.kfmocap.clear_between(where=where) == {"FINISHED"}
     assert generated(built) == list(left)
-    read = keyframes.read_key_poses(armature_of(built), FRAME, 12)
+    read = key_pose_curves.read_key_poses(armature_of(built), FRAME, 12)
     assert read.frames.tolist() == [0, 5, 11] and read.fixed.all()
     if not left:
         now = keys_of(armature_of(built))
@@ -156,7 +156,7 @@ def test_clear_between_leaves_an_edited_tracked_key(built):
     armature_of(built).pose.bones["hand.L"].rotation_quaternion = (0.6, 0.0, 0.8, 0.0)
     armature_of(built).pose.bones["hand.L"].keyframe_insert("rotation_quaternion", frame=FRAME + 3)
     bpy.ops.kfmocap.clear_between(where="EVERYWHERE")
-    assert keyframes.read_key_poses(armature_of(built), FRAME, 12).frames.tolist() == [0, 3, 5, 11]
+    assert key_pose_curves.read_key_poses(armature_of(built), FRAME, 12).frames.tolist() == [0, 3, 5, 11]
     with pytest.raises(RuntimeError, match="no tracked keys"):
         bpy.ops.kfmocap.clear_between(where="EVERYWHERE")
 
@@ -211,7 +211,7 @@ def filmed(blender, tmp_path):  # noqa: F811
     built = scene.build_scene(given, scene=bpy.context.scene)
     built.frame_set(FRAME + 4)
     armature_of(built).pose.bones["forearm.L"].rotation_quaternion = (0.96, 0.28, 0, 0)
-    keyframes.key_current_pose(armature_of(built), FRAME + 4)
+    key_pose_curves.key_current_pose(armature_of(built), FRAME + 4)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
     return tmp_path / "scene.blend"
 
@@ -272,7 +272,7 @@ class Tool(JobOperator):
     def __init__(self, work):
         self.work, self.reports, self.finished = work, [], []
 
-    def prepared(self, context):
+    def prepare(self, context):
         return self.work
 
     def finish(self, context, result):
@@ -339,7 +339,7 @@ def test_a_job_that_ends_is_finished_once(monkeypatch):
     tool, context = started(partial(pieces_of_work.halfway, 42), monkeypatch)
     assert ended(tool, context) == {"FINISHED"}
     assert tool.finished == [42] and context.workspace.status[-1] is None
-    assert tool.job.state == ("half", 0.5) and tool.job.told().startswith("Half 50%, 0 s left")
+    assert tool.job.state == ("half", 0.5) and tool.job.status_text().startswith("Half 50%, 0 s left")
 
 
 def test_errors_of_the_work_are_reported_as_they_were(monkeypatch):
@@ -361,7 +361,7 @@ def test_a_bug_in_the_work_is_not_swallowed(monkeypatch):
 def test_work_that_dies_is_reported(monkeypatch):
     tool, context = started(pieces_of_work.killed, monkeypatch)
     assert ended(tool, context) == {"CANCELLED"}
-    assert "before its time" in tool.reports[0][1]
+    assert "ended unexpectedly" in tool.reports[0][1]
 
 
 def test_what_is_tracked_beside_blender_is_what_is_tracked_in_it(tmp_path):

@@ -166,8 +166,8 @@ def test_the_covariance_is_that_of_the_returned_state() -> None:
 
     for iterations in (1, 2, 50):
         result = minimise(np.array([1.0]), squared, added, stopping=StoppingRule(iterations))
-        np.testing.assert_allclose(result.equations.factor().covariance(), 1 / (4 * result.state[:, None] ** 2))
-        assert result.equations.cost == result.cost
+        np.testing.assert_allclose(result.linearised().factor().covariance(), 1 / (4 * result.state[:, None] ** 2))
+        assert result.linearised().cost == result.cost
         assert result.converged == (iterations == 50)
 
 
@@ -218,6 +218,15 @@ def test_a_singular_matrix_is_damped() -> None:
     np.testing.assert_allclose(result.state, [3.0, 0.0], atol=1e-5)
 
 
+def test_a_cheaper_cost_finds_the_same_minimum_in_the_same_steps() -> None:
+    start, rule = np.array([-1.2, 1.0]), StoppingRule[np.ndarray](200, relative_gain=1e-9)
+    whole = minimise(start, rosenbrock, added, stopping=rule)
+    cheap = minimise(start, rosenbrock, added, trial_cost=lambda x, _: rosenbrock(x).cost, stopping=rule)
+    np.testing.assert_array_equal(whole.state, cheap.state)
+    assert whole.cost_history == cheap.cost_history
+    np.testing.assert_array_equal(whole.linearised().matrix, cheap.linearised().matrix)
+
+
 def test_a_step_is_tested_with_the_associations_that_it_was_made_with() -> None:
     # The nearest of some points, associated anew at each state: without holding it while a step is tested, the cost
     # would compare the distance to one point with that to another.
@@ -238,4 +247,4 @@ def test_a_step_is_tested_with_the_associations_that_it_was_made_with() -> None:
         state[0], linearise, added, trial_cost=held, damping=GAUSS_NEWTON, stopping=StoppingRule(iterations=1)
     )
     np.testing.assert_allclose(result.state, 10.0)
-    assert asked == [10.0] and result.cost == 0.0
+    assert asked == [10.0] and result.cost == 0.0 and result.linearised().gradient == 0.0

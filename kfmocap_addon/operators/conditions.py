@@ -1,0 +1,59 @@
+"""When an operator can be used: the tooltip of its disabled button says what is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import bpy
+
+from . import active_performer
+
+Condition = Callable[[bpy.types.Context], str]
+"""Gives what is missing as a sentence for the user; an empty text where the condition holds."""
+
+
+class Conditional:
+    """An operator that can be used where all of its conditions hold."""
+
+    conditions: tuple[Condition, ...] = ()
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """See whether the operator can be used; if not, the disabled button says why."""
+        for condition in cls.conditions:
+            missing = condition(context)
+            if missing:
+                cls.poll_message_set(missing)
+                return False
+        return True
+
+
+def has_views(context: bpy.types.Context) -> str:
+    """The shot has views."""
+    return "" if context.scene.kfmocap.views else "There is no footage yet: use Add Footage or Load Shot"
+
+
+def has_shot(context: bpy.types.Context) -> str:
+    """The scene has views with calibrated cameras, and a performer."""
+    shot = context.scene.kfmocap
+    if not shot.views:
+        return has_views(context)
+    unknown = next((view.name for view in shot.views if not view.is_calibrated), None)
+    if unknown is not None:
+        return f"The camera of {unknown} is not calibrated: use Import Calibration"
+    return "" if shot.performers else "There is nobody to track yet: use Add Body"
+
+
+def has_performer(context: bpy.types.Context) -> str:
+    """There is a performer that can be posed."""
+    slot = active_performer.chosen(context)
+    if slot is None:
+        return "This scene has no performer yet: use Load Shot, or add a body"
+    if slot.armature.mode == "EDIT":
+        return "The body is being edited: leave edit mode first"
+    return ""
+
+
+def in_object_mode(context: bpy.types.Context) -> str:
+    """Objects can be added."""
+    return "" if context.mode == "OBJECT" else "Go to object mode first"

@@ -1,0 +1,71 @@
+"""Which keys are the animator's, and which the tracker wrote.
+
+Keys of the type GENERATED that have the value which the tracker wrote are the tracker's; every other key is the
+animator's. Keys of the type BREAKDOWN are the tracker's, too, while they have that value: key poses that it proposes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import ShotError
+from . import body_channels, fcurves, tracked_keys
+
+FrameNumbers = NDArray[np.int64]
+PROPOSAL = "BREAKDOWN"
+"""Type of the keys of a proposed key pose."""
+_SAME_FRAME = 0.01  # Blender's own threshold for keys on the same frame
+
+
+def channel_keys(
+    armature: bpy.types.Object, channels: list[body_channels.Channel]
+) -> Iterator[tuple[int, bpy.types.FCurve, fcurves.Keys, NDArray[np.bool_]]]:
+    """Go through the channels that have an F-curve: number, curve, keys, and which of the keys are the animator's."""
+    bag = fcurves.find_channelbag(armature)
+    record = tracked_keys.load(armature) if bag else None
+    for c, channel in enumerate(channels):
+        curve = bag.fcurves.find(channel.path, index=channel.index) if bag else None
+        if curve is not None and record is not None:
+            keys = fcurves.get_keys(curve)
+            yield c, curve, keys, are_animators(keys, record, channel)
+
+
+def are_animators(
+    keys: fcurves.Keys, record: tracked_keys.Written, channel: body_channels.Channel
+) -> NDArray[np.bool_]:
+    """Which keys are the animator's, shape (K,): not of the tracker's types, or not where it wrote one."""
+    other = keys["type"] != fcurves.enum_value("type", "GENERATED")
+    values = record.at(channel.key, fcurves.frames_of(keys))
+    if values is None:
+        return other
+    other &= keys["type"] != fcurves.enum_value("type", PROPOSAL)
+    between = np.abs(keys["co"][:, 0] - fcurves.frames_of(keys)) > _SAME_FRAME
+    return other | between | (keys["co"][:, 1] != values)
+
+
+def proposal_frames(keys: fcurves.Keys, own: NDArray[np.bool_]) -> FrameNumbers:
+    """Scene frames of proposals, of a channel's keys and which of them are the animator's."""
+    return fcurves.frames_of(keys)[~own & (keys["type"] == fcurves.enum_value("type", PROPOSAL))]
+
+
+def lie_on_frames(keys: fcurves.Keys, frames: FrameNumbers) -> NDArray[np.bool_]:
+    """Which keys lie on one of the scene frames, shape (K,)."""
+    return np.isin(fcurves.frames_of(keys), frames) & (
+        np.abs(keys["co"][:, 0] - fcurves.frames_of(keys)) <= _SAME_FRAME
+    )
+
+
+def refuse_subframes(armature: bpy.types.Object, channel: body_channels.Channel, keys: fcurves.Keys) -> None:
+    """Raise a ShotError where a key lies between frames."""
+    between = np.abs(keys["co"][:, 0] - fcurves.frames_of(keys)) > _SAME_FRAME
+    if between.any():
+        frame = float(keys["co"][between, 0][0])
+        raise ShotError(
+            f"a key at frame {frame:.2f} lies between frames",
+            where=f"armature {armature.name}, bone {channel.bone}",
+            todo="snap the keys to whole frames",
+        )

@@ -1,0 +1,159 @@
+"""The parts of a body as meshes on the bones of its armature."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import bmesh
+import bpy
+import numpy as np
+from mathutils import Matrix
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
+
+from ...core.body import Part
+from ...core.errors import BodyError
+
+Array = NDArray[np.float64]
+_FLAT = np.radians(20)
+
+
+def build_mesh(part: Part, armature: bpy.types.Object, collection: bpy.types.Collection) -> None:
+    """Build the mesh of a part on its bone."""
+    name = f"{armature.name} {part.name}"
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(part.vertices.tolist(), [], part.faces.tolist())
+    _join_triangles(mesh)
+    child = bpy.data.objects.new(name, mesh)
+    collection.objects.link(child)
+    child.parent, child.parent_type, child.parent_bone = armature, "BONE", part.name
+    # Blender hangs children on the bone's tail; the part's frame is at its head.
+    child.matrix_parent_inverse = Matrix.Translation((0.0, -armature.data.bones[part.name].length, 0.0))
+    child.hide_select = child.show_in_front = True
+    child.display_type, child.color = "WIRE", (1.0, 1.0, 1.0, 1.0)
+
+
+def _join_triangles(mesh: bpy.types.Mesh) -> None:
+    """Take out edges between triangles that are nearly in one plane: the wire shall not hide the footage."""
+    bm = bmesh.new()
+    bm.from_mesh(mesh)
+    bmesh.ops.join_triangles(bm, faces=bm.faces, angle_face_threshold=_FLAT, angle_shape_threshold=np.pi, cmp_uvs=False)
+    bm.to_mesh(mesh)
+    bm.free()
+
+
+def put_vertices(armature: bpy.types.Object, part: Part, longer: float) -> None:
+    """Move the vertices of the meshes on a bone that grew; inverse of `mesh_vertices`."""
+    length, start = armature.data.bones[part.name].length, 0
+    for child in meshes_on(armature, part.name):
+        child.matrix_parent_inverse = Matrix.Translation((0.0, -longer, 0.0)) @ child.matrix_parent_inverse
+        to_part, count = _to_bone_tail(child), len(child.data.vertices)
+        points = part.vertices[start : start + count] - [0.0, length, 0.0] - to_part[:3, 3]
+        child.data.vertices.foreach_set("co", (points @ np.linalg.inv(to_part[:3, :3]).T).astype(np.float32).ravel())
+        child.data.update()
+        start += count
+
+
+def check_part(child: bpy.types.Object) -> None:
+    """See that a part's mesh can be one.
+
+    Raises
+    ------
+    BodyError
+        It encloses no volume.
+    """
+    bone = child.parent.data.bones[child.parent_bone]
+    check_solid(mesh_vertices(child.parent, bone, meshes_on(child.parent, bone.name)), child.parent, bone)
+
+
+def check_solid(vertices: Array, armature: bpy.types.Object, bone: bpy.types.Bone) -> None:
+    try:
+        ConvexHull(vertices)
+    except (QhullError, ValueError) as error:
+        raise BodyError(
+            "the mesh on the bone is flat: it encloses no volume",
+            where=f"armature {armature.name}, bone {bone.name}",
+            todo="give it four corners at least that are not in one plane",
+        ) from error
+
+
+def mirror_part(child: bpy.types.Object) -> None:
+    """Give the same part of the other side the mirrored shape of a part's mesh, where there is such a part."""
+    armature = child.parent
+    bone, other = (armature.data.bones.get(n) for n in (child.parent_bone, bpy.utils.flip_name(child.parent_bone)))
+    if other is None or other == bone:
+        return
+    targets = meshes_on(armature, other.name)
+    if not targets:
+        return
+    target, ratio = targets[0], other.length / bone.length
+    across = Matrix.Diagonal((-1.0, ratio, 1.0, 1.0))  # a bone's frame is mirrored along its x axis
+    to_frame = Matrix.Translation((0.0, bone.length, 0.0)) @ Matrix(_to_bone_tail(child))
+    from_frame = Matrix.Translation((0.0, other.length, 0.0)) @ Matrix(_to_bone_tail(target))
+    bm = bmesh.new()
+    bm.from_mesh(child.data)
+    bm.transform(from_frame.inverted() @ across @ to_frame)
+    bmesh.ops.reverse_faces(bm, faces=bm.faces)
+    bm.to_mesh(target.data)
+    bm.free()
+    target.data.update()
+
+
+def show_parts(scene: bpy.types.Scene) -> None:
+    """Draw the parts of all performers as the scene says: as wire, solid, or not, where outlines are drawn instead."""
+    display = scene.kfmocap.display
+    for slot in scene.kfmocap.performers:
+        for child in _meshes(slot.armature) if slot.armature is not None else ():
+            if child.hide_select:  # it is not being edited
+                child.hide_viewport = display in ("OUTLINE", "NONE")
+                child.display_type = "SOLID" if display == "SOLID" else "WIRE"
+                child.color = (1.0, 1.0, 1.0, 1.0)
+
+
+def _meshes(armature: bpy.types.Object) -> list[bpy.types.Object]:
+    return [c for c in armature.children if c.type == "MESH" and c.parent_type == "BONE"]
+
+
+def meshes_on(armature: bpy.types.Object, bone: str) -> list[bpy.types.Object]:
+    """The meshes that a bone carries."""
+    return meshes_by_bone(armature).get(bone, [])
+
+
+def meshes_by_bone(armature: bpy.types.Object) -> dict[str, list[bpy.types.Object]]:
+    """All of them at once: an object's children are looked for among all objects of the file."""
+    found: dict[str, list[bpy.types.Object]] = {}
+    for child in _meshes(armature):
+        found.setdefault(child.parent_bone, []).append(child)
+    return found
+
+
+def _to_bone_tail(child: bpy.types.Object) -> Array:
+    """Matrix (4, 4) from a mesh to the tail of the bone it hangs on."""
+    return np.array(child.matrix_parent_inverse) @ np.array(child.matrix_basis)
+
+
+def part_clouds(armature: bpy.types.Object) -> dict[str, Array]:
+    """Vertices of the meshes on every bone that carries some, by its name, in the part's frame, shape (V, 3)."""
+    bones = armature.data.bones
+    return {
+        name: mesh_vertices(armature, bones[name], m) for name, m in meshes_by_bone(armature).items() if name in bones
+    }
+
+
+def mesh_vertices(armature: bpy.types.Object, bone: bpy.types.Bone, meshes: Sequence[bpy.types.Object]) -> Array:
+    """Vertices of all meshes on a bone, in the part's frame, shape (V, 3)."""
+    clouds = []
+    for child in meshes:
+        if child.mode == "EDIT":
+            child.update_from_editmode()
+        local = _to_bone_tail(child)
+        points = np.empty(3 * len(child.data.vertices), np.float32)
+        child.data.vertices.foreach_get("co", points)
+        clouds.append(points.reshape(-1, 3) @ local[:3, :3].T + local[:3, 3] + [0.0, bone.length, 0.0])
+    if not clouds:
+        raise BodyError(
+            "the bone carries no mesh",
+            where=f"armature {armature.name}, bone {bone.name}",
+            todo="parent one to it",
+        )
+    return np.concatenate(clouds)
