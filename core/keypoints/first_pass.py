@@ -1,4 +1,4 @@
-"""A first pass: the motion of a whole shot as keypoints tell it, before any picture is looked at."""
+"""A first pass: the motion of a whole shot by keypoints alone, before any picture is looked at."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body import Body, default_measures, human, landmark_positions
+from ..body import Body, landmark_positions
 from ..body.inverse_kinematics import estimate_height, fit_poses
 from ..body.motion import Motion, stacked
 from ..errors import KeypointError
 from ..shot.keypose_spline import spline
 from ..shot.shot import KeyPoses
+from .body_measures import BodyMeasures
 from .closed_form import closed_form_pose
 from .keypoint_factor import Keypoints
 from .keypoint_fit import KeypointFit, fit_motion
@@ -20,12 +21,12 @@ from .triangulation import triangulate
 
 Array = NDArray[np.float64]
 
-KNOTS = 0.2
+POSED_EVERY = 0.2
 """Inverse kinematics poses the body this often, seconds; between, a curve is the start."""
 MAIN = ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle")
 ENOUGH = 8
 """Main joints that must be known to pose the body."""
-STEADY = 0.1
+COMPARED_WITHIN = 0.1
 """How long before and after a point is compared with, seconds."""
 LEAP = 0.25
 """A point farther from the others' median is wrong, metres."""
@@ -37,10 +38,11 @@ def first_pass(
     body: Body,
     keys: KeyPoses | None,
     keypoints: Keypoints,
+    *,
     fixed: NDArray[np.bool_],
     precision: Array,
     fps: float,
-    together: float,
+    correlated: float,
 ) -> KeypointFit:
     """Fit a body's motion to keypoints, from the better of two starts.
 
@@ -55,7 +57,8 @@ def first_pass(
         Degrees of freedom that key poses hold, or that are locked.
     precision : ndarray, shape (D,)
         Of accelerations.
-    fps, together : float
+    fps : float
+    correlated : float
         See `fit_motion`.
 
     Raises
@@ -66,7 +69,7 @@ def first_pass(
     held = keys if keys is not None and keys.fixed.any() else None
     starts = [spline(held, len(keypoints))] if held is not None else []
     points, _ = triangulate(keypoints)
-    if len(knots(keypoints, steady(points, fps), fps)):
+    if len(posing_frames(keypoints, without_leaps(points, fps), fps)):
         start = posed_start(body, keypoints, points, fps)
         if starts:
             start = start.moved(np.where(fixed, start.difference(starts[0]), 0.0))
@@ -74,53 +77,77 @@ def first_pass(
     if not starts:
         todo = "give key poses, or keypoints of two views or more"
         raise KeypointError("no two views agree on a pose of the body", todo=todo)
-    fits = [fit_motion(body, keypoints, start, fixed, precision, together) for start in starts]
+    fits = [
+        fit_motion(body, keypoints, start, fixed=fixed, precision=precision, correlated=correlated) for start in starts
+    ]
     return min(fits, key=lambda fit: fit.energy)
 
 
 def scaled_first_pass(
-    keypoints: Keypoints, fps: float, together: float, precision: Array, height: float | None = None
+    keypoints: Keypoints, *, fps: float, precision: Array, correlated: float, height: float | None = None
 ) -> KeypointFit:
-    """Fit a motion and the body's measures to keypoints of two views or more; parameters as of `first_pass`."""
+    """Fit a motion and the body's measures to keypoints of two views or more.
+
+    Parameters
+    ----------
+    keypoints : Keypoints
+        On the F frames of the shot.
+    fps : float
+    precision : ndarray, shape (D,)
+        Of accelerations.
+    correlated : float
+        See `fit_motion`.
+    height : float, optional
+        Of the body, metres; by default estimated from the keypoints.
+
+    Raises
+    ------
+    KeypointError
+        There are too few keypoints that two views share.
+    """
     points, _ = triangulate(keypoints)
-    if not len(knots(keypoints, steady(points, fps), fps)):
+    if not len(posing_frames(keypoints, without_leaps(points, fps), fps)):
         raise KeypointError("no two views agree on a pose of the body", todo="give key poses, or more views")
-    stature = estimate_height(keypoints.names, points) if height is None else height
-    body = human(stature)
+    measures = BodyMeasures.average(estimate_height(keypoints.names, points) if height is None else height)
+    body = measures.body()
     start = posed_start(body, keypoints, points, fps)
     fixed = np.zeros((len(keypoints), body.dof), bool)
-    return fit_motion(body, keypoints, start, fixed, precision, together, (stature, default_measures(stature)))
+    return fit_motion(
+        body, keypoints, start, fixed=fixed, precision=precision, correlated=correlated, measures=measures
+    )
 
 
-def knots(keypoints: Keypoints, points_world: Array, fps: float) -> NDArray[np.intp]:
-    """Frames to pose the body on: of every fifth of a second the one on which most joints are known."""
+def posing_frames(keypoints: Keypoints, points_world: Array, fps: float) -> NDArray[np.intp]:
+    """Return the frames to pose the body on: of every fifth of a second the one on which most joints are known."""
     main = [i for i, name in enumerate(keypoints.names) if name.endswith(MAIN) and name not in MAIN]
     known = np.isfinite(points_world[:, main]).all(axis=-1).sum(axis=1)
-    count = max(1, round(len(known) / (KNOTS * fps)))
+    count = max(1, round(len(known) / (POSED_EVERY * fps)))
     best = [part[np.argmax(known[part])] for part in np.array_split(np.arange(len(known)), count)]
     return np.array([f for f in best if known[f] >= ENOUGH], dtype=np.intp)
 
 
 def posed_start(body: Body, keypoints: Keypoints, points_world: Array, fps: float) -> Motion:
-    """A curve through poses on triangulated keypoints: the body laid along them, or, where it has other bones than
-    ours, fitted to them, each pose from the one before."""
-    points = steady(points_world, fps)
-    frames = knots(keypoints, points, fps)
+    """Return a curve through poses on triangulated keypoints.
+
+    They are in closed form for the default body, else fitted by inverse kinematics, each from the one before.
+    """
+    points = without_leaps(points_world, fps)
+    frames = posing_frames(keypoints, points, fps)
     names = list(keypoints.names)
-    laid = closed_form_pose(body, names, points[frames])
-    if laid is not None and misfit(body, names, points[frames], laid) < LOST:
-        return spline(KeyPoses.whole(frames, laid), len(keypoints))
+    closed_form = closed_form_pose(body, names, points[frames])
+    if closed_form is not None and landmark_distance(body, names, points[frames], closed_form) < LOST:
+        return spline(KeyPoses.whole(frames, closed_form), len(keypoints))
     poses: list[Motion] = []
     for frame in frames:
         target = points[[frame]]
-        lost = bool(poses) and misfit(body, names, target, poses[-1]) > LOST
+        lost = bool(poses) and landmark_distance(body, names, target, poses[-1]) > LOST
         poses.append(fit_poses(body, names, target, poses[-1] if poses and not lost else None))
     return spline(KeyPoses.whole(frames, stacked(poses)), len(keypoints))
 
 
-def steady(points_world: Array, fps: float) -> Array:
-    """Points without those that leap away from where they are before and after."""
-    half = max(1, round(STEADY * fps))
+def without_leaps(points_world: Array, fps: float) -> Array:
+    """Return points, NaN where one leaps away from where it is before and after."""
+    half = max(1, round(COMPARED_WITHIN * fps))
     padded = np.pad(points_world, ((half, half), (0, 0), (0, 0)), constant_values=np.nan)
     around = np.stack([padded[k : k + len(points_world)] for k in range(2 * half + 1)])
     with warnings.catch_warnings():
@@ -130,8 +157,8 @@ def steady(points_world: Array, fps: float) -> Array:
     return np.where(leaps[..., None], np.nan, points_world)
 
 
-def misfit(body: Body, names: list[str], points_world: Array, pose: Motion) -> float:
-    """Median distance of landmarks from points (F, L, 3), metres."""
+def landmark_distance(body: Body, names: list[str], points_world: Array, pose: Motion) -> float:
+    """Return the median distance of a pose's landmarks from points (F, L, 3), metres."""
     used = [i for i, name in enumerate(names) if name in body.landmarks]
     found = landmark_positions(body, pose, [names[i] for i in used])
     return float(np.nanmedian(np.linalg.norm(found - points_world[:, used], axis=-1)))

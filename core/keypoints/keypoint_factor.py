@@ -18,6 +18,7 @@ from ..body import Body, twist_jacobian
 from ..body.joint_blocks import joint_blocks
 from ..body.kinematics import Poses
 from ..numerics.banded_blocks import BandedBlocks
+from ..numerics.robust_kernels import GemanMcClure
 
 Array = NDArray[np.float64]
 
@@ -110,6 +111,10 @@ class Places:
         local = np.array([point for _, point in placed], float).reshape(-1, 3)
         return cls(np.array([part for part, _ in placed], np.int64), local, np.zeros_like(local))
 
+    def on_body(self, body: Body, names: Sequence[str]) -> Places:
+        """Return the same offsets on another body."""
+        return replace(Places.on(body, names), offsets=self.offsets)
+
     def world(self, poses: Poses) -> Array:
         """The keypoints in the world, metres, shape (F, L, 3)."""
         R, T = poses
@@ -172,17 +177,35 @@ def deviations(residuals: Array, confidence: Array) -> Array:
     return np.maximum((seen * own + few * USUAL_DEVIATION) / (seen + few), LEAST_DEVIATION)
 
 
-def robust_energy(residuals: Array, confidence: Array, deviation: Array) -> float:
-    """Sum of Geman and McClure's errors, in variances."""
+def robust_energy(residuals: Array, confidence: Array, deviation: Array, tolerance: float = 1.0) -> float:
+    """Return the sum of Geman and McClure's errors, in variances.
+
+    Parameters
+    ----------
+    residuals : ndarray, shape (V, F, L, 2)
+        Metres; NaN where a keypoint was not found, or its point is behind the camera: then it counts in full.
+    confidence : ndarray, shape (V, F, L)
+    deviation : ndarray, shape (V, L)
+        Metres.
+    tolerance : float
+        Above 1, far from the solution, larger errors still count.
+    """
+    kernel = GemanMcClure(GROSS * tolerance)
     error = np.sum(residuals**2, axis=-1) / deviation[:, None] ** 2
-    return float(np.nansum(confidence * error / (1 + error / GROSS**2)))
+    return float(np.sum(confidence * np.where(np.isfinite(error), kernel.cost(error), kernel.scale**2)))
 
 
 def robust_weights(residuals: Array, confidence: Array, deviation: Array, tolerance: float = 1.0) -> Array:
-    """Weights of Geman and McClure's error over the variance, shape (V, F, L); 0 where a keypoint was not found."""
+    """Return the weights that belong to `robust_energy`, over the variance, shape (V, F, L); 0 for NaN."""
     error = np.sum(residuals**2, axis=-1) / deviation[:, None] ** 2
-    weight = confidence / (1 + error / (GROSS * tolerance) ** 2) ** 2 / deviation[:, None] ** 2
+    weight = confidence * GemanMcClure(GROSS * tolerance).weight(error) / deviation[:, None] ** 2
     return np.nan_to_num(weight)
+
+
+def offset_energy(names: Sequence[str], places: Places) -> float:
+    """Return the squared offsets of keypoints from their landmarks, in variances."""
+    deviation = np.array([offset_deviation(name) for name in names])
+    return float(np.sum((places.offsets / deviation[:, None]) ** 2))
 
 
 def keypoint_system(body: Body, poses: Poses, keypoints: Keypoints, places: Places, weights: Array) -> KeypointSystem:

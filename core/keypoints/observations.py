@@ -103,7 +103,15 @@ def fit_keypoints(shot: Shot, detections: Sequence[Detections], fixed: Sequence[
     for performer, held, keypoints in zip(shot.performers, fixed, found, strict=True):
         body, correlated = performer.body, correlated_frames(shot.settings, shot.fps)
         precision = acceleration_precision(body, shot.fps, shot.settings)
-        fit = first_pass(body, performer.key_poses, keypoints, held, precision, shot.fps, correlated)
+        fit = first_pass(
+            body,
+            performer.key_poses,
+            keypoints,
+            fixed=held,
+            precision=precision,
+            fps=shot.fps,
+            correlated=correlated,
+        )
         factor = KeypointFactor(fit.keypoints, fit.places, correlated)
         performers.append(PerformerKeypoints(fit.motion, factor, fit.changed, fit.weights))
     return ShotKeypoints(tuple(performers), tuple(one.skipped for one in detections))

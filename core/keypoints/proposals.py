@@ -60,7 +60,9 @@ def propose_performers(
             if not keypoints.confidence.any():
                 raise KeypointError("no keypoints are left for it", todo="there may be fewer people than performers")
             correlated = correlated_frames(shot.settings, shot.fps)
-            fit = scaled_first_pass(keypoints, shot.fps, correlated, precision, request.height)
+            fit = scaled_first_pass(
+                keypoints, fps=shot.fps, precision=precision, correlated=correlated, height=request.height
+            )
         frames = chosen_frames(fit, shot.fps) if request.frames is None else np.array(sorted(request.frames), np.int64)
         performers.append(Performer(request.name, fit.body, KeyPoses.proposed(frames, fit.motion[frames])))
     return tuple(performers)
@@ -122,10 +124,10 @@ def poses_from_keypoints(
                 body,
                 keys,
                 keypoints,
-                fixed_degrees(performer, 0, shot.length - 1),
-                acceleration_precision(body, shot.fps, shot.settings),
-                shot.fps,
-                correlated_frames(shot.settings, shot.fps),
+                fixed=fixed_degrees(performer, 0, shot.length - 1),
+                precision=acceleration_precision(body, shot.fps, shot.settings),
+                fps=shot.fps,
+                correlated=correlated_frames(shot.settings, shot.fps),
             )
         if frames is None:
             chosen = away_from_keys(chosen_frames(fit, shot.fps), keys.frames, shot.fps)

@@ -16,17 +16,18 @@ from scipy.spatial import ConvexHull
 
 from ..body import Body, part_poses, point_jacobian
 from ..body.inverse_kinematics import fit_poses
+from ..body.joint_limits import posture_prior
+from ..body.kinematics import Poses
 from ..body.motion import Motion
 from ..body.smoothness import limited
 from ..cameras.camera import Camera
 from ..errors import KeypointError
-from ..evidence.gradients import Poses
 from ..keypoints.keypoint_factor import Keypoints, Places, has_keypoint, keypoint_system
-from ..keypoints.keypoint_fit import posture
 from ..keypoints.triangulation import triangulate
 from ..numerics import rotations
-from ..numerics.banded import BandedFactor
 from ..numerics.banded_blocks import BandedBlocks, block_diagonal, with_translation
+from ..numerics.least_squares import Damping, StoppingRule, minimise
+from ..numerics.normal_equations import BandedEquations
 from ..runtime.threads import one_blas_thread
 
 Array = NDArray[np.float64]
@@ -206,22 +207,10 @@ class _Problem:
 
     def descended(self, pose: Motion, steps: int) -> ClickFit:
         """Levenberg-Marquardt from a pose."""
-        system, damping = self._system(pose), 1e-3
-        for _ in range(steps):
-            step = BandedFactor(system, self.held, damping).solve(system.gradient)
-            moved = pose.moved(-limited(step))
-            after = self._system(moved)
-            if not after.energy < system.energy:
-                damping = 10 * damping
-                if damping > 1e6:
-                    break
-                continue
-            gain = 1 - after.energy / system.energy if np.isfinite(system.energy) else 1.0
-            pose, system, damping = moved, after, max(damping / 10, 1e-9)
-            if gain < LEAST_GAIN:
-                break
-        misses = np.linalg.norm(self._residuals(part_poses(self.body, pose)), axis=-1)[self._seen]
-        return ClickFit(pose, self.given, float(np.sqrt(np.mean(misses**2))), system.energy)
+        stopping: StoppingRule[Motion] = StoppingRule(iterations=steps, relative_gain=LEAST_GAIN)
+        found = minimise(pose, self._linearised, _moved, damping=Damping(initial=1e-3), stopping=stopping)
+        misses = np.linalg.norm(self._residuals(part_poses(self.body, found.state)), axis=-1)[self._seen]
+        return ClickFit(found.state, self.given, float(np.sqrt(np.mean(misses**2))), found.cost)
 
     def nearest(self, pose: Motion) -> Motion:
         """The pose moved, not turned, to where its clicked landmarks are nearest to their rays."""
@@ -245,14 +234,14 @@ class _Problem:
         """Metres across the rays, infinite for what is behind its camera."""
         return np.nan_to_num(self.clicks.residuals(self._places.world(poses)), nan=np.inf)
 
-    def _system(self, pose: Motion) -> BandedBlocks:
+    def _linearised(self, pose: Motion) -> BandedEquations:
         poses = part_poses(self.body, pose)
         weights = self.clicks.confidence / CLICK_DEVIATION**2
         blocks = keypoint_system(self.body, poses, self.clicks, self._places, weights).blocks
-        blocks = blocks + posture(self.body, pose, np.inf) + movement(self.given, pose, self.precision)
+        blocks = blocks + posture_prior(self.body, pose, np.inf) + movement(self.given, pose, self.precision)
         blocks = blocks + self._depths(poses)
         in_front = np.isfinite(self._residuals(poses)[self._seen]).all()
-        return blocks if in_front else replace(blocks, energy=np.inf)
+        return BandedEquations(blocks if in_front else replace(blocks, energy=np.inf), self.held)
 
     def _depths(self, poses: Poses) -> BandedBlocks:
         """Landmarks that one view alone shows stay as far from it as they are in the given pose."""
@@ -263,6 +252,10 @@ class _Problem:
         J = np.einsum("vfa,flad->vfld", axis, point_jacobian(self.body, *poses, self._places.parts, now))
         H, g = np.einsum("vfld,vfl,vfle->fde", J, weight, J), np.einsum("vfld,vfl,vfl->fd", J, weight, error)
         return _diagonal(H, g, float(np.sum(weight * error**2)))
+
+
+def _moved(pose: Motion, step: Array) -> Motion:
+    return pose.moved(limited(step))
 
 
 def movement_precision(body: Body) -> Array:

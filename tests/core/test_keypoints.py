@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from keypoint_shots import NAMES, cameras, joint_errors, keypoints_of, seen_places, strolling
 from kfmocap.core.body import Body, default_measures, human, part_poses
+from kfmocap.core.body.joint_limits import LIMIT_DEVIATION, POSTURE_DEVIATION, posture_prior
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.keypoints import keypoint_factor as evidence
 from kfmocap.core.keypoints.closed_form import closed_form_pose
-from kfmocap.core.keypoints.first_pass import first_pass, scaled_first_pass, steady
+from kfmocap.core.keypoints.first_pass import first_pass, scaled_first_pass, without_leaps
 from kfmocap.core.keypoints.keypoint_factor import (
     KeypointFactor,
     Keypoints,
@@ -20,7 +21,7 @@ from kfmocap.core.keypoints.keypoint_factor import (
     keypoint_system,
     robust_weights,
 )
-from kfmocap.core.keypoints.keypoint_fit import LIMIT_DEVIATION, POSTURE_DEVIATION, fit_motion, posture
+from kfmocap.core.keypoints.keypoint_fit import fit_motion
 from kfmocap.core.keypoints.left_right import correct_sides, swap_sides
 from kfmocap.core.keypoints.triangulation import triangulate
 from kfmocap.core.numerics import rotations
@@ -130,7 +131,7 @@ def test_limits_and_ease_have_their_slopes() -> None:
 
     x0 = np.zeros(2 * body.dof)
     J, r = numeric_jacobian(residuals, x0), residuals(x0)
-    blocks = posture(body, motion)
+    blocks = posture_prior(body, motion)
     np.testing.assert_allclose(blocks.gradient.ravel(), J.T @ r, atol=1e-5 * np.abs(J.T @ r).max())
     H = J.T @ J
     np.testing.assert_allclose(blocks.diagonal[1], H[body.dof :, body.dof :], atol=1e-5 * np.abs(H).max())
@@ -234,7 +235,7 @@ def test_points_that_leap_are_left_out() -> None:
     points = seen_places(human(), strolling(human(), 12))
     spoilt = points.copy()
     spoilt[5, 3] += 0.5
-    found = steady(spoilt, FPS)
+    found = without_leaps(spoilt, FPS)
     assert np.isnan(found[5, 3]).all()
     np.testing.assert_array_equal(np.delete(found, 5, axis=0), np.delete(points, 5, axis=0))
 
@@ -246,7 +247,7 @@ def test_true_keypoints_give_the_true_motion_and_body() -> None:
     body = human(1.62, measures)
     motion = strolling(body, 45)
     seen = keypoints_of(cameras(3), seen_places(body, motion), noise=0.005)
-    fit = scaled_first_pass(seen, FPS, 1.0, precision(body))
+    fit = scaled_first_pass(seen, fps=FPS, precision=precision(body), correlated=1.0)
     assert joint_errors(fit.body, fit.motion, body, motion).mean() < 0.02
 
 
@@ -260,7 +261,7 @@ def test_offsets_of_the_detector_are_found_where_key_poses_are_true() -> None:
     fixed = free(body, 40)
     fixed[[0, -1]] = True
     keys = KeyPoses.whole([0, 39], motion[[0, 39]])
-    fit = first_pass(body, keys, seen, fixed, precision(body), FPS, 1.0)
+    fit = first_pass(body, keys, seen, fixed=fixed, precision=precision(body), fps=FPS, correlated=1.0)
     np.testing.assert_allclose(fit.places.offsets[HIPS, 1], 0.04, atol=0.012)
     assert joint_errors(body, fit.motion, body, motion).mean() < 0.01
     np.testing.assert_array_equal(fit.motion.translations[[0, -1]], motion.translations[[0, -1]])
@@ -272,7 +273,7 @@ def test_spoiled_keypoints_give_nearly_the_same_motion() -> None:
     seen = keypoints_of(cameras(3), seen_places(body, motion), noise=0.015)
     errors = []
     for keypoints in (seen, spoiled(seen)):
-        fit = scaled_first_pass(keypoints, FPS, 3.0, precision(body))
+        fit = scaled_first_pass(keypoints, fps=FPS, precision=precision(body), correlated=3.0)
         errors.append(joint_errors(fit.body, fit.motion, body, motion).mean())
     assert errors[1] < 1.25 * errors[0] + 0.001
 
@@ -284,7 +285,7 @@ def test_one_camera_and_key_poses_give_the_motion_between() -> None:
     keys = KeyPoses.whole([0, 15, 29], motion[[0, 15, 29]])
     fixed = free(body, 30)
     fixed[keys.frames] = True
-    fit = first_pass(body, keys, seen, fixed, precision(body), FPS, 1.0)
+    fit = first_pass(body, keys, seen, fixed=fixed, precision=precision(body), fps=FPS, correlated=1.0)
     assert joint_errors(body, fit.motion, body, motion).mean() < 0.03
     np.testing.assert_allclose(fit.motion.rotations[keys.frames], motion.rotations[keys.frames], atol=1e-12)
 
@@ -317,7 +318,7 @@ def test_the_fit_does_not_depend_on_the_order_of_the_views() -> None:
     order = [2, 0, 1]
     other = Keypoints(NAMES, seen.rays[order], seen.confidence[order], seen.R_cam_world[order], seen.t_cam_world[order])
     keys = KeyPoses.whole([0, 19], motion[[0, 19]])
-    fits = [fit_motion(body, k, motion, free(body, 20), precision(body)) for k in (seen, other)]
+    fits = [fit_motion(body, k, motion, fixed=free(body, 20), precision=precision(body)) for k in (seen, other)]
     assert keys.fixed.all()
     np.testing.assert_allclose(fits[0].motion.translations, fits[1].motion.translations, atol=1e-9)
 

@@ -1,0 +1,136 @@
+"""The body's measures as unknowns beside a motion: its height, and how its proportions depart from the average."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body import Body, default_measures, human, part_poses, point_jacobian
+from ..body.human import SHIFTS
+from ..body.motion import Motion
+from .keypoint_factor import Keypoints, KeypointSystem, Places
+
+Array = NDArray[np.float64]
+
+PROPORTION_DEVIATION = 0.05
+"""Usual departure of a measure from the average person's of that height, as a share."""
+SHIFT_DEVIATION = 0.015
+"""The same of `core.body.human.SHIFTS`, metres."""
+STATURE_DEVIATION = 0.07
+"""Usual departure of a person's height from where the fit begins, as a share."""
+
+
+@dataclass(frozen=True)
+class BodyMeasures:
+    """Height and measures of a default body.
+
+    Attributes
+    ----------
+    stature : float
+        Metres.
+    values : mapping of str to float
+        See `core.body.human.default_measures`.
+    """
+
+    stature: float
+    values: Mapping[str, float]
+
+    @classmethod
+    def average(cls, stature: float) -> BodyMeasures:
+        """Return the measures of the average person of a height."""
+        return cls(stature, default_measures(stature))
+
+    def body(self) -> Body:
+        """Return the body that has these measures."""
+        return human(self.stature, self.values)
+
+    def changed(self, change: Array) -> BodyMeasures:
+        """Return the measures after growth by exp(change[0]) in proportion and change[1:] beyond that, metres."""
+        growth = float(np.exp(np.clip(change[0], -0.1, 0.1)))
+        before, after = default_measures(self.stature), default_measures(self.stature * growth)
+        grown = {
+            name: value + after[name] - before[name] + float(extra)
+            for (name, value), extra in zip(self.values.items(), change[1:], strict=True)
+        }
+        least = {name: value if name in SHIFTS else max(value, 0.2 * after[name]) for name, value in grown.items()}
+        return BodyMeasures(self.stature * growth, least)
+
+    def prior(self) -> tuple[Array, Array]:
+        """Return inverse variances (1 + M,) and departures (1 + M,) of the height's logarithm and the measures.
+
+        The height's departure is zero: it is known only by how far a step takes it.
+        """
+        average = default_measures(self.stature)
+        deviation = [STATURE_DEVIATION] + [
+            SHIFT_DEVIATION if name in SHIFTS else PROPORTION_DEVIATION * average[name] for name in self.values
+        ]
+        departure = [0.0] + [value - average[name] for name, value in self.values.items()]
+        return 1 / np.square(deviation), np.array(departure)
+
+
+def with_measures(
+    system: KeypointSystem,
+    measures: BodyMeasures,
+    motion: Motion,
+    *,
+    keypoints: Keypoints,
+    places: Places,
+    weights: Array,
+) -> KeypointSystem:
+    """Add the height's logarithm and the measures to a system as further unknowns, after the offsets.
+
+    Parameters
+    ----------
+    system : KeypointSystem
+        Of the same motion, keypoints, places and weights.
+    measures : BodyMeasures
+        Of the body that moves.
+    motion : Motion
+        F poses.
+    keypoints : Keypoints
+    places : Places
+    weights : ndarray, shape (V, F, L)
+    """
+    body = measures.body()
+    columns = _measure_columns(measures, motion, keypoints, places)  # (F, L, 3, 1 + M)
+    R, T = part_poses(body, motion)
+    points = places.world((R, T))
+    residual = np.nan_to_num(keypoints.residuals(points))
+    across = keypoints.across()
+    moved = point_jacobian(body, R, T, places.parts, points)
+    A = np.einsum("vflka,vfl,vflkb->flab", across, weights, across)
+    b = np.einsum("vflka,vfl,vflk->fla", across, weights, residual)
+    M, L = columns.shape[-1], len(keypoints.names)
+    pulled = A @ columns
+    border = np.einsum("flad,flam->fdm", moved, pulled)
+    shifted = np.einsum("flba,flbm->lam", R[:, places.parts], pulled)
+    prior, departure = measures.prior()
+    whole = np.zeros((3 * L + M, 3 * L + M))
+    whole[: 3 * L, : 3 * L] = system.corner
+    whole[: 3 * L, 3 * L :] = shifted.reshape(3 * L, M)
+    whole[3 * L :, : 3 * L] = whole[: 3 * L, 3 * L :].T
+    whole[3 * L :, 3 * L :] = np.einsum("flam,flan->mn", columns, pulled) + np.diag(prior)
+    gradient = np.einsum("flam,fla->m", columns, b) + prior * departure
+    return KeypointSystem(
+        system.blocks,
+        np.concatenate([system.border, border], axis=2),
+        whole,
+        np.concatenate([system.gradient, gradient]),
+    )
+
+
+def _measure_columns(measures: BodyMeasures, motion: Motion, keypoints: Keypoints, places: Places) -> Array:
+    """Movement of the keypoints by the height's logarithm and by every measure, shape (F, L, 3, 1 + M)."""
+    base, step = places.world(part_poses(measures.body(), motion)), 1e-4
+
+    def moved(changed: BodyMeasures) -> Array:
+        body = changed.body()
+        on_body = replace(Places.on(body, keypoints.names), offsets=places.offsets)
+        return on_body.world(part_poses(body, motion))
+
+    return np.stack(
+        [(moved(measures.changed(row)) - base) / step for row in step * np.eye(1 + len(measures.values))], -1
+    )
