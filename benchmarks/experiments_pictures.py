@@ -86,7 +86,7 @@ class Panels:
         if motion is not None:
             body = self.shot.performers[0].body
             R, T = (pose[0] for pose in part_poses(body, motion[[frame]]))
-            draw_outlines(cell, Geometry.of([body]), camera, frame, R, T)
+            draw_outlines(cell, Geometry.of([body]), camera, frame=frame, R=R, T=T)
         for colour, thickness in (((0, 0, 0), 3), ((255, 255, 255), 1)):
             cv2.putText(cell, words, (6, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.42, colour, thickness, cv2.LINE_AA)
         return cell

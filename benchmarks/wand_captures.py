@@ -68,7 +68,7 @@ def look_at(
     right /= np.linalg.norm(right)
     R = np.stack([right, np.cross(forward, right), forward])
     K = [[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1]]
-    return Camera.create(name, size, K, R, -R @ eye, distortions)
+    return Camera.create(name, size, K, R, -R @ eye, distortions=distortions)
 
 
 def scattered(count: int, seed: int = 0, length: float = WAND_LENGTH) -> Array:

@@ -57,12 +57,12 @@ class Part:
         a, b, c = (self.vertices[triangles[:, k]] for k in range(3))
         inward = np.einsum("nk,nk->n", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
         triangles[inward] = triangles[inward][:, ::-1]
-        return triangles
+        return np.asarray(triangles)
 
     @cached_property
     def planes(self) -> Array:
         """Outward unit normal n and offset d of each face in the part's frame, n.x + d <= 0 inside, shape (N, 4)."""
-        return ConvexHull(self.vertices).equations
+        return np.asarray(ConvexHull(self.vertices).equations)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +95,7 @@ class Body:
 
     @cached_property
     def names(self) -> list[str]:
+        """Names of the parts."""
         return [part.name for part in self.parts]
 
     def index(self, name: str) -> int:
@@ -105,6 +106,7 @@ class Body:
 
     @cached_property
     def parents(self) -> list[int]:
+        """Index of each part's parent; -1 of the root."""
         return [part.parent for part in self.parts]
 
     @cached_property

@@ -129,9 +129,9 @@ def _assemble(m: Mapping[str, float], girth: float, solid: bool) -> Body:
     landmarks: dict[str, tuple[int, Array]] = {}
     forward, up = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0])
 
-    def add(name: str, parent: str | None, head: Array, tail: Array, z_hint: Array, vertices: Array) -> int:
+    def add(name: str, parent: str | None, head: Array, tail: Array, z_hint: Array, *, vertices: Array) -> int:
         index = next((i for i, part in enumerate(parts) if part.name == parent), -1)
-        limits = _LIMITS.get(name.split(".")[0], _limits((-180, 180), (-180, 180), (-180, 180)))
+        limits = _LIMITS.get(name.split(".", maxsplit=1)[0], _limits((-180, 180), (-180, 180), (-180, 180)))
         if name.endswith(".R"):  # mirrored across x = 0: turns about y and z change sign
             limits = np.stack([limits[0], -limits[1, ::-1], -limits[2, ::-1]])
         parts.append(Part(name, index, head, tail, bone_axes(tail - head, z_hint), vertices, limits))
@@ -140,17 +140,18 @@ def _assemble(m: Mapping[str, float], girth: float, solid: bool) -> Body:
     def ringed(name: str, length: float) -> Array:
         if not solid:
             return np.empty((0, 3))
-        return tapered([(y * length, *(girth * r for r in ring)) for y, *ring in _RINGS[name.split(".")[0]]], _SIDES)
+        rings = _RINGS[name.split(".", maxsplit=1)[0]]
+        return tapered([(y * length, *(girth * r for r in ring)) for y, *ring in rings], _SIDES)
 
     legs = [m[f"thigh.{s}"] + m[f"shin.{s}"] + m[f"foot_down.{s}"] for s in "LR"]
     hip_height = max(legs) + _SOLE * girth - m["hips_rise"]
     hip = np.array([0.0, 0.0, hip_height])
     trunk = np.array([0.25, 0.55, 1.0]) * (m["torso"] + m["neck_rise"])  # tops of pelvis, spine and chest
     waist, breast, neck = (hip + h * up for h in trunk)
-    pelvis = add("pelvis", None, hip, waist, forward, ringed("pelvis", trunk[0]))
-    add("spine", "pelvis", waist, breast, forward, ringed("spine", trunk[1] - trunk[0]))
-    add("chest", "spine", breast, neck, forward, ringed("chest", trunk[2] - trunk[1]))
-    head = add("head", "chest", neck, neck + m["head"] * up, forward, ringed("head", m["head"]))
+    pelvis = add("pelvis", None, hip, waist, forward, vertices=ringed("pelvis", trunk[0]))
+    add("spine", "pelvis", waist, breast, forward, vertices=ringed("spine", trunk[1] - trunk[0]))
+    add("chest", "spine", breast, neck, forward, vertices=ringed("chest", trunk[2] - trunk[1]))
+    head = add("head", "chest", neck, neck + m["head"] * up, forward, vertices=ringed("head", m["head"]))
     landmarks["Hip"] = (pelvis, np.zeros(3))
     landmarks["Neck"] = (head, np.zeros(3))
     landmarks["Head"] = (head, np.array([0.0, m["head"], 0.0]))
@@ -162,7 +163,7 @@ def _assemble(m: Mapping[str, float], girth: float, solid: bool) -> Body:
         parent = "chest"
         for bone, landmark in (("upper_arm", "Shoulder"), ("forearm", "Elbow"), ("hand", "Wrist")):
             length = m[f"{bone}.{side}"]
-            index = add(f"{bone}.{side}", parent, joint, joint + out * length, forward, ringed(bone, length))
+            index = add(f"{bone}.{side}", parent, joint, joint + out * length, forward, vertices=ringed(bone, length))
             landmarks[side + landmark] = (index, np.zeros(3))
             joint, parent = joint + out * length, f"{bone}.{side}"
         landmarks[side + "Hand"] = (index, np.array([0.0, length, 0.0]))
@@ -171,14 +172,14 @@ def _assemble(m: Mapping[str, float], girth: float, solid: bool) -> Body:
         parent = "pelvis"
         for bone, landmark in (("thigh", "Hip"), ("shin", "Knee")):
             length = m[f"{bone}.{side}"]
-            index = add(f"{bone}.{side}", parent, joint, joint - up * length, forward, ringed(bone, length))
+            index = add(f"{bone}.{side}", parent, joint, joint - up * length, forward, vertices=ringed(bone, length))
             landmarks[side + landmark] = (index, np.zeros(3))
             joint, parent = joint - up * length, f"{bone}.{side}"
         toe = joint + forward * m[f"foot_forward.{side}"] - up * m[f"foot_down.{side}"]
         heel = joint - forward * m[f"heel_back.{side}"] - up * m[f"foot_down.{side}"]
         axes = bone_axes(toe - joint, up)
         shape = (_foot(joint, toe, heel, girth) - joint) @ axes if solid else np.empty((0, 3))
-        index = add(f"foot.{side}", parent, joint, toe, up, shape)
+        index = add(f"foot.{side}", parent, joint, toe, up, vertices=shape)
         landmarks[side + "Ankle"] = (index, np.zeros(3))
         landmarks[side + "BigToe"] = (index, axes.T @ (toe - joint))
         landmarks[side + "Heel"] = (index, axes.T @ (heel - joint))

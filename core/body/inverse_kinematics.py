@@ -65,6 +65,7 @@ def _fit_poses(
     names: Sequence[str],
     targets_world: Array,
     start: Motion | None,
+    *,
     search: bool,
     tolerance: float = 1e-6,
 ) -> Motion:
@@ -162,7 +163,7 @@ def fit_body(names: Sequence[str], targets_world: Array, height: float | None = 
     measures = default_measures(stature)
     body, poses = human(stature, measures), None
     for i in range(rounds):
-        poses = _fit_poses(body, names, targets, poses, i == 1, ROUGH)  # by then the body nearly fits
+        poses = _fit_poses(body, names, targets, poses, search=i == 1, tolerance=ROUGH)  # by then the body nearly fits
         measures = _fit_measures(stature, measures, poses, names, targets)
         body = human(stature, measures)
     return body

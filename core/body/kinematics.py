@@ -34,7 +34,7 @@ def landmark_positions(body: Body, motion: Motion, names: list[str]) -> Array:
     """Landmarks in the world, metres, shape (F, L, 3)."""
     parts, points = body.landmark_arrays(names)
     R, T = part_poses(body, motion)
-    return np.einsum("flab,lb->fla", R[:, parts], points) + T[:, parts]
+    return np.asarray(np.einsum("flab,lb->fla", R[:, parts], points) + T[:, parts])
 
 
 def twist_jacobian(body: Body, R: Array, T: Array) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +33,7 @@ class Motion:
     def __len__(self) -> int:
         return len(self.translations)
 
-    def __getitem__(self, frames: slice | NDArray | list[int]) -> Motion:
+    def __getitem__(self, frames: slice | NDArray[Any] | list[int]) -> Motion:
         return Motion(self.translations[frames], self.rotations[frames])
 
     def replaced(self, start: int, part: Motion) -> Motion:

@@ -48,4 +48,4 @@ class Solid:
     def silhouette(self, eye: Array) -> Indices:
         """The edges of its outline as seen from a point, shape (n, 2)."""
         facing = self.planes[:, :3] @ eye + self.planes[:, 3] > 0
-        return self.edges[facing[self.sides[:, 0]] != facing[self.sides[:, 1]]]
+        return np.asarray(self.edges[facing[self.sides[:, 0]] != facing[self.sides[:, 1]]])

@@ -74,4 +74,4 @@ def limited(step: Array) -> Array:
     """A step with every joint's part of it cut to `LONGEST_STEP`."""
     turns = step.reshape(len(step), -1, 3)
     length = np.linalg.norm(turns, axis=-1, keepdims=True)
-    return (turns * np.minimum(1.0, LONGEST_STEP / np.maximum(length, 1e-12))).reshape(step.shape)
+    return np.asarray((turns * np.minimum(1.0, LONGEST_STEP / np.maximum(length, 1e-12))).reshape(step.shape))

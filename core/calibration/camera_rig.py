@@ -76,7 +76,12 @@ class Rig:
         width, height = (int(n) for n in self.sizes[c])
         distortions = self.distortions[c, :coefficients]
         return Camera.create(
-            self.names[c], (width, height), self.matrix(c), self.R_cam_world[c], self.t_cam_world[c], distortions
+            self.names[c],
+            (width, height),
+            self.matrix(c),
+            self.R_cam_world[c],
+            self.t_cam_world[c],
+            distortions=distortions,
         )
 
     def take(self, chosen: Sequence[int] | Ints) -> Rig:

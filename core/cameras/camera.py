@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -54,6 +55,7 @@ class Camera:
         matrix: ArrayLike,
         R_cam_world: ArrayLike,
         t_cam_world: ArrayLike,
+        *,
         distortions: ArrayLike = (0.0, 0.0, 0.0, 0.0),
         fisheye: bool = False,
     ) -> Camera:
@@ -71,6 +73,7 @@ class Camera:
 
     @property
     def moving(self) -> bool:
+        """Whether it has a pose for every frame."""
         return len(self.R_cam_world) > 1
 
     @property
@@ -152,7 +155,7 @@ class Camera:
         size = self.size[0], len(range(parity, self.size[1], 2))
         return replace(self, size=size, matrix=field_of_frame(parity) @ self.matrix)
 
-    def rectify_maps(self) -> tuple[NDArray, NDArray] | None:
+    def rectify_maps(self) -> tuple[NDArray[Any], NDArray[Any]] | None:
         """Maps for `cv2.remap` that take an image of this camera to `rectified()`, or None if it has no distortion."""
         # OpenCV's fisheye model is no pinhole even without coefficients.
         if not self.fisheye and not self.distortions.any():

@@ -46,7 +46,7 @@ class Markers:
     @property
     def seen(self) -> NDArray[np.bool_]:
         """Which balls were found on which frames, shape (n, m)."""
-        return np.isfinite(self.points).all(axis=-1)
+        return np.asarray(np.isfinite(self.points).all(axis=-1))
 
 
 @dataclass(frozen=True, eq=False)

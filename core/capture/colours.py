@@ -60,7 +60,7 @@ class Colour:
             cv2.inRange(hsv, _levels(low / 360, s0, v0, np.floor), _levels(high / 360, s1, v1, np.ceil))
             for low, high in spans
         ]
-        return masks[0] if len(masks) == 1 else cv2.bitwise_or(*masks)
+        return np.asarray(masks[0] if len(masks) == 1 else cv2.bitwise_or(*masks))
 
     def table(self) -> dict[str, list[float]]:
         """As `parsed` takes it, and a TOML or JSON file holds it."""
@@ -74,7 +74,7 @@ def _levels(hue: float, saturation: float, value: float, rounded: np.ufunc) -> t
 
 def to_hsv(image: Image) -> Image:
     """Hue, saturation and value of a picture in blue, green, red; each goes from 0 to 255."""
-    return cv2.cvtColor(image, cv2.COLOR_BGR2HSV_FULL)
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2HSV_FULL))
 
 
 def parsed(value: object, where: str) -> Colour:

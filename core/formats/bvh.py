@@ -203,7 +203,7 @@ def _rest_of_bvh(skeleton: Skeleton, body: Body) -> Array:
     order = [skeleton.names.index(name) for name in body.names]
     rest = np.stack([skeleton.offsets_world[order], skeleton.tips_world[order]], axis=1)
     rest[np.isnan(_rest(body))] = np.nan
-    return rest
+    return np.asarray(rest)
 
 
 def poses_of_bvh(skeleton: Skeleton, body: Body, rows: NDArray[np.int64]) -> Motion:

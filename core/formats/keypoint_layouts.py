@@ -106,4 +106,5 @@ def mirrored_name(name: str) -> str:
 
 
 def is_sided(name: str) -> bool:
+    """Whether a landmark is on one side of the body."""
     return len(name) > 1 and name[0] in "LR" and name[1].isupper()

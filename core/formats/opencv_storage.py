@@ -108,8 +108,8 @@ def _camera(name: str, table: Mapping[str, Any], path: Path) -> Camera:
         _shaped(_field(table, _MATRIX, where), (3, 3), "the matrix", where),
         R.reshape(3, 3) if R.size == 9 else rotations.exp(R),
         _shaped(_field(table, _TRANSLATION, where), (3,), "the translation", where),
-        distortions,
-        bool(table.get("fisheye", False)),
+        distortions=distortions,
+        fisheye=bool(table.get("fisheye", False)),
     )
 
 

@@ -72,7 +72,7 @@ def _camera(element: ElementTree.Element, path: Path) -> Camera:
     rows = [[value("transform", f"r{i}{j}") for j in (1, 2, 3)] for i in (1, 2, 3)]
     centre = np.array([value("transform", key) for key in "xyz"]) / 1000
     R = _FLIP @ np.array(rows)
-    return Camera.create(name, size, K, R, -R @ centre, distortions)
+    return Camera.create(name, size, K, R, -R @ centre, distortions=distortions)
 
 
 def write_qualisys_cameras(path: Path, cameras: Sequence[Camera]) -> None:

@@ -57,8 +57,8 @@ def _toml_camera(key: str, table: Mapping[str, Any], path: Path) -> Camera:
         _numbers(table, "matrix", where, (3, 3)),
         rotations.exp(np.atleast_2d(_numbers(table, "rotation", where, (3,), per_frame=True))),
         _numbers(table, "translation", where, (3,), per_frame=True),
-        _numbers(table, "distortions", where, None) if "distortions" in table else (0.0, 0.0, 0.0, 0.0),
-        bool(table.get("fisheye", False)),
+        distortions=_numbers(table, "distortions", where, None) if "distortions" in table else (0.0, 0.0, 0.0, 0.0),
+        fisheye=bool(table.get("fisheye", False)),
     )
 
 

@@ -69,21 +69,21 @@ class Table:
 
     def text(self, key: str, default: Any = _REQUIRED) -> str:
         """A string that is not empty."""
-        value = self.value(key, default)
+        value: str = self.value(key, default)
         if key in self._values and not (isinstance(value, str) and value.strip()):
             raise self.error(key, f"must be a text in quotes, not {value!r}")
         return value
 
     def number(self, key: str, default: Any = _REQUIRED) -> float:
         """A finite number."""
-        value = self.value(key, default)
+        value: float = self.value(key, default)
         if key in self._values and not _is_number(value):
             raise self.error(key, f"must be a number, not {value!r}")
         return value
 
     def integers(self, key: str, default: Any = _REQUIRED) -> list[int]:
         """A list of whole numbers."""
-        value = self.value(key, default)
+        value: list[int] = self.value(key, default)
         if key in self._values and not (isinstance(value, list) and all(_is_integer(v) for v in value)):
             raise self.error(key, f"must be a list of whole numbers, not {value!r}")
         return value

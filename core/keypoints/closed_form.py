@@ -29,7 +29,8 @@ STRAIGHT = (0.1, 0.3)
 
 def closed_form_pose(body: Body, names: Sequence[str], points_world: Array) -> Motion | None:
     """Poses of the default body on points (F, L, 3), NaN where not known; None if it is another body, or too few of
-    the trunk's points are ever known."""
+    the trunk's points are ever known.
+    """
     parts = {f"{part}.{side}" for upper, lower, *_ in LIMBS for part in (upper, lower) for side in "LR"}
     known = {name: _filled(points_world[:, i]) for i, name in enumerate(names)}
     known = {name: points for name, points in known.items() if np.isfinite(points).all()}
@@ -62,7 +63,7 @@ def closed_form_pose(body: Body, names: Sequence[str], points_world: Array) -> M
 
 def _joint(body: Body, name: str) -> Array:
     """The place of a landmark's part in its parent's frame: of a hip, in the pelvis's."""
-    return body.offsets[body.landmarks[name][0]]
+    return np.asarray(body.offsets[body.landmarks[name][0]])
 
 
 def _filled(points: Array) -> Array:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +61,7 @@ class Keypoints:
     def __len__(self) -> int:
         return self.rays.shape[1]
 
-    def __getitem__(self, frames: slice | Sequence[int] | NDArray) -> Keypoints:
+    def __getitem__(self, frames: slice | Sequence[int] | NDArray[Any]) -> Keypoints:
         """Those of some of the frames."""
         return replace(
             self,
@@ -79,11 +80,12 @@ class Keypoints:
         """Metres across the rays from the keypoints to points (F, L, 3), shape (V, F, L, 2); NaN where not found."""
         x = np.einsum("vfab,flb->vfla", self.R_cam_world, points_world) + self.t_cam_world[:, :, None]
         z = np.where(x[..., 2] > 0.1, x[..., 2], np.nan)
-        return x[..., :2] - self.rays * z[..., None]
+        return np.asarray(x[..., :2] - self.rays * z[..., None])
 
     def across(self) -> Array:
         """Derivatives of the residuals by the points, shape (V, F, L, 2, 3): each image axis, less what moving along
-        the ray takes away, in the world; as of a ray along the optical axis where a keypoint was not found."""
+        the ray takes away, in the world; as of a ray along the optical axis where a keypoint was not found.
+        """
         R = self.R_cam_world[:, :, None]
         return R[..., :2, :] - np.nan_to_num(self.rays)[..., None] * R[..., 2:, :]
 
@@ -107,6 +109,7 @@ class Places:
 
     @classmethod
     def on(cls, body: Body, names: Sequence[str]) -> Places:
+        """Return the places of keypoints at their landmarks on a body."""
         placed = [keypoint_on_body(body, name) for name in names]
         local = np.array([point for _, point in placed], float).reshape(-1, 3)
         return cls(np.array([part for part, _ in placed], np.int64), local, np.zeros_like(local))
@@ -118,7 +121,7 @@ class Places:
     def world(self, poses: Poses) -> Array:
         """The keypoints in the world, metres, shape (F, L, 3)."""
         R, T = poses
-        return np.einsum("flab,lb->fla", R[:, self.parts], self.local + self.offsets) + T[:, self.parts]
+        return np.asarray(np.einsum("flab,lb->fla", R[:, self.parts], self.local + self.offsets) + T[:, self.parts])
 
 
 _FACE = {"Eye": (0.11, 0.62, 0.17), "Ear": (0.26, 0.55, 0.0)}
@@ -174,7 +177,7 @@ def deviations(residuals: Array, confidence: Array) -> Array:
         median = np.nan_to_num(np.nanquantile(np.where(seen[:, None] > 0, size, 0.0), 0.5, axis=1))
     own = median / 1.1774  # of the length of two normal residuals
     few = 10.0
-    return np.maximum((seen * own + few * USUAL_DEVIATION) / (seen + few), LEAST_DEVIATION)
+    return np.asarray(np.maximum((seen * own + few * USUAL_DEVIATION) / (seen + few), LEAST_DEVIATION))
 
 
 def robust_energy(residuals: Array, confidence: Array, deviation: Array, tolerance: float = 1.0) -> float:

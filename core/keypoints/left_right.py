@@ -61,4 +61,4 @@ def _chosen(keypoints: Keypoints, other: Keypoints, changed: NDArray[np.bool_]) 
 def _cost(keypoints: Keypoints, points_world: Array) -> Array:
     """Squared errors that level off, weighed by confidence, shape (V, F, L)."""
     error = np.sum(keypoints.residuals(points_world) ** 2, axis=-1)
-    return np.nan_to_num(keypoints.confidence * np.minimum(error, FARTHEST**2))
+    return np.asarray(np.nan_to_num(keypoints.confidence * np.minimum(error, FARTHEST**2)))

@@ -165,4 +165,4 @@ def best_frames(quality: Array, fps: float) -> NDArray[np.int64]:
 def seen_quality(fit: KeypointFit) -> Array:
     """Share of the keypoints that two views or more agree on with the motion, by frame, 0 to 1, shape (F,)."""
     two_best = np.sort(fit.weights, axis=0)[-2:]
-    return two_best.sum(axis=0).mean(axis=-1) / 2
+    return np.asarray(two_best.sum(axis=0).mean(axis=-1) / 2)

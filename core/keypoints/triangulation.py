@@ -72,7 +72,7 @@ def _solved(rows: Array, values: Array, weight: Array) -> Array:
 
 def _depth(keypoints: Keypoints, points: Array) -> Array:
     R, t = keypoints.R_cam_world[:, :, 2], keypoints.t_cam_world[:, :, 2]
-    return np.einsum("vfa,fla->vfl", R, points) + t[..., None]
+    return np.asarray(np.einsum("vfa,fla->vfl", R, points) + t[..., None])
 
 
 def _distance(keypoints: Keypoints, points: Array) -> Array:
@@ -83,7 +83,7 @@ def _distance(keypoints: Keypoints, points: Array) -> Array:
 
 def _agreement(keypoints: Keypoints, points: Array, weight: Array) -> Array:
     error = np.minimum(_distance(keypoints, points) / ACCEPTED, 1.0)
-    return np.sum(weight * (1 - error**2), axis=0)
+    return np.asarray(np.sum(weight * (1 - error**2), axis=0))
 
 
 def _angle(keypoints: Keypoints, pair: tuple[int, int]) -> Array:
@@ -94,4 +94,4 @@ def _angle(keypoints: Keypoints, pair: tuple[int, int]) -> Array:
         world = np.einsum("fba,flb->fla", keypoints.R_cam_world[v], ray)
         directions.append(world / np.linalg.norm(world, axis=-1, keepdims=True))
     cosine = np.sum(directions[0] * directions[1], axis=-1)
-    return np.arccos(np.clip(cosine, -1, 1))
+    return np.asarray(np.arccos(np.clip(cosine, -1, 1)))

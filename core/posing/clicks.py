@@ -105,9 +105,10 @@ def clicked(clicks: Sequence[Click], frame: int) -> Keypoints:
 
 def ray(matrix: Array, pixel: Sequence[float]) -> Array:
     """Place (x / z, y / z) at a distance of one of a pixel of the undistorted picture, shape (2,); of an intrinsic
-    matrix (3, 3)."""
+    matrix (3, 3).
+    """
     x, y, w = np.linalg.solve(matrix, [*pixel, 1.0])
-    return np.array([x, y]) / w
+    return np.asarray(np.array([x, y]) / w)
 
 
 def pixel(matrix: Array, place: Sequence[float]) -> Array:
@@ -176,7 +177,8 @@ class ClickSolver:
 
     def _elsewhere(self, problem: _Problem) -> list[Motion]:
         """The given pose, turned about the vertical and moved as a whole to where it meets the clicks best; and one on
-        what two views or more show."""
+        what two views or more show.
+        """
         stiff = np.ones_like(self._held)
         stiff[:, :6] = False
         rigid = replace(problem, held=stiff, precision=0 * self._precision, depth=0.0)
@@ -273,7 +275,7 @@ def movement_precision(body: Body) -> Array:
             reach = part.vertices @ part.R_world_rest.T + part.head_world - joint.head_world
             inertia[k] += volume[below] * np.mean(np.sum(reach**2, axis=1))
     turns = np.maximum(inertia, LEAST_RADIUS**2)
-    return np.concatenate([np.ones(3), np.repeat(turns, 3)]) / MOVEMENT_DEVIATION**2
+    return np.asarray(np.concatenate([np.ones(3), np.repeat(turns, 3)]) / MOVEMENT_DEVIATION**2)
 
 
 def movement(given: Motion, pose: Motion, precision: Array) -> BandedBlocks:

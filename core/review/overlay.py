@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,15 +12,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body.kinematics import scene_poses
+from ..body.kinematics import Poses, scene_poses
 from ..body.motion import Motion
 from ..body.time_shift import poses_after
 from ..cameras.camera import Camera
 from ..errors import OutputError
-from ..evidence.gradients import Poses
 from ..evidence.label_images import Geometry, render_labels
 from ..runtime.files import replacing
 from ..runtime.progress import Progress, report_progress
+from ..runtime.threads import worker_count
 from ..shot.footage import frames_at, shown_delay
 from ..shot.shot import Shot, View
 
@@ -37,7 +36,6 @@ _LARGEST_ZOOM = 1.5
 _WHITE, _HIDDEN, _KEY = (255, 255, 255), (150, 150, 150), (0, 215, 255)
 _BACKGROUND = 24
 _SUBPIXEL_BITS = 4
-_WORKERS = 2
 
 
 def sheet_frames(shot: Shot, columns: int = COLUMNS) -> list[int]:
@@ -86,10 +84,13 @@ def contact_sheet(
     poses = [scene_poses(bodies, poses_after(motions, shown_delay(view, shot.settings), chosen)) for view in shot.views]
     width = (SHEET_WIDTH + _GAP) // max(len(chosen), 3) - _GAP
     rows = []
-    with ThreadPoolExecutor(_WORKERS) as pool:
-        kept: Sequence[Mapping[int, Image] | None] = pictures or [None] * len(shot.views)
-        row_of = partial(_row, shot, chosen, geometry, width)
-        for row in pool.map(row_of, shot.views, kept, poses):
+    kept: Sequence[Mapping[int, Image] | None] = pictures or [None] * len(shot.views)
+
+    def row_of(v: int) -> Image:
+        return _row(shot, chosen, geometry, shot.views[v], width=width, pictures=kept[v], poses=poses[v])
+
+    with ThreadPoolExecutor(worker_count(shot.settings.threads)) as pool:
+        for row in pool.map(row_of, range(len(shot.views))):
             rows.append(row)
             report_progress(progress, "overlay", len(rows) / len(shot.views))
     return _stacked(rows)
@@ -114,8 +115,9 @@ def _row(
     shot: Shot,
     frames: list[int],
     geometry: Geometry,
-    width: int,
     view: View,
+    *,
+    width: int,
     pictures: Mapping[int, Image] | None,
     poses: Poses,
 ) -> Image:
@@ -135,9 +137,9 @@ def _row(
     for k, (frame, image) in enumerate(zip(frames, images, strict=True)):
         near = camera.reduced(factors[k])
         shrinks = near.size[0] < image.shape[1]
-        image = cv2.resize(image, near.size, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC)
-        draw_outlines(image, geometry, near, frame, R[k], T[k])
-        cell = _cropped(image, boxes[k][0] / factors[k], (width, height))
+        enlarged = cv2.resize(image, near.size, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC)
+        draw_outlines(enlarged, geometry, near, frame=frame, R=R[k], T=T[k])
+        cell = _cropped(enlarged, boxes[k][0] / factors[k], (width, height))
         _label(cell, view.camera.name, shot.frames[0] + frame, frame in keys)
         cells.append(cell)
     gap = np.full((height, _GAP, 3), _BACKGROUND, np.uint8)
@@ -158,7 +160,7 @@ def _framing(camera: Camera, frame: int, geometry: Geometry, R: Array, T: Array)
     return (box[0] + box[1]) / 2, np.maximum((box[1] - box[0]) * _MARGIN, 8.0)
 
 
-def draw_outlines(image: Image, geometry: Geometry, camera: Camera, frame: int, R: Array, T: Array) -> None:
+def draw_outlines(image: Image, geometry: Geometry, camera: Camera, *, frame: int, R: Array, T: Array) -> None:
     """Outline every part, in place: white where it is seen, thin and grey where another part hides it.
 
     Parameters
@@ -220,7 +222,7 @@ def _cropped(image: Image, centre: Array, size: tuple[int, int]) -> Image:
     )
     shift = np.array([[1.0, 0.0, -left], [0.0, 1.0, -top]])
     dark = (_BACKGROUND,) * 3
-    return cv2.warpAffine(image, shift, size, flags=cv2.INTER_NEAREST, borderValue=dark)
+    return np.asarray(cv2.warpAffine(image, shift, size, flags=cv2.INTER_NEAREST, borderValue=dark))
 
 
 def _label(cell: Image, camera: str, frame: int, key: bool) -> None:

@@ -80,7 +80,8 @@ def helpful_keys(deviation: Array, keys: KeyPoses, parents: Sequence[int]) -> li
 
 def _spread(frame: int, keyed: set[int], length: int) -> Array:
     """How far a correction on a frame reaches: 1 there, fading evenly to 0 at the key frames beside it; beyond the
-    first and last key frame it is held."""
+    first and last key frame it is held.
+    """
     beside = [max((k for k in keyed if k < frame), default=None), min((k for k in keyed if k > frame), default=None)]
     knots = sorted([frame, *(key for key in beside if key is not None)])
     return np.interp(np.arange(length), knots, [float(knot == frame) for knot in knots])

@@ -251,7 +251,7 @@ def _reduced(image: Image, size: tuple[int, int]) -> Image:
     """An image reduced to a size. Halving is many times as fast as the mean of more pixels, and comes to the same."""
     while all(have % 2 == 0 and have >= 4 * want for have, want in zip(image.shape[1::-1], size, strict=True)):
         image = cv2.resize(image, (image.shape[1] // 2, image.shape[0] // 2), interpolation=cv2.INTER_AREA)
-    return cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
 
 
 def _whole(frame: Image, parity: int, width: int) -> Image:
@@ -265,7 +265,7 @@ def _whole(frame: Image, parity: int, width: int) -> Image:
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     size = width, len(frame)
     spread = cv2.warpAffine(lines, field_of_frame(parity)[:2], size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
-    return cv2.sepFilter2D(spread, -1, np.ones(1), _LINE_BLUR)
+    return np.asarray(cv2.sepFilter2D(spread, -1, np.ones(1), _LINE_BLUR))
 
 
 def image_files(path: Path) -> dict[int, Path] | None:
@@ -312,7 +312,7 @@ def _read_image(path: Path) -> Image:
         image = None
     if image is None:
         raise FootageError("the image cannot be read", where=str(path))
-    return image
+    return np.asarray(image)
 
 
 @contextmanager

@@ -45,11 +45,11 @@ def _along(knots: NDArray[np.int64], values: Array, frames: NDArray[np.int64]) -
     if len(knots) == 1:
         return np.full(len(frames), values[0])
     clipped = np.clip(frames, knots[0], knots[-1])
-    return CubicSpline(knots, values, bc_type="natural")(clipped)
+    return np.asarray(CubicSpline(knots, values, bc_type="natural")(clipped))
 
 
 def _turning(knots: NDArray[np.int64], values: Array, frames: NDArray[np.int64]) -> Array:
     if len(knots) == 1:
         return np.broadcast_to(values[0], (len(frames), 3, 3))
     clipped = np.clip(frames, knots[0], knots[-1])
-    return RotationSpline(knots, Rotation.from_matrix(values))(clipped).as_matrix()
+    return np.asarray(RotationSpline(knots, Rotation.from_matrix(values))(clipped).as_matrix())

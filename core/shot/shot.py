@@ -79,11 +79,11 @@ class KeyPoses:
 
     def proposals(self) -> NDArray[np.int64]:
         """Frames whose key pose is a proposal."""
-        return self.frames[~self.fixed.any(axis=1)]
+        return np.asarray(self.frames[~self.fixed.any(axis=1)])
 
     def full(self) -> NDArray[np.int64]:
         """Frames whose key pose fixes the whole body: the ends of segments."""
-        return self.frames[self.fixed.all(axis=1)]
+        return np.asarray(self.frames[self.fixed.all(axis=1)])
 
 
 @dataclass(frozen=True, eq=False)

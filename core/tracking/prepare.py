@@ -173,7 +173,7 @@ def _landmarks_at(landmarks: Landmarks, keys: NDArray[np.int64], first: int) -> 
         for name in NEEDED_LANDMARKS:
             if not np.isfinite(points[k, landmarks.names.index(name)]).all():
                 raise LandmarkError(f"landmark '{name}' is not known at key frame {key}")
-    return points
+    return np.asarray(points)
 
 
 def _from_keypoints(shot: Shot, requests: Sequence[PerformerRequest | None], spec: ShotSpec) -> tuple[Performer, ...]:

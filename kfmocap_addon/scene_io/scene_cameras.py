@@ -122,8 +122,8 @@ def core_camera(
         lossless.recall(owner, "kfmocap_matrix", distortion.intrinsic_matrix(owner.data, frame), max(frame.size)),
         lossless.recall(owner, "kfmocap_R_cam_world", R_cam_world),
         lossless.recall(owner, "kfmocap_t_cam_world", t_cam_world, 1.0 + float(np.abs(t_cam_world).max())),
-        lossless.recall(owner, "kfmocap_distortions", distortions, 1e-3),
-        fisheye,
+        distortions=lossless.recall(owner, "kfmocap_distortions", distortions, 1e-3),
+        fisheye=fisheye,
     )
 
 

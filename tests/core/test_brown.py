@@ -10,7 +10,7 @@ from kfmocap.core.cameras.camera import Camera
 
 def lens(distortions, fisheye=False):
     K = [[500, 0, 315.0], [0, 480, 245.0], [0, 0, 1]]
-    return Camera.create("cam", (640, 480), K, np.eye(3), np.zeros(3), distortions, fisheye)
+    return Camera.create("cam", (640, 480), K, np.eye(3), np.zeros(3), distortions=distortions, fisheye=fisheye)
 
 
 def distorted(model, camera, xy):

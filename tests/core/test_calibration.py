@@ -24,7 +24,7 @@ SIZE = (640, 480)
 
 
 def one_camera(name: str = "cam01") -> Camera:
-    return Camera.create(name, SIZE, K, rotations.exp(ROTATION), TRANSLATION, DISTORTIONS)
+    return Camera.create(name, SIZE, K, rotations.exp(ROTATION), TRANSLATION, distortions=DISTORTIONS)
 
 
 def assert_same(found: Camera, expected: Camera, tolerance: float = 1e-12) -> None:
@@ -46,8 +46,10 @@ def test_our_own_toml_gives_the_same_cameras_back(
 ) -> None:
     path = tmp_path_factory.mktemp("calibration") / "cameras.toml"
     matrix = [[focal, 0, 3.5], [0, focal * 1.01, 2.5], [0, 0, 1]]
-    moving = Camera.create(name, (8, 6), matrix, rotations.exp(poses[:, :3]), poses[:, 3:], distortions)
-    fisheye = Camera.create(name + "2", (8, 6), matrix, np.eye(3), np.zeros(3), distortions[:4], fisheye=True)
+    moving = Camera.create(name, (8, 6), matrix, rotations.exp(poses[:, :3]), poses[:, 3:], distortions=distortions)
+    fisheye = Camera.create(
+        name + "2", (8, 6), matrix, np.eye(3), np.zeros(3), distortions=distortions[:4], fisheye=True
+    )
     save_cameras(path, [moving, fisheye])
     back = load_cameras(path)
     assert list(back) == [name, name + "2"]

@@ -26,7 +26,10 @@ FILES = [
 def cameras(pose: np.ndarray, focal: float, distortions: list[float]) -> list[Camera]:
     matrix = [[focal, 0.0, 950.5], [0, focal * 1.002, 530.25], [0, 0, 1]]
     R = rotations.exp(pose[:, :3])
-    return [Camera.create(f"cam_{i}", (1920, 1080), matrix, R[i], pose[i, 3:], distortions) for i in range(len(pose))]
+    return [
+        Camera.create(f"cam_{i}", (1920, 1080), matrix, R[i], pose[i, 3:], distortions=distortions)
+        for i in range(len(pose))
+    ]
 
 
 @pytest.mark.parametrize(("name", "kind"), FILES)

@@ -21,7 +21,7 @@ t = np.array([0.3, -0.2, 4.0])
 
 
 def camera(distortions: tuple[float, ...] = (0, 0, 0, 0), fisheye: bool = False) -> Camera:
-    return Camera.create("cam", SIZE, K, R, t, distortions, fisheye)
+    return Camera.create("cam", SIZE, K, R, t, distortions=distortions, fisheye=fisheye)
 
 
 def cloud(n: int = 200, spread: float = 0.6) -> np.ndarray:

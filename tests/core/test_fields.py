@@ -35,7 +35,7 @@ factors = pytest.mark.parametrize("factor", [1, 1.5, 2, 3.3, 4])
 
 def camera(size: tuple[int, int] = SIZE, distortions: tuple[float, ...] = (0, 0, 0, 0)) -> Camera:
     K = [[200, 0, (size[0] - 1) / 2], [0, 200, (size[1] - 1) / 2], [0, 0, 1]]
-    return Camera.create("cam01", size, K, np.eye(3), np.zeros(3), distortions)
+    return Camera.create("cam01", size, K, np.eye(3), np.zeros(3), distortions=distortions)
 
 
 def pattern(shift: Array, size: tuple[int, int] = SIZE) -> Array:

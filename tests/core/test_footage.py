@@ -49,7 +49,7 @@ def turn(path: Path, degrees: int) -> None:
 
 def camera(size: tuple[int, int] = SIZE, distortions: tuple[float, ...] = (0, 0, 0, 0)) -> Camera:
     K = [[60, 0, (size[0] - 1) / 2], [0, 60, (size[1] - 1) / 2], [0, 0, 1]]
-    return Camera.create("cam01", size, K, np.eye(3), np.zeros(3), distortions)
+    return Camera.create("cam01", size, K, np.eye(3), np.zeros(3), distortions=distortions)
 
 
 def frame_of(image: np.ndarray) -> int:

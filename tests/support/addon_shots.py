@@ -51,7 +51,7 @@ def camera(seed: int, poses: int = 1, distortions: tuple[float, ...] = LENS, fis
     turn = rotations.exp(np.array([np.pi / 2, 0.0, 0.0]) + rng.normal(0, 0.2, (poses, 3)))
     matrix = [[410.3, 0, 155.2], [0, 402.1 + 10 * seed, 125.7], [0, 0, 1]]
     place = np.array([0, 0, 5.0]) + rng.normal(0, 0.3, (poses, 3))
-    return Camera.create(f"cam{seed:02d}", SIZE, matrix, turn, place, distortions, fisheye)
+    return Camera.create(f"cam{seed:02d}", SIZE, matrix, turn, place, distortions=distortions, fisheye=fisheye)
 
 
 def motion(frames: int, seed: int = 0, parts: int = 16) -> Motion:

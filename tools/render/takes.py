@@ -126,7 +126,7 @@ def camera_looking_at(
     right /= np.linalg.norm(right)
     R = np.stack([right, np.cross(forward, right), forward])
     matrix = [[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1]]
-    return Camera.create(name, size, matrix, R, -R @ np.asarray(place, float), distortions)
+    return Camera.create(name, size, matrix, R, -R @ np.asarray(place, float), distortions=distortions)
 
 
 _WIDE = (640, 360)
