@@ -5,9 +5,8 @@ from pathlib import Path
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
+from .add_footage import CALIBRATIONS, globbed
 from .reporting import reported
-
-_KINDS = "*.toml;*.qca.txt;*.yml;*.yaml;*.json"
 
 
 class ImportCameras(bpy.types.Operator, ImportHelper):
@@ -22,7 +21,7 @@ class ImportCameras(bpy.types.Operator, ImportHelper):
         name="Calibration",
         description="TOML of ours, aniposelib, Pose2Sim or Caliscope; .qca.txt of Qualisys; .yml or .json of OpenCV",
     )
-    filter_glob: bpy.props.StringProperty(default=_KINDS, options={"HIDDEN"})
+    filter_glob: bpy.props.StringProperty(default=globbed(CALIBRATIONS), options={"HIDDEN"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ...core.formats import load_cameras
@@ -49,7 +48,7 @@ class ExportCameras(bpy.types.Operator):
         default="calibration.toml",
         description="Its ending tells the kind: .toml, .qca.txt of Qualisys, .yml or .json of OpenCV",
     )
-    filter_glob: bpy.props.StringProperty(default=_KINDS, options={"HIDDEN"})
+    filter_glob: bpy.props.StringProperty(default=globbed(CALIBRATIONS), options={"HIDDEN"})
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         context.window_manager.fileselect_add(self)

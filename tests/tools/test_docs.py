@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
+from test_layers import LAYERS
 
 PAGES = [ROOT / "README.md", *sorted(ROOT.glob("docs/*.md")), *sorted(ROOT.glob("examples/*/README.md"))]
 page_by_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
@@ -101,3 +102,18 @@ def test_imports_in_examples_work(page: Path) -> None:
 def test_every_page_is_linked_from_the_readme() -> None:
     linked = {(ROOT / target.partition("#")[0]).resolve() for target in LINK.findall(text_of(ROOT / "README.md"))}
     assert set(PAGES[1:]) <= linked
+
+
+def test_the_page_on_the_architecture_has_every_room() -> None:
+    page = text_of(ROOT / "docs" / "architecture.md")
+    shown = re.findall(r"^\| `([\w/]+)` \|", page, re.MULTILINE)
+    packages = [
+        f"{top}/{path.parent.name}" for top in ("core", "kfmocap_addon") for path in (ROOT / top).glob("*/__init__.py")
+    ]
+    assert sorted(shown) == sorted([*packages, "cli", "benchmarks", "tools", "tests"])
+
+
+def test_the_page_on_the_architecture_has_the_layers_in_their_order() -> None:
+    page = text_of(ROOT / "docs" / "architecture.md").split("## Layers")[1].split("## ")[0]
+    shown = re.findall(r"[\w.]+", "".join(re.findall(r"^ {4}(.*)$", page, re.MULTILINE)))
+    assert tuple(shown) == LAYERS
