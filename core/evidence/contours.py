@@ -72,6 +72,15 @@ class Lines:
         focal = camera.matrix[[0, 1], [0, 1]].astype(np.float32)
         return wrenches(self.points_cam.astype(np.float32), self.normal.T.astype(np.float32), focal).astype(float)
 
+    def cost(self, camera: Camera, points_cam: Array) -> float:
+        """Return the weighted squares of the shifts that are left when the points have moved to points_cam (N, 3)."""
+        z = points_cam[:, 2:]
+        if (z <= 0).any():
+            return float("inf")
+        uv = points_cam[:, :2] / z * camera.matrix[[0, 1], [0, 1]] + camera.matrix[:2, 2]
+        left = self.shift - ((uv - self.uv) * self.normal).sum(axis=1)
+        return float((self.weight * self.length) @ left**2)
+
     def products(self, rows: Array, n: int, P: int) -> Array:
         """Weighted sums of the products of the lines' rows (N, k) with themselves, per frame and part, (n, P, k, k)."""
         ends = np.searchsorted(self.frame * P + self.part, np.arange(n * P + 1))

@@ -9,13 +9,15 @@ and what is not seen grows with the rest. Gauss-Newton over all of it, coarse to
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..body import Body, part_poses, point_jacobian, twist_jacobian
+from ..body.joint_limits import posture_prior
 from ..body.kinematics import scene_poses
 from ..body.motion import Motion
 from ..body.shaping import joint_jacobian, mirrored_parts, shaped
@@ -24,19 +26,19 @@ from ..cameras.camera import Camera
 from ..errors import BodyError
 from ..evidence.gradients import Poses, camera_twist
 from ..evidence.label_images import Geometry
-from ..evidence.part_shapes import SHIFT, STRETCH, stretched
+from ..evidence.part_shapes import SHIFT, STRETCH
 from ..formats.keypoint_files import read_shot_keypoints
 from ..keypoints.keypoint_factor import USUAL_DEVIATION, Keypoints, Places, offset_deviation, robust_weights
 from ..keypoints.left_right import correct_sides
 from ..keypoints.observations import performer_keypoints
-from ..numerics import rotations
-from ..runtime.progress import Progress, report_progress
+from ..numerics.normal_equations import DenseEquations, IndependentEquations
+from ..runtime.progress import Progress
 from ..runtime.threads import one_blas_thread
 from ..shot.keypose_spline import spline
 from ..shot.shot import Shot
 from ..tracking.segments import whole_keys
-from .camera_refinement import Stage, look_at_keys
-from .resection import Look, key_outlines, outline_products
+from .key_frame_views import KeyFrameView, read_key_frames
+from .outline_fit import HeldOutlines, OutlineProblem, RefinementStage, coarse_to_fine, key_outlines, outline_products
 
 Array = NDArray[np.float64]
 
@@ -48,11 +50,11 @@ SIDES_STRETCH, SIDES_SHIFT = 0.02, 0.004
 """Usual difference between the sides of a body, as a share and in metres."""
 POSED_ROOT, POSED_JOINT = 0.03, 0.08
 """Usual error of a key pose that was set with a body of other proportions, metres and radians."""
-BEYOND_LIMITS = 0.05
-"""How far a joint may go beyond its limits, radians."""
-STAGES = ((Stage(0.25, 4.0, 8), 0.4), (Stage(0.15, 2.0, 6), 0.2), (Stage(0.10, 1.0, 8), 0.1))
-"""From coarse to fine, each with how much wider the solids may still be than the performers, as a share: what is within
-the rest tells their colours."""
+STAGES = (
+    RefinementStage(0.25, 4.0, 8, excess=0.4),
+    RefinementStage(0.15, 2.0, 6, excess=0.2),
+    RefinementStage(0.10, 1.0, 8, excess=0.1),
+)
 SETTLED = 0.001
 """A stage ends when no joint moves by more than this, metres."""
 _PART = 6  # unknowns of a part: stretch and shift along its axes
@@ -97,27 +99,25 @@ def fit_bodies(shot: Shot, progress: Progress | None = None) -> BodyFit:
     if not len(frames):
         todo = "pose the whole body over the footage on some frames first"
         raise BodyError("bodies are fitted to key poses of the whole body, and there is none", todo=todo)
-    looks = look_at_keys(shot, frames, progress)
-    people = _start(shot, looks, frames)
-    for s, (stage, doubt) in enumerate(STAGES):
-        for i in range(stage.iterations):
-            report_progress(progress, "fitting the body", (s + i / stage.iterations) / len(STAGES))
-            before = [person.joints() for person in people]
-            people = _step(people, shot, looks, stage, doubt)
-            moved = max(float(np.abs(p.joints() - b).max()) for p, b in zip(people, before, strict=True))
-            if moved < SETTLED:
-                break
-    report_progress(progress, "fitting the body", 1.0)
+    views = read_key_frames(shot, frames, progress)
+
+    def linearise(state: Estimates, stage: RefinementStage) -> BodyEquations:
+        return _equations(state, stage, shot, views)
+
+    problem = OutlineProblem(
+        linearise, _moved, lambda state, equations: equations.cost_at(state), _largest_movement, SETTLED
+    )
+    estimates = coarse_to_fine(_start(shot, views, frames), problem, STAGES, "fitting the body", progress).state
     return BodyFit(
-        tuple(person.body for person in people),
-        tuple(person.motions[0.0] for person in people),
+        tuple(estimate.body for estimate in estimates),
+        tuple(estimate.motions[0.0] for estimate in estimates),
         frames,
-        tuple(float(person.shape[0]) for person in people),
+        tuple(float(estimate.shape[0]) for estimate in estimates),
     )
 
 
 @dataclass(frozen=True, eq=False)
-class Person:
+class BodyEstimate:
     """An estimate of one performer.
 
     Attributes
@@ -144,22 +144,32 @@ class Person:
     posed: Array
 
     def joints(self) -> Array:
-        """In the world, metres, shape (K, P, 3)."""
+        """Return the joints in the world, metres, shape (K, P, 3)."""
         return part_poses(self.body, self.motions[0.0])[1]
 
-    def moved(self, step: Array) -> Person:
-        """The estimate after increments of the shape and then the poses."""
-        n, P, names = len(self.shape), len(self.body), self.keypoints.names
+    def keypoint_places(self) -> Array:
+        """Return the keypoints' places in the world, metres, shape (K, L, 3)."""
+        return self.places.world(part_poses(self.body, self.motions[0.0]))
+
+    def part_changes(self, step: Array) -> Array:
+        """Return how far a step of the shape stretches and shifts each part, shape (P, 6)."""
+        P = len(self.body)
         each = step[1 : 1 + _PART * P].reshape(P, _PART)
-        body = shaped(self.body, np.clip(step[0] + each[:, :3], -0.15, 0.15), each[:, 3:])
+        return np.concatenate([np.clip(step[0] + each[:, :3], -0.15, 0.15), each[:, 3:]], axis=1)
+
+    def moved(self, step: Array) -> BodyEstimate:
+        """Return the estimate after increments of the shape and then the poses."""
+        n, P, names = len(self.shape), len(self.body), self.keypoints.names
+        changes = self.part_changes(step)
+        body = shaped(self.body, changes[:, :3], changes[:, 3:])
         offsets = self.places.offsets + step[1 + _PART * P : n].reshape(-1, 3)
         places = replace(Places.on(body, names), offsets=offsets)
         poses = step[n:].reshape(self.posed.shape)
         motions = {delay: motion.moved(poses) for delay, motion in self.motions.items()}
-        return Person(body, motions, self.keypoints, places, self.shape + step[:n], self.posed + poses)
+        return BodyEstimate(body, motions, self.keypoints, places, self.shape + step[:n], self.posed + poses)
 
     def prior(self) -> Array:
-        """Inverse covariance of the shape, shape (n, n)."""
+        """Return the inverse covariance of the shape, shape (n, n)."""
         P = len(self.body)
         deviation = np.full(len(self.shape), GROWTH)
         deviation[1 : 1 + _PART * P] = np.tile([STRETCH, LENGTH, STRETCH, SHIFT, SHIFT, SHIFT], P)
@@ -174,82 +184,127 @@ class Person:
         return H
 
 
-def _start(shot: Shot, looks: Sequence[Look], frames: NDArray[np.int64]) -> list[Person]:
+Estimates = tuple[BodyEstimate, ...]
+
+
+def _start(shot: Shot, views: Sequence[KeyFrameView], frames: NDArray[np.int64]) -> Estimates:
     curves = [spline(performer.key_poses, shot.length) for performer in shot.performers]
-    delays = {0.0} | {look.delay for look in looks}
+    delays = {0.0} | {view.delay for view in views}
     motions = {delay: poses_after(curves, delay, frames) for delay in delays}
     found = performer_keypoints(shot, read_shot_keypoints(shot))
-    people = []
+    estimates = []
     for i, (performer, keypoints) in enumerate(zip(shot.performers, found, strict=True)):
         body, names = performer.body, keypoints.names
         places = Places.on(body, names)
         shape = np.zeros(1 + _PART * len(body) + 3 * len(names))
         posed = np.zeros((len(frames), body.dof))
         own = {delay: performers[i] for delay, performers in motions.items()}
-        people.append(Person(body, own, keypoints[frames], places, shape, posed))
-    return people
+        estimates.append(BodyEstimate(body, own, keypoints[frames], places, shape, posed))
+    return tuple(estimates)
 
 
-def _step(people: Sequence[Person], shot: Shot, looks: Sequence[Look], stage: Stage, doubt: float) -> list[Person]:
-    """One step of Gauss-Newton for every performer; who hides whom is as before it."""
-    geometry = Geometry.of([person.body for person in people])
-    slim = stretched(geometry, np.tile([-doubt, -doubt / 2, -doubt, 0, 0, 0], (len(geometry.spans), 1)))
-    ends = np.cumsum([0] + [len(person.body) for person in people])
-    systems = [_prior_system(person) for person in people]
-    for view, look in zip(shot.views, looks, strict=True):
-        poses = scene_poses([p.body for p in people], [p.motions[look.delay] for p in people])
-        camera = look.camera(view.camera)
-        lines = key_outlines(look.rectified(view.camera), camera, geometry, poses, stage.reach, stage.tolerance, slim)
-        products = outline_products(lines, camera, poses)
+def _moved(estimates: Estimates, steps: Sequence[Array]) -> Estimates:
+    return tuple(estimate.moved(step) for estimate, step in zip(estimates, steps, strict=True))
+
+
+def _largest_movement(before: Estimates, after: Estimates) -> float:
+    """How far the joint that moved most is from where it was, metres."""
+    return max(float(np.abs(a.joints() - b.joints()).max()) for a, b in zip(after, before, strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class BodyEquations(IndependentEquations):
+    """Normal equations of every performer; who hides whom is as at the state that they belong to.
+
+    Attributes
+    ----------
+    estimates : tuple of BodyEstimate
+        That state.
+    cost_at : callable
+        Cost of other estimates with the same outlines, and the same sides and weights of keypoints.
+    """
+
+    estimates: Estimates
+    cost_at: Callable[[Estimates], float]
+
+    @property
+    def cost(self) -> float:
+        """Robust sum of squared residuals of all performers."""
+        return self.cost_at(self.estimates)
+
+
+def _equations(
+    estimates: Estimates, stage: RefinementStage, shot: Shot, views: Sequence[KeyFrameView]
+) -> BodyEquations:
+    """Sum outlines, keypoints and what is known beforehand."""
+    geometry = Geometry.of([estimate.body for estimate in estimates])
+    ends = np.cumsum([0] + [len(estimate.body) for estimate in estimates])
+    spans = [slice(a, b) for a, b in pairwise(ends.tolist())]
+    parts = [_prior(estimate) for estimate in estimates]
+    precision = stage.precision(shot.settings.outline_correlation)
+    held = []
+    for view, seen in zip(shot.views, views, strict=True):
+        poses, camera = _scene_poses(estimates, seen.delay), seen.camera(view.camera)
+        lines = key_outlines(seen.rectified(view.camera), camera, geometry, poses, stage)
+        held.append((HeldOutlines.at(lines, camera, poses, precision), camera, seen.delay))
+        products = precision * outline_products(lines, camera, poses)
         products = np.delete(np.delete(products, 6, axis=-1), 6, axis=-2)  # the focal length is known
-        products /= shot.settings.outline_correlation * stage.tolerance**2
-        for person, (H, g), a, b in zip(people, systems, ends[:-1], ends[1:], strict=True):
-            own = poses[0][:, a:b], poses[1][:, a:b]
-            B = _outline_rows(person, camera, own)
-            S = products[:, a:b]
-            B_t = np.swapaxes(B, -1, -2)
-            _add(H, g, (B_t @ S[..., :-1, :-1] @ B).sum(axis=1), (B_t @ S[..., :-1, -1:])[..., 0].sum(axis=1), person)
-    people_after = []
-    for person, (H, g) in zip(people, systems, strict=True):
-        if person.keypoints.names:
-            _add_keypoints(H, g, person, stage.tolerance)
-        people_after.append(person.moved(np.linalg.solve(H, g)))
-    return people_after
+        for estimate, own, span in zip(estimates, parts, spans, strict=True):
+            B = _outline_rows(estimate, camera, (poses[0][:, span], poses[1][:, span]))
+            B_t, S = np.swapaxes(B, -1, -2), products[:, span]
+            H, g = (B_t @ S[..., :-1, :-1] @ B).sum(axis=1), -(B_t @ S[..., :-1, -1:])[..., 0].sum(axis=1)
+            _add(own, H, g, estimate)
+    keypoints = [_HeldKeypoints.at(estimate, stage.tolerance) for estimate in estimates]
+    for estimate, own, tracked in zip(estimates, parts, keypoints, strict=True):
+        _add(own, *tracked.normal_equations(estimate), estimate)
+
+    def cost_at(others: Estimates) -> float:
+        changes = [e.part_changes(other.shape - e.shape) for other, e in zip(others, estimates, strict=True)]
+        cost = sum(
+            outlines.cost(camera, _scene_poses(others, delay), np.concatenate(changes))
+            for outlines, camera, delay in held
+        )
+        return cost + sum(k.cost(other) + _prior(other).cost for k, other in zip(keypoints, others, strict=True))
+
+    return BodyEquations(parts, estimates, cost_at)
 
 
-def _prior_system(person: Person) -> tuple[Array, Array]:
-    """Normal matrix and right side of what is known beforehand: shape, poses, joint limits."""
-    n, (K, D) = len(person.shape), person.posed.shape
+def _scene_poses(estimates: Estimates, delay: float) -> Poses:
+    return scene_poses([e.body for e in estimates], [e.motions[delay] for e in estimates])
+
+
+def _prior(estimate: BodyEstimate) -> DenseEquations:
+    """What is known beforehand: shape, poses, joint limits."""
+    n, (K, D) = len(estimate.shape), estimate.posed.shape
     H, g = np.zeros((n + K * D, n + K * D)), np.zeros(n + K * D)
-    H[:n, :n] = person.prior()
-    g[:n] = -H[:n, :n] @ person.shape
-    deviation = np.tile([POSED_ROOT] * 3 + [POSED_JOINT] * (D - 3), K)
-    weight = 1 / deviation**2
-    turns = rotations.log(person.motions[0.0].rotations)
-    limits = person.body.limits
-    beyond = (turns - np.clip(turns, limits[..., 0], limits[..., 1])).reshape(K, -1)
-    stop = np.concatenate([np.zeros((K, 6)), (beyond != 0)[:, 3:] / BEYOND_LIMITS**2], axis=1).ravel()
-    over = np.concatenate([np.zeros((K, 3)), beyond], axis=1).ravel()
-    diagonal = np.arange(n, n + K * D)
-    H[diagonal, diagonal] = weight + stop
-    g[n:] = -weight * person.posed.ravel() - stop * over
-    return H, g
+    H[:n, :n] = estimate.prior()
+    g[:n] = H[:n, :n] @ estimate.shape
+    weight = 1 / np.tile([POSED_ROOT] * 3 + [POSED_JOINT] * (D - 3), K) ** 2
+    posed = np.arange(n, n + K * D)
+    H[posed, posed], g[n:] = weight, weight * estimate.posed.ravel()
+    limits = posture_prior(estimate.body, estimate.motions[0.0], np.inf)
+    for k, own in enumerate(posed.reshape(K, D)):
+        H[np.ix_(own, own)] += limits.diagonal[k]
+        g[own] += limits.gradient[k]
+    change = np.concatenate([estimate.shape, estimate.posed.ravel()])
+    cost = estimate.shape @ H[:n, :n] @ estimate.shape + weight @ change[n:] ** 2 + limits.energy
+    return DenseEquations(H, g, float(cost))
 
 
-def _add(H: Array, g: Array, H_frames: Array, g_frames: Array, person: Person) -> None:
-    """Add normal equations of every frame's unknowns, (K, n + D, n + D): the shape, shared, and that frame's pose."""
-    n, D = len(person.shape), person.posed.shape[1]
+def _add(equations: DenseEquations, H_frames: Array, g_frames: Array, estimate: BodyEstimate) -> None:
+    """Add sums of every frame's unknowns, (K, n + D, n + D): the shape, shared, and that frame's pose."""
+    n, D = len(estimate.shape), estimate.posed.shape[1]
     for k, (own_H, own_g) in enumerate(zip(H_frames, g_frames, strict=True)):
         columns = np.concatenate([np.arange(n), n + k * D + np.arange(D)])
-        H[np.ix_(columns, columns)] += own_H
-        g[columns] += own_g
+        equations.matrix[np.ix_(columns, columns)] += own_H
+        equations.gradient[columns] += own_g
 
 
-def _outline_rows(person: Person, camera: Camera, poses: Poses) -> Array:
+def _outline_rows(estimate: BodyEstimate, camera: Camera, poses: Poses) -> Array:
     """An outline's row by the shape and the pose of its frame, shape (K, P, 9, n + D)."""
-    body, (R, T), (Rc, tc) = person.body, poses, camera.poses(0, len(poses[0]))
+    body, (R, T), (Rc, tc) = estimate.body, poses, camera.poses(0, len(poses[0]))
     K, P = T.shape[:2]
-    n = len(person.shape)
+    n = len(estimate.shape)
     B = np.zeros((K, P, _ROWS, n + body.dof))
     joints = np.einsum("kab,kpbqc->kpaqc", Rc, joint_jacobian(body, R))
     each = B[..., 1 : 1 + _PART * P].reshape(K, P, _ROWS, P, _PART)
@@ -263,28 +318,50 @@ def _outline_rows(person: Person, camera: Camera, poses: Poses) -> Array:
     return B
 
 
-def _add_keypoints(H: Array, g: Array, person: Person, tolerance: float) -> None:
-    """Add the keypoints' rows: how far their places are from the rays that they were seen along."""
-    body, places = person.body, person.places
-    R, T = part_poses(body, person.motions[0.0])
-    points = places.world((R, T))
-    keypoints, _ = correct_sides(person.keypoints, points)
-    residual = keypoints.residuals(points)
-    usual = np.full((residual.shape[0], residual.shape[2]), USUAL_DEVIATION)
-    weights = robust_weights(residual, keypoints.confidence, usual, tolerance)
-    K, L, P, n = len(R), len(places.parts), len(body), len(person.shape)
-    A = np.zeros((K, L, 3, n + body.dof))
-    each = np.zeros((K, L, 3, P, _PART))
-    each[..., :3] = joint_jacobian(body, R)[:, places.parts]
-    offsets = np.zeros((K, L, 3, L, 3))
-    for i, part in enumerate(places.parts):
-        each[:, i, :, part, :3] += R[:, part] * places.local[i]
-        offsets[:, i, :, i] = R[:, part]
-    A[..., 0] = each[..., :3].sum(axis=(-1, -2))
-    A[..., 1 : 1 + _PART * P] = each.reshape(K, L, 3, -1)
-    A[..., 1 + _PART * P : n] = offsets.reshape(K, L, 3, -1)
-    A[..., n:] = point_jacobian(body, R, T, places.parts, points)
-    rows = np.einsum("vklra,klan->vklrn", keypoints.across(), A) * np.sqrt(weights)[..., None, None]
-    short = -np.nan_to_num(residual) * np.sqrt(weights)[..., None]
-    rows, short = (np.moveaxis(a, 1, 0).reshape(K, -1, *a.shape[4:]) for a in (rows, short))
-    _add(H, g, np.swapaxes(rows, 1, 2) @ rows, np.einsum("krn,kr->kn", rows, short), person)
+@dataclass(frozen=True, eq=False)
+class _HeldKeypoints:
+    """A performer's keypoints with their sides put right and weighted as one state has them.
+
+    Attributes
+    ----------
+    keypoints : Keypoints
+    weights : ndarray, shape (V, K, L)
+    """
+
+    keypoints: Keypoints
+    weights: Array
+
+    @classmethod
+    def at(cls, estimate: BodyEstimate, tolerance: float) -> _HeldKeypoints:
+        points = estimate.keypoint_places()
+        keypoints, _ = correct_sides(estimate.keypoints, points)
+        residual = keypoints.residuals(points)
+        usual = np.full((residual.shape[0], residual.shape[2]), USUAL_DEVIATION)
+        return cls(keypoints, robust_weights(residual, keypoints.confidence, usual, tolerance))
+
+    def cost(self, estimate: BodyEstimate) -> float:
+        residual = np.nan_to_num(self.keypoints.residuals(estimate.keypoint_places()))
+        return float(np.sum(self.weights[..., None] * residual**2))
+
+    def normal_equations(self, estimate: BodyEstimate) -> tuple[Array, Array]:
+        """Sums of the distances from the rays that the keypoints were seen along: (K, n + D, n + D), (K, n + D)."""
+        body, places = estimate.body, estimate.places
+        R, T = part_poses(body, estimate.motions[0.0])
+        points = places.world((R, T))
+        K, L, P, n = len(R), len(places.parts), len(body), len(estimate.shape)
+        A = np.zeros((K, L, 3, n + body.dof))
+        each = np.zeros((K, L, 3, P, _PART))
+        each[..., :3] = joint_jacobian(body, R)[:, places.parts]
+        offsets = np.zeros((K, L, 3, L, 3))
+        for i, part in enumerate(places.parts):
+            each[:, i, :, part, :3] += R[:, part] * places.local[i]
+            offsets[:, i, :, i] = R[:, part]
+        A[..., 0] = each[..., :3].sum(axis=(-1, -2))
+        A[..., 1 : 1 + _PART * P] = each.reshape(K, L, 3, _PART * P)
+        A[..., 1 + _PART * P : n] = offsets.reshape(K, L, 3, 3 * L)
+        A[..., n:] = point_jacobian(body, R, T, places.parts, points)
+        root = np.sqrt(self.weights)[..., None]
+        rows = np.einsum("vklra,klan->vklrn", self.keypoints.across(), A) * root[..., None]
+        residual = np.nan_to_num(self.keypoints.residuals(points)) * root
+        rows, residual = (np.moveaxis(a, 1, 0).reshape(K, 2 * len(a) * L, *a.shape[4:]) for a in (rows, residual))
+        return np.swapaxes(rows, 1, 2) @ rows, np.einsum("krn,kr->kn", rows, residual)

@@ -17,13 +17,14 @@ from ..body.time_shift import poses_after
 from ..cameras.camera import Camera
 from ..errors import CalibrationError
 from ..evidence.gradients import wrenches
-from ..runtime.progress import Progress, report_progress
+from ..runtime.progress import Progress
 from ..runtime.threads import one_blas_thread
-from ..shot.footage import check_view, frames_at, shown_delay, working_factor
 from ..shot.keypose_spline import spline
-from ..shot.shot import Shot, View
+from ..shot.shot import Shot
 from ..tracking.segments import whole_keys
-from .resection import Look, State, System, normal_equations, on_frames
+from .key_frame_views import KeyFrameView, on_frames, read_key_frames
+from .outline_fit import OutlineProblem, RefinementStage, coarse_to_fine
+from .resection import CameraEquations, CameraState, camera_equations
 
 Array = NDArray[np.float64]
 
@@ -34,26 +35,12 @@ LOST = 0.3
 elsewhere."""
 
 
-@dataclass(frozen=True)
-class Stage:
-    """One step from coarse to fine.
-
-    Attributes
-    ----------
-    reach : float
-        How far from the model's outlines the body's are looked for, metres.
-    tolerance : float
-        Of the robust weights: 1 near the solution, more far from it.
-    iterations : int
-        At most.
-    """
-
-    reach: float
-    tolerance: float
-    iterations: int
-
-
-STAGES = (Stage(0.40, 4.0, 8), Stage(0.25, 4.0, 4), Stage(0.15, 2.0, 4), Stage(0.10, 1.0, 6))
+STAGES = (
+    RefinementStage(0.40, 4.0, 8),
+    RefinementStage(0.25, 4.0, 4),
+    RefinementStage(0.15, 2.0, 4),
+    RefinementStage(0.10, 1.0, 6),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,76 +135,61 @@ def refine_cameras(shot: Shot, progress: Progress | None = None) -> Refinement:
     if not len(frames):
         todo = "pose the whole body on some frames first"
         raise CalibrationError("cameras are refined from key poses of the whole body, and there is none", todo=todo)
-    looks = look_at_keys(shot, frames, progress)
-    state = start = _start(shot, looks, frames)
-    for s, stage in enumerate(STAGES):
-        for i in range(stage.iterations):
-            report_progress(progress, "refining cameras", (s + i / stage.iterations) / len(STAGES))
-            system = normal_equations(state, looks, stage.reach, stage.tolerance, shot.settings.outline_correlation)
-            before, state = state, state.moved(system.step(state))
-            if max(_shift(before, state, look, v) / look.factor for v, look in enumerate(looks)) < SETTLED:
-                break
-    report_progress(progress, "refining cameras", 1.0)
-    covariance = system.covariance(state)
-    views = tuple(_described(start, state, look, v, system, covariance) for v, look in enumerate(looks))
-    if all(view.lost for view in views):
+    views = read_key_frames(shot, frames, progress)
+    start = _start(shot, views, frames)
+
+    def linearise(state: CameraState, stage: RefinementStage) -> CameraEquations:
+        return camera_equations(state, stage, views, shot.settings.outline_correlation)
+
+    def largest_shift(before: CameraState, after: CameraState) -> float:
+        return max(_shift(before, after, view, v) / view.factor for v, view in enumerate(views))
+
+    problem = OutlineProblem(
+        linearise, CameraState.moved, lambda state, equations: equations.cost_at(state), largest_shift, SETTLED
+    )
+    result = coarse_to_fine(start, problem, STAGES, "refining cameras", progress)
+    equations = result.linearised()
+    covariance = equations.factor().covariance()
+    states = start, result.state
+    refined = tuple(
+        _described(states, view, v, float(equations.clearness[v]), covariance) for v, view in enumerate(views)
+    )
+    if all(view.lost for view in refined):
         todo = "see that the key poses lie on the performers"
         raise CalibrationError("no camera shows the performers where the key poses are", todo=todo)
-    return Refinement(views, frames)
+    return Refinement(refined, frames)
 
 
-def look_at_keys(shot: Shot, frames: NDArray[np.int64], progress: Progress | None) -> list[Look]:
-    """What every view shows of the key frames.
-
-    Raises
-    ------
-    FootageError
-        See `core.tracking.tracker.track`.
-    CancelledError
-    """
-    looks = []
-    for v, view in enumerate(shot.views):
-        check_view(view, shot.frames[0], shot.length)
-        report_progress(progress, "footage", v / len(shot.views))
-        looks.append(_look(view, shot, frames))
-    return looks
-
-
-def _look(view: View, shot: Shot, frames: NDArray[np.int64]) -> Look:
-    """What a view shows, decoded once; rectified only later, as the focal length changes."""
-    factor = working_factor(view, shot.settings.working_size)
-    as_stored = replace(view, camera=view.camera.rectified())
-    pictures = frames_at(as_stored, [shot.frames[0] + int(f) for f in frames], factor, grey=False)
-    return Look(frames, np.stack(list(pictures)), factor, shown_delay(view, shot.settings))
-
-
-def _start(shot: Shot, looks: list[Look], frames: NDArray[np.int64]) -> State:
+def _start(shot: Shot, views: list[KeyFrameView], frames: NDArray[np.int64]) -> CameraState:
     """The cameras, bodies and key poses as they are."""
     curves = [spline(performer.key_poses, shot.length) for performer in shot.performers]
-    motions = {look.delay: tuple(poses_after(curves, look.delay, frames)) for look in looks}
+    motions = {view.delay: tuple(poses_after(curves, view.delay, frames)) for view in views}
     bodies = [performer.body for performer in shot.performers]
-    return State.start([view.camera for view in shot.views], bodies, motions)
+    return CameraState.start([view.camera for view in shot.views], bodies, motions)
 
 
-def _shift(before: State, after: State, look: Look, view: int) -> float:
+def _shift(before: CameraState, after: CameraState, view: KeyFrameView, v: int) -> float:
     """How far apart two states' cameras show the same joints, root mean square, pixels."""
-    joints = before.joints(look.delay)
-    cameras = [on_frames(state.cameras[view].rectified(), look.frames) for state in (before, after)]
+    joints = before.joints(view.delay)
+    cameras = [on_frames(state.cameras[v].rectified(), view.frames) for state in (before, after)]
     one, other = (np.stack([c.project(points, k) for k, points in enumerate(joints)]) for c in cameras)
     squared = np.sum((one - other) ** 2, axis=-1)
     squared = squared[np.isfinite(squared)]  # of joints before both cameras
     return float(np.sqrt(squared.mean())) if len(squared) else 0.0
 
 
-def _described(start: State, end: State, look: Look, view: int, system: System, covariance: Array) -> RefinedCamera:
-    clearness = float(system.clearness[view])
+def _described(
+    states: tuple[CameraState, CameraState], view: KeyFrameView, v: int, clearness: float, covariance: Array
+) -> RefinedCamera:
+    """Describe how camera v came out between the first and the last state."""
+    start, end = states
     state = start if clearness < LOST else end
-    columns = state.camera_columns(view)
+    columns = state.camera_columns(v)
     own = covariance[np.ix_(columns, columns)]
-    rows = _picture_rows(on_frames(state.cameras[view].rectified(), look.frames), state.joints(look.delay))
+    rows = _picture_rows(on_frames(state.cameras[v].rectified(), view.frames), state.joints(view.delay))
     return RefinedCamera(
-        state.cameras[view],
-        _shift(start, state, look, view),
+        state.cameras[v],
+        _shift(start, state, view, v),
         float(np.sqrt(np.einsum("nij,jk,nik->", rows, own, rows) / len(rows))) if len(rows) else np.inf,
         float(np.sqrt(np.linalg.eigvalsh(own[:3, :3])[-1])),
         float(np.sqrt(np.linalg.eigvalsh(own[3:6, 3:6])[-1])),

@@ -1,4 +1,4 @@
-"""Cameras, part shapes and key poses from the outlines of the key frames: one Gauss-Newton step over all of them.
+"""Cameras, part shapes and key poses as unknowns of one fit to the outlines of the key frames.
 
 A piece of outline that lies beside the model's is brought there by moving the camera, by its focal length, by
 stretching and shifting the part, or by posing the body otherwise. All but two of these act through the wrench of the
@@ -8,11 +8,10 @@ the unknowns.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,13 +19,14 @@ from ..body import Body, twist_jacobian
 from ..body.kinematics import scene_poses
 from ..body.motion import Motion
 from ..cameras.camera import Camera
-from ..evidence.contours import EDGE_DEVIATION, MODEL_DEVIATION, Lines, outline_lines
-from ..evidence.foreground import foreground_images
+from ..evidence.contours import EDGE_DEVIATION, MODEL_DEVIATION, Lines
 from ..evidence.gradients import Poses, camera_twist
-from ..evidence.label_images import Geometry, render_labels
-from ..evidence.part_shapes import SHIFT, STRETCH, shape_columns, stretched
-from ..evidence.view_frames import ViewFrames
+from ..evidence.label_images import Geometry
+from ..evidence.part_shapes import SHIFT, STRETCH, stretched
 from ..numerics import rotations
+from ..numerics.normal_equations import DenseEquations
+from .key_frame_views import KeyFrameView
+from .outline_fit import HeldOutlines, RefinementStage, key_outlines, outline_products
 
 Array = NDArray[np.float64]
 Columns = NDArray[np.intp]
@@ -44,52 +44,10 @@ POSED_JOINT = 0.05
 CAMERA = 7
 """Unknowns of a camera: a twist (v, omega) in its axes, metres and radians, and the logarithm of the focal length."""
 _SHAPE = 6  # of a part: stretch and shift along its axes
-_STRIDE = 2
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
-    """What a view shows of the K key frames.
-
-    Attributes
-    ----------
-    frames : ndarray of int, shape (K,)
-        Shot frames.
-    pictures : ndarray of uint8, shape (K, h, w, 3)
-        Reduced, with the lens's distortion; blue, green, red.
-    factor : float
-        How much they are reduced.
-    delay : float
-        See `core.body.time_shift`.
-    """
-
-    frames: NDArray[np.int64]
-    pictures: NDArray[np.uint8]
-    factor: float
-    delay: float
-
-    def rectified(self, camera: Camera) -> NDArray[np.uint8]:
-        """The pictures as the camera would have taken them without distortion."""
-        maps = camera.reduced(self.factor).rectify_maps()
-        if maps is None:
-            return self.pictures
-        return np.stack([cv2.remap(p, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for p in self.pictures])
-
-    def camera(self, camera: Camera) -> Camera:
-        """The camera of the rectified pictures, whose frame k is the k-th key frame."""
-        return on_frames(camera, self.frames).reduced(self.factor).rectified()
-
-
-def on_frames(camera: Camera, frames: NDArray[np.int64]) -> Camera:
-    """The camera whose frame k is the k-th of some frames."""
-    if not camera.moving:
-        return camera
-    R, t = zip(*(camera.pose(int(f)) for f in frames), strict=True)
-    return replace(camera, R_cam_world=np.stack(R), t_cam_world=np.stack(t))
-
-
-@dataclass(frozen=True, eq=False)
-class State:
+class CameraState:
     """An estimate of all that is unknown.
 
     Attributes
@@ -115,7 +73,7 @@ class State:
     @classmethod
     def start(
         cls, cameras: Sequence[Camera], bodies: Sequence[Body], motions: Mapping[float, tuple[Motion, ...]]
-    ) -> State:
+    ) -> CameraState:
         """The estimate to begin with: cameras, the bodies' own shapes, and key poses as they are."""
         frames = len(next(iter(motions.values()))[0])
         size = CAMERA * len(cameras) + sum(_SHAPE * len(body) + frames * body.dof for body in bodies)
@@ -155,7 +113,7 @@ class State:
             deviation[columns[:, :3]], deviation[columns[:, 3:]] = POSED_ROOT, POSED_JOINT
         return 1 / deviation**2
 
-    def moved(self, step: Array) -> State:
+    def moved(self, step: Array) -> CameraState:
         """The estimate after increments of the unknowns, shape (n,)."""
         cameras = tuple(adjusted(camera, step[self.camera_columns(v)]) for v, camera in enumerate(self.cameras))
         poses = [step[columns] for columns in self.pose_columns()]
@@ -164,7 +122,7 @@ class State:
             for delay, performers in self.motions.items()
         }
         geometry = stretched(self.geometry, step[self.shape_columns()])
-        return State(cameras, self.bodies, geometry, motions, self.change + step)
+        return CameraState(cameras, self.bodies, geometry, motions, self.change + step)
 
     def joints(self, delay: float) -> Array:
         """Joints of all parts on the key frames in the world, shape (K, P, 3)."""
@@ -185,62 +143,61 @@ def adjusted(camera: Camera, step: Array) -> Camera:
 
 
 @dataclass(frozen=True, eq=False)
-class System:
-    """Normal equations of a step, without the prior.
+class CameraEquations(DenseEquations):
+    """Normal equations of a `CameraState`, what is known beforehand included.
 
     Attributes
     ----------
-    H : ndarray, shape (n, n)
-    g : ndarray, shape (n,)
-        Less the gradient of half the energy.
     clearness : ndarray, shape (V,)
-        How clearly each view shows the performers' outlines beside the model's: what they tell over what sharp ones
-        would, 0 to 1.
+        How clearly each view shows the performers' outlines beside the model's: their information over that of sharp
+        ones, 0 to 1.
+    cost_at : callable
+        Cost of another state with the same outlines.
     """
 
-    H: Array
-    g: Array
     clearness: Array
-
-    def step(self, state: State) -> Array:
-        """The increments of the unknowns, shape (n,)."""
-        prior = state.prior()
-        return np.linalg.solve(self.H + np.diag(prior), self.g - prior * state.change)
-
-    def covariance(self, state: State) -> Array:
-        """Of the unknowns, shape (n, n)."""
-        return np.linalg.inv(self.H + np.diag(state.prior()))
+    cost_at: Callable[[CameraState], float]
 
 
-def normal_equations(state: State, looks: Sequence[Look], reach: float, tolerance: float, correlation: float) -> System:
+def camera_equations(
+    state: CameraState, stage: RefinementStage, views: Sequence[KeyFrameView], correlation: float
+) -> CameraEquations:
     """Sum the outlines of all views and key frames.
 
     Parameters
     ----------
-    state : State
-    looks : sequence of Look
-        One per view.
-    reach : float
-        How far from the model's outlines the body's are looked for, metres.
-    tolerance : float
-        See `outline_lines`.
+    state : CameraState
+    stage : RefinementStage
+    views : sequence of KeyFrameView
     correlation : float
         How long a piece of outline counts as one, metres.
     """
-    n = len(state.change)
-    H, g, clearness = np.zeros((n, n)), np.zeros(n), np.zeros(len(looks))
-    for v, look in enumerate(looks):
-        camera, (R, T) = look.camera(state.cameras[v]), scene_poses(state.bodies, state.motions[look.delay])
-        lines = key_outlines(look.rectified(state.cameras[v]), camera, state.geometry, (R, T), reach, tolerance)
+    n, precision = len(state.change), stage.precision(correlation)
+    H, g, clearness = np.zeros((n, n)), np.zeros(n), np.zeros(len(views))
+    held = []
+    for v, view in enumerate(views):
+        camera, (R, T) = view.camera(state.cameras[v]), scene_poses(state.bodies, state.motions[view.delay])
+        lines = key_outlines(view.rectified(state.cameras[v]), camera, state.geometry, (R, T), stage)
         clearness[v] = _clearness(lines, camera)
-        sums = outline_products(lines, camera, (R, T)) / (correlation * tolerance**2)
+        held.append(HeldOutlines.at(lines, camera, (R, T), precision))
+        sums = precision * outline_products(lines, camera, (R, T))
         for body, span, pose in zip(state.bodies, state.spans(), state.pose_columns(), strict=True):
             B = _jacobian(body, camera, (R[:, span], T[:, span]))
             B_t, own = np.swapaxes(B, -1, -2), sums[:, span]
             columns = _columns(state.camera_columns(v), state.shape_columns()[span], pose)
             np.add.at(H, (columns[..., :, None], columns[..., None, :]), B_t @ own[..., :-1, :-1] @ B)
-            np.add.at(g, columns, (B_t @ own[..., :-1, -1:])[..., 0])
-    return System(H, g, clearness)
+            np.add.at(g, columns, -(B_t @ own[..., :-1, -1:])[..., 0])
+
+    def cost_at(other: CameraState) -> float:
+        parts = (other.change - state.change)[state.shape_columns()]
+        cost = float(other.prior() @ other.change**2)
+        for outlines, view, camera in zip(held, views, other.cameras, strict=True):
+            poses = scene_poses(other.bodies, other.motions[view.delay])
+            cost += outlines.cost(view.camera(camera), poses, parts)
+        return cost
+
+    prior = state.prior()
+    return CameraEquations(H + np.diag(prior), g + prior * state.change, cost_at(state), clearness, cost_at)
 
 
 def _columns(camera: Columns, shape: Columns, pose: Columns) -> Columns:
@@ -250,49 +207,11 @@ def _columns(camera: Columns, shape: Columns, pose: Columns) -> Columns:
     return np.concatenate(parts, axis=-1)
 
 
-def key_outlines(
-    pictures: NDArray[np.uint8],
-    camera: Camera,
-    geometry: Geometry,
-    poses: Poses,
-    reach: float,
-    tolerance: float,
-    sure: Geometry | None = None,
-) -> Lines:
-    """The outlines in the key frames' pictures, by the colours that the poses show now.
-
-    Parameters
-    ----------
-    sure : Geometry, optional
-        Solids that are all within the performers', for their colours; by default they are those of `geometry`.
-    """
-    body = render_labels(geometry, camera, 0, *poses).part >= 0
-    core = body if sure is None else render_labels(sure, camera, 0, *poses).part >= 0
-    scale = ViewFrames(camera, pictures[..., 0], 0).pixels_per_metre(poses[1].mean(axis=(0, 1)), 0)
-    still, masks = camera.stands_still, dict(enumerate(body))
-    foreground = foreground_images(pictures, masks, scale, still, dict(enumerate(core)))
-    labels = render_labels(geometry, camera.subsampled(_STRIDE), 0, *poses)
-    half = max(4, round(reach * scale))
-    return outline_lines(camera, foreground, labels, stride=_STRIDE, reach=half, tolerance=tolerance)
-
-
 def _clearness(lines: Lines, camera: Camera) -> float:
     """What outlines tell over what sharp edges in their places would."""
     model = MODEL_DEVIATION * camera.matrix[[0, 1], [0, 1]].mean() / lines.points_cam[:, 2]
     sharp = lines.length / (model**2 + EDGE_DEVIATION**2)
     return float((lines.weight * lines.length).sum() / sharp.sum()) if len(sharp) else 0.0
-
-
-def outline_products(lines: Lines, camera: Camera, poses: Poses) -> Array:
-    """Products of the lines' rows per frame and part, shape (K, P, 11, 11).
-
-    A row is the wrench in camera axes (6), the shift by the focal length's logarithm, that by the part's stretches (3),
-    and the shift itself.
-    """
-    wrench = lines.wrenches(camera)
-    radial = ((lines.uv - camera.matrix[:2, 2]) * lines.normal).sum(axis=1)
-    stretch, _ = shape_columns(lines, wrench, camera, poses)
-    return lines.products(np.column_stack([wrench, radial, stretch, lines.shift]), *poses[1].shape[:2])
 
 
 def _jacobian(body: Body, camera: Camera, poses: Poses) -> Array:

@@ -14,6 +14,7 @@ from kfmocap.core.body.shaping import joint_jacobian, mirrored_parts, shaped
 from kfmocap.core.errors import BodyError, CancelledError
 from kfmocap.core.fitting import body_fit
 from kfmocap.core.fitting.body_fit import fit_bodies
+from kfmocap.core.fitting.key_frame_views import KeyFrameView
 from kfmocap.core.shot.shot import KeyPoses, Shot, View
 from synthetic import figure, film, look_at, numeric_jacobian, random_motion, shot_of, swing
 
@@ -112,8 +113,8 @@ def test_keypoints_tell_lengths_that_outlines_leave_open(tmp_path, monkeypatch):
     motion, views = strolling(truth, 40)[[0, 13, 26, 39]], cameras(3)
     seen = keypoints_of(views, seen_places(truth, motion))
     shot = shot_of([View(c, tmp_path) for c in views], [start], [motion], range(4))
-    black = [body_fit.Look(np.arange(4), np.zeros((4, 48, 64, 3), np.uint8), 10.0, 0.0) for _ in views]
-    monkeypatch.setattr(body_fit, "look_at_keys", lambda *_: black)
+    black = [KeyFrameView(np.arange(4), np.zeros((4, 48, 64, 3), np.uint8), 10.0, 0.0) for _ in views]
+    monkeypatch.setattr(body_fit, "read_key_frames", lambda *_: black)
     monkeypatch.setattr(body_fit, "read_shot_keypoints", lambda _: [])
     monkeypatch.setattr(body_fit, "performer_keypoints", lambda *_: [seen])
     fit = fit_bodies(shot)

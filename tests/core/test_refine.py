@@ -18,7 +18,9 @@ from kfmocap.core.errors import CalibrationError, CancelledError, FootageError
 from kfmocap.core.evidence.contours import Lines
 from kfmocap.core.fitting import resection
 from kfmocap.core.fitting.camera_refinement import Refinement, refine_cameras
-from kfmocap.core.fitting.resection import CAMERA, Look, State, adjusted, on_frames
+from kfmocap.core.fitting.key_frame_views import KeyFrameView, on_frames
+from kfmocap.core.fitting.outline_fit import outline_products
+from kfmocap.core.fitting.resection import CAMERA, CameraState, adjusted
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.footage import frames_at
 from kfmocap.core.shot.shot import KeyPoses, Shot, View
@@ -216,7 +218,7 @@ def test_pictures_are_rectified_with_the_lens_as_it_is_now(tmp_path: Path) -> No
     assert cv2.imwrite(str(tmp_path / "0.png"), shade)
     view = View(camera, tmp_path / "0.png")
     stored = np.stack(list(frames_at(replace(view, camera=camera.rectified()), [0], 1.0, grey=False)))
-    look = Look(np.array([0]), stored, 1.0, 0.0)
+    look = KeyFrameView(np.array([0]), stored, 1.0, 0.0)
     assert np.array_equal(look.rectified(camera), np.stack(list(frames_at(view, [0], 1.0, grey=False))))
     longer = adjusted(camera, np.array([0, 0, 0, 0, 0, 0, 0.1]))
     assert not np.array_equal(look.rectified(longer), look.rectified(camera))
@@ -228,7 +230,7 @@ def test_rows_are_the_derivatives_of_the_pictures() -> None:
     rng = np.random.default_rng(1)
     poses = random_motion(BODY, 2, turn=0.4, shift=0.1)
     camera = CAMERAS[0]
-    state = State.start([camera], [BODY], {0.0: (poses,)})
+    state = CameraState.start([camera], [BODY], {0.0: (poses,)})
     frame, part = (a.ravel() for a in np.indices((2, P)))
     local = np.stack([rng.uniform(p.vertices.min(axis=0), p.vertices.max(axis=0)) for p in BODY.parts])[part]
     normal = rng.normal(size=(2 * P, 2))
@@ -247,7 +249,7 @@ def test_rows_are_the_derivatives_of_the_pictures() -> None:
     seen = world @ camera.R_cam_world[0].T + camera.t_cam_world[0]
     one = np.ones(2 * P)
     lines = Lines(frame, part, camera.project(world), normal, seen, one, one, one)
-    sums = resection.outline_products(lines, camera, (R, T))
+    sums = outline_products(lines, camera, (R, T))
     B = resection._jacobian(BODY, camera, (R, T))
     rows = np.einsum("kpr,kprc->kpc", sums[..., :-1, -1], B)
     columns = resection._columns(state.camera_columns(0), state.shape_columns(), state.pose_columns()[0])
@@ -266,7 +268,7 @@ def test_a_camera_on_some_frames_has_their_poses() -> None:
 
 
 def test_unknowns_do_not_overlap() -> None:
-    state = State.start(CAMERAS, [BODY, BODY], {0.0: (TRUTH, TRUTH)})
+    state = CameraState.start(CAMERAS, [BODY, BODY], {0.0: (TRUTH, TRUTH)})
     columns = [state.camera_columns(0), state.camera_columns(1), state.shape_columns(), *state.pose_columns()]
     together = np.concatenate([c.ravel() for c in columns])
     assert np.array_equal(together, np.arange(len(state.change)))

@@ -1,0 +1,81 @@
+"""What the views show of the frames with a key pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.camera import Camera
+from ..runtime.progress import Progress, report_progress
+from ..shot.footage import check_view, frames_at, shown_delay, working_factor
+from ..shot.shot import Shot, View
+
+
+@dataclass(frozen=True, eq=False)
+class KeyFrameView:
+    """What a view shows of the K key frames.
+
+    Attributes
+    ----------
+    frames : ndarray of int, shape (K,)
+        Shot frames.
+    pictures : ndarray of uint8, shape (K, h, w, 3)
+        Reduced, with the lens's distortion; blue, green, red.
+    factor : float
+        How much they are reduced.
+    delay : float
+        See `core.body.time_shift`.
+    """
+
+    frames: NDArray[np.int64]
+    pictures: NDArray[np.uint8]
+    factor: float
+    delay: float
+
+    def rectified(self, camera: Camera) -> NDArray[np.uint8]:
+        """Return the pictures as the camera would have taken them without distortion."""
+        maps = camera.reduced(self.factor).rectify_maps()
+        if maps is None:
+            return self.pictures
+        remapped = [cv2.remap(p, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for p in self.pictures]
+        return np.stack(remapped).astype(np.uint8, copy=False)
+
+    def camera(self, camera: Camera) -> Camera:
+        """Return the camera of the rectified pictures, whose frame k is the k-th key frame."""
+        return on_frames(camera, self.frames).reduced(self.factor).rectified()
+
+
+def on_frames(camera: Camera, frames: NDArray[np.int64]) -> Camera:
+    """Return the camera whose frame k is the k-th of some frames."""
+    if not camera.moving:
+        return camera
+    R, t = zip(*(camera.pose(int(f)) for f in frames), strict=True)
+    return replace(camera, R_cam_world=np.stack(R), t_cam_world=np.stack(t))
+
+
+def read_key_frames(shot: Shot, frames: NDArray[np.int64], progress: Progress | None) -> list[KeyFrameView]:
+    """Decode the key frames of every view.
+
+    Raises
+    ------
+    FootageError
+        See `core.tracking.tracker.track`.
+    CancelledError
+    """
+    found = []
+    for v, view in enumerate(shot.views):
+        check_view(view, shot.frames[0], shot.length)
+        report_progress(progress, "footage", v / len(shot.views))
+        found.append(_read(view, shot, frames))
+    return found
+
+
+def _read(view: View, shot: Shot, frames: NDArray[np.int64]) -> KeyFrameView:
+    """Decode once, with the distortion left in: the focal length changes, and what is rectified with it."""
+    factor = working_factor(view, shot.settings.working_size)
+    as_stored = replace(view, camera=view.camera.rectified())
+    pictures = frames_at(as_stored, [shot.frames[0] + int(f) for f in frames], factor, grey=False)
+    return KeyFrameView(frames, np.stack(list(pictures)), factor, shown_delay(view, shot.settings))

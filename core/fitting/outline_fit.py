@@ -1,0 +1,216 @@
+"""Fits to the performers' outlines on key frames, coarse to fine: what cameras and bodies have in common.
+
+As in the iterative closest point algorithm, the outlines are looked for anew at every state, and held in their places
+while a step is tested: the model's points move, and what must fall is the distance along the outline's normals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.camera import Camera
+from ..evidence.contours import Lines, outline_lines
+from ..evidence.foreground import foreground_images
+from ..evidence.gradients import Poses
+from ..evidence.label_images import Geometry, render_labels
+from ..evidence.part_shapes import shape_columns, stretched
+from ..evidence.view_frames import ViewFrames
+from ..numerics.least_squares import GAUSS_NEWTON, LeastSquaresResult, StoppingRule, minimise
+from ..numerics.normal_equations import NormalEquations
+from ..runtime.progress import Progress, report_progress
+
+Array = NDArray[np.float64]
+_STRIDE = 2
+
+
+@dataclass(frozen=True)
+class RefinementStage:
+    """One stage of a fit from coarse to fine.
+
+    Attributes
+    ----------
+    reach : float
+        How far from the model's outlines the performers' are looked for, metres.
+    tolerance : float
+        Of the robust weights: 1 near the solution, more far from it.
+    iterations : int
+        At most.
+    excess : float
+        How much wider than the performers the model's solids may be, as a share: colours are learned only from what is
+        within a performer for certain.
+    """
+
+    reach: float
+    tolerance: float
+    iterations: int
+    excess: float = 0.0
+
+    def precision(self, correlation: float) -> float:
+        """Return the factor of squared distances of outlines, a piece of which counts as one, in metres."""
+        return 1 / (correlation * self.tolerance**2)
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOutlines:
+    """The performers' outlines in one view as they were found at one state, to test other states by.
+
+    Attributes
+    ----------
+    lines : Lines
+        N of them.
+    points_part : ndarray, shape (N, 3)
+        The points of the model that belong on them, in the axes of their parts, metres.
+    precision : float
+        See `RefinementStage.precision`.
+    """
+
+    lines: Lines
+    points_part: Array
+    precision: float
+
+    @classmethod
+    def at(cls, lines: Lines, camera: Camera, poses: Poses, precision: float) -> HeldOutlines:
+        """Hold lines that were found with a camera and world poses (R, T) of the K key frames."""
+        (R, T), (Rc, tc) = poses, camera.poses(0, len(poses[0]))
+        frame, part = lines.frame, lines.part
+        world = np.einsum("nba,nb->na", Rc[frame], lines.points_cam - tc[frame])
+        return cls(lines, np.einsum("nba,nb->na", R[frame, part], world - T[frame, part]), precision)
+
+    def cost(self, camera: Camera, poses: Poses, change: Array) -> float:
+        """Return the squared distances, in variances, after a change of the camera, the poses and the parts.
+
+        Parameters
+        ----------
+        camera : Camera
+        poses : tuple of ndarray, shapes (K, P, 3, 3) and (K, P, 3)
+        change : ndarray, shape (P, 6)
+            Stretches and shifts of the parts since the lines were found.
+        """
+        (R, T), (Rc, tc) = poses, camera.poses(0, len(poses[0]))
+        frame, part = self.lines.frame, self.lines.part
+        points = self.points_part * (1 + change[part, :3]) + change[part, 3:]
+        world = np.einsum("nab,nb->na", R[frame, part], points) + T[frame, part]
+        return self.precision * self.lines.cost(camera, np.einsum("nab,nb->na", Rc[frame], world) + tc[frame])
+
+
+State = TypeVar("State")
+Equations = TypeVar("Equations", bound=NormalEquations[Any, Any])
+
+
+@dataclass(frozen=True, eq=False)
+class OutlineProblem(Generic[State, Equations]):
+    """What is fitted to the outlines.
+
+    Attributes
+    ----------
+    linearise : callable
+        Normal equations at a state, with the outlines as a stage finds them there.
+    move : callable
+        The state after a step.
+    cost_at : callable
+        Cost of a state with the outlines held that normal equations were made from.
+    step_size : callable
+        How far apart two states are; a stage ends at less than `settled`.
+    settled : float
+    """
+
+    linearise: Callable[[State, RefinementStage], Equations]
+    move: Callable[[State, Any], State]
+    cost_at: Callable[[State, Equations], float]
+    step_size: Callable[[State, State], float]
+    settled: float
+
+
+def coarse_to_fine(
+    start: State,
+    problem: OutlineProblem[State, Equations],
+    stages: Sequence[RefinementStage],
+    what: str,
+    progress: Progress | None,
+) -> LeastSquaresResult[State, Equations]:
+    """Run one minimisation per stage, and return the last.
+
+    Parameters
+    ----------
+    start : State
+    problem : OutlineProblem
+    stages : sequence of RefinementStage
+        At least one.
+    what : str
+        Name of the work for `progress`.
+    progress : callable, optional
+        See `core.runtime.progress.Progress`.
+
+    Raises
+    ------
+    CancelledError
+    """
+    state = start
+    for s, stage in enumerate(stages):
+
+        def linearise(state: State, stage: RefinementStage = stage) -> Equations:
+            return problem.linearise(state, stage)
+
+        def report(iteration: int, _: State, s: int = s, stage: RefinementStage = stage) -> None:
+            report_progress(progress, what, (s + iteration / stage.iterations) / len(stages))
+
+        result = minimise(
+            state,
+            linearise,
+            problem.move,
+            trial_cost=problem.cost_at,
+            damping=GAUSS_NEWTON,
+            stopping=StoppingRule(stage.iterations, 0.0, problem.settled, problem.step_size),
+            on_iteration=report,
+        )
+        state = result.state
+    report_progress(progress, what, 1.0)
+    return result
+
+
+def key_outlines(
+    pictures: NDArray[np.uint8],
+    camera: Camera,
+    geometry: Geometry,
+    poses: Poses,
+    stage: RefinementStage,
+) -> Lines:
+    """Find the outlines in the key frames' pictures, by the colours that the poses show now.
+
+    Parameters
+    ----------
+    pictures : ndarray of uint8, shape (K, h, w, 3)
+    camera : Camera
+        Whose frames are the K key frames.
+    geometry : Geometry
+    poses : tuple of ndarray, shapes (K, P, 3, 3) and (K, P, 3)
+    stage : RefinementStage
+    """
+    body = render_labels(geometry, camera, 0, *poses).part >= 0
+    core = body
+    if stage.excess:
+        slimmer = np.tile([-stage.excess, -stage.excess / 2, -stage.excess, 0, 0, 0], (len(geometry.spans), 1))
+        core = render_labels(stretched(geometry, slimmer), camera, 0, *poses).part >= 0
+    scale = ViewFrames(camera, pictures[..., 0], 0).pixels_per_metre(poses[1].mean(axis=(0, 1)), 0)
+    still, masks = camera.stands_still, dict(enumerate(body))
+    foreground = foreground_images(pictures, masks, scale, still, dict(enumerate(core)))
+    labels = render_labels(geometry, camera.subsampled(_STRIDE), 0, *poses)
+    half = max(4, round(stage.reach * scale))
+    return outline_lines(camera, foreground, labels, stride=_STRIDE, reach=half, tolerance=stage.tolerance)
+
+
+def outline_products(lines: Lines, camera: Camera, poses: Poses) -> Array:
+    """Sum products of the lines' rows per frame and part, shape (K, P, 11, 11).
+
+    A row is the wrench in camera axes (6), the shift by the focal length's logarithm, that by the part's stretches (3),
+    and the shift itself.
+    """
+    wrench = lines.wrenches(camera)
+    radial = ((lines.uv - camera.matrix[:2, 2]) * lines.normal).sum(axis=1)
+    stretch, _ = shape_columns(lines, wrench, camera, poses)
+    return lines.products(np.column_stack([wrench, radial, stretch, lines.shift]), *poses[1].shape[:2])
