@@ -14,7 +14,7 @@ from ..cli.example_footage import example_folder
 from ..core.body import landmark_positions
 from ..core.formats import Landmarks, read_trc
 from ..core.review.scoring import JOINTS
-from ..core.review.suggestions import helpful_keys
+from ..core.review.suggestions import suggest_keys_by_error
 from ..core.shot.shot import Shot
 from ..core.tracking.prepare import load_shot
 from ..core.tracking.track_result import TrackResult
@@ -65,7 +65,7 @@ def _cells(row: Row, add: bool) -> list[str]:
     cells.append(f"{share:.1f}")
     if add:
         cells.append(f"{error.mean():.1f}")
-        suggested = helpful_keys(result.deviation[0], keys, shot.performers[0].body.parents)[0].frame
+        suggested = suggest_keys_by_error(result.deviation[0], keys, shot.performers[0].body.parents)[0].frame
         for frame in (suggested, middle_of_longest_gap(keys.frames)):
             *_, with_it = _tracked(row, sorted({*row.keyframes, shot.frames[0] + frame}))
             cells += [str(shot.frames[0] + frame), f"{with_it.mean():.1f}"]

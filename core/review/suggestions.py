@@ -1,23 +1,36 @@
-"""Suggestions: the frames on which one more key pose would help most."""
+"""Suggestions: the frames on which one more key pose would help most.
+
+There are two reasons for one: parts are out of sight just before or after (paper 000, section 6), and the motion there
+is expected to be wrong.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_closing
 
-from ..evidence.occlusion import apart
+from ..evidence.occlusion import LONG, intervals
 from ..shot.shot import KeyPoses
 from ..tracking.uncertainty import expected_errors, joint_parts
 
 Array = NDArray[np.float64]
 
-MOST = 5
-"""Key frames suggested for one performer, at most."""
+APART = 5
+"""Frames between a suggested key frame and another, or one that there is, at least."""
+MOST_HIDDEN = 6
+"""Key frames suggested for one performer because parts are hidden, at most."""
+GLIMPSE = 3
+"""Frames that a part must be in sight to be posed there."""
+REACH = 5
+"""A key pose may be suggested this many frames before or after those on which a part is out of sight."""
+MOST_UNCERTAIN = 5
+"""Key frames suggested for one performer because of the expected error, at most."""
 NAMED = 3
-"""Parts that are named with a suggestion, at most."""
+"""Parts that are named with an expected error, at most."""
 DOUBTFUL = 0.7
 """A part is named that is at least this far off, as a share of the farthest."""
 WORTH = 0.05
@@ -25,29 +38,66 @@ WORTH = 0.05
 
 
 @dataclass(frozen=True)
-class HelpfulKey:
+class KeySuggestion:
     """A key frame that would help.
 
     Attributes
     ----------
     frame : int
+        Shot frame.
+    parts : tuple of int
+        The parts to look at, the worst first: those hidden longest, or expected to be farthest off.
+    hidden : tuple of int or None
+        First and last of the frames on which the first of the parts is out of sight, where that is the reason.
     deviation : float
-        Expected error there, mean over the joints, metres.
+        Expected error on the frame, mean over the joints, metres; 0 where that is not the reason.
     gain : float
         By how much a key pose there, after those that stand before it in the list, would lower the expected error
-        over the whole shot, mean, metres.
-    parts : tuple of int
-        Those whose tips, where they are joints, are expected to be farthest off there, the farthest first.
+        over the whole shot, mean, metres; 0 where that is not the reason.
     """
 
     frame: int
-    deviation: float
-    gain: float
     parts: tuple[int, ...]
+    hidden: tuple[int, int] | None = None
+    deviation: float = 0.0
+    gain: float = 0.0
 
 
-def helpful_keys(deviation: Array, keys: KeyPoses, parents: Sequence[int]) -> list[HelpfulKey]:
-    """Frames on which one more key pose would help most, the most helpful first.
+def suggest_keys_beside_hidden(unseen: NDArray[np.bool_], keys: KeyPoses) -> list[KeySuggestion]:
+    """Suggest key frames beside the frames on which parts are out of sight.
+
+    Of the frames just before, or just after, it is the one on which the fewest parts are hidden.
+
+    Parameters
+    ----------
+    unseen : ndarray of bool, shape (F, P)
+        Frames on which no camera sees a part.
+    keys : KeyPoses
+        A part is known where its rotation is keyed, and needs no other key pose near.
+
+    Returns
+    -------
+    list of KeySuggestion
+        The longest hidden first, `MOST_HIDDEN` at most.
+    """
+    hidden = unseen | binary_closing(unseen, np.ones((GLIMPSE, 1)))
+    found: list[KeySuggestion] = []
+    for part, first, last in _longest_hidden(hidden, keys):
+        for side in (range(first - 1, first - 1 - REACH, -1), range(last + 1, last + 1 + REACH)):
+            near = [f for f in side if 0 <= f < len(hidden) and not hidden[f, part]]
+            near = _away_from(near, _keyed(keys, part))
+            shared = next((i for i, other in enumerate(found) if other.frame in near), None)
+            if shared is not None:
+                parts = dict.fromkeys([*found[shared].parts, part])
+                found[shared] = replace(found[shared], parts=tuple(parts))
+            elif free := _away_from(near, [other.frame for other in found]):
+                frame = min(free, key=lambda f: hidden[f].sum())
+                found.append(KeySuggestion(frame, (part,), hidden=(first, last)))
+    return found[:MOST_HIDDEN]
+
+
+def suggest_keys_by_error(deviation: Array, keys: KeyPoses, parents: Sequence[int]) -> list[KeySuggestion]:
+    """Suggest the key frames that would lower the expected error most.
 
     A correction spreads to the key poses on both sides, fading evenly on the way. The frame whose correction takes
     away most of the expected error comes first; the next is found as if that one were keyed.
@@ -55,33 +105,59 @@ def helpful_keys(deviation: Array, keys: KeyPoses, parents: Sequence[int]) -> li
     Parameters
     ----------
     deviation : ndarray, shape (F, P)
-        Expected error of every part, metres; see `uncertainty.joint_deviations`.
+        Expected error of every part, metres; see `core.tracking.uncertainty.joint_deviations`.
     keys : KeyPoses
     parents : sequence of int
         Of the body's parts.
+
+    Returns
+    -------
+    list of KeySuggestion
+        The most helpful first, `MOST_UNCERTAIN` at most. Named are the parts whose tips are joints.
     """
     expected, joints = expected_errors(deviation, parents), np.array(joint_parts(parents))
     keyed = {int(f) for f in keys.full()}
-    found: list[HelpfulKey] = []
+    found: list[KeySuggestion] = []
     least = WORTH * float(expected.sum())
-    while len(found) < MOST:
-        spreads = {c: _spread(c, keyed, len(expected)) for c in apart(range(len(expected)), sorted(keyed))}
+    while len(found) < MOST_UNCERTAIN:
+        spreads = {c: _spread(c, keyed, len(expected)) for c in _away_from(range(len(expected)), sorted(keyed))}
         gains = {c: float(spread @ expected) for c, spread in spreads.items()}
         best = max(gains, key=lambda c: gains[c], default=None)
         if best is None or gains[best] <= least:
             break
         row = deviation[best, joints]
         worst = [int(joints[p]) for p in np.argsort(-row, kind="stable")[:NAMED] if row[p] >= DOUBTFUL * row.max()]
-        found.append(HelpfulKey(best, float(row.mean()), gains[best] / len(expected), tuple(worst)))
+        gain = gains[best] / len(expected)
+        found.append(KeySuggestion(best, tuple(worst), deviation=float(row.mean()), gain=gain))
         expected = expected * (1 - spreads[best])
         keyed.add(best)
     return found
 
 
 def _spread(frame: int, keyed: set[int], length: int) -> Array:
-    """How far a correction on a frame reaches: 1 there, fading evenly to 0 at the key frames beside it; beyond the
-    first and last key frame it is held.
+    """How far a correction on a frame reaches: 1 there, fading evenly to 0 at the key frames on both sides.
+
+    Beyond the first and last key frame it is held.
     """
-    beside = [max((k for k in keyed if k < frame), default=None), min((k for k in keyed if k > frame), default=None)]
-    knots = sorted([frame, *(key for key in beside if key is not None)])
+    sides = [max((k for k in keyed if k < frame), default=None), min((k for k in keyed if k > frame), default=None)]
+    knots = sorted([frame, *(key for key in sides if key is not None)])
     return np.interp(np.arange(length), knots, [float(knot == frame) for knot in knots])
+
+
+def _longest_hidden(hidden: NDArray[np.bool_], keys: KeyPoses) -> list[tuple[int, int, int]]:
+    """Part, first and last frame of every long interval on which a part is neither seen nor keyed."""
+    spans = []
+    for part in range(hidden.shape[1]):
+        unknown = hidden[:, part].copy()
+        unknown[_keyed(keys, part)] = False
+        spans += [(part, a, b) for a, b in intervals(unknown) if b + 1 - a >= LONG]
+    return sorted(spans, key=lambda span: (span[1] - span[2], span[1]))
+
+
+def _keyed(keys: KeyPoses, part: int) -> list[int]:
+    return [int(f) for f in keys.frames[keys.fixed[:, 3 + 3 * part : 6 + 3 * part].all(axis=1)]]
+
+
+def _away_from(frames: Sequence[int], others: Sequence[int]) -> list[int]:
+    """Those frames that are far enough from others to be key frames beside them."""
+    return [f for f in frames if all(abs(f - other) >= APART for other in others)]

@@ -13,10 +13,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from ..evidence.occlusion import OCCLUDED_BELOW, intervals, occluded, suggested_keyframes, unseen
+from ..evidence.occlusion import OCCLUDED_BELOW, intervals, occluded, unseen
 from ..shot.shot import Performer, Shot
 from ..tracking.uncertainty import expected_errors
-from .suggestions import helpful_keys
+from .suggestions import suggest_keys_beside_hidden, suggest_keys_by_error
 
 if TYPE_CHECKING:
     from ..keypoints.observations import PerformerKeypoints
@@ -104,9 +104,9 @@ def _performer(
             {
                 "frame": first + suggestion.frame,
                 "parts": [names[p] for p in suggestion.parts],
-                "hidden": [first + f for f in suggestion.hidden],
+                "hidden": [first + f for f in suggestion.hidden or ()],
             }
-            for suggestion in suggested_keyframes(blind, performer.key_poses)
+            for suggestion in suggest_keys_beside_hidden(blind, performer.key_poses)
         ],
         "worst_frames": [{"frame": first + f, "residual": float(residual[f])} for f in worst[:WORST_FRAMES]],
     }
@@ -126,7 +126,7 @@ def _expected_errors(shot: Shot, performer: Performer, deviation: NDArray[np.flo
                 "gain": round(1000 * key.gain, 2),
                 "parts": [names[part] for part in key.parts],
             }
-            for key in helpful_keys(deviation, performer.key_poses, performer.body.parents)
+            for key in suggest_keys_by_error(deviation, performer.key_poses, performer.body.parents)
         ],
     }
 

@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.review.suggestions import helpful_keys
+from ...core.review.suggestions import suggest_keys_by_error
 from . import body_armature, bone_visibility, fcurves, key_pose_curves
 
 ERROR = "kfmocap_error"
@@ -110,7 +110,7 @@ def _write_helpful(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> Non
     parents = [names.index(bone.parent.name) if bone.parent is not None else -1 for bone in bones]
     errors = read_confidence(slot.armature, start, length)
     slot.helpful.clear()
-    for key in helpful_keys(errors, key_pose_curves.read_key_poses(slot.armature, start, length), parents):
+    for key in suggest_keys_by_error(errors, key_pose_curves.read_key_poses(slot.armature, start, length), parents):
         item = slot.helpful.add()
         item.name = ", ".join(names[part] for part in key.parts)
         item.frame = start + key.frame

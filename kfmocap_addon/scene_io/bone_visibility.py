@@ -77,12 +77,12 @@ def _write_views(
 def _write_suggestions(
     slot: bpy.types.PropertyGroup, performer: Performer, blind: NDArray[np.bool_], frame_start: int
 ) -> None:
-    from ...core.evidence.occlusion import suggested_keyframes
+    from ...core.review.suggestions import suggest_keys_beside_hidden
 
     for index in reversed(range(len(slot.suggestions))):
         if 0 <= slot.suggestions[index].frame - frame_start < len(blind):
             slot.suggestions.remove(index)
-    for suggestion in suggested_keyframes(blind, performer.key_poses):
+    for suggestion in suggest_keys_beside_hidden(blind, performer.key_poses):
         item = slot.suggestions.add()
         item.name = ", ".join(performer.body.names[part] for part in suggestion.parts)
         item.frame = frame_start + suggestion.frame

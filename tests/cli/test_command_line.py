@@ -16,10 +16,10 @@ from kfmocap.core.body import human, landmark_positions
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import CancelledError, FootageError
-from kfmocap.core.evidence.occlusion import Suggestion
 from kfmocap.core.formats import read_trc, save_cameras, write_trc
 from kfmocap.core.keypoints.observations import ShotKeypoints
 from kfmocap.core.numerics import rotations
+from kfmocap.core.review.suggestions import KeySuggestion
 
 SIZE = (96, 72)
 FRAMES = 6
@@ -145,7 +145,7 @@ def test_what_no_camera_saw_is_told_beside_the_list_of_files(
     assert captured.err == "kfmocap: man: frames on which no camera sees a part: hand.L 2\n"
     assert len(captured.out.split()) == 3
     monkeypatch.setattr(
-        "kfmocap.core.review.track_report.suggested_keyframes", lambda *_: [Suggestion(4, (6,), (1, 2))]
+        "kfmocap.core.review.track_report.suggest_keys_beside_hidden", lambda *_: [KeySuggestion(4, (6,), (1, 2))]
     )
     assert track(folder) == 0
     assert "kfmocap: man: key poses would help at 4 (hand.L hidden 1-2)\n" in capsys.readouterr().err

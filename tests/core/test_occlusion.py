@@ -13,17 +13,13 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.evidence.label_images import Geometry, render_labels
 from kfmocap.core.evidence.occlusion import (
-    APART,
-    GLIMPSE,
     LONG,
-    MOST,
     OCCLUDED_BELOW,
-    REACH,
     intervals,
     occluded,
-    suggested_keyframes,
     unseen,
 )
+from kfmocap.core.review.suggestions import APART, GLIMPSE, MOST_HIDDEN, REACH, suggest_keys_beside_hidden
 from kfmocap.core.shot.shot import KeyPoses
 from synthetic import at_rest, figure, look_at, poses_of, swing
 
@@ -107,56 +103,56 @@ def keys(*frames: int) -> KeyPoses:
 
 
 def test_key_poses_are_suggested_beside_what_is_hidden() -> None:
-    found = suggested_keyframes(hidden((2, 30, 41)), keys(0, 79))
+    found = suggest_keys_beside_hidden(hidden((2, 30, 41)), keys(0, 79))
     assert [(s.frame, s.parts, s.hidden) for s in found] == [(29, (2,), (30, 41)), (42, (2,), (30, 41))]
 
 
 def test_the_frame_with_the_fewest_hidden_parts_is_taken() -> None:
     mask = hidden((2, 30, 41), (0, 24, 29), (1, 28, 29), (3, 42, 44))
-    frames = [s.frame for s in suggested_keyframes(mask, keys(0, 79)) if s.hidden == (30, 41)]
+    frames = [s.frame for s in suggest_keys_beside_hidden(mask, keys(0, 79)) if s.hidden == (30, 41)]
     assert frames == [27, 45]
 
 
 def test_limbs_that_are_hidden_together_share_a_suggestion() -> None:
-    found = suggested_keyframes(hidden((1, 30, 41), (2, 31, 39), (3, 60, 67)), keys(0, 79))
+    found = suggest_keys_beside_hidden(hidden((1, 30, 41), (2, 31, 39), (3, 60, 67)), keys(0, 79))
     assert [(s.frame, s.parts) for s in found] == [(29, (1, 2)), (42, (1, 2)), (59, (3,)), (68, (3,))]
 
 
 def test_there_is_nothing_to_suggest_for_what_is_hidden_shortly() -> None:
-    assert not suggested_keyframes(hidden((1, 30, 29 + LONG - 1)), keys(0, 79))
-    assert suggested_keyframes(hidden((1, 30, 29 + LONG)), keys(0, 79))
+    assert not suggest_keys_beside_hidden(hidden((1, 30, 29 + LONG - 1)), keys(0, 79))
+    assert suggest_keys_beside_hidden(hidden((1, 30, 29 + LONG)), keys(0, 79))
 
 
 def test_a_glimpse_is_no_place_for_a_key_pose() -> None:
-    found = suggested_keyframes(hidden((1, 20, 29), (1, 29 + GLIMPSE, 40)), keys(0, 79))
+    found = suggest_keys_beside_hidden(hidden((1, 20, 29), (1, 29 + GLIMPSE, 40)), keys(0, 79))
     assert [(s.frame, s.hidden) for s in found] == [(19, (20, 40)), (41, (20, 40))]
-    longer = suggested_keyframes(hidden((1, 20, 29), (1, 30 + GLIMPSE, 45)), keys(0, 79))
+    longer = suggest_keys_beside_hidden(hidden((1, 20, 29), (1, 30 + GLIMPSE, 45)), keys(0, 79))
     assert {30, 32} & {s.frame for s in longer}
 
 
 def test_near_a_key_pose_of_the_part_no_other_is_suggested() -> None:
-    found = suggested_keyframes(hidden((1, 30, 41)), keys(0, 27, 79))
+    found = suggest_keys_beside_hidden(hidden((1, 30, 41)), keys(0, 27, 79))
     assert [s.frame for s in found] == [42]
     poses = keys(0, 27, 79)
     poses.fixed[1, 3 + 3 * 1 : 6 + 3 * 1] = False  # at frame 27 the other parts alone are keyed
-    assert [s.frame for s in suggested_keyframes(hidden((1, 30, 41)), poses)] == [29, 42]
+    assert [s.frame for s in suggest_keys_beside_hidden(hidden((1, 30, 41)), poses)] == [29, 42]
 
 
 def test_a_key_pose_within_makes_two_stretches_of_one() -> None:
-    found = suggested_keyframes(hidden((1, 20, 59)), keys(0, 45, 79))
+    found = suggest_keys_beside_hidden(hidden((1, 20, 59)), keys(0, 45, 79))
     assert [(s.frame, s.hidden) for s in found] == [(19, (20, 44)), (60, (46, 59))]
 
 
 def test_the_longest_hidden_come_first_and_the_list_is_short() -> None:
     mask = hidden((0, 8, 15), (1, 22, 30), (2, 40, 49), (3, 60, 70))
-    found = suggested_keyframes(mask, keys(0, 79))
+    found = suggest_keys_beside_hidden(mask, keys(0, 79))
     lengths = [b - a for a, b in (s.hidden for s in found)]
     assert lengths == sorted(lengths, reverse=True)
-    assert len(found) == MOST < 8
+    assert len(found) == MOST_HIDDEN < 8
 
 
 def test_at_the_ends_of_the_shot_there_is_one_side() -> None:
-    found = suggested_keyframes(hidden((1, 0, 10), (2, 60, FRAMES - 1)), keys(30))
+    found = suggest_keys_beside_hidden(hidden((1, 0, 10), (2, 60, FRAMES - 1)), keys(30))
     assert sorted(s.frame for s in found) == [11, 59]
 
 
@@ -165,7 +161,7 @@ def test_suggestions_keep_their_distance_and_are_seen(seed: int) -> None:
     rng = np.random.default_rng(seed)
     mask = np.repeat(rng.random((FRAMES // 4, PARTS)) < 0.5, 4, axis=0)
     poses = keys(0, 33, 79)
-    found = suggested_keyframes(mask, poses)
+    found = suggest_keys_beside_hidden(mask, poses)
     assert found
     frames = [s.frame for s in found]
     for i, suggestion in enumerate(found):

@@ -11,11 +11,10 @@ from kfmocap.core.body import part_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence.label_images import Geometry
 from kfmocap.core.evidence.misfit import uncovered_gaps
-from kfmocap.core.evidence.occlusion import APART
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics.rotations import exp
 from kfmocap.core.review import suggestions
-from kfmocap.core.review.suggestions import MOST, HelpfulKey
+from kfmocap.core.review.suggestions import APART, MOST_UNCERTAIN, KeySuggestion
 from kfmocap.core.shot.shot import KeyPoses
 from kfmocap.core.tracking.uncertainty import expected_errors, tip_deviations
 from synthetic import at_rest, figure, look_at, poses_of, random_motion, silhouette
@@ -112,8 +111,8 @@ def test_a_view_that_sees_nobody_or_has_no_foreground_changes_no_gap() -> None:
     assert not uncovered_gaps([blind], Geometry.of([BODY]), at, first=0, spans=spans, known=known).any()
 
 
-def helpful_keys(deviation: Array, keys: KeyPoses) -> list[HelpfulKey]:
-    return suggestions.helpful_keys(deviation, keys, BODY.parents)
+def suggest_keys_by_error(deviation: Array, keys: KeyPoses) -> list[KeySuggestion]:
+    return suggestions.suggest_keys_by_error(deviation, keys, BODY.parents)
 
 
 def keys_at(*frames: int) -> KeyPoses:
@@ -126,7 +125,7 @@ def bump(centre: int, length: int = 40, height: float = 0.05, width: float = 4.0
 
 def test_the_first_suggestion_is_where_most_is_wrong() -> None:
     deviation = bump(27) + bump(9, height=0.02)
-    first, second, *_ = helpful_keys(deviation, keys_at(0, 18, 39))
+    first, second, *_ = suggest_keys_by_error(deviation, keys_at(0, 18, 39))
     assert abs(first.frame - 27) <= 2 and abs(second.frame - 9) <= 2
     assert first.deviation == pytest.approx(deviation[first.frame].mean())
 
@@ -134,15 +133,15 @@ def test_the_first_suggestion_is_where_most_is_wrong() -> None:
 def test_the_ends_of_limbs_do_not_count() -> None:
     deviation = bump(27)
     deviation[:, [2, 3]] += bump(9, height=1.0)[:, [2, 3]]  # the forearm's and the right arm's tips are no joints
-    first, *_ = helpful_keys(deviation, keys_at(0, 18, 39))
+    first, *_ = suggest_keys_by_error(deviation, keys_at(0, 18, 39))
     assert abs(first.frame - 27) <= 2 and set(first.parts) == {0, 1}
     np.testing.assert_allclose(expected_errors(deviation, BODY.parents), deviation[:, [0, 1]].mean(axis=1))
 
 
 def test_suggestions_lose_in_gain_and_keep_apart() -> None:
     keys = keys_at(0, 20, 39)
-    found = helpful_keys(bump(10) + bump(30) + 0.01, keys)
-    assert 1 < len(found) <= MOST
+    found = suggest_keys_by_error(bump(10) + bump(30) + 0.01, keys)
+    assert 1 < len(found) <= MOST_UNCERTAIN
     assert all(a.gain >= b.gain > 0 for a, b in itertools.pairwise(found))
     frames = [key.frame for key in found]
     assert all(abs(f - k) >= APART for f in frames for k in [0, 20, 39])
@@ -151,7 +150,7 @@ def test_suggestions_lose_in_gain_and_keep_apart() -> None:
 
 def test_the_gain_is_what_a_correction_that_fades_to_the_key_poses_beside_it_takes_away() -> None:
     deviation = np.full((11, P), 0.02)
-    (best, *_) = helpful_keys(deviation, keys_at(0, 10))
+    (best, *_) = suggest_keys_by_error(deviation, keys_at(0, 10))
     assert best.frame == 5
     assert best.gain == pytest.approx(0.02 * (1 + 2 * (0.2 + 0.4 + 0.6 + 0.8)) / 11)
 
@@ -160,17 +159,17 @@ def test_the_parts_that_are_farthest_off_are_named() -> None:
     deviation = bump(20)
     deviation[:, 0] *= 3
     deviation[:, 1] *= 2.5
-    assert helpful_keys(deviation, keys_at(0, 39))[0].parts == (0, 1)
+    assert suggest_keys_by_error(deviation, keys_at(0, 39))[0].parts == (0, 1)
 
 
 def test_a_partial_key_pose_does_not_end_the_need_of_a_whole_one() -> None:
     keys = keys_at(0, 20, 39)
     fixed = keys.fixed.copy()
     fixed[1, 6:] = False
-    found = helpful_keys(bump(20), replace(keys, fixed=fixed))
+    found = suggest_keys_by_error(bump(20), replace(keys, fixed=fixed))
     assert abs(found[0].frame - 20) <= 1
 
 
 def test_nothing_is_suggested_where_nothing_is_wrong_or_no_frame_is_free() -> None:
-    assert helpful_keys(np.zeros((40, P)), keys_at(0, 39)) == []
-    assert helpful_keys(bump(2, 5), keys_at(0, 4)) == []
+    assert suggest_keys_by_error(np.zeros((40, P)), keys_at(0, 39)) == []
+    assert suggest_keys_by_error(bump(2, 5), keys_at(0, 4)) == []
