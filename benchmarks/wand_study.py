@@ -196,8 +196,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name, run, faults, count, seeds in (
         ("clean", measured, Faults(), POSITIONS, args.seeds),
         ("hard", measured, HARD, POSITIONS, args.hard_seeds),
-        ("clean, out of step", measured_in_time, Faults(), POSITIONS, args.timed_seeds),
-        ("hard, out of step", measured_in_time, HARD, POSITIONS, args.timed_seeds),
+        ("clean, unsynchronised", measured_in_time, Faults(), POSITIONS, args.timed_seeds),
+        ("hard, unsynchronised", measured_in_time, HARD, POSITIONS, args.timed_seeds),
         ("clean, 1000 positions", measured, Faults(), 1000, max(1, args.timed_seeds // 4)),
     ):
         if seeds <= 0:

@@ -69,11 +69,12 @@ def download(platform: str, python: str, folder: Path) -> None:
     names = [option for tag in PLATFORMS[platform] for option in ("--platform", tag)]
     command = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--only-binary=:all:"]
     command += ["--python-version", python, *names, "--dest", str(folder), *requirements()]
-    if subprocess.run(command).returncode:
+    if subprocess.run(command, check=False).returncode:
         raise BuildError(f"pip could not download the wheels for {platform}, Python {python}")
 
 
 def sha256(path: Path) -> str:
+    """SHA-256 of a file, in hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -148,7 +149,7 @@ def blender_builder(*arguments: str) -> None:
     if spec is None:
         raise BuildError("bpy is not installed: run `make install` and use .venv/bin/python")
     builder = next(Path(spec.origin).parent.glob("*/scripts/addons_core/bl_pkg/cli/blender_ext.py"))
-    if subprocess.run([sys.executable, str(builder), *arguments]).returncode:
+    if subprocess.run([sys.executable, str(builder), *arguments], check=False).returncode:
         raise BuildError(f"Blender's builder refused: {' '.join(arguments)}")
 
 
@@ -169,6 +170,7 @@ def build(platforms: Iterable[str], output: Path, more_pythons: Iterable[str] = 
 
 
 def main() -> int:
+    """Build the zips, or renew the lock; 1 after an error."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--platform", choices=PLATFORMS, help="build for this platform only")
     parser.add_argument("--python", action="append", default=[], help="for tests: wheels for this Python too")

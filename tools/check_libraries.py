@@ -31,6 +31,7 @@ DEBIAN_PACKAGES = {
 
 
 def can_load(soname: str) -> bool:
+    """Whether the dynamic linker finds a shared library."""
     try:
         ctypes.CDLL(soname)
     except OSError:
@@ -61,6 +62,7 @@ def bpy_error() -> str | None:
 
 
 def main() -> int:
+    """Check this Python and this machine; 1 if something is missing."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--import-bpy", action="store_true", help="also load bpy")
     arguments = parser.parse_args()

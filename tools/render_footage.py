@@ -29,8 +29,10 @@ def render_take(take: Take, frames: list[int], folder: Path, marks: bool = False
     pinholes = {camera.name: camera_lens.padded_pinhole(camera) for camera in take.cameras}
     by_name = {camera.name: camera for camera in take.cameras}
     truth = take.truth()
-    for name, frame, image in render_scene.render(mesh, vertices, list(pinholes.values()), folder, frames, take.board):
-        image = camera_lens.through_lens(image, pinholes[name], by_name[name])
+    for name, frame, pinhole_image in render_scene.render(
+        mesh, vertices, list(pinholes.values()), folder, frames, take.board
+    ):
+        image = camera_lens.through_lens(pinhole_image, pinholes[name], by_name[name])
         image = camera_lens.with_noise(image, seed=[frame, *name.encode()])
         if marks:
             for u, v in by_name[name].project(truth[frame]):
@@ -41,6 +43,7 @@ def render_take(take: Take, frames: list[int], folder: Path, marks: bool = False
 
 
 def picture(folder: Path, camera: str, frame: int) -> Path:
+    """Path of the picture of a camera and frame."""
     return folder / f"{camera}_{frame:04d}.png"
 
 
@@ -84,6 +87,7 @@ def render_shot(take: Take, out: Path) -> None:
 
 
 def arguments() -> argparse.ArgumentParser:
+    """Build the parser of the command line."""
     form = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=form)
     parser.add_argument("take", choices=PLANS)
@@ -95,6 +99,7 @@ def arguments() -> argparse.ArgumentParser:
 
 
 def main() -> None:
+    """Render the footage, or previews of some frames."""
     args = arguments().parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     take = make_take(args.take, args.frames, args.board)

@@ -34,6 +34,7 @@ def write_take(take: WandTake, out: Path) -> Path:
 
 
 def write_video(path: Path, pictures: Iterable[np.ndarray], fps: float, size: tuple[int, int]) -> None:
+    """Write pictures as a Motion JPEG video."""
     writer = cv2.VideoWriter(str(path), cv2.CAP_OPENCV_MJPEG, cv2.VideoWriter_fourcc(*"MJPG"), fps, size)
     for picture in pictures:
         writer.write(picture)
@@ -55,6 +56,7 @@ def description(take: WandTake) -> str:
 
 
 def arguments() -> argparse.ArgumentParser:
+    """Build the parser of the command line."""
     form = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=form)
     parser.add_argument("--out", type=Path, required=True)
@@ -67,6 +69,7 @@ def arguments() -> argparse.ArgumentParser:
 
 
 def main() -> None:
+    """Render the take and print the path of its capture file."""
     args = arguments().parse_args()
     take = dataclasses.replace(
         WandTake(), frames=args.frames, colours=tuple(args.colours.split(",")), distractors=not args.plain

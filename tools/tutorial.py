@@ -51,6 +51,7 @@ def run_blender(work: Path, prefix: str, seconds: int) -> int:
 
 
 def main() -> int:
+    """Follow the tutorial in Blender and save its pictures for the page; the exit code is Blender's."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--zip", type=Path, required=True, help="the extension, built for that Blender's Python")
     parser.add_argument("--work", type=Path, default=ROOT / "build" / "tutorial")

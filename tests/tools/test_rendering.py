@@ -13,7 +13,7 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.shot.footage import frames_at
 from kfmocap.core.shot.shot import View
 from render.camera_lens import padded_pinhole, through_lens
-from render.figure import make_figure, stance
+from render.figure import Figure, make_figure, stance
 from render.figure_pose import posed_rotations, turn
 from render.footwork import Foot, reaching_legs, stepping
 from render.isosurface import mesh_isosurface
@@ -22,11 +22,11 @@ from render_footage import woven
 
 
 @pytest.fixture(scope="module")
-def figure():
+def figure() -> Figure:
     return make_figure(human(1.75), voxel=0.03)
 
 
-def test_the_mesh_of_a_sphere_is_closed_and_faces_outwards():
+def test_the_mesh_of_a_sphere_is_closed_and_faces_outwards() -> None:
     vertices, triangles = mesh_isosurface(
         lambda p: np.linalg.norm(p, axis=1) - 0.5, np.full(3, -0.7), np.full(3, 0.7), 0.05
     )
@@ -37,17 +37,17 @@ def test_the_mesh_of_a_sphere_is_closed_and_faces_outwards():
     assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
 
 
-def test_skin_rests_unchanged_in_its_own_stance(figure):
+def test_skin_rests_unchanged_in_its_own_stance(figure: Figure) -> None:
     np.testing.assert_allclose(figure.posed(stance(figure.body))[0], figure.vertices, atol=1e-12)
 
 
-def test_skin_moves_with_a_body_that_moves_as_a_whole(figure):
+def test_skin_moves_with_a_body_that_moves_as_a_whole(figure: Figure) -> None:
     rest = stance(figure.body)
     moved = Motion(rest.translations + [1.0, 2.0, 3.0], rest.rotations)
     np.testing.assert_allclose(figure.posed(moved)[0], figure.vertices + [1.0, 2.0, 3.0], atol=1e-12)
 
 
-def test_skin_encloses_every_joint(figure):
+def test_skin_encloses_every_joint(figure: Figure) -> None:
     _, T = part_poses(figure.body, stance(figure.body))
     for name, joint in zip(figure.body.names, T[0], strict=True):
         rays = figure.vertices - joint
@@ -55,7 +55,7 @@ def test_skin_encloses_every_joint(figure):
         assert 0.01 < np.linalg.norm(near[0]) < 0.15, name
 
 
-def test_lens_puts_a_rendered_point_where_the_camera_projects_it():
+def test_lens_puts_a_rendered_point_where_the_camera_projects_it() -> None:
     camera = BESIDE_THE_WALK[2]
     pinhole = padded_pinhole(camera)
     rays = np.array([[-0.3, -0.2, 1.0], [0.35, 0.2, 1.0], [0.1, -0.15, 1.0]])
@@ -75,39 +75,44 @@ takes = pytest.mark.parametrize("take", TAKES, ids=lambda take: take.name)
 
 
 @takes
-def test_the_performer_is_in_every_picture(take: Take):
+def test_the_performer_is_in_every_picture(take: Take) -> None:
     for camera in take.cameras:
         uv = camera.project(take.truth())
-        assert (uv > 3).all() and (uv < np.array(camera.size) - 4).all(), camera.name
+        assert (uv > 3).all(), camera.name
+        assert (uv < np.array(camera.size) - 4).all(), camera.name
 
 
 @takes
-def test_no_foot_goes_through_the_floor(take: Take):
+def test_no_foot_goes_through_the_floor(take: Take) -> None:
     feet = landmark_positions(take.body, take.motion, ["RHeel", "RBigToe", "LHeel", "LBigToe"])
     assert feet[..., 2].min() > 0.0
     assert feet[..., 2].min(axis=1).max() < 0.05
 
 
-def test_the_crossing_goes_from_right_to_left_with_the_right_side_away():
+def test_the_crossing_goes_from_right_to_left_with_the_right_side_away() -> None:
     take = make_take("crossing")
     [camera] = take.cameras
     hip = [take.landmarks.index(name) for name in ("RHip", "LHip")]
     u = camera.project(take.truth()[:, hip[0]])[:, 0]
-    assert len(u) == 97 and (np.diff(u) < 0).all() and u[0] > 0.7 * camera.size[0] and u[-1] < 0.3 * camera.size[0]
+    assert len(u) == 97
+    assert (np.diff(u) < 0).all()
+    assert u[0] > 0.7 * camera.size[0]
+    assert u[-1] < 0.3 * camera.size[0]
     right, left = np.linalg.norm(take.truth()[:, hip] - camera.centre_world(), axis=2).mean(axis=0)
     assert right > left + 0.1
 
 
 @pytest.mark.parametrize(("name", "least"), [("throw", 500), ("whirl", 360)])
-def test_the_performer_turns_round(name: str, least: float):
+def test_the_performer_turns_round(name: str, least: float) -> None:
     truth = make_take(name).truth()
     names = make_take(name).landmarks
     across = truth[:, names.index("LHip")] - truth[:, names.index("RHip")]
     heading = np.degrees(np.unwrap(np.arctan2(across[:, 1], across[:, 0])))
-    assert (np.diff(heading) > 0).all() and heading[-1] - heading[0] > least
+    assert (np.diff(heading) > 0).all()
+    assert heading[-1] - heading[0] > least
 
 
-def test_legs_put_the_feet_where_they_are_to_be():
+def test_legs_put_the_feet_where_they_are_to_be() -> None:
     body = human(1.75)
     t = np.linspace(0, 1, 9)
     heading = np.radians(80 * t)
@@ -131,7 +136,7 @@ def test_legs_put_the_feet_where_they_are_to_be():
         assert (np.sum((knee - (hip + ankle) / 2)[:, :2] * front, axis=1) > 0).all()
 
 
-def test_a_foot_out_of_reach_is_refused():
+def test_a_foot_out_of_reach_is_refused() -> None:
     body = human(1.75)
     pelvis = Motion(np.array([[0.0, 0.0, 1.5]]), np.tile(np.eye(3), (1, len(body), 1, 1)))
     foot = Foot(np.array([[0.1, 0.0]]), np.zeros(1), np.zeros(1))
@@ -140,7 +145,7 @@ def test_a_foot_out_of_reach_is_refused():
 
 
 @pytest.mark.parametrize("fields", ["top-first", "bottom-first"])
-def test_fields_are_woven_as_they_are_read(tmp_path: Path, fields: str):
+def test_fields_are_woven_as_they_are_read(tmp_path: Path, fields: str) -> None:
     take = make_take("throw")
     pictures = [tmp_path / f"{k}.png" for k in range(4)]
     width, height = take.cameras[0].size
@@ -152,17 +157,19 @@ def test_fields_are_woven_as_they_are_read(tmp_path: Path, fields: str):
     np.testing.assert_allclose(seen, [20, 70, 120, 170], atol=1)
 
 
-def test_footage_is_known_by_its_take(tmp_path: Path):
+def test_footage_is_known_by_its_take(tmp_path: Path) -> None:
     walk, shorter = make_take("walk"), make_take("walk", 30)
     assert not is_written(walk, tmp_path)
     write_shot(walk, tmp_path)
-    assert is_written(walk, tmp_path) and not is_written(shorter, tmp_path)
+    assert is_written(walk, tmp_path)
+    assert not is_written(shorter, tmp_path)
 
 
-def test_the_throw_is_a_shot_of_fields(tmp_path: Path):
+def test_the_throw_is_a_shot_of_fields(tmp_path: Path) -> None:
     take = make_take("throw")
     write_shot(take, tmp_path)
     document = tomllib.loads((tmp_path / "shot.toml").read_text())
     assert document["view"] == [{"camera": "cam01", "footage": "cam01.mp4", "fields": "top-first"}]
-    assert document["shot"]["fps"] == 60 and document["shot"]["frames"] == [0, 71]
+    assert document["shot"]["fps"] == 60
+    assert document["shot"]["frames"] == [0, 71]
     assert document["performer"][0]["keyframes"] == [0, 15, 26, 41, 52, 61, 66, 71]

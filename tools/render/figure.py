@@ -117,7 +117,7 @@ def _weights(body: Body, per_part: Array) -> Array:
 
 
 def _clothes(body: Body, nearest: NDArray[np.int64], local: Array) -> Array:
-    """sRGB of every vertex, from its part and its position on it: checked shirt, jeans, shoes, skin and hair."""
+    """Colour every vertex in sRGB, from its part and its position on it: checked shirt, jeans, shoes, skin and hair."""
     kind = np.array([name.split(".")[0] for name in body.names])[nearest]
     lengths = np.array([np.linalg.norm(p.tail_world - p.head_world) for p in body.parts])
     place = local[:, 1] / lengths[nearest]

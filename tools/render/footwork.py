@@ -98,7 +98,7 @@ def _two_bones(hip: Array, ankle: Array, front: Array, lengths: Array) -> tuple[
     reach = np.linalg.norm(along, axis=1, keepdims=True)
     if (far := reach.max()) > upper + lower:
         raise ValueError(f"an ankle is {far:.3f} m from its hip, the leg is {upper + lower:.3f} m long")
-    along = along / reach
+    along /= reach
     forward = front - along * np.sum(front * along, axis=1, keepdims=True)
     forward /= np.linalg.norm(forward, axis=1, keepdims=True)
     near = (upper**2 - lower**2 + reach**2) / (2 * reach)

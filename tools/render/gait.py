@@ -40,6 +40,7 @@ class Gait:
     right: Array
 
     def leg(self, side: str) -> Array:
+        """Phases of one leg; 0 is the heel strike of its foot."""
         return (self.right + (0.5 if side == "L" else 0.0)) % 1.0
 
     def wave(self, amplitude: float, peak: float = 0.0) -> Array:

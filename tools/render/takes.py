@@ -47,6 +47,7 @@ class Take:
 
     @property
     def landmarks(self) -> list[str]:
+        """Names of the body's landmarks."""
         return list(self.body.landmarks)
 
     def truth(self) -> np.ndarray:

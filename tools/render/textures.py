@@ -32,8 +32,8 @@ def plaster(width: float, height: float, seed: int, pixel: float = 0.01) -> Arra
     image = np.array([0.62, 0.62, 0.57]) + shade[..., None]
     image[y < 0.12] = [0.36, 0.28, 0.22]
     rng = np.random.default_rng(seed)
-    for left in np.arange(0.5, width - 1.0, 1.7):
-        left, low = left + rng.uniform(0, 0.5), rng.uniform(0.7, 1.5)
+    for slot in np.arange(0.5, width - 1.0, 1.7):
+        left, low = slot + rng.uniform(0, 0.5), rng.uniform(0.7, 1.5)
         wide, high = rng.uniform(0.4, 0.8), rng.uniform(0.4, 0.8)
         frame = (x > left) & (x < left + wide) & (y > low) & (y < low + high)
         inner = (np.abs(x - left - wide / 2) < wide / 2 - 0.03) & (np.abs(y - low - high / 2) < high / 2 - 0.03)

@@ -36,14 +36,17 @@ PICTURES = WORK / "pictures"
 
 
 def picture(name: str) -> Waits:
+    """Save a screenshot under a name that the page uses."""
     yield from photograph(PICTURES / f"{name}.png")
 
 
 def window() -> bpy.types.Window:
+    """Blender's only window."""
     return bpy.context.window_manager.windows[0]
 
 
 def scene() -> bpy.types.Scene:
+    """The scene that the window shows."""
     return window().scene
 
 
@@ -133,6 +136,7 @@ def only(section: str) -> Waits:
 
 
 def sidebar() -> screen.Box:
+    """Where on the screen the sidebar of the 3D view is."""
     area, _ = view3d()
     region = next(r for r in area.regions if r.type == "UI")
     height = window().height
@@ -183,6 +187,7 @@ def key_poses() -> Waits:
 
 
 def bone_lengths() -> list[float]:
+    """Lengths of the performer's bones, metres."""
     return [bone.length for bone in scene().kfmocap.performers[0].armature.data.bones]
 
 
@@ -199,6 +204,7 @@ def idle() -> bool:
 
 
 def track() -> Waits:
+    """Track the frames between the key poses."""
     yield from only("Track")
     yield from click("Track All")
     yield 4.0
@@ -234,6 +240,7 @@ def correct() -> Waits:
 
 
 def export() -> Waits:
+    """Export the motion as BVH and FBX."""
     yield from only("Export")
     yield from picture("export")
     yield from click("Export", within=below("Root Motion"))
@@ -274,6 +281,7 @@ def below(label: str) -> screen.Box:
 
 
 def steps() -> Waits:
+    """All steps of the tutorial in their order."""
     preferences = bpy.context.preferences
     preferences.view.show_splash = False
     preferences.view.filebrowser_display_type = preferences.view.preferences_display_type = "SCREEN"
