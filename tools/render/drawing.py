@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 
 import cv2
 import numpy as np
@@ -158,16 +158,18 @@ def _lay_over(image: NDArray[np.float32], cover: Array, light: Array) -> None:
     image += light.astype(np.float32)
 
 
+@lru_cache(maxsize=2)
 def pixel_rays(camera: Camera, scale: int = 1) -> NDArray[np.float32]:
     """Rays (x, y, 1) through the centres of scale x scale subpixels of every pixel, (h, w, 3), camera frame."""
     width, height = camera.size
     u, v = ((np.arange(n * scale) + 0.5) / scale - 0.5 for n in (width, height))
     grid = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 1, 2)
-    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-9)
+    criteria = (cv2.TERM_CRITERIA_COUNT, 10, 0)  # to a millionth of a pixel
     xy = cv2.undistortPointsIter(grid, camera.matrix, camera.distortions, None, None, criteria)[:, 0]
     return np.column_stack([xy, np.ones(len(xy))]).reshape(height * scale, width * scale, 3).astype(np.float32)
 
 
+@lru_cache(maxsize=1)
 def room(camera: Camera) -> NDArray[np.float32]:
     """The empty room as a camera sees it, shape (h, w, 3)."""
     R, _ = camera.pose(0)
