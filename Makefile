@@ -1,9 +1,8 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 INSTALLED := .venv/.installed
-BARE := .venv-bare/.installed
 
-.PHONY: install bare demo test test-versions lint format extension bench clean
+.PHONY: install demo test test-nightly test-versions versions lint format extension bench clean
 
 install: $(INSTALLED)
 
@@ -13,15 +12,6 @@ $(INSTALLED): pyproject.toml setup.py
 	@$(call make_venv,.venv)
 	$(BIN)/python -m pip install --quiet --editable '.[blender,dev]'
 	@$(BIN)/python tools/check_libraries.py --import-bpy
-	@touch $@
-
-# An environment with Blender alone: an extension that works here brings all of its own wheels.
-bare: $(BARE)
-
-$(BARE): pyproject.toml
-	@$(PYTHON) tools/check_libraries.py
-	@$(call make_venv,.venv-bare)
-	.venv-bare/bin/python -m pip install --quiet $$(sed -n 's/^blender = \["\(.*\)"\]/\1/p' pyproject.toml)
 	@touch $@
 
 # Debian's Python has no ensurepip before python3-venv is installed, but it may have a pip to lend.
@@ -35,12 +25,23 @@ endef
 demo: install
 	$(BIN)/kfmocap demo --out build/demo
 
-test: install
-	$(BIN)/python -m pytest --numprocesses auto --dist loadfile
+# One test process per core, each with one thread for linear algebra.
+PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --dist worksteal --durations 25
 
-# The add-on's tests on the other versions of Blender, where their Python is there.
+test: install
+	$(PYTEST)
+
+# The same with random tests at their full size.
+test-nightly: install
+	$(PYTEST) --nightly
+
+# What depends on the version of Blender, on the other versions, where their Python is there.
 test-versions: install
 	$(BIN)/python tools/test_versions.py
+
+# The environments for that, without running anything.
+versions: install
+	$(BIN)/python tools/test_versions.py --install
 
 lint: install
 	$(BIN)/ruff check .

@@ -7,7 +7,6 @@ import os
 import platform
 import shutil
 import subprocess
-import sys
 import tempfile
 import textwrap
 from dataclasses import dataclass
@@ -15,14 +14,23 @@ from pathlib import Path
 
 import hypothesis
 import pytest
+from bare_environment import make_bare_environment
 
 ROOT = Path(__file__).resolve().parents[1]
 
 hypothesis.settings.register_profile("kfmocap", deadline=None, max_examples=50)
-hypothesis.settings.load_profile("kfmocap")
+hypothesis.settings.register_profile("nightly", deadline=None, max_examples=500)
 
 # Read by bpy when it is first imported: no test may touch the user's own Blender settings.
 os.environ["BLENDER_USER_RESOURCES"] = tempfile.mkdtemp(prefix="kfmocap-blender-")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--nightly", action="store_true", help="random tests at their full size")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    hypothesis.settings.load_profile("nightly" if config.getoption("nightly") else "kfmocap")
 
 
 def pytest_sessionfinish() -> None:
@@ -80,11 +88,8 @@ def extension_zip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def extension(extension_zip: Path, tmp_path_factory: pytest.TempPathFactory) -> InstalledExtension:
-    bare = os.environ.get("KFMOCAP_BARE")
-    if bare is None:
-        subprocess.run(["make", "--silent", "bare", f"PYTHON={sys.executable}"], cwd=ROOT, check=True)
-        bare = ROOT / ".venv-bare/bin/python"
-    installed = InstalledExtension(Path(bare), tmp_path_factory.mktemp("blender"))
+    bare = make_bare_environment(tmp_path_factory.mktemp("bare") / "environment")
+    installed = InstalledExtension(bare, tmp_path_factory.mktemp("blender"))
     installed.run_bare(
         f"import bpy\nbpy.ops.extensions.package_install_files(filepath={str(extension_zip)!r}, repo='user_default')\n"
     )

@@ -14,13 +14,13 @@ from kfmocap.core.errors import CalibrationError, CancelledError  # noqa: E402
 
 pytestmark = pytest.mark.blender
 
-CALLS, IN_A_ROW = 2000, 40
+CALLS, NIGHTLY_CALLS, IN_A_ROW = 400, 2000, 40
 
 
-def test_whatever_is_called_whenever_nothing_breaks(blender, quick, files, tmp_path, capfd):  # noqa: F811
+def test_nothing_breaks_whatever_is_called(blender, quick, files, tmp_path, capfd, pytestconfig):  # noqa: F811
     dice = random.Random(6)
     called: dict[str, int] = {}
-    for number in range(CALLS):
+    for number in range(NIGHTLY_CALLS if pytestconfig.getoption("nightly") else CALLS):
         if number % IN_A_ROW == 0:
             quick.error = None
             situation(tmp_path, dice)
