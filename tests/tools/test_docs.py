@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
+from kfmocap.cli.arguments import parser
 from test_layers import LAYERS
 
 PAGES = [ROOT / "README.md", *sorted(ROOT.glob("docs/*.md")), *sorted(ROOT.glob("examples/*/README.md"))]
@@ -116,3 +117,13 @@ def test_the_page_on_the_architecture_has_the_layers_in_their_order() -> None:
     page = text_of(ROOT / "docs" / "architecture.md").split("## Layers")[1].split("## ")[0]
     shown = re.findall(r"[\w.]+", "".join(re.findall(r"^ {4}(.*)$", page, re.MULTILINE)))
     assert tuple(shown) == LAYERS
+
+
+def test_the_page_on_the_command_line_has_every_command_and_option() -> None:
+    page = text_of(ROOT / "docs" / "command_line.md")
+    sections = dict(re.findall(r"^## `kfmocap (\w+)`\n(.*?)(?=^## |\Z)", page, re.MULTILINE | re.DOTALL))
+    [commands] = [action.choices for action in parser()._actions if action.dest == "command"]
+    assert set(sections) == set(commands)
+    for name, command in commands.items():
+        options = {option for action in command._actions for option in action.option_strings} - {"-h", "--help"}
+        assert set(re.findall(r"--[\w-]+", sections[name])) >= options, name
