@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from ..core.calibration.bundle import covariance
 from ..core.calibration.bundle_residuals import BallObservations, BundleEvidence, Scene, unknowns
+from ..core.calibration.calibration_result import CalibrationResult
 from ..core.calibration.camera_rig import CAMERA_DOF, FOCAL, K1, OFFSET, SHIFT, TURN, Wand, rig_of
 from ..core.calibration.lframe import resting
-from ..core.calibration.solution import Solution
-from ..core.calibration.solve import solve
+from ..core.calibration.wand_calibration import solve_capture
 from ..core.calibration.wand_matching import matched
 from ..core.cameras.camera import Camera
 from ..core.capture.capture import Capture
@@ -95,7 +95,7 @@ def out_of_step(seed: int, faults: Faults, count: int = POSITIONS) -> tuple[Capt
 
 def _solved(given: Capture, truth: Scene) -> Row:
     begin = time.process_time()
-    solution = solve(given)
+    solution = solve_capture(given)
     seconds = time.process_time() - begin
     pairs = [(solution.rig.camera(c), truth.rig.camera(c)) for c in range(len(truth.rig))]
     return Row(
@@ -109,7 +109,7 @@ def _solved(given: Capture, truth: Scene) -> Row:
     )
 
 
-def _over_noise(solution: Solution) -> float:
+def _over_noise(solution: CalibrationResult) -> float:
     """Root mean square residual over what is left of the noise when the unknowns are fitted to it."""
     residual = solution.residual[: len(solution.seen)] / solution.seen.sigma[:, None]
     left = 1 - (5 * len(solution.wand) + solution.free.sum()) / residual.size

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ..core.calibration.api import calibrate
 from ..core.calibration.calibration_report import write_report
-from ..core.calibration.solution import Solution
+from ..core.calibration.calibration_result import CalibrationResult
 from ..core.errors import KFMocapError
 from ..core.fitting.camera_refinement import Refinement, refine_cameras
 from ..core.formats.calibration_files import export_cameras, format_name
@@ -62,7 +62,7 @@ def run_calibrate(
     progress: Progress | None = None,
     kind: str | None = None,
     drift: bool = False,
-) -> tuple[Solution, list[Path]]:
+) -> tuple[CalibrationResult, list[Path]]:
     """Calibrate; write the cameras and, if asked for, the report and the detected marker positions.
 
     Parameters
@@ -83,7 +83,7 @@ def run_calibrate(
 
     Returns
     -------
-    Solution
+    CalibrationResult
     list of Path
         The files written.
 

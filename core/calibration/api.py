@@ -8,19 +8,21 @@ import numpy as np
 
 from ..cameras.camera import Camera
 from ..capture.capture import LFRAME_BALLS, Capture, CaptureView, Markers
-from ..capture.film import Film
+from ..capture.capture_videos import CaptureVideos
 from ..runtime.progress import Progress, share
 from ..shot.footage import probe
+from .calibration_result import CalibrationResult
 from .resync import Clocks, known_camera, synchronise
-from .solution import Solution
-from .solve import solve
 from .video_markers import find_all, find_wand
+from .wand_calibration import solve_capture
 
 _SEEING = 0.7
 """Share of the work that is looking for markers."""
 
 
-def calibrate(source: Film | Capture, progress: Progress | None = None, *, drift: bool = False) -> Solution:
+def calibrate(
+    source: CaptureVideos | Capture, progress: Progress | None = None, *, drift: bool = False
+) -> CalibrationResult:
     """Find the markers where they were filmed, and solve for the cameras.
 
     Where the middle of a ball lies within its outline depends on the camera: so what was found is corrected by the
@@ -29,7 +31,7 @@ def calibrate(source: Film | Capture, progress: Progress | None = None, *, drift
     Parameters
     ----------
     drift : bool
-        Clocks may also run faster or slower; see `solve`.
+        Clocks may also run faster or slower; see `solve_capture`.
 
     Raises
     ------
@@ -39,15 +41,19 @@ def calibrate(source: Film | Capture, progress: Progress | None = None, *, drift
         `progress` returned False.
     """
     if isinstance(source, Capture):
-        return solve(source, progress, drift=drift)
+        return solve_capture(source, progress, drift=drift)
     found = find_all(source, share(progress, 0.0, _SEEING))
     middle = (1 + _SEEING) / 2
-    first = solve(found.capture(), share(progress, _SEEING, middle), drift=drift)
-    return solve(found.capture(first.cameras), share(progress, middle, 1.0), drift=drift)
+    first = solve_capture(found.capture(), share(progress, _SEEING, middle), drift=drift)
+    return solve_capture(found.capture(first.cameras), share(progress, middle, 1.0), drift=drift)
 
 
 def synchronise_take(
-    source: Film | Capture, cameras: Mapping[str, Camera], progress: Progress | None = None, *, drift: bool = False
+    source: CaptureVideos | Capture,
+    cameras: Mapping[str, Camera],
+    progress: Progress | None = None,
+    *,
+    drift: bool = False,
 ) -> Clocks:
     """Find the clocks of one more take of cameras that stand as they were solved.
 
@@ -62,16 +68,16 @@ def synchronise_take(
     return synchronise(capture, cameras, share(progress, _SEEING, 1.0), drift=drift)
 
 
-def _wands(film: Film, cameras: Mapping[str, Camera], progress: Progress | None) -> Capture:
+def _wands(videos: CaptureVideos, cameras: Mapping[str, Camera], progress: Progress | None) -> Capture:
     """What the videos show of the wand."""
-    views, count = [], len(film.views)
-    for k, view in enumerate(film.views):
+    views, count = [], len(videos.views)
+    for k, view in enumerate(videos.views):
         footage = probe(view.wand)
         camera = known_camera(cameras, view.camera, footage.size)
-        seen = find_wand(view, film, footage.count, share(progress, k / count, (k + 1) / count))
+        seen = find_wand(view, videos, footage.count, share(progress, k / count, (k + 1) / count))
         wand = seen.corrected(camera.matrix, camera.distortions)
         views.append(CaptureView(view.camera, footage.size, footage.fps or None, _unseen(), wand, view.offset))
-    return Capture(film.lframe_points, film.wand_length, tuple(views))
+    return Capture(videos.lframe_points, videos.wand_length, tuple(views))
 
 
 def _unseen() -> Markers:

@@ -202,7 +202,7 @@ def _columns(*balls: Balls) -> Iterator[tuple[Array, ...]]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
+class _EllipseFit:
     """Outlines fitted to the edges on rays.
 
     Attributes
@@ -220,7 +220,7 @@ class _Fit:
     residual: Array
 
 
-def _outline_fit(image: Image, balls: Balls, hidden: NDArray[np.bool_], nearest: float, terms: int) -> _Fit:
+def _outline_fit(image: Image, balls: Balls, hidden: NDArray[np.bool_], nearest: float, terms: int) -> _EllipseFit:
     """The outlines through the edges near given ones.
 
     In the coordinates in which the given ellipse is the unit circle, the outline's distance from the middle is fitted
@@ -254,7 +254,7 @@ def _outline_fit(image: Image, balls: Balls, hidden: NDArray[np.bool_], nearest:
         (shapes + np.swapaxes(shapes, 1, 2)) / 2,
         scale * np.sqrt(_SHARED * _centre_variance(weights, terms)),
     )
-    return _Fit(fitted, count / _RAYS, scale)
+    return _EllipseFit(fitted, count / _RAYS, scale)
 
 
 def _centre_variance(weights: Array, terms: int) -> Array:

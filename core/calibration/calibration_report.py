@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from ..errors import OutputError
 from ..runtime.files import replacing, write_json
-from .charts import GREY, INK, Chart, Image, blank, colour_of, stacked, text
-from .quality import measured_lengths, trust
+from .charts import GREY, INK, Chart, Image, blank, heat_colour, stacked_pictures, text
+from .quality import measured_lengths, quality_numbers
 
 if TYPE_CHECKING:
-    from .solution import Solution
+    from .calibration_result import CalibrationResult
 
 Array = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ _STYLE = (
 )
 
 
-def write_report(folder: Path, solution: Solution) -> list[Path]:
+def write_report(folder: Path, solution: CalibrationResult) -> list[Path]:
     """Write report.json (the numbers), report.png (the pictures) and report.html (both) into a folder.
 
     Returns
@@ -53,7 +53,7 @@ def write_report(folder: Path, solution: Solution) -> list[Path]:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"cannot be made: {error.strerror or error}", where=str(folder)) from error
-    numbers, picture = trust(solution), sheet(solution)
+    numbers, picture = quality_numbers(solution), sheet(solution)
     png = cv2.imencode(".png", picture)[1].tobytes()
     files = [folder / name for name in ("report.json", "report.png", "report.html")]
     write_json(files[0], numbers)
@@ -113,7 +113,7 @@ def _shown(value: Any) -> str:
     return "" if value is None else str(value)
 
 
-def sheet(solution: Solution) -> Image:
+def sheet(solution: CalibrationResult) -> Image:
     """All pictures on one sheet: coverage and residuals of every camera, histograms, cameras and wand from two sides.
 
     Returns
@@ -127,15 +127,15 @@ def sheet(solution: Solution) -> Image:
     half = _WIDTH // 2
     histograms = np.hstack([_residuals(solution, names, half), _lengths(solution, half)])
     views = np.hstack([_space(solution, view, half) for view in (_from_above, _from_aside)])
-    return stacked([*rows, histograms, views])
+    return stacked_pictures([*rows, histograms, views])
 
 
-def _wand_residuals(solution: Solution) -> Array:
+def _wand_residuals(solution: CalibrationResult) -> Array:
     """Distances of the wand's balls from where they should be, pixels."""
     return np.linalg.norm(solution.residual[: len(solution.seen)], axis=1)
 
 
-def _coverage(solution: Solution, c: int, name: str, width: int) -> Image:
+def _coverage(solution: CalibrationResult, c: int, name: str, width: int) -> Image:
     """Where in its picture a camera saw the wand, and how far off."""
     size = np.array(solution.rig.sizes[c], float)
     scale = (width - 12) / size[0]
@@ -145,13 +145,13 @@ def _coverage(solution: Solution, c: int, name: str, width: int) -> Image:
     low = np.array([6, 28])
     cv2.rectangle(picture, low, (low + size * scale).astype(int), GREY, 1)
     for uv, distance in zip(solution.seen.uv[own], off, strict=True):
-        cv2.circle(picture, (low + uv * scale).astype(int), 2, colour_of(distance / _WORST), -1, cv2.LINE_AA)
+        cv2.circle(picture, (low + uv * scale).astype(int), 2, heat_colour(distance / _WORST), -1, cv2.LINE_AA)
     median = f"{np.median(off):.2f} px" if len(off) else "not used"
     text(picture, f"{name}: {len(off)} balls, {median}", (8, 18))
     return picture
 
 
-def _residuals(solution: Solution, names: Sequence[str], width: int) -> Image:
+def _residuals(solution: CalibrationResult, names: Sequence[str], width: int) -> Image:
     """Histogram of the residuals of every camera."""
     off, most = _wand_residuals(solution), 2 * _WORST
     edges = np.linspace(0, most, 41)
@@ -161,13 +161,13 @@ def _residuals(solution: Solution, names: Sequence[str], width: int) -> Image:
         shares.append(counts / max(counts.sum(), 1))
     chart = Chart(width, 300, (0, most), (0, float(np.max(shares, initial=0.01))), "Reprojection, px")
     for c, name in enumerate(names):
-        colour = colour_of(c / max(len(names) - 1, 1))
+        colour = heat_colour(c / max(len(names) - 1, 1))
         chart.line((edges[1:] + edges[:-1]) / 2, shares[c], colour)
         text(chart.picture, name, (width - 90, 46 + 18 * c), colour)
     return chart.picture
 
 
-def _lengths(solution: Solution, width: int) -> Image:
+def _lengths(solution: CalibrationResult, width: int) -> Image:
     """Histogram of the wand's length as the cameras see it, its ends triangulated."""
     lengths = measured_lengths(solution.rig, solution.seen, solution.wand.frames)
     off = 1000 * (lengths - solution.wand.length)
@@ -193,7 +193,7 @@ def _from_aside(points: Array) -> Array:
     return np.stack([x, -np.cos(tilt) * points[..., 2] - np.sin(tilt) * away], axis=-1)
 
 
-def _space(solution: Solution, view: Callable[[Array], Array], width: int, height: int = 420) -> Image:
+def _space(solution: CalibrationResult, view: Callable[[Array], Array], width: int, height: int = 420) -> Image:
     """Cameras, the wand's way and the L-frame, seen from somewhere."""
     frusta = {name: _frustum(camera) for name, camera in solution.cameras.items()}
     everything = view(np.concatenate([*frusta.values(), solution.wand.ends_world.reshape(-1, 3), np.zeros((1, 3))]))

@@ -30,14 +30,14 @@ def text(picture: Image, words: str, place: Sequence[int], colour: Colour = INK)
     cv2.putText(picture, words, (int(place[0]), int(place[1])), _FONT, _SIZE, colour, 1, cv2.LINE_AA)
 
 
-def colour_of(share: float) -> Colour:
+def heat_colour(share: float) -> Colour:
     """From blue (0) to red (1)."""
     level = np.uint8(np.clip(255 * share, 0, 255))
     blue, green, red = cv2.applyColorMap(np.array([[level]], np.uint8), cv2.COLORMAP_TURBO)[0, 0]
     return int(blue), int(green), int(red)
 
 
-def stacked(rows: Sequence[Image]) -> Image:
+def stacked_pictures(rows: Sequence[Image]) -> Image:
     """Pictures one below the other, the narrower ones filled up."""
     width = max(row.shape[1] for row in rows)
     return np.vstack(

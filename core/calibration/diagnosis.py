@@ -18,7 +18,7 @@ from .quality import coverage, depths, path_error, seen_points, thickness
 from .wand_tracks import Tracks
 
 if TYPE_CHECKING:
-    from .solution import Solution
+    from .calibration_result import CalibrationResult
 
 Array = NDArray[np.float64]
 
@@ -139,7 +139,7 @@ def check_solution(names: Sequence[str], used: Array, wand: Wand) -> None:
         raise findings.in_a_plane().error()
 
 
-def doubts(solution: Solution) -> Iterator[Finding]:
+def doubts(solution: CalibrationResult) -> Iterator[Finding]:
     """What to know before trusting a solution."""
     near, far = depths(solution)[:, [0, 2]].T
     covered, sigma = coverage(solution), solution.sigma
@@ -162,24 +162,24 @@ def doubts(solution: Solution) -> Iterator[Finding]:
             yield findings.little_covered(view.camera, covered[c])
     for c, pixels in solution.moved.items():
         what = f"it sees the L-frame {pixels:.1f} pixels beside where the others do, as if moved between the takes"
-        yield findings.moved(solution.rig.names[c], what)
+        yield findings.camera_moved(solution.rig.names[c], what)
     yield from _moved(solution)
     if solution.noise > NOISY:
         yield findings.noisy(solution.noise)
 
 
-def _shared_frames(solution: Solution, c: int) -> int:
+def _shared_frames(solution: CalibrationResult, c: int) -> int:
     """Frames of the wand that a camera sees together with others."""
     times = np.round(solution.rig.times(solution.seen.camera, solution.seen.frame)).astype(np.int64)
     own = np.unique(times[solution.seen.camera == c])
     return len(np.intersect1d(own, times[solution.seen.camera != c]))
 
 
-def _moved(solution: Solution) -> Iterator[Finding]:
+def _moved(solution: CalibrationResult) -> Iterator[Finding]:
     """Cameras whose picture of the wand's path jumps aside at some time."""
     for c, view in enumerate(solution.capture.views):
         aside = path_error(solution, c)
         if aside is not None:
             pixels, first, last = aside
             what = f"on frames {first} to {last} it sees the wand {pixels:.1f} pixels beside where the others do"
-            yield findings.moved(view.camera, what)
+            yield findings.camera_moved(view.camera, what)

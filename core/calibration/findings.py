@@ -71,7 +71,7 @@ def lframe_unseen(what: str) -> Finding:
     return Finding("lframe-not-seen", what, todo)
 
 
-def mirrored() -> Finding:
+def lframe_mirrored() -> Finding:
     todo = "turn the short arm's measure about (y to -y), or see that the balls come in the file's order"
     return Finding("lframe-mirrored", "by the L-frame all cameras stand below its floor", todo)
 
@@ -90,7 +90,7 @@ def wrong_length(scale: float, length: float) -> Finding:
     return Finding("wand-length-wrong", what, todo)
 
 
-def moved(camera: str, what: str) -> Finding:
+def camera_moved(camera: str, what: str) -> Finding:
     todo = "fasten the tripod and film again, or leave the frames after the move out of the capture"
     return Finding("camera-moved", what, todo, camera)
 

@@ -16,7 +16,7 @@ from .bundle_residuals import BallObservations, BundleEvidence, Scene
 from .camera_rig import CAMERA_DOF, COEFFICIENTS, FOCAL, K1, SHIFT, TURN, Rig
 from .pairwise import Epipolar, Lens, Start, epipolar, starts
 from .wand_tracks import Tracks
-from .wand_triangulation import Sighting, sight
+from .wand_triangulation import WandSighting, sight
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -97,7 +97,7 @@ def crossed_views(links: Sequence[Link]) -> list[int]:
     return [v for v, other in turned.items() if other]
 
 
-def observed(tracks: Tracks, sighting: Sighting) -> BallObservations:
+def observed(tracks: Tracks, sighting: WandSighting) -> BallObservations:
     """The balls that a sighting takes for the wand's, on the frames where both its ends are known."""
     v, f, end = np.nonzero((sighting.ball >= 0) & sighting.known[None, :, None])
     ball = sighting.ball[v, f, end]

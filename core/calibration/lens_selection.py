@@ -21,7 +21,7 @@ K2_SIGMA = 0.1
 _CHANCE = 1e-4
 
 
-def chosen(
+def select_lens_unknowns(
     scene: Scene, evidence: BundleEvidence, free: Bools, lenses: Sequence[Lens], cancel: Callable[[], None]
 ) -> Bools:
     """What to solve for, shape (C, 13): as `free`, with k2 and principal points where they differ for certain.

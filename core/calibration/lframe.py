@@ -46,7 +46,7 @@ def resting(markers: Sequence[Markers]) -> BallObservations:
 
 
 @dataclass(frozen=True, eq=False)
-class Placement:
+class LFramePose:
     """Where the L-frame is, by the wand.
 
     Attributes
@@ -68,7 +68,7 @@ class Placement:
     sigma: float
 
 
-def place(rig: Rig, seen: BallObservations, measures: Array, noise: float) -> Placement:
+def place_lframe(rig: Rig, seen: BallObservations, measures: Array, noise: float) -> LFramePose:
     """Lay the world onto the L-frame, without changing the size that the wand gives.
 
     Parameters
@@ -92,7 +92,7 @@ def place(rig: Rig, seen: BallObservations, measures: Array, noise: float) -> Pl
     misfit = np.full((LFRAME_BALLS, 3), np.nan)
     misfit[known] = a @ R.T / scale - b
     shift = measures[known].mean(axis=0) - R @ balls[known].mean(axis=0)
-    return Placement(R, shift, scale, misfit, noise * _least_known(rig, seen, balls))
+    return LFramePose(R, shift, scale, misfit, noise * _least_known(rig, seen, balls))
 
 
 def _least_known(rig: Rig, seen: BallObservations, balls_world: Array) -> float:
@@ -126,7 +126,9 @@ def moved_since(rig: Rig, seen: BallObservations, noise: float) -> dict[int, flo
     while len(trusted) > 1 and _disagreement(rig, seen, trusted) > least:
         if len(trusted) == 2:
             names = " or ".join(rig.names[c] for c in trusted)
-            raise findings.moved(names, "the L-frame and the wand tell of different places of this camera").error()
+            raise findings.camera_moved(
+                names, "the L-frame and the wand tell of different places of this camera"
+            ).error()
         rest = [[c for c in trusted if c != out] for out in trusted]
         trusted = min(rest, key=lambda cameras: _disagreement(rig, seen, cameras))
     balls = _balls(rig, seen.take(np.isin(seen.camera, trusted)))
@@ -153,7 +155,7 @@ def _collinear(points: Array) -> bool:
     return bool(spread[1] < 1e-3 * spread[0])
 
 
-def check(placement: Placement, rig: Rig, measures: Array, length: float) -> None:
+def check(placement: LFramePose, rig: Rig, measures: Array, length: float) -> None:
     """Refuse an L-frame that contradicts the wand or itself.
 
     Parameters
@@ -177,4 +179,4 @@ def check(placement: Placement, rig: Rig, measures: Array, length: float) -> Non
     if abs(placement.scale - 1) > max(_SCALE_SHARE, _SURE * sigma / size):
         raise findings.wrong_length(placement.scale, length).error()
     if (rig.centres_world[:, 2] < 0).all():
-        raise findings.mirrored().error()
+        raise findings.lframe_mirrored().error()

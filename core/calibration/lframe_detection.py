@@ -51,7 +51,7 @@ def standing(seen: Sequence[Balls]) -> Balls:
 
 
 @dataclass(frozen=True)
-class _Fit:
+class _LFrameFit:
     """How well four balls are an L-frame: squared deviations in standard deviations, and which balls."""
 
     cost: float
@@ -59,7 +59,7 @@ class _Fit:
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class LFrameModel:
     """An L-frame and a camera that sees it.
 
     Attributes
@@ -79,18 +79,18 @@ class Frame:
     middle: Array
     focals: Sequence[float]
 
-    def mirrored(self) -> Frame:
+    def mirrored(self) -> LFrameModel:
         return replace(self, points=self.points * [1, -1, 1])
 
 
-def identified(balls: Balls, frame: Frame, where: str) -> list[int]:
+def identified(balls: Balls, frame: LFrameModel, where: str) -> list[int]:
     """Which of the balls are the L-frame's, in the order of its points.
 
     Parameters
     ----------
     balls : Balls
         Those that stand still.
-    frame : Frame
+    frame : LFrameModel
     where : str
         Video and camera, for errors.
 
@@ -145,13 +145,13 @@ def _cross(a: Array, b: Array) -> float:
     return float(a[0] * b[1] - a[1] * b[0])
 
 
-def _fit(balls: Balls, four: tuple[int, ...], frame: Frame) -> _Fit:
+def _fit(balls: Balls, four: tuple[int, ...], frame: LFrameModel) -> _LFrameFit:
     """Places and sizes against the best pose of the L-frame."""
     centres, radii = balls.centres[list(four)], balls.semi_axes[list(four), 1]
-    return _Fit(min(_pose_cost(centres, radii, frame, focal) for focal in frame.focals), four)
+    return _LFrameFit(min(_pose_cost(centres, radii, frame, focal) for focal in frame.focals), four)
 
 
-def _pose_cost(centres: Array, radii: Array, frame: Frame, focal: float) -> float:
+def _pose_cost(centres: Array, radii: Array, frame: LFrameModel, focal: float) -> float:
     K = np.array([[focal, 0, frame.middle[0]], [0, focal, frame.middle[1]], [0, 0, 1.0]])
     _, turns, shifts, _ = cv2.solvePnPGeneric(frame.points, centres, K, np.zeros(4), flags=cv2.SOLVEPNP_SQPNP)
     # A lens that is not known yet bends the line a little.

@@ -16,7 +16,7 @@ from .wand_tracks import picked, sampled
 from .wand_triangulation import rays, triangulated
 
 if TYPE_CHECKING:
-    from .solution import Solution
+    from .calibration_result import CalibrationResult
 
 Array = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ def _at(track: Markers, frames: Array) -> tuple[Array, Array]:
     return picked(track, whole) if np.abs(frames - whole).max(initial=0.0) < 1e-6 else sampled(track, frames)
 
 
-def depths(solution: Solution) -> Array:
+def depths(solution: CalibrationResult) -> Array:
     """Nearest, middle and farthest depth of the wand's balls that each camera sees, shape (C, 3), metres."""
     rig, out = solution.rig, np.full((len(solution.rig), 3), np.nan)
     for c in range(len(rig)):
@@ -72,14 +72,14 @@ def depths(solution: Solution) -> Array:
     return out
 
 
-def _state(solution: Solution) -> NDArray[np.int64]:
+def _state(solution: CalibrationResult) -> NDArray[np.int64]:
     """Of each ball seen, the index of the wand's nearest frame."""
     frames, seen = solution.wand.frames, solution.seen
     times = np.floor(solution.rig.times(seen.camera, seen.frame) + 0.5)
     return np.clip(np.searchsorted(frames, times), 0, len(frames) - 1)
 
 
-def seen_points(solution: Solution, c: int) -> Array:
+def seen_points(solution: CalibrationResult, c: int) -> Array:
     """The wand's balls that a camera sees, shape (n, 3), metres."""
     own = solution.seen.camera == c
     return solution.wand.ends_world[_state(solution)[own], solution.seen.ball[own]]
@@ -91,7 +91,7 @@ def thickness(points: Array) -> float:
     return float(spread[2] / spread[0])
 
 
-def coverage(solution: Solution) -> Array:
+def coverage(solution: CalibrationResult) -> Array:
     """Share of each picture that lies within the hull of the wand's balls, shape (C,)."""
     out = np.zeros(len(solution.rig))
     for c, size in enumerate(solution.rig.sizes):
@@ -101,7 +101,7 @@ def coverage(solution: Solution) -> Array:
     return out
 
 
-def path_error(solution: Solution, c: int) -> tuple[float, int, int] | None:
+def path_error(solution: CalibrationResult, c: int) -> tuple[float, int, int] | None:
     """How many pixels a camera sees the wand aside from where it is, and on which frames; None where it does not.
 
     All balls near the wand's are looked at, whether they were used or not: the median of many in a row is no noise.
@@ -121,7 +121,7 @@ def path_error(solution: Solution, c: int) -> tuple[float, int, int] | None:
     return max(sizes), int(frames[bad[0]][0]), int(frames[bad[-1]][-1])
 
 
-def trust(solution: Solution) -> dict[str, Any]:
+def quality_numbers(solution: CalibrationResult) -> dict[str, Any]:
     """The numbers of the report as plain values for JSON: pixels, metres, frames; sigma is a standard deviation."""
     lengths = measured_lengths(solution.rig, solution.seen, solution.wand.frames)
     return {
@@ -138,11 +138,11 @@ def trust(solution: Solution) -> dict[str, Any]:
     }
 
 
-def _lframe_residual(solution: Solution) -> Array:
+def _lframe_residual(solution: CalibrationResult) -> Array:
     return solution.residual[len(solution.seen) :]
 
 
-def _camera(solution: Solution, c: int) -> dict[str, Any]:
+def _camera(solution: CalibrationResult, c: int) -> dict[str, Any]:
     rig, sigma, free = solution.rig, solution.sigma[c], solution.free[c]
     own = solution.residual[: len(solution.seen)][solution.seen.camera == c]
 

@@ -18,7 +18,7 @@ from .bundle_residuals import BundleEvidence, Scene
 from .camera_rig import CAMERA_DOF, DRIFT, OFFSET, rig_of
 from .clocks import Clocks
 from .first_cameras import FEWEST_SHARED
-from .synchrony import in_step, synchrony
+from .synchrony import synchrony, with_capture_clock
 from .wand_matching import labelled
 from .wand_triangulation import sight
 
@@ -55,7 +55,9 @@ def synchronise(
     noise = _LOOSE
     for _ in range(_ROUNDS):
         tracks = together.tracks(rig)
-        wand = sight(in_step(rig), tracks, capture.wand_length, noise).wand(tracks.frames, capture.wand_length)
+        wand = sight(with_capture_clock(rig), tracks, capture.wand_length, noise).wand(
+            tracks.frames, capture.wand_length
+        )
         if len(wand) < FEWEST_SHARED:
             raise findings.nothing_agrees().error()
         scene = Scene(rig, wand)

@@ -80,7 +80,7 @@ def synchrony(capture: Capture) -> Synchrony:
     return Synchrony(wands, rate, offset, np.isin(np.arange(len(views)), found))
 
 
-def in_step(rig: Rig) -> Rig:
+def with_capture_clock(rig: Rig) -> Rig:
     """The cameras with the capture's own clock."""
     n = len(rig)
     return replace(rig, offset=np.zeros(n), drift=np.zeros(n), rate=np.ones(n))

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from ..cameras.camera import Camera
 from ..capture.capture import LFRAME_BALLS, Capture, CaptureView, Markers
-from ..capture.film import Film, FilmView
+from ..capture.capture_videos import CaptureVideos, CaptureVideoView
 from ..errors import CalibrationError
 from ..runtime.progress import Progress, report_progress, share
 from ..shot.footage import Footage, pictures, probe
 from .ball_centres import centres_of
 from .ball_detection import Balls, Picture, find_balls, without_rods
-from .lframe_detection import FOCALS, Frame, identified, standing
-from .wand import Pairs, find_pairs, told_apart, wand_path
+from .lframe_detection import FOCALS, LFrameModel, identified, standing
+from .wand_detection import Pairs, find_pairs, told_apart, wand_path
 
 Array = NDArray[np.float64]
 
@@ -53,17 +53,17 @@ class SeenBalls:
 class SeenView:
     """What was found in one camera's videos."""
 
-    film: FilmView
+    videos: CaptureVideoView
     footage: Footage
     lframe: SeenBalls
     wand: SeenBalls
 
 
 @dataclass(frozen=True, eq=False)
-class Sightings:
+class VideoMarkers:
     """What was found in all videos."""
 
-    film: Film
+    videos: CaptureVideos
     views: tuple[SeenView, ...]
 
     def capture(self, cameras: Mapping[str, Camera] | None = None) -> Capture:
@@ -77,29 +77,29 @@ class Sightings:
             some hundredths of a pixel.
         """
         return Capture(
-            self.film.lframe_points,
-            self.film.wand_length,
-            tuple(_capture_view(view, (cameras or {}).get(view.film.camera)) for view in self.views),
+            self.videos.lframe_points,
+            self.videos.wand_length,
+            tuple(_capture_view(view, (cameras or {}).get(view.videos.camera)) for view in self.views),
         )
 
 
 def _capture_view(view: SeenView, camera: Camera | None) -> CaptureView:
-    film, size = view.film, view.footage.size
+    videos, size = view.videos, view.footage.size
     if camera is not None:
         matrix, distortions = camera.matrix, camera.distortions
     else:
-        matrix = film.matrix if film.matrix is not None else _usual_matrix(size, film.focal)
-        distortions = np.zeros(4) if film.distortions is None else film.distortions
+        matrix = videos.matrix if videos.matrix is not None else _usual_matrix(size, videos.focal)
+        distortions = np.zeros(4) if videos.distortions is None else videos.distortions
     return CaptureView(
-        film.camera,
+        videos.camera,
         size,
         view.footage.fps or None,
         view.lframe.corrected(matrix, distortions),
         view.wand.corrected(matrix, distortions),
-        film.offset,
-        film.focal,
-        film.matrix,
-        film.distortions,
+        videos.offset,
+        videos.focal,
+        videos.matrix,
+        videos.distortions,
     )
 
 
@@ -108,7 +108,7 @@ def _usual_matrix(size: tuple[int, int], focal: float | None) -> Array:
     return np.array([[f, 0, (size[0] - 1) / 2], [0, f, (size[1] - 1) / 2], [0, 0, 1]])
 
 
-def find_all(film: Film, progress: Progress | None = None) -> Sightings:
+def find_all(videos: CaptureVideos, progress: Progress | None = None) -> VideoMarkers:
     """Find the balls in all videos, one frame after the other.
 
     Raises
@@ -121,19 +121,21 @@ def find_all(film: Film, progress: Progress | None = None) -> Sightings:
         `progress` returned False.
     """
     seen = []
-    count = len(film.views)
-    for k, view in enumerate(film.views):
+    count = len(videos.views)
+    for k, view in enumerate(videos.views):
         part = share(progress, k / count, (k + 1) / count)
         footage, before = probe(view.wand), probe(view.lframe)
         if footage.size != before.size:
             sizes = " and ".join(f"{f.size[0]}x{f.size[1]}" for f in (before, footage))
             raise CalibrationError(f"the videos of L-frame and wand are {sizes}", where=f"camera {view.camera}")
-        lframe = find_lframe(view, film, footage.size, part)
-        seen.append(SeenView(view, footage, lframe, find_wand(view, film, footage.count, part)))
-    return Sightings(film, tuple(seen))
+        lframe = find_lframe(view, videos, footage.size, part)
+        seen.append(SeenView(view, footage, lframe, find_wand(view, videos, footage.count, part)))
+    return VideoMarkers(videos, tuple(seen))
 
 
-def find_lframe(view: FilmView, film: Film, size: tuple[int, int], progress: Progress | None = None) -> SeenBalls:
+def find_lframe(
+    view: CaptureVideoView, videos: CaptureVideos, size: tuple[int, int], progress: Progress | None = None
+) -> SeenBalls:
     """The L-frame's balls as they stand through a camera's video, as one row.
 
     Raises
@@ -143,10 +145,10 @@ def find_lframe(view: FilmView, film: Film, size: tuple[int, int], progress: Pro
     """
     report_progress(progress, f"{view.camera}: L-frame", 0.0)
     images = [Picture.of(image) for image in _spread_out(view.lframe)]
-    balls = standing([find_balls(picture, film.lframe_colour) for picture in images])
+    balls = standing([find_balls(picture, videos.lframe_colour) for picture in images])
     known = view.focal if view.matrix is None else float(view.matrix[0, 0])
     focals = [known] if known else [share * max(size) for share in FOCALS]
-    frame = Frame(film.lframe_points, film.lframe_diameter, (np.array(size) - 1) / 2, focals)
+    frame = LFrameModel(videos.lframe_points, videos.lframe_diameter, (np.array(size) - 1) / 2, focals)
     where = f"{view.lframe} (camera {view.camera})"
     four = balls[identified(balls, frame, where)]
     four = _without_arms(images, _as_spheres(four, size))
@@ -183,7 +185,7 @@ def _spread_out(path: Path) -> list[NDArray]:
     return list(islice(islice(pictures(path), 0, None, step), _LFRAME_PICTURES))
 
 
-def find_wand(view: FilmView, film: Film, count: int, progress: Progress | None = None) -> SeenBalls:
+def find_wand(view: CaptureVideoView, videos: CaptureVideos, count: int, progress: Progress | None = None) -> SeenBalls:
     """The wand's balls on every frame of a camera's video on which they are seen.
 
     Raises
@@ -191,11 +193,11 @@ def find_wand(view: FilmView, film: Film, count: int, progress: Progress | None 
     CalibrationError
         They are hardly ever seen; names the video.
     """
-    longest = film.wand_length / film.wand_diameter if film.wand_diameter else None
+    longest = videos.wand_length / videos.wand_diameter if videos.wand_diameter else None
     seen: list[Pairs] = []
     for k, image in enumerate(pictures(view.wand)):
         report_progress(progress, f"{view.camera}: wand", min(k / max(count, 1), 1.0))
-        seen.append(find_pairs(image, film.wand_colours, longest))
+        seen.append(find_pairs(image, videos.wand_colours, longest))
     path = wand_path(seen)
     frames = np.flatnonzero(path >= 0)
     if len(frames) < max(3, _LEAST_SHARE * len(seen)):
@@ -207,7 +209,7 @@ def find_wand(view: FilmView, film: Film, count: int, progress: Progress | None 
     points, sigma, radii = (
         np.stack([getattr(seen[f], name)[path[f]] for f in frames]) for name in ("centres", "sigma", "radii")
     )
-    if len(film.wand_colours) == 1:
+    if len(videos.wand_colours) == 1:
         swapped = _swaps(frames, points, radii)
         for values in (points, sigma, radii):
             values[swapped] = values[swapped][:, ::-1]

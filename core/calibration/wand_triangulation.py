@@ -75,7 +75,7 @@ def projected(rig: Rig, c: int, points_world: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Sighting:
+class WandSighting:
     """The wand as the cameras found it.
 
     Attributes
@@ -113,7 +113,7 @@ class Sighting:
         return Wand(frames[kept], ends[kept].mean(axis=1), direction, length)
 
 
-def sight(rig: Rig, tracks: Tracks, length: float, noise: float = 1.0, tolerance: float = 0.1) -> Sighting:
+def sight(rig: Rig, tracks: Tracks, length: float, noise: float = 1.0, tolerance: float = 0.1) -> WandSighting:
     """Find the wand by consensus: of all points that two views agree on, the two that most views see.
 
     Parameters
@@ -139,7 +139,7 @@ def sight(rig: Rig, tracks: Tracks, length: float, noise: float = 1.0, tolerance
     alone = ~both & ((ball[:, :, 0] >= 0).sum(axis=0) >= _ALONE)
     ball[:, ~both, 1], ball[:, ~both & ~alone, 0] = -1, -1
     ends[~both, 1], ends[~both & ~alone, 0] = np.nan, np.nan
-    return refined(rig, tracks, _named(Sighting(ends, ball)))
+    return refined(rig, tracks, _named(WandSighting(ends, ball)))
 
 
 def _candidates(rig: Rig, tracks: Tracks) -> Array:
@@ -162,12 +162,12 @@ def _shares_a_ball(off: Array, chosen: Array) -> NDArray[np.bool_]:
     return ((own == taken) & (taken >= 0)).any(axis=0)
 
 
-def _named(sighting: Sighting) -> Sighting:
+def _named(sighting: WandSighting) -> WandSighting:
     """The ends in the order that most views have them in."""
     ends, ball = sighting.ends_world.copy(), sighting.ball.copy()
     against = (ball == [1, 0]).sum(axis=(0, 2)) > (ball == [0, 1]).sum(axis=(0, 2))
     ends[against], ball[:, against] = ends[against, ::-1], ball[:, against, ::-1]
-    return Sighting(ends, ball)
+    return WandSighting(ends, ball)
 
 
 def _misses(rig: Rig, v: int, points_world: Array, tracks: Tracks, noise: float) -> Array:
@@ -177,7 +177,7 @@ def _misses(rig: Rig, v: int, points_world: Array, tracks: Tracks, noise: float)
     return np.where(np.isfinite(squared), squared, np.inf)
 
 
-def refined(rig: Rig, tracks: Tracks, sighting: Sighting) -> Sighting:
+def refined(rig: Rig, tracks: Tracks, sighting: WandSighting) -> WandSighting:
     """The ends from all the views that agree on them."""
     found = np.take_along_axis(tracks.points, np.maximum(sighting.ball, 0)[..., None], axis=2)
     found = np.where((sighting.ball >= 0)[..., None], found, np.nan)

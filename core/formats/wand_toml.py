@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..capture.capture import LFRAME_BALLS, WAND_BALLS, Capture, CaptureView, Markers
+from ..capture.capture_videos import CaptureVideos, CaptureVideoView
 from ..capture.colours import Colour, parsed
-from ..capture.film import Film, FilmView
 from ..errors import CalibrationError, ShotError
 from .marker_points import TAKES, read_marker_points
 from .toml_tables import Table, read_toml
@@ -22,7 +22,7 @@ _TABLES = ("lframe", "wand", "view", "points")
 _VIEW = ("camera", "lframe", "wand", "offset", "focal", "matrix", "distortions", "size", "fps")
 
 
-def load_wand(path: Path | str) -> Film | Capture:
+def load_wand(path: Path | str) -> CaptureVideos | Capture:
     """Read a capture file: videos to look for markers in, or the markers' points themselves.
 
     Raises
@@ -40,7 +40,7 @@ def load_wand(path: Path | str) -> Film | Capture:
         views = _views(document, path)
         if "points" in document:
             return _capture(Table(document.value("points"), f"{path} [points]", ("file",)), points, length, views, path)
-        return Film(
+        return CaptureVideos(
             points,
             parsed(lframe.value("colour"), f"{lframe.where} colour"),
             _positive(lframe, "diameter") if "diameter" in lframe else None,
@@ -72,8 +72,8 @@ def _views(document: Table, path: Path) -> list[Table]:
     return views
 
 
-def _film_view(view: Table, folder: Path) -> FilmView:
-    return FilmView(
+def _film_view(view: Table, folder: Path) -> CaptureVideoView:
+    return CaptureVideoView(
         view.text("camera"), view.path("lframe", folder), view.path("wand", folder), *_known_beforehand(view)
     )
 

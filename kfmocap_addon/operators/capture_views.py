@@ -71,12 +71,12 @@ class LoadCapture(bpy.types.Operator, ImportHelper):
     filter_glob: bpy.props.StringProperty(default="*.toml", options={"HIDDEN"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ...core.capture.film import Film
+        from ...core.capture.capture_videos import CaptureVideos
         from ...core.formats.wand_toml import load_wand
 
         with reported(self) as outcome:
             film = load_wand(Path(bpy.path.abspath(self.filepath)))
-            if not isinstance(film, Film):
+            if not isinstance(film, CaptureVideos):
                 todo = "calibrate from it with `kfmocap calibrate`"
                 raise CalibrationError("it names points, not videos", where=self.filepath, todo=todo)
             captures.show_film(context.scene.kfmocap_capture, film)

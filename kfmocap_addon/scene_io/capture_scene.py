@@ -9,8 +9,8 @@ import bpy
 from ...core.errors import CalibrationError
 
 if TYPE_CHECKING:
+    from ...core.capture.capture_videos import CaptureVideos, CaptureVideoView
     from ...core.capture.colours import Colour
-    from ...core.capture.film import Film, FilmView
 
 LEAST_VIEWS = 2
 SLOTS = ("lframe", "first", "second")
@@ -133,7 +133,7 @@ def missing(capture: KFMocapCapture) -> str:
     return f"Pick the colour: {open_slots[0]}" if open_slots else ""
 
 
-def film_of(capture: KFMocapCapture) -> "Film":
+def film_of(capture: KFMocapCapture) -> "CaptureVideos":
     """The capture as the core films it.
 
     Raises
@@ -143,7 +143,7 @@ def film_of(capture: KFMocapCapture) -> "Film":
     """
     import numpy as np
 
-    from ...core.capture.film import Film
+    from ...core.capture.capture_videos import CaptureVideos
 
     if len(capture.views) < LEAST_VIEWS:
         raise CalibrationError("two views at least are needed", where="Calibration", todo="add the cameras' videos")
@@ -152,7 +152,7 @@ def film_of(capture: KFMocapCapture) -> "Film":
             raise CalibrationError(
                 "no colour is picked", where=_LABELS[slot], todo="click on the ball with Pick Colour"
             )
-    return Film(
+    return CaptureVideos(
         lframe_points=np.array([capture.corner, capture.middle, capture.end, capture.side], float).round(6),
         lframe_colour=capture.lframe.get(),
         lframe_diameter=capture.lframe_diameter or None,
@@ -163,10 +163,10 @@ def film_of(capture: KFMocapCapture) -> "Film":
     )
 
 
-def _film_view(view: KFMocapCaptureView) -> "FilmView":
-    from ...core.capture.film import FilmView
+def _film_view(view: KFMocapCaptureView) -> "CaptureVideoView":
+    from ...core.capture.capture_videos import CaptureVideoView
 
-    return FilmView(
+    return CaptureVideoView(
         view.name,
         video_of(view, "lframe"),
         video_of(view, "wand"),
@@ -190,7 +190,7 @@ def video_of(view: KFMocapCaptureView, take: str) -> Path:
     return Path(os.path.normpath(bpy.path.abspath(path)))
 
 
-def show_film(capture: KFMocapCapture, film: "Film") -> None:
+def show_film(capture: KFMocapCapture, film: "CaptureVideos") -> None:
     """Fill a scene's capture from one that a file describes."""
     capture.corner, capture.middle, capture.end, capture.side = film.lframe_points.tolist()
     capture.lframe_diameter, capture.wand_diameter = film.lframe_diameter or 0.0, film.wand_diameter or 0.0

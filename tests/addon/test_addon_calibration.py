@@ -14,8 +14,8 @@ bpy = pytest.importorskip("bpy")
 
 from addon_shots import LENS, SIZE, blender, camera, video  # noqa: E402, F401
 from kfmocap.core import calibration as core_calibration  # noqa: E402
+from kfmocap.core.capture.capture_videos import CaptureVideos, CaptureVideoView  # noqa: E402
 from kfmocap.core.capture.colours import parsed, to_hsv  # noqa: E402
-from kfmocap.core.capture.film import Film, FilmView  # noqa: E402
 from kfmocap.core.errors import CalibrationError, CancelledError  # noqa: E402
 from kfmocap.core.formats import load_cameras, save_cameras  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import capture_scene, footage_background, scene_cameras  # noqa: E402
@@ -36,13 +36,15 @@ def ball_video(path: Path) -> Path:
     return path
 
 
-def film(folder: Path) -> Film:
+def film(folder: Path) -> CaptureVideos:
     videos = [(video(folder / f"l{k}.mp4"), video(folder / f"w{k}.mp4")) for k in (1, 2)]
-    view = [FilmView(f"cam0{k}", *videos[k - 1], focal=400.0 * k) for k in (1, 2)]
-    return Film(POINTS, parsed("red", ""), 0.06, 0.5, (parsed("green", ""), parsed("#2040d0", "")), 0.05, tuple(view))
+    view = [CaptureVideoView(f"cam0{k}", *videos[k - 1], focal=400.0 * k) for k in (1, 2)]
+    return CaptureVideos(
+        POINTS, parsed("red", ""), 0.06, 0.5, (parsed("green", ""), parsed("#2040d0", "")), 0.05, tuple(view)
+    )
 
 
-def same_film(a: Film, b: Film) -> bool:
+def same_film(a: CaptureVideos, b: CaptureVideos) -> bool:
     colours = zip((a.lframe_colour, *a.wand_colours), (b.lframe_colour, *b.wand_colours), strict=True)
     return (
         np.allclose(a.lframe_points, b.lframe_points)

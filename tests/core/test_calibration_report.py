@@ -10,17 +10,17 @@ import cv2
 import numpy as np
 import pytest
 from kfmocap.core.calibration import calibration_report
-from kfmocap.core.calibration.charts import Chart, colour_of, ticks
+from kfmocap.core.calibration.calibration_result import CalibrationResult
+from kfmocap.core.calibration.charts import Chart, heat_colour, ticks
 from kfmocap.core.calibration.findings import Finding
-from kfmocap.core.calibration.solution import Solution
-from kfmocap.core.calibration.solve import solve
+from kfmocap.core.calibration.wand_calibration import solve_capture
 from kfmocap.core.capture.capture import Capture, CaptureView, Markers
 from kfmocap.core.errors import OutputError
 from render.waving import WandTake
 
 
 @pytest.fixture(scope="module")
-def solution() -> Solution:
+def solution() -> CalibrationResult:
     take, rng = WandTake(frames=150, offsets=(0, 0, 0, 0)), np.random.default_rng(0)
     views = []
     for k, camera in enumerate(take.cameras):
@@ -29,7 +29,7 @@ def solution() -> Solution:
         seen = Markers(np.arange(150), wand, np.full((150, 2), 0.2))
         still = Markers(np.zeros(1, int), lframe, np.full((1, 4), 0.1))
         views.append(CaptureView(camera.name, camera.size, 30.0, still, seen, offset=0.0))
-    solved = solve(Capture(take.lframe_points, take.length, tuple(views)))
+    solved = solve_capture(Capture(take.lframe_points, take.length, tuple(views)))
     return replace(solved, findings=(Finding("flat", "the wand <moved> in a plane", "tilt it", "cam02"),))
 
 
@@ -81,5 +81,5 @@ def test_a_chart_puts_values_where_its_axes_say():
 
 
 def test_colours_go_from_blue_to_red():
-    blue, red = colour_of(0.1), colour_of(0.95)
+    blue, red = heat_colour(0.1), heat_colour(0.95)
     assert blue[0] > blue[2] and red[2] > red[0]

@@ -19,8 +19,8 @@ from kfmocap.benchmarks.wand_captures import (
     waved,
     without,
 )
-from kfmocap.core.calibration.solution import Solution
-from kfmocap.core.calibration.solve import solve
+from kfmocap.core.calibration.calibration_result import CalibrationResult
+from kfmocap.core.calibration.wand_calibration import solve_capture
 from kfmocap.core.capture.capture import Capture
 from kfmocap.core.errors import CaptureError
 
@@ -41,19 +41,19 @@ def hidden(given: Capture, view: int, frames: np.ndarray) -> Capture:
 
 def refusal(given: Capture) -> CaptureError:
     with pytest.raises(CaptureError) as caught:
-        solve(given)
+        solve_capture(given)
     assert caught.value.todo and caught.value.name in str(caught.value)
     return caught.value
 
 
-def flags(solution: Solution) -> dict[str, str | None]:
+def flags(solution: CalibrationResult) -> dict[str, str | None]:
     """Names of what is flagged, and where."""
     assert all(finding.what and finding.todo for finding in solution.findings)
     return {finding.name: finding.where for finding in solution.findings}
 
 
 def test_a_sound_capture_has_no_findings() -> None:
-    assert not solve(whole()).findings
+    assert not solve_capture(whole()).findings
 
 
 def test_too_few_shared_frames_are_refused() -> None:
@@ -72,7 +72,7 @@ def test_few_frames_in_common_though_many_seen_are_refused() -> None:
 
 
 def test_barely_enough_shared_frames_are_flagged() -> None:
-    assert flags(solve(hidden(whole(), 2, np.arange(120) >= 40)))["too-few-shared-frames"] == "cam03"
+    assert flags(solve_capture(hidden(whole(), 2, np.arange(120) >= 40)))["too-few-shared-frames"] == "cam03"
 
 
 def test_cameras_that_are_not_linked_are_refused() -> None:
@@ -102,7 +102,7 @@ def test_a_wand_in_a_plane_for_one_camera_is_flagged() -> None:
     middle, across = positions[:60].mean(axis=1), positions[:60, 0] - positions[:60, 1]
     middle[:, 2], across[:, 2] = 0.8, 0
     positions[:60] = ends(middle, across, WAND_LENGTH)
-    assert flags(solve(hidden(whole(positions), 2, np.arange(120) >= 60)))["wand-in-a-plane"] == "cam03"
+    assert flags(solve_capture(hidden(whole(positions), 2, np.arange(120) >= 60)))["wand-in-a-plane"] == "cam03"
 
 
 def test_a_wand_at_one_depth_is_flagged() -> None:
@@ -114,7 +114,7 @@ def test_a_wand_at_one_depth_is_flagged() -> None:
     middle = eye + 4.0 * inwards + aim + rng.uniform(-0.08, 0.08, (150, 1)) * inwards
     across = rng.normal(0, 1, (150, 3))
     across -= 0.9 * np.outer(across @ inwards, inwards)
-    assert flags(solve(whole(ends(middle, across, WAND_LENGTH))))["wand-at-one-depth"] == "cam01"
+    assert flags(solve_capture(whole(ends(middle, across, WAND_LENGTH))))["wand-at-one-depth"] == "cam01"
 
 
 @pytest.mark.parametrize(("length", "refused"), [(0.07, False), (0.008, True)])
@@ -123,7 +123,7 @@ def test_a_wand_that_is_too_small_is_flagged_or_refused(length: float, refused: 
     if refused:
         assert refusal(given).name == "wand-too-small"
     else:
-        assert "wand-too-small" in flags(solve(given))
+        assert "wand-too-small" in flags(solve_capture(given))
 
 
 def test_a_mirrored_lframe_is_refused() -> None:
@@ -158,7 +158,7 @@ def test_a_camera_that_moved_while_the_wand_was_waved_is_flagged(degrees: float)
     late = views[1].wand.frames >= 120
     points = np.where(late[:, None, None], after.views[1].wand.points, views[1].wand.points)
     views[1] = replace(views[1], wand=replace(views[1].wand, points=points))
-    solution = solve(replace(given, views=tuple(views)))
+    solution = solve_capture(replace(given, views=tuple(views)))
     assert flags(solution)["camera-moved"] == "cam02"
 
 
@@ -167,7 +167,7 @@ def test_a_camera_that_moved_between_the_takes_is_flagged_and_its_lframe_left_ou
     given = capture(cameras, [scattered(150)] * 4)
     before = capture([turned(cameras[0], 1.0), *cameras[1:]], [scattered(150)] * 4)
     views = (replace(given.views[0], lframe=before.views[0].lframe), *given.views[1:])
-    solution = solve(replace(given, views=views))
+    solution = solve_capture(replace(given, views=views))
     assert flags(solution)["camera-moved"] == "cam01"
     assert np.linalg.norm(solution.rig.centres_world[0] - cameras[0].centre_world()) < 0.02
 
@@ -220,9 +220,9 @@ def test_a_still_wand_is_refused() -> None:
 def test_balls_noisier_than_they_claim_are_flagged() -> None:
     given = capture(CAMERAS, [POSITIONS] * 3, Faults(noise=2.0))
     views = tuple(replace(v, wand=replace(v.wand, sigma=v.wand.sigma / 10)) for v in given.views)
-    assert "noise-high" in flags(solve(replace(given, views=views)))
+    assert "noise-high" in flags(solve_capture(replace(given, views=views)))
 
 
 def test_a_sliver_of_the_picture_is_flagged() -> None:
     cameras = [*CAMERAS[:2], look_at("wide", np.array([0.0, -9, 2]), np.array([0, 0, 1.0]), 1000, (0, 0, 0, 0))]
-    assert flags(solve(capture(cameras, [POSITIONS] * 3)))["picture-little-covered"] == "wide"
+    assert flags(solve_capture(capture(cameras, [POSITIONS] * 3)))["picture-little-covered"] == "wide"

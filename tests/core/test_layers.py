@@ -38,7 +38,7 @@ PACKAGES_IN_A_CIRCLE = {
     "kfmocap_addon.viewports",
 }
 CLASSES_TWICE = {
-    "Evidence", "System", "Frame", "Solution", "Stage", "Look", "Footage", "Outcome", "Row", "Case",
+    "Footage", "Outcome", "Row", "Case",
 }  # fmt: skip
 """What is still to be put right: both must become empty."""
 

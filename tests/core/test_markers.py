@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from kfmocap.core.calibration.ball_centres import centres_of
 from kfmocap.core.calibration.ball_detection import Balls, Picture, find_balls, without_rods
-from kfmocap.core.calibration.lframe_detection import FOCALS, Frame, identified, standing
-from kfmocap.core.calibration.wand import Pairs, told_apart, wand_path
+from kfmocap.core.calibration.lframe_detection import FOCALS, LFrameModel, identified, standing
+from kfmocap.core.calibration.wand_detection import Pairs, told_apart, wand_path
 from kfmocap.core.capture.colours import parsed
 from kfmocap.core.errors import CalibrationError
 from render.drawing import GAMMA, Ball, Canvas, Rod, outline
@@ -122,8 +122,8 @@ def balls_at(camera, points: np.ndarray, diameter: float = 0.06) -> Balls:
     return Balls(camera.project(points), radii[:, None, None] * np.eye(2), np.full(len(points), 0.1))
 
 
-def frame_for(camera, points: np.ndarray = LFRAME, diameter: float | None = 0.06) -> Frame:
-    return Frame(points, diameter, (np.array(camera.size) - 1) / 2, [s * max(camera.size) for s in FOCALS])
+def frame_for(camera, points: np.ndarray = LFRAME, diameter: float | None = 0.06) -> LFrameModel:
+    return LFrameModel(points, diameter, (np.array(camera.size) - 1) / 2, [s * max(camera.size) for s in FOCALS])
 
 
 @pytest.mark.parametrize("diameter", [0.06, None])

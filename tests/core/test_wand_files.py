@@ -11,8 +11,8 @@ from kfmocap.benchmarks.wand_captures import FPS, LFRAME, capture, ends, ring, s
 from kfmocap.cli import command_line
 from kfmocap.core.calibration.resync import synchronise
 from kfmocap.core.capture.capture import Capture
+from kfmocap.core.capture.capture_videos import CaptureVideos
 from kfmocap.core.capture.colours import parsed
-from kfmocap.core.capture.film import Film
 from kfmocap.core.errors import CalibrationError, CaptureError
 from kfmocap.core.formats import load_cameras, save_cameras
 from kfmocap.core.formats.marker_points import read_marker_points, write_marker_points
@@ -110,7 +110,7 @@ def test_videos_and_what_is_known_of_them(tmp_path: Path) -> None:
     text = HEAD.format(lframe='colour = "red"\ndiameter = 0.04', wand='colours = ["green", "#0000ff"]')
     path.write_text(text + FILMED + known)
     film = load_wand(path)
-    assert isinstance(film, Film)
+    assert isinstance(film, CaptureVideos)
     assert film.lframe_colour == parsed("red", "") and film.lframe_diameter == 0.04
     assert film.wand_colours == (parsed("green", ""), parsed("#0000ff", "")) and film.wand_diameter is None
     [view] = film.views

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from kfmocap.core.calibration.quality import trust
-from kfmocap.core.calibration.solve import solve
-from kfmocap.core.calibration.video_markers import Sightings, find_all, find_lframe
+from kfmocap.core.calibration.quality import quality_numbers
+from kfmocap.core.calibration.video_markers import VideoMarkers, find_all, find_lframe
+from kfmocap.core.calibration.wand_calibration import solve_capture
 from kfmocap.core.errors import CalibrationError, CancelledError
 from kfmocap.core.formats.wand_toml import load_wand
 from render.waving import CAMERAS, OFFSETS, WandTake
@@ -25,7 +25,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def sightings(folder: Path) -> Sightings:
+def sightings(folder: Path) -> VideoMarkers:
     return find_all(load_wand(folder / "wand.toml"))
 
 
@@ -40,8 +40,8 @@ def test_balls_are_found_in_compressed_blurred_pictures_among_others(sightings):
 
 
 def test_cameras_come_out_where_they_stood(sightings):
-    solution = solve(sightings.capture())
-    numbers = trust(solution)
+    solution = solve_capture(sightings.capture())
+    numbers = quality_numbers(solution)
     assert max(camera["reprojection"]["median"] for camera in numbers["cameras"]) < 0.4
     assert numbers["wand"]["measured"]["spread"] < 0.006 * TAKE.length
     np.testing.assert_allclose(solution.rig.offset, TAKE.offsets, atol=0.1)

@@ -19,7 +19,7 @@ Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class CalibrationResult:
     """Solved cameras and how far to trust them.
 
     Attributes

@@ -13,12 +13,12 @@ from ..runtime.progress import Progress, report_progress
 from . import diagnosis, lens_selection, lframe
 from .bundle import adjust, covariance
 from .bundle_residuals import BallObservations, BundleEvidence, Scene
+from .calibration_result import CalibrationResult
 from .camera_rig import DRIFT, OFFSET, Rig, Wand
 from .first_cameras import FEWEST_SHARED, crossed_views, find_links, first_rig, unknown_lens
 from .pairwise import FOCAL_GRID, Lens
 from .quality import measured_lengths
-from .solution import Solution
-from .synchrony import Synchrony, in_step, synchrony
+from .synchrony import Synchrony, synchrony, with_capture_clock
 from .wand_matching import labelled
 from .wand_triangulation import sight
 
@@ -38,7 +38,7 @@ _HELD_OUT = 10
 _STRETCH = 10
 
 
-def solve(capture: Capture, progress: Progress | None = None, *, drift: bool = False) -> Solution:
+def solve_capture(capture: Capture, progress: Progress | None = None, *, drift: bool = False) -> CalibrationResult:
     """Solve for cameras from an L-frame and a wand.
 
     Parameters
@@ -145,7 +145,7 @@ def _polished(rig: Rig, capture: Capture, together: Synchrony, free: Bools, step
 def _sighted(rig: Rig, together: Synchrony, length: float, noise: float) -> Wand:
     """The wand on the capture's frames, by cameras whose videos are brought to them."""
     tracks = together.tracks(rig)
-    found = sight(in_step(rig), tracks, length, max(noise, 1.0))
+    found = sight(with_capture_clock(rig), tracks, length, max(noise, 1.0))
     return found.wand(tracks.frames, length, single=not together.between)
 
 
@@ -156,19 +156,19 @@ def _evidence(capture: Capture, seen: BallObservations, together: Synchrony) -> 
 
 def _finished(
     draft: _Draft, capture: Capture, together: Synchrony, free: Bools, known: Sequence[Lens], steps: _Steps
-) -> Solution:
+) -> CalibrationResult:
     """Lay down the world, decide on the lenses, and adjust once more to all that is known."""
     resting = lframe.resting([view.lframe for view in capture.views])
     moved = lframe.moved_since(draft.scene.rig, resting, draft.noise)
     resting = resting.take(~np.isin(resting.camera, list(moved)))
-    placement = lframe.place(draft.scene.rig, resting, capture.lframe_points, draft.noise)
+    placement = lframe.place_lframe(draft.scene.rig, resting, capture.lframe_points, draft.noise)
     scene = draft.scene.in_world(placement.R, placement.t)
     lframe.check(placement, scene.rig, capture.lframe_points, capture.wand_length)
     scene = replace(scene, lframe_world=capture.lframe_points.copy())
     evidence = replace(_evidence(capture, draft.seen, together), lframe=resting, lframe_measures=capture.lframe_points)
     steps.next("lenses", 0.7)
     fit = adjust(scene, evidence, free, cancel=steps.check)
-    free = lens_selection.chosen(fit.scene, evidence, free, known, steps.check)
+    free = lens_selection.select_lens_unknowns(fit.scene, evidence, free, known, steps.check)
     seen, used = labelled(fit.scene, capture.views, draft.noise)
     evidence = replace(evidence, wand=seen)
     fit = adjust(fit.scene, evidence, free, tolerance=1e-9, cancel=steps.check)
@@ -176,9 +176,9 @@ def _finished(
     assert scene.lframe_world is not None
     rows = np.concatenate([seen.sigma, resting.sigma])
     noise = _unit_noise(fit.residual[: len(seen)], scene, free)
-    steps.next("trust", 0.9)
+    steps.next("quality", 0.9)
     held_out = _held_out(scene, evidence, free, steps)
-    solution = Solution(
+    solution = CalibrationResult(
         capture,
         scene.rig,
         scene.wand,

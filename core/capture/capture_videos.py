@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class FilmView:
+class CaptureVideoView:
     """One camera's videos; see `CaptureView` for what may be known of it."""
 
     camera: str
@@ -27,7 +27,7 @@ class FilmView:
 
 
 @dataclass(frozen=True, eq=False)
-class Film:
+class CaptureVideos:
     """What was filmed to calibrate cameras.
 
     Attributes
@@ -43,7 +43,7 @@ class Film:
         Of its first and its second ball, or one for both.
     wand_diameter : float or None
         Of its balls, metres.
-    views : tuple of FilmView
+    views : tuple of CaptureVideoView
     """
 
     lframe_points: Array
@@ -52,4 +52,4 @@ class Film:
     wand_length: float
     wand_colours: tuple[Colour, ...]
     wand_diameter: float | None
-    views: tuple[FilmView, ...]
+    views: tuple[CaptureVideoView, ...]
