@@ -13,7 +13,7 @@ from ..core.body import landmark_positions
 from ..core.errors import ShotError
 from ..core.formats.trc import write_trc
 from ..core.review.overlay import contact_sheet, sheet_frames, write_contact_sheet
-from ..core.review.track_report import blind_spots, report
+from ..core.review.track_report import report, report_lines
 from ..core.runtime.files import check_writable, staged, write_json
 from ..core.runtime.progress import Progress, share
 from ..core.runtime.timing import Seconds
@@ -40,7 +40,7 @@ def run(args: argparse.Namespace, services: Services) -> int:
         )
     print(*files, sep="\n")
     # On standard error: the list of files can be piped on as it is.
-    for line in blind_spots(json.loads((args.out / "report.json").read_text(encoding="utf-8"))):
+    for line in report_lines(json.loads((args.out / "report.json").read_text(encoding="utf-8"))):
         print(f"kfmocap: {line}", file=sys.stderr)
     return 0
 
@@ -90,7 +90,7 @@ def run_track(
         times = Seconds(seconds or {})
         with times.measure("overlay"):
             _write_landmarks(shot, result, stage)
-            in_step, drawing = shot.in_step(result.footage_offset), share(progress, 0.95, 1.0)
+            in_step, drawing = shot.with_footage_offset(result.footage_offset), share(progress, 0.95, 1.0)
             sheet = contact_sheet(in_step, result.motions, shown, drawing, result.pictures)
             write_contact_sheet(stage / "overlay.png", sheet)
         if blender is not None:

@@ -69,7 +69,7 @@ def _fit_poses(
     search: bool,
     tolerance: float = 1e-6,
 ) -> Motion:
-    """As `fit_poses`; with `search`, a pose that does not fit is tried with its arms turned."""
+    """Fit poses; with `search`, one that does not fit is tried with its arms turned."""
     used = [i for i, name in enumerate(names) if name in body.landmarks]
     known, targets = [names[i] for i in used], np.asarray(targets_world, float)[:, used]
     poses: list[Motion] = []

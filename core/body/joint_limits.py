@@ -1,4 +1,4 @@
-"""What is known of poses beforehand: joints stay within their limits, and near rest where nothing else is known."""
+"""Prior of poses: joints stay within their limits, and near rest where nothing else is known."""
 
 from __future__ import annotations
 

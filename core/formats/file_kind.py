@@ -1,4 +1,4 @@
-"""What a file that somebody hands us is."""
+"""Recognising what a file is, whatever its name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The JSON documents of pose detectors, told apart by what is in them, as lists of people.
+"""The JSON documents of pose detectors, recognised by what is in them, as lists of people.
 
 Known are OpenPose (`people`), COCO's results and annotations, AlphaPose (COCO's results with names of pictures, or
 `bodies` by name), MMPose and RTMPose (`instances`, alone or with `instance_info`), MediaPipe (landmarks as `x`, `y`,
@@ -24,9 +24,9 @@ class DetectedPerson:
     values : sequence of float
         x, y, confidence of every keypoint, one after the other.
     frame : int or None
-        None where the document does not tell: it then is about one picture.
+        None where the document does not say: it is then about one picture.
     track : int
-        -1 where it is not told.
+        -1 where there is none.
     normalised : bool
         Places are shares of the picture's width and height, 0 to 1 from edge to edge.
     names : tuple of str or None

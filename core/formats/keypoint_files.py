@@ -20,7 +20,7 @@ KNOWN = "OpenPose, COCO, AlphaPose, MMPose, MediaPipe or YOLO"
 
 
 def read_keypoints(path: Path | str, size: tuple[int, int] | None = None, *, skip_broken: bool = False) -> Detections:
-    """Read what a detector found in the footage of one view; its format is told by its content.
+    """Read what a detector found in the footage of one view; the format is recognised by its content.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def _check(person: DetectedPerson, file: Path) -> None:
 
 
 def _numbered(found: list[DetectedPerson], file: Path) -> list[DetectedPerson]:
-    """People of a folder's file: of one picture, whose number its name tells."""
+    """People of a folder's file, which is about the picture whose number is in its name."""
     if all(person.frame is not None for person in found):
         return found
     try:

@@ -2,7 +2,7 @@
 
 Names are those of the body's landmarks (Pose2Sim's), and a few more of the face; an empty name is a keypoint that is
 not used. Where several orders have the same number of keypoints, the one that the detectors' own programs write counts;
-of OpenPose's two orders of 25 the people themselves tell.
+of OpenPose's two orders of 25 the right one is chosen by the people themselves.
 """
 
 from __future__ import annotations

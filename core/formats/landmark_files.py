@@ -13,7 +13,7 @@ from .trc import Landmarks, read_trc
 
 
 def read_landmarks(path: Path | str, up: str = "auto") -> Landmarks:
-    """Read a TRC or a C3D file, told by its name's ending.
+    """Read a TRC or a C3D file, by the ending of its name.
 
     Raises
     ------
@@ -29,8 +29,9 @@ def read_landmarks(path: Path | str, up: str = "auto") -> Landmarks:
 
 
 def landmarks_of(body: Body, found: Landmarks, where: str) -> Landmarks:
-    """Those landmarks that a body has, by its names: as they stand, in other capitals, after "subject:", or spoken out
-    as in "left_shoulder".
+    """Return the landmarks that a body has, by its names.
+
+    Names may stand in other capitals, after "subject:", or be spoken out as in "left_shoulder".
 
     Raises
     ------

@@ -19,7 +19,7 @@ TAKES = {"lframe": LFRAME_BALLS, "wand": WAND_BALLS}
 """Balls of each take."""
 COLUMNS = ("camera", "take", "frame", "marker", "u", "v")
 USUAL_SIGMA = 0.5
-"""Standard deviation of a coordinate that the file does not tell, pixels."""
+"""Standard deviation of a coordinate that the file does not give, pixels."""
 
 
 def read_marker_points(path: Path | str) -> dict[tuple[str, str], Markers]:

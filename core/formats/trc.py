@@ -33,7 +33,7 @@ class Landmarks:
     points_world : ndarray, shape (F, L, 3)
         Metres, Z up; NaN where a landmark was not seen.
     fps : float
-        Frames per second, 0 when the file does not tell.
+        Frames per second, 0 when the file does not say.
     """
 
     names: tuple[str, ...]

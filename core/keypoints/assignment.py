@@ -1,8 +1,8 @@
-"""Whose keypoints are whose: several people, in several views, over time.
+"""Assigning detections to performers: several people, in several views, over time.
 
 Detections of a view are strung together to tracks where they hardly move from one frame to the next. A track belongs
 to the performer whose known places it meets: his key poses, projected, and what was triangulated from tracks that are
-his already. Where no key pose tells, performers begin with the two tracks of different views that agree best.
+his already. Where there are no key poses, performers begin with the two tracks of different views that agree best.
 """
 
 from __future__ import annotations

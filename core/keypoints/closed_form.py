@@ -1,4 +1,4 @@
-"""Laying the default body along points: every part's direction from its joints, its twist from how the limb bends.
+"""A pose of the default body in closed form: parts point along their joints, and limbs twist as they bend.
 
 It is exact only where the points are as far apart as the body's joints; a start for a fit, in closed form.
 """
@@ -24,7 +24,7 @@ LIMBS = (
 """Upper and lower part, their joints, the sign of the turn about the x axis that bends them, and the cosine of the
 farthest twist: points that say more are wrong."""
 STRAIGHT = (0.1, 0.3)
-"""Sine of the bend below which a limb is straight, and above which its bend tells the twist."""
+"""Sine of the bend below which a limb is straight, and above which its bend gives the twist."""
 
 
 def closed_form_pose(body: Body, names: Sequence[str], points_world: Array) -> Motion | None:

@@ -26,13 +26,13 @@ Array = NDArray[np.float64]
 LEAST_DEVIATION = 0.006
 """No keypoint is surer than this, metres."""
 USUAL_DEVIATION = 0.02
-"""Of keypoints of which too little is seen to tell, metres."""
+"""Deviation of keypoints of which too little is seen to estimate it, metres."""
 GROSS = 3.0
 """Standard deviations at which a keypoint counts for a quarter of one that is right (Geman and McClure's error)."""
 OFFSET_DEVIATION = 0.03
 """Usual distance of a keypoint from its landmark along each axis, metres: hips and shoulders lie deep in the body."""
 LIMB_OFFSET_DEVIATION = 0.01
-"""The same of joints of the limbs: they are thin there."""
+"""`OFFSET_DEVIATION` of joints of the limbs, which are thin."""
 _LIMB = ("Elbow", "Wrist", "Knee", "Ankle")
 
 
@@ -62,7 +62,7 @@ class Keypoints:
         return self.rays.shape[1]
 
     def __getitem__(self, frames: slice | Sequence[int] | NDArray[Any]) -> Keypoints:
-        """Those of some of the frames."""
+        """Return the keypoints of some of the frames."""
         return replace(
             self,
             rays=self.rays[:, frames],
@@ -72,7 +72,7 @@ class Keypoints:
         )
 
     def of_views(self, views: list[int]) -> Keypoints:
-        """Those of some of the views."""
+        """Return the keypoints of some of the views."""
         R, t = self.R_cam_world[views], self.t_cam_world[views]
         return Keypoints(self.names, self.rays[views], self.confidence[views], R, t)
 
@@ -92,7 +92,7 @@ class Keypoints:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Where the keypoints are on the body.
+    """Places of the keypoints on the body.
 
     Attributes
     ----------
@@ -129,7 +129,7 @@ _FACE = {"Eye": (0.11, 0.62, 0.17), "Ear": (0.26, 0.55, 0.0)}
 
 
 def keypoint_on_body(body: Body, name: str) -> tuple[int, Array]:
-    """The part that carries a keypoint, and the keypoint's landmark in its frame, metres."""
+    """Return the part that carries a keypoint, and the keypoint's landmark in its frame, metres."""
     if name[1:] in _FACE and "Head" in body.landmarks:
         part, top = body.landmarks["Head"]
         left, up, forward = _FACE[name[1:]]
@@ -251,27 +251,27 @@ def keypoint_system(body: Body, poses: Poses, keypoints: Keypoints, places: Plac
 
 @dataclass(frozen=True, eq=False)
 class KeypointFactor:
-    """What keypoints say of one performer, their offsets known.
+    """The evidence of one performer's keypoints, with known offsets from the landmarks.
 
     Attributes
     ----------
     keypoints : Keypoints
         On F frames.
     places : Places
-    together : float
+    correlated : float
         How many neighbouring frames err together and count as one.
     """
 
     keypoints: Keypoints
     places: Places
-    together: float
+    correlated: float
 
     def __getitem__(self, frames: slice) -> KeypointFactor:
-        """Those of some of the frames."""
+        """Return the evidence of some of the frames."""
         return replace(self, keypoints=self.keypoints[frames])
 
     def agreement(self, poses: Poses) -> float:
-        """Mean weight of the keypoints, 0 to 1: how far they agree with poses."""
+        """Return the mean weight of the keypoints, 0 to 1: how far they agree with poses."""
         residual, confidence = self.keypoints.residuals(self.places.world(poses)), self.keypoints.confidence
         usual = np.full((confidence.shape[0], confidence.shape[2]), USUAL_DEVIATION)
         weights = robust_weights(residual, confidence, usual) * USUAL_DEVIATION**2
@@ -282,5 +282,5 @@ class KeypointFactor:
         keypoints = self.keypoints
         residual = keypoints.residuals(self.places.world(poses))
         deviation = deviations(residual, keypoints.confidence)
-        weights = robust_weights(residual, keypoints.confidence, deviation, tolerance) / self.together
+        weights = robust_weights(residual, keypoints.confidence, deviation, tolerance) / self.correlated
         return keypoint_system(body, poses, keypoints, self.places, weights).blocks

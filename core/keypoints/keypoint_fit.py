@@ -38,7 +38,7 @@ apart."""
 
 @dataclass(frozen=True, eq=False)
 class KeypointFit:
-    """What keypoints alone say. Everything in it belongs to its motion.
+    """A motion fitted to keypoints. Everything in it belongs to that motion.
 
     Attributes
     ----------

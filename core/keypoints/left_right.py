@@ -1,4 +1,4 @@
-"""Left and right: detectors take one for the other, of the legs, of the arms, or of the whole body."""
+"""Left and right, which detectors confuse: of the legs, of the arms, or of the whole body."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .keypoint_factor import Keypoints
 Array = NDArray[np.float64]
 
 GROUPS = (("Hip", "Knee", "Ankle", "BigToe", "Heel"), ("Shoulder", "Elbow", "Wrist", "Hand"), ("Eye", "Ear"))
-"""Landmarks whose sides are told together."""
+"""Landmarks whose sides are decided together."""
 FARTHEST = 0.15
 """A keypoint farther from where it is expected says nothing of its side, metres."""
 CLEAR = 0.6

@@ -35,7 +35,7 @@ def image_rays(camera: Camera, pixels: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class PerformerKeypoints:
-    """What keypoints say of one performer over a whole shot.
+    """The keypoints of one performer over a whole shot, and the motion that they show.
 
     Attributes
     ----------
@@ -118,7 +118,7 @@ def fit_keypoints(shot: Shot, detections: Sequence[Detections], fixed: Sequence[
 
 
 def correlated_frames(settings: Settings, fps: float) -> float:
-    """How many neighbouring frames' keypoints count as one."""
+    """Return how many neighbouring frames' keypoints count as one."""
     return max(1.0, settings.keypoint_correlation * fps)
 
 

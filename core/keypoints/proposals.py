@@ -138,18 +138,18 @@ def poses_from_keypoints(
 
 
 def away_from_keys(chosen: NDArray[np.int64], keys: NDArray[np.int64], fps: float) -> NDArray[np.int64]:
-    """Those of some frames that are not near a key pose."""
+    """Return those of some frames that are not near a key pose."""
     apart = EVERY * fps / 2
     return np.array([f for f in chosen if not len(keys) or abs(keys - f).min() > apart], np.int64)
 
 
 def chosen_frames(fit: KeypointFit, fps: float) -> NDArray[np.int64]:
-    """Of every stretch of `EVERY` seconds, the frame in its middle half that keypoints show best."""
+    """Return the frame that keypoints show best in the middle half of every `EVERY` seconds."""
     return best_frames(seen_quality(fit), fps)
 
 
 def best_frames(quality: Array, fps: float) -> NDArray[np.int64]:
-    """Of every stretch of `EVERY` seconds, the frame in its middle half with the greatest quality (F,)."""
+    """Return the frame with the greatest quality (F,) in the middle half of every `EVERY` seconds."""
     if not len(quality):
         return np.zeros(0, np.int64)
     count = max(1, round(len(quality) / (EVERY * fps)))
@@ -163,6 +163,6 @@ def best_frames(quality: Array, fps: float) -> NDArray[np.int64]:
 
 
 def seen_quality(fit: KeypointFit) -> Array:
-    """Share of the keypoints that two views or more agree on with the motion, by frame, 0 to 1, shape (F,)."""
+    """Return the share of keypoints on which two views or more agree with the motion, 0 to 1, shape (F,)."""
     two_best = np.sort(fit.weights, axis=0)[-2:]
     return np.asarray(two_best.sum(axis=0).mean(axis=-1) / 2)

@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 ACCEPTED = 0.06
 """A view agrees with a point that is within this of its ray, metres."""
 LEAST_ANGLE = np.radians(3)
-"""Two rays that meet at less than this tell no depth."""
+"""Two rays that meet at less than this angle give no depth."""
 
 
 def triangulate(keypoints: Keypoints) -> tuple[Array, NDArray[np.bool_]]:

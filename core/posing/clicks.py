@@ -1,6 +1,6 @@
 """The pose that meets clicked joints with the least movement from one that is given.
 
-A click is a 2D keypoint of one view. Clicks of several views meet where their rays do; what a single view does not tell
+A click is a 2D keypoint of one view. Clicks of several views meet where their rays do; what a single view does not show
 stays as it was: every degree of freedom is held to the given pose, the more the more it moves, and landmarks
 that one view alone shows are held at their depth.
 """
@@ -38,17 +38,17 @@ MOVEMENT_DEVIATION = 0.05
 """Usual movement of the whole body from the given pose, metres. A joint's turn counts by the radius about which the
 whole body would have to turn to move as much."""
 LEAST_RADIUS = 0.03
-"""Of that radius, metres: even hands and feet turn no more than is needed."""
+"""Least such radius, metres: even hands and feet turn no more than is needed."""
 DEPTH_DEVIATION = 0.1
 """Usual movement along its ray of a landmark that one view alone shows, metres."""
 STEPS, FEW = 40, 10
-"""Of a fit, and of one that is only compared with others."""
+"""Steps of a fit, and of one that is only compared with others."""
 LEAST_GAIN = 1e-4
 """The fit ends when a step lessens the energy by less than this share."""
 POOR = 10.0
 """A fit with more energy than this for every click, in variances, is reason to look for another."""
 ENOUGH = 4
-"""Clicks that tell which way the body is turned."""
+"""Clicks that show which way the body is turned."""
 
 
 @dataclass(frozen=True)
@@ -82,13 +82,13 @@ class ClickFit:
     energy: float = 0.0
 
 
-def clicked(clicks: Sequence[Click], frame: int) -> Keypoints:
+def click_keypoints(clicks: Sequence[Click], frame: int) -> Keypoints:
     """Clicks as keypoints of one frame.
 
     Parameters
     ----------
     clicks : sequence of Click
-        At most one of each landmark in each view; the views are told apart by the names of their cameras.
+        At most one of each landmark in each view; views are distinguished by the names of their cameras.
     frame : int
         Shot frame, for cameras that move.
     """

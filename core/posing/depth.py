@@ -1,4 +1,4 @@
-"""Depth, which one view does not tell: poses that look nearly the same from a camera and are nearer or farther."""
+"""Depth, which one view does not show: poses that look nearly the same from a camera and are nearer or farther."""
 
 from __future__ import annotations
 

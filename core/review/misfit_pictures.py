@@ -66,8 +66,8 @@ def misfit_picture(shot: Shot, view: View, motions: Sequence[Motion], frame: int
     FootageError
         The footage cannot be read.
     """
-    stretch = next((s for s in segments(shot) if s[0] <= frame <= s[1]), (0, shot.length - 1))
-    keys = posed_frames(shot, *stretch).tolist()
+    segment = next((s for s in segments(shot) if s[0] <= frame <= s[1]), (0, shot.length - 1))
+    keys = posed_frames(shot, *segment).tolist()
     where = f"frame {shot.frames[0] + frame}"
     if not keys:
         raise ShotError("there is no key pose of the whole body around it", where=where, todo="set one, and track")

@@ -113,7 +113,7 @@ def _performer(
 
 
 def _expected_errors(shot: Shot, performer: Performer, deviation: NDArray[np.float64]) -> dict[str, Any]:
-    """How far off the joints may be, and the key frames that would help, in millimetres."""
+    """Expected errors of the joints, and the key frames that would help, in millimetres."""
     first, names = shot.frames[0], performer.body.names
     return {
         "expected_error": [
@@ -150,8 +150,8 @@ def _spans(names: list[str], hidden: NDArray[np.bool_], first: int) -> dict[str,
     return {name: found for name, found in spans.items() if found}
 
 
-def blind_spots(values: Mapping[str, Any]) -> list[str]:
-    """A report in a few lines: what could not be read, what no camera saw, and where key poses would help."""
+def report_lines(values: Mapping[str, Any]) -> list[str]:
+    """Summarise a report in lines: what could not be read, what no camera saw, and where key poses would help."""
     lines = [f"left out, {file}" for view in values["views"] for file in view["skipped"]]
     offset = values["footage_offset"]
     if offset and values["settings"]["footage_offset"] is None:

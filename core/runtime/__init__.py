@@ -1,1 +1,1 @@
-"""What every job needs beside its task: threads, timing, progress, files that appear whole."""
+"""Services of every job: threads, timing, progress, files that appear whole."""

@@ -90,12 +90,12 @@ def footage_index(view: View, frame: int) -> int:
 
 
 def footage_delay(view: View) -> float:
-    """How much later than a frame of the shot its footage frame was taken, above -1/2 to 1/2 frames."""
+    """Return how much later than a frame of the shot its footage frame was taken, above -1/2 to 1/2 frames."""
     return footage_index(view, 0) - view.offset
 
 
 def shown_delay(view: View, settings: Settings) -> float:
-    """The same with the offset of all footage, where it is known."""
+    """Return `footage_delay` with the offset of all footage, where that is known, frames."""
     return footage_delay(view) - (settings.footage_offset or 0.0)
 
 
@@ -145,7 +145,7 @@ def _check_range(view: View, footage: Footage, first: int, length: int) -> None:
         raise FootageError(f"the shot begins before the footage: {asked}", where=where)
     count = each * footage.count
     if end >= count and image_files(view.footage) is None:
-        # Some containers understate their length; only decoding tells.
+        # Some containers understate their length; only decoding shows it.
         count = each * _decodable(view.footage, end // each + 1)
     if end >= count:
         raise FootageError(f"the footage has only {count} {unit}: {asked}", where=where)
@@ -317,7 +317,7 @@ def _read_image(path: Path) -> Image:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[cv2.VideoCapture]:
-    """An open video whose frames come as they are stored; `_quarter_turns` tells how they are to be seen."""
+    """Open a video whose frames come as they are stored; `_quarter_turns` says how they are to be seen."""
     if not path.is_file():
         todo = "a video, or a pattern of images such as frame_%04d.png, frame_####.png or frame_*.png"
         raise FootageError("there is no such footage", where=str(path), todo=todo)
@@ -435,5 +435,5 @@ PICTURE_SIZE = 960
 
 
 def working_factor(view: View, working_size: int) -> float:
-    """How much a view's frames are reduced for tracking."""
+    """Return the factor by which a view's frames are reduced for tracking."""
     return max(1.0, max(view.camera.size) / working_size)

@@ -1,4 +1,4 @@
-"""Which camera took which footage, as their names tell; and which files are one piece of footage."""
+"""Matching footage to cameras by their names, and image files to sequences."""
 
 from __future__ import annotations
 

@@ -66,14 +66,14 @@ class KeyPoses:
         return cls(whole.frames, poses, np.zeros_like(whole.fixed))
 
     def joined(self, other: KeyPoses) -> KeyPoses:
-        """These and others, on other frames."""
+        """Return these key poses and others, which are on other frames."""
         frames = np.concatenate([self.frames, other.frames])
         order = np.argsort(frames)
         poses = stacked([self.poses, other.poses])[order]
         return KeyPoses(frames[order], poses, np.concatenate([self.fixed, other.fixed])[order])
 
     def between(self, first: int, last: int) -> KeyPoses:
-        """Those of an excerpt of the shot, shot frames first to last, which counts its frames from zero."""
+        """Return the key poses on shot frames first to last, counted from the first of these."""
         inside = (self.frames >= first) & (self.frames <= last)
         return KeyPoses(self.frames[inside] - first, self.poses[inside], self.fixed[inside])
 
@@ -88,7 +88,7 @@ class KeyPoses:
 
 @dataclass(frozen=True, eq=False)
 class Performer:
-    """Somebody to track: a body and its key poses."""
+    """A person to track: a body and its key poses."""
 
     name: str
     body: Body
@@ -124,7 +124,7 @@ class PerformerRequest:
     frames: tuple[int, ...] | None = None
 
     def placeholder(self) -> Performer:
-        """The performer before anything is known of it."""
+        """Return the performer before anything is known of it."""
         body = human() if self.height is None else human(self.height)
         nowhere = Motion(np.zeros((0, 3)), np.zeros((0, len(body), 3, 3)))
         return Performer(self.name, body, KeyPoses.proposed([], nowhere))
@@ -132,7 +132,7 @@ class PerformerRequest:
 
 @dataclass(frozen=True)
 class Settings:
-    """How to track. The defaults serve every shot; see each field for its unit.
+    """Settings of the tracker. The defaults serve every shot; see each field for its unit.
 
     Attributes
     ----------
@@ -220,14 +220,14 @@ class Shot:
         """Number of frames."""
         return self.frames[1] - self.frames[0] + 1
 
-    def in_step(self, found: float | None) -> Shot:
-        """The shot with the offset of all footage that was found, if any; one that its settings give stays."""
+    def with_footage_offset(self, found: float | None) -> Shot:
+        """Return the shot with the offset of all footage that was found, if any, unless its settings give one."""
         if found is None or self.settings.footage_offset is not None:
             return self
         return replace(self, settings=replace(self.settings, footage_offset=found))
 
     def between(self, first: int, last: int) -> Shot:
-        """An excerpt: shot frames first to last, with the key poses on these alone."""
+        """Return shot frames first to last as a shot of their own, with the key poses on these alone."""
         return replace(
             self,
             frames=(self.frames[0] + first, self.frames[0] + last),

@@ -87,7 +87,7 @@ def track_excerpts(shot: Shot, excerpts: Sequence[Excerpt], progress: Progress |
     ends = ends / max(1, ends[-1])
     results = []
     for part, (begin, end) in zip(excerpts, pairwise(ends), strict=True):
-        asked = shot.between(part.first, part.last).in_step(part.footage_offset)
+        asked = shot.between(part.first, part.last).with_footage_offset(part.footage_offset)
         results.append(track(asked, share(progress, float(begin), float(end)), around=part.around))
     return results
 

@@ -11,7 +11,7 @@ from ...core.body import Body, landmark_positions
 from ...core.body.motion import Motion
 from ...core.cameras.camera import Camera
 from ...core.errors import KeypointError
-from ...core.posing.clicks import STEPS, Click, ClickFit, ClickSolver, clicked, pixel, ray
+from ...core.posing.clicks import STEPS, Click, ClickFit, ClickSolver, click_keypoints, pixel, ray
 from ...core.posing.depth import limb_flipped
 from ..scene_io import body_armature, joint_marks, key_pose_curves, scene_cameras, shown_pose
 
@@ -125,7 +125,7 @@ class Placing:
             for (view, name), at in self.marks.items()
             if view in self._cameras and name in self.body.landmarks
         ]
-        self.fitted = self._solver.fit(clicked(clicks, 0), self.fitted, steps, search)
+        self.fitted = self._solver.fit(click_keypoints(clicks, 0), self.fitted, steps, search)
         self.show()
 
     def show(self) -> None:

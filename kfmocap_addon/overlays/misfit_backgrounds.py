@@ -17,7 +17,7 @@ def show(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, frame: int) -> M
     KFMocapError
         The scene's shot cannot be read, or there is nothing to compare with on that frame.
     """
-    shot = tracked_segments.in_step(scene, scenes.shot_from_scene(scene))
+    shot = tracked_segments.with_footage_offset(scene, scenes.shot_from_scene(scene))
     start = scene.kfmocap.frame_start
     view = next(v for v in shot.views if v.camera.name == slot.name)
     motions = [motion_curves.read_motion(s.armature, start, shot.length) for s in scene.kfmocap.performers]

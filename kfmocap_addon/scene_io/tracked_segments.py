@@ -73,7 +73,7 @@ def remember_offset(scene: bpy.types.Scene, result: TrackResult) -> None:
 
 def in_step(scene: bpy.types.Scene, shot: Shot) -> Shot:
     """A scene's shot, its key poses and its footage in step as they were found to be."""
-    return shot.in_step(_footage_offset(scene))
+    return shot.with_footage_offset(_footage_offset(scene))
 
 
 def clear(scene: bpy.types.Scene, shot: Shot, chosen: Sequence[Segment]) -> int:

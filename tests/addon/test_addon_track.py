@@ -413,7 +413,7 @@ def test_parts_are_tracked_again_with_the_offset_that_the_whole_shot_told(built,
     tracker.footage_offset = 0.1
     bpy.ops.kfmocap.track_here()
     assert tracker.shots[-1].settings.footage_offset == 0.387
-    assert tracked_segments.in_step(built, scene.shot_from_scene(built)).settings.footage_offset == 0.387
+    assert tracked_segments.with_footage_offset(built, scene.shot_from_scene(built)).settings.footage_offset == 0.387
     shift_key_pose(built, 0)
     bpy.ops.kfmocap.track_changes()
     assert tracker.shots[-1].frames == (5, 10)  # the offset that was found is no change

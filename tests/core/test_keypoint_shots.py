@@ -18,7 +18,7 @@ from kfmocap.core.formats.keypoint_files import read_shot_keypoints
 from kfmocap.core.keypoints.assignment import ViewDetections, assign_detections, detection_tracks
 from kfmocap.core.keypoints.keypoint_factor import Keypoints
 from kfmocap.core.keypoints.observations import fit_keypoints, image_rays, performer_keypoints
-from kfmocap.core.review.track_report import blind_spots, report
+from kfmocap.core.review.track_report import report, report_lines
 from kfmocap.core.shot.keypose_spline import spline
 from kfmocap.core.shot.shot import KeyPoses, Performer, PerformerRequest, Shot, View, fixed_degrees
 from kfmocap.core.tracking.prepare import load_shot
@@ -265,7 +265,7 @@ def test_the_report_tells_what_keypoints_did(tmp_path: Path) -> None:
     assert all(view["agreement"] > 0.7 and not view["sides_changed"] for view in performer["keypoints"].values())
     (skipped,) = values["views"][0]["skipped"]
     assert "cam02_000007.json" in skipped and not values["views"][1]["skipped"]
-    assert any("left out" in line and "cam02_000007.json" in line for line in blind_spots(values))
+    assert any("left out" in line and "cam02_000007.json" in line for line in report_lines(values))
 
 
 def test_proposals_beside_the_animators_key_poses_leave_these_as_they_are(tmp_path: Path) -> None:

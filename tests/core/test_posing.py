@@ -12,7 +12,7 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import KeypointError
 from kfmocap.core.numerics import rotations
-from kfmocap.core.posing.clicks import Click, ClickSolver, clicked, movement, movement_precision, pixel, ray
+from kfmocap.core.posing.clicks import Click, ClickSolver, click_keypoints, movement, movement_precision, pixel, ray
 from kfmocap.core.posing.depth import limb_flipped, moved_in_depth
 from kfmocap.core.posing.mirror import mirrored_poses
 from synthetic import at_rest, numeric_jacobian, random_motion, rigidly_moved, rigidly_moved_camera
@@ -45,7 +45,7 @@ def test_clicks_in_two_views_with_a_pixel_of_noise_give_the_joints_to_15_mm(give
     """A pixel is 9 mm there; the mean over the joints."""
     truth, found = WALK[[26]], []
     for seed in range(4):
-        clicks = clicked(clicks_on(VIEWS[:2], truth, noise=1.0, seed=seed), 0)
+        clicks = click_keypoints(clicks_on(VIEWS[:2], truth, noise=1.0, seed=seed), 0)
         found.append(errors(ClickSolver(BODY, given).fit(clicks).pose, truth))
     assert np.mean(found) < 0.015 and np.max(found) < 0.05
 
@@ -65,7 +65,7 @@ def test_one_view_keeps_the_depth():
     truth = Motion(given.translations, Q)
     assert errors(truth, given).max() > 0.15
     for seed in range(4):
-        fit = ClickSolver(BODY, given).fit(clicked(clicks_on([view], truth, names, 1.0, seed), 0))
+        fit = ClickSolver(BODY, given).fit(click_keypoints(clicks_on([view], truth, names, 1.0, seed), 0))
         moved = landmark_positions(BODY, fit.pose, names) - landmark_positions(BODY, given, names)
         assert np.abs(moved @ axis).mean() < 0.05
         assert fit.misfit < 0.012
@@ -80,14 +80,16 @@ def test_one_click_on_a_wrist_moves_the_arm_and_hardly_the_trunk():
     given = WALK[[20]]
     view = VIEWS[1]
     [click] = clicks_on([view], given, ["LWrist"])
-    fit = ClickSolver(BODY, given).fit(clicked([replace(click, pixel=(click.pixel[0], click.pixel[1] - 25))], 0))
+    fit = ClickSolver(BODY, given).fit(
+        click_keypoints([replace(click, pixel=(click.pixel[0], click.pixel[1] - 25))], 0)
+    )
     assert fit.misfit < 0.01
     assert errors(fit.pose, given, ["LWrist"]) > 0.15
     assert errors(fit.pose, given, ["RShoulder", "LHip", "RHip", "LKnee"]).max() < 0.04
 
 
 def test_without_clicks_the_pose_is_the_given_one():
-    fit = ClickSolver(BODY, WALK[[3]]).fit(clicked([], 0))
+    fit = ClickSolver(BODY, WALK[[3]]).fit(click_keypoints([], 0))
     assert errors(fit.pose, WALK[[3]]).max() == 0
 
 
@@ -95,14 +97,14 @@ def test_held_joints_stay_to_the_last_bit():
     held = np.ones(BODY.dof, bool)
     for part in ("upper_arm.L", "forearm.L"):
         held[3 + 3 * BODY.index(part) : 6 + 3 * BODY.index(part)] = False
-    fit = ClickSolver(BODY, WALK[[20]], held).fit(clicked(clicks_on(VIEWS[:2], WALK[[40]]), 0))
+    fit = ClickSolver(BODY, WALK[[20]], held).fit(click_keypoints(clicks_on(VIEWS[:2], WALK[[40]]), 0))
     moved = WALK[[20]].difference(fit.pose)[0]
     assert np.abs(moved[held]).max() < 1e-12 < np.abs(moved[~held]).max()
 
 
 def test_a_body_that_faces_away_is_turned_about():
     given = rigidly_moved(BODY, WALK[[20]], rotations.exp(np.array([0, 0, np.pi])), np.array([0.7, 0.4, 0.0]))
-    fit = ClickSolver(BODY, given).fit(clicked(clicks_on(VIEWS[:1], WALK[[20]]), 0))
+    fit = ClickSolver(BODY, given).fit(click_keypoints(clicks_on(VIEWS[:1], WALK[[20]]), 0))
     assert fit.misfit < 0.02
     facing = [world_rotation(pose, 0)[:, 0] for pose in (fit.pose, WALK[[20]])]
     assert facing[0] @ facing[1] > 0.9
@@ -111,7 +113,7 @@ def test_a_body_that_faces_away_is_turned_about():
 def test_joints_stay_within_their_limits():
     """A wrist clicked above the head, an ankle behind it."""
     clicks = [Click(VIEWS[0], "LWrist", (320.0, 20.0)), Click(VIEWS[0], "RAnkle", (300.0, 40.0))]
-    fit = ClickSolver(BODY, at_rest(BODY)).fit(clicked(clicks, 0))
+    fit = ClickSolver(BODY, at_rest(BODY)).fit(click_keypoints(clicks, 0))
     turns = rotations.log(fit.pose.rotations[0, 1:])
     assert (turns > BODY.limits[1:, :, 0] - 0.1).all() and (turns < BODY.limits[1:, :, 1] + 0.1).all()
 
@@ -120,11 +122,11 @@ def test_few_steps_from_an_earlier_fit_follow_a_click_that_is_dragged():
     given, truth = WALK[[20]], WALK[[26]]
     solver = ClickSolver(BODY, given)
     clicks = clicks_on(VIEWS[:2], truth)
-    whole = solver.fit(clicked(clicks, 0))
+    whole = solver.fit(click_keypoints(clicks, 0))
     for shift in range(1, 6):
         clicks[0] = replace(clicks[0], pixel=(clicks[0].pixel[0] + 2, clicks[0].pixel[1] - shift))
-        whole = solver.fit(clicked(clicks, 0), whole, steps=3, search=False)
-    afresh = solver.fit(clicked(clicks, 0))
+        whole = solver.fit(click_keypoints(clicks, 0), whole, steps=3, search=False)
+    afresh = solver.fit(click_keypoints(clicks, 0))
     assert errors(whole.pose, afresh.pose).max() < 0.01
 
 
@@ -132,13 +134,13 @@ def test_clicks_are_of_the_undistorted_picture():
     bent = replace(VIEWS[0], distortions=np.array([-0.3, 0.1, 0.001, 0.002]))
     truth = WALK[[26]]
     plain, other = ClickSolver(BODY, WALK[[20]]), ClickSolver(BODY, WALK[[20]])
-    a = plain.fit(clicked(clicks_on([VIEWS[0], VIEWS[1]], truth), 0))
-    b = other.fit(clicked(clicks_on([bent, VIEWS[1]], truth), 0))
+    a = plain.fit(click_keypoints(clicks_on([VIEWS[0], VIEWS[1]], truth), 0))
+    b = other.fit(click_keypoints(clicks_on([bent, VIEWS[1]], truth), 0))
     assert errors(a.pose, b.pose).max() < 1e-9
 
 
 def test_the_rays_of_clicks_go_through_what_was_clicked():
-    keypoints = clicked(clicks_on(VIEWS, WALK[[5]]), 0)
+    keypoints = click_keypoints(clicks_on(VIEWS, WALK[[5]]), 0)
     points = landmark_positions(BODY, WALK[[5]], list(keypoints.names))
     np.testing.assert_allclose(keypoints.residuals(points), 0, atol=1e-9)
 
@@ -152,15 +154,15 @@ def test_moving_the_world_moves_the_fit():
     truth, given = WALK[[26]], WALK[[20]]
     here = clicks_on(VIEWS[:1], truth)
     there = [replace(click, camera=rigidly_moved_camera(click.camera, turn, shift)) for click in here]
-    a = ClickSolver(BODY, given).fit(clicked(here, 0), search=False)
-    b = ClickSolver(BODY, rigidly_moved(BODY, given, turn, shift)).fit(clicked(there, 0), search=False)
+    a = ClickSolver(BODY, given).fit(click_keypoints(here, 0), search=False)
+    b = ClickSolver(BODY, rigidly_moved(BODY, given, turn, shift)).fit(click_keypoints(there, 0), search=False)
     # The prior holds the place axis by axis, all alike; the iteration stops at a share of the energy.
     assert errors(b.pose, rigidly_moved(BODY, a.pose, turn, shift)).max() < 0.005
 
 
 def test_a_landmark_that_the_body_lacks_is_named():
     with pytest.raises(KeypointError, match="Tail"):
-        ClickSolver(BODY, WALK[[0]]).fit(clicked([Click(VIEWS[0], "Tail", (1.0, 1.0))], 0))
+        ClickSolver(BODY, WALK[[0]]).fit(click_keypoints([Click(VIEWS[0], "Tail", (1.0, 1.0))], 0))
 
 
 def test_the_gradient_of_movement_is_that_of_its_energy():

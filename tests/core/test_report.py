@@ -15,7 +15,7 @@ from kfmocap.core.errors import LandmarkError
 from kfmocap.core.formats import Landmarks
 from kfmocap.core.keypoints.observations import ShotKeypoints
 from kfmocap.core.review.scoring import joint_error
-from kfmocap.core.review.track_report import blind_spots, report
+from kfmocap.core.review.track_report import report, report_lines
 from kfmocap.core.runtime.files import write_json
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot, View
 
@@ -103,13 +103,13 @@ def test_the_report_has_how_far_off_the_parts_may_be_and_where_one_more_key_pose
 
 def test_blind_spots_are_told_in_a_line_each(tracked: tuple[Shot, type]) -> None:
     shot, result = tracked
-    unseen, helpful, suggested = blind_spots(report(shot, result))
+    unseen, helpful, suggested = report_lines(report(shot, result))
     assert unseen == "man: frames on which no camera sees a part: shin.L 1, hand.R 7"
     assert suggested == "man: key poses would help at 107 (hand.R hidden 108-114), 115 (hand.R hidden 108-114)"
     assert helpful.startswith("man: where one more key pose would help most: ") and "(forearm.L some" in helpful
     result.visible = tuple(np.ones_like(visible) for visible in result.visible)
     result.deviation = tuple(np.zeros_like(deviation) for deviation in result.deviation)
-    assert not blind_spots(report(shot, result))
+    assert not report_lines(report(shot, result))
 
 
 def test_footage_out_of_step_is_told_unless_it_was_given(tracked: tuple[Shot, type]) -> None:
@@ -117,8 +117,8 @@ def test_footage_out_of_step_is_told_unless_it_was_given(tracked: tuple[Shot, ty
     result.footage_offset = 0.38
     values = report(shot, result)
     assert values["footage_offset"] == 0.38
-    assert any("0.38 frames later" in line for line in blind_spots(values))
-    assert not any("frames later" in line for line in blind_spots(report(shot.in_step(0.38), result)))
+    assert any("0.38 frames later" in line for line in report_lines(values))
+    assert not any("frames later" in line for line in report_lines(report(shot.with_footage_offset(0.38), result)))
 
 
 def landmarks(names: list[str], points: np.ndarray) -> Landmarks:

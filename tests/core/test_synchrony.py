@@ -60,7 +60,7 @@ def test_what_key_poses_out_of_step_would_cost_is_saved(shots: dict[int, Shot]) 
 def test_a_shot_of_one_stretch_is_brought_into_step_too(shots: dict[int, Shot]) -> None:
     ends = replace(shots[2], performers=tuple(only_ends(p) for p in shots[2].performers))
     assert track(ends).footage_offset > 0.3
-    assert error_mm(ends, 2) < 0.6 * error_mm(ends.in_step(0.0), 2)
+    assert error_mm(ends, 2) < 0.6 * error_mm(ends.with_footage_offset(0.0), 2)
 
 
 def only_ends(performer: Performer) -> Performer:
