@@ -18,7 +18,7 @@ from pathlib import Path
 from ..core.errors import FootageError, KFMocapError
 from ..core.runtime.files import check_writable, replacing, staged
 from .experiments_pictures import write_jpeg
-from .experiments_runs import Footage, Outcome, say, throw, walk, whirl
+from .experiments_runs import ExperimentResult, RenderedShot, say, throw, walk, whirl
 
 ROOT = Path(__file__).resolve().parents[1]
 CACHE = ROOT / "build" / "experiments"
@@ -31,7 +31,7 @@ class Experiment:
     """An experiment and the take of `tools/render_footage.py` that it is done on."""
 
     take: str
-    run: Callable[[Footage], Outcome]
+    run: Callable[[RenderedShot], ExperimentResult]
 
 
 EXPERIMENTS = {
@@ -61,7 +61,7 @@ def rendered(take: str) -> Path:
     return CACHE / take
 
 
-def write(out_dir: Path, name: str, outcome: Outcome) -> None:
+def write(out_dir: Path, name: str, outcome: ExperimentResult) -> None:
     """Write NAME.md, NAME.json and the pictures."""
     with staged(out_dir) as stage:
         (stage / f"{name}.md").write_text(outcome.text + "\n", encoding="utf-8")
@@ -70,7 +70,7 @@ def write(out_dir: Path, name: str, outcome: Outcome) -> None:
             write_jpeg(stage / f"{picture}.jpg", image)
 
 
-def publish(page: Path, name: str, outcome: Outcome) -> None:
+def publish(page: Path, name: str, outcome: ExperimentResult) -> None:
     """Put an outcome into a page of the documentation, in the place of the last one's."""
     text = page.read_text(encoding="utf-8")
     begin, end = f"<!-- {name} -->\n", "\n<!-- end -->"
@@ -97,7 +97,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         check_writable(args.out)
         for name in EXPERIMENTS if args.name == "all" else [args.name]:
             experiment = EXPERIMENTS[name]
-            outcome = experiment.run(Footage.load(rendered(experiment.take)))
+            outcome = experiment.run(RenderedShot.load(rendered(experiment.take)))
             write(args.out, name, outcome)
             if args.docs:
                 publish(PAGE, name, outcome)

@@ -43,7 +43,7 @@ SWITCHES_AT_KEYS = ((0, 24, "cam03"), (24, 48, "cam02"), (48, 72, "cam03"), (72,
 
 
 @dataclass(frozen=True, eq=False)
-class Footage:
+class RenderedShot:
     """A rendered shot and the truth about it.
 
     Attributes
@@ -57,7 +57,7 @@ class Footage:
     truth: Landmarks
 
     @classmethod
-    def load(cls, folder: Path) -> Footage:
+    def load(cls, folder: Path) -> RenderedShot:
         return cls(load_shot(folder / "shot.toml"), read_trc(folder / "landmarks.trc"))
 
     @property
@@ -75,7 +75,7 @@ class Footage:
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class ExperimentResult:
     """What an experiment brought: text in Markdown, pictures by name, and the scores behind the text."""
 
     text: str
@@ -83,7 +83,7 @@ class Outcome:
     scores: dict[str, Any] = field(default_factory=dict)
 
 
-def walk(footage: Footage) -> Outcome:
+def walk(footage: RenderedShot) -> ExperimentResult:
     """A walk past one camera, with and without the key pose at its end and prediction."""
     shot = footage.shot
     found: dict[tuple[bool, bool], Motion] = {}
@@ -103,7 +103,9 @@ def walk(footage: Footage) -> Outcome:
     panels = Panels(shot, footage.truth)
     drifted = panels.row([(f, found[False, True], str(f)) for f in DRIFTED], 360, whole=True)
     kept = panels.row([(f, found[True, True], str(f)) for f in range(0, shot.length, 8)], 190)
-    return Outcome(text, {"walk_without": drifted, "walk_with": kept}, {str(k): _json(s) for k, s in scores.items()})
+    return ExperimentResult(
+        text, {"walk_without": drifted, "walk_with": kept}, {str(k): _json(s) for k, s in scores.items()}
+    )
 
 
 def limb(score: Score, side: str, joints: Sequence[str]) -> float:
@@ -117,7 +119,7 @@ def _groups(score: Score) -> list[str]:
     return [f"{error:.0f}" for error in (score.mean, *limbs)]
 
 
-def throw(footage: Footage) -> Outcome:
+def throw(footage: RenderedShot) -> ExperimentResult:
     """A throw of the discus in fields: both solvers on their way."""
     results, motions = [], {}
     for solver, sweeps in [("gauss-newton", None), *(("relaxation", s) for s in SWEEPS)]:
@@ -134,10 +136,10 @@ def throw(footage: Footage) -> Outcome:
     way += [(SHOWN_FIELD, motions[s], f"{s} sweeps") for s in SHOWN_SWEEPS]
     way += [(SHOWN_FIELD, motions[None], "Gauss-Newton")]
     strip = stacked_rows([panels.row(best[:half], 230), panels.row(best[half:], 230)])
-    return Outcome(text, {"throw": strip, "throw_convergence": panels.row(way, 360)}, {"runs": results})
+    return ExperimentResult(text, {"throw": strip, "throw_convergence": panels.row(way, 360)}, {"runs": results})
 
 
-def _watched(footage: Footage, solver: str, sweeps: int | None) -> tuple[dict[str, Any], Motion]:
+def _watched(footage: RenderedShot, solver: str, sweeps: int | None) -> tuple[dict[str, Any], Motion]:
     """A tracked motion and how it came about, as `tables.convergence` has it."""
     shot = selected(footage.shot, solver=solver)
     if sweeps is not None:
@@ -157,7 +159,7 @@ def _watched(footage: Footage, solver: str, sweeps: int | None) -> tuple[dict[st
     return found, end
 
 
-def whirl(footage: Footage) -> Outcome:
+def whirl(footage: RenderedShot) -> ExperimentResult:
     """A turn on the spot with waving arms: one camera, a camera switched by hand, and all of them."""
     shot = footage.shot
     ways: dict[str, Callable[[Shot, Switches], Motion]] = {
@@ -184,7 +186,7 @@ def whirl(footage: Footage) -> Outcome:
         panels.row([(f, found[1, cameras], f"{cameras} {f}") for f in range(0, shot.length, 16)], 180)
         for cameras in ways
     ]
-    return Outcome(markdown(heads, rows), {"whirl": stacked_rows(strips)}, scores)
+    return ExperimentResult(markdown(heads, rows), {"whirl": stacked_rows(strips)}, scores)
 
 
 def track_switched(shot: Shot, switches: Switches) -> Motion:

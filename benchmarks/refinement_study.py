@@ -36,7 +36,7 @@ HEAD = (
 
 
 @dataclass(frozen=True)
-class Case:
+class RefinementCase:
     """A shot, the calibration that is the truth, and the one to begin with."""
 
     shot: Shot
@@ -46,18 +46,18 @@ class Case:
     start: Cameras
 
 
-def cases(shots: Sequence[str], seeds: int) -> Iterator[Case]:
+def cases(shots: Sequence[str], seeds: int) -> Iterator[RefinementCase]:
     """Every shot with its own cameras, with the ones it came with, and with cameras moved at random."""
     for name in shots:
         folder = example_folder(name)
         shot = load_shot(folder / "shot.toml")
         true = {view.camera.name: view.camera for view in shot.views}
-        yield Case(shot, folder, "calibration.toml", true, true)
+        yield RefinementCase(shot, folder, "calibration.toml", true, true)
         shipped = folder / "calibration_original.toml"
         if shipped.is_file():
-            yield Case(shot, folder, shipped.name, true, load_cameras(shipped))
+            yield RefinementCase(shot, folder, shipped.name, true, load_cameras(shipped))
         for seed in range(seeds):
-            yield Case(shot, folder, f"moved at random, {seed}", true, moved(true, seed))
+            yield RefinementCase(shot, folder, f"moved at random, {seed}", true, moved(true, seed))
 
 
 def moved(cameras: Cameras, seed: int) -> Cameras:
@@ -67,7 +67,7 @@ def moved(cameras: Cameras, seed: int) -> Cameras:
     return {name: adjusted(camera, rng.normal(0, deviation)) for name, camera in cameras.items()}
 
 
-def row(case: Case) -> str:
+def row(case: RefinementCase) -> str:
     """A case measured, as a row of the table."""
     cameras = [case.start[view.camera.name] for view in case.shot.views]
     views = [replace(view, camera=camera) for view, camera in zip(case.shot.views, cameras, strict=True)]

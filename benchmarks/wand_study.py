@@ -39,7 +39,7 @@ _EXACT = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Row:
+class CaptureRow:
     """One solved capture.
 
     Attributes
@@ -69,14 +69,14 @@ class Row:
         return bool(self.focal.max() > WRONG_FOCAL or self.centre.max() > WRONG_CENTRE)
 
 
-def measured(seed: int, faults: Faults, count: int = POSITIONS) -> Row:
+def measured(seed: int, faults: Faults, count: int = POSITIONS) -> CaptureRow:
     """Solve a capture of unrelated positions whose cameras run in step."""
     cameras, positions = ring(CAMERAS, seed), scattered(count, seed)
     given = capture(cameras, [positions] * CAMERAS, faults, seed)
     return _solved(given, true_scene(cameras, positions))
 
 
-def measured_in_time(seed: int, faults: Faults, count: int = POSITIONS) -> Row:
+def measured_in_time(seed: int, faults: Faults, count: int = POSITIONS) -> CaptureRow:
     """Solve a capture of a waved wand whose cameras were started by hand."""
     return _solved(*out_of_step(seed, faults, count))
 
@@ -93,12 +93,12 @@ def out_of_step(seed: int, faults: Faults, count: int = POSITIONS) -> tuple[Capt
     return capture(cameras, paths, faults, seed, offsets=[None] * CAMERAS), truth
 
 
-def _solved(given: Capture, truth: Scene) -> Row:
+def _solved(given: Capture, truth: Scene) -> CaptureRow:
     begin = time.process_time()
     solution = solve_capture(given)
     seconds = time.process_time() - begin
     pairs = [(solution.rig.camera(c), truth.rig.camera(c)) for c in range(len(truth.rig))]
-    return Row(
+    return CaptureRow(
         np.array([abs(a.matrix[0, 0] / b.matrix[0, 0] - 1) for a, b in pairs]),
         np.array([np.linalg.norm(a.centre_world() - b.centre_world()) for a, b in pairs]),
         np.rad2deg([np.linalg.norm(rotations.log(a.R_cam_world[0] @ b.R_cam_world[0].T)) for a, b in pairs]),
@@ -152,7 +152,7 @@ def bound(given: Capture, truth: Scene) -> Array:
     return np.array([focal, centre, turn])
 
 
-def ratios(rows: Sequence[Row]) -> dict[str, float]:
+def ratios(rows: Sequence[CaptureRow]) -> dict[str, float]:
     """Root mean square errors over the bound's."""
     names = ("focal", "centre", "turn")
     return {
@@ -165,7 +165,7 @@ def _rms(values: Sequence[Array]) -> float:
     return float(np.sqrt(np.mean(np.concatenate(values) ** 2)))
 
 
-def study(name: str, rows: Sequence[Row], failed: int) -> str:
+def study(name: str, rows: Sequence[CaptureRow], failed: int) -> str:
     """A line of the table."""
     ratio = ratios(rows)
     wrong = failed + sum(row.wrong for row in rows)

@@ -27,8 +27,8 @@ from kfmocap.benchmarks.experiments_runs import (
     SWEEPS,
     SWITCHES,
     SWITCHES_AT_KEYS,
-    Footage,
-    Outcome,
+    ExperimentResult,
+    RenderedShot,
     limb,
     stretch,
     track_switched,
@@ -45,7 +45,7 @@ from synthetic import figure, film, look_at, shot_of, swing
 DOCUMENT = (ROOT / "docs" / "experiments.md").read_text(encoding="utf-8")
 
 
-def footage_of(take_name: str, folder: Path) -> Footage:
+def footage_of(take_name: str, folder: Path) -> RenderedShot:
     """A take with a grey picture instead of its footage."""
     take = make_take(take_name)
     width, height = take.cameras[0].size
@@ -55,7 +55,7 @@ def footage_of(take_name: str, folder: Path) -> Footage:
     views = tuple(View(camera, folder / "%03d.png") for camera in take.cameras)
     person = Performer("person", take.body, KeyPoses.whole(list(take.keys), take.motion[list(take.keys)]))
     truth = Landmarks(tuple(take.landmarks), take.truth(), take.fps)
-    return Footage(Shot(take.name, take.fps, (0, len(take.motion) - 1), views, (person,)), truth)
+    return RenderedShot(Shot(take.name, take.fps, (0, len(take.motion) - 1), views, (person,)), truth)
 
 
 @pytest.fixture
@@ -228,8 +228,8 @@ def test_rows_are_filled_up() -> None:
 class Stub:
     text: str = "| a |"
 
-    def __call__(self, _footage: Any) -> Outcome:
-        return Outcome(self.text, {"shown": np.zeros((8, 8, 3), np.uint8)}, {"score": 1.5})
+    def __call__(self, _footage: Any) -> ExperimentResult:
+        return ExperimentResult(self.text, {"shown": np.zeros((8, 8, 3), np.uint8)}, {"score": 1.5})
 
 
 def test_tables_pictures_and_scores_are_written(

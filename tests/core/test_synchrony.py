@@ -51,8 +51,8 @@ def test_the_offset_of_key_poses_that_are_late_is_found(shots: dict[int, Shot], 
 
 
 def test_what_key_poses_out_of_step_would_cost_is_saved(shots: dict[int, Shot]) -> None:
-    unknown, known = error_mm(shots[2], 2), error_mm(shots[2].in_step(0.5), 2)
-    ignored, in_step = error_mm(shots[2].in_step(0.0), 2), error_mm(shots[0], 0)
+    unknown, known = error_mm(shots[2], 2), error_mm(shots[2].with_footage_offset(0.5), 2)
+    ignored, in_step = error_mm(shots[2].with_footage_offset(0.0), 2), error_mm(shots[0], 0)
     assert known < unknown < 0.3 * ignored
     assert known < 1.1 * in_step + 2
 
@@ -68,7 +68,7 @@ def only_ends(performer: Performer) -> Performer:
 
 
 def test_what_is_in_step_is_left_alone_to_the_last_bit(shots: dict[int, Shot]) -> None:
-    found, told = track(shots[0]), track(shots[0].in_step(0.0))
+    found, told = track(shots[0]), track(shots[0].with_footage_offset(0.0))
     assert found.footage_offset == 0
     np.testing.assert_array_equal(found.motions[0].rotations, told.motions[0].rotations)
 
