@@ -122,30 +122,31 @@ def test_known_intrinsics_stay_as_they_are(cameras: list[Camera]) -> None:
 def unsynchronised(offsets: list[float], count: int = 240, faults: Faults | None = None, drift: float = 0.0) -> Capture:
     rate = 1 + drift * (np.arange(len(offsets)) == 1)
     paths = [waved((np.arange(count) - o) / r / FPS, SEED) for o, r in zip(offsets, rate, strict=True)]
-    return capture(ring(4, SEED), paths, faults, SEED, offsets=[None] * len(offsets))
+    return capture(ring(4, SEED)[: len(offsets)], paths, faults, SEED, offsets=[None] * len(offsets))
 
 
-@pytest.mark.parametrize("faults", [Faults(), HARD])
-def test_offsets_of_many_frames_are_found_to_a_fraction_of_one(faults: Faults, cameras: list[Camera]) -> None:
-    true = [0.0, 29.6, -30.0, 12.37]
+@pytest.mark.parametrize(("true", "faults"), [([0.0, 29.6, -30.0], Faults()), ([0.0, 29.6, -30.0, 12.37], HARD)])
+def test_offsets_of_many_frames_are_found_to_a_fraction_of_one(
+    true: list[float], faults: Faults, cameras: list[Camera]
+) -> None:
     solution = solve_capture(unsynchronised(true, faults=faults))
     assert np.abs(solution.rig.offset - true).max() < 0.05
-    assert errors(solution, cameras)[0] < 0.004
+    assert errors(solution, cameras[: len(true)])[0] < 0.004
 
 
 def test_a_clock_that_drifts_is_found_when_asked_for() -> None:
-    given = unsynchronised([0.0, 4.3, -7.1, 0.5], 250, drift=1e-3)
+    given = unsynchronised([0.0, 4.3, -7.1], 250, drift=1e-3)
     solution = solve_capture(given, drift=True)
     assert solution.rig.drift[1] == pytest.approx(1e-3, abs=1e-4)
     assert np.abs(solution.rig.drift[2:]).max() < 1e-4
 
 
 def test_given_offsets_are_kept() -> None:
-    given = unsynchronised([0.0, 5.0, -3.0, 8.5])
-    told = [replace(view, offset=o) for view, o in zip(given.views, [0.0, 5.0, None, None], strict=True)]
+    given = unsynchronised([0.0, 5.0, -3.0])
+    told = [replace(view, offset=o) for view, o in zip(given.views, [0.0, 5.0, None], strict=True)]
     solution = solve_capture(replace(given, views=tuple(told)))
     assert solution.rig.offset[:2].tolist() == [0.0, 5.0]
-    assert solution.rig.offset[2:] == pytest.approx([-3.0, 8.5], abs=0.05)
+    assert solution.rig.offset[2:] == pytest.approx([-3.0], abs=0.05)
 
 
 def test_the_numbers_of_the_report_are_plain_and_right(clean: CalibrationResult) -> None:

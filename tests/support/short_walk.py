@@ -1,0 +1,24 @@
+"""The beginning of the walk that the repository ships, for tests that need a real shot and not a long one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from conftest import ROOT
+from kfmocap.core.formats import read_trc, write_trc
+
+WALK = ROOT / "examples" / "walk"
+
+
+def short_walk(folder: Path, frames: int = 20) -> Path:
+    """Write a shot of the walk's first frames into a new folder, with key poses at both ends and in the middle."""
+    folder.mkdir()
+    for name in ("calibration.toml", "cam01.mp4", "cam02.mp4", "cam03.mp4"):
+        (folder / name).symlink_to(WALK / name)
+    landmarks = read_trc(WALK / "landmarks.trc")
+    write_trc(folder / "landmarks.trc", landmarks.names, landmarks.points_world[:frames], landmarks.fps)
+    text = (WALK / "shot.toml").read_text()
+    text = text.replace("frames = [0, 59]", f"frames = [0, {frames - 1}]")
+    text = text.replace("[0, 20, 39, 59]", f"[0, {frames // 2}, {frames - 1}]")
+    (folder / "shot.toml").write_text(text)
+    return folder
