@@ -47,7 +47,8 @@ lint: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	@mkdir -p build/typing && ln -sfn ../.. build/typing/kfmocap
-	$(BIN)/mypy -p kfmocap.core -p kfmocap.cli
+	@$(BIN)/python tools/make_stubs.py build/stubs
+	$(BIN)/mypy
 
 format: install
 	$(BIN)/ruff check --fix .

@@ -96,10 +96,15 @@ def unregister() -> None:
     _unregister_classes()
 
 
+def is_registered() -> bool:
+    """Whether scenes have the add-on's properties."""
+    return hasattr(bpy.types.Scene, "kfmocap")
+
+
 @contextmanager
 def registered() -> Iterator[None]:
     """Register the add-on while the block runs, where it is not registered already."""
-    if hasattr(bpy.types.Scene, "kfmocap"):
+    if is_registered():
         yield
         return
     register()

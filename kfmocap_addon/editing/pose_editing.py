@@ -25,7 +25,8 @@ def beside(armature: bpy.types.Object, frame: int) -> tuple[Motion | None, Motio
     keyed, _ = key_pose_curves.keyed_bones(armature)
     before = max((f for f in keyed if f < frame), default=None)
     after = min((f for f in keyed if f > frame), default=None)
-    return tuple(None if f is None else motion_curves.read_motion(armature, f, 1) for f in (before, after))
+    first, second = (None if f is None else motion_curves.read_motion(armature, f, 1) for f in (before, after))
+    return first, second
 
 
 def between(armature: bpy.types.Object, frame: int, share: float) -> Motion:
@@ -77,9 +78,9 @@ def mirrored(armature: bpy.types.Object, pose: Motion, root: bool) -> Motion:
 
 def copied(armature: bpy.types.Object) -> str:
     """The pose shown, as text: the bones' own values by their names."""
-    values = {}
+    values: dict[str, dict[str, list[float]]] = {}
     for channel, value in zip(body_channels.list_channels(armature), shown_pose.shown_values(armature), strict=True):
-        values.setdefault(channel.bone, {}).setdefault(channel.property, []).append(value)
+        values.setdefault(channel.bone, {}).setdefault(channel.attribute, []).append(value)
     return json.dumps(values)
 
 
@@ -96,6 +97,6 @@ def pasted(armature: bpy.types.Object, text: str) -> Motion:
     if not any(channel.bone in values for channel in channels):
         raise BodyError("no bone has the name of one of the copied pose", where=f"armature {armature.name}")
     for i, channel in enumerate(channels):
-        if channel.property in values.get(channel.bone, {}):
-            shown[i] = values[channel.bone][channel.property][channel.index]
-    return shown_pose.pose_of_values(armature, shown)
+        if channel.attribute in values.get(channel.bone, {}):
+            shown[i] = values[channel.bone][channel.attribute][channel.index]
+    return shown_pose.pose_of_values(armature, shown.tolist())

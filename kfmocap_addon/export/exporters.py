@@ -130,6 +130,8 @@ def export_fbx(
             bake_anim_use_nla_strips=False,
             bake_anim_simplify_factor=0.0,
             add_leaf_bones=False,
+            axis_up="Y",
+            axis_forward="-Z",
         )
 
 

@@ -1,6 +1,9 @@
 """Views from an empty scene: footage, then the cameras that took it."""
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import bpy
 from bpy_extras.io_utils import ImportHelper
@@ -8,6 +11,9 @@ from bpy_extras.io_utils import ImportHelper
 from ..viewports import screens
 from .conditions import Conditional, has_views
 from .reporting import reported
+
+if TYPE_CHECKING:
+    from ..scene_io.added_views import Calibrated
 
 VIDEOS = ".mp4;.mov;.avi;.mkv;.mts;.m2ts;.m4v;.mpg;.mpeg;.webm;.mxf"
 IMAGES = ".png;.jpg;.jpeg;.bmp;.tif;.tiff;.webp"
@@ -37,7 +43,7 @@ class AddFootage(bpy.types.Operator, ImportHelper):
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if self.directory and self.files:  # dropped onto the window
             return self.execute(context)
-        return super().invoke(context, event)
+        return set(super().invoke(context, event))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..scene_io import added_views
@@ -125,7 +131,7 @@ class RemoveView(Conditional, bpy.types.Operator):
         return {"FINISHED"}
 
 
-def _report_calibrated(operator: bpy.types.Operator, calibrated: object) -> None:
+def _report_calibrated(operator: bpy.types.Operator, calibrated: Calibrated) -> None:
     """Report which views were calibrated and which were not."""
     operator.report({"INFO"}, f"Calibrated {', '.join(calibrated.views)}")
     if calibrated.left:

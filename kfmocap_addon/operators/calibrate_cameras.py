@@ -1,7 +1,10 @@
 """Calibrate: cameras from videos of an L-frame and a wand."""
 
+from __future__ import annotations
+
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import bpy
 
@@ -9,6 +12,9 @@ from ..jobs.job import Work
 from ..scene_io import capture_scene as captures
 from .conditions import Conditional
 from .job_operator import JobOperator
+
+if TYPE_CHECKING:
+    from ...core.calibration.solution import Solution
 
 REPORT = "Calibration Report"
 
@@ -31,7 +37,7 @@ class Calibrate(Conditional, JobOperator, bpy.types.Operator):
         self._film = captures.film_of(context.scene.kfmocap_capture)
         return partial(calibrate, self._film)
 
-    def finish(self, context: bpy.types.Context, result: object) -> None:
+    def finish(self, context: bpy.types.Context, result: Solution) -> None:
         from ...core.calibration.calibration_report import sheet, write_report
         from ..scene_io import solved_cameras
 

@@ -6,13 +6,14 @@ from collections.abc import Callable
 
 import bpy
 
-from . import active_performer
+from ..scene_io import active_performer
+from .mixin import OperatorMixin
 
 Condition = Callable[[bpy.types.Context], str]
 """Gives what is missing as a sentence for the user; an empty text where the condition holds."""
 
 
-class Conditional:
+class Conditional(OperatorMixin):
     """An operator that can be used where all of its conditions hold."""
 
     conditions: tuple[Condition, ...] = ()

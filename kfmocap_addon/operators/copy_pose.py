@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from . import active_performer
+from ..scene_io import active_performer
 from .conditions import Conditional, has_performer
 from .posing_operator import PosingOperator
 from .reporting import reported

@@ -1,9 +1,16 @@
 """Files dropped onto the 3D view: footage, calibrations, shot files, keypoints and landmarks."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import bpy
 
 from .add_footage import CALIBRATIONS, VIDEOS
 from .reporting import reported
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 
 class OpenFile(bpy.types.Operator):
@@ -39,7 +46,7 @@ class OpenFile(bpy.types.Operator):
         return outcome.value
 
 
-def run_operator(operator: bpy.types.Operator, tool: object, **settings: object) -> set[str]:
+def run_operator(operator: bpy.types.Operator, tool: Callable[..., set[str]], **settings: object) -> set[str]:
     """Run another operator; the errors that it reports become this one's."""
     try:
         return tool("EXEC_DEFAULT", **settings)

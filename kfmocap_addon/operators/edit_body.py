@@ -71,7 +71,7 @@ class AddBody(Conditional, bpy.types.Operator):
         lengths = {name: getattr(self, name) for name in LENGTHS if self.measured and getattr(self, name) > 0}
         with reported(self) as outcome:
             body = human(round(self.height, 6), {name: round(value, 6) for name, value in lengths.items()})
-            place = context.scene.cursor.location
+            place = context.scene.cursor.location[:]
             select_only(context, performers.add_performer(context.scene, body, self.performer or "Performer", place))
         return outcome.value
 

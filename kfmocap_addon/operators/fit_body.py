@@ -1,11 +1,18 @@
 """Fit Body: lengths and widths of the parts, from the key poses over the footage."""
 
+from __future__ import annotations
+
 from functools import partial
+from typing import TYPE_CHECKING
 
 import bpy
 
+from ..jobs.job import Work
 from .conditions import Conditional, has_shot
-from .job_operator import JobOperator, Work
+from .job_operator import JobOperator
+
+if TYPE_CHECKING:
+    from ...core.fitting.body_fit import BodyFit
 
 
 class FitBody(Conditional, JobOperator, bpy.types.Operator):
@@ -29,7 +36,7 @@ class FitBody(Conditional, JobOperator, bpy.types.Operator):
         shot = scenes.shot_from_scene(context.scene)
         return partial(fit_bodies, shot)
 
-    def finish(self, context: bpy.types.Context, result: object) -> None:
+    def finish(self, context: bpy.types.Context, result: BodyFit) -> None:
         from ...core.shot.shot import KeyPoses
         from ..scene_io import body_armature, key_pose_curves
 

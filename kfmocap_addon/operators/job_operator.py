@@ -9,6 +9,7 @@ import bpy
 
 from ..jobs.job import Job, Work
 from ..viewports import viewport
+from .mixin import OperatorMixin
 from .reporting import progress_shown, reported
 
 _INTERVAL = 0.1
@@ -18,7 +19,7 @@ _LOOKS |= {f"NUMPAD_{key}" for key in (*range(10), "PERIOD", "PLUS", "MINUS")}
 _PASSES = {"MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "WINDOW_DEACTIVATE"}
 
 
-class JobOperator:
+class JobOperator(OperatorMixin):
     """An operator whose work is a job.
 
     `prepare` reads the scene and `finish` writes into it; both run in Blender's thread. Called with a window the

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import bpy
 
-from ..scene_io import joint_marks
+from ..scene_io import active_performer, joint_marks
 from ..viewports import viewport
-from . import active_performer
 from .conditions import Conditional, has_performer
 from .look_through import show_view
 from .reporting import reported

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
-from . import active_performer
+from ..jobs.job import Work
+from ..scene_io import active_performer
 from .conditions import Conditional, has_performer, has_shot
-from .job_operator import JobOperator, Work
+from .job_operator import JobOperator
 from .reporting import progress_shown, reported
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from . import active_performer
-from .conditions import Conditional, has_performer
+from ..scene_io import active_performer
+from .conditions import Condition, Conditional, has_performer
 from .reporting import reported
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ class PosingOperator(Conditional):
     body."""
 
     bl_options = {"REGISTER", "UNDO"}
-    conditions = (has_performer,)
+    conditions: tuple[Condition, ...] = (has_performer,)
 
     def pose(self, context: bpy.types.Context, armature: bpy.types.Object) -> Motion:
         """The new pose."""

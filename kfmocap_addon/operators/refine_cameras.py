@@ -1,11 +1,18 @@
 """Refine Cameras: moved until the key poses lie on the performers."""
 
+from __future__ import annotations
+
 from functools import partial
+from typing import TYPE_CHECKING
 
 import bpy
 
+from ..jobs.job import Work
 from .conditions import Conditional, has_shot
-from .job_operator import JobOperator, Work
+from .job_operator import JobOperator
+
+if TYPE_CHECKING:
+    from ...core.fitting.camera_refinement import Refinement
 
 
 class RefineCameras(Conditional, JobOperator, bpy.types.Operator):
@@ -26,7 +33,7 @@ class RefineCameras(Conditional, JobOperator, bpy.types.Operator):
         camera_poses.check_can_be_placed(context.scene.kfmocap.views)
         return partial(refine_cameras, shot)
 
-    def finish(self, context: bpy.types.Context, result: object) -> None:
+    def finish(self, context: bpy.types.Context, result: Refinement) -> None:
         from ..scene_io import view_cameras
 
         properties = context.scene.kfmocap

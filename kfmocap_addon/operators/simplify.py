@@ -2,7 +2,7 @@
 
 import bpy
 
-from . import active_performer
+from ..scene_io import active_performer
 from .conditions import Conditional, has_performer
 from .reporting import reported
 

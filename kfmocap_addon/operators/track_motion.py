@@ -36,7 +36,7 @@ class Tracking(Conditional, JobOperator):
     """
 
     bl_options = {"REGISTER", "UNDO"}
-    conditions = (has_shot, _has_key_poses)
+    conditions: tuple[Condition, ...] = (has_shot, _has_key_poses)
     side = "EVERYWHERE"
 
     def segments(self, scene: bpy.types.Scene, shot: Shot) -> Sequence[Segment]:
@@ -64,7 +64,7 @@ class Tracking(Conditional, JobOperator):
         from ..scene_io import tracked_segments
 
         name, shot, parts = self._asked
-        scene = bpy.data.scenes.get(name)
+        scene: bpy.types.Scene | None = bpy.data.scenes.get(name)
         if scene is None:
             raise ShotError("the scene is gone", where=f"scene {name}")
         tracked_segments.write(scene, shot, parts, results)
@@ -143,7 +143,7 @@ class ClearBetween(Conditional, bpy.types.Operator):
     bl_idname = "kfmocap.clear_between"
     bl_label = "Clear Between"
     bl_options = {"REGISTER", "UNDO"}
-    conditions = (has_shot,)
+    conditions: tuple[Condition, ...] = (has_shot,)
 
     where: bpy.props.EnumProperty(
         items=[

@@ -9,12 +9,12 @@ import blf
 import bpy
 import gpu
 from gpu_extras.batch import batch_for_shader
+from mathutils import Vector
 
-from ..operators import active_performer
-from ..scene_io import joint_marks
+from ..scene_io import active_performer, joint_marks
 from ..viewports import viewport
 
-Position = tuple[float, float]
+Position = Sequence[float] | Vector
 Colour = tuple[float, float, float, float]
 
 _RADIUS, _SIDES = 5.0, 16
@@ -46,7 +46,7 @@ def draw_marks() -> None:
             look.view.camera.data, distortion.Frame(tuple(look.view.size), tuple(look.view.aspect))
         )
         for (view, landmark), pixel in found.items():
-            position = look.position(ray(matrix, pixel)) if view == look.view.name else None
+            position = look.position(tuple(ray(matrix, pixel))) if view == look.view.name else None
             if position is not None:
                 dot(position, colour_of(landmark))
 
@@ -80,18 +80,18 @@ def label(text: str, at: Position, colour: Colour) -> None:
     blf.size(0, 13 * _scale())
     blf.enable(0, blf.SHADOW)
     blf.shadow(0, 5, 0.0, 0.0, 0.0, 0.9)
-    blf.position(0, *at, 0)
+    blf.position(0, at[0], at[1], 0)
     blf.color(0, *colour)
     blf.draw(0, text)
     blf.disable(0, blf.SHADOW)
 
 
-def _circle(at: Position, radius: float) -> list[Position]:
+def _circle(at: Position, radius: float) -> list[tuple[float, float]]:
     turn = 2 * math.pi / _SIDES
     return [(at[0] + radius * math.cos(i * turn), at[1] + radius * math.sin(i * turn)) for i in range(_SIDES)]
 
 
-def _drawn(kind: str, points: list[Position], colour: Colour) -> None:
+def _drawn(kind: str, points: list[tuple[float, float]], colour: Colour) -> None:
     shader = gpu.shader.from_builtin("UNIFORM_COLOR")
     batch = batch_for_shader(shader, kind, {"pos": points})
     gpu.state.blend_set("ALPHA")

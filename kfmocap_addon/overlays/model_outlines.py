@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import lru_cache
+from typing import Any
 
 import bpy
 import gpu
@@ -59,19 +60,25 @@ def _solid(vertices: bytes) -> Solid:
     return Solid.of(np.frombuffer(vertices).reshape(-1, 3))
 
 
+def _positions(points: Array) -> Any:
+    """Give points as Blender's shaders take them: an array, which its type stubs do not know."""
+    return {"pos": points.astype(np.float32)}
+
+
 def _draw(faces: Array, lines: Array, size: tuple[int, int]) -> None:
     """Fill depth alone with the faces, then draw the lines before it and behind it."""
     state, fill = gpu.state, gpu.shader.from_builtin("UNIFORM_COLOR")
     stroke = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
-    state.active_framebuffer_get().clear(depth=1.0)
+    framebuffer: Any = state.active_framebuffer_get
+    framebuffer().clear(depth=1.0)
     state.depth_mask_set(True)
     state.depth_test_set("LESS_EQUAL")
     state.color_mask_set(False, False, False, False)
-    batch_for_shader(fill, "TRIS", {"pos": faces.astype(np.float32)}).draw(fill)
+    batch_for_shader(fill, "TRIS", _positions(faces)).draw(fill)
     state.color_mask_set(True, True, True, True)
     state.depth_mask_set(False)
     state.blend_set("ALPHA")
-    batch = batch_for_shader(stroke, "LINES", {"pos": lines.astype(np.float32)})
+    batch = batch_for_shader(stroke, "LINES", _positions(lines))
     stroke.uniform_float("viewportSize", size)
     for test, colour, width in (("GREATER", HIDDEN, 0.7 * _WIDTH), ("LESS_EQUAL", SEEN, _WIDTH)):
         state.depth_test_set(test)

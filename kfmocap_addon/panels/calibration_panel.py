@@ -1,5 +1,7 @@
 """The section "Calibration" of the sidebar tab: videos, balls, solve, cameras in and out."""
 
+from typing import Any
+
 import bpy
 
 from ..operators.calibrate_cameras import Calibrate, ShowReport
@@ -13,7 +15,17 @@ from .section import Section
 class CaptureViewList(bpy.types.UIList):
     bl_idname = "KFMOCAP_UL_capture_views"
 
-    def draw_item(self, _context, layout, _data, item, _icon, _active, _property, _index, _flag) -> None:
+    def draw_item(
+        self,
+        _context: bpy.types.Context,
+        layout: bpy.types.UILayout,
+        _data: object,
+        item: Any,
+        _icon: int,
+        _active: object,
+        _property: str,
+    ) -> None:
+        """Draw a camera, and which of its videos are missing."""
         layout.prop(item, "name", text="", emboss=False, icon="CAMERA_DATA")
         missing = [take for take in ("lframe", "wand") if not getattr(item, take)]
         if missing:

@@ -58,6 +58,7 @@ class KeyPoseCache:
     def __init__(self) -> None:
         self._entries: dict[int, tuple[KeyPoseEntry, ...]] = {}
         self._current: set[int] = set()  # armatures whose keys have not changed since they were looked up
+        self._timer = self.look_up  # one object: Blender knows its timers by identity
 
     def entries(self, armature: bpy.types.Object) -> tuple[KeyPoseEntry, ...] | None:
         """Give the key poses of an armature as last looked up, None before the first time."""
@@ -73,8 +74,8 @@ class KeyPoseCache:
 
     def clear(self) -> None:
         """Forget everything."""
-        if bpy.app.timers.is_registered(self.look_up):
-            bpy.app.timers.unregister(self.look_up)
+        if bpy.app.timers.is_registered(self._timer):
+            bpy.app.timers.unregister(self._timer)
         self._entries.clear()
         self._current.clear()
 
@@ -88,8 +89,8 @@ class KeyPoseCache:
         viewport.redraw(bpy.context)
 
     def _schedule(self) -> None:
-        if not bpy.app.timers.is_registered(self.look_up):
-            bpy.app.timers.register(self.look_up, first_interval=_DELAY)
+        if not bpy.app.timers.is_registered(self._timer):
+            bpy.app.timers.register(self._timer, first_interval=_DELAY)
 
 
 CACHE = KeyPoseCache()

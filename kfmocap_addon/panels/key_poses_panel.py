@@ -2,13 +2,13 @@
 
 import bpy
 
-from ..operators import active_performer
 from ..operators.copy_pose import CopyPose, MirrorPose, PastePose
 from ..operators.go_to_frame import GoToFrame
 from ..operators.nudge_pose import BreakdownPose, NudgeDepth, NudgePose
 from ..operators.place_joints import ClearMarks, PlaceJoints
 from ..operators.pose_from_files import ImportKeypoints, MarkKeypoints, PoseFromKeypoints, PoseFromLandmarks
 from ..operators.set_key_pose import AcceptProposals, RemoveKeyPose, SetKeyPose
+from ..scene_io import active_performer
 from . import key_list
 from .section import Section
 

@@ -1,4 +1,6 @@
-"""What the sections of the sidebar tab "KF Mocap" have in common."""
+"""What the panels of the sidebar tab have in common."""
+
+from ..viewports.screens import SIDEBAR_TAB
 
 
 class Section:
@@ -6,4 +8,4 @@ class Section:
 
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
-    bl_category = "KF Mocap"
+    bl_category = SIDEBAR_TAB

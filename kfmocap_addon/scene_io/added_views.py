@@ -96,7 +96,7 @@ def _begin_shot(current: bpy.types.Scene, probed: Sequence[Footage]) -> None:
 def _unknown_camera(name: str, size: tuple[int, int], rank: int) -> Camera:
     """A camera that stands before the origin and looks along y, level, beside those that came before it."""
     focal, (width, height) = _USUAL_FOCAL * max(size), size
-    K = [[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]]
+    K = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
     R = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     return Camera.create(name, size, K, R, -R @ np.array([0.5 * rank, -5.0, 1.0]))
 

@@ -40,8 +40,8 @@ def build_armature(body: Body, name: str, collection: bpy.types.Collection) -> b
     with _edit_bones(armature) as bones:
         for part in body.parts:
             bone = bones.new(part.name)
-            bone.head, bone.tail = part.head_world, part.tail_world
-            bone.align_roll(Vector(part.R_world_rest[:, 2]))
+            bone.head, bone.tail = Vector(part.head_world.tolist()), Vector(part.tail_world.tolist())
+            bone.align_roll(Vector(part.R_world_rest[:, 2].tolist()))
             bone.use_connect = False
             bone.parent = bones[part.parent] if part.parent >= 0 else None
     _describe(armature, body)
@@ -116,8 +116,9 @@ def reshape(armature: bpy.types.Object, body: Body) -> None:
             bone.use_connect = False
         for part in body.parts:
             bone = bones[part.name]
-            bone.head, bone.tail = (part.head_world - place) @ R_object, (part.tail_world - place) @ R_object
-            bone.align_roll(Vector(R_object.T @ part.R_world_rest[:, 2]))
+            ends = np.stack([part.head_world, part.tail_world]) - place
+            bone.head, bone.tail = map(Vector, (ends @ R_object).tolist())
+            bone.align_roll(Vector((R_object.T @ part.R_world_rest[:, 2]).tolist()))
     for part in body.parts:
         longer = armature.data.bones[part.name].length - before[part.name]
         part_meshes.put_vertices(armature, part, longer)

@@ -22,15 +22,16 @@ FrameNumbers = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Channel:
-    """One animated component: the root's location or a bone's quaternion."""
+    """One animated component of an attribute of a pose bone: the root's location or a bone's quaternion."""
 
     bone: str
-    property: str
+    attribute: str
     index: int
 
     @property
     def path(self) -> str:
-        return f'pose.bones["{bpy.utils.escape_identifier(self.bone)}"].{self.property}'
+        """The data path of the attribute in the armature object."""
+        return f'pose.bones["{bpy.utils.escape_identifier(self.bone)}"].{self.attribute}'
 
     @property
     def key(self) -> str:
@@ -62,7 +63,7 @@ def evaluate_channels(armature: bpy.types.Object, channels: list[Channel], frame
         if curve is not None and len(curve.keyframe_points):
             values[:, c] = [curve.evaluate(float(frame)) for frame in frames]
         else:
-            values[:, c] = getattr(armature.pose.bones[channel.bone], channel.property)[channel.index]
+            values[:, c] = getattr(armature.pose.bones[channel.bone], channel.attribute)[channel.index]
     return values
 
 

@@ -78,8 +78,8 @@ def new_keys(frames: ArrayLike, values: ArrayLike, type: str, interpolation: str
     frames = np.asarray(frames)
     keys = np.zeros(len(frames), KEY_TYPE)
     keys["co"] = np.stack([frames, np.asarray(values)], axis=1)
-    keys["handle_left"] = keys["co"] - np.float32([1 / 3, 0])
-    keys["handle_right"] = keys["co"] + np.float32([1 / 3, 0])
+    keys["handle_left"] = keys["co"] - np.array([1 / 3, 0], np.float32)
+    keys["handle_right"] = keys["co"] + np.array([1 / 3, 0], np.float32)
     for side in ("handle_left_type", "handle_right_type"):
         keys[side] = enum_value(side, "AUTO_CLAMPED")
     keys["type"], keys["interpolation"] = enum_value("type", type), enum_value("interpolation", interpolation)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import bpy
 
@@ -71,7 +72,7 @@ def undistort(background: bpy.types.CameraBackgroundImage) -> None:
     background.clip_user.use_render_undistorted = True
 
 
-def show_in_time(slot: bpy.types.PropertyGroup, first: int, frame_start: int) -> None:
+def show_in_time(slot: Any, first: int, frame_start: int) -> None:
     """Let the footage behind a view's camera show the frames that its offset and fields say.
 
     Parameters

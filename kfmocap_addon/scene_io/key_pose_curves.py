@@ -94,7 +94,7 @@ def key_current_pose(armature: bpy.types.Object, frame: int, bones: Collection[s
     bag = fcurves.ensure_channelbag(armature, armature.name)
     for channel in body_channels.list_channels(armature):
         if bones is None or channel.bone in bones:
-            value = getattr(armature.pose.bones[channel.bone], channel.property)[channel.index]
+            value = getattr(armature.pose.bones[channel.bone], channel.attribute)[channel.index]
             curve = fcurves.ensure_fcurve(bag, channel.path, channel.index, channel.bone)
             key = curve.keyframe_points.insert(frame, value)
             key.type, key.interpolation = "KEYFRAME", "BEZIER"

@@ -37,7 +37,9 @@ def _join_triangles(mesh: bpy.types.Mesh) -> None:
     """Take out edges between triangles that are nearly in one plane: the wire shall not hide the footage."""
     bm = bmesh.new()
     bm.from_mesh(mesh)
-    bmesh.ops.join_triangles(bm, faces=bm.faces, angle_face_threshold=_FLAT, angle_shape_threshold=np.pi, cmp_uvs=False)
+    bmesh.ops.join_triangles(
+        bm, faces=list(bm.faces), angle_face_threshold=_FLAT, angle_shape_threshold=np.pi, cmp_uvs=False
+    )
     bm.to_mesh(mesh)
     bm.free()
 
@@ -88,12 +90,12 @@ def mirror_part(child: bpy.types.Object) -> None:
         return
     target, ratio = targets[0], other.length / bone.length
     across = Matrix.Diagonal((-1.0, ratio, 1.0, 1.0))  # a bone's frame is mirrored along its x axis
-    to_frame = Matrix.Translation((0.0, bone.length, 0.0)) @ Matrix(_to_bone_tail(child))
-    from_frame = Matrix.Translation((0.0, other.length, 0.0)) @ Matrix(_to_bone_tail(target))
+    to_frame = Matrix.Translation((0.0, bone.length, 0.0)) @ Matrix(_to_bone_tail(child).tolist())
+    from_frame = Matrix.Translation((0.0, other.length, 0.0)) @ Matrix(_to_bone_tail(target).tolist())
     bm = bmesh.new()
     bm.from_mesh(child.data)
     bm.transform(from_frame.inverted() @ across @ to_frame)
-    bmesh.ops.reverse_faces(bm, faces=bm.faces)
+    bmesh.ops.reverse_faces(bm, faces=list(bm.faces))
     bm.to_mesh(target.data)
     bm.free()
     target.data.update()

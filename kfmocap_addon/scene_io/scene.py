@@ -10,6 +10,7 @@ import dataclasses
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import bpy
 
@@ -169,7 +170,8 @@ def _read_settings(properties: bpy.types.PropertyGroup) -> Settings:
     """Settings as the scene has them; defaults for what it does not say, without what this version lacks."""
     stored = json.loads(properties.settings or "{}") | {"solver": properties.solver}
     known = {f.name: stored[f.name] for f in dataclasses.fields(Settings) if f.name in stored}
-    return Settings(**{name: tuple(v) if isinstance(v, list) else v for name, v in known.items()})
+    values: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in known.items()}
+    return Settings(**values)
 
 
 def find_collection(scene: bpy.types.Scene, name: str) -> bpy.types.Collection | None:

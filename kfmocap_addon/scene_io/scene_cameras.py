@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from typing import Any
 
 import bpy
 import numpy as np
@@ -101,7 +102,9 @@ def _read_camera(scene: bpy.types.Scene, owner: bpy.types.Object, R_cam_world: A
 def built_distortion(owner: bpy.types.Object) -> tuple[list[float], bool, bool]:
     """The distortion that a camera object was built with: OpenCV's coefficients, whether a fisheye's, and whether
     Blender's Brown model can hold it."""
-    packed = json.loads(owner[DISTORTED]) if DISTORTED in owner else {"coefficients": [0.0] * 4, "fisheye": False}
+    packed: dict[str, Any] = {"coefficients": [0.0] * 4, "fisheye": False}
+    if DISTORTED in owner:
+        packed = json.loads(owner[DISTORTED])
     coefficients, fisheye = packed["coefficients"], packed["fisheye"]
     return coefficients, fisheye, distortion.fits_brown_model(coefficients, fisheye)
 
@@ -134,7 +137,7 @@ def frame_behind(scene: bpy.types.Scene, owner: bpy.types.Object, clip: bpy.type
         return distortion.Frame((width, height), (across, down))
     if clip is not None and min(clip.size) > 0:
         aspect = clip.tracking.camera.pixel_aspect
-        return distortion.Frame(tuple(clip.size), (aspect, 1.0) if aspect >= 1 else (1.0, 1 / aspect))
+        return distortion.Frame((clip.size[0], clip.size[1]), (aspect, 1.0) if aspect >= 1 else (1.0, 1 / aspect))
     render = scene.render
     share = render.resolution_percentage / 100
     size = round(render.resolution_x * share), round(render.resolution_y * share)

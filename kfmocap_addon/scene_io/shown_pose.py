@@ -24,13 +24,13 @@ def pose_of_values(armature: bpy.types.Object, values: Sequence[float]) -> Motio
 def shown_values(armature: bpy.types.Object) -> list[float]:
     """Values of the body's channels as the armature shows them now."""
     bones = armature.pose.bones
-    return [getattr(bones[c.bone], c.property)[c.index] for c in body_channels.list_channels(armature)]
+    return [getattr(bones[c.bone], c.attribute)[c.index] for c in body_channels.list_channels(armature)]
 
 
 def show_values(armature: bpy.types.Object, values: Sequence[float]) -> None:
     """Show values of the body's channels, without a key."""
     for channel, value in zip(body_channels.list_channels(armature), values, strict=True):
-        getattr(armature.pose.bones[channel.bone], channel.property)[channel.index] = value
+        getattr(armature.pose.bones[channel.bone], channel.attribute)[channel.index] = value
 
 
 def show_pose(armature: bpy.types.Object, pose: Motion, bones: Collection[str] | None = None) -> None:

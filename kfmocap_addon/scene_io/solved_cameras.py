@@ -88,7 +88,7 @@ def camera_objects(scene: bpy.types.Scene, selected: Sequence[bpy.types.Object] 
 def show_picture(name: str, picture: NDArray[np.uint8]) -> bpy.types.Image:
     """A picture in blue, green, red as an image of Blender's, in place of one of the same name."""
     height, width = picture.shape[:2]
-    image = bpy.data.images.get(name)
+    image: bpy.types.Image | None = bpy.data.images.get(name)
     if image is not None and tuple(image.size) != (width, height):
         image.scale(width, height)  # what shows it goes on showing it
     image = image or bpy.data.images.new(name, width, height)

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from typing import Any, Literal
 
 import bpy
 
-from ..panels.section import Section
-
 MOST = 4
+SIDEBAR_TAB = "KF Mocap"
+"""Name of the tab of the sidebar that holds all panels."""
 _NEXT_DRAW = 0.05  # seconds
 
 
@@ -68,7 +69,7 @@ def _split_next(window: bpy.types.Window, cameras: Sequence[str]) -> float | Non
     """Split one 3D view of a layout that has too few; the time until the next, or None after the last."""
     areas = layout_of(window)
     if 0 < len(areas) < len(cameras):
-        direction = "VERTICAL" if len(areas) == 1 else "HORIZONTAL"
+        direction: Literal["HORIZONTAL", "VERTICAL"] = "VERTICAL" if len(areas) == 1 else "HORIZONTAL"
         if _split(window, max(areas, key=lambda area: area.height), direction):
             return _NEXT_DRAW
     if areas:
@@ -81,7 +82,7 @@ def _arrange(window: bpy.types.Window, cameras: Sequence[str]) -> None:
     areas = layout_of(window)
     middle = (min(a.y for a in areas) + max(a.y + a.height for a in areas)) / 2
     reading = sorted(areas, key=lambda a: (a.y + a.height <= middle + 2, a.x))
-    with_sidebar = next((area for area in reading if _tab(area) == Section.bl_category), None)
+    with_sidebar = next((area for area in reading if _tab(area) == SIDEBAR_TAB), None)
     for area, name in zip(reading, cameras, strict=False):
         space = area.spaces.active
         space.camera = bpy.data.objects.get(name)
@@ -103,10 +104,11 @@ def _close_others(window: bpy.types.Window) -> float | None:
     return None
 
 
-def _split(window: bpy.types.Window, area: bpy.types.Area, direction: str) -> bool:
+def _split(window: bpy.types.Window, area: bpy.types.Area, direction: Literal["HORIZONTAL", "VERTICAL"]) -> bool:
     """Split an area in halves that show the same; whether it was large enough."""
     with bpy.context.temp_override(window=window, screen=window.screen, area=area, region=_region(area)):
-        return bpy.ops.screen.area_split(direction=direction, factor=0.5) == {"FINISHED"}
+        split: Any = bpy.ops.screen.area_split
+        return bool(split(direction=direction, factor=0.5) == {"FINISHED"})
 
 
 def _through_camera(window: bpy.types.Window, screen: bpy.types.Screen, area: bpy.types.Area) -> None:
@@ -114,8 +116,9 @@ def _through_camera(window: bpy.types.Window, screen: bpy.types.Screen, area: bp
     space.region_3d.view_perspective = "CAMERA"
     space.shading.wireframe_color_type = "OBJECT"  # the parts are white
     with bpy.context.temp_override(window=window, screen=screen, area=area, region=_region(area)):
-        if bpy.ops.view3d.view_center_camera.poll():
-            bpy.ops.view3d.view_center_camera()
+        center: Any = bpy.ops.view3d.view_center_camera
+        if center.poll():
+            center()
 
 
 def _region(area: bpy.types.Area, kind: str = "WINDOW") -> bpy.types.Region:

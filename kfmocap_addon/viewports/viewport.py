@@ -5,6 +5,7 @@ Positions in a region are pixels from its lower left; places in a picture are (x
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import bpy
@@ -18,7 +19,7 @@ class Look:
 
     area: bpy.types.Area
     region: bpy.types.Region
-    space: bpy.types.SpaceView3D
+    space: bpy.types.Space
     view: bpy.types.PropertyGroup
 
     def place(self, x: float, y: float) -> tuple[float, float]:
@@ -27,7 +28,7 @@ class Look:
         seen = self.view.camera.matrix_world.to_3x3().normalized().transposed() @ ray
         return seen.x / -seen.z, seen.y / seen.z
 
-    def position(self, place: tuple[float, float]) -> Vector | None:
+    def position(self, place: Sequence[float]) -> Vector | None:
         """Position in the region of a place in the picture; None where it is not before the camera."""
         return self.position_of(self.view.camera.matrix_world @ Vector((place[0], -place[1], -1.0)))
 
@@ -37,7 +38,7 @@ class Look:
 
 
 def look_of(
-    scene: bpy.types.Scene, area: bpy.types.Area, region: bpy.types.Region, space: bpy.types.SpaceView3D
+    scene: bpy.types.Scene, area: bpy.types.Area, region: bpy.types.Region, space: bpy.types.Space
 ) -> Look | None:
     """How a 3D view looks at the shot; None where it does not look through one of its cameras."""
     region_3d = space.region_3d

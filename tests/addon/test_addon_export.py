@@ -17,6 +17,7 @@ from kfmocap.core.body import human, part_poses  # noqa: E402
 from kfmocap.core.body.motion import Motion  # noqa: E402
 from kfmocap.core.errors import OutputError, ShotError  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
+from kfmocap.kfmocap_addon import registration  # noqa: E402
 from kfmocap.kfmocap_addon.batch import BatchSession  # noqa: E402
 from kfmocap.kfmocap_addon.export import blender_outputs, exporters, presets  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import body_armature, key_pose_curves, scene  # noqa: E402
@@ -87,7 +88,7 @@ def test_several_performers_have_files_of_their_own(tmp_path):
 def test_shot_blend_opens_with_everything(tmp_path):
     original = shot(tmp_path)
     write_outputs(original, tmp_path / "out")
-    assert not hasattr(bpy.types.Scene, "kfmocap")
+    assert not registration.is_registered()
     kfmocap_addon.register()
     try:
         bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "out" / "shot.blend"))
@@ -229,6 +230,31 @@ def test_centimetres_are_the_files_unit_and_no_node_is_scaled(blender, tmp_path,
     length = np.linalg.norm(human(1.7).offsets[human(1.7).index("shin.L")])
     thigh = presets.PRESETS[preset].names["thigh.L"]
     assert armature.data.bones[thigh].length == pytest.approx(100 * length, rel=1e-4)
+
+
+def global_settings(path: Path) -> dict[str, float]:
+    """Numbers of the table GlobalSettings of an FBX file, as they are in the file."""
+    from io_scene_fbx import parse_fbx
+
+    root, _version = parse_fbx.parse(str(path))
+    [table] = [element for element in root.elems if element.id == b"GlobalSettings"]
+    [properties] = [element for element in table.elems if element.id == b"Properties70"]
+    entries = [entry.props for entry in properties.elems]
+    return {entry[0].decode(): entry[4] for entry in entries if isinstance(entry[-1], (int, float))}
+
+
+@pytest.mark.parametrize("preset", EXPECTED)
+def test_an_fbx_file_says_that_y_is_up_and_what_its_unit_is(blender, tmp_path, preset):  # noqa: F811
+    """Blender's importer undoes any axes; other programs take the file by its word."""
+    original = shot(tmp_path)
+    scene.build_scene(original, result_of(original).motions, bpy.context.scene)
+    [path] = exporters.export_performers(
+        bpy.context.scene, tmp_path / "out", exporters.ExportOptions(bvh=False, preset=preset)
+    )
+    settings = global_settings(path)
+    axes = {axis: (settings[f"{axis}Axis"], settings[f"{axis}AxisSign"]) for axis in ("Up", "Front", "Coord")}
+    assert axes == {"Up": (1, 1), "Front": (2, 1), "Coord": (0, 1)}, "Y up, facing +Z, X to the left"
+    assert settings["UnitScaleFactor"] == 1.0, "centimetres"
 
 
 @pytest.mark.parametrize("suffix", [".bvh", ".fbx"])

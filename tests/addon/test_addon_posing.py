@@ -316,7 +316,7 @@ def test_the_list_is_looked_up_anew_when_keys_change(blender, tmp_path):  # noqa
 
 
 def test_the_active_armature_is_posed_else_the_one_chosen_by_name(blender, tmp_path):  # noqa: F811
-    from kfmocap.kfmocap_addon.operators import active_performer
+    from kfmocap.kfmocap_addon.scene_io import active_performer
 
     walk_scene(tmp_path)
     slots = bpy.context.scene.kfmocap.performers
