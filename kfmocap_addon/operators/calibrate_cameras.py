@@ -14,7 +14,7 @@ from .conditions import Conditional
 from .job_operator import JobOperator
 
 if TYPE_CHECKING:
-    from ...core.calibration.solution import Solution
+    from ...core.calibration.calibration_result import CalibrationResult
 
 REPORT = "Calibration Report"
 
@@ -37,7 +37,7 @@ class Calibrate(Conditional, JobOperator, bpy.types.Operator):
         self._film = captures.film_of(context.scene.kfmocap_capture)
         return partial(calibrate, self._film)
 
-    def finish(self, context: bpy.types.Context, result: Solution) -> None:
+    def finish(self, context: bpy.types.Context, result: CalibrationResult) -> None:
         from ...core.calibration.calibration_report import sheet, write_report
         from ..scene_io import solved_cameras
 

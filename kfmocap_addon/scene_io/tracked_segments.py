@@ -71,7 +71,7 @@ def remember_offset(scene: bpy.types.Scene, result: TrackResult) -> None:
     lossless.keep(scene, _OFFSET, result.footage_offset)
 
 
-def in_step(scene: bpy.types.Scene, shot: Shot) -> Shot:
+def with_footage_offset(scene: bpy.types.Scene, shot: Shot) -> Shot:
     """A scene's shot, its key poses and its footage in step as they were found to be."""
     return shot.with_footage_offset(_footage_offset(scene))
 
