@@ -121,9 +121,9 @@ def measured_alone(case: Case, folder: Path) -> dict[str, Any]:
     """Measure a case in a process of its own, so that its memory and times are nobody else's."""
     command = [sys.executable, "-m", f"{__package__}.case", json.dumps(case.as_json()), str(folder)]
     threads = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL")}
-    process = subprocess.run(command, env=os.environ | threads, capture_output=True, text=True)
+    process = subprocess.run(command, env=os.environ | threads, capture_output=True, text=True, check=False)
     if process.returncode:
-        return {"error": (process.stderr.strip().splitlines() or ["it ended without a word"])[-1]}
+        return {"error": (process.stderr.strip().splitlines() or ["it ended without a message"])[-1]}
     return json.loads(process.stdout.splitlines()[-1])
 
 

@@ -27,6 +27,7 @@ class Reference:
         self.performer, self.fps, self._landmarks = shot.performers[0], shot.fps, read_trc(file)
 
     def score(self, motion: Motion) -> Score:
+        """Compare the joints of a motion with the reference."""
         body = self.performer.body
         names = tuple(body.landmarks)
         found = Landmarks(names, landmark_positions(body, motion, names), self.fps)
@@ -39,16 +40,17 @@ class Watch:
     def __init__(self) -> None:
         self.seen: dict[Segment, list[Motion]] = {}
 
-    def __call__(self, stretch: Segment, _number: int, motions: Any) -> None:
-        self.seen.setdefault(stretch, []).append(motions[0])
+    def __call__(self, segment: Segment, _number: int, motions: Any) -> None:
+        """Keep the first performer's motion."""
+        self.seen.setdefault(segment, []).append(motions[0])
 
     def way(self, end: Motion) -> list[Motion]:
-        """The whole motion before each iteration and after the last; stretches that are done wait for the others."""
+        """Give the whole motion before each iteration and after the last; finished segments wait for the others."""
         steps = max(len(motions) for motions in self.seen.values())
         return [self._at(step, end) for step in range(steps)] + [end]
 
     def before_last(self, end: Motion) -> Motion:
-        """The whole motion with every stretch as it was when last seen."""
+        """Give the whole motion with every segment as it was when last seen."""
         return self._at(-1, end)
 
     def _at(self, step: int, end: Motion) -> Motion:

@@ -54,7 +54,7 @@ def rendered(take: str) -> Path:
         raise FootageError("the renderer is not installed", where=str(script), todo="run it from a checkout")
     say(f"the footage of '{take}' is rendered, unless it is in {CACHE / take} ...")
     command = [sys.executable, str(script), take, "--out", str(CACHE / take)]
-    process = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    process = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, check=False)
     if process.returncode:
         reason = process.stderr.strip().splitlines() or ["the renderer ended without a word"]
         raise FootageError(f"it could not be rendered: {reason[-1]}", where=take)
@@ -83,6 +83,7 @@ def publish(page: Path, name: str, outcome: ExperimentResult) -> None:
 
 
 def parser() -> argparse.ArgumentParser:
+    """Build the parser of the command line."""
     parser = argparse.ArgumentParser(prog="python -m kfmocap.benchmarks.experiments", description=__doc__)
     parser.add_argument("name", choices=[*EXPERIMENTS, "all"])
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for tables and pictures")

@@ -52,6 +52,7 @@ class Panels:
 
     @cached_property
     def view(self) -> View:
+        """The view of the camera; the first one where none is named."""
         named = {view.camera.name: view for view in self.shot.views}
         return named[self.camera] if self.camera is not None else self.shot.views[0]
 
@@ -67,7 +68,7 @@ class Panels:
         frames = sorted({frame for frame, _, _ in panels})
         images = frames_at(self.view, [self.shot.frames[0] + f for f in frames], 1.0, grey=False)
         pictures = dict(zip(frames, images, strict=True))
-        cells = [self._panel(pictures[f], f, motion, words, height, whole) for f, motion, words in panels]
+        cells = [self._panel(pictures[f], f, motion, words, height=height, whole=whole) for f, motion, words in panels]
         gap = np.full((height, GAP, 3), _BACKGROUND, np.uint8)
         return np.hstack([part for cell in cells for part in (cell, gap)][:-1])
 
@@ -78,7 +79,7 @@ class Panels:
         centres, size = self.boxes
         return centres[frame] - size / 2, size
 
-    def _panel(self, image: Image, frame: int, motion: Motion | None, words: str, height: int, whole: bool) -> Image:
+    def _panel(self, image: Image, frame: int, motion: Motion | None, words: str, *, height: int, whole: bool) -> Image:
         corner, size = self._box(frame, whole)
         camera = part_of(self.view.camera.rectified(), corner, size, height / size[1])
         shift = camera.matrix @ np.linalg.inv(self.view.camera.matrix)

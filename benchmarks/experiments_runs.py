@@ -58,6 +58,7 @@ class RenderedShot:
 
     @classmethod
     def load(cls, folder: Path) -> RenderedShot:
+        """Read the shot and the true landmarks of a folder."""
         return cls(load_shot(folder / "shot.toml"), read_trc(folder / "landmarks.trc"))
 
     @property

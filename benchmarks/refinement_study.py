@@ -98,6 +98,7 @@ def away(cameras: Cameras, true: Cameras, landmarks: Landmarks) -> float:
 
 
 def main() -> None:
+    """Print the table."""
     parser = argparse.ArgumentParser(prog="python -m kfmocap.benchmarks.refinement_study", description=__doc__)
     parser.add_argument("--seeds", type=int, default=2, metavar="N", help="cameras moved at random (default: 2)")
     parser.add_argument("--shot", choices=SHOTS, help="of one example only")

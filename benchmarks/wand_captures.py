@@ -60,7 +60,7 @@ def ring(count: int, seed: int = 0, radius: float = 4.0) -> list[Camera]:
 
 
 def look_at(
-    name: str, eye: Array, target: Array, focal: float, distortions: Sequence[float], size: tuple[int, int] = SIZE
+    name: str, eye: Array, target: Array, focal: float, distortions: Sequence[float], *, size: tuple[int, int] = SIZE
 ) -> Camera:
     """A camera at one point that looks at another."""
     forward = (target - eye) / np.linalg.norm(target - eye)
@@ -102,6 +102,7 @@ def capture(
     wand: Sequence[Array],
     faults: Faults | None = None,
     seed: int = 0,
+    *,
     offsets: Sequence[float | None] | None = None,
     lframe: Array = LFRAME,
     length: float = WAND_LENGTH,

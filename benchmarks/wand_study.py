@@ -66,6 +66,7 @@ class CaptureRow:
 
     @property
     def wrong(self) -> bool:
+        """Whether a focal length or a camera position is far off."""
         return bool(self.focal.max() > WRONG_FOCAL or self.centre.max() > WRONG_CENTRE)
 
 
@@ -185,6 +186,7 @@ HEAD = (
 
 
 def main(argv: Sequence[str] | None = None) -> int:
+    """Measure all captures and print the tables."""
     parser = argparse.ArgumentParser(description="Errors of cameras solved from synthetic captures.")
     parser.add_argument("--seeds", type=int, default=50)
     parser.add_argument("--hard-seeds", type=int, default=200)

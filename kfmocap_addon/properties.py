@@ -110,6 +110,7 @@ class KFMocapView(bpy.types.PropertyGroup):
 
     @property
     def residual_name(self) -> str:
+        """The name of that picture."""
         return f"KF Mocap residual {self.name}"
 
 

@@ -200,7 +200,7 @@ class LabelImages:
         return pixels_at(self.part, frame, u, v, np.int16(-2))
 
     def depth_images(self) -> NDArray[np.float32]:
-        """z in metres, infinite where there is no part, shape (n, h, w)."""
+        """Z in metres, infinite where there is no part, shape (n, h, w)."""
         images = np.full(self.part.size, np.inf, dtype=np.float32)
         images[self.index] = 1 / self.inverse_depth
         return images.reshape(self.part.shape)
@@ -210,7 +210,8 @@ def pixels_at(
     images: NDArray[Any], frame: NDArray[np.intp], u: NDArray[np.floating], v: NDArray[np.floating], beyond: Any
 ) -> NDArray[Any]:
     """The pixels of images (n, h, w) nearest to places in frames, which are broadcast to the places; `beyond` where
-    there is none."""
+    there is none.
+    """
     _, height, width = images.shape
     with np.errstate(invalid="ignore"):  # what is no number becomes one that is far beyond
         column, row = np.rint(u).astype(np.intp), np.rint(v).astype(np.intp)
@@ -287,7 +288,8 @@ def _outlines(
     geometry: Geometry, camera: Camera, points: Array, facing: NDArray[np.bool_], drawn: NDArray[np.bool_]
 ) -> Outlines:
     """The outlines of the parts that are drawn (n, P), from vertices in camera axes (n, 3, V) and which faces look at
-    the camera (n, N)."""
+    the camera (n, N).
+    """
     n, P = drawn.shape
     looking = (geometry.meeting @ facing.T.astype(np.int64)).T
     edge = (looking > 0) & (looking < geometry.meeting.sum(axis=1)) & drawn[:, geometry.owner]

@@ -98,7 +98,8 @@ def key_frame_offset(
 
 def _rates(motion: Motion, frames: Sequence[int]) -> Array:
     """Increments per frame on some of at least four frames, (K, D), from those around; key poses at the ends, which may
-    be out of step with what is beside them, are not among these."""
+    be out of step with what is beside them, are not among these.
+    """
     last = len(motion) - 1
     before = np.clip(np.asarray(frames) - 1, 1, last - 2)
     after = np.clip(np.asarray(frames) + 1, 2, last - 1)

@@ -107,7 +107,8 @@ def stacked_places(
 
 def interpolated(image: NDArray[Any], places: Image, shape: tuple[int, ...]) -> NDArray[Any]:
     """An image's bilinear values at the places that `stacked_places` made of arrays of that shape; an image of several
-    channels gives so many values each."""
+    channels gives so many values each.
+    """
     values = cv2.remap(image, places[0], places[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     channels = image.shape[2:]
     return values.reshape(-1, *channels)[: math.prod(shape)].reshape(*shape, *channels)

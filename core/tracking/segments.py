@@ -45,6 +45,7 @@ def whole_keys(shot: Shot, first: int, last: int) -> NDArray[np.int64]:
 
 def posed_frames(shot: Shot, first: int, last: int) -> NDArray[np.int64]:
     """Frames first to last that show how the performers look: each has a key pose of the whole body, or a proposed
-    one."""
+    one.
+    """
     posed = ({*p.key_poses.full().tolist(), *p.key_poses.proposals().tolist()} for p in shot.performers)
     return np.array(sorted(f for f in reduce(set.intersection, posed) if first <= f <= last), dtype=np.int64)

@@ -61,6 +61,7 @@ class Placing:
 
     @property
     def pose(self) -> Motion:
+        """The pose fitted to the clicks."""
         return self.fitted.pose
 
     def views(self) -> set[str]:

@@ -72,7 +72,8 @@ def frames_listed(text: str) -> list[int]:
 
 def set_key_poses(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, frames: Sequence[int], poses: Motion) -> int:
     """Key poses on shot frames as the animator's own, beside the keys that are there already unless the settings say
-    that these are replaced; how many were set."""
+    that these are replaced; how many were set.
+    """
     start = scene.kfmocap.frame_start
     own = {frame - start for frame in key_pose_curves.keyed_bones(slot.armature)[0]}
     free = [i for i, frame in enumerate(frames) if scene.kfmocap.key_frames.replace or frame not in own]
@@ -169,11 +170,13 @@ def landmark_poses(
         known = [np.isfinite(landmarks.points_world[row]).all(axis=-1).mean() if row >= 0 else 0.0 for row in rows]
         chosen = away_from_keys(best_frames(np.array(known), _fps(scene)), own, _fps(scene))
         frames = [int(frame) for frame in chosen if known[frame] > 0]
-    return frames, _fitted(scene, body, landmarks, [int(rows[frame]) for frame in frames], frames, str(path))
+    return frames, _fitted(
+        scene, body, landmarks, rows=[int(rows[frame]) for frame in frames], frames=frames, where=str(path)
+    )
 
 
 def _fitted(
-    scene: bpy.types.Scene, body: Body, landmarks: Landmarks, rows: list[int], frames: list[int], where: str
+    scene: bpy.types.Scene, body: Body, landmarks: Landmarks, *, rows: list[int], frames: list[int], where: str
 ) -> Motion:
     for row, frame in zip(rows, frames, strict=True):
         shown = scene.kfmocap.frame_start + frame

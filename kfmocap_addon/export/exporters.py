@@ -240,9 +240,9 @@ def _scale_locations(
             world = np.stack(rows, axis=1) @ axes.T
             world[:, :2] = world[0, :2]
             values.update({(path, k): row for k, row in enumerate((world @ axes).T)})
-    for path, index in values:
+    for (path, index), row in values.items():
         if path.endswith(".location"):
-            values[path, index] = scale * values[path, index]
+            values[path, index] = scale * row
 
 
 @contextmanager

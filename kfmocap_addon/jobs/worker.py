@@ -16,8 +16,9 @@ NICENESS = 5
 
 
 def main() -> None:
+    """Read the work from standard input, do it, and write its progress and result to standard output."""
     incoming, outgoing = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what libraries print is not part of the talk
+    os.dup2(2, 1)  # what libraries print is not part of the protocol
     if hasattr(os, "nice"):
         os.nice(NICENESS)
 

@@ -56,6 +56,8 @@ def run_operator(operator: bpy.types.Operator, tool: Callable[..., set[str]], **
 
 
 class DroppedFootage(bpy.types.FileHandler):
+    """Videos dropped onto a 3D view become views."""
+
     bl_idname = "KFMOCAP_FH_footage"
     bl_label = "KF Mocap Footage"
     bl_import_operator = "kfmocap.add_footage"
@@ -67,6 +69,8 @@ class DroppedFootage(bpy.types.FileHandler):
 
 
 class DroppedFile(bpy.types.FileHandler):
+    """Other files dropped onto a 3D view are opened by what they hold."""
+
     bl_idname = "KFMOCAP_FH_file"
     bl_label = "KF Mocap File"
     bl_import_operator = OpenFile.bl_idname

@@ -218,6 +218,7 @@ def select_only(context: bpy.types.Context, owner: bpy.types.Object) -> None:
 
 
 def add_to_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
+    """Draw the entry of the menu Add > Armature."""
     self.layout.operator_context = "INVOKE_REGION_WIN"
     self.layout.operator(AddBody.bl_idname, icon="OUTLINER_OB_ARMATURE")
 

@@ -112,6 +112,7 @@ class KFMocapCapture(bpy.types.PropertyGroup):
     )
 
     def colour(self, slot: str) -> KFMocapColour:
+        """Give the colour of a ball."""
         return getattr(self, slot)
 
 

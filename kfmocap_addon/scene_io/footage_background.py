@@ -49,6 +49,7 @@ def footage_path(slot: bpy.types.PropertyGroup) -> Path | None:
 
 
 def background_clip(slot: bpy.types.PropertyGroup) -> bpy.types.MovieClip:
+    """Give the footage behind a view's camera; raises a FootageError where there is none."""
     clip = clip_behind(slot.camera)
     if clip is None:
         raise FootageError(
@@ -60,6 +61,7 @@ def background_clip(slot: bpy.types.PropertyGroup) -> bpy.types.MovieClip:
 
 
 def show_behind(data: bpy.types.Camera, clip: bpy.types.MovieClip) -> None:
+    """Show footage behind a camera."""
     background = data.background_images.new()
     background.source, background.clip = "MOVIE_CLIP", clip
     background.alpha, background.frame_method = 1.0, "STRETCH"

@@ -71,9 +71,8 @@ def read_key_poses(armature: bpy.types.Object, frame_start: int, length: int) ->
         if c == 0:
             index = key_ownership.proposal_frames(keys, own) - frame_start
             proposed[index[(index >= 0) & (index < length)]] = True
-        keys = keys[own]
-        key_ownership.refuse_subframes(armature, channels[c], keys)
-        index = fcurves.frames_of(keys) - frame_start
+        key_ownership.refuse_subframes(armature, channels[c], keys[own])
+        index = fcurves.frames_of(keys[own]) - frame_start
         held[index[(index >= 0) & (index < length)], c] = True
     frames = np.flatnonzero(held.any(axis=1) | proposed)
     values = body_channels.evaluate_channels(armature, channels, frame_start + frames)

@@ -69,6 +69,7 @@ def check_part(child: bpy.types.Object) -> None:
 
 
 def check_solid(vertices: Array, armature: bpy.types.Object, bone: bpy.types.Bone) -> None:
+    """Raise a BodyError where vertices (V, 3) on a bone enclose no volume."""
     try:
         ConvexHull(vertices)
     except (QhullError, ValueError) as error:

@@ -96,12 +96,13 @@ def _read_camera(scene: bpy.types.Scene, owner: bpy.types.Object, R_cam_world: A
     frame = frame_behind(scene, owner, clip)
     coefficients, fisheye, brown = built_distortion(owner)
     distortions = distortion.clip_distortions(clip) if clip is not None and brown else coefficients
-    return core_camera(owner.name, owner, frame, (R_cam_world, t_cam_world), distortions, fisheye)
+    return core_camera(owner.name, owner, frame, (R_cam_world, t_cam_world), distortions=distortions, fisheye=fisheye)
 
 
 def built_distortion(owner: bpy.types.Object) -> tuple[list[float], bool, bool]:
     """The distortion that a camera object was built with: OpenCV's coefficients, whether a fisheye's, and whether
-    Blender's Brown model can hold it."""
+    Blender's Brown model can hold it.
+    """
     packed: dict[str, Any] = {"coefficients": [0.0] * 4, "fisheye": False}
     if DISTORTED in owner:
         packed = json.loads(owner[DISTORTED])
@@ -114,6 +115,7 @@ def core_camera(
     owner: bpy.types.Object,
     frame: distortion.Frame,
     pose: tuple[Array, Array],
+    *,
     distortions: ArrayLike,
     fisheye: bool,
 ) -> Camera:

@@ -34,7 +34,8 @@ def out_of_date(scene: bpy.types.Scene, shot: Shot) -> list[Segment]:
 
 def excerpts(scene: bpy.types.Scene, shot: Shot, chosen: Sequence[Segment]) -> list[Excerpt]:
     """The runs of some stretches, each with what is known of the rest of the shot: the poses beside it that are
-    tracked or keyed, and the offset of the footage."""
+    tracked or keyed, and the offset of the footage.
+    """
     return [
         Excerpt(
             first,
@@ -114,7 +115,8 @@ def _footage_offset(scene: bpy.types.Scene) -> float | None:
 
 def _pose(scene: bpy.types.Scene, shot: Shot, frame: int) -> tuple[Motion, ...] | None:
     """Every performer's pose on a shot frame; None beyond the shot, and where one has neither a tracked pose nor a
-    key pose."""
+    key pose.
+    """
     if not 0 <= frame < shot.length or not _keyed(scene, frame, 1).all():
         return None
     start = scene.kfmocap.frame_start

@@ -114,7 +114,9 @@ def _read_view(slot: bpy.types.PropertyGroup, R_cam_world: Array, t_cam_world: A
     packed = json.loads(slot.distortions) if slot.distortions else {"fisheye": False}
     distortions = packed.get("coefficients") or distortion.clip_distortions(clip)
     pose = R_cam_world, t_cam_world
-    camera = scene_cameras.core_camera(slot.name, slot.camera, frame, pose, distortions, packed["fisheye"])
+    camera = scene_cameras.core_camera(
+        slot.name, slot.camera, frame, pose, distortions=distortions, fisheye=packed["fisheye"]
+    )
     footage = footage_background.footage_path(slot)
     keypoints = Path(os.path.normpath(footage.parent / slot.keypoints)) if slot.keypoints else None
     return View(camera, footage, round(slot.offset, 5), slot.fields, keypoints)

@@ -63,7 +63,7 @@ def shift_key_pose(built, frame):
 
 
 @pytest.mark.parametrize(
-    "tool, frame, tracked",
+    ("tool", "frame", "tracked"),
     [
         ("track", 3, (0, 11)),
         ("track_here", 3, (0, 5)),
@@ -135,7 +135,9 @@ def test_removed_tracked_keys_are_a_change(built, tracker):  # noqa: F811
     assert tracked_frames(tracker) == [(0, 11), (0, 5)]
 
 
-@pytest.mark.parametrize("where, frame, left", [("HERE", 2, range(6, 11)), ("HERE", 5, []), ("EVERYWHERE", 2, [])])
+@pytest.mark.parametrize(
+    ("where", "frame", "left"), [("HERE", 2, range(6, 11)), ("HERE", 5, []), ("EVERYWHERE", 2, [])]
+)
 def test_clear_between_removes_tracked_keys_alone(built, where, frame, left):
     own = keys_of(armature_of(built))
     bpy.ops.kfmocap.track()

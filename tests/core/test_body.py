@@ -143,7 +143,7 @@ def test_every_measure_moves_a_landmark() -> None:
 
 
 @pytest.mark.parametrize(
-    "height, measures",
+    ("height", "measures"),
     [(0.1, {}), (np.nan, {}), (1.7, {"thigh": -0.1}), (1.7, {"elbow": 0.1}), (1.7, {"shin.L": np.nan})],
 )
 def test_impossible_bodies_are_refused(height: float, measures: dict[str, float]) -> None:

@@ -138,7 +138,7 @@ def centroid(image: np.ndarray) -> np.ndarray:
     return np.array([(u * image).sum(), (v * image).sum()]) / image.sum()
 
 
-@pytest.mark.parametrize("distortions, fisheye", [(LENS, False), ((0.05, -0.01, 0.003, -0.001), True)])
+@pytest.mark.parametrize(("distortions", "fisheye"), [(LENS, False), ((0.05, -0.01, 0.003, -0.001), True)])
 def test_a_point_filmed_is_found_where_the_reduced_rectified_camera_projects_it(
     distortions: tuple[float, ...], fisheye: bool
 ) -> None:

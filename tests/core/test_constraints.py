@@ -97,7 +97,7 @@ def test_too_few_frames_are_always_smooth(frames: int) -> None:
     assert len(blocks.first) == frames - 1 and len(blocks.second) == 0
 
 
-@pytest.mark.parametrize("start, stop", [(0, 6), (1, 5), (1, 6), (0, 2), (2, 4), (2, 3)])
+@pytest.mark.parametrize(("start", "stop"), [(0, 6), (1, 5), (1, 6), (0, 2), (2, 4), (2, 3)])
 def test_cut_holds_the_frames_around(start: int, stop: int) -> None:
     blocks, D = smoothness(wild(), WEIGHTS), BODY.dof
     part, whole = blocks.cut(start, stop), dense(blocks).reshape(6, D, 6, D)

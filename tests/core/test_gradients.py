@@ -173,7 +173,7 @@ def filmed(poses: tuple[Array, Array], camera: Camera) -> Sequence[Brightness]:
     return pattern, later
 
 
-@pytest.mark.parametrize("size, limit", [(1.0, 0.12), (0.25, 0.04)])
+@pytest.mark.parametrize(("size", "limit"), [(1.0, 0.12), (0.25, 0.04)])
 def test_of_moving_parts_the_sums_are_the_derivatives_to_first_order(size: float, limit: float) -> None:
     """Slopes are the means over both frames and each is taken where it is used.
 

@@ -309,7 +309,7 @@ def test_every_setting_is_a_key_of_its_own_type(folder: Path, monkeypatch, line:
 def test_a_setting_of_another_type_is_refused(folder: Path, monkeypatch, line: str, meant: str) -> None:
     monkeypatch.setattr(shot_toml, "Settings", ManySettings)
     (folder / "shot.toml").write_text(TEXT + line)
-    with pytest.raises(KFMocapError, match=rf"\[track\] {line.split()[0]}: must be {meant}"):
+    with pytest.raises(KFMocapError, match=rf"\[track\] {line.split(maxsplit=1)[0]}: must be {meant}"):
         load_shot(folder / "shot.toml")
 
 

@@ -136,7 +136,9 @@ def test_reversing_time_reverses_the_motion(views: list[View], tracked: Motion, 
     assert apart_mm(found[::-1], tracked).mean() < 0.15 * spline_error(shot(views), [TRUTH])
 
 
-@pytest.mark.parametrize("settings, limit", [(Settings(), 6.0), (RELAXATION, 1e-6)], ids=["gauss-newton", "relaxation"])
+@pytest.mark.parametrize(
+    ("settings", "limit"), [(Settings(), 6.0), (RELAXATION, 1e-6)], ids=["gauss-newton", "relaxation"]
+)
 def test_a_shot_split_at_a_key_pose_gives_the_same_motion(views: list[View], settings: Settings, limit: float) -> None:
     """Of relaxation exactly; Gauss-Newton also passes smoothly through the key pose."""
     whole = track(shot(views, (0, 5, 10), settings)).motions[0]
@@ -278,7 +280,7 @@ def keyed(*frames: Sequence[int], length: int = 21, partial: Sequence[int] = ())
 
 
 @pytest.mark.parametrize(
-    "make, expected",
+    ("make", "expected"),
     [
         (lambda: keyed([0, 20]), [(0, 20)]),
         (lambda: keyed([0, 7, 20]), [(0, 7), (7, 20)]),

@@ -151,7 +151,7 @@ def test_a_part_outside_the_picture_or_behind_the_camera_is_not_visible() -> Non
         assert images.share[0, 0] == 0 and (images.part < 0).all()
 
 
-@pytest.mark.parametrize("side, up", [(1, 0), (-1, 0), (0, 1), (0, -1)])
+@pytest.mark.parametrize(("side", "up"), [(1, 0), (-1, 0), (0, 1), (0, -1)])
 def test_a_part_half_out_of_the_picture_is_half_visible(side: int, up: int) -> None:
     camera = look_at("front", (0, -3, 1), (0, 0, 1))
     x, z = side * 3 * 80 / 190, 1 + up * 3 * 60 / 190

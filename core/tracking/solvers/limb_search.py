@@ -239,7 +239,8 @@ def _held(looks: Sequence[_ViewRatios], geometry: Geometry, poses: tuple[Array, 
 
 def _samples(geometry: Geometry, parts: Sequence[int], rng: Generator) -> tuple[Array, Array]:
     """Points within the parts, (n, points, 3), and the area that each shows on the average: by Cauchy's formula a
-    quarter of its surface, square metres."""
+    quarter of its surface, square metres.
+    """
     vertices = [geometry.vertices[geometry.spans[part]] for part in parts]
     points = [rng.dirichlet(np.full(len(v), 0.3), _POINTS) @ v for v in vertices]
     return np.array(points), np.array([ConvexHull(v).area / 4 for v in vertices])
