@@ -1,6 +1,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 INSTALLED := .venv/.installed
+WHEELS := .venv/.wheels
 
 .PHONY: install demo test test-nightly test-versions versions lint format extension bench clean
 
@@ -22,21 +23,26 @@ if [ ! -x $(1)/bin/pip ]; then \
 fi
 endef
 
+# The wheels that the extension brings, so that no test downloads anything.
+$(WHEELS): tools/wheels.lock | install
+	$(BIN)/python tools/build_extension.py --fetch
+	@touch $@
+
 demo: install
 	$(BIN)/kfmocap demo --out build/demo
 
 # One test process per core, each with one thread for linear algebra.
 PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --dist worksteal --durations 25
 
-test: install
+test: install $(WHEELS)
 	$(PYTEST)
 
 # The same with random tests at their full size.
-test-nightly: install
+test-nightly: install $(WHEELS)
 	$(PYTEST) --nightly
 
 # What depends on the version of Blender, on the other versions, where their Python is there.
-test-versions: install
+test-versions: install $(WHEELS)
 	$(BIN)/python tools/test_versions.py
 
 # The environments for that, without running anything.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import os
-import platform
 import shutil
 import subprocess
 import tempfile
@@ -76,13 +75,7 @@ def extension_zip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The extension as `make extension` builds it, for this machine."""
     import build_extension
 
-    here = {
-        ("Linux", "x86_64"): "linux-x64",
-        ("Windows", "AMD64"): "windows-x64",
-        ("Darwin", "arm64"): "macos-arm64",
-        ("Darwin", "x86_64"): "macos-x64",
-    }
-    [zip_path] = build_extension.build([here[platform.system(), platform.machine()]], tmp_path_factory.mktemp("dist"))
+    [zip_path] = build_extension.build([build_extension.this_platform()], tmp_path_factory.mktemp("dist"))
     return zip_path
 
 

@@ -14,6 +14,7 @@ import argparse
 import hashlib
 import importlib.util
 import json
+import platform as host
 import re
 import shutil
 import subprocess
@@ -153,6 +154,12 @@ def blender_builder(*arguments: str) -> None:
         raise BuildError(f"Blender's builder refused: {' '.join(arguments)}")
 
 
+def this_platform() -> str:
+    """Name this machine's platform as Blender does."""
+    system = {"Linux": "linux", "Windows": "windows", "Darwin": "macos"}[host.system()]
+    return f"{system}-{'arm64' if host.machine() in ('arm64', 'aarch64') else 'x64'}"
+
+
 def build(platforms: Iterable[str], output: Path, more_pythons: Iterable[str] = ()) -> list[Path]:
     """Build and validate one zip per platform; their paths."""
     platforms = list(platforms)
@@ -175,11 +182,15 @@ def main() -> int:
     parser.add_argument("--platform", choices=PLATFORMS, help="build for this platform only")
     parser.add_argument("--python", action="append", default=[], help="for tests: wheels for this Python too")
     parser.add_argument("--output", type=Path, default=ROOT / "dist", help="folder of the zips (dist)")
+    parser.add_argument("--fetch", action="store_true", help="download this machine's wheels, build nothing")
     parser.add_argument("--update-lock", action="store_true", help="renew the lock and the manifest's wheels")
     arguments = parser.parse_args()
     try:
         if arguments.update_lock:
             update_lock()
+            return 0
+        if arguments.fetch:
+            fetch(this_platform())
             return 0
         platforms = [arguments.platform] if arguments.platform else list(PLATFORMS)
         for path in build(platforms, arguments.output, arguments.python):
