@@ -43,9 +43,9 @@ class BodyMeasures:
         """Return the measures of the average person of a height."""
         return cls(stature, default_measures(stature))
 
-    def body(self) -> Body:
-        """Return the body that has these measures."""
-        return human(self.stature, self.values)
+    def body(self, *, solid: bool = True) -> Body:
+        """Return the body that has these measures; without its parts' surfaces if not solid, which is faster."""
+        return human(self.stature, self.values, solid=solid)
 
     def changed(self, change: Array) -> BodyMeasures:
         """Return the measures after growth by exp(change[0]) in proportion and change[1:] beyond that, metres."""
@@ -94,7 +94,7 @@ def with_measures(
     places : Places
     weights : ndarray, shape (V, F, L)
     """
-    body = measures.body()
+    body = measures.body(solid=False)
     columns = _measure_columns(measures, motion, keypoints, places)  # (F, L, 3, 1 + M)
     R, T = part_poses(body, motion)
     points = places.world((R, T))
@@ -105,14 +105,15 @@ def with_measures(
     b = np.einsum("vflka,vfl,vflk->fla", across, weights, residual)
     M, L = columns.shape[-1], len(keypoints.names)
     pulled = A @ columns
-    border = np.einsum("flad,flam->fdm", moved, pulled)
+    F, D = R.shape[0], body.dof
+    border = np.swapaxes(moved.reshape(F, 3 * L, D), 1, 2) @ pulled.reshape(F, 3 * L, M)
     shifted = np.einsum("flba,flbm->lam", R[:, places.parts], pulled)
     prior, departure = measures.prior()
     whole = np.zeros((3 * L + M, 3 * L + M))
     whole[: 3 * L, : 3 * L] = system.corner
     whole[: 3 * L, 3 * L :] = shifted.reshape(3 * L, M)
     whole[3 * L :, : 3 * L] = whole[: 3 * L, 3 * L :].T
-    whole[3 * L :, 3 * L :] = np.einsum("flam,flan->mn", columns, pulled) + np.diag(prior)
+    whole[3 * L :, 3 * L :] = columns.reshape(-1, M).T @ pulled.reshape(-1, M) + np.diag(prior)
     gradient = np.einsum("flam,fla->m", columns, b) + prior * departure
     return KeypointSystem(
         system.blocks,
@@ -124,10 +125,10 @@ def with_measures(
 
 def _measure_columns(measures: BodyMeasures, motion: Motion, keypoints: Keypoints, places: Places) -> Array:
     """Movement of the keypoints by the height's logarithm and by every measure, shape (F, L, 3, 1 + M)."""
-    base, step = places.world(part_poses(measures.body(), motion)), 1e-4
+    base, step = places.world(part_poses(measures.body(solid=False), motion)), 1e-4
 
     def moved(changed: BodyMeasures) -> Array:
-        body = changed.body()
+        body = changed.body(solid=False)
         on_body = replace(Places.on(body, keypoints.names), offsets=places.offsets)
         return on_body.world(part_poses(body, motion))
 

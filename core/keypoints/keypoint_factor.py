@@ -241,7 +241,7 @@ def keypoint_system(body: Body, poses: Poses, keypoints: Keypoints, places: Plac
     per_part = np.einsum("pl,flab->fpab", carrier, H), np.einsum("pl,fla->fpa", carrier, g)
     blocks = joint_blocks(body, poses, *per_part, float(np.sum(weights[..., None] * residual**2)))
     J = twist_jacobian(body, R, T)[:, places.parts]  # (F, L, 6, D)
-    border = np.einsum("flad,flac->fdlc", J, cross).reshape(F, D, 3 * L)
+    border = np.moveaxis(np.swapaxes(J, 2, 3) @ cross, 1, 2).reshape(F, D, 3 * L)
     prior = np.array([1 / offset_deviation(name) ** 2 for name in keypoints.names])[:, None]
     full = np.zeros((L, 3, L, 3))
     full[np.arange(L), :, np.arange(L)] = corner + prior[..., None] * np.eye(3)

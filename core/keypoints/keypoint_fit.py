@@ -11,6 +11,7 @@ from ..body import Body, part_poses
 from ..body.joint_limits import posture_prior
 from ..body.motion import Motion
 from ..body.smoothness import limited, smoothness
+from ..numerics.banded_blocks import BandedBlocks
 from ..numerics.least_squares import GAUSS_NEWTON, StoppingRule, minimise
 from ..numerics.normal_equations import BandedEquations, BorderedEquations
 from .body_measures import BodyMeasures, with_measures
@@ -108,19 +109,22 @@ class _Round:
         residual = keypoints.residuals(places.world(poses))
         weights = robust_weights(residual, keypoints.confidence, self.deviation, self.tolerance) / self.correlated
         system = keypoint_system(state.body, poses, keypoints, places, weights)
-        blocks = system.blocks + smoothness(state.motion, self.precision) + posture_prior(state.body, state.motion)
+        prior = self.motion_prior(state)
         if state.measures is not None:
             system = with_measures(
                 system, state.measures, state.motion, keypoints=keypoints, places=places, weights=weights
             )
-        blocks = replace(blocks, energy=self.energy(state, residual))
+        blocks = replace(system.blocks + prior, energy=self.energy(state, residual, prior))
         return BorderedEquations(BandedEquations(blocks, self.fixed), system.border, system.corner, system.gradient)
 
-    def energy(self, state: _State, residual: Array) -> float:
+    def motion_prior(self, state: _State) -> BandedBlocks:
+        """What is known of the motion without keypoints."""
+        return smoothness(state.motion, self.precision) + posture_prior(state.body, state.motion)
+
+    def energy(self, state: _State, residual: Array, motion_prior: BandedBlocks) -> float:
         """The robust cost of a state whose keypoints have these residuals."""
         keypoints = robust_energy(residual, self.keypoints.confidence, self.deviation, self.tolerance)
-        energy = keypoints / self.correlated + offset_energy(self.keypoints.names, state.places)
-        energy += smoothness(state.motion, self.precision).energy + posture_prior(state.body, state.motion).energy
+        energy = keypoints / self.correlated + offset_energy(self.keypoints.names, state.places) + motion_prior.energy
         if state.measures is not None:
             prior, departure = state.measures.prior()
             energy += float(np.sum(prior * departure**2))
@@ -170,5 +174,6 @@ def fit_motion(
     deviation = deviations(residual, sided.confidence)
     weights = robust_weights(residual, sided.confidence, deviation) * deviation[:, None] ** 2
     usual = np.full_like(deviation, USUAL_DEVIATION)
-    energy = _Round(sided, fixed, precision, correlated, usual, 1.0).energy(state, residual)
+    last = _Round(sided, fixed, precision, correlated, usual, 1.0)
+    energy = last.energy(state, residual, last.motion_prior(state))
     return KeypointFit(state.body, state.motion, state.places, sided, changed, deviation, weights, energy)

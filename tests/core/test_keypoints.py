@@ -278,6 +278,29 @@ def test_spoiled_keypoints_give_nearly_the_same_motion() -> None:
     assert errors[1] < 1.25 * errors[0] + 0.001
 
 
+def test_what_a_fit_says_of_itself_belongs_to_its_motion() -> None:
+    body = human()
+    motion = strolling(body, 12)
+    seen = keypoints_of(cameras(3), seen_places(body, motion), noise=0.015)
+    start = Motion(motion.translations + [0.05, 0.0, 0.02], motion.rotations)
+    fit = fit_motion(body, seen, start, fixed=free(body, 12), precision=precision(body))
+    residual = fit.keypoints.residuals(fit.places.world(part_poses(fit.body, fit.motion)))
+    np.testing.assert_array_equal(fit.deviation, deviations(residual, fit.keypoints.confidence))
+    weights = robust_weights(residual, fit.keypoints.confidence, fit.deviation) * fit.deviation[:, None] ** 2
+    np.testing.assert_array_equal(fit.weights, weights)
+
+
+def test_a_fit_from_a_worse_start_says_so() -> None:
+    """Energies are comparable: the fit that ends in the wrong place has the greater one."""
+    body = human()
+    motion = strolling(body, 12)
+    seen = keypoints_of(cameras(3), seen_places(body, motion), noise=0.01)
+    far = Motion(motion.translations + [2.0, 0.0, 0.0], motion.rotations @ rotations.exp(np.array([0.0, 2.5, 0.0])))
+    fits = [fit_motion(body, seen, m, fixed=free(body, 12), precision=precision(body)) for m in (motion, far)]
+    errors = [joint_errors(body, fit.motion, body, motion).mean() for fit in fits]
+    assert errors[1] > 2 * errors[0] and fits[1].energy > fits[0].energy
+
+
 def test_one_camera_and_key_poses_give_the_motion_between() -> None:
     body = human()
     motion = strolling(body, 30)

@@ -15,7 +15,7 @@ from kfmocap.core.errors import KFMocapError
 from kfmocap.core.formats import save_cameras, shot_toml, write_trc
 from kfmocap.core.formats.shot_toml import read_shot_spec
 from kfmocap.core.numerics import rotations
-from kfmocap.core.tracking.prepare import load_shot
+from kfmocap.core.tracking.prepare import load_shot, prepare_shot
 from kfmocap.core.tracking.selection import selected
 
 FIRST, LAST, KEYS = 2, 9, (3, 6, 9)
@@ -87,6 +87,21 @@ def test_the_shot_is_what_the_file_says(folder: Path) -> None:
     assert performer.name == "man"
     assert performer.key_poses.frames.tolist() == [1, 4, 7]  # counted from the shot's first frame
     assert performer.key_poses.fixed.all()
+
+
+def test_reading_a_shot_file_opens_no_other_file(folder: Path) -> None:
+    """What is said is kept as it is said; only preparing the shot needs the files."""
+    for file in folder.iterdir():
+        if file.name != "shot.toml":
+            file.unlink()
+    spec = read_shot_spec(folder / "shot.toml")
+    assert [(view.camera, view.offset) for view in spec.views] == [("cam01", 0.0), ("cam02", 1.0)]
+    assert spec.calibration == folder / "calibration.toml"
+    (performer,) = spec.performers
+    assert (performer.keyframes, performer.landmarks) == (KEYS, folder / "landmarks.trc")
+    assert spec.selected(keyframes="auto").performers[0].keyframes == "auto"
+    with pytest.raises(KFMocapError, match=r"\[calibration\] file: .*calibration\.toml"):
+        prepare_shot(spec)
 
 
 def test_key_poses_and_body_fit_the_landmarks(folder: Path) -> None:
