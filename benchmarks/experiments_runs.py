@@ -191,23 +191,23 @@ def whirl(footage: RenderedShot) -> ExperimentResult:
 
 
 def track_switched(shot: Shot, switches: Switches) -> Motion:
-    """Track stretch after stretch with one camera each, from the pose where the last one ended.
+    """Track segment after segment with one camera each, from the pose where the last one ended.
 
     Parameters
     ----------
     switches : sequence of (int, int, str)
-        First and last shot frame, the one the last of the stretch before, and the camera.
+        First and last shot frame, the one the last of the segment before, and the camera.
     """
     pose = shot.performers[0].key_poses.poses[[0]]
-    stretches = []
+    tracked = []
     for first, last, camera in switches:
-        motion = track(stretch(selected(shot, views=[camera]), first, last, pose)).motions[0]
+        motion = track(excerpt(selected(shot, views=[camera]), first, last, pose)).motions[0]
         pose = motion[[-1]]
-        stretches.append(motion[:-1])
-    return stacked([*stretches, pose])
+        tracked.append(motion[:-1])
+    return stacked([*tracked, pose])
 
 
-def stretch(shot: Shot, first: int, last: int, pose: Motion) -> Shot:
+def excerpt(shot: Shot, first: int, last: int, pose: Motion) -> Shot:
     """The frames first to last of a shot of one performer: they begin with that pose, or a key pose in its place."""
     performer = shot.performers[0]
     keys = performer.key_poses

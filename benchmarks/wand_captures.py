@@ -123,7 +123,7 @@ def capture(
     """
     faults = faults or Faults()
     rng = np.random.default_rng([seed, 4])
-    told = [0.0] * len(cameras) if offsets is None else offsets
+    known = [0.0] * len(cameras) if offsets is None else offsets
     views = tuple(
         CaptureView(
             camera.name,
@@ -133,7 +133,7 @@ def capture(
             seen(camera, positions, faults, rng),
             offset,
         )
-        for camera, positions, offset in zip(cameras, wand, told, strict=True)
+        for camera, positions, offset in zip(cameras, wand, known, strict=True)
     )
     return Capture(LFRAME.copy(), length, views)
 

@@ -207,8 +207,8 @@ class KFMocapExport(bpy.types.PropertyGroup):
     )
 
 
-class KFMocapStretch(bpy.types.PropertyGroup):
-    """A stretch between key poses that was tracked."""
+class KFMocapSegment(bpy.types.PropertyGroup):
+    """A segment between key poses that was tracked."""
 
     first: bpy.props.IntProperty(name="First", description="In the footage's count")
     last: bpy.props.IntProperty(name="Last", description="In the footage's count")
@@ -230,7 +230,7 @@ class KFMocapScene(bpy.types.PropertyGroup):
     )
     views: bpy.props.CollectionProperty(type=KFMocapView)
     performers: bpy.props.CollectionProperty(type=KFMocapPerformer)
-    stretches: bpy.props.CollectionProperty(type=KFMocapStretch)
+    stretches: bpy.props.CollectionProperty(type=KFMocapSegment)  # saved files know segments by this name
     opacity: bpy.props.FloatProperty(
         min=0.0,
         max=1.0,
@@ -317,7 +317,7 @@ CLASSES = (
     KFMocapMark,
     KFMocapFrames,
     KFMocapPerformer,
-    KFMocapStretch,
+    KFMocapSegment,
     KFMocapExport,
     KFMocapScene,
 )

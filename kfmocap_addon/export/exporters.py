@@ -247,7 +247,7 @@ def _scale_locations(
 
 @contextmanager
 def writing(path: Path) -> Iterator[Path]:
-    """`replacing`, with the folder made where it is missing and Blender's failures told as ours.
+    """Like `replacing`; makes the folder where it is missing, and raises Blender's failures as OutputError.
 
     Blender's exporters also print; that is not for the user of a batch.
     """

@@ -33,7 +33,7 @@ def write_confidence(scene: bpy.types.Scene, deviation: Sequence[NDArray[np.floa
     deviation : sequence of ndarray, shape (F, P)
         Expected error of the parts of each performer, metres.
     first : int
-        Of an excerpt of the scene's shot: its first frame there. What is told of other frames stays.
+        Of an excerpt of the scene's shot: its first frame there. Other frames keep what was written for them.
     """
     start = scene.kfmocap.frame_start + first
     for slot, found in zip(scene.kfmocap.performers, deviation, strict=True):
@@ -42,7 +42,7 @@ def write_confidence(scene: bpy.types.Scene, deviation: Sequence[NDArray[np.floa
 
 
 def refresh(scene: bpy.types.Scene) -> None:
-    """Show where one more key pose would help most, and the colours, by the errors that are told now."""
+    """Show where one more key pose would help most, and the colours, from the errors as they are now."""
     for slot in scene.kfmocap.performers:
         _write_helpful(scene, slot)
     if scene.kfmocap.show_confidence:
@@ -50,7 +50,7 @@ def refresh(scene: bpy.types.Scene) -> None:
 
 
 def forget(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, frames: Sequence[int]) -> None:
-    """Forget what is told of scene frames that are tracked no more."""
+    """Forget the errors of scene frames that are no longer tracked."""
     _replace(slot.armature, np.asarray(frames), None)
     _write_helpful(scene, slot)
 

@@ -31,7 +31,7 @@ def write_occlusion(scene: bpy.types.Scene, shot: Shot, visible: Sequence[NDArra
     visible : sequence of ndarray, shape (V, F, P)
         Visible share of the parts of each performer.
     first : int
-        Of an excerpt of the scene's shot: its first frame there. What is told of other frames stays.
+        Of an excerpt of the scene's shot: its first frame there. Other frames keep what was written for them.
     """
     from ...core.evidence.occlusion import occluded, unseen
 
@@ -65,12 +65,14 @@ def _write_views(
         bone[VIEWS] = int(count[0])
         bone.id_properties_ui(VIEWS).update(min=0, max=len(sees), description=_DESCRIPTION)
         curve = fcurves.ensure_fcurve(bag, property_path(bone, VIEWS), 0, bone.name)
-        told = np.full(shot.length, len(sees))  # where nothing was tracked, nothing is known against it
+        counts = np.full(shot.length, len(sees))  # where nothing was tracked, nothing is known against it
         if len(curve.keyframe_points):
-            told[:] = [curve.evaluate(shot.frame_start + f) for f in range(shot.length)]
-        told[first : first + len(count)] = count
-        changes = np.flatnonzero(np.diff(told, prepend=-1))
-        fcurves.set_keys(curve, [fcurves.new_keys(shot.frame_start + changes, told[changes], "GENERATED", "CONSTANT")])
+            counts[:] = [curve.evaluate(shot.frame_start + f) for f in range(shot.length)]
+        counts[first : first + len(count)] = count
+        changes = np.flatnonzero(np.diff(counts, prepend=-1))
+        fcurves.set_keys(
+            curve, [fcurves.new_keys(shot.frame_start + changes, counts[changes], "GENERATED", "CONSTANT")]
+        )
         curve.lock = True  # so that moving keys in the timeline leaves it alone
 
 

@@ -35,7 +35,7 @@ def everything(slot: bpy.types.PropertyGroup) -> Everything:
 
 
 def restore(slot: bpy.types.PropertyGroup, marks: Everything) -> None:
-    """Make the marks what `everything` told, in their order."""
+    """Put back all marks, in their order."""
     slot.marks.clear()
     for mark in marks:
         _add(slot, *mark)

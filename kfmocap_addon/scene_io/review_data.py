@@ -1,4 +1,4 @@
-"""What a tracking tells of its own result, in the scene."""
+"""What a tracking reports about its own result, in the scene."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def write_review(scene: bpy.types.Scene, tracked: Sequence[tuple[Shot, TrackResu
     Parameters
     ----------
     tracked : sequence of (Shot, TrackResult, int)
-        Excerpts of the scene's shot as they were tracked, or all of it, each with its first frame there. What is told
-        of other frames stays.
+        Excerpts of the scene's shot as they were tracked, or all of it, each with its first frame there. Other frames
+        keep what was written for them.
     """
     for shot, result, first in tracked:
         bone_visibility.write_occlusion(scene, shot, result.visible, first)

@@ -1,4 +1,4 @@
-"""Stretches between key poses in a scene: which to track, what is beside them, and from what they were tracked."""
+"""Segments between key poses in a scene: which to track, what is beside them, and from what they were tracked."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _OFFSET = "kfmocap_footage_offset"
 
 
 def out_of_date(scene: bpy.types.Scene, shot: Shot) -> list[Segment]:
-    """Stretches of a scene's shot that something has changed for since they were tracked, or that never were."""
+    """Give the segments of a scene's shot that changed since they were tracked, or were never tracked."""
     keyed = _keyed(scene, 0, shot.length)
     tracked = {(slot.first, slot.last): slot.digest for slot in scene.kfmocap.stretches}
     zero = shot.frames[0]
@@ -33,7 +33,7 @@ def out_of_date(scene: bpy.types.Scene, shot: Shot) -> list[Segment]:
 
 
 def excerpts(scene: bpy.types.Scene, shot: Shot, chosen: Sequence[Segment]) -> list[Excerpt]:
-    """The runs of some stretches, each with what is known of the rest of the shot: the poses beside it that are
+    """The runs of some segments, each with what is known of the rest of the shot: the poses beside it that are
     tracked or keyed, and the offset of the footage.
     """
     return [
@@ -78,7 +78,7 @@ def with_footage_offset(scene: bpy.types.Scene, shot: Shot) -> Shot:
 
 
 def clear(scene: bpy.types.Scene, shot: Shot, chosen: Sequence[Segment]) -> int:
-    """Remove the tracked keys of some stretches of a scene's shot; tells on how many frames there were any."""
+    """Remove the tracked keys of some segments of a scene's shot; returns on how many frames there were any."""
     frames = [scene.kfmocap.frame_start + f for f in sorted({f for a, b in chosen for f in range(a, b + 1)})]
     cleared: set[int] = set()
     for slot in scene.kfmocap.performers:
@@ -91,16 +91,16 @@ def clear(scene: bpy.types.Scene, shot: Shot, chosen: Sequence[Segment]) -> int:
 def _check_unchanged(scene: bpy.types.Scene, shot: Shot, parts: Sequence[Excerpt]) -> None:
     """Another window may have changed the scene since its shot was read."""
     now = scenes.shot_from_scene(scene)
-    stretches = [(part.first, part.last) for part in parts]
-    if now.frames != shot.frames or any(digest(now, s) != digest(shot, s) for s in stretches):
+    changed = [(part.first, part.last) for part in parts]
+    if now.frames != shot.frames or any(digest(now, s) != digest(shot, s) for s in changed):
         raise ShotError("it was changed while it was tracked", where=f"scene {scene.name}", todo="track again")
 
 
 def _remember(scene: bpy.types.Scene, shot: Shot, tracked: Sequence[Segment]) -> None:
-    """Keep what stretches were tracked from; of frames that are no stretch of the shot any more nothing is kept."""
+    """Keep from what segments were tracked; frames that are no longer a segment of the shot are forgotten."""
     zero = shot.frames[0]
     kept = {(slot.first - zero, slot.last - zero): slot.digest for slot in scene.kfmocap.stretches}
-    kept.update({stretch: digest(shot, stretch) for stretch in tracked})
+    kept.update({segment: digest(shot, segment) for segment in tracked})
     scene.kfmocap.stretches.clear()
     for first, last in segments(shot):
         if (first, last) in kept:
