@@ -12,7 +12,8 @@ from ..capture.capture_videos import CaptureVideos
 from ..runtime.progress import Progress, share
 from ..shot.footage import probe
 from .calibration_result import CalibrationResult
-from .resync import Clocks, known_camera, synchronise
+from .clocks import Clocks
+from .resync import known_camera, synchronise
 from .video_markers import find_all, find_wand
 from .wand_calibration import solve_capture
 

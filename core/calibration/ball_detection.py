@@ -80,7 +80,7 @@ class Balls:
     def __len__(self) -> int:
         return len(self.centres)
 
-    def __getitem__(self, which: NDArray | slice | list[int]) -> Balls:
+    def __getitem__(self, which: NDArray[Any] | slice | list[int]) -> Balls:
         return Balls(self.centres[which], self.shapes[which], self.sigma[which])
 
     @property

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import cv2
 import numpy as np
@@ -76,7 +77,7 @@ class BallObservations:
         """All of several."""
         return cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))
 
-    def take(self, chosen: NDArray) -> BallObservations:
+    def take(self, chosen: NDArray[Any]) -> BallObservations:
         """Some of them."""
         return BallObservations(*(value[chosen] for value in vars(self).values()))
 

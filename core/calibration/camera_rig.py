@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -184,7 +185,7 @@ class Wand:
         """The same wand in a world whose points are R x + t."""
         return replace(self, middle=self.middle @ R.T + t, direction=self.direction @ R.T)
 
-    def take(self, chosen: NDArray) -> Wand:
+    def take(self, chosen: NDArray[Any]) -> Wand:
         """Some of its frames."""
         return Wand(self.frames[chosen], self.middle[chosen], self.direction[chosen], self.length)
 

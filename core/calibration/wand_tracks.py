@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +55,7 @@ class Tracks:
         """Shape (V, n, 2)."""
         return np.isfinite(self.points).all(axis=-1)
 
-    def take(self, frames: NDArray) -> Tracks:
+    def take(self, frames: NDArray[Any]) -> Tracks:
         """Some of the frames."""
         return Tracks(self.frames[frames], self.points[:, frames], self.sigma[:, frames])
 

@@ -12,9 +12,10 @@ from operator import attrgetter
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body.kinematics import Poses
 from .contours import OutlineSums, outline_sums
 from .foreground import log_ratio
-from .gradients import GradientSums, Poses, brightness_constancy
+from .gradients import GradientSums, brightness_constancy
 from .label_images import Geometry, render_labels
 from .view_frames import GradientImageCache, ViewFrames
 

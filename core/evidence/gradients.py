@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -183,7 +184,9 @@ def _carried(pixels: Pixels, to_camera: Poses, poses: Poses) -> Image:
     return out.T
 
 
-def summed_products(rows: NDArray[np.floating], weight: NDArray[np.floating], ends: NDArray[np.intp]) -> Array:
+def summed_products(
+    rows: NDArray[np.floating[Any]], weight: NDArray[np.floating[Any]], ends: NDArray[np.intp]
+) -> Array:
     """Weighted sums of the products of columns (k, N) with themselves, of ends[i] to ends[i + 1] each.
 
     Summed in double precision, or they are not positive definite; shape (len(ends) - 1, k, k).

@@ -195,7 +195,9 @@ class LabelImages:
         v = pixel // width
         return frame, pixel - v * width, v
 
-    def part_at(self, frame: NDArray[np.intp], u: NDArray[np.floating], v: NDArray[np.floating]) -> NDArray[np.int16]:
+    def part_at(
+        self, frame: NDArray[np.intp], u: NDArray[np.floating[Any]], v: NDArray[np.floating[Any]]
+    ) -> NDArray[np.int16]:
         """The parts seen nearest to places in frames; -2 beyond the picture."""
         return pixels_at(self.part, frame, u, v, np.int16(-2))
 
@@ -207,7 +209,11 @@ class LabelImages:
 
 
 def pixels_at(
-    images: NDArray[Any], frame: NDArray[np.intp], u: NDArray[np.floating], v: NDArray[np.floating], beyond: Any
+    images: NDArray[Any],
+    frame: NDArray[np.intp],
+    u: NDArray[np.floating[Any]],
+    v: NDArray[np.floating[Any]],
+    beyond: Any,
 ) -> NDArray[Any]:
     """The pixels of images (n, h, w) nearest to places in frames, which are broadcast to the places; `beyond` where
     there is none.

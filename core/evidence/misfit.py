@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body.kinematics import Poses
 from .foreground import log_ratio
-from .gradients import Poses
 from .label_images import Geometry, render_labels
 from .view_frames import ViewFrames, views_with_foreground
 

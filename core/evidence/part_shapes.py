@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body.kinematics import Poses
 from ..cameras.camera import Camera
 from .contours import Lines, outline_lines
-from .gradients import Poses, camera_twist
+from .gradients import camera_twist
 from .label_images import Geometry, render_labels
 from .view_frames import ViewFrames
 

@@ -88,7 +88,7 @@ class GradientImages:
 
 
 def stacked_places(
-    u: NDArray[np.floating], v: NDArray[np.floating], image: NDArray[np.intp], height: int
+    u: NDArray[np.floating[Any]], v: NDArray[np.floating[Any]], image: NDArray[np.intp], height: int
 ) -> NDArray[np.float32]:
     """Places in images that stand one below the other, as `interpolated` takes them.
 

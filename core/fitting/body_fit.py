@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 
 from ..body import Body, part_poses, point_jacobian, twist_jacobian
 from ..body.joint_limits import posture_prior
-from ..body.kinematics import scene_poses
+from ..body.kinematics import Poses, scene_poses
 from ..body.motion import Motion
 from ..body.shaping import joint_jacobian, mirrored_parts, shaped
 from ..body.time_shift import poses_after
 from ..cameras.camera import Camera
 from ..errors import BodyError
-from ..evidence.gradients import Poses, camera_twist
+from ..evidence.gradients import camera_twist
 from ..evidence.label_images import Geometry
 from ..evidence.part_shapes import SHIFT, STRETCH
 from ..formats.keypoint_files import read_shot_keypoints

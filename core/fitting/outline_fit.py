@@ -13,10 +13,10 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body.kinematics import Poses
 from ..cameras.camera import Camera
 from ..evidence.contours import Lines, outline_lines
 from ..evidence.foreground import foreground_images
-from ..evidence.gradients import Poses
 from ..evidence.label_images import Geometry, render_labels
 from ..evidence.part_shapes import shape_columns, stretched
 from ..evidence.view_frames import ViewFrames

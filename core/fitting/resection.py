@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body import Body, twist_jacobian
-from ..body.kinematics import scene_poses
+from ..body.kinematics import Poses, scene_poses
 from ..body.motion import Motion
 from ..cameras.camera import Camera
 from ..evidence.contours import EDGE_DEVIATION, MODEL_DEVIATION, Lines
-from ..evidence.gradients import Poses, camera_twist
+from ..evidence.gradients import camera_twist
 from ..evidence.label_images import Geometry
 from ..evidence.part_shapes import SHIFT, STRETCH, stretched
 from ..numerics import rotations
