@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,13 +14,86 @@ from .motion import Motion
 Array = NDArray[np.float64]
 
 
-def acceleration(motion: Motion) -> Array:
-    """Second differences along time at frames 1 .. F - 2, shape (F - 2, D).
+@dataclass(frozen=True, eq=False)
+class SecondDifferences:
+    """Second differences of a motion along time at frames 1 .. F - 2, the accelerations per frame squared.
 
-    Of a rotation it is log(Q_j^T Q_{j+1}) + log(Q_j^T Q_{j-1}): zero for a constant turn, and in the frame of Q_j.
+    Attributes
+    ----------
+    values : ndarray, shape (F - 2, D)
+        In metres and radians per frame squared. That of a rotation is log(Q_j^T Q_{j+1}) + log(Q_j^T Q_{j-1}): zero for
+        a constant turn, and in the frame of Q_j.
+    jacobians : tuple of ndarray, shape (F - 2, 1 + P, 3, 3)
+        Derivatives by the increments of the frame before, the frame itself and the next, of the translation and of
+        every part's turn; the others are zero.
     """
-    T, Q = motion.translations, motion.rotations
-    ahead, behind = _turns(Q)
+
+    values: Array
+    jacobians: tuple[Array, Array, Array]
+
+    @classmethod
+    def of(cls, motion: Motion) -> SecondDifferences:
+        """Second differences of F >= 3 poses."""
+        ahead, behind = _turns(motion.rotations)
+        J_next = with_translation(rotations.right_jacobian_inverse(ahead))
+        J_last = with_translation(rotations.right_jacobian_inverse(behind))
+        J_here = -np.swapaxes(J_next + J_last, -1, -2)  # Jl^-1 is the transpose of Jr^-1
+        return cls(_differences(motion.translations, ahead, behind), (J_last, J_here, J_next))
+
+    def normal_equations(self, weights: Array, expected: Array | None = None) -> BandedBlocks:
+        """Normal equations of the weighted squared accelerations; parameters as in `smoothness`."""
+        J, D = self.jacobians, weights.shape[-1]
+        F = len(self.values) + 2
+        blocks = BandedBlocks.zeros(F, D)
+        residual = self.values - (0.0 if expected is None else expected)
+        weighted: list[Array] = [weights.reshape(*weights.shape[:-1], -1, 3, 1) * x for x in J]
+
+        def product(a: int, b: int) -> Array:
+            block: Array = np.swapaxes(J[a], -1, -2) @ weighted[b]
+            return block_diagonal(block)
+
+        for a in range(3):
+            gradient = np.swapaxes(weighted[a], -1, -2) @ residual.reshape(F - 2, -1, 3, 1)
+            blocks.gradient[a : F - 2 + a] += gradient.reshape(F - 2, D)
+            blocks.diagonal[a : F - 2 + a] += product(a, a)
+        blocks.first[:-1] += product(1, 0)
+        blocks.first[1:] += product(2, 1)
+        blocks.second[:] = product(2, 0)
+        energy = float(np.sum(weights * residual**2))
+        return BandedBlocks(blocks.diagonal, blocks.first, blocks.second, blocks.gradient, energy)
+
+    def variances(self, band: tuple[Array, Array, Array]) -> Array:
+        """Variances of the accelerations, shape (F - 2, D), where the poses have a covariance.
+
+        Parameters
+        ----------
+        band : tuple of ndarray, shape (F, D, D), (F - 1, D, D) and (F - 2, D, D)
+            The covariance of each frame's pose, and that with the next and the next but one; see
+            `BandedFactor.covariance_band`.
+        """
+        groups = np.arange(band[0].shape[1] // 3)
+
+        def own(C: Array) -> Array:
+            """Blocks of each group of three degrees of freedom with itself, (n, G, 3, 3)."""
+            blocks = C.reshape(len(C), len(groups), 3, len(groups), 3)
+            return np.asarray(blocks[:, groups, :, groups].swapaxes(0, 1))
+
+        at, near, far = (own(C) for C in band)
+
+        def part(a: int, C: Array, b: int) -> Array:
+            return ((self.jacobians[a] @ C) * self.jacobians[b]).sum(axis=-1)
+
+        alone = part(0, at[:-2], 0) + part(1, at[1:-1], 1) + part(2, at[2:], 2)
+        joint = part(1, near[:-1], 0) + part(2, near[1:], 1) + part(2, far, 0)
+        return np.maximum(alone + 2 * joint, 0).reshape(self.values.shape)
+
+
+def acceleration(motion: Motion) -> Array:
+    """Second differences along time at frames 1 .. F - 2, shape (F - 2, D); see `SecondDifferences`."""
+    return _differences(motion.translations, *_turns(motion.rotations))
+
+
+def _differences(T: Array, ahead: Array, behind: Array) -> Array:
     return np.concatenate([T[2:] - 2 * T[1:-1] + T[:-2], (ahead + behind).reshape(len(T) - 2, -1)], axis=1)
 
 
@@ -39,31 +114,9 @@ def smoothness(motion: Motion, weights: Array, expected: Array | None = None) ->
     expected : ndarray, shape (F - 2, D), optional
         Accelerations that cost nothing; by default none.
     """
-    F, D = len(motion), weights.shape[-1]
-    blocks = BandedBlocks.zeros(F, D)
-    if F < 3:
-        return blocks
-    residual = acceleration(motion) - (0.0 if expected is None else expected)
-    ahead, behind = _turns(motion.rotations)
-    J_next = with_translation(rotations.right_jacobian_inverse(ahead))
-    J_last = with_translation(rotations.right_jacobian_inverse(behind))
-    J_here = -np.swapaxes(J_next + J_last, -1, -2)  # Jl^-1 is the transpose of Jr^-1
-    J: list[Array] = [J_last, J_here, J_next]
-    weighted: list[Array] = [weights.reshape(*weights.shape[:-1], -1, 3, 1) * x for x in J]
-
-    def product(a: int, b: int) -> Array:
-        block: Array = np.swapaxes(J[a], -1, -2) @ weighted[b]
-        return block_diagonal(block)
-
-    for a in range(3):
-        gradient = np.swapaxes(weighted[a], -1, -2) @ residual.reshape(F - 2, -1, 3, 1)
-        blocks.gradient[a : F - 2 + a] += gradient.reshape(F - 2, D)
-        blocks.diagonal[a : F - 2 + a] += product(a, a)
-    blocks.first[:-1] += product(1, 0)
-    blocks.first[1:] += product(2, 1)
-    blocks.second[:] = product(2, 0)
-    energy = float(np.sum(weights * residual**2))
-    return BandedBlocks(blocks.diagonal, blocks.first, blocks.second, blocks.gradient, energy)
+    if len(motion) < 3:
+        return BandedBlocks.zeros(len(motion), weights.shape[-1])
+    return SecondDifferences.of(motion).normal_equations(weights, expected)
 
 
 LONGEST_STEP = 0.5

@@ -46,23 +46,42 @@ class BandedFactor:
         return self.solve(unit)
 
     def covariances(self) -> Array:
-        """Blocks of the inverse at all frames, shape (F, D, D), in time linear in F; zero where unknowns are fixed.
+        """Blocks of the inverse at all frames, shape (F, D, D); see `covariance_band`."""
+        return self.covariance_band()[0]
+
+    def covariance_band(self) -> tuple[Array, Array, Array]:
+        """Blocks of the inverse within the band, in time linear in F; zero where unknowns are fixed.
 
         By Takahashi's recurrence, from the last frame to the first: of the inverse only the blocks within the band are
         formed (K. Takahashi, J. Fagan, M. Chen, Formation of a sparse bus impedance matrix, 1973).
+
+        Returns
+        -------
+        diagonal : ndarray, shape (F, D, D)
+        first : ndarray, shape (F - 1, D, D)
+            Each frame's next frame (rows) against it (columns).
+        second : ndarray, shape (max(F - 2, 0), D, D)
+            Each frame's next frame but one against it.
         """
         F, D = self.free.shape
         diagonal, below = self._factor_blocks()
         inverse = np.linalg.inv(diagonal)
-        found = np.zeros((F + 2, D, D))
+        found, first, second = np.zeros((3, F, D, D))
         ahead = np.zeros((2 * D, 2 * D))  # the inverse on the next two frames
         for j in range(F - 1, -1, -1):
             G = below[j] @ inverse[j]
             beside = -ahead @ G
             block = inverse[j].T @ inverse[j] - G.T @ beside
             found[j] = (block + block.T) / 2  # what is not symmetric in the rounding would grow from frame to frame
+            first[j], second[j] = beside[:D], beside[D:]
             ahead = np.block([[found[j], beside[:D].T], [beside[:D], ahead[:D, :D]]])
-        return found[:F] * self.free[:, :, None] * self.free[:, None, :]
+        free = self.free.astype(float)
+        rows, columns = free[:, :, None], free[:, None, :]
+        return (
+            found * rows * columns,
+            first[:-1] * rows[1:] * columns[:-1],
+            second[: max(F - 2, 0)] * rows[2:] * columns[: max(F - 2, 0)],
+        )
 
     def _factor_blocks(self) -> tuple[Array, Array]:
         """The factor's blocks of each frame: the diagonal (F, D, D), and those of the next two frames, (F, 2 D, D)."""

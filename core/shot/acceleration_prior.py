@@ -1,4 +1,4 @@
-"""How strongly the joints and the root of a body are usually accelerated."""
+"""How strongly the joints and the root of a body are accelerated, before the footage is looked at."""
 
 from __future__ import annotations
 
@@ -6,20 +6,46 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body import Body
-from .shot import Settings
+from ..body.smoothness_estimate import POOLED, axis_mobility
+from .shot import KeyPoses, Settings
 
 Array = NDArray[np.float64]
 
-LEAST_MOBILITY = 0.05
-"""A joint that can hardly turn about an axis has this share of the usual acceleration there, at least."""
+_LEAST_CHANGE = 1e-6  # of a variance: key poses that stand still do not say that nothing moves between them
+
+
+def usual_variances(body: Body, fps: float, settings: Settings) -> Array:
+    """Variances of accelerations per frame, shape (G,), as the settings give them.
+
+    The groups are those of `core.body.smoothness_estimate`: the root's place and every part's turn.
+    """
+    deviation = np.full(body.dof // 3, settings.joint_acceleration)
+    deviation[0] = settings.root_acceleration
+    return (deviation / fps**2) ** 2
 
 
 def acceleration_precision(body: Body, fps: float, settings: Settings) -> Array:
-    """Inverse variance of the acceleration of each degree of freedom, per frame squared, shape (D,).
+    """Inverse variance of the acceleration of each degree of freedom, per frame squared, shape (D,)."""
+    return 1 / (np.repeat(usual_variances(body, fps, settings), 3) * axis_mobility(body) ** 2)
 
-    A joint is accelerated the less about an axis the less it can turn about it: knees and elbows are nearly hinges.
+
+def variances_from_key_poses(body: Body, keys: KeyPoses, fps: float, settings: Settings) -> Array:
+    """Variances of accelerations per frame, shape (G,), that key poses of the whole body suggest.
+
+    Between them accelerations are taken for independent: then the change of the mean speed from one interval, of m
+    frames, to the next, of n, has the variance of an acceleration times (m + n) / 3 + (1 / m + 1 / n) / 6 (the sum of
+    squares of a triangle). Fewer than three key poses say nothing, and what the settings give stays.
     """
-    ranges = np.concatenate([np.ptp(part.limits, axis=1) for part in body.parts])
-    deviation = np.full(body.dof, settings.root_acceleration)
-    deviation[3:] = settings.joint_acceleration * np.clip(ranges / np.pi, LEAST_MOBILITY, 1)
-    return (fps * fps / deviation) ** 2
+    usual = usual_variances(body, fps, settings)
+    whole = np.flatnonzero(keys.fixed.all(axis=1))
+    if len(whole) < 3:
+        return usual
+    gaps = np.diff(keys.frames[whole]).astype(float)
+    poses = keys.poses[whole]
+    speed = poses[:-1].difference(poses[1:]) / gaps[:, None]
+    m, n = gaps[:-1], gaps[1:]
+    weight = (m + n) / 3 + (1 / m + 1 / n) / 6
+    squares = (np.diff(speed, axis=0) / axis_mobility(body)) ** 2 / weight[:, None]
+    seen = squares.reshape(len(m), -1, 3).mean(axis=(0, 2)) / usual
+    count = 3 * len(m)
+    return usual * np.maximum((POOLED * seen.mean() + count * seen) / (POOLED + count), _LEAST_CHANGE)

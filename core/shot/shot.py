@@ -148,9 +148,12 @@ class Settings:
     outline_correlation : float
         The same along the body's outline: how long a piece of it counts as one, metres.
     joint_acceleration : float
-        Usual angular acceleration of a joint that turns freely, rad/s^2.
+        Typical angular acceleration of a joint that turns freely, rad/s^2.
     root_acceleration : float
-        Usual acceleration of the root, m/s^2.
+        Typical acceleration of the root, m/s^2.
+    estimate_smoothness : bool
+        Estimate the accelerations from the shot, joint by joint and frame by frame (`core.body.smoothness_estimate`);
+        the typical ones are then where the estimation begins. Gauss-Newton only.
     prediction : bool
         Predict the motion of parts that no camera sees from the frames on which they are seen.
     keypoint_correlation : float
@@ -171,6 +174,7 @@ class Settings:
     outline_correlation: float = 0.25
     joint_acceleration: float = 30.0
     root_acceleration: float = 2.0
+    estimate_smoothness: bool = False
     prediction: bool = True
     keypoint_correlation: float = 0.3
     broken_keypoints: str = "refuse"

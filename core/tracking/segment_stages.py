@@ -17,6 +17,7 @@ from ..evidence.time_offset import Offset, key_frame_offset
 from ..evidence.view_frames import ViewFrames, views_with_foreground
 from ..keypoints.keypoint_factor import KeypointFactor
 from ..keypoints.observations import ShotKeypoints
+from ..shot.acceleration_prior import variances_from_key_poses
 from ..shot.shot import Shot, fixed_degrees
 from .appearance import key_frame_shape
 from .segments import Segment, posed_frames, whole_keys
@@ -151,6 +152,11 @@ def segment_problem(shot: Shot, data: SegmentData, state: TrackState) -> Segment
         data.keypoints,
         state.footage_offset(shot),
         shot.settings,
+        typical_variances=tuple(
+            variances_from_key_poses(p.body, p.key_poses, shot.fps, shot.settings) for p in shot.performers
+        )
+        if shot.settings.estimate_smoothness
+        else None,
     )
 
 
@@ -174,6 +180,8 @@ def refine_segment(
 ) -> SegmentState:
     """Solve a segment once more, now that the motion on both sides is known."""
     problem = segment_problem(shot, solved.data, state)
+    if found := solved.solution.variances:
+        problem = replace(problem, typical_variances=tuple(own.typical for own in found))
     refined = solver.refine(problem, _on(solved.data.segment, state.motions), workspace)
     return SegmentState(solved.data, problem, refined, (*solved.earlier, solved.solution))
 

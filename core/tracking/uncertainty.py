@@ -21,6 +21,7 @@ from ..numerics.banded import BandedFactor
 from .solvers.gauss_newton import normal_equations
 from .solvers.measurement import MeasuredMotion, hidden_parts, poses_by_delay, view_instants
 from .solvers.problem import SegmentProblem, SegmentSolution
+from .solvers.smoothness_factor import SegmentSmoothness
 
 Array = NDArray[np.float64]
 
@@ -45,7 +46,7 @@ def joint_deviations(problem: SegmentProblem, solution: SegmentSolution, threads
     assert solution.evidence is not None
     motions = solution.motions
     measured = MeasuredMotion(motions, view_instants(problem, motions), solution.evidence)
-    covariances = pose_covariances(problem, measured)
+    covariances = pose_covariances(problem, measured, SegmentSmoothness(solution.variances))
     gaps = uncovered_gaps(
         problem.views,
         problem.geometry(),
@@ -76,12 +77,14 @@ def joint_parts(parents: Sequence[int]) -> list[int]:
     return sorted({parent for parent in parents if parent >= 0}) or [0]
 
 
-def pose_covariances(problem: SegmentProblem, measured: MeasuredMotion) -> list[Array]:
+def pose_covariances(
+    problem: SegmentProblem, measured: MeasuredMotion, smoothness: SegmentSmoothness | None = None
+) -> list[Array]:
     """Covariances of every performer's poses, (F, D, D), in the order of the degrees of freedom; see the module."""
     settings = problem.settings
     softened = replace(settings, outline_correlation=ALIKE * settings.outline_correlation)
     hidden = hidden_parts(problem, measured.evidence.share) if settings.prediction else []
-    systems = normal_equations(replace(problem, settings=softened), measured, hidden)
+    systems = normal_equations(replace(problem, settings=softened), measured, hidden, (), smoothness)
     return [BandedFactor(s, fixed).covariances() for s, fixed in zip(systems, problem.fixed, strict=True)]
 
 

@@ -9,16 +9,17 @@ import pytest
 from kfmocap.core.body import landmark_positions
 from kfmocap.core.body.motion import Motion, stacked
 from kfmocap.core.body.smoothness import LONGEST_STEP, acceleration, limited, smoothness
+from kfmocap.core.body.smoothness_estimate import LEAST_MOBILITY
 from kfmocap.core.evidence.accumulate import Sampling, SegmentEvidence
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
-from kfmocap.core.shot.acceleration_prior import LEAST_MOBILITY, acceleration_precision
+from kfmocap.core.shot.acceleration_prior import acceleration_precision
 from kfmocap.core.shot.shot import Settings
 from kfmocap.core.tracking.solvers import gauss_newton
 from kfmocap.core.tracking.solvers.measurement import MeasuredMotion, Workspace, hidden_parts
 from kfmocap.core.tracking.solvers.problem import SegmentProblem, frame_residual
-from kfmocap.core.tracking.solvers.smoothness_factor import segment_smoothness
+from kfmocap.core.tracking.solvers.smoothness_factor import SegmentSmoothness
 from made_evidence import AlteredWorkspace, no_evidence, with_share
 from synthetic import at_rest, coloured, dark, ends_held, figure, look_at, picture, poses_of, random_motion, swing
 
@@ -29,6 +30,11 @@ SETTINGS = Settings()
 FPS = 30.0
 CONVERGED = (gauss_newton.DescentStage(Sampling(1.0, 1.0, 2, gauss_newton.REACH), 20, small=1e-4),)
 """How soon it comes there is not what is tested here."""
+
+
+def smooth_blocks(problem: SegmentProblem, motion: Motion, expected: np.ndarray | None = None) -> BandedBlocks:
+    """Normal equations of the first performer's smoothness before the pictures are looked at."""
+    return SegmentSmoothness.start(problem).blocks(problem, 0, motion, expected)
 
 
 def filmed(motion: Motion) -> tuple[ViewFrames, ...]:
@@ -61,7 +67,7 @@ def test_views_add_to_the_normal_equations() -> None:
 
     def gradients(chosen: tuple[ViewFrames, ...]) -> BandedBlocks:
         problem = SegmentProblem(chosen, (BODY,), 0, FPS, (ends_held(BODY, 4),))
-        smooth = segment_smoothness(problem, 0, motion)
+        smooth = smooth_blocks(problem, motion)
         [system], _ = systems(problem, motion)
         return replace(
             system,
@@ -85,12 +91,12 @@ def test_smoothness_reaches_into_the_frames_known_around() -> None:
     whole = smoothness(motion, precision)
     problem = SegmentProblem((), (BODY,), 2, FPS, (ends_held(BODY, 4),), (motion[[1]],), (motion[[6]],))
     problem = replace(problem, acceleration_precision=(precision,))
-    part = segment_smoothness(problem, 0, motion[2:6])
+    part = smooth_blocks(problem, motion[2:6])
     inner = smoothness(motion[1:7], precision)
     np.testing.assert_array_equal(part.diagonal, inner.diagonal[1:5])
     np.testing.assert_array_equal(part.gradient, inner.gradient[1:5])
     np.testing.assert_allclose(part.second, whole.second[2:4])
-    alone = segment_smoothness(replace(problem, before=None, after=None), 0, motion[2:6])
+    alone = smooth_blocks(replace(problem, before=None, after=None), motion[2:6])
     np.testing.assert_array_equal(alone.gradient, smoothness(motion[2:6], precision).gradient)
 
 
@@ -172,7 +178,7 @@ def test_precision_may_differ_from_frame_to_frame() -> None:
     problem = SegmentProblem((), (BODY,), 1, FPS, (ends_held(BODY, 6),), (motion[[0]],), (motion[[7]],))
 
     def smooth(precision: np.ndarray) -> BandedBlocks:
-        return segment_smoothness(replace(problem, acceleration_precision=(precision,)), 0, motion[1:7])
+        return smooth_blocks(replace(problem, acceleration_precision=(precision,)), motion[1:7])
 
     one, each = smooth(precision), smooth(np.tile(precision, (6, 1)))
     np.testing.assert_allclose(each.diagonal, one.diagonal)
@@ -194,13 +200,13 @@ def test_accelerations_that_are_expected_cost_nothing(around: bool) -> None:
         problem, inner = SegmentProblem((), (BODY,), 0, FPS, (ends_held(BODY, 8),)), motion
         expected = np.pad(acceleration(motion), ((1, 1), (0, 0)))
     problem = replace(problem, acceleration_precision=(precision,))
-    met = segment_smoothness(problem, 0, inner, expected)
+    met = smooth_blocks(problem, inner, expected)
     assert met.energy == pytest.approx(0, abs=1e-20)
     np.testing.assert_allclose(met.gradient, 0, atol=1e-12)
-    usual = segment_smoothness(problem, 0, inner)
+    usual = smooth_blocks(problem, inner)
     assert usual.energy > 1
     np.testing.assert_array_equal(met.diagonal, usual.diagonal)
-    nothing = segment_smoothness(problem, 0, inner, np.zeros_like(expected))
+    nothing = smooth_blocks(problem, inner, np.zeros_like(expected))
     np.testing.assert_array_equal(nothing.gradient, usual.gradient)
 
 

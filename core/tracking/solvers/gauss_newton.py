@@ -26,7 +26,7 @@ from ...shot.shot import Settings
 from ..prediction import predict_unseen
 from .measurement import Instants, MeasuredMotion, Workspace, hidden_parts, keypoint_instants
 from .problem import SegmentProblem, SegmentSolution, frame_residual
-from .smoothness_factor import segment_smoothness
+from .smoothness_factor import SegmentSmoothness
 
 Array = NDArray[np.float64]
 
@@ -39,6 +39,8 @@ OVERRELAXATION = 1.5
 residuals, and slopes measured beside the solution, make every step too short by about the same share."""
 REACH = 0.07
 """How far from the model's outlines the body's are usually looked for, metres."""
+ROUNDS = 2
+"""How often smoothness is estimated after each look at the pictures: these are looked at again."""
 COARSEST = 4
 """Stride that no number of views makes larger, pixels: parts are not much wider."""
 
@@ -104,6 +106,7 @@ def descend(
     planned = sum(stage.iterations for stage in stages)
     hidden: list[NDArray[np.bool_]] = []
     expected: list[Array] = []
+    smooth = SegmentSmoothness.start(problem)
     for s, stage in enumerate(stages):
         before = sum(earlier.iterations for earlier in stages[:s])
         for i in range(stage.iterations):
@@ -118,7 +121,9 @@ def descend(
                 if problem.settings.prediction and (i == 0 or not hidden):
                     hidden = hidden_parts(seen, evidence.share)
                     expected = predicted_accelerations(motions, hidden)
-                systems = normal_equations(seen, measured, hidden, expected)
+                images = evidence_equations(seen, measured, hidden)
+                smooth = smooth.estimated(seen, motions, images, expected, rounds=ROUNDS)
+                systems = with_smoothness(seen, motions, images, smooth, expected)
                 factors = [BandedFactor(n, fixed) for n, fixed in zip(systems, problem.fixed, strict=True)]
                 steps = [limited(-pace * f.solve(n.gradient)) for f, n in zip(factors, systems, strict=True)]
                 motions = [motion.moved(step) for motion, step in zip(motions, steps, strict=True)]
@@ -135,6 +140,7 @@ def descend(
         frame_residual(evidence),
         seconds,
         evidence,
+        smooth.variances,
     )
 
 
@@ -154,6 +160,7 @@ def normal_equations(
     measured: MeasuredMotion,
     hidden: Sequence[NDArray[np.bool_]] = (),
     expected: Sequence[Array] = (),
+    smooth: SegmentSmoothness | None = None,
 ) -> list[BandedBlocks]:
     """The normal equations of every performer: gradients and outlines of all views, keypoints, and smoothness.
 
@@ -166,7 +173,31 @@ def normal_equations(
         Per performer: the parts whose pixels are left out.
     expected : sequence of ndarray, shape (F, D)
         Per performer: accelerations that cost nothing; by default none.
+    smooth : SegmentSmoothness, optional
+        By default that before the pictures are looked at.
     """
+    images = evidence_equations(problem, measured, hidden)
+    return with_smoothness(problem, measured.motions, images, smooth or SegmentSmoothness.start(problem), expected)
+
+
+def with_smoothness(
+    problem: SegmentProblem,
+    motions: Sequence[Motion],
+    images: Sequence[BandedBlocks],
+    smooth: SegmentSmoothness,
+    expected: Sequence[Array] = (),
+) -> list[BandedBlocks]:
+    """The normal equations of the evidence with those of smoothness; parameters as in `normal_equations`."""
+    return [
+        seen + smooth.blocks(problem, i, motion, expected[i] if expected else None)
+        for i, (seen, motion) in enumerate(zip(images, motions, strict=True))
+    ]
+
+
+def evidence_equations(
+    problem: SegmentProblem, measured: MeasuredMotion, hidden: Sequence[NDArray[np.bool_]] = ()
+) -> list[BandedBlocks]:
+    """The normal equations of every performer without smoothness; parameters as in `normal_equations`."""
     evidence = measured.evidence.without(np.concatenate(hidden, axis=1)) if hidden else measured.evidence
     precision = view_precision(evidence, problem.settings)
     tolerance = evidence.sampling.tolerance
@@ -182,8 +213,6 @@ def normal_equations(
         for i, (body, span) in enumerate(zip(problem.bodies, problem.spans(), strict=True)):
             seen = problem.keypoints[i].blocks(body, (R[:, span], T[:, span]), tolerance)
             systems[i] += instants.on_frames(i, seen)
-    for i, motion in enumerate(measured.motions):
-        systems[i] += segment_smoothness(problem, i, motion, expected[i] if expected else None)
     return systems
 
 

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from ...body import Body
 from ...body.motion import Motion
+from ...body.smoothness_estimate import AccelerationVariances, axis_mobility
 from ...evidence.accumulate import SegmentEvidence
 from ...evidence.label_images import Geometry
 from ...evidence.view_frames import ViewFrames
 from ...keypoints.keypoint_factor import KeypointFactor
 from ...numerics.banded import BandedFactor
-from ...shot.acceleration_prior import acceleration_precision
+from ...shot.acceleration_prior import usual_variances
 from ...shot.shot import Settings
 
 Array = NDArray[np.float64]
@@ -47,7 +48,10 @@ class SegmentProblem:
     settings : Settings
     acceleration_precision : tuple of ndarray, optional
         Per performer: inverse variance of the acceleration of each degree of freedom, per frame squared, shape (D,), or
-        of each on every frame, (F, D). By default that of usual human motion (`core.shot.acceleration_prior`).
+        of each on every frame, (F, D). By default those of `typical_variances`, or estimated from there.
+    typical_variances : tuple of ndarray, shape (G,), optional
+        Per performer: variances of accelerations where their estimation begins, see `core.body.smoothness_estimate`.
+        By default those of usual human motion (`core.shot.acceleration_prior`).
     """
 
     views: tuple[ViewFrames, ...]
@@ -62,6 +66,7 @@ class SegmentProblem:
     footage_offset: float = 0.0
     settings: Settings = field(default_factory=Settings)
     acceleration_precision: tuple[Array, ...] | None = None
+    typical_variances: tuple[Array, ...] | None = None
 
     @property
     def length(self) -> int:
@@ -86,11 +91,17 @@ class SegmentProblem:
         before, after = (side[performer] if side else None for side in (self.before, self.after))
         return before, after
 
+    def variances(self, performer: int) -> Array:
+        """Variances (G,) where the estimation of a performer's accelerations begins."""
+        if self.typical_variances is None:
+            return usual_variances(self.bodies[performer], self.fps, self.settings)
+        return self.typical_variances[performer]
+
     def precision(self, performer: int) -> Array:
-        """The precision of a performer's accelerations, shape (D,) or (F, D)."""
-        if self.acceleration_precision is None:
-            return acceleration_precision(self.bodies[performer], self.fps, self.settings)
-        return self.acceleration_precision[performer]
+        """The precision of a performer's accelerations before they are estimated, shape (D,) or (F, D)."""
+        if self.acceleration_precision is not None:
+            return self.acceleration_precision[performer]
+        return 1 / (np.repeat(self.variances(performer), 3) * axis_mobility(self.bodies[performer]) ** 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +128,8 @@ class SegmentSolution:
         Time spent, by stage.
     evidence : SegmentEvidence, optional
         That of the last iteration.
+    variances : tuple of AccelerationVariances
+        Per performer: how smooth the motion was found to be. Empty where the solver does not estimate it.
     """
 
     motions: tuple[Motion, ...]
@@ -128,6 +141,7 @@ class SegmentSolution:
     residual: Array
     seconds: dict[str, float]
     evidence: SegmentEvidence | None = None
+    variances: tuple[AccelerationVariances, ...] = ()
 
 
 def frame_residual(evidence: SegmentEvidence) -> Array:

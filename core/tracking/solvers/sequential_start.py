@@ -106,7 +106,7 @@ def _window(problem: SegmentProblem, first: int, stop: int, held: Sequence[int])
     fixed = [f[first:stop].copy() for f in problem.fixed]
     for f in fixed:
         f[[frame - first for frame in held]] = True
-    precision = problem.acceleration_precision
+    precision = [problem.precision(i) for i in range(len(problem.bodies))]
     return replace(
         problem,
         first=problem.first + first,
@@ -114,7 +114,7 @@ def _window(problem: SegmentProblem, first: int, stop: int, held: Sequence[int])
         before=None,
         after=None,
         keypoints=tuple(keypoints[first:stop] for keypoints in problem.keypoints),
-        acceleration_precision=precision and tuple(p[first:stop] if p.ndim > 1 else p for p in precision),
+        acceleration_precision=tuple(p[first:stop] if p.ndim > 1 else p for p in precision),
     )
 
 

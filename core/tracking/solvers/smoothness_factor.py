@@ -2,39 +2,124 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ...body.motion import Motion, stacked
 from ...body.smoothness import smoothness
+from ...body.smoothness_estimate import AccelerationVariances, axis_mobility, estimate_variances
 from ...numerics.banded_blocks import BandedBlocks
 from .problem import SegmentProblem
 
 Array = NDArray[np.float64]
 
 
-def segment_smoothness(
-    problem: SegmentProblem, performer: int, motion: Motion, expected: Array | None = None
-) -> BandedBlocks:
-    """Normal equations of the accelerations of one performer's F poses.
+@dataclass(frozen=True, eq=False)
+class SegmentSmoothness:
+    """How smooth the motions of a segment are, as it was estimated so far; per performer.
 
-    Parameters
+    Attributes
     ----------
-    problem : SegmentProblem
-    performer : int
-        Index of the performer.
-    motion : Motion
-        F poses.
-    expected : ndarray, shape (F, D), optional
-        Accelerations that cost nothing, in the middle of the frame before and the next; by default none.
+    variances : tuple of AccelerationVariances
+        On the frames with neighbours on both sides, those held beside the segment included. Empty where they are not
+        estimated.
     """
+
+    variances: tuple[AccelerationVariances, ...] = ()
+
+    @classmethod
+    def start(cls, problem: SegmentProblem) -> SegmentSmoothness:
+        """Before the pictures are looked at."""
+        if problem.acceleration_precision is not None or not problem.settings.estimate_smoothness:
+            return cls()
+        return cls(
+            tuple(
+                AccelerationVariances.constant(problem.variances(i), max(_known_frames(problem, i) - 2, 0))
+                for i in range(len(problem.bodies))
+            )
+        )
+
+    def estimated(
+        self,
+        problem: SegmentProblem,
+        motions: Sequence[Motion],
+        evidence: Sequence[BandedBlocks],
+        expected: Sequence[Array] = (),
+        *,
+        rounds: int = 1,
+    ) -> SegmentSmoothness:
+        """The next estimate, if there is one.
+
+        Parameters
+        ----------
+        problem : SegmentProblem
+        motions : sequence of Motion
+            F poses per performer.
+        evidence : sequence of BandedBlocks
+            Normal equations of all evidence around them, without smoothness.
+        expected : sequence of ndarray, shape (F, D), optional
+            Accelerations that cost nothing.
+        rounds : int
+            Times that it is repeated.
+        """
+        found = []
+        for i, before in enumerate(self.variances):
+            known, start = _with_known(problem, i, motions[i])
+            found.append(
+                estimate_variances(
+                    known,
+                    evidence[i],
+                    problem.fixed[i],
+                    axis_mobility(problem.bodies[i]),
+                    before,
+                    start=start,
+                    expected=_among_known(problem, expected[i], start, len(known)) if expected else None,
+                    rounds=rounds,
+                )
+            )
+        return SegmentSmoothness(tuple(found))
+
+    def blocks(
+        self, problem: SegmentProblem, performer: int, motion: Motion, expected: Array | None = None
+    ) -> BandedBlocks:
+        """Normal equations of the accelerations of one performer's F poses.
+
+        Parameters
+        ----------
+        problem : SegmentProblem
+        performer : int
+            Index of the performer.
+        motion : Motion
+            F poses.
+        expected : ndarray, shape (F, D), optional
+            Accelerations that cost nothing, in the middle of the frame before and the next; by default none.
+        """
+        known, start = _with_known(problem, performer, motion)
+        if self.variances:
+            precision = self.variances[performer].precision(axis_mobility(problem.bodies[performer]))
+        else:
+            precision = problem.precision(performer)
+            if precision.ndim > 1:
+                beside = (start, len(known) - start - problem.length)
+                precision = np.pad(precision, (beside, (0, 0)), mode="edge")[1:-1]
+        if expected is not None:
+            expected = _among_known(problem, expected, start, len(known))
+        return smoothness(known, precision, expected).cut(start, start + problem.length)
+
+
+def _with_known(problem: SegmentProblem, performer: int, motion: Motion) -> tuple[Motion, int]:
+    """A performer's F poses with those that are known beside them, and where the F begin."""
     before, after = problem.around(performer)
-    known = stacked([m for m in (before, motion, after) if m is not None])
-    start = 0 if before is None else 1
-    beside = (start, len(known) - start - problem.length)
-    precision = problem.precision(performer)
-    if precision.ndim > 1:
-        precision = np.pad(precision, (beside, (0, 0)), mode="edge")[1:-1]
-    if expected is not None:
-        expected = np.pad(expected, (beside, (0, 0)))[1:-1]
-    return smoothness(known, precision, expected).cut(start, start + problem.length)
+    return stacked([m for m in (before, motion, after) if m is not None]), 0 if before is None else 1
+
+
+def _known_frames(problem: SegmentProblem, performer: int) -> int:
+    return problem.length + sum(side is not None for side in problem.around(performer))
+
+
+def _among_known(problem: SegmentProblem, accelerations: Array, start: int, count: int) -> Array:
+    """Accelerations (F, D) among those of all poses known, (count - 2, D)."""
+    return np.pad(accelerations, ((start, count - start - problem.length), (0, 0)))[1:-1]

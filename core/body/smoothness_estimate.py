@@ -1,0 +1,165 @@
+"""How smooth a movement is, estimated from what is seen of it.
+
+Accelerations are modelled in three levels. A joint on one frame has its own variance of acceleration; the variances of
+a joint over the frames scatter about the joint's typical one; those of the joints about the body's. Each level is an
+inverse gamma distribution about the next, so that the accelerations of a joint have Student's t distribution: most of a
+movement may be quiet, and a throw or a landing is a burst in it, not an error to be smoothed away. A joint of which
+little is seen is taken to be as smooth as the others.
+
+The variances maximise the evidence: each is the sum of squared accelerations over the number of those that are well
+determined, gamma = n - sum(Var(a)) / sigma^2, where Var(a) is what the solution leaves uncertain (D. MacKay, Bayesian
+interpolation, Neural Computation 4, 1992). Without that correction a smooth solution would call for a smoother one. A
+part that the pictures do not show has no influence: its gamma is zero.
+
+Time is counted in frames, so the frame rate that a shot claims does not matter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..numerics.banded import BandedFactor
+from ..numerics.banded_blocks import BandedBlocks
+from .body import Body
+from .motion import Motion
+from .smoothness import SecondDifferences, acceleration, limited
+
+Array = NDArray[np.float64]
+
+TAILS = 4.0
+"""Degrees of freedom of Student's t."""
+POOLED = 30.0
+"""Accelerations that a joint must show to count as much as all joints together: three axes on ten frames."""
+ROOT_MEMORY = 6.0
+"""Accelerations that count for the root's earlier estimate, as it has no other joints to be compared with."""
+LEAST_MOBILITY = 0.05
+"""A joint that can hardly turn about an axis has this share of the usual acceleration there, at least."""
+_LEAST_VARIANCE = 1e-12  # of what stands still, (rad/frame^2)^2 or (m/frame^2)^2
+_POOL_ITERATIONS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class AccelerationVariances:
+    """Variances of accelerations, per frame to the fourth, of G groups: the root's place and every part's turn.
+
+    Attributes
+    ----------
+    typical : ndarray, shape (G,)
+        Over all frames, about an axis on which the joint turns freely.
+    local : ndarray, shape (N, G)
+        On each of the N frames that have neighbours on both sides.
+    """
+
+    typical: Array
+    local: Array
+
+    @classmethod
+    def constant(cls, typical: Array, count: int) -> AccelerationVariances:
+        """The same on all of `count` frames."""
+        return cls(typical, np.repeat(typical[None], count, axis=0))
+
+    def precision(self, mobility: Array) -> Array:
+        """Inverse variance of every degree of freedom, shape (N, D); `mobility` as in `axis_mobility`."""
+        return 1 / (np.repeat(self.local, 3, axis=1) * mobility**2)
+
+
+def axis_mobility(body: Body) -> Array:
+    """Share of its group's acceleration that each degree of freedom has, shape (D,).
+
+    A joint is accelerated the less about an axis the less it can turn about it: knees and elbows are nearly hinges.
+    """
+    ranges = np.concatenate([np.ptp(part.limits, axis=1) for part in body.parts])
+    return np.concatenate([np.ones(3), np.clip(ranges / np.pi, LEAST_MOBILITY, 1)])
+
+
+def updated_variances(
+    before: AccelerationVariances, squares: Array, uncertain: Array, axes: Array
+) -> AccelerationVariances:
+    """The next estimate.
+
+    Parameters
+    ----------
+    before : AccelerationVariances
+        Those with which the accelerations were solved for.
+    squares, uncertain : ndarray, shape (N, G)
+        Sums over a group's axes, each divided by the square of its mobility, of the squared accelerations and of their
+        posterior variances.
+    axes : ndarray, shape (G,)
+        How many of a group's axes are free.
+    """
+    gamma = np.clip(axes - uncertain / before.local, 0, axes)
+    total = (squares * before.typical / before.local).sum(axis=0)
+    known = gamma.sum(axis=0)
+    typical = (POOLED * before.typical + total) / (POOLED + known)
+    typical[0] = (ROOT_MEMORY * before.typical[0] + total[0]) / (ROOT_MEMORY + known[0])
+    joints = np.arange(1, len(axes))[axes[1:] > 0]
+    if len(joints):
+        pool = float(np.exp(np.mean(np.log(before.typical[joints]))))
+        for _ in range(_POOL_ITERATIONS):  # the likeliest scale of inverse gamma distributions is the harmonic mean
+            pool = 1 / float(np.mean((POOLED + known[joints]) / (POOLED * pool + total[joints])))
+        typical[1:] = (POOLED * pool + total[1:]) / (POOLED + known[1:])
+    typical = np.maximum(typical, _LEAST_VARIANCE)
+    return AccelerationVariances(typical, (TAILS * typical + squares) / (TAILS + gamma))
+
+
+def estimate_variances(
+    known: Motion,
+    evidence: BandedBlocks,
+    fixed: NDArray[np.bool_],
+    mobility: Array,
+    before: AccelerationVariances,
+    *,
+    start: int = 0,
+    expected: Array | None = None,
+    rounds: int = 1,
+) -> AccelerationVariances:
+    """Estimate how smooth a motion is from what is seen of it.
+
+    Parameters
+    ----------
+    known : Motion
+        F poses, with those that are held on the frame before and the frame after, if any.
+    evidence : BandedBlocks
+        Normal equations of all evidence around the F poses, without smoothness.
+    fixed : ndarray of bool, shape (F, D)
+    mobility : ndarray, shape (D,)
+        See `axis_mobility`.
+    before : AccelerationVariances
+        The estimate so far.
+    start : int
+        Which of the known poses is the first of the F.
+    expected : ndarray, shape (N, D), optional
+        Accelerations that are predicted, see `smoothness`.
+    rounds : int
+        Times that the estimate is repeated on the same evidence.
+    """
+    axes = (~fixed.all(axis=0)).reshape(-1, 3).sum(axis=1).astype(float)
+    if len(known) < 3 or fixed.all():
+        return before
+    F, differences = len(fixed), SecondDifferences.of(known)
+    for _ in range(rounds):
+        smooth = differences.normal_equations(before.precision(mobility), expected)
+        system = evidence + smooth.cut(start, start + F)
+        factor = BandedFactor(system, fixed)
+        step = np.zeros((len(known), fixed.shape[1]))
+        step[start : start + F] = limited(-factor.solve(system.gradient))
+        diagonal, first, second = (
+            _among(blocks, start, len(known) - k) for k, blocks in enumerate(factor.covariance_band())
+        )
+        solved = acceleration(known.moved(step)) - (0.0 if expected is None else expected)
+        uncertain = differences.variances((diagonal, first, second))
+        squares, left = (
+            (values / mobility**2).reshape(len(solved), -1, 3).sum(axis=2) for values in (solved**2, uncertain)
+        )
+        before = updated_variances(before, squares, left, axes)
+    return before
+
+
+def _among(blocks: Array, start: int, count: int) -> Array:
+    """Blocks among those of more frames, which are held and have zeros."""
+    out = np.zeros((count, *blocks.shape[1:]))
+    out[start : start + len(blocks)] = blocks
+    return out

@@ -1,0 +1,146 @@
+"""Estimated smoothness: known variances are found again, bursts survive, and the frame rate does not matter."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from kfmocap.core.body import human
+from kfmocap.core.body.motion import Motion
+from kfmocap.core.body.smoothness import SecondDifferences, acceleration, smoothness
+from kfmocap.core.body.smoothness_estimate import (
+    AccelerationVariances,
+    axis_mobility,
+    estimate_variances,
+    updated_variances,
+)
+from kfmocap.core.numerics.banded import BandedFactor
+from kfmocap.core.numerics.banded_blocks import BandedBlocks
+from kfmocap.core.shot.acceleration_prior import usual_variances, variances_from_key_poses
+from kfmocap.core.shot.keypose_spline import spline
+from kfmocap.core.shot.shot import KeyPoses, Settings
+
+BODY = human(solid=False)
+BODY = replace(BODY, parts=BODY.parts[:4], landmarks={})
+"""Trunk and head: a root and three joints."""
+FREE = axis_mobility(BODY)
+SETTINGS = Settings()
+USUAL = usual_variances(BODY, 30.0, SETTINGS)
+
+
+def walk(frames: int, deviation: np.ndarray, seed: int = 0) -> Motion:
+    """A motion whose accelerations are independent, with deviations (F - 2, D) or (D,)."""
+    a = np.random.default_rng(seed).normal(0, 1, (frames - 2, BODY.dof)) * deviation
+    a -= a.mean(axis=0)  # or it turns right round
+    speed = np.concatenate([np.zeros((1, BODY.dof)), np.cumsum(a, axis=0)])
+    speed -= speed.mean(axis=0)
+    place = np.concatenate([np.zeros((1, BODY.dof)), np.cumsum(speed, axis=0)])
+    still = Motion(np.zeros((frames, 3)), np.broadcast_to(np.eye(3), (frames, len(BODY), 3, 3)))
+    return still.moved(place)
+
+
+def observed_blocks(motion: Motion, truth: Motion, noise: float, seed: int = 1) -> BandedBlocks:
+    """Normal equations of noisy observations of every degree of freedom around a motion."""
+    F, D = len(motion), BODY.dof
+    zero = BandedBlocks.zeros(F, D)
+    error = np.random.default_rng(seed).normal(0, noise, (F, D))
+    gradient = -motion.difference(truth.moved(error)) / noise**2
+    diagonal = np.broadcast_to(np.eye(D) / noise**2, (F, D, D))
+    return BandedBlocks(diagonal, zero.first, zero.second, gradient, 0.0)
+
+
+def found(truth: Motion, noise: float, start: float, rounds: int = 10) -> AccelerationVariances:
+    fixed = np.zeros((len(truth), BODY.dof), bool)
+    begin = AccelerationVariances.constant(np.full(BODY.dof // 3, start**2), len(truth) - 2)
+    return estimate_variances(truth, observed_blocks(truth, truth, noise), fixed, FREE, begin, rounds=rounds)
+
+
+@pytest.mark.parametrize("start", [0.001, 0.03])
+def test_a_known_acceleration_is_found_from_noisy_observations(start: float) -> None:
+    truth = walk(200, 0.006 * FREE)
+    spread = found(truth, 0.01, start)
+    # Student's t has longer tails than these normal accelerations: its scale is a little less than their deviation.
+    assert np.sqrt(spread.typical) == pytest.approx(0.006, rel=0.35)
+    assert np.sqrt(spread.local).mean() == pytest.approx(0.006, rel=0.35)
+
+
+def test_a_burst_in_a_quiet_motion_is_left_in_it() -> None:
+    deviation = np.repeat(0.001 * FREE[None], 118, axis=0)
+    deviation[50:54, 6:9] *= 60
+    truth = walk(120, deviation)
+    spread = found(truth, 0.003, 0.002)
+    loud, quiet = spread.local[50:54, 2].mean(), np.median(np.delete(spread.local[:, 2], np.s_[46:58]))
+    assert loud > 20 * quiet
+    observed = observed_blocks(truth, truth, 0.003)
+    free = np.zeros((120, BODY.dof), bool)
+    errors = []
+    for weights in (spread.precision(FREE), AccelerationVariances.constant(spread.typical, 118).precision(FREE)):
+        system = observed + smoothness(truth, weights)
+        left = truth.moved(-BandedFactor(system, free).solve(system.gradient))
+        errors.append(np.abs(truth.difference(left)[45:60, 6:9]).mean())
+    assert errors[0] < 0.7 * errors[1]
+
+
+def test_a_joint_that_nothing_is_seen_of_is_as_smooth_as_the_others() -> None:
+    spread = AccelerationVariances.constant(np.array([1.0, 4.0, 4.0, 4.0]), 50)
+    squares = np.tile([3.0, 3.0, 3.0, 0.0], (50, 1))
+    variances = np.tile([0.0, 0.0, 0.0, 12.0], (50, 1))  # as uncertain as it was thought to be
+    for _ in range(30):
+        spread = updated_variances(spread, squares, variances * spread.typical / 4, np.full(4, 3.0))
+    assert spread.typical[3] == pytest.approx(spread.typical[1], rel=0.1)
+
+
+def test_key_poses_suggest_the_same_at_any_frame_rate() -> None:
+    truth = walk(61, 0.004 * FREE)
+    keys = KeyPoses.whole(np.array([0, 20, 40, 60]), truth[[0, 20, 40, 60]])
+    slow, fast = (variances_from_key_poses(BODY, keys, fps, SETTINGS) for fps in (15.0, 240.0))
+    np.testing.assert_allclose(slow, fast, rtol=1e-9)
+    reversed_keys = KeyPoses.whole(keys.frames, keys.poses[::-1])
+    np.testing.assert_allclose(
+        variances_from_key_poses(BODY, reversed_keys, 30.0, SETTINGS),
+        variances_from_key_poses(BODY, keys, 30.0, SETTINGS),
+        rtol=0.2,
+    )
+
+
+def test_key_poses_suggest_the_acceleration_between_them() -> None:
+    estimates, true = [], 0.01 * np.sqrt(USUAL)
+    for seed in range(20):
+        truth = walk(121, np.repeat(true, 3) * FREE, seed)
+        frames = np.arange(0, 121, 10)
+        estimates.append(variances_from_key_poses(BODY, KeyPoses.whole(frames, truth[frames]), 30.0, SETTINGS))
+    assert np.sqrt(np.mean(estimates, axis=0)) == pytest.approx(true, rel=0.2)
+
+
+def test_two_key_poses_suggest_nothing() -> None:
+    truth = walk(20, 0.01 * FREE)
+    keys = KeyPoses.whole(np.array([0, 19]), truth[[0, 19]])
+    np.testing.assert_array_equal(variances_from_key_poses(BODY, keys, 30.0, SETTINGS), USUAL)
+
+
+def test_variances_of_accelerations_are_those_of_the_dense_inverse() -> None:
+    motion = walk(6, 0.2 * FREE)
+    F, D = 6, BODY.dof
+    system = observed_blocks(motion, motion, 0.1) + smoothness(motion, np.full(D, 30.0))
+    free = np.zeros((F, D), bool)
+    free[0] = True
+    factor = BandedFactor(system, free)
+    C = np.stack([factor.column(f) for f in range(F)], axis=2).transpose(0, 1, 2, 3)  # (F, D, F, D)
+    J, h = np.zeros(((F - 2) * D, F * D)), 1e-6
+    for k in range(F * D):
+        step = np.zeros(F * D)
+        step[k] = h
+        ahead, back = (acceleration(motion.moved(s * step.reshape(F, D))) for s in (1, -1))
+        J[:, k] = ((ahead - back) / (2 * h)).ravel()
+    expected = np.diag(J @ C.reshape(F * D, F * D) @ J.T).reshape(F - 2, D)
+    np.testing.assert_allclose(SecondDifferences.of(motion).variances(factor.covariance_band()), expected, rtol=1e-5)
+
+
+def test_the_spline_stays_where_nothing_is_free() -> None:
+    truth = walk(10, 0.01 * FREE)
+    keys = KeyPoses.whole(np.arange(10), truth)
+    fixed = np.ones((10, BODY.dof), bool)
+    begin = AccelerationVariances.constant(USUAL, 8)
+    motion = spline(keys, 10)
+    assert estimate_variances(motion, observed_blocks(motion, truth, 0.01), fixed, FREE, begin) is begin
