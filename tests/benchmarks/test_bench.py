@@ -88,7 +88,7 @@ def test_a_table_is_markdown_with_numbers_to_the_right() -> None:
     ]
 
 
-def test_the_way_joins_stretches_by_their_iterations() -> None:
+def test_the_way_joins_segments_by_their_iterations() -> None:
     def motion(values: list[float]) -> Motion:
         return Motion(np.array(values)[:, None] * np.ones(3), np.tile(np.eye(3), (len(values), 2, 1, 1)))
 

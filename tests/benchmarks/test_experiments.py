@@ -29,8 +29,8 @@ from kfmocap.benchmarks.experiments_runs import (
     SWITCHES_AT_KEYS,
     ExperimentResult,
     RenderedShot,
+    excerpt,
     limb,
-    stretch,
     track_switched,
 )
 from kfmocap.core.body import landmark_positions
@@ -157,14 +157,14 @@ def test_a_switched_camera_goes_on_from_the_last_pose(tmp_path: Path) -> None:
     assert np.abs(motion.difference(truth)).mean() < still
 
 
-def test_a_stretch_keeps_its_key_poses_and_begins_with_a_pose() -> None:
+def test_an_excerpt_keeps_its_key_poses_and_begins_with_a_pose() -> None:
     body = figure()
     truth = swing(body, 9)
     shot = shot_of([], [body], [truth], [0, 4, 8])
-    begun = stretch(shot, 2, 8, truth[[2]]).performers[0].key_poses
+    begun = excerpt(shot, 2, 8, truth[[2]]).performers[0].key_poses
     assert begun.frames.tolist() == [0, 2, 6] and begun.fixed.all()
     np.testing.assert_array_equal(begun.poses.translations, truth.translations[[2, 4, 8]])
-    keyed = stretch(shot, 4, 6, truth[[3]]).performers[0].key_poses
+    keyed = excerpt(shot, 4, 6, truth[[3]]).performers[0].key_poses
     assert keyed.frames.tolist() == [0]
     np.testing.assert_array_equal(keyed.poses.translations, truth.translations[[4]])
 
