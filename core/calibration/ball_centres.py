@@ -58,7 +58,7 @@ def _unbent(points: Array, matrix: Array, distortions: Array) -> Array:
 
 
 def _undistorted(points: Array, matrix: Array, distortions: Array) -> Array:
-    return cv2.undistortPointsIter(points[:, None], matrix, distortions, None, None, _CRITERIA)[:, 0]
+    return np.asarray(cv2.undistortPointsIter(points[:, None], matrix, distortions, None, None, _CRITERIA)[:, 0])
 
 
 def outline_centres(middles: Array, b: Array, matrix: Array, distortions: Array) -> Array:
@@ -95,4 +95,4 @@ def _ellipse_centres(outlines: Array, angles: Array) -> Array:
     mean = outlines.mean(axis=1)
     shapes = 2 / len(angles) * np.einsum("nki,kj->nij", outlines, circle)
     distance = np.sum(np.linalg.solve(shapes, np.swapaxes(outlines - mean[:, None], 1, 2)) * circle.T, axis=1)
-    return mean + np.einsum("nij,nk,kj->ni", shapes, distance, 2 / len(angles) * circle)
+    return np.asarray(mean + np.einsum("nij,nk,kj->ni", shapes, distance, 2 / len(angles) * circle))

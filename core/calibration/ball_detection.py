@@ -261,7 +261,7 @@ def _centre_variance(weights: Array, terms: int) -> Array:
     """Variance of a centre's coordinates for rays of unit variance and these weights, shape (n,)."""
     basis = _BASIS[:, :terms]
     N = np.einsum("nk,ki,kj->nij", weights, basis, basis) + 1e-6 * np.eye(terms)
-    return np.trace(np.linalg.inv(N)[:, 1:3, 1:3], axis1=1, axis2=2) / 2
+    return np.asarray(np.trace(np.linalg.inv(N)[:, 1:3, 1:3], axis1=1, axis2=2) / 2)
 
 
 def _robust_fit(A: Array, b: Array, usable: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
@@ -291,14 +291,14 @@ def _least_squares(A: Array, b: Array, weights: Array) -> Array:
 
 def _within(image: Image, places: Array) -> NDArray[np.bool_]:
     """Whether rays (n, K, S, 2) stay in the picture."""
-    return ((places >= 0) & (places <= np.array(image.shape[1::-1]) - 1)).all(axis=(-1, -2))
+    return np.asarray(((places >= 0) & (places <= np.array(image.shape[1::-1]) - 1)).all(axis=(-1, -2)))
 
 
 def _light(image: Image, places: Array) -> Array:
     """Linear light at places (..., 2) of the picture, shape (..., 3)."""
     u, v = np.moveaxis(places.reshape(-1, places.shape[-2], 2).astype(np.float32), -1, 0)
     levels = cv2.remap(image, u.copy(), v.copy(), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return _LIGHT[levels].reshape(*places.shape[:-1], 3)
+    return np.asarray(_LIGHT[levels].reshape(*places.shape[:-1], 3))
 
 
 def _inside_share(light: Array) -> tuple[Array, NDArray[np.bool_]]:

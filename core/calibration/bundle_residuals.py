@@ -184,7 +184,7 @@ def _known_rows(scene: Scene, evidence: BundleEvidence) -> list[Rows]:
 
 def _weighted(uv: Array, seen: BallObservations, reached: Bools | bool = True) -> Array:
     """Predicted less observed balls, in standard deviations; zero where no frame of the wand is near."""
-    return (uv - seen.uv) * np.where(reached, 1 / seen.sigma, 0.0)[:, None]
+    return np.asarray((uv - seen.uv) * np.where(reached, 1 / seen.sigma, 0.0)[:, None])
 
 
 def _first_lframe(scene: Scene) -> int:
@@ -192,6 +192,7 @@ def _first_lframe(scene: Scene) -> int:
 
 
 def first_camera(scene: Scene) -> int:
+    """Return the index of the first camera's unknowns in a step."""
     return _first_lframe(scene) + (0 if scene.lframe_world is None else scene.lframe_world.size)
 
 
@@ -255,7 +256,7 @@ def _wand_rows(scene: Scene, seen: BallObservations) -> Rows:
     by_wand[..., 3:] = by_direction * stencil.weights[:, None, :, None]
     columns = stencil.nodes[..., None] * WAND_DOF + np.arange(WAND_DOF)
     weight = np.where(stencil.reached, 1 / seen.sigma, 0.0)
-    rows = _rows(scene, c, by_camera, columns.reshape(len(seen), -1), by_wand.reshape(len(seen), 2, -1), weight)
+    rows = _rows(scene, c, by_camera, columns.reshape(len(seen), -1), by_wand.reshape(len(seen), 2, -1), weight=weight)
     return _weighted(uv, seen, stencil.reached), rows
 
 
@@ -263,11 +264,11 @@ def _lframe_rows(scene: Scene, seen: BallObservations) -> Rows:
     assert scene.lframe_world is not None
     uv, by_point, by_camera = _projected(scene.rig, seen.camera, scene.lframe_world[seen.ball])
     columns = _first_lframe(scene) + seen.ball[:, None] * 3 + np.arange(3)
-    return _weighted(uv, seen), _rows(scene, seen.camera, by_camera, columns, by_point, 1 / seen.sigma)
+    return _weighted(uv, seen), _rows(scene, seen.camera, by_camera, columns, by_point, weight=1 / seen.sigma)
 
 
 def _rows(
-    scene: Scene, camera: Ints, by_camera: Array, columns: Ints, by_columns: Array, weight: Array
+    scene: Scene, camera: Ints, by_camera: Array, columns: Ints, by_columns: Array, *, weight: Array
 ) -> sparse.csr_array:
     """Weighted rows of two for each observation: by its camera, and by some further columns."""
     n = len(camera)
@@ -314,7 +315,7 @@ def _bends(wand: Wand) -> Array:
     """
     nodes = _runs_of_five(wand)
     each = np.concatenate([wand.middle[nodes], wand.length / 2 * wand.direction[nodes]], axis=2)
-    return np.einsum("k,nki->ni", _FOURTH_DIFFERENCE, each).ravel() / BEND_SIGMA
+    return np.asarray(np.einsum("k,nki->ni", _FOURTH_DIFFERENCE, each).ravel() / BEND_SIGMA)
 
 
 def _bend_jacobian(scene: Scene) -> sparse.csr_array:

@@ -132,7 +132,7 @@ def sheet(solution: CalibrationResult) -> Image:
 
 def _wand_residuals(solution: CalibrationResult) -> Array:
     """Distances of the wand's balls from where they should be, pixels."""
-    return np.linalg.norm(solution.residual[: len(solution.seen)], axis=1)
+    return np.asarray(np.linalg.norm(solution.residual[: len(solution.seen)], axis=1))
 
 
 def _coverage(solution: CalibrationResult, c: int, name: str, width: int) -> Image:
@@ -202,7 +202,9 @@ def _space(solution: CalibrationResult, view: Callable[[Array], Array], width: i
     picture = blank(width, height)
 
     def at(points: Array) -> NDArray[np.int32]:
-        return ((view(points) - (low + high) / 2) * scale + [width / 2 - 25, height / 2]).round().astype(np.int32)
+        return np.asarray(
+            ((view(points) - (low + high) / 2) * scale + [width / 2 - 25, height / 2]).round().astype(np.int32)
+        )
 
     for a, b in at(solution.wand.ends_world):
         cv2.line(picture, a, b, (215, 200, 190), 1, cv2.LINE_AA)

@@ -65,7 +65,7 @@ class Rig:
     @property
     def centres_world(self) -> Array:
         """Optical centres, shape (C, 3), metres."""
-        return -np.einsum("cji,cj->ci", self.R_cam_world, self.t_cam_world)
+        return np.asarray(-np.einsum("cji,cj->ci", self.R_cam_world, self.t_cam_world))
 
     def matrix(self, c: int) -> Array:
         """Intrinsic matrix of a camera, shape (3, 3)."""
@@ -101,7 +101,7 @@ class Rig:
 
     def times(self, camera: Ints, frames: Array) -> Array:
         """Frames of the capture, fractional, at frames of the cameras' videos."""
-        return (frames - self.offset[camera]) / (self.rate * (1 + self.drift))[camera]
+        return np.asarray((frames - self.offset[camera]) / (self.rate * (1 + self.drift))[camera])
 
     def moved(self, step: Array) -> Rig:
         """The rig after a step of shape (C, 13)."""
@@ -243,11 +243,11 @@ class Stencil:
 
     def value(self, values: Array) -> Array:
         """Interpolated values, shape (n, ...)."""
-        return np.einsum("nk,nk...->n...", self.weights, values[self.nodes])
+        return np.asarray(np.einsum("nk,nk...->n...", self.weights, values[self.nodes]))
 
     def slope(self, values: Array) -> Array:
         """Their derivatives, per frame."""
-        return np.einsum("nk,nk...->n...", self.slopes, values[self.nodes])
+        return np.asarray(np.einsum("nk,nk...->n...", self.slopes, values[self.nodes]))
 
 
 def _runs(frames: Ints) -> tuple[Ints, Ints]:

@@ -50,7 +50,7 @@ def ticks(low: float, high: float, most: int = 6) -> Array:
     rough = (high - low) / most
     power = 10.0 ** np.floor(np.log10(rough))
     step = power * next(s for s in (1, 2, 5, 10) if s * power >= rough)
-    return np.arange(np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9) + 1) * step + 0.0
+    return np.asarray(np.arange(np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9) + 1) * step + 0.0)
 
 
 class Chart:

@@ -36,52 +36,62 @@ class Finding:
 
 
 def few_shared(camera: str, frames: int, needed: int) -> Finding:
+    """A camera shares too few frames of the wand with the others."""
     what = f"it shares only {frames} frames of the wand with the other cameras, {needed} are needed"
     return Finding("too-few-shared-frames", what, "wave the wand longer where this camera and others see it", camera)
 
 
 def unlinked(cameras: list[str], others: list[str]) -> Finding:
+    """Two groups of cameras never see the wand together."""
     what = f"{', '.join(cameras)} never see the wand together with {', '.join(others)}"
     return Finding("cameras-not-linked", what, "wave the wand where cameras of both groups see it")
 
 
 def no_geometry(camera: str) -> Finding:
+    """What a camera sees fits no other camera's view."""
     what = "what it sees of the wand fits no other camera's"
     todo = "see that the offset, the wand's colours and the footage are right, and that it saw the same waving"
     return Finding("camera-fits-no-other", what, todo, camera)
 
 
 def in_a_plane(camera: str | None = None) -> Finding:
+    """The wand moved in one plane."""
     todo = "wave it through the whole room: high and low, near and far, upright and level"
     return Finding("wand-in-a-plane", "the wand moved in one plane, which leaves focal lengths open", todo, camera)
 
 
 def one_depth(camera: str, near: float, far: float) -> Finding:
+    """The wand stayed at one distance from a camera."""
     what = f"the wand stayed between {near:.2f} m and {far:.2f} m from it, which leaves its focal length open"
     return Finding("wand-at-one-depth", what, "also wave it nearer to this camera and farther from it", camera)
 
 
 def too_small(camera: str, pixels: float, share: float) -> Finding:
+    """The wand is too small in a camera's picture for the noise of its balls."""
     what = f"the wand is only {pixels:.0f} pixels long, {share:.0%} of which is the balls' noise"
     return Finding("wand-too-small", what, "take a longer wand, wave it nearer, or film in a higher resolution", camera)
 
 
 def lframe_unseen(what: str) -> Finding:
+    """The L-frame is not seen by enough cameras."""
     todo = "film the L-frame so that at least two cameras see all of its balls, or all but one on the long arm"
     return Finding("lframe-not-seen", what, todo)
 
 
 def lframe_mirrored() -> Finding:
+    """The L-frame's measures are mirrored."""
     todo = "turn the short arm's measure about (y to -y), or see that the balls come in the file's order"
     return Finding("lframe-mirrored", "by the L-frame all cameras stand below its floor", todo)
 
 
 def contradicting(what: str) -> Finding:
+    """The L-frame's measures contradict what the cameras see."""
     todo = "measure the L-frame's balls again, from centre to centre, and see that they come in the file's order"
     return Finding("lframe-lengths-contradict", what, todo)
 
 
 def wrong_length(scale: float, length: float) -> Finding:
+    """The wand's length contradicts the L-frame's measures."""
     what = (
         f"the L-frame is {scale:.4f} times as large by the wand as by its own measures; "
         f"if those are right the wand is {length / scale:.4f} m long, not {length:.4f} m"
@@ -91,44 +101,52 @@ def wrong_length(scale: float, length: float) -> Finding:
 
 
 def camera_moved(camera: str, what: str) -> Finding:
+    """A camera was moved during the capture."""
     todo = "fasten the tripod and film again, or leave the frames after the move out of the capture"
     return Finding("camera-moved", what, todo, camera)
 
 
 def offset_unknown(camera: str) -> Finding:
+    """The time offset of a camera cannot be estimated."""
     what = "its time offset cannot be told: it saw too little of the wand's path at the same time as others"
     todo = "wave the wand for longer while all cameras run, or give 'offset' in its [[view]]"
     return Finding("offset-unknown", what, todo, camera)
 
 
 def not_waved() -> Finding:
+    """Time offsets are needed, but the wand was not waved smoothly."""
     what = "time offsets are to be estimated, but the wand jumps from frame to frame"
     todo = "give every [[view]] its offset (0 where cameras run in step), or points of every frame"
     return Finding("wand-jumps", what, todo)
 
 
 def offset_vague(camera: str, sigma: float) -> Finding:
+    """The time offset of a camera is uncertain."""
     what = f"its time offset is known only to {sigma:.2f} frames"
     return Finding("offset-vague", what, "wave the wand faster, in all directions", camera)
 
 
 def focal_vague(camera: str, share: float) -> Finding:
+    """The focal length of a camera is uncertain."""
     what = f"its focal length is known only to {share:.1%}"
     todo = "wave the wand nearer to this camera and farther from it, or give its 'focal' or 'matrix'"
     return Finding("focal-length-vague", what, todo, camera)
 
 
 def little_covered(camera: str, share: float) -> Finding:
+    """The wand covered little of a camera's picture."""
     what = f"the wand was seen in only {share:.0%} of its picture; distortion elsewhere is a guess"
     return Finding("picture-little-covered", what, "wave the wand through all of the picture, to its corners", camera)
 
 
 def noisy(times: float) -> Finding:
+    """The residuals are larger than the balls' noise explains."""
     what = f"the balls lie {times:.1f} times as far from their places as they should"
     todo = "see that nobody moved a camera, that fps and offsets are right, and that the balls are detected well"
     return Finding("noise-high", what, todo)
 
 
 def nothing_agrees() -> Finding:
+    """No set of cameras agrees with the observations."""
     todo = "see that the wand's length, the offsets and the colours are right, and look at the detected points"
     return Finding("no-solution", "no set of cameras was found that agrees with what they see of the wand", todo)

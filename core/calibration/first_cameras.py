@@ -105,7 +105,13 @@ def observed(tracks: Tracks, sighting: WandSighting) -> BallObservations:
 
 
 def first_rig(
-    names: Sequence[str], tracks: Tracks, lenses: Sequence[Lens], links: Sequence[Link], length: float, cancel: Cancel
+    names: Sequence[str],
+    tracks: Tracks,
+    lenses: Sequence[Lens],
+    links: Sequence[Link],
+    *,
+    length: float,
+    cancel: Cancel,
 ) -> Rig | None:
     """Cameras with the capture's clock, in the frame of one of them; None where no seed grows to all of them.
 
@@ -119,7 +125,7 @@ def first_rig(
     for link in sorted(links, key=lambda link: -link.worth)[:_SEEDS]:
         if link.geometry is None:
             continue
-        rig = _grown(blank, _thinned(tracks, link), lenses, link, links, length, cancel)
+        rig = _grown(blank, _thinned(tracks, link), lenses, link, links, length=length, cancel=cancel)
         if rig is None:
             continue
         share = _agreement(rig, tracks, length)
@@ -195,11 +201,12 @@ def _grown(
     lenses: Sequence[Lens],
     seed: Link,
     links: Sequence[Link],
+    *,
     length: float,
     cancel: Cancel,
 ) -> Rig | None:
     """All cameras, from those of a seed: always the one next that most frames link to those that are known."""
-    pair = _seeded(blank, tracks, lenses, seed, length, cancel)
+    pair = _seeded(blank, tracks, lenses, seed, length=length, cancel=cancel)
     if pair is None:
         return None
     rig, known = blank.put(seed.views, pair), list(seed.views)
@@ -210,7 +217,7 @@ def _grown(
             return None
         link = max(joining, key=lambda link: link.agreeing)
         new = next(v for v in link.views if v not in known)
-        camera = _resected(rig, tracks, lenses[new], link, known, new, length, cancel)
+        camera = _resected(rig, tracks, lenses[new], link, known, new=new, length=length, cancel=cancel)
         if camera is None:
             return None
         known.append(new)
@@ -223,7 +230,7 @@ def _grown(
 
 
 def _seeded(
-    blank: Rig, tracks: Tracks, lenses: Sequence[Lens], seed: Link, length: float, cancel: Cancel
+    blank: Rig, tracks: Tracks, lenses: Sequence[Lens], seed: Link, *, length: float, cancel: Cancel
 ) -> Rig | None:
     """The two cameras of a link, the first at the origin."""
     i, j = seed.views
@@ -235,7 +242,7 @@ def _seeded(
         return None
     both = again.agreeing.reshape(-1, 2).all(axis=1)
     ends_i, ends_j = tracks.points[i, frames[both]], tracks.points[j, frames[both]]
-    guesses = starts(again, ends_i, ends_j, lenses[i], lenses[j], length)
+    guesses = starts(again, (ends_i, ends_j), (lenses[i], lenses[j]), length)
     rigs = [_pair(blank.take([i, j]), guess, again, (lenses[i], lenses[j])) for guess in guesses]
     fits = [_adjusted(rig, tracks.views([i, j]), [lenses[i], lenses[j]], length, cancel) for rig in rigs]
     good = [fit for fit in fits if fit is not None]
@@ -257,8 +264,8 @@ def _adjusted(rig: Rig, tracks: Tracks, lenses: Sequence[Lens], length: float, c
     """The cameras adjusted, loosely first and then to what they agree on; None where they see the wand nowhere."""
     free = np.stack([unknown_lens(lens) for lens in lenses])
     fit = None
-    for noise, scale, tolerance in ((_LOOSE, _LOOSE, 0.3), (_TIGHT, _TIGHT, 0.15)):
-        noise = noise if fit is None else max(noise, fit.noise)
+    for scale, tolerance in ((_LOOSE, 0.3), (_TIGHT, 0.15)):
+        noise = scale if fit is None else max(scale, fit.noise)
         sighting = sight(rig, tracks, length, noise, tolerance)
         if sighting.known.sum() < FEWEST_SHARED // 2:
             return None
@@ -275,6 +282,7 @@ def _resected(
     lens: Lens,
     link: Link,
     known: Sequence[int],
+    *,
     new: int,
     length: float,
     cancel: Cancel,

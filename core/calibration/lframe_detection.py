@@ -80,6 +80,7 @@ class LFrameModel:
     focals: Sequence[float]
 
     def mirrored(self) -> LFrameModel:
+        """Return the mirror image, with the short arm on the other side."""
         return replace(self, points=self.points * [1, -1, 1])
 
 

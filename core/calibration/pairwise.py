@@ -69,11 +69,11 @@ class Lens:
         """
         if self.distortions is not None and self.matrix is not None:
             flat = cv2.undistortPoints(points[:, None], self.matrix, self.distortions)[:, 0]
-            return flat * self.matrix[0, 0]
+            return np.asarray(flat * self.matrix[0, 0])
         stretch = 1.0 if self.matrix is None else np.array([1.0, self.matrix[0, 0] / self.matrix[1, 1]])
         x = (points - self.centre) * stretch
         r2 = (x**2).sum(axis=1, keepdims=True) / (np.array(self.size) ** 2).sum() * 4
-        return x / (1 + bend * r2)
+        return np.asarray(x / (1 + bend * r2))
 
     def k1(self, focal: float, bend: float) -> float:
         """The coefficient k1 that bends nearly as much."""
@@ -160,7 +160,9 @@ def sampson(F: Array, x: Array, y: Array) -> Array:
     """Sampson's distance of correspondences to an epipolar geometry, shape (n,), pixels."""
     a, b = np.column_stack([x, np.ones(len(x))]), np.column_stack([y, np.ones(len(y))])
     Fa, Fb = a @ F.T, b @ F
-    return np.abs((b * Fa).sum(axis=1)) / np.sqrt((Fa[:, :2] ** 2).sum(axis=1) + (Fb[:, :2] ** 2).sum(axis=1) + 1e-30)
+    return np.asarray(
+        np.abs((b * Fa).sum(axis=1)) / np.sqrt((Fa[:, :2] ** 2).sum(axis=1) + (Fb[:, :2] ** 2).sum(axis=1) + 1e-30)
+    )
 
 
 def _in_a_plane(x: Array, y: Array) -> Bools:
@@ -177,23 +179,28 @@ def _transferred(x: Array, y: Array) -> Bools:
     if H is None:
         return np.zeros(len(x), bool)
     moved = np.column_stack([x, np.ones(len(x))]) @ H.T
-    return np.linalg.norm(moved[:, :2] / moved[:, 2:] - y, axis=1) < 2 * _THRESHOLD
+    return np.asarray(np.linalg.norm(moved[:, :2] / moved[:, 2:] - y, axis=1) < 2 * _THRESHOLD)
 
 
-def starts(geometry: Epipolar, ends_i: Array, ends_j: Array, lens_i: Lens, lens_j: Lens, length: float) -> list[Start]:
+def starts(geometry: Epipolar, ends: tuple[Array, Array], lenses: tuple[Lens, Lens], length: float) -> list[Start]:
     """A few guesses of two cameras, the best first, from the wand's ends in both views.
 
     Parameters
     ----------
-    ends_i, ends_j : ndarray, shape (n, 2, 2)
-        Frames on which both views' ends agree with the geometry.
+    geometry : Epipolar
+    ends : tuple of ndarray, shape (n, 2, 2)
+        The wand's ends in either view, on frames on which both agree with the geometry.
+    lenses : tuple of Lens
+    length : float
+        Of the wand, metres.
     """
+    (ends_i, ends_j), (lens_i, lens_j) = ends, lenses
     chosen = np.linspace(0, len(ends_i) - 1, min(_TRIED, len(ends_i))).astype(int)
     x = lens_i.straight(ends_i[chosen].reshape(-1, 2), geometry.bend)
     y = lens_j.straight(ends_j[chosen].reshape(-1, 2), geometry.bend)
 
     def tried(focals: Iterable[tuple[float, float]]) -> list[Start]:
-        found = (_start(geometry.F, x, y, f, g, length) for f, g in focals)
+        found = (_start(geometry.F, (x, y), (f, g), length) for f, g in focals)
         return sorted((guess for guess in found if guess is not None), key=lambda guess: guess.spread)
 
     coarse = tried(product(lens_i.focals, lens_j.focals))[:COUNT]
@@ -205,11 +212,12 @@ def _around(lens: Lens, focal: float) -> Array:
     """Focal lengths half-way to those that were tried beside one."""
     if len(lens.focals) == 1:
         return lens.focals
-    return focal * np.sqrt(lens.focals[1] / lens.focals[0]) ** np.array([-1.0, 0.0, 1.0])
+    return np.asarray(focal * np.sqrt(lens.focals[1] / lens.focals[0]) ** np.array([-1.0, 0.0, 1.0]))
 
 
-def _start(F: Array, x: Array, y: Array, f: float, g: float, length: float) -> Start | None:
+def _start(F: Array, points: tuple[Array, Array], focals: tuple[float, float], length: float) -> Start | None:
     """Two cameras of given focal lengths, scaled by the wand; None where they stand before each other's rays."""
+    (x, y), (f, g) = points, focals
     U, _, Vt = np.linalg.svd(np.diag([g, g, 1.0]) @ F @ np.diag([f, f, 1.0]))
     U, Vt = U * np.sign(np.linalg.det(U)), Vt * np.sign(np.linalg.det(Vt))
     W = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
@@ -218,14 +226,14 @@ def _start(F: Array, x: Array, y: Array, f: float, g: float, length: float) -> S
     best, most = None, 0.75 * len(x)
     for R in (U @ W @ Vt, U @ W.T @ Vt):
         for t in (U[:, 2], -U[:, 2]):
-            points = triangulated(np.stack([np.zeros(3), -R.T @ t]), np.stack([a, b @ R]))
-            front = (points[:, 2] > 0) & ((points @ R.T + t)[:, 2] > 0)
+            meeting = triangulated(np.stack([np.zeros(3), -R.T @ t]), np.stack([a, b @ R]))
+            front = (meeting[:, 2] > 0) & ((meeting @ R.T + t)[:, 2] > 0)
             if front.sum() > most:
-                best, most = (R, t, points), front.sum()
+                best, most = (R, t, meeting), front.sum()
     if best is None:
         return None
-    R, t, points = best
-    lengths = np.linalg.norm(points[0::2] - points[1::2], axis=1)
+    R, t, meeting = best
+    lengths = np.linalg.norm(meeting[0::2] - meeting[1::2], axis=1)
     lengths = lengths[np.isfinite(lengths)]
     if len(lengths) < FEWEST // 2 or not (middle := float(np.median(lengths))) > 0:
         return None

@@ -45,7 +45,7 @@ def measured_lengths(rig: Rig, seen: BallObservations, frames: NDArray[np.int64]
     weight = (rig.focal.mean(axis=1)[:, None, None] / (distance * sigma)) ** 2
     ends = triangulated(centres, directions, np.nan_to_num(weight))
     lengths = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
-    return lengths[np.isfinite(lengths)]
+    return np.asarray(lengths[np.isfinite(lengths)])
 
 
 def _track(seen: BallObservations) -> Markers:
@@ -76,13 +76,13 @@ def _state(solution: CalibrationResult) -> NDArray[np.int64]:
     """Of each ball seen, the index of the wand's nearest frame."""
     frames, seen = solution.wand.frames, solution.seen
     times = np.floor(solution.rig.times(seen.camera, seen.frame) + 0.5)
-    return np.clip(np.searchsorted(frames, times), 0, len(frames) - 1)
+    return np.asarray(np.clip(np.searchsorted(frames, times), 0, len(frames) - 1))
 
 
 def seen_points(solution: CalibrationResult, c: int) -> Array:
     """The wand's balls that a camera sees, shape (n, 3), metres."""
     own = solution.seen.camera == c
-    return solution.wand.ends_world[_state(solution)[own], solution.seen.ball[own]]
+    return np.asarray(solution.wand.ends_world[_state(solution)[own], solution.seen.ball[own]])
 
 
 def thickness(points: Array) -> float:

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -180,7 +179,7 @@ def _as_spheres(balls: Balls, size: tuple[int, int]) -> Balls:
     return replace(balls, shapes=balls.semi_axes[:, 1, None, None] * longer)
 
 
-def _spread_out(path: Path) -> list[NDArray[Any]]:
+def _spread_out(path: Path) -> list[NDArray[np.uint8]]:
     """Some frames from all over a video."""
     step = max(1, probe(path).count // _LFRAME_PICTURES)
     return list(islice(islice(pictures(path), 0, None, step), _LFRAME_PICTURES))

@@ -1,4 +1,4 @@
-"""Cameras from a capture of an L-frame and a wand: from nothing but their measures to a solution with its trust."""
+"""Cameras from a capture of an L-frame and a wand: from nothing but their measures to a solution and its quality."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def solve_capture(capture: Capture, progress: Progress | None = None, *, drift: 
     diagnosis.check_links(names, links, tracks)
     together = together.turned(crossed_views(links))
     steps.next("first cameras", 0.15)
-    start = first_rig(names, together.tracks(), known, links, capture.wand_length, steps.check)
+    start = first_rig(names, together.tracks(), known, links, length=capture.wand_length, cancel=steps.check)
     if start is None:
         raise diagnosis.unsolved(names, links).error()
     start = replace(start, offset=together.offset, rate=together.rate)
@@ -80,7 +80,7 @@ def solve_capture(capture: Capture, progress: Progress | None = None, *, drift: 
         raise diagnosis.unsolved(names, links).error()
     diagnosis.check_solution(names, draft.used, draft.scene.wand)
     steps.next("L-frame", 0.6)
-    return _finished(draft, capture, together, free, known, steps)
+    return _finished(draft, capture, together, free, known=known, steps=steps)
 
 
 class _Steps:
@@ -155,9 +155,9 @@ def _evidence(capture: Capture, seen: BallObservations, together: Synchrony) -> 
 
 
 def _finished(
-    draft: _Draft, capture: Capture, together: Synchrony, free: Bools, known: Sequence[Lens], steps: _Steps
+    draft: _Draft, capture: Capture, together: Synchrony, free: Bools, *, known: Sequence[Lens], steps: _Steps
 ) -> CalibrationResult:
-    """Lay down the world, decide on the lenses, and adjust once more to all that is known."""
+    """Define the world by the L-frame, decide on the lenses, and adjust once more to all that is known."""
     resting = lframe.resting([view.lframe for view in capture.views])
     moved = lframe.moved_since(draft.scene.rig, resting, draft.noise)
     resting = resting.take(~np.isin(resting.camera, list(moved)))

@@ -65,6 +65,7 @@ class Pairs:
 
     @property
     def sigma(self) -> Array:
+        """Standard deviations of the centres' coordinates, shape (n, 2), pixels."""
         return np.stack([b.sigma for b in self.balls], axis=1)
 
 

@@ -53,7 +53,7 @@ class Tracks:
     @property
     def seen(self) -> NDArray[np.bool_]:
         """Shape (V, n, 2)."""
-        return np.isfinite(self.points).all(axis=-1)
+        return np.asarray(np.isfinite(self.points).all(axis=-1))
 
     def take(self, frames: NDArray[Any]) -> Tracks:
         """Some of the frames."""
@@ -121,7 +121,7 @@ def _courses(points: Array) -> Array:
 def _miss(points: Array, courses: Array) -> Array:
     """Distance of balls, shape (F, m), to the second nearest of their courses: neighbours are wrong at times, too."""
     apart = np.linalg.norm(points - courses, axis=-1)
-    return np.sort(np.where(np.isfinite(apart), apart, np.inf), axis=0)[1]
+    return np.asarray(np.sort(np.where(np.isfinite(apart), apart, np.inf), axis=0)[1])
 
 
 def sampled(markers: Markers, frames: Array) -> tuple[Array, Array]:

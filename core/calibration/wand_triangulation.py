@@ -35,7 +35,7 @@ def rays(rig: Rig, points: Array) -> Array:
             xy = cv2.undistortPointsIter(uv[known, None], rig.matrix(c), rig.distortions[c], None, None, criteria)
             flat[known] = np.column_stack([xy[:, 0], np.ones(known.sum())]) @ rig.R_cam_world[c]
             out[c] = flat.reshape(out[c].shape)
-    return out / np.linalg.norm(out, axis=-1, keepdims=True)
+    return np.asarray(out / np.linalg.norm(out, axis=-1, keepdims=True))
 
 
 def triangulated(centres: Array, directions: Array, weight: Array | None = None) -> Array:
@@ -92,7 +92,7 @@ class WandSighting:
     @property
     def known(self) -> NDArray[np.bool_]:
         """Frames on which both ends are known, shape (n,)."""
-        return np.isfinite(self.ends_world).all(axis=(1, 2))
+        return np.asarray(np.isfinite(self.ends_world).all(axis=(1, 2)))
 
     def wand(self, frames: Ints, length: float, single: bool = False) -> Wand:
         """A wand of that length on the frames whose ends are known.
@@ -159,7 +159,7 @@ def _nearest(off: Array) -> Ints:
 def _shares_a_ball(off: Array, chosen: Array) -> NDArray[np.bool_]:
     """Which candidates, (V, K, n, 2), take a ball in some view that the chosen ones, (V, n, 2), take; shape (K, n)."""
     own, taken = _nearest(off), _nearest(chosen)[:, None]
-    return ((own == taken) & (taken >= 0)).any(axis=0)
+    return np.asarray(((own == taken) & (taken >= 0)).any(axis=0))
 
 
 def _named(sighting: WandSighting) -> WandSighting:

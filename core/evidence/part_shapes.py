@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..body.kinematics import Poses
 from ..cameras.camera import Camera
+from ..numerics.least_squares import GAUSS_NEWTON, StoppingRule, minimise
+from ..numerics.normal_equations import DenseEquations
 from .contours import Lines, outline_lines
 from .gradients import camera_twist
+from .held_outlines import HeldOutlines
 from .label_images import Geometry, render_labels
 from .view_frames import ViewFrames
 
@@ -24,6 +27,7 @@ SHIFT = 0.015
 REACH = 0.12
 """How far from the model's outline the body's is looked for, metres."""
 PRIOR = np.diag([1 / STRETCH**2] * 3 + [1 / SHIFT**2] * 3)
+"""Of every step, not of their sum: it keeps what is hardly seen where it is, and lets what is seen go far."""
 ITERATIONS = 4
 TOLERANCE = 2.0
 _STRIDE = 2
@@ -48,48 +52,108 @@ def fitted_shape(
     frames : sequence of int
         Shot frames.
     """
-    for _ in range(ITERATIONS):
-        H, g = outline_system(views, geometry, poses, frames)
-        geometry = stretched(geometry, np.linalg.solve(H + PRIOR, g[..., None])[..., 0])
-    return geometry
+    start = np.zeros((len(geometry.spans), 6))
+    result = minimise(
+        start,
+        lambda change: shape_equations(views, geometry, change, poses, frames),
+        compose,
+        trial_cost=lambda change, equations: equations.cost_at(change, poses),
+        damping=GAUSS_NEWTON,
+        stopping=StoppingRule(ITERATIONS, relative_gain=0.0),
+    )
+    return stretched(geometry, result.state)
 
 
-def outline_system(
+@dataclass(frozen=True, eq=False)
+class ShapeEquations(DenseEquations):
+    """Normal equations of a further stretch and shift of every part, and of what else moves the outlines.
+
+    Attributes
+    ----------
+    change : ndarray, shape (P, 6)
+        Stretches and shifts that they belong to.
+    held : tuple
+        The outlines of every view, its camera on the key frames, and its delay.
+    """
+
+    change: Array
+    held: tuple[tuple[HeldOutlines, Camera, float], ...]
+
+    def cost_at(self, change: Array, poses: Mapping[float, Poses]) -> float:
+        """Return the cost of another shape and other poses with the same outlines, and of the step there."""
+        ratio = (1 + change[:, :3]) / (1 + self.change[:, :3])
+        step = np.concatenate([ratio - 1, change[:, 3:] - ratio * self.change[:, 3:]], axis=1)
+        cost = sum(outlines.cost(camera, poses[delay], step) for outlines, camera, delay in self.held)
+        return cost + float(np.einsum("pi,ij,pj->", step, PRIOR, step))
+
+
+def compose(change: Array, step: Array) -> Array:
+    """Return the stretches and shifts of parts (P, 6) after further ones (6 P,)."""
+    further = step.reshape(change.shape)
+    ratio = 1 + further[:, :3]
+    return np.concatenate([(1 + change[:, :3]) * ratio - 1, change[:, 3:] * ratio + further[:, 3:]], axis=1)
+
+
+def shape_equations(
     views: Sequence[ViewFrames],
     geometry: Geometry,
+    change: Array,
     poses: Mapping[float, Poses],
     frames: Sequence[int],
+    *,
     twists: Mapping[float, Array] | None = None,
-) -> tuple[Array, Array]:
-    """Normal equations of every part's (stretch, shift), shape (P, 6, 6) and (P, 6).
+) -> ShapeEquations:
+    """Sum the outlines of all views.
 
-    With `twists` of the parts about the world's origin (K, P, 6), by the delay of the views, a seventh unknown is how
-    far the parts have gone on along them.
+    Parameters
+    ----------
+    views, geometry, poses, frames
+        See `fitted_shape`.
+    change : ndarray, shape (P, 6)
+        Stretches and shifts of the parts so far, which are linearised about.
+    twists : mapping of float to ndarray, optional
+        Twists of the parts about the world's origin (K, P, 6), by the delay of the views. How far all parts have gone
+        on along them is then one more unknown, the last.
     """
-    P, unknowns = len(geometry.spans), 6 if twists is None else 7
-    sums = np.zeros((P, unknowns + 1, unknowns + 1))
+    P, own = len(geometry.spans), 6 if twists is None else 7
+    shape = stretched(geometry, change)
+    sums, held = np.zeros((P, own + 1, own + 1)), []
     for view in views:
-        rows, lines = _rows(view, geometry, poses[view.delay], frames, None if twists is None else twists[view.delay])
-        sums += lines.products(np.column_stack([rows, lines.shift]), len(frames), P).sum(axis=0)
-    return sums[:, :-1, :-1], sums[:, :-1, -1]
+        camera, there = view.camera.at(frames), poses[view.delay]
+        lines = _lines(view, shape, there, frames)
+        rows = _rows(lines, camera, there, None if twists is None else twists[view.delay])
+        sums += lines.products(np.column_stack([rows, -lines.shift]), len(frames), P).sum(axis=0)
+        held.append((HeldOutlines.at(lines, camera, there, 1.0), camera, view.delay))
+    H, g = sums[:, :-1, :-1], sums[:, :-1, -1]
+    n = 6 * P
+    matrix, gradient = np.zeros((n + own - 6,) * 2), np.zeros(n + own - 6)
+    for p in range(P):
+        block = slice(6 * p, 6 * p + 6)
+        matrix[block, block] = H[p, :6, :6] + PRIOR
+        gradient[block] = g[p, :6]
+        matrix[block, n:], matrix[n:, block] = H[p, :6, 6:], H[p, 6:, :6]
+    matrix[n:, n:], gradient[n:] = H[:, 6:, 6:].sum(axis=0), g[:, 6:].sum(axis=0)
+    return ShapeEquations(matrix, gradient, float(sums[:, -1, -1].sum()), change, tuple(held))
 
 
-def _rows(
-    view: ViewFrames, geometry: Geometry, poses: Poses, frames: Sequence[int], twists: Array | None
-) -> tuple[Array, Lines]:
-    """One view's lines on all frames, and their rows against the unknowns of their parts."""
+def _lines(view: ViewFrames, geometry: Geometry, poses: Poses, frames: Sequence[int]) -> Lines:
+    """Look for the outlines of one view on all frames."""
     (R, T), camera = poses, view.camera.at(frames)
     foreground = np.concatenate([view.foreground_at(frame, 1) for frame in frames])
     labels = render_labels(geometry, camera.subsampled(_STRIDE), 0, R, T)
     scale = max(view.pixels_per_metre(places.mean(axis=0), frame) for places, frame in zip(T, frames, strict=True))
     reach = max(4, round(REACH * scale))
-    lines = outline_lines(camera, foreground, labels, stride=_STRIDE, reach=reach, tolerance=TOLERANCE, halo=view.halo)
+    return outline_lines(camera, foreground, labels, stride=_STRIDE, reach=reach, tolerance=TOLERANCE, halo=view.halo)
+
+
+def _rows(lines: Lines, camera: Camera, poses: Poses, twists: Array | None) -> Array:
+    """Rows of the lines' shifts against the unknowns of their parts, shape (N, 6 or 7)."""
     wrench = lines.wrenches(camera)
     columns = shape_columns(lines, wrench, camera, poses)
     if twists is not None:
-        turned = np.einsum("na,nab->nb", wrench, camera_twist(*camera.poses(0, len(T)))[lines.frame])
+        turned = np.einsum("na,nab->nb", wrench, camera_twist(*camera.poses(0, len(poses[1])))[lines.frame])
         columns.append(np.einsum("na,na->n", turned, twists[lines.frame, lines.part])[:, None])
-    return np.concatenate(columns, axis=1), lines
+    return np.concatenate(columns, axis=1)
 
 
 def shape_columns(lines: Lines, wrench: Array, camera: Camera, poses: Poses) -> list[Array]:

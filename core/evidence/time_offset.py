@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from ..body import Body, part_poses, twist_jacobian
 from ..body.kinematics import scene_poses
 from ..body.motion import Motion
+from ..numerics.least_squares import GAUSS_NEWTON, StoppingRule, minimise
 from .label_images import Geometry
-from .part_shapes import PRIOR, outline_system, stretched
+from .part_shapes import ShapeEquations, compose, shape_equations
 from .view_frames import ViewFrames
 
 Array = NDArray[np.float64]
@@ -79,21 +80,46 @@ def key_frame_offset(
     rates = [_rates(motion, keys) for motion in motions]
     frames = [first + key for key in keys]
     delays = {view.delay for view in views}
-    offset = precision = 0.0
-    for _ in range(ITERATIONS):
-        shown = {d: [pose.moved((d - offset) * rate) for pose, rate in zip(posed, rates, strict=True)] for d in delays}
-        poses = {d: scene_poses(bodies, there) for d, there in shown.items()}
-        twists = {d: _twists(bodies, there, rates) for d, there in shown.items()}
-        H, g = outline_system(views, geometry, poses, frames, twists)
-        shapes = np.linalg.solve(H[:, :6, :6] + PRIOR, np.stack([g[:, :6], H[:, :6, 6]], axis=-1))
-        by_shape = np.einsum("pi,pik->k", H[:, :6, 6], shapes)
-        precision = float(H[:, 6, 6].sum() - by_shape[1])
-        if precision <= 0:
-            return Offset()
-        ahead = (g[:, 6].sum() - by_shape[0]) / precision
-        offset = float(np.clip(offset - ahead, -1.0, 1.0))
-        geometry = stretched(geometry, shapes[..., 0] - shapes[..., 1] * ahead)
-    return Offset(offset, precision / correlation)
+
+    def poses_at(offset: float) -> dict[float, list[Motion]]:
+        return {d: [pose.moved((d - offset) * rate) for pose, rate in zip(posed, rates, strict=True)] for d in delays}
+
+    def linearise(state: _OffsetState) -> ShapeEquations:
+        there = poses_at(state.offset)
+        poses = {d: scene_poses(bodies, motions) for d, motions in there.items()}
+        twists = {d: _twists(bodies, motions, rates) for d, motions in there.items()}
+        return shape_equations(views, geometry, state.change, poses, frames, twists=twists)
+
+    def trial_cost(state: _OffsetState, equations: ShapeEquations) -> float:
+        poses = {d: scene_poses(bodies, motions) for d, motions in poses_at(state.offset).items()}
+        return equations.cost_at(state.change, poses)
+
+    result = minimise(
+        _OffsetState(0.0, np.zeros((len(geometry.spans), 6))),
+        linearise,
+        _OffsetState.moved,
+        trial_cost=trial_cost,
+        damping=GAUSS_NEWTON,
+        stopping=StoppingRule(ITERATIONS, relative_gain=0.0),
+    )
+    try:
+        variance = result.linearised().factor().covariance()[-1, -1]
+    except np.linalg.LinAlgError:  # nothing moves, or no outline shows it
+        return Offset()
+    return Offset(result.state.offset, float(1 / (variance * correlation)))
+
+
+@dataclass(frozen=True, eq=False)
+class _OffsetState:
+    """The offset, frames, and the stretches and shifts of all parts, shape (P, 6)."""
+
+    offset: float
+    change: Array
+
+    def moved(self, step: Array) -> _OffsetState:
+        """Return the state after a step: parts that are ahead of the footage along their twists are too early."""
+        offset = float(np.clip(self.offset - step[-1], -1.0, 1.0))
+        return _OffsetState(offset, compose(self.change, step[:-1]))
 
 
 def _rates(motion: Motion, frames: Sequence[int]) -> Array:
@@ -103,7 +129,7 @@ def _rates(motion: Motion, frames: Sequence[int]) -> Array:
     last = len(motion) - 1
     before = np.clip(np.asarray(frames) - 1, 1, last - 2)
     after = np.clip(np.asarray(frames) + 1, 2, last - 1)
-    return motion[before].difference(motion[after]) / (after - before)[:, None]
+    return np.asarray(motion[before].difference(motion[after]) / (after - before)[:, None])
 
 
 def _twists(bodies: Sequence[Body], motions: Sequence[Motion], rates: Sequence[Array]) -> Array:

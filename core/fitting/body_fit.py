@@ -25,6 +25,7 @@ from ..body.time_shift import poses_after
 from ..cameras.camera import Camera
 from ..errors import BodyError
 from ..evidence.gradients import camera_twist
+from ..evidence.held_outlines import HeldOutlines
 from ..evidence.label_images import Geometry
 from ..evidence.part_shapes import SHIFT, STRETCH
 from ..formats.keypoint_files import read_shot_keypoints
@@ -38,7 +39,7 @@ from ..shot.keypose_spline import spline
 from ..shot.shot import Shot
 from ..tracking.segments import whole_keys
 from .key_frame_views import KeyFrameView, read_key_frames
-from .outline_fit import HeldOutlines, OutlineProblem, RefinementStage, coarse_to_fine, key_outlines, outline_products
+from .outline_fit import OutlineProblem, RefinementStage, coarse_to_fine, key_outlines, outline_products
 
 Array = NDArray[np.float64]
 

@@ -207,4 +207,4 @@ def _picture_rows(camera: Camera, points_world: Array) -> Array:
     along = np.eye(2, dtype=np.float32)[..., None]
     twist = np.stack([wrenches(points, slope, focal) for slope in along], axis=1)
     radial = focal * points[:, :2] / points[:, 2:]
-    return np.concatenate([twist, radial[..., None]], axis=2).astype(float)
+    return np.asarray(np.concatenate([twist, radial[..., None]], axis=2).astype(float))

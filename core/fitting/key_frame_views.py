@@ -41,7 +41,7 @@ class KeyFrameView:
         if maps is None:
             return self.pictures
         remapped = [cv2.remap(p, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for p in self.pictures]
-        return np.stack(remapped).astype(np.uint8, copy=False)
+        return np.asarray(np.stack(remapped).astype(np.uint8, copy=False))
 
     def camera(self, camera: Camera) -> Camera:
         """Return the camera of the rectified pictures, whose frame k is the k-th key frame."""

@@ -55,49 +55,6 @@ class RefinementStage:
         return 1 / (correlation * self.tolerance**2)
 
 
-@dataclass(frozen=True, eq=False)
-class HeldOutlines:
-    """The performers' outlines in one view as they were found at one state, to test other states by.
-
-    Attributes
-    ----------
-    lines : Lines
-        N of them.
-    points_part : ndarray, shape (N, 3)
-        The points of the model that belong on them, in the axes of their parts, metres.
-    precision : float
-        See `RefinementStage.precision`.
-    """
-
-    lines: Lines
-    points_part: Array
-    precision: float
-
-    @classmethod
-    def at(cls, lines: Lines, camera: Camera, poses: Poses, precision: float) -> HeldOutlines:
-        """Hold lines that were found with a camera and world poses (R, T) of the K key frames."""
-        (R, T), (Rc, tc) = poses, camera.poses(0, len(poses[0]))
-        frame, part = lines.frame, lines.part
-        world = np.einsum("nba,nb->na", Rc[frame], lines.points_cam - tc[frame])
-        return cls(lines, np.einsum("nba,nb->na", R[frame, part], world - T[frame, part]), precision)
-
-    def cost(self, camera: Camera, poses: Poses, change: Array) -> float:
-        """Return the squared distances, in variances, after a change of the camera, the poses and the parts.
-
-        Parameters
-        ----------
-        camera : Camera
-        poses : tuple of ndarray, shapes (K, P, 3, 3) and (K, P, 3)
-        change : ndarray, shape (P, 6)
-            Stretches and shifts of the parts since the lines were found.
-        """
-        (R, T), (Rc, tc) = poses, camera.poses(0, len(poses[0]))
-        frame, part = self.lines.frame, self.lines.part
-        points = self.points_part * (1 + change[part, :3]) + change[part, 3:]
-        world = np.einsum("nab,nb->na", R[frame, part], points) + T[frame, part]
-        return self.precision * self.lines.cost(camera, np.einsum("nab,nb->na", Rc[frame], world) + tc[frame])
-
-
 State = TypeVar("State")
 Equations = TypeVar("Equations", bound=NormalEquations[Any, Any])
 

@@ -21,12 +21,13 @@ from ..body.motion import Motion
 from ..cameras.camera import Camera
 from ..evidence.contours import EDGE_DEVIATION, MODEL_DEVIATION, Lines
 from ..evidence.gradients import camera_twist
+from ..evidence.held_outlines import HeldOutlines
 from ..evidence.label_images import Geometry
 from ..evidence.part_shapes import SHIFT, STRETCH, stretched
 from ..numerics import rotations
 from ..numerics.normal_equations import DenseEquations
 from .key_frame_views import KeyFrameView
-from .outline_fit import HeldOutlines, RefinementStage, key_outlines, outline_products
+from .outline_fit import RefinementStage, key_outlines, outline_products
 
 Array = NDArray[np.float64]
 Columns = NDArray[np.intp]

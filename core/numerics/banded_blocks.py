@@ -1,4 +1,4 @@
-"""Constraints on motion beside the images: smoothness in time and key poses."""
+"""Normal equations that couple every frame with the next two, stored as blocks."""
 
 from __future__ import annotations
 
@@ -35,6 +35,7 @@ class BandedBlocks:
 
     @classmethod
     def zeros(cls, frames: int, dof: int) -> BandedBlocks:
+        """Return the system that says nothing."""
         return cls(
             np.zeros((frames, dof, dof)),
             np.zeros((max(frames - 1, 0), dof, dof)),

@@ -23,17 +23,17 @@ def skew(v: Array) -> Array:
 
 def exp(v: Array) -> Array:
     """Rotation matrices (..., 3, 3) of rotation vectors (..., 3)."""
-    return Rotation.from_rotvec(np.reshape(v, (-1, 3))).as_matrix().reshape(*v.shape, 3)
+    return np.asarray(Rotation.from_rotvec(np.reshape(v, (-1, 3))).as_matrix().reshape(*v.shape, 3))
 
 
 def log(R: Array) -> Array:
     """Rotation vectors (..., 3), of length at most pi, of rotation matrices (..., 3, 3)."""
-    return Rotation.from_matrix(np.reshape(R, (-1, 3, 3))).as_rotvec().reshape(R.shape[:-1])
+    return np.asarray(Rotation.from_matrix(np.reshape(R, (-1, 3, 3))).as_rotvec().reshape(R.shape[:-1]))
 
 
 def orthonormal(R: Array) -> Array:
     """The nearest rotation matrices: takes away the rounding of long products."""
-    return Rotation.from_matrix(np.reshape(R, (-1, 3, 3))).as_matrix().reshape(R.shape)
+    return np.asarray(Rotation.from_matrix(np.reshape(R, (-1, 3, 3))).as_matrix().reshape(R.shape))
 
 
 def right_jacobian(v: Array) -> Array:
@@ -45,7 +45,7 @@ def right_jacobian(v: Array) -> Array:
     angle = np.sqrt(safe)
     a = np.where(small, 0.5 - angle2 / 24, (1 - np.cos(angle)) / safe)
     b = np.where(small, 1 / 6 - angle2 / 120, (angle - np.sin(angle)) / (safe * angle))
-    return np.eye(3) - a * S + b * (S @ S)
+    return np.asarray(np.eye(3) - a * S + b * (S @ S))
 
 
 def right_jacobian_inverse(v: Array) -> Array:
@@ -56,7 +56,7 @@ def right_jacobian_inverse(v: Array) -> Array:
     safe = np.where(small, 1.0, angle2)
     half = np.sqrt(safe) / 2
     c = np.where(small, 1 / 12 + angle2 / 720, (1 - half / np.tan(half)) / safe)
-    return np.eye(3) + 0.5 * S + c * (S @ S)
+    return np.asarray(np.eye(3) + 0.5 * S + c * (S @ S))
 
 
 def left_jacobian_inverse(v: Array) -> Array:

@@ -1,0 +1,61 @@
+"""Outlines held in their places while a step of a fit is tested, as the iterative closest point algorithm does.
+
+Outlines are looked for anew at every state. Whether a step is a good one is measured by the outlines that it was made
+from: the model's points move, and what must fall is their distance along the outlines' normals.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body.kinematics import Poses
+from ..cameras.camera import Camera
+from .contours import Lines
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOutlines:
+    """The performers' outlines in one view as they were found at one state, to test other states by.
+
+    Attributes
+    ----------
+    lines : Lines
+        N of them.
+    points_part : ndarray, shape (N, 3)
+        The points of the model that belong on them, in the axes of their parts, metres.
+    precision : float
+        Factor of the squared distances, pixels, times the length that a line stands for, metres.
+    """
+
+    lines: Lines
+    points_part: Array
+    precision: float
+
+    @classmethod
+    def at(cls, lines: Lines, camera: Camera, poses: Poses, precision: float) -> HeldOutlines:
+        """Hold lines that were found with a camera and world poses (R, T) of the K key frames."""
+        (R, T), (Rc, tc) = poses, camera.poses(0, len(poses[0]))
+        frame, part = lines.frame, lines.part
+        world = np.einsum("nba,nb->na", Rc[frame], lines.points_cam - tc[frame])
+        return cls(lines, np.einsum("nba,nb->na", R[frame, part], world - T[frame, part]), precision)
+
+    def cost(self, camera: Camera, poses: Poses, change: Array) -> float:
+        """Return the squared distances, in variances, after a change of the camera, the poses and the parts.
+
+        Parameters
+        ----------
+        camera : Camera
+        poses : tuple of ndarray, shapes (K, P, 3, 3) and (K, P, 3)
+        change : ndarray, shape (P, 6)
+            Stretches and shifts of the parts since the lines were found.
+        """
+        (R, T), (Rc, tc) = poses, camera.poses(0, len(poses[0]))
+        frame, part = self.lines.frame, self.lines.part
+        points = self.points_part * (1 + change[part, :3]) + change[part, 3:]
+        world = np.einsum("nab,nb->na", R[frame, part], points) + T[frame, part]
+        return self.precision * self.lines.cost(camera, np.einsum("nab,nb->na", Rc[frame], world) + tc[frame])
