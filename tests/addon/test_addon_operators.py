@@ -9,8 +9,8 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from addon_shots import blender, tracker  # noqa: E402, F401
-from any_tool import TOOLS, arguments, call, files, place, quick, situation, tool_of  # noqa: E402, F401
 from kfmocap.core.errors import CalibrationError, CancelledError  # noqa: E402
+from random_calls import TOOLS, arguments, call, files, place, quick, situation, tool_of  # noqa: E402, F401
 
 pytestmark = pytest.mark.blender
 

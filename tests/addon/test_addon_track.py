@@ -13,7 +13,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-import pieces_of_work  # noqa: E402
+import job_functions  # noqa: E402
 from addon_shots import blender, keys_of, motion, shot, tracker  # noqa: E402, F401
 from kfmocap.core.errors import CancelledError, CaptureError, ShotError  # noqa: E402
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts  # noqa: E402
@@ -324,7 +324,7 @@ def ended(tool, context):
 
 
 def test_esc_answers_at_once_and_ends_the_work(monkeypatch, tmp_path):
-    tool, context = started(partial(pieces_of_work.silent, tmp_path / "pid"), monkeypatch)
+    tool, context = started(partial(job_functions.silent, tmp_path / "pid"), monkeypatch)
     while not (tmp_path / "pid").exists() or not (tmp_path / "pid").read_text():
         time.sleep(0.01)
     begin = time.monotonic()
@@ -339,14 +339,14 @@ def test_esc_answers_at_once_and_ends_the_work(monkeypatch, tmp_path):
 
 
 def test_a_job_that_ends_is_finished_once(monkeypatch):
-    tool, context = started(partial(pieces_of_work.halfway, 42), monkeypatch)
+    tool, context = started(partial(job_functions.halfway, 42), monkeypatch)
     assert ended(tool, context) == {"FINISHED"}
     assert tool.finished == [42] and context.workspace.status[-1] is None
     assert tool.job.state == ("half", 0.5) and tool.job.status_text().startswith("Half 50%, 0 s left")
 
 
 def test_errors_of_the_work_are_reported_as_they_were(monkeypatch):
-    tool, context = started(pieces_of_work.failing, monkeypatch)
+    tool, context = started(job_functions.failing, monkeypatch)
     assert ended(tool, context) == {"CANCELLED"}
     assert tool.reports == [({"ERROR"}, "wand.mp4: it lies in a plane (wave it about)")]
     with pytest.raises(CaptureError) as caught:
@@ -355,14 +355,14 @@ def test_errors_of_the_work_are_reported_as_they_were(monkeypatch):
 
 
 def test_a_bug_in_the_work_is_not_swallowed(monkeypatch):
-    tool, context = started(pieces_of_work.broken, monkeypatch)
+    tool, context = started(job_functions.broken, monkeypatch)
     with pytest.raises(ZeroDivisionError) as caught:
         ended(tool, context)
-    assert "pieces_of_work.py" in caught.value.__notes__[0]
+    assert "job_functions.py" in caught.value.__notes__[0]
 
 
 def test_work_that_dies_is_reported(monkeypatch):
-    tool, context = started(pieces_of_work.killed, monkeypatch)
+    tool, context = started(job_functions.killed, monkeypatch)
     assert ended(tool, context) == {"CANCELLED"}
     assert "ended unexpectedly" in tool.reports[0][1]
 
@@ -379,7 +379,7 @@ def test_what_is_tracked_beside_blender_is_what_is_tracked_in_it(tmp_path):
 
 
 def test_nothing_but_looking_reaches_blender_while_a_job_runs(monkeypatch, tmp_path):
-    tool, context = started(partial(pieces_of_work.silent, tmp_path / "pid"), monkeypatch)
+    tool, context = started(partial(job_functions.silent, tmp_path / "pid"), monkeypatch)
     view = SimpleNamespace(type="WINDOW", x=0, y=0, width=100, height=100)
     sidebar = SimpleNamespace(type="UI", x=80, y=0, width=20, height=100, tag_redraw=lambda: None)
     space = SimpleNamespace(active=SimpleNamespace(lock_camera=False))

@@ -10,8 +10,8 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from addon_shots import blender, shot, tracker  # noqa: E402, F401
-from any_tool import TOOLS, arguments, call, files, in_mode, quick  # noqa: E402, F401
 from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
+from random_calls import TOOLS, arguments, call, files, in_mode, quick  # noqa: E402, F401
 from scene_state import differences, state  # noqa: E402
 
 pytestmark = pytest.mark.blender

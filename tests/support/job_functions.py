@@ -1,4 +1,4 @@
-"""Work for the tests of jobs: it is done in a process without Blender, which imports it from here."""
+"""Functions for the tests of jobs to run: a process without Blender imports them from here."""
 
 from __future__ import annotations
 

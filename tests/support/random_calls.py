@@ -1,4 +1,4 @@
-"""All tools, scenes of every kind for them, and calls with any arguments, for the tests of the add-on."""
+"""All operators, scenes in any state for them, and calls with random arguments, for the tests of the add-on."""
 
 from __future__ import annotations
 

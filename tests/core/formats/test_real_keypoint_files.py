@@ -7,14 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from kfmocap.core.errors import KeypointError
 from kfmocap.core.formats import load_cameras, read_trc
 from kfmocap.core.formats.keypoint_files import read_keypoints
 from kfmocap.core.formats.keypoint_layouts import BODY_25, BODY_25B
 from kfmocap.core.shot.detections import Detections
 
-SAMPLES = Path(__file__).parents[1] / "data" / "keypoints"
-BEAM = Path(__file__).parents[2] / "examples" / "beam"
+SAMPLES = ROOT / "tests" / "data" / "keypoints"
+BEAM = ROOT / "examples" / "beam"
 PORTRAIT = (1080, 1920)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from kfmocap.core.errors import KeypointError
 from kfmocap.core.formats import load_cameras, read_trc
 from kfmocap.core.formats.keypoint_files import read_keypoints
@@ -273,7 +274,7 @@ def test_a_layout_names_no_keypoint_twice_and_has_both_sides(count: int) -> None
 
 def test_a_detectors_keypoints_of_real_footage_are_near_the_reference() -> None:
     """Each on its own landmark: were the order another, or left for right, they would be far off."""
-    folder = Path(__file__).parents[2] / "examples" / "beam"
+    folder = ROOT / "examples" / "beam"
     truth, cameras = read_trc(folder / "landmarks.trc"), load_cameras(folder / "calibration.toml")
     for name in ("cam01", "cam03"):
         found = read_keypoints(folder / f"{name}_keypoints.json")
