@@ -93,6 +93,7 @@ def accumulate_evidence(
     sampling: Sampling,
     *,
     first: int,
+    noise: Array | None = None,
     cache: GradientImageCache | None = None,
     threads: int = 1,
 ) -> SegmentEvidence:
@@ -108,6 +109,9 @@ def accumulate_evidence(
     sampling : Sampling
     first : int
         Shot frame of the first of the F frames.
+    noise : ndarray, shape (V, F - 1), optional
+        Standard deviation of the residuals of each pair of frames under which their cost is measured; by default their
+        own.
     cache : GradientImageCache, optional
         Keeps gradient images for the next call.
     threads : int
@@ -116,12 +120,14 @@ def accumulate_evidence(
     F = len(next(iter(poses.values()))[0])
     runs = max(round((F - 1) / RUN), 1)
     bounds = [(F - 1) * k // runs for k in range(runs + 1)]
-    spans = [(view, slice(a, b + 1)) for view in views for a, b in pairwise(bounds)]
+    spans = [(v, a, b) for v in range(len(views)) for a, b in pairwise(bounds)]
 
-    def run(span: tuple[ViewFrames, slice]) -> _Run:
-        view, frames = span
-        R, T = poses[view.delay]
-        return _run(view, geometry, (R[frames], T[frames]), sampling, first=first + frames.start, cache=cache)
+    def run(span: tuple[int, int, int]) -> _Run:
+        v, a, b = span
+        R, T = poses[views[v].delay]
+        own = R[a : b + 1], T[a : b + 1]
+        given = None if noise is None else noise[v, a:b]
+        return _run(views[v], geometry, own, sampling, first=first + a, noise=given, cache=cache)
 
     with ThreadPoolExecutor(threads) as pool:
         done = list(pool.map(run, spans))
@@ -156,7 +162,14 @@ class _Run:
 
 
 def _run(
-    view: ViewFrames, geometry: Geometry, poses: Poses, sampling: Sampling, *, first: int, cache: GradientImageCache
+    view: ViewFrames,
+    geometry: Geometry,
+    poses: Poses,
+    sampling: Sampling,
+    *,
+    first: int,
+    noise: Array | None,
+    cache: GradientImageCache,
 ) -> _Run:
     """Evidence of some frames of one view, the first of which is shot frame `first`."""
     begin = time.perf_counter()
@@ -175,6 +188,7 @@ def _run(
         stride=stride,
         tolerance=sampling.tolerance,
         foreground=foreground,
+        given_noise=noise,
     )
     summed = time.perf_counter()
     outlines = OutlineSums(np.zeros((*T.shape[:2], 6, 6)), np.zeros((*T.shape[:2], 6)), np.zeros(len(T)))

@@ -1,6 +1,6 @@
 """Outline evidence: where the performers end against the background.
 
-Every few pixels of a part's outline a line is laid across it. The foreground image along the line tells how likely the
+Every few pixels of a part's outline a line is drawn across it. The foreground image along the line shows how likely the
 body ends at each of its places; their mean is where the outline should be, their variance how sure that is. The row of
 such a place is the wrench of its normal, so it adds to the sums of the gradients. Outlines do not drift: they are
 compared with the key frames' colours, not with the frame before. (Correspondence lines: M. Stoiber et al., SRT3D: A
@@ -56,6 +56,8 @@ class Lines:
         How far outward the body ends, pixels.
     weight : ndarray, shape (N,)
         Inverse variance of the shift, robust; pixels^-2.
+    error : ndarray, shape (N,)
+        Robust error of the shift, in units of its variance.
     """
 
     frame: Indices
@@ -66,6 +68,7 @@ class Lines:
     length: Array
     shift: Array
     weight: Array
+    error: Array
 
     def wrenches(self, camera: Camera) -> Array:
         """Rows of the shifts against twists in camera axes, shape (N, 6)."""
@@ -98,6 +101,7 @@ class OutlineSums:
     g : ndarray, shape (n, P, 6)
         Gradient of half the energy.
     energy : ndarray, shape (n,)
+        Robust sum of the squared shifts (Tukey's error).
     """
 
     H: Array
@@ -125,7 +129,8 @@ def outline_sums(
     sums = lines.products(np.concatenate([lines.wrenches(camera), -lines.shift[:, None]], axis=1), n, P)
     A = camera_twist(*camera.poses(first, n))[:, None]
     A_t = np.swapaxes(A, -1, -2)
-    return OutlineSums(A_t @ sums[..., :6, :6] @ A, (A_t @ sums[..., :6, 6:])[..., 0], sums[..., 6, 6].sum(axis=1))
+    energy = np.bincount(lines.frame, lines.error * lines.length, minlength=n).astype(float)
+    return OutlineSums(A_t @ sums[..., :6, :6] @ A, (A_t @ sums[..., :6, 6:])[..., 0], energy)
 
 
 def outline_lines(
@@ -173,7 +178,8 @@ def outline_lines(
     z = pieces.depth
     model = (MODEL_DEVIATION * focal.mean() / z) ** 2
     farthest = np.minimum(BISQUARE * tolerance * np.sqrt(model + EDGE_DEVIATION**2), _FARTHEST * reach)
-    robust = np.maximum(1 - (shift / farthest) ** 2, 0) ** 2
+    robust = np.maximum(1 - (shift / farthest) ** 2, 0)
+    precision = information / (1 + information * model)
     points = np.concatenate([(pieces.uv - camera.matrix[:2, 2]) / focal * z[:, None], z[:, None]], axis=1)
     return Lines(
         pieces.frame,
@@ -183,7 +189,8 @@ def outline_lines(
         points,
         pieces.length * z / focal.mean(),
         shift,
-        weight=robust * information / (1 + information * model),
+        weight=robust**2 * precision,
+        error=farthest**2 / 3 * (1 - robust**3) * precision,
     )
 
 

@@ -1,6 +1,6 @@
 """Foreground images: how well each pixel agrees with the performers' colours rather than with what is behind them.
 
-Key poses show where the performers are, so their frames tell the colours of both. Behind a fixed camera the background
+Key poses show where the performers are, so their frames show the colours of both. Behind a fixed camera the background
 also stands still: what key frames show of it is compared pixel by pixel.
 """
 
@@ -25,7 +25,7 @@ _LEVELS = 16
 _STEPS = 16
 """Of the distance from the background, per unit of the logarithm of how likely it is; there are 255 of them at most."""
 _UNKNOWN = 0.1
-"""Share of pixels that show something else than either model foretells: bystanders, shadows, highlights."""
+"""Share of pixels that show something else than either model predicts: bystanders, shadows, highlights."""
 _LEAST_DEVIATION = 4.0
 _MARGIN = 0.05
 """How far beyond the model's outline the background begins, metres: clothes and hair are not in the model."""
@@ -89,18 +89,18 @@ def _table(body: Array, background: Array, deviation: float) -> Bytes:
     still = ((1 - _UNKNOWN) * np.minimum(nearness, 1)).astype(np.float32)
     likely = np.column_stack([_UNKNOWN * background[:, None] + still, background])
     ratio = cv2.log(body[:, None] / likely)
-    return (np.float32(128.5) + np.float32(SCALE) * np.clip(ratio, -STRONGEST, STRONGEST)).astype(np.uint8)
+    return np.asarray((np.float32(128.5) + np.float32(SCALE) * np.clip(ratio, -STRONGEST, STRONGEST)).astype(np.uint8))
 
 
 def _disc(radius: float) -> Bytes:
     size = 2 * max(1, round(radius)) + 1
-    return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)).astype(np.uint8)
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)).astype(np.uint8))
 
 
 def _bins(image: Bytes) -> NDArray[np.uint16]:
     """The histogram bin of every pixel."""
     b, g, r = cv2.split(image // (256 // _LEVELS))
-    return (b.astype(np.uint16) * _LEVELS + g) * _LEVELS + r
+    return np.asarray((b.astype(np.uint16) * _LEVELS + g) * _LEVELS + r)
 
 
 def _histogram(colour: Bytes, regions: Mapping[int, NDArray[np.bool_]]) -> Array:

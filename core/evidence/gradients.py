@@ -50,6 +50,10 @@ class GradientSums:
         Robust standard deviation of the residuals, grey level 0 to 1.
     density : ndarray, shape (m,)
         Mean number of the view's pixels that a square metre facing it covers; 0 where no part is seen.
+    count : ndarray, shape (m,)
+        Number of pixels that count.
+    cost : ndarray, shape (m,)
+        Mean of Huber's error of these pixels under a given noise, (grey level 0 to 1)^2.
     """
 
     H: Array
@@ -58,6 +62,8 @@ class GradientSums:
     weight: Array
     noise: Array
     density: Array
+    count: Array
+    cost: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +112,7 @@ def brightness_constancy(
     stride: int,
     tolerance: float,
     foreground: NDArray[np.uint8] | None = None,
+    given_noise: Array | None = None,
 ) -> GradientSums:
     """Sum the brightness constancy constraint between neighbouring frames of one view.
 
@@ -128,6 +135,8 @@ def brightness_constancy(
         Huber's limit in units of `HUBER` standard deviations: 1 near the solution, more far from it.
     foreground : ndarray of uint8, shape (n, h, w), optional
         Pixels that show the background are left out; see `core.evidence.foreground`.
+    given_noise : ndarray, shape (n - 1,), optional
+        Standard deviation of the residuals of each pair under which the cost is measured; by default their own.
 
     Returns
     -------
@@ -150,6 +159,11 @@ def brightness_constancy(
     noise = np.array([_robust_deviation(residual[a:b][seen[a:b]]) for a, b in pairwise(bounds)])
     deviation = np.repeat(tolerance * np.maximum(noise, _LEAST_NOISE), np.diff(bounds)).astype(np.float32)
     weight = huber_weights(residual, deviation) * seen
+    if given_noise is not None:
+        deviation = np.repeat(tolerance * np.maximum(given_noise, _LEAST_NOISE), np.diff(bounds)).astype(np.float32)
+    error = huber_errors(residual, deviation)
+    count = np.array([np.count_nonzero(seen[a:b]) for a, b in pairwise(bounds)], float)
+    error_sum = np.array([error[a:b] @ seen[a:b] for a, b in pairwise(bounds)], float)
 
     rows = np.empty((13, len(residual)), np.float32)
     rows[:6], rows[6:12], rows[12] = -wrenches(x_a, slope, focal).T, wrenches(x_b, slope, focal).T, residual
@@ -165,6 +179,8 @@ def brightness_constancy(
         np.prod(focal)
         * np.bincount(pixels.frame, labels.inverse_depth[: len(residual)] ** 2, minlength=m)
         / np.maximum(np.diff(bounds), 1),
+        count,
+        error_sum / np.maximum(count, 1),
     )
 
 
@@ -220,7 +236,16 @@ def wrenches(points: Image, slope: Image, focal: Image) -> Image:
 
 def huber_weights(residual: Image, deviation: Image) -> Image:
     """Weights of Huber's error: one up to `HUBER` deviations, then falling as 1/|r|."""
-    return np.minimum(np.float32(1), np.float32(HUBER) * deviation / np.maximum(np.abs(residual), np.float32(1e-12)))
+    return np.asarray(
+        np.minimum(np.float32(1), np.float32(HUBER) * deviation / np.maximum(np.abs(residual), np.float32(1e-12)))
+    )
+
+
+def huber_errors(residual: Image, deviation: Image) -> Image:
+    """Huber's error: the square up to `HUBER` deviations, then linear."""
+    size, limit = np.abs(residual), np.float32(HUBER) * deviation
+    inner = np.minimum(size, limit)
+    return np.asarray(inner * (2 * size - inner))
 
 
 def _pair_twists(Rc: Array, tc: Array) -> Array:

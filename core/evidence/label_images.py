@@ -65,6 +65,7 @@ class Geometry:
 
     @classmethod
     def of(cls, bodies: Sequence[Body]) -> Geometry:
+        """The parts of some bodies."""
         parts = [part for body in bodies for part in body.parts]
         return cls.joined([part.vertices for part in parts], [np.unique(p.planes.round(9), axis=0) for p in parts])
 
@@ -202,7 +203,7 @@ class LabelImages:
         return pixels_at(self.part, frame, u, v, np.int16(-2))
 
     def depth_images(self) -> NDArray[np.float32]:
-        """Z in metres, infinite where there is no part, shape (n, h, w)."""
+        """Depth z in metres, infinite where there is no part, shape (n, h, w)."""
         images = np.full(self.part.size, np.inf, dtype=np.float32)
         images[self.index] = 1 / self.inverse_depth
         return images.reshape(self.part.shape)
@@ -228,7 +229,7 @@ def pixels_at(
     index *= inside
     found = images.ravel().take(index)
     np.copyto(found, beyond, where=~inside)
-    return found
+    return np.asarray(found)
 
 
 def render_labels(geometry: Geometry, camera: Camera, first: int, R: Array, T: Array) -> LabelImages:

@@ -69,7 +69,7 @@ def uncovered_gaps(
     gaps = np.nansum(found, axis=0) / np.maximum(np.isfinite(found).sum(axis=0), 1)
     if len(known):
         gaps -= np.stack([np.interp(np.arange(frames), known, row[known]) for row in gaps])
-    return np.maximum(gaps, 0.0)
+    return np.asarray(np.maximum(gaps, 0.0))
 
 
 def _view_gaps(view: ViewFrames, geometry: Geometry, poses: Poses, first: int, spans: Sequence[slice]) -> Array:

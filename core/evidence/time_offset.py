@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 DEVIATION = 0.5 / np.sqrt(3)
 """Usual offset, frames: anything within half a frame, as the nearest frame leaves it."""
 LEAST = 0.1
-"""A smaller offset is left alone, frames: it is hardly told from none, and poses between frames cost time."""
+"""A smaller offset is left alone, frames: it is hardly more than none, and poses between frames cost time."""
 ITERATIONS = 2
 
 

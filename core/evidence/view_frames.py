@@ -84,7 +84,7 @@ class GradientImages:
         """Brightness and derivatives at whole pixels (N, 2) within the window, shape (3, N)."""
         u, v = pixels.T
         index = (v - self.origin[1] + image * self.height) * self.values.shape[1] + u - self.origin[0]
-        return self.values.reshape(-1, 3).take(index, axis=0).T
+        return np.asarray(self.values.reshape(-1, 3).take(index, axis=0).T)
 
 
 def stacked_places(
@@ -111,7 +111,7 @@ def interpolated(image: NDArray[Any], places: Image, shape: tuple[int, ...]) -> 
     """
     values = cv2.remap(image, places[0], places[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     channels = image.shape[2:]
-    return values.reshape(-1, *channels)[: math.prod(shape)].reshape(*shape, *channels)
+    return np.asarray(values.reshape(-1, *channels)[: math.prod(shape)].reshape(*shape, *channels))
 
 
 @dataclass(frozen=True, eq=False)

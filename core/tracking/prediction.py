@@ -1,8 +1,8 @@
 """Prediction of parts that no camera sees (paper 000, section 5 and appendix 4).
 
 Each motion parameter, a step from one frame to the next, is an autoregressive series (31): its coefficients come from
-the steps that were seen, by Levinson's recursion, and a Kalman filter on its state space (32)-(37) foretells the steps
-that were not. A gap between two stretches that were seen is entered from both sides.
+the steps that were seen, by Levinson's recursion, and a Kalman filter on its state space (32)-(37) predicts the steps
+that were not. A gap between two runs that were seen is entered from both sides.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 ORDER = 12
-"""Past steps that a step is told from, at most; at most a third of the steps that the model is learnt from as well.
+"""Past steps that a step is predicted from, at most; never more than a third of those that the model is learnt from.
 
-Akaike's criterion would choose fewer on series this short, where the autocovariance damps every model, and foretell
+Akaike's criterion would choose fewer on series this short, where the autocovariance damps every model, and predict
 less well: of limbs hidden for 12 frames at 30 frames/s it leaves a fourth more error."""
 PAST = 16
 """Steps before a gap that the filter is run over; more change nothing."""
@@ -66,7 +66,7 @@ def levinson(covariance: Array) -> tuple[Array, float]:
     Returns
     -------
     coefficients : ndarray, shape (g,)
-        g is h, or less where so few foretell the series exactly.
+        g is h, or less where so few predict the series exactly.
     variance : float
 
     References
@@ -127,7 +127,7 @@ def autoregression(runs: Sequence[Array], order: int | None = None) -> AutoRegre
 
 
 def predict(series: Array, steps: int, models: Sequence[AutoRegression] | None = None) -> tuple[Array, Array]:
-    """Foretell motion parameters by Kalman filters, k steps ahead of the last one known (appendix 4).
+    """Predict motion parameters by Kalman filters, k steps ahead of the last one known (appendix 4).
 
     Parameters
     ----------
@@ -155,9 +155,9 @@ def predict(series: Array, steps: int, models: Sequence[AutoRegression] | None =
 def predict_unseen(motion: Motion, unseen: NDArray[np.bool_]) -> Motion:
     """Fill in the frames on which parts are unseen from those on which they are seen.
 
-    A part is foretold relative to its parent, whose own motion carries on. Within the motion it is foretold forward and
-    backward, and the two poses are weighed by the inverse of the variances that their steps have piled up; at the
-    motion's ends it is foretold from one side. A part that is never seen is left as it is.
+    A part is predicted relative to its parent, whose own motion carries on. Within the motion it is predicted forward
+    and backward, and the two poses are weighed by the inverse of the variances that their steps have piled up; at the
+    motion's ends it is predicted from one side. A part that is never seen is left as it is.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ def predict_unseen(motion: Motion, unseen: NDArray[np.bool_]) -> Motion:
 
 
 def _filled(part: Motion, unseen: NDArray[np.bool_]) -> Motion:
-    """The motion of a single part with its unseen frames foretold."""
+    """The motion of a single part with its unseen frames predicted."""
     runs = [_steps(part[a : b + 1]) for a, b in intervals(~unseen)]
     drift = np.concatenate(runs).mean(axis=0) if any(map(len, runs)) else np.zeros(6)
     drift[3:] = 0
@@ -197,7 +197,7 @@ def _steps(motion: Motion) -> Array:
 
 
 def _seen_before(past: Motion, unseen: NDArray[np.bool_]) -> Motion:
-    """The last stretch of the past that was seen without a break."""
+    """The last run of the past that was seen without a break."""
     hidden = np.flatnonzero(unseen)
     start = hidden[-1] + 1 if len(hidden) else 0
     return past[max(start, len(past) - 1 - PAST) :]
@@ -213,7 +213,7 @@ def _continued(seen: Motion, steps: int, models: Sequence[AutoRegression], drift
 
 
 def _blended(ahead: tuple[Motion, Array] | None, back: tuple[Motion, Array] | None) -> Motion:
-    """One of two foretold motions, the second backwards in time; of both, each the more the surer it is."""
+    """One of two predicted motions, the second backwards in time; where there are both, the surer counts the more."""
     if back is None:
         assert ahead is not None
         return ahead[0]

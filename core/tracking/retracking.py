@@ -1,4 +1,4 @@
-"""Tracking some stretches of a shot: what lies beside them is held as it is."""
+"""Tracking some segments of a shot: what lies beside them is held as it is."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class Excerpt:
     Attributes
     ----------
     first, last : int
-        Shot frames, inclusive: where stretches begin and end.
+        Shot frames, inclusive: where segments begin and end.
     around : tuple of (tuple of Motion or None)
         The poses beside them, see `tracking.track`.
     footage_offset : float, optional
-        As the rest of the shot told it, see `core.shot.shot.Settings`; None looks for it in the excerpt.
+        As it was measured on the rest of the shot, see `core.shot.shot.Settings`; None measures it on the excerpt.
     """
 
     first: int
@@ -39,28 +39,27 @@ class Excerpt:
     footage_offset: float | None = None
 
 
-def stretches_at(stretches: Sequence[Segment], frame: int) -> list[Segment]:
-    """Those that a shot frame lies in: two where it is a key pose between them."""
-    return [(first, last) for first, last in stretches if first <= frame <= last]
+def segments_at(segments: Sequence[Segment], frame: int) -> list[Segment]:
+    """The segments that a shot frame lies in: two where it is a key pose between them."""
+    return [(first, last) for first, last in segments if first <= frame <= last]
 
 
-def stretches_after(stretches: Sequence[Segment], frame: int) -> list[Segment]:
-    """Those that have frames after a shot frame."""
-    return [(first, last) for first, last in stretches if last > frame]
+def segments_after(segments: Sequence[Segment], frame: int) -> list[Segment]:
+    """The segments that have frames after a shot frame."""
+    return [(first, last) for first, last in segments if last > frame]
 
 
-def stretches_before(stretches: Sequence[Segment], frame: int) -> list[Segment]:
-    """Those that have frames before a shot frame."""
-    return [(first, last) for first, last in stretches if first < frame]
+def segments_before(segments: Sequence[Segment], frame: int) -> list[Segment]:
+    """The segments that have frames before a shot frame."""
+    return [(first, last) for first, last in segments if first < frame]
 
 
-def joined(stretches: Sequence[Segment]) -> list[Segment]:
-    """First and last frames of runs of stretches that meet."""
+def joined(segments: Sequence[Segment]) -> list[Segment]:
+    """First and last frames of runs of segments that meet."""
     runs: list[Segment] = []
-    for first, last in sorted(stretches):
-        if runs and runs[-1][1] == first:
-            first = runs.pop()[0]
-        runs.append((first, last))
+    for first, last in sorted(segments):
+        begin = runs.pop()[0] if runs and runs[-1][1] == first else first
+        runs.append((begin, last))
     return runs
 
 
@@ -92,12 +91,12 @@ def track_excerpts(shot: Shot, excerpts: Sequence[Excerpt], progress: Progress |
     return results
 
 
-def digest(shot: Shot, stretch: Segment) -> str:
-    """A text that changes with anything that the motion of a stretch depends on, but what is beside it.
+def digest(shot: Shot, segment: Segment) -> str:
+    """A text that changes with anything that the motion of a segment depends on, but what is beside it.
 
     What is in files counts by their names; where they are does not.
     """
-    part = shot.between(*stretch)
+    part = shot.between(*segment)
     asked = replace(part, name="", performers=tuple(_asked(performer) for performer in part.performers))
     sha = hashlib.sha256()
     for piece in _pieces(asked):

@@ -17,16 +17,17 @@ LONGEST = 150
 
 
 def segments(shot: Shot) -> list[Segment]:
-    """First and last frames of the stretches that are solved on their own.
+    """First and last frames of the segments that are solved on their own.
 
     They meet where every performer has a key pose of the whole body; before the first and after the last of these
-    a stretch is held at one end only. Where key poses are only proposed, long stretches are cut on some of these, to
+    a segment is held at one end only. Where key poses are only proposed, long segments are cut on some of these, to
     hold fewer pictures at a time.
     """
     cuts = sorted({*whole_keys(shot, 0, shot.length - 1).tolist(), 0, shot.length - 1})
     proposed = posed_frames(shot, 0, shot.length - 1)
     found = []
-    for first, last in pairwise(cuts):
+    for start, last in pairwise(cuts):
+        first = start
         while last - first > LONGEST:
             near = [int(f) for f in proposed if first < f <= first + LONGEST]
             if not near:

@@ -24,7 +24,7 @@ class SegmentResult:
         Shot frames, inclusive.
     iterations : int
     energy : tuple of float
-        Before each iteration.
+        Cost before each iteration and at the end, see `SegmentSolution`.
     factors : tuple of BandedFactor
         Per performer, see `SegmentSolution`: the covariance of every pose.
     """

@@ -69,7 +69,7 @@ def expected_errors(deviation: Array, parents: Sequence[int]) -> Array:
     A part's tip is a joint where another part begins. The ends of limbs are no joints: how a hand is turned, or a foot,
     is seen so much worse than where it is that they would outweigh all else.
     """
-    return deviation[:, joint_parts(parents)].mean(axis=1)
+    return np.asarray(deviation[:, joint_parts(parents)].mean(axis=1))
 
 
 def joint_parts(parents: Sequence[int]) -> list[int]:
@@ -84,7 +84,7 @@ def pose_covariances(
     settings = problem.settings
     softened = replace(settings, outline_correlation=ALIKE * settings.outline_correlation)
     hidden = hidden_parts(problem, measured.evidence.share) if settings.prediction else []
-    systems = normal_equations(replace(problem, settings=softened), measured, hidden, (), smoothness)
+    systems = normal_equations(replace(problem, settings=softened), measured, hidden, (), smooth=smoothness)
     return [BandedFactor(s, fixed).covariances() for s, fixed in zip(systems, problem.fixed, strict=True)]
 
 
@@ -95,4 +95,4 @@ def tip_deviations(body: Body, motion: Motion, covariances: Array) -> Array:
     points = np.einsum("fpab,pb->fpa", R, tips) + T
     J = point_jacobian(body, R, T, np.arange(len(body)), points)
     J_C = (J.reshape(len(J), -1, body.dof) @ covariances).reshape(J.shape)
-    return np.sqrt(np.maximum((J * J_C).sum(axis=(2, 3)), 0))
+    return np.asarray(np.sqrt(np.maximum((J * J_C).sum(axis=(2, 3)), 0)))

@@ -178,15 +178,15 @@ def _is_animated(armature: bpy.types.Object | None) -> bool:
 
 
 def _segments_on_side(scene: bpy.types.Scene, shot: Shot, side: str) -> Sequence[Segment]:
-    from ...core.tracking.retracking import stretches_after, stretches_at, stretches_before
+    from ...core.tracking.retracking import segments_after, segments_at, segments_before
     from ...core.tracking.segments import segments
 
     every, frame = segments(shot), _shot_frame(scene)
     if side == "HERE":
-        return stretches_at(every, frame)
+        return segments_at(every, frame)
     if side == "FORWARD":
-        return stretches_after(every, frame)
-    return stretches_before(every, frame) if side == "BACKWARD" else every
+        return segments_after(every, frame)
+    return segments_before(every, frame) if side == "BACKWARD" else every
 
 
 def _shot_frame(scene: bpy.types.Scene) -> int:

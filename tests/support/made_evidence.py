@@ -21,7 +21,7 @@ Array = np.ndarray
 def no_evidence(views: int, frames: int, parts: int) -> SegmentEvidence:
     """Evidence of views that show nothing."""
     V, F, P = views, frames, parts
-    pairs = [np.zeros((V, F - 1)) for _ in range(4)]
+    pairs = [np.zeros((V, F - 1)) for _ in range(6)]
     gradients = GradientSums(np.zeros((V, F - 1, P, 12, 12)), np.zeros((V, F - 1, P, 12)), *pairs)
     outlines = OutlineSums(np.zeros((V, F, P, 6, 6)), np.zeros((V, F, P, 6)), np.zeros((V, F)))
     return SegmentEvidence(gradients, outlines, np.zeros((V, F)), np.ones((V, F, P)), Sampling(1.0, 1.0, 1), {})
@@ -33,8 +33,10 @@ class AlteredWorkspace(Workspace):
 
     alter: Callable[[SegmentProblem, MeasuredMotion], MeasuredMotion] = field(default=lambda _, measured: measured)
 
-    def measure(self, problem: SegmentProblem, motions: Sequence[Motion], sampling: Sampling) -> MeasuredMotion:
-        return self.alter(problem, super().measure(problem, motions, sampling))
+    def measure(
+        self, problem: SegmentProblem, motions: Sequence[Motion], sampling: Sampling, noise: Array | None = None
+    ) -> MeasuredMotion:
+        return self.alter(problem, super().measure(problem, motions, sampling, noise))
 
 
 def with_share(share: Callable[[SegmentProblem, Array], Array]) -> AlteredWorkspace:
@@ -70,7 +72,9 @@ class Landscape(Workspace):
     cover: float = 1000.0
     measured: list[Motion] = field(default_factory=list)
 
-    def measure(self, problem: SegmentProblem, motions: Sequence[Motion], sampling: Sampling) -> MeasuredMotion:
+    def measure(
+        self, problem: SegmentProblem, motions: Sequence[Motion], sampling: Sampling, noise: Array | None = None
+    ) -> MeasuredMotion:
         self.measured.append(motions[0])
         poses = scene_poses(problem.bodies, motions)
         evidence = self._evidence(problem, poses, sampling)

@@ -21,6 +21,8 @@ from ...body.smoothness import acceleration, limited
 from ...evidence.accumulate import Sampling, SegmentEvidence
 from ...numerics.banded import BandedFactor
 from ...numerics.banded_blocks import BandedBlocks
+from ...numerics.least_squares import Damping, LeastSquaresResult, StoppingRule, minimise
+from ...numerics.normal_equations import BandedEquations, IndependentEquations
 from ...runtime.timing import Seconds
 from ...shot.shot import Settings
 from ..prediction import predict_unseen
@@ -34,6 +36,8 @@ SMALL_STEP = 0.007
 """Root mean square of joints' steps, radians (and metres), after which what is left, a third of it, does not count."""
 ROUGH_STEP = 0.025
 """The same where another stage follows, which moves joints more than what is left."""
+SMALL_GAIN = 3e-4
+"""Share of the cost that a step should gain at least to be followed by another."""
 OVERRELAXATION = 1.5
 """All steps of a stage but its last are taken this much longer, where all views are looked at: weights that follow the
 residuals, and slopes measured beside the solution, make every step too short by about the same share."""
@@ -73,12 +77,108 @@ class DescentStage:
 
 STAGES = (
     DescentStage(Sampling(2.0, 8.0, 4, 0.10), 2, views=2, small=ROUGH_STEP),
-    DescentStage(Sampling(1.0, 4.0, 4, REACH), 3, views=2, small=ROUGH_STEP),
+    DescentStage(Sampling(1.0, 4.0, 4, REACH), 2, views=2, small=ROUGH_STEP),
     DescentStage(Sampling(1.0, 1.0, 3, REACH), 2),
 )
 """From the curve through the key poses to the solution."""
 REFINEMENT = (DescentStage(Sampling(1.0, 1.0, 2, REACH), 2),)
 """From a solution to the better one that motion known on both sides allows."""
+DAMPING = Damping(initial=0.0, grow=1e4, most=1.0)
+"""None but where a step was refused: smoothness makes the diagonal so large that the least share of it stops slow, wide
+corrections."""
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentNoise:
+    """The noise of the images as it was measured at some motions; costs under the same noise can be compared.
+
+    Attributes
+    ----------
+    deviation : ndarray, shape (V, F - 1)
+        Standard deviation of the residuals of each pair of frames, grey level 0 to 1.
+    weight : ndarray, shape (V, F - 1)
+        What the mean error of each pair's pixels counts.
+    """
+
+    deviation: Array
+    weight: Array
+
+    @classmethod
+    def of(cls, evidence: SegmentEvidence, settings: Settings) -> SegmentNoise:
+        """The noise at the motions whose evidence this is."""
+        sums = evidence.gradients
+        return cls(sums.noise, view_precision(evidence, settings)[:, None] * sums.count)
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredEquations(IndependentEquations):
+    """The performers' normal equations with what was measured for them.
+
+    Attributes
+    ----------
+    measured : MeasuredMotion
+    """
+
+    measured: MeasuredMotion
+
+
+class _TestedStage:
+    """A stage at whose steps all views are looked at, and each step is tested.
+
+    The noise under which costs are compared, what is expected of parts that are out of sight, and the smoothness, if it
+    is estimated, are those of the start; they stay while steps are tested.
+    """
+
+    def __init__(
+        self,
+        problem: SegmentProblem,
+        stage: DescentStage,
+        workspace: Workspace,
+        smooth: SegmentSmoothness,
+        noise: SegmentNoise | None,
+    ) -> None:
+        self.smooth = smooth
+        self.seconds, self.trials = Seconds(), 0
+        self._problem, self._stage, self._workspace, self._noise = problem, stage, workspace, noise
+        self._hidden: list[NDArray[np.bool_]] | None = None
+        self._expected: list[Array] = []
+        self._pace = OVERRELAXATION
+
+    def minimise(self, start: tuple[Motion, ...]) -> LeastSquaresResult[tuple[Motion, ...], MeasuredEquations]:
+        """Descend from the start."""
+        stopping = StoppingRule(self._stage.iterations, SMALL_GAIN, self._stage.small, _distance)
+        return minimise(
+            start, self._linearise, self._moved, damping=DAMPING, stopping=stopping, on_iteration=self._begin_step
+        )
+
+    def _linearise(self, motions: tuple[Motion, ...]) -> MeasuredEquations:
+        """The normal equations at motions."""
+        problem, sampling = self._problem, self._stage.sampling_of(len(self._problem.views))
+        deviation = None if self._noise is None else self._noise.deviation
+        measured = self._workspace.measure(problem, motions, sampling, deviation)
+        evidence = measured.evidence
+        self.seconds.add(evidence.seconds)
+        with self.seconds.measure("solve"):
+            if self._noise is None:
+                self._noise = SegmentNoise.of(evidence, problem.settings)
+            begins = self._hidden is None
+            if self._hidden is None:
+                self._hidden = hidden_parts(problem, evidence.share) if problem.settings.prediction else []
+                self._expected = predicted_accelerations(motions, self._hidden) if self._hidden else []
+            images = evidence_equations(problem, measured, self._hidden, self._noise)
+            if begins:
+                self.smooth = self.smooth.estimated(problem, motions, images, self._expected, rounds=ROUNDS)
+            systems = with_smoothness(problem, motions, images, self.smooth, self._expected)
+            parts = [BandedEquations(s, fixed) for s, fixed in zip(systems, problem.fixed, strict=True)]
+            return MeasuredEquations(parts, measured)
+
+    def _begin_step(self, done: int, motions: tuple[Motion, ...]) -> None:
+        self.trials += 1
+        self._pace = OVERRELAXATION if done + 1 < self._stage.iterations else 1.0
+        self._workspace.report(min(done / self._stage.iterations, 1.0), motions)
+
+    def _moved(self, motions: tuple[Motion, ...], steps: Sequence[Array]) -> tuple[Motion, ...]:
+        return tuple(m.moved(limited(self._pace * step)) for m, step in zip(motions, steps, strict=True))
 
 
 def refine(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
@@ -87,9 +187,15 @@ def refine(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspac
 
 
 def descend(
-    problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace, stages: Sequence[DescentStage] = STAGES
+    problem: SegmentProblem,
+    start: Sequence[Motion],
+    workspace: Workspace,
+    stages: Sequence[DescentStage] = STAGES,
+    noise: SegmentNoise | None = None,
 ) -> SegmentSolution:
     """Descend from a start to the nearest solution.
+
+    Every step of the last stage is tested. All that is returned was measured at the motions that are returned.
 
     Parameters
     ----------
@@ -99,49 +205,80 @@ def descend(
     workspace : Workspace
         Progress is reported before each iteration.
     stages : sequence of DescentStage
+    noise : SegmentNoise, optional
+        The noise under which the last stage's costs are measured; by default that at its start.
     """
-    motions = list(start)
-    seconds = Seconds()
+    *coarse, last = stages
+    share = 1 - last.iterations / sum(stage.iterations for stage in stages)
+    start, energies, seconds, smooth = approach(problem, start, workspace.part(0.0, share), coarse)
+    stage = _TestedStage(problem, last, workspace.part(share, 1.0), smooth, noise)
+    result = stage.minimise(start)
+    with stage.seconds.measure("solve"):
+        equations = result.linearised()
+        factors = tuple(equations.factor())
+    seconds.add(stage.seconds)
+    evidence = equations.measured.evidence
+    return SegmentSolution(
+        result.state,
+        len(energies) + stage.trials,
+        (*energies, *result.cost_history),
+        factors,
+        evidence.share,
+        evidence.explained.sum(axis=0),
+        frame_residual(evidence),
+        seconds,
+        evidence,
+        stage.smooth.variances,
+    )
+
+
+def approach(
+    problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace, stages: Sequence[DescentStage]
+) -> tuple[tuple[Motion, ...], list[float], Seconds, SegmentSmoothness]:
+    """Descend by steps that are not tested: coarse stages look at other views every time, whose costs differ.
+
+    Returns
+    -------
+    motions : tuple of Motion
+    energies : list of float
+        Before each iteration.
+    seconds : Seconds
+    smooth : SegmentSmoothness
+        As it was estimated at last.
+    """
+    motions, seconds, smooth = tuple(start), Seconds(), SegmentSmoothness.start(problem)
     energies: list[float] = []
     planned = sum(stage.iterations for stage in stages)
-    hidden: list[NDArray[np.bool_]] = []
-    expected: list[Array] = []
-    smooth = SegmentSmoothness.start(problem)
     for s, stage in enumerate(stages):
         before = sum(earlier.iterations for earlier in stages[:s])
+        hidden: list[NDArray[np.bool_]] = []
+        expected: list[Array] = []
         for i in range(stage.iterations):
             workspace.report((before + i) / planned, motions)
             seen = problem if stage.views is None else view_subset(problem, stage.views, i)
             measured = workspace.measure(seen, motions, stage.sampling_of(len(seen.views)))
-            evidence = measured.evidence
-            seconds.add(evidence.seconds)
+            seconds.add(measured.evidence.seconds)
             longer = i + 1 < stage.iterations and len(seen.views) == len(problem.views)
             pace = OVERRELAXATION if longer else 1.0
             with seconds.measure("solve"):
-                if problem.settings.prediction and (i == 0 or not hidden):
-                    hidden = hidden_parts(seen, evidence.share)
+                if problem.settings.prediction and not hidden:
+                    hidden = hidden_parts(seen, measured.evidence.share)
                     expected = predicted_accelerations(motions, hidden)
                 images = evidence_equations(seen, measured, hidden)
                 smooth = smooth.estimated(seen, motions, images, expected, rounds=ROUNDS)
                 systems = with_smoothness(seen, motions, images, smooth, expected)
                 factors = [BandedFactor(n, fixed) for n, fixed in zip(systems, problem.fixed, strict=True)]
                 steps = [limited(-pace * f.solve(n.gradient)) for f, n in zip(factors, systems, strict=True)]
-                motions = [motion.moved(step) for motion, step in zip(motions, steps, strict=True)]
+                motions = tuple(motion.moved(step) for motion, step in zip(motions, steps, strict=True))
                 energies.append(sum(n.energy for n in systems))
             if _size(steps) < stage.small:
                 break
-    return SegmentSolution(
-        tuple(motions),
-        len(energies),
-        tuple(energies),
-        tuple(factors),
-        evidence.share,
-        evidence.explained.sum(axis=0),
-        frame_residual(evidence),
-        seconds,
-        evidence,
-        smooth.variances,
-    )
+    return motions, energies, seconds, smooth
+
+
+def _distance(before: tuple[Motion, ...], after: tuple[Motion, ...]) -> float:
+    """Root mean square of the step from some motions to others."""
+    return _size([a.difference(b) for a, b in zip(before, after, strict=True)])
 
 
 def _size(steps: Sequence[Array]) -> float:
@@ -160,7 +297,9 @@ def normal_equations(
     measured: MeasuredMotion,
     hidden: Sequence[NDArray[np.bool_]] = (),
     expected: Sequence[Array] = (),
+    *,
     smooth: SegmentSmoothness | None = None,
+    noise: SegmentNoise | None = None,
 ) -> list[BandedBlocks]:
     """The normal equations of every performer: gradients and outlines of all views, keypoints, and smoothness.
 
@@ -175,8 +314,10 @@ def normal_equations(
         Per performer: accelerations that cost nothing; by default none.
     smooth : SegmentSmoothness, optional
         By default that before the pictures are looked at.
+    noise : SegmentNoise, optional
+        The noise under which the cost of the gradients is measured; by default that at the motions.
     """
-    images = evidence_equations(problem, measured, hidden)
+    images = evidence_equations(problem, measured, hidden, noise)
     return with_smoothness(problem, measured.motions, images, smooth or SegmentSmoothness.start(problem), expected)
 
 
@@ -195,9 +336,13 @@ def with_smoothness(
 
 
 def evidence_equations(
-    problem: SegmentProblem, measured: MeasuredMotion, hidden: Sequence[NDArray[np.bool_]] = ()
+    problem: SegmentProblem,
+    measured: MeasuredMotion,
+    hidden: Sequence[NDArray[np.bool_]] = (),
+    noise: SegmentNoise | None = None,
 ) -> list[BandedBlocks]:
     """The normal equations of every performer without smoothness; parameters as in `normal_equations`."""
+    noise = noise or SegmentNoise.of(measured.evidence, problem.settings)
     evidence = measured.evidence.without(np.concatenate(hidden, axis=1)) if hidden else measured.evidence
     precision = view_precision(evidence, problem.settings)
     tolerance = evidence.sampling.tolerance
@@ -205,7 +350,7 @@ def evidence_equations(
     outlines = 1 / (problem.settings.outline_correlation * tolerance**2)
     systems = [BandedBlocks.zeros(problem.length, body.dof) for body in problem.bodies]
     for instants in measured.instants:
-        own_systems = _image_systems(problem, instants, evidence, precision, outlines)
+        own_systems = _image_systems(problem, instants, evidence, (precision, outlines), noise)
         systems = [system + own for system, own in zip(systems, own_systems, strict=True)]
     if problem.keypoints:
         instants = keypoint_instants(problem, measured.motions)
@@ -217,15 +362,19 @@ def evidence_equations(
 
 
 def _image_systems(
-    problem: SegmentProblem, instants: Instants, evidence: SegmentEvidence, precision: Array, outlines: float
+    problem: SegmentProblem,
+    instants: Instants,
+    evidence: SegmentEvidence,
+    weights: tuple[Array, float],
+    noise: SegmentNoise,
 ) -> list[BandedBlocks]:
     """The normal equations of every performer: gradients and outlines of the views that were taken at some instants."""
-    (R, T), views = instants.poses, list(instants.views)
+    (R, T), views, (precision, outlines) = instants.poses, list(instants.views), weights
     pairs, frames = evidence.gradients, evidence.outlines
     H = np.einsum("v,vfpij->fpij", precision[views], pairs.H[views])
     g = np.einsum("v,vfpi->fpi", precision[views], pairs.g[views])
     outline_H, outline_g = (outlines * a[views].sum(axis=0) for a in (frames.H, frames.g))
-    energy = float(precision[views] @ pairs.energy[views].sum(axis=1)) / len(problem.bodies)
+    energy = float(np.sum(noise.weight[views] * pairs.cost[views])) / len(problem.bodies)
     outline_energy = outlines * float(frames.energy[views].sum()) / len(problem.bodies)
     systems = []
     for i, (body, span) in enumerate(zip(problem.bodies, problem.spans(), strict=True)):
@@ -252,4 +401,4 @@ def view_precision(evidence: SegmentEvidence, settings: Settings) -> Array:
     """Inverse variance of a residual of each view, with the pixels that repeat one another counted once, shape (V,)."""
     noise = np.maximum(np.median(evidence.gradients.noise, axis=1), 1e-3)
     density = np.maximum(np.median(evidence.gradients.density, axis=1), 1.0)
-    return evidence.sampling.stride**2 / (noise**2 * density * settings.correlation_length**2)
+    return np.asarray(evidence.sampling.stride**2 / (noise**2 * density * settings.correlation_length**2))

@@ -1,10 +1,10 @@
 """Lost limbs are looked for where the images show a performer and the model does not.
 
 Outlines pull over a few centimetres; an arm that comes out of hiding, or a leg half a step ahead, is farther away.
-Poses of a limb are drawn around its motion, each tells how much of the uncovered foreground it would cover, and dynamic
-programming finds the likeliest way through them between the key poses; then poses are drawn around that, nearer. Where
-two like limbs meet, silhouettes do not tell which is which afterwards: the smoothest motion does. The result is a start
-for the solver.
+Poses of a limb are drawn around its motion, each is scored by how much of the uncovered foreground it would cover, and
+dynamic programming finds the likeliest way through them between the key poses; then poses are drawn nearer to that.
+Where two like limbs meet, silhouettes do not show which is which afterwards: the smoothest motion decides. The result
+is a start for the solver.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ PATCH = 0.06
 HELD = 0.1
 """How far a limb that is seen, and covers foreground, may be from where it is, radians."""
 LEAST_HELD = 0.02
-"""How much of that holds for a limb that is not seen: poses that the images do not tell apart stay what they are."""
+"""How much of that holds for a limb that is not seen: poses that the images cannot distinguish stay what they are."""
 LEAST_GAIN = 50.0
 """By how much a limb's motion has to become likelier to be changed, in natural units."""
 MEETING = 0.05
@@ -149,7 +149,7 @@ class _Limb:
 
     `range` is (n, 3), 1 for half a circle; points (n, points, 3) are in the parts' frames, and each part shows its
     area, square metres, on the average; `parent` are the poses of what the limb hangs on; `fixed` (F, n, 3) are the
-    degrees of freedom that stay; `held` (F, n) tells how surely it is where it is.
+    degrees of freedom that stay; `held` (F, n) is how surely it is where it is.
     """
 
     body: Body
@@ -301,20 +301,20 @@ def _shares(score: Array, places: Array) -> Array:
         behind[f] = _log_sum(behind[f + 1] + score[f + 1], link.T)
     log = ahead + behind
     share = np.exp(log - log.max(axis=1, keepdims=True))
-    return share / share.sum(axis=1, keepdims=True)
+    return np.asarray(share / share.sum(axis=1, keepdims=True))
 
 
 def _log_sum(log: Array, factors: Array) -> Array:
     """Logarithms of sums of K numbers, given by their logarithms, with each column of factors (K, L)."""
     top = log.max()
-    return top + np.log(np.maximum(np.exp(log - top) @ factors, np.finfo(float).tiny))
+    return np.asarray(top + np.log(np.maximum(np.exp(log - top) @ factors, np.finfo(float).tiny)))
 
 
 def _link(a: Array, b: Array) -> Array:
     """Less half the squared distance from each of the places (K, d) to each of the next, (K, K)."""
     here, there = (-0.5 * np.einsum("kd,kd->k", p, p)[:, None] for p in (a, b))
     one = np.ones_like(here)
-    return np.concatenate([a, here, one], axis=1) @ np.concatenate([b, one, there], axis=1).T
+    return np.asarray(np.concatenate([a, here, one], axis=1) @ np.concatenate([b, one, there], axis=1).T)
 
 
 def untangled(

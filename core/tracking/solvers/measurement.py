@@ -100,8 +100,10 @@ class Workspace:
         """The workspace without reports of progress."""
         return replace(self, on_step=None)
 
-    def measure(self, problem: SegmentProblem, motions: Sequence[Motion], sampling: Sampling) -> MeasuredMotion:
-        """Collect the evidence of the images at motions."""
+    def measure(
+        self, problem: SegmentProblem, motions: Sequence[Motion], sampling: Sampling, noise: Array | None = None
+    ) -> MeasuredMotion:
+        """Collect the evidence of the images at motions; parameters as in `accumulate_evidence`."""
         instants = view_instants(problem, motions)
         evidence = accumulate_evidence(
             problem.views,
@@ -109,6 +111,7 @@ class Workspace:
             poses_by_delay(problem, instants),
             sampling,
             first=problem.first,
+            noise=noise,
             cache=self.cache,
             threads=self.threads,
         )

@@ -16,7 +16,7 @@ from ...evidence.accumulate import Sampling
 from ...evidence.occlusion import LONG, intervals
 from ...evidence.view_frames import views_with_foreground
 from ...runtime.timing import Seconds
-from .gauss_newton import REACH, ROUGH_STEP, DescentStage, descend
+from .gauss_newton import REACH, ROUGH_STEP, DescentStage, SegmentNoise, approach, descend
 from .limb_search import found_limbs, limbs, pairs, untangled_limbs
 from .measurement import Workspace, hidden_parts, keypoint_agreement
 from .problem import SegmentProblem, SegmentSolution
@@ -31,7 +31,7 @@ SETTLING = (
     DescentStage(Sampling(1.0, 1.0, 3, REACH), 1),
 )
 """Of limbs that were looked for, around a trunk that is held."""
-SETTLED = (DescentStage(Sampling(1.0, 1.0, 3, REACH), 4),)
+SETTLED = (DescentStage(Sampling(1.0, 1.0, 3, REACH), 3),)
 """From there to the solution."""
 EQUAL = 0.005
 """Solutions whose covers of the performers differ by less than this share of them are equals: which of them covers the
@@ -45,7 +45,7 @@ LOOKS = 5
 """How often limbs are looked for, at most."""
 WINDOW = (
     DescentStage(Sampling(2.0, 4.0, 4, 0.10), 2, small=ROUGH_STEP),
-    DescentStage(Sampling(1.0, 1.0, 4, REACH), 2),
+    DescentStage(Sampling(1.0, 1.0, 4, REACH), 1),
 )
 """Within the window of `sequential_start.follow`."""
 
@@ -66,8 +66,8 @@ def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: 
         with seconds.measure("initial solution"):
             initial = followed(problem, start, workspace.part(0.2, 0.3))
         solutions.append(descend(problem, initial, workspace.part(0.3, 0.4)))
-        if len(problem.whole_keys()) > 1 and not problem.keypoints:  # keypoints tell where limbs are
-            # That a doubt is gone does not tell that no arm is lost: it is a small part of what is to be covered.
+        if len(problem.whole_keys()) > 1 and not problem.keypoints:  # keypoints show where limbs are
+            # Without a doubt an arm may still be lost: it is a small part of what is to be covered.
             with seconds.measure("initial solution"):
                 best = searched(problem, start, solutions, workspace.part(0.4, 1.0))
         else:
@@ -108,7 +108,7 @@ def doubtful(problem: SegmentProblem, solution: SegmentSolution) -> bool:
 def concealed(problem: SegmentProblem, solution: SegmentSolution) -> bool:
     """Whether part of a limb is out of all views' sight, between whole key poses, for longer than prediction bridges.
 
-    It may come into sight elsewhere than the solution has it. Foreground images would tell; keypoints do anyway.
+    It may come into sight elsewhere than the solution has it. Foreground images would show that; keypoints do anyway.
     """
     if not views_with_foreground(problem.views) or problem.keypoints or len(problem.whole_keys()) < 2:
         return False
@@ -163,8 +163,11 @@ def recombined(
     """The best of some solutions, or with like limbs exchanged with others where that covers more of the performers.
 
     What is drawn by chance may bring the arms to their places in one solution and the legs in another. Limbs do not
-    fit a trunk that others have led, so they settle before they are compared. Of equals the likeliest counts.
+    fit a trunk that others have led, so they settle before they are compared. Of equals the
+    likeliest counts; all are compared under one noise.
     """
+    assert best.evidence is not None
+    noise = SegmentNoise.of(best.evidence, problem.settings)
     lenders = equals(others, NEAR)
     tried = [solution.motions for solution in lenders]
     places = [(i, left + right) for i, body in enumerate(problem.bodies) for left, right in pairs(body)]
@@ -180,7 +183,7 @@ def recombined(
         found = [best]
         for n, motions in enumerate(mixtures):
             part = share.part(n / len(mixtures), (n + 1) / len(mixtures))
-            found.append(descend(problem, motions, part, SETTLED))
+            found.append(descend(problem, motions, part, SETTLED, noise))
         if best not in equals(found):
             best = min(equals(found), key=lambda solution: solution.energy[-1])
     return best
@@ -204,8 +207,8 @@ def look_for_limbs(
 ) -> SegmentSolution:
     """The solution from looking for limbs around motions, which settle first with what `around` has fixed."""
     begin = found_limbs(problem, motions, seed, workspace.part(0.0, 0.6))
-    settled = descend(around, begin, workspace.part(0.6, 0.8), SETTLING)
-    return descend(problem, untangled_limbs(problem, settled.motions), workspace.part(0.8, 1.0), SETTLED)
+    settled, *_ = approach(around, begin, workspace.part(0.6, 0.8), SETTLING)
+    return descend(problem, untangled_limbs(problem, settled), workspace.part(0.8, 1.0), SETTLED)
 
 
 def followed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> list[Motion]:

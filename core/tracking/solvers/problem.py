@@ -106,7 +106,7 @@ class SegmentProblem:
 
 @dataclass(frozen=True, eq=False)
 class SegmentSolution:
-    """What a solver returns.
+    """What a solver returns; all of it was measured at the motions in it.
 
     Attributes
     ----------
@@ -114,12 +114,12 @@ class SegmentSolution:
         F poses per performer.
     iterations : int
     energy : tuple of float
-        Before each iteration; comparable within a stage of the solver, see there.
+        Cost before each iteration, and of the motions that are returned; comparable within a stage of the solver.
     factors : tuple of BandedFactor
-        Per performer: the factor of the last normal matrix, whose inverse is the motion's covariance. Empty where the
+        Per performer: the factor of the normal matrix, whose inverse is the motion's covariance. Empty where the
         solver has none.
     share : ndarray, shape (V, F, P)
-        Visible share of every part at the last iteration.
+        Visible share of every part.
     explained : ndarray, shape (F,)
         How much of what looks like the performers their parts cover, over all views: sums of log likelihood ratios.
     residual : ndarray, shape (F,)
@@ -127,7 +127,6 @@ class SegmentSolution:
     seconds : dict
         Time spent, by stage.
     evidence : SegmentEvidence, optional
-        That of the last iteration.
     variances : tuple of AccelerationVariances
         Per performer: how smooth the motion was found to be. Empty where the solver does not estimate it.
     """

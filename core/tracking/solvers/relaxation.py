@@ -111,8 +111,12 @@ def relaxed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
                 relax(motion, keyed, fixed, own, count)
                 for motion, keyed, fixed, own in zip(motions, start, problem.fixed, rows, strict=True)
             ]
+    held = tuple(_held(m, s, fixed) for m, s, fixed in zip(motions, start, problem.fixed, strict=True))
+    evidence = workspace.measure(problem, held, FINE).evidence
+    seconds.add(evidence.seconds)
+    energies.append(float(evidence.gradients.energy.sum()))
     return SegmentSolution(
-        tuple(_held(m, s, fixed) for m, s, fixed in zip(motions, start, problem.fixed, strict=True)),
+        held,
         settings.sweeps,
         tuple(energies),
         (),
@@ -232,8 +236,8 @@ def _rows_of_steps(
         for i, (body, span) in enumerate(zip(problem.bodies, problem.spans(), strict=True)):
             poses = R[:, span], T[:, span]
             own = spatio_temporal(body, poses, H[:, span], g[:, span], group.motions[i])
-            for total, rows in zip((A[i], b[i]), own, strict=True):
-                total += shared_out(rows, group.delay)
+            A[i] += shared_out(own[0], group.delay)
+            b[i] += shared_out(own[1], group.delay)
     return list(zip(A, b, strict=True))
 
 

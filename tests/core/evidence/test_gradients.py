@@ -15,7 +15,14 @@ from kfmocap.core.body.motion import Motion, stacked
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.evidence import accumulate
 from kfmocap.core.evidence.accumulate import Sampling, SegmentEvidence, accumulate_evidence
-from kfmocap.core.evidence.gradients import HUBER, GradientSums, brightness_constancy, camera_twist, huber_weights
+from kfmocap.core.evidence.gradients import (
+    HUBER,
+    GradientSums,
+    brightness_constancy,
+    camera_twist,
+    huber_errors,
+    huber_weights,
+)
 from kfmocap.core.evidence.label_images import Geometry, LabelImages, render_labels
 from kfmocap.core.evidence.view_frames import GradientImageCache, GradientImages, ViewFrames
 from kfmocap.core.numerics import rotations
@@ -409,6 +416,30 @@ def test_huber_weighs_small_residuals_fully_and_large_ones_by_their_inverse() ->
     r = np.float32([0.0, 0.1, HUBER, 2 * HUBER, -10 * HUBER])
     np.testing.assert_allclose(huber_weights(r, np.ones(5, np.float32)), [1, 1, 1, 0.5, 0.1], rtol=1e-6)
     np.testing.assert_allclose(huber_weights(r, np.full(5, 2, np.float32)), [1, 1, 1, 1, 0.2], rtol=1e-6)
+
+
+def test_the_cost_is_hubers_error_under_the_noise_that_is_given() -> None:
+    motion, views = two_frames()
+
+    def measured(tolerance: float, noise: float | None = None) -> GradientSums:
+        sampling, poses = Sampling(1.0, tolerance, 1), {0.0: poses_of([BODY], [motion])}
+        given = None if noise is None else np.full((len(views), 1), noise)
+        return accumulate_evidence(views, Geometry.of([BODY]), poses, sampling, first=0, noise=given).gradients
+
+    own, whole = measured(1.0), measured(ALL_COUNT)
+    np.testing.assert_allclose(whole.cost * whole.count, whole.energy, rtol=1e-5)
+    assert (own.cost < whole.cost).all()
+    noise = float(own.noise[0, 0])
+    assert measured(1.0, noise).cost[0, 0] == pytest.approx(own.cost[0, 0], rel=1e-6)
+    costs = [measured(1.0, k * noise).cost[0, 0] for k in (0.5, 1.0, 2.0)]
+    assert costs[0] < costs[1] < costs[2]
+    np.testing.assert_array_equal(measured(1.0, 2 * noise).H, own.H)
+
+
+def test_hubers_error_is_square_then_linear() -> None:
+    r, deviation = np.float32([0.5, HUBER, 2 * HUBER, -10 * HUBER]), np.ones(4, np.float32)
+    expected = [0.25, HUBER**2, 3 * HUBER**2, 19 * HUBER**2]
+    np.testing.assert_allclose(huber_errors(r, deviation), expected, rtol=1e-6)
 
 
 def test_a_spot_of_other_light_hardly_pulls_under_robust_weights() -> None:

@@ -144,8 +144,18 @@ def test_sums_are_those_of_the_weighted_rows() -> None:
             weighted = rows[own] * weight[own, None]
             np.testing.assert_allclose(sums.H[f, p], rows[own].T @ weighted, atol=1e-9 * np.abs(sums.H).max())
             np.testing.assert_allclose(sums.g[f, p], -weighted.T @ lines.shift[own], atol=1e-9 * np.abs(sums.g).max())
-            energy += float(weight[own] @ lines.shift[own] ** 2)
+            energy += float(lines.error[own] @ lines.length[own])
         assert sums.energy[f] == pytest.approx(energy)
+
+
+def test_the_cost_of_a_shift_is_the_error_whose_weight_it_has() -> None:
+    """Tukey's: its derivative by the shift is twice the weighted shift, and beyond the limit it stays the same."""
+    positional, named = arguments(TRUNK, at_rest(TRUNK), CAMERA, seen(TRUNK, at_rest(TRUNK), CAMERA, (2.0, 1.0)))
+    back, here, ahead = (outline_lines(*positional, **named, halo=h) for h in (1e-4, 0.0, -1e-4))  # these shift edges
+    slope = (ahead.error - back.error) / (ahead.shift - back.shift)
+    np.testing.assert_allclose(slope, 2 * here.weight * here.shift, atol=1e-5 * np.abs(here.weight).max())
+    lost = lines_of(TRUNK, at_rest(TRUNK), shift=(9.0, 0))
+    assert (lost.error[lost.weight == 0] > here.error.mean()).all() and (lost.weight == 0).any()
 
 
 def test_the_sums_pull_the_trunk_to_where_it_is_seen() -> None:

@@ -201,6 +201,28 @@ def test_performers_who_stand_apart_see_nothing_of_one_another() -> None:
     np.testing.assert_allclose(both.depth_images(), np.minimum(*(a.depth_images() for a in alone)), rtol=1e-6)
 
 
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+@pytest.mark.parametrize("eye", [(0.3, -4.5, 1.4), (0.3, 4.5, 1.4)], ids=["from the front", "from behind"])
+def test_of_two_performers_the_nearer_hides_the_farther(
+    eye: tuple[float, float, float], order: tuple[int, int]
+) -> None:
+    """Whichever is listed first and wherever the camera stands, labels are those of cast rays."""
+    body, camera = figure(), look_at("camera", eye, (0.1, 0.0, 1.2))
+    rest = at_rest(body)
+    people = [(body, Motion(rest.translations + shift, rest.rotations)) for shift in ([0.0, -0.7, 0], [0.1, 0.7, 0])]
+    performers = [people[i] for i in order]
+    images, label = seen(camera, *performers), truth(camera, *performers)[0]
+    inner = ~rims(label) & (label >= 0)
+    assert inner.sum() > 700 and set(label[inner] // len(body)) == {0, 1}
+    assert (images.part[0] != label)[inner].mean() < 0.03
+    nearer = int(np.argmin([np.linalg.norm(motion.translations[0] - eye) for _, motion in performers]))
+    alone = seen(camera, performers[nearer]).share[0]
+    own = slice(nearer * len(body), (nearer + 1) * len(body))
+    np.testing.assert_allclose(images.share[0, own], alone)
+    farther = np.delete(images.share[0], np.arange(own.start, own.stop))
+    assert farther.min() < 0.5
+
+
 def test_every_frame_of_a_moving_camera_has_its_own_pose() -> None:
     eyes = [look_at("cam", (x, -3, 1.4)) for x in (-1.0, 0.0, 1.0)]
     moving = replace(

@@ -86,12 +86,12 @@ def test_a_part_reads_its_own_frames_of_a_moving_camera(views: list[View], whole
 
 def test_stretches_are_chosen_by_a_frame() -> None:
     stretches = [(0, 5), (5, 10), (10, 15)]
-    assert retracking.stretches_at(stretches, 7) == [(5, 10)]
-    assert retracking.stretches_at(stretches, 5) == [(0, 5), (5, 10)]
-    assert retracking.stretches_at(stretches, 16) == []
-    assert retracking.stretches_after(stretches, 5) == retracking.stretches_after(stretches, 7) == [(5, 10), (10, 15)]
-    assert retracking.stretches_before(stretches, 5) == [(0, 5)]
-    assert retracking.stretches_before(stretches, 7) == [(0, 5), (5, 10)]
+    assert retracking.segments_at(stretches, 7) == [(5, 10)]
+    assert retracking.segments_at(stretches, 5) == [(0, 5), (5, 10)]
+    assert retracking.segments_at(stretches, 16) == []
+    assert retracking.segments_after(stretches, 5) == retracking.segments_after(stretches, 7) == [(5, 10), (10, 15)]
+    assert retracking.segments_before(stretches, 5) == [(0, 5)]
+    assert retracking.segments_before(stretches, 7) == [(0, 5), (5, 10)]
 
 
 def test_stretches_that_meet_are_one_part() -> None:

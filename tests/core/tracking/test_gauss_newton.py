@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from kfmocap.core.body.smoothness_estimate import LEAST_MOBILITY
 from kfmocap.core.evidence.accumulate import Sampling, SegmentEvidence
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
+from kfmocap.core.numerics.banded import BandedFactor
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.shot.acceleration_prior import acceleration_precision
 from kfmocap.core.shot.shot import Settings
@@ -324,6 +326,62 @@ def test_of_more_views_fewer_pixels_each_are_looked_at() -> None:
     assert [coarse.sampling_of(views).stride for views in (1, 4)] == [6, 6]
 
 
+def test_what_is_returned_was_measured_at_the_motions_that_are_returned() -> None:
+    truth = swing(BODY, 6, 0.2)
+    problem = SegmentProblem(coloured(BODY, truth, CAMERAS), (BODY,), 0, FPS, (ends_held(BODY, 6),))
+    found = gauss_newton.descend(problem, [stacked([truth[[0]]] * 5 + [truth[[5]]])], Workspace())
+    sampling = gauss_newton.STAGES[-1].sampling_of(2)
+    measured = Workspace().measure(problem, found.motions, sampling)
+    np.testing.assert_array_equal(found.explained, measured.evidence.explained.sum(axis=0))
+    np.testing.assert_array_equal(found.share, measured.evidence.share)
+    hidden = hidden_parts(problem, measured.evidence.share)
+    assert not any(mask.any() for mask in hidden)
+    [system] = gauss_newton.normal_equations(problem, measured, hidden)
+    np.testing.assert_allclose(found.factors[0].covariance(2), BandedFactor(system, problem.fixed[0]).covariance(2))
+    # All gradients are zero here: the noise makes no difference to the cost.
+    assert found.energy[-1] == pytest.approx(system.energy)
+
+
+def test_a_step_of_the_last_stage_that_raises_the_cost_is_refused() -> None:
+    """Whether steps go four times too far or the wrong way: they are shortened until they gain, or not taken."""
+    truth = swing(BODY, 6, 0.2)
+    bow = np.sin(np.pi * np.arange(6) / 5)[:, None]
+    wrong = truth.moved(0.05 * bow * np.random.default_rng(1).normal(0, 1, D))
+    problem = SegmentProblem(coloured(BODY, truth, CAMERAS), (BODY,), 0, 12.0, (ends_held(BODY, 6),))
+
+    def misled(factor: float) -> AlteredWorkspace:
+        def alter(_: SegmentProblem, measured: MeasuredMotion) -> MeasuredMotion:
+            outlines = measured.evidence.outlines
+            return replace(
+                measured, evidence=replace(measured.evidence, outlines=replace(outlines, g=factor * outlines.g))
+            )
+
+        return AlteredWorkspace(alter=alter)
+
+    for factor in (1.0, 4.0, -1.0):
+        found = gauss_newton.descend(problem, [wrong], misled(factor), CONVERGED)
+        assert all(b <= a for a, b in pairwise(found.energy))
+        assert factor != 1 or found.energy[-1] < 0.5 * found.energy[0]
+
+
+def test_costs_under_one_noise_are_those_of_the_same_problem() -> None:
+    """The noise at a wrong motion is more than at the true one: under its own, each seems as good as it can be."""
+    truth = swing(BODY, 6, 0.15)
+    problem = SegmentProblem(filmed(truth), (BODY,), 0, 12.0, (ends_held(BODY, 6),))
+    stages = (replace(CONVERGED[0], iterations=1),)
+    noise = gauss_newton.SegmentNoise.of(
+        Workspace().measure(problem, [truth], stages[0].sampling_of(2)).evidence, SETTINGS
+    )
+    bow = np.sin(np.pi * np.arange(6) / 5)[:, None]
+    wrong = truth.moved(0.03 * bow * np.random.default_rng(1).normal(0, 1, D))
+    under_one, under_own = (
+        [gauss_newton.descend(problem, [m], Workspace(), stages, n).energy[0] for m in (truth, wrong)]
+        for n in (noise, None)
+    )
+    assert under_one[0] == pytest.approx(under_own[0])
+    assert under_one[1] / under_one[0] > 1.5 * under_own[1] / under_own[0]
+
+
 def test_coarse_stages_end_early_and_the_last_looks_at_every_view() -> None:
     truth = swing(BODY, 5, 0.2)
     problem = SegmentProblem(coloured(BODY, truth, CAMERAS) * 2, (BODY,), 0, FPS, (ends_held(BODY, 5),))
@@ -335,4 +393,4 @@ def test_coarse_stages_end_early_and_the_last_looks_at_every_view() -> None:
 
     gauss_newton.descend(problem, [truth], AlteredWorkspace(alter=note))
     assert looked[0] == (2, 8.0) and looked[-1] == (4, 1.0)
-    assert len(looked) < sum(stage.iterations for stage in gauss_newton.STAGES)
+    assert [views for views, _ in looked].count(2) < sum(stage.iterations for stage in gauss_newton.STAGES[:-1])

@@ -128,6 +128,40 @@ def test_a_sweep_goes_frame_after_frame_and_each_sees_what_the_one_before_has_be
     np.testing.assert_allclose(Steps.of(found).shifts[:, 0], x, rtol=1e-9)
 
 
+def test_a_sweep_over_turns_is_equation_30_with_the_papers_weights() -> None:
+    """By hand, for one joint whose turns do not commute: frame after frame, with Q_1 .. Q_j-1 as they have become.
+
+    Lambda is 10, nu 20 and the smoothness 1 (paper 000, section 6).
+    """
+    n, joint = 5, 2
+    rng = np.random.default_rng(4)
+    start, keyed = at_rest(BODY, n + 1), at_rest(BODY, n + 1)
+    x = rng.normal(0, 0.5, (n, 3))
+    for j in range(n):
+        start.rotations[j + 1, joint] = start.rotations[j, joint] @ rotations.exp(x[j])
+    last = keyed.rotations[-1, joint] = rotations.exp(np.array([0.8, -0.6, 0.5]))
+    A, b = no_gradients(n)
+    own = slice(3 + 3 * joint, 6 + 3 * joint)
+    A[:, own, own] = (rows := rng.normal(0, 2, (n, 3, 3))) @ np.swapaxes(rows, 1, 2)
+    b[:, own] = rng.normal(0, 1, (n, 3))
+    found = relax(start, keyed, ends_held(BODY, n + 1), (A, b), 1)
+
+    x = x.copy()
+    for j in range(n):
+        before, after = np.eye(3), np.eye(3)
+        for i in range(j):
+            before = before @ rotations.exp(x[i])
+        for i in range(j + 1, n):
+            after = after @ rotations.exp(x[i])
+        P = before.T @ last @ after.T
+        c = np.array([P[2, 1] - P[1, 2], P[0, 2] - P[2, 0], P[1, 0] - P[0, 1]]) / 2  # (A.2)
+        x_e = x[j] + (c - x[j]) / n  # (27)
+        beside = x[max(j - 1, 0)] + x[min(j + 1, n - 1)]
+        x[j] = np.linalg.solve(A[j, own, own] + (10 + 1) * np.eye(3), b[j, own] + 10 * x_e + beside / 2)
+    np.testing.assert_allclose(Steps.of(found).turns[:, joint], x, rtol=1e-9, atol=1e-12)
+    assert (LAMBDA, NU, SMOOTHNESS) == (10, 20, 1)
+
+
 def test_the_first_pose_stays_and_smooth_steps_stay_smooth() -> None:
     truth = swing(BODY, 9)
     found = relax(truth, truth, ends_held(BODY, 9), no_gradients(8), 300)
