@@ -15,10 +15,13 @@ from .keypoint_factor import Keypoints, KeypointSystem, Places
 
 Array = NDArray[np.float64]
 
-PROPORTION_DEVIATION = 0.05
-"""Usual departure of a measure from the average person's of that height, as a share."""
-SHIFT_DEVIATION = 0.015
-"""The same of `core.body.human.SHIFTS`, metres."""
+PROPORTION_DEVIATION = 0.08
+"""Usual departure of a measure from the average person's of that height, as a share: of people, and of what different
+rigs and laboratories call a joint's centre."""
+MEASURE_ASYMMETRY = 0.02
+"""Usual departure of a measure on one side from that on the other, as a share."""
+SHIFT_DEVIATION = 0.02
+"""Usual departure of `core.body.human.SHIFTS` from the average person's, metres."""
 STATURE_DEVIATION = 0.07
 """Usual departure of a person's height from where the fit begins, as a share."""
 
@@ -59,16 +62,21 @@ class BodyMeasures:
         return BodyMeasures(self.stature * growth, least)
 
     def prior(self) -> tuple[Array, Array]:
-        """Return inverse variances (1 + M,) and departures (1 + M,) of the height's logarithm and the measures.
+        """Return the inverse covariance (1 + M, 1 + M) and departures (1 + M,) of the height's logarithm and the
+        measures; those of the two sides go together.
 
         The height's departure is zero: it is known only by how far a step takes it.
         """
-        average = default_measures(self.stature)
-        deviation = [STATURE_DEVIATION] + [
-            SHIFT_DEVIATION if name in SHIFTS else PROPORTION_DEVIATION * average[name] for name in self.values
-        ]
+        average, names = default_measures(self.stature), list(self.values)
+        deviation = [SHIFT_DEVIATION if name in SHIFTS else PROPORTION_DEVIATION * average[name] for name in names]
+        covariance = np.diag(np.square([STATURE_DEVIATION, *deviation]))
+        for i, name in enumerate(names, 1):
+            if name.endswith(".L"):
+                j = names.index(f"{name[:-2]}.R") + 1
+                covariance[i, j] = covariance[j, i] = covariance[i, i]
+                covariance[[i, j], [i, j]] += (MEASURE_ASYMMETRY * average[name]) ** 2
         departure = [0.0] + [value - average[name] for name, value in self.values.items()]
-        return 1 / np.square(deviation), np.array(departure)
+        return np.linalg.inv(covariance), np.array(departure)
 
 
 def with_measures(
@@ -79,6 +87,7 @@ def with_measures(
     keypoints: Keypoints,
     places: Places,
     weights: Array,
+    prior_weight: float = 1.0,
 ) -> KeypointSystem:
     """Add the height's logarithm and the measures to a system as further unknowns, after the offsets.
 
@@ -93,6 +102,8 @@ def with_measures(
     keypoints : Keypoints
     places : Places
     weights : ndarray, shape (V, F, L)
+    prior_weight : float
+        Factor of what is known of the measures beforehand.
     """
     body = measures.body(solid=False)
     columns = _measure_columns(measures, motion, keypoints, places)  # (F, L, 3, 1 + M)
@@ -108,13 +119,14 @@ def with_measures(
     F, D = R.shape[0], body.dof
     border = np.swapaxes(moved.reshape(F, 3 * L, D), 1, 2) @ pulled.reshape(F, 3 * L, M)
     shifted = np.einsum("flba,flbm->lam", R[:, places.parts], pulled)
-    prior, departure = measures.prior()
+    precision, departure = measures.prior()
+    prior = prior_weight * precision
     whole = np.zeros((3 * L + M, 3 * L + M))
     whole[: 3 * L, : 3 * L] = system.corner
     whole[: 3 * L, 3 * L :] = shifted.reshape(3 * L, M)
     whole[3 * L :, : 3 * L] = whole[: 3 * L, 3 * L :].T
-    whole[3 * L :, 3 * L :] = columns.reshape(-1, M).T @ pulled.reshape(-1, M) + np.diag(prior)
-    gradient = np.einsum("flam,fla->m", columns, b) + prior * departure
+    whole[3 * L :, 3 * L :] = columns.reshape(-1, M).T @ pulled.reshape(-1, M) + prior
+    gradient = np.einsum("flam,fla->m", columns, b) + prior @ departure
     return KeypointSystem(
         system.blocks,
         np.concatenate([system.border, border], axis=2),

@@ -9,8 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 
-from ..body import Body
+from ..body import Body, part_poses
 from ..body.motion import Motion
 from ..numerics import rotations
 
@@ -25,11 +26,28 @@ LIMBS = (
 farthest twist: points that say more are wrong."""
 STRAIGHT = (0.1, 0.3)
 """Sine of the bend below which a limb is straight, and above which its bend gives the twist."""
+TWIST_TIME = 0.07
+"""Time over which a limb's hinge is averaged, weighed by how far it is bent, seconds."""
+LEAST_EVIDENCE = 0.02
+"""Squared sine of a bend that says as much of a limb's twist as the prior of the least twist."""
 
 
-def closed_form_pose(body: Body, names: Sequence[str], points_world: Array) -> Motion | None:
-    """Poses of the default body on points (F, L, 3), NaN where not known; None if it is another body, or too few of
-    the trunk's points are ever known.
+def closed_form_pose(body: Body, names: Sequence[str], points_world: Array, fps: float | None = None) -> Motion | None:
+    """Poses of the default body on points.
+
+    Parameters
+    ----------
+    body : Body
+    names : sequence of str, length L
+    points_world : ndarray, shape (F, L, 3)
+        NaN where not known.
+    fps : float, optional
+        Of frames that follow one another: a straight limb is then twisted as on the frames around on which it bends.
+
+    Returns
+    -------
+    Motion or None
+        None for another body, or where too few of the trunk's points are ever known.
     """
     parts = {f"{part}.{side}" for upper, lower, *_ in LIMBS for part in (upper, lower) for side in "LR"}
     known = {name: _filled(points_world[:, i]) for i, name in enumerate(names)}
@@ -49,16 +67,46 @@ def closed_form_pose(body: Body, names: Sequence[str], points_world: Array) -> M
             for side in "LR":
                 if body.names[i] == f"{upper}.{side}" and all(side + str(joint) in known for joint in joints):
                     a, b, c = (known[side + str(joint)] for joint in joints)
-                    first, second = _limb(R[:, i], b - a, c - b, float(sign), float(farthest))
+                    first, second = _limb(R[:, i], b - a, c - b, sign=float(sign), farthest=float(farthest), fps=fps)
                     R[:, i], world[body.index(f"{lower}.{side}")] = first, second
-        if body.names[i][:5] == "foot." and (toe := f"{body.names[i][5]}BigToe") in known:
-            R[:, i] = _frames(known[toe] - known[f"{body.names[i][5]}Ankle"], R[:, i, :, 0])
+        if body.names[i][:5] == "foot.":
+            toe, ankle = (f"{body.names[i][5]}{joint}" for joint in ("BigToe", "Ankle"))
+            if {toe, ankle} <= set(known):
+                R[:, i] = _frames(known[toe] - known[ankle], R[:, i, :, 0])
     Q = np.empty_like(R)
     for i, parent in enumerate(body.parents):
         rest = body.R_parent_rest[i] if parent < 0 else R[:, parent] @ body.R_parent_rest[i]
         Q[:, i] = np.swapaxes(np.broadcast_to(rest, R[:, i].shape), -1, -2) @ R[:, i]
     middle = np.mean([body.landmarks[side + "Hip"][1] + _joint(body, side + "Hip") for side in "LR"], axis=0)
     return Motion(hips - R[:, 0] @ middle, rotations.orthonormal(Q))
+
+
+def closed_form_limb(
+    body: Body, motion: Motion, parts: tuple[int, int], points_world: Array, *, sign: float, farthest: float, fps: float
+) -> Array:
+    """Rotations of a motion's parts with one limb posed in closed form, shape (F, P, 3, 3).
+
+    Parameters
+    ----------
+    body : Body
+    motion : Motion
+        F poses.
+    parts : tuple of int
+        Upper and lower part.
+    points_world : ndarray, shape (F, 2, 3)
+        Elbow and wrist, or knee and ankle; NaN where not known.
+    sign, farthest : float
+        See `LIMBS`.
+    fps : float
+    """
+    (R, T), Q = part_poses(body, motion), motion.rotations.copy()
+    upper, lower = parts
+    middle, end = (_filled(points_world[:, k]) for k in range(2))
+    rest = R[:, body.parents[upper]] @ body.R_parent_rest[upper]
+    first, second = _limb(rest, middle - T[:, upper], end - middle, sign=sign, farthest=farthest, fps=fps)
+    Q[:, upper] = np.swapaxes(rest, -1, -2) @ first
+    Q[:, lower] = np.swapaxes(first @ body.R_parent_rest[lower], -1, -2) @ second
+    return rotations.orthonormal(Q)
 
 
 def _joint(body: Body, name: str) -> Array:
@@ -83,16 +131,21 @@ def _frames(along: Array, across: Array) -> Array:
     return np.stack([x, y, np.cross(x, y)], axis=-1)
 
 
-def _limb(rest: Array, upper: Array, lower: Array, sign: float, farthest: float) -> tuple[Array, Array]:
-    """World rotations of both parts of a limb; one that is straight is twisted as little as can be."""
+def _limb(
+    rest: Array, upper: Array, lower: Array, *, sign: float, farthest: float, fps: float | None
+) -> tuple[Array, Array]:
+    """World rotations of both parts of a limb; one that is straight is twisted as its neighbours, or least."""
     a, b = (v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-9) for v in (upper, lower))
     hinge = sign * np.cross(a, b)
     bend = np.linalg.norm(hinge, axis=-1, keepdims=True)
     least = (_swing(rest[..., 1], a) @ rest[..., :1])[..., 0]
-    hinge /= np.maximum(bend, 1e-9)
-    share = np.clip((bend - STRAIGHT[0]) / (STRAIGHT[1] - STRAIGHT[0]), 0.0, 1.0)
-    share = np.where(np.sum(hinge * least, axis=-1, keepdims=True) > farthest, share, 0.0)
-    across = share * hinge + (1 - share) * least
+    likely = np.sum(hinge * least, axis=-1, keepdims=True) > farthest * bend
+    if fps is None:
+        share = np.clip((bend - STRAIGHT[0]) / (STRAIGHT[1] - STRAIGHT[0]), 0.0, 1.0) * likely
+        across = share * hinge / np.maximum(bend, 1e-9) + (1 - share) * least
+    else:
+        across = gaussian_filter1d(hinge * bend * likely, TWIST_TIME * fps, axis=0, mode="nearest")
+        across = across + LEAST_EVIDENCE * least
     return _frames(a, across), _frames(b, across)
 
 

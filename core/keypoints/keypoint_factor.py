@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ..body import Body, twist_jacobian
 from ..body.joint_blocks import joint_blocks
 from ..body.kinematics import Poses
+from ..formats.keypoint_layouts import is_sided, mirrored_name
 from ..numerics.banded_blocks import BandedBlocks
 from ..numerics.robust_kernels import GemanMcClure
 
@@ -29,11 +30,18 @@ USUAL_DEVIATION = 0.02
 """Deviation of keypoints of which too little is seen to estimate it, metres."""
 GROSS = 3.0
 """Standard deviations at which a keypoint counts for a quarter of one that is right (Geman and McClure's error)."""
+HIP_OFFSET_DEVIATION = 0.045
+"""Usual distance of a hip's keypoint from the joint along each axis, metres: hips lie deep in the body."""
 OFFSET_DEVIATION = 0.03
-"""Usual distance of a keypoint from its landmark along each axis, metres: hips and shoulders lie deep in the body."""
-LIMB_OFFSET_DEVIATION = 0.01
-"""`OFFSET_DEVIATION` of joints of the limbs, which are thin."""
+"""Usual distance from their landmarks of shoulders and of keypoints on the head and the feet, metres."""
+LIMB_OFFSET_DEVIATION = 0.02
+"""Usual distance of keypoints from the joints of a limb along the limb, metres."""
+THINNESS = (2.0, 1.0, 2.0)
+"""Limbs are thin: along these axes of the part offsets are so many times smaller."""
+OFFSET_ASYMMETRY = 0.3
+"""Share of its usual size by which an offset departs from the mirror image of the other side's."""
 _LIMB = ("Elbow", "Wrist", "Knee", "Ankle")
+_TRUNK = ("LShoulder", "RShoulder", "LHip", "RHip")
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,12 +137,18 @@ _FACE = {"Eye": (0.11, 0.62, 0.17), "Ear": (0.26, 0.55, 0.0)}
 
 
 def keypoint_on_body(body: Body, name: str) -> tuple[int, Array]:
-    """Return the part that carries a keypoint, and the keypoint's landmark in its frame, metres."""
+    """Return the part that carries a keypoint, and the keypoint's landmark in its frame, metres.
+
+    What a detector calls a shoulder or a hip is a point of the trunk: it does not turn about the joint with the limb.
+    """
     if name[1:] in _FACE and "Head" in body.landmarks:
         part, top = body.landmarks["Head"]
         left, up, forward = _FACE[name[1:]]
         return part, float(np.linalg.norm(top)) * np.array([left if name[0] == "L" else -left, up, forward])
-    return body.landmarks[name]
+    part, point = body.landmarks[name]
+    if name.endswith(_TRUNK) and not point.any() and body.parents[part] >= 0:
+        return int(body.parents[part]), body.offsets[part]
+    return part, point
 
 
 def has_keypoint(body: Body, name: str) -> bool:
@@ -144,7 +158,31 @@ def has_keypoint(body: Body, name: str) -> bool:
 
 def offset_deviation(name: str) -> float:
     """Usual distance of a keypoint from its landmark along each axis, metres."""
+    if name.endswith("Hip"):
+        return HIP_OFFSET_DEVIATION
     return LIMB_OFFSET_DEVIATION if name.endswith(_LIMB) else OFFSET_DEVIATION
+
+
+def offset_precision(names: Sequence[str]) -> Array:
+    """Inverse covariance of the offsets before anything is seen, shape (3 L, 3 L): their size, and that a detector's
+    left mirrors its right.
+    """
+    L, axes = len(names), np.arange(3)
+    precision = np.zeros((L, 3, L, 3))
+    mirror = np.array([-1.0, 1.0, 1.0])  # the x axes of a left part and its right one point to the same side
+    for i, name in enumerate(names):
+        paired = is_sided(name) and mirrored_name(name) in names
+        other = names.index(mirrored_name(name)) if paired else i
+        usual = offset_deviation(name) ** 2
+        if not paired:
+            precision[i, axes, i, axes] = 1 / usual
+        elif i < other:
+            apart = OFFSET_ASYMMETRY**2 * usual
+            (own, cross), _ = np.linalg.inv([[usual + apart, usual], [usual, usual + apart]])
+            precision[i, axes, i, axes] = precision[other, axes, other, axes] = own
+            precision[i, axes, other, axes] = precision[other, axes, i, axes] = cross * mirror
+    scale = np.array([THINNESS if name.endswith(_LIMB) else (1.0, 1.0, 1.0) for name in names])
+    return np.asarray((precision * scale[:, :, None, None] * scale).reshape(3 * L, 3 * L))
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,13 +243,29 @@ def robust_weights(residuals: Array, confidence: Array, deviation: Array, tolera
     return np.nan_to_num(weight)
 
 
-def offset_energy(names: Sequence[str], places: Places) -> float:
-    """Return the squared offsets of keypoints from their landmarks, in variances."""
-    deviation = np.array([offset_deviation(name) for name in names])
-    return float(np.sum((places.offsets / deviation[:, None]) ** 2))
+def trusted_weights(residuals: Array, agreed: Array, deviation: Array, tolerance: float = 1.0) -> Array:
+    """Return Huber's weights over the variance, shape (V, F, L), of keypoints that views agree on; 0 for NaN.
+
+    They are no outliers, however far a motion is from them so far, and go on to pull where Geman and McClure's weights
+    would let go.
+
+    Parameters
+    ----------
+    residuals : ndarray, shape (V, F, L, 2)
+    agreed : ndarray, shape (V, F, L)
+        Confidence of the keypoints that agree with those of other views, else 0.
+    deviation : ndarray, shape (V, L)
+    tolerance : float
+    """
+    size = np.linalg.norm(residuals, axis=-1) / deviation[:, None]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        huber = np.minimum(1.0, GROSS * tolerance / size)
+    return np.nan_to_num(agreed * huber / deviation[:, None] ** 2)
 
 
-def keypoint_system(body: Body, poses: Poses, keypoints: Keypoints, places: Places, weights: Array) -> KeypointSystem:
+def keypoint_system(
+    body: Body, poses: Poses, keypoints: Keypoints, places: Places, weights: Array, *, prior_weight: float = 1.0
+) -> KeypointSystem:
     """Sum the evidence of keypoints around poses and offsets.
 
     Parameters
@@ -222,6 +276,8 @@ def keypoint_system(body: Body, poses: Poses, keypoints: Keypoints, places: Plac
     keypoints : Keypoints
     places : Places
     weights : ndarray, shape (V, F, L)
+    prior_weight : float
+        Factor of what is known of the offsets beforehand.
     """
     R, T = poses
     F, L, D = len(T), len(keypoints.names), body.dof
@@ -242,11 +298,11 @@ def keypoint_system(body: Body, poses: Poses, keypoints: Keypoints, places: Plac
     blocks = joint_blocks(body, poses, *per_part, float(np.sum(weights[..., None] * residual**2)))
     J = twist_jacobian(body, R, T)[:, places.parts]  # (F, L, 6, D)
     border = np.moveaxis(np.swapaxes(J, 2, 3) @ cross, 1, 2).reshape(F, D, 3 * L)
-    prior = np.array([1 / offset_deviation(name) ** 2 for name in keypoints.names])[:, None]
+    prior = prior_weight * offset_precision(keypoints.names)
     full = np.zeros((L, 3, L, 3))
-    full[np.arange(L), :, np.arange(L)] = corner + prior[..., None] * np.eye(3)
-    gradient = c + prior * places.offsets
-    return KeypointSystem(blocks, border, full.reshape(3 * L, 3 * L), gradient.ravel())
+    full[np.arange(L), :, np.arange(L)] = corner
+    gradient = c.ravel() + prior @ places.offsets.ravel()
+    return KeypointSystem(blocks, border, full.reshape(3 * L, 3 * L) + prior, gradient)
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,15 +316,29 @@ class KeypointFactor:
     places : Places
     correlated : float
         How many neighbouring frames err together and count as one.
+    deviation : ndarray, shape (V, L), optional
+        The detector's standard deviations, metres. By default they are found from the residuals of whatever motion the
+        keypoints are compared with: a motion that is too smooth then passes for a detector that is inexact.
+    agreed : ndarray, shape (V, F, L), optional
+        Confidence of the keypoints that agree with those of other views, else 0: see `trusted_weights`.
     """
 
     keypoints: Keypoints
     places: Places
     correlated: float
+    deviation: Array | None = None
+    agreed: Array | None = None
 
     def __getitem__(self, frames: slice) -> KeypointFactor:
         """Return the evidence of some of the frames."""
-        return replace(self, keypoints=self.keypoints[frames])
+        agreed = None if self.agreed is None else self.agreed[:, frames]
+        return replace(self, keypoints=self.keypoints[frames], agreed=agreed)
+
+    def of_views(self, views: list[int]) -> KeypointFactor:
+        """Return the evidence of some of the views."""
+        deviation = None if self.deviation is None else self.deviation[views]
+        agreed = None if self.agreed is None else self.agreed[views]
+        return replace(self, keypoints=self.keypoints.of_views(views), deviation=deviation, agreed=agreed)
 
     def agreement(self, poses: Poses) -> float:
         """Return the mean weight of the keypoints, 0 to 1: how far they agree with poses."""
@@ -281,6 +351,8 @@ class KeypointFactor:
         """The evidence around the poses; far from the solution, with a tolerance above 1, large errors still pull."""
         keypoints = self.keypoints
         residual = keypoints.residuals(self.places.world(poses))
-        deviation = deviations(residual, keypoints.confidence)
-        weights = robust_weights(residual, keypoints.confidence, deviation, tolerance) / self.correlated
-        return keypoint_system(body, poses, keypoints, self.places, weights).blocks
+        deviation = deviations(residual, keypoints.confidence) if self.deviation is None else self.deviation
+        weights = robust_weights(residual, keypoints.confidence, deviation, tolerance)
+        if self.agreed is not None:
+            weights = np.maximum(weights, trusted_weights(residual, self.agreed, deviation, tolerance))
+        return keypoint_system(body, poses, keypoints, self.places, weights / self.correlated).blocks

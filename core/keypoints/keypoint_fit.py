@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +13,8 @@ from ..body import Body, part_poses
 from ..body.joint_limits import posture_prior
 from ..body.motion import Motion
 from ..body.smoothness import limited, smoothness
-from ..numerics.banded_blocks import BandedBlocks
-from ..numerics.least_squares import GAUSS_NEWTON, StoppingRule, minimise
-from ..numerics.normal_equations import BandedEquations, BorderedEquations
+from ..body.smoothness_estimate import AccelerationVariances, axis_mobility, estimate_variances
+from ..numerics.banded import BandedFactor, bordered_solution
 from .body_measures import BodyMeasures, with_measures
 from .keypoint_factor import (
     USUAL_DEVIATION,
@@ -21,20 +22,56 @@ from .keypoint_factor import (
     Places,
     deviations,
     keypoint_system,
-    offset_energy,
     robust_energy,
     robust_weights,
+    trusted_weights,
 )
 from .left_right import correct_sides
+from .view_agreement import ViewAgreement
 
 Array = NDArray[np.float64]
 
-ROUNDS = ((8.0, 1), (4.0, 2), (2.0, 2), (1.0, 2), (1.0, 3))
-"""Tolerance of large errors, and steps with it: from a start that may be far off to the solution. Deviations, and which
-side is which, are found anew for every round."""
+
+class Counted(Enum):
+    """Which keypoints count in an iteration."""
+
+    AGREED = "those that views agree on: no limb is caught by another's keypoints"
+    BOTH = "those that views agree on, and the others where they fit"
+    FITTING = "each by its own error: views may agree on something wrong"
+
+
+@dataclass(frozen=True)
+class FitStep:
+    """One iteration of a fit.
+
+    Attributes
+    ----------
+    tolerance : float
+        Above 1, far from the solution, larger errors still count.
+    counted : Counted
+    """
+
+    tolerance: float
+    counted: Counted
+
+
+FROM_START = (
+    *[FitStep(4.0, Counted.AGREED)] * 2,
+    *[FitStep(2.0, Counted.BOTH)] * 2,
+    *[FitStep(1.0, Counted.BOTH)] * 3,
+    *[FitStep(1.0, Counted.FITTING)] * 3,
+)
+"""The iterations from a start that may be far off."""
+CONTINUED = (FitStep(2.0, Counted.BOTH), *[FitStep(1.0, Counted.FITTING)] * 3)
+"""The iterations from an earlier fit some of whose limbs were posed anew."""
 SIDES_TOLERANCE = 2.0
 """Sides are corrected when the tolerance has come down to this: before, the start may be farther off than the limbs are
 apart."""
+REPEATED_POSES = 4.0
+"""A detector's errors repeat with the pose: for what is the same on all frames (offsets, measures), so many times fewer
+frames count than if the errors were only correlated in time. Whole key poses show these constants by themselves."""
+WIDER_START = 4.0
+"""The estimate of smoothness begins with accelerations so many times the usual: what is smoothed away is lost to it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,12 +90,18 @@ class KeypointFit:
     changed : ndarray of bool, shape (V, F, L)
         Where they were changed.
     deviation : ndarray, shape (V, L)
-        See `core.keypoints.keypoint_factor.deviations`.
+        The detector's, metres: as the views' disagreement shows it, or with one view the motion's residuals.
     weights : ndarray, shape (V, F, L)
         Robust weights, 1 for a sure keypoint that fits.
     energy : float
-        What keypoints, joint limits and accelerations leave, with one usual deviation of all keypoints: so the fits of
-        several starts can be compared.
+        What keypoints and joint limits leave, with one usual deviation of all keypoints: so the fits of several starts
+        can be compared.
+    agreed : ndarray, shape (V, F, L), or None
+        Confidence of the keypoints that agree with those of other views, else 0; None where no views agree on any.
+    variances : AccelerationVariances
+        How smooth the motion is: as estimated, or where no views agree on any keypoints, as is usual.
+    measures : BodyMeasures or None
+        Those of the body, where they were fitted.
     """
 
     body: Body
@@ -69,66 +112,9 @@ class KeypointFit:
     deviation: Array
     weights: Array
     energy: float
-
-
-@dataclass(frozen=True, eq=False)
-class _State:
-    """The unknowns of a fit. The body is that of the measures, where these are unknown."""
-
-    body: Body
-    motion: Motion
-    places: Places
-    names: tuple[str, ...]
-    measures: BodyMeasures | None
-
-    def moved(self, step: tuple[Array, Array]) -> _State:
-        poses, others = step
-        motion, count = self.motion.moved(limited(poses)), self.places.offsets.size
-        places = replace(self.places, offsets=self.places.offsets + others[:count].reshape(-1, 3))
-        if self.measures is None:
-            return replace(self, motion=motion, places=places)
-        measures = self.measures.changed(others[count:])
-        body = measures.body()
-        return _State(body, motion, places.on_body(body, self.names), self.names, measures)
-
-
-@dataclass(frozen=True, eq=False)
-class _Round:
-    """Least squares of keypoints, joint limits and accelerations, with deviations and sides that are known."""
-
-    keypoints: Keypoints
-    fixed: NDArray[np.bool_]
-    precision: Array
-    correlated: float
-    deviation: Array
-    tolerance: float
-
-    def linearised(self, state: _State) -> BorderedEquations:
-        keypoints, places = self.keypoints, state.places
-        poses = part_poses(state.body, state.motion)
-        residual = keypoints.residuals(places.world(poses))
-        weights = robust_weights(residual, keypoints.confidence, self.deviation, self.tolerance) / self.correlated
-        system = keypoint_system(state.body, poses, keypoints, places, weights)
-        prior = self.motion_prior(state)
-        if state.measures is not None:
-            system = with_measures(
-                system, state.measures, state.motion, keypoints=keypoints, places=places, weights=weights
-            )
-        blocks = replace(system.blocks + prior, energy=self.energy(state, residual, prior))
-        return BorderedEquations(BandedEquations(blocks, self.fixed), system.border, system.corner, system.gradient)
-
-    def motion_prior(self, state: _State) -> BandedBlocks:
-        """What is known of the motion without keypoints."""
-        return smoothness(state.motion, self.precision) + posture_prior(state.body, state.motion)
-
-    def energy(self, state: _State, residual: Array, motion_prior: BandedBlocks) -> float:
-        """The robust cost of a state whose keypoints have these residuals."""
-        keypoints = robust_energy(residual, self.keypoints.confidence, self.deviation, self.tolerance)
-        energy = keypoints / self.correlated + offset_energy(self.keypoints.names, state.places) + motion_prior.energy
-        if state.measures is not None:
-            prior, departure = state.measures.prior()
-            energy += float(np.sum(prior * departure**2))
-        return energy
+    agreed: Array | None
+    variances: AccelerationVariances
+    measures: BodyMeasures | None = None
 
 
 def fit_motion(
@@ -140,6 +126,9 @@ def fit_motion(
     precision: Array,
     correlated: float = 1.0,
     measures: BodyMeasures | None = None,
+    agreement: ViewAgreement | None = None,
+    steps: Sequence[FitStep] = FROM_START,
+    earlier: KeypointFit | None = None,
 ) -> KeypointFit:
     """Fit the motion of all frames, and the keypoints' offsets, by robust least squares from coarse to fine.
 
@@ -153,27 +142,74 @@ def fit_motion(
     fixed : ndarray of bool, shape (F, D)
         Degrees of freedom that are known.
     precision : ndarray, shape (D,)
-        Of accelerations, see `core.body.smoothness.smoothness`.
+        Of accelerations as is usual, see `core.body.smoothness.smoothness`. Where views agree on keypoints, the fit
+        estimates how smooth the motion is from there on.
     correlated : float
-        How many neighbouring frames err together and count as one.
+        How many neighbouring frames err together. Errors that last say little about what is the same on all frames, but
+        nothing against quick movement; only a single view, which cannot tell the two apart, is given less weight.
     measures : BodyMeasures, optional
         Those of the body, which are then fitted as well.
+    agreement : ViewAgreement, optional
+        Of the same keypoints.
+    steps : sequence of FitStep
+    earlier : KeypointFit, optional
+        Fit whose body, offsets, measures and smoothness are taken over.
     """
-    state = _State(body, start, Places.on(body, keypoints.names), keypoints.names, measures)
-    for tolerance, steps in ROUNDS:
-        points = state.places.world(part_poses(state.body, state.motion))
-        expected = points if tolerance <= SIDES_TOLERANCE else np.full_like(points, np.nan)
-        sided, _ = correct_sides(keypoints, expected)
-        deviation = deviations(sided.residuals(points), sided.confidence)
-        problem = _Round(sided, fixed, precision, correlated, deviation, tolerance)
-        stopping: StoppingRule[_State] = StoppingRule(iterations=steps)
-        state = minimise(state, problem.linearised, _State.moved, damping=GAUSS_NEWTON, stopping=stopping).state
-    points = state.places.world(part_poses(state.body, state.motion))
-    sided, changed = correct_sides(keypoints, points)
-    residual = sided.residuals(points)
-    deviation = deviations(residual, sided.confidence)
-    weights = robust_weights(residual, sided.confidence, deviation) * deviation[:, None] ** 2
-    usual = np.full_like(deviation, USUAL_DEVIATION)
-    last = _Round(sided, fixed, precision, correlated, usual, 1.0)
-    energy = last.energy(state, residual, last.motion_prior(state))
-    return KeypointFit(state.body, state.motion, state.places, sided, changed, deviation, weights, energy)
+    known = None if agreement is None else agreement.deviation
+    mobility = axis_mobility(body)
+    weight = 1.0 / correlated if known is None else 1.0
+    prior_weight = correlated * weight * (1.0 if fixed.all(axis=1).any() else REPEATED_POSES)
+    motion, places = start, Places.on(body, keypoints.names)
+    typical = (1 / (precision * mobility**2)).reshape(-1, 3).mean(axis=1)
+    widened = typical if known is None else typical * WIDER_START**2
+    variances = AccelerationVariances.constant(widened, max(len(motion) - 2, 0))
+    if earlier is not None:
+        body, places, variances, measures = earlier.body, earlier.places, earlier.variances, earlier.measures
+    # Which keypoints count, their sides and the smoothness change from one iteration to the next, so no cost is common
+    # to two of them by which `core.numerics.least_squares` could test a step: plain Gauss-Newton.
+    for i, step in enumerate(steps):
+        poses = part_poses(body, motion)
+        points = places.world(poses)
+        sided, changed = keypoints, np.zeros(keypoints.confidence.shape, bool)
+        if step.tolerance <= SIDES_TOLERANCE:
+            sided, changed = correct_sides(keypoints, points)
+        residual = sided.residuals(points)
+        deviation = deviations(residual, sided.confidence) if known is None else known
+        weights = robust_weights(residual, sided.confidence, deviation, step.tolerance)
+        agreed = None if agreement is None or known is None else np.where(changed, 0.0, agreement.confidence)
+        if agreed is not None and step.counted is not Counted.FITTING:
+            trusted = trusted_weights(residual, agreed, deviation, step.tolerance)
+            weights = trusted if step.counted is Counted.AGREED else np.maximum(weights, trusted)
+        weights = weights * weight
+        system = keypoint_system(body, poses, sided, places, weights, prior_weight=prior_weight)
+        evidence = system.blocks + posture_prior(body, motion)
+        if known is not None and (i > 0 or earlier is not None):
+            variances = estimate_variances(motion, evidence, fixed, mobility, variances)
+        if measures is not None:
+            system = with_measures(
+                system,
+                measures,
+                motion,
+                keypoints=sided,
+                places=places,
+                weights=weights,
+                prior_weight=prior_weight,
+            )
+        blocks = evidence + smoothness(motion, variances.precision(mobility))
+        moved, others = bordered_solution(
+            BandedFactor(blocks, fixed), blocks.gradient, system.border, system.corner, system.gradient
+        )
+        motion = motion.moved(-limited(moved))
+        count = places.offsets.size
+        places = replace(places, offsets=places.offsets - others[:count].reshape(-1, 3))
+        if measures is not None:
+            measures = measures.changed(-others[count:])
+            body = measures.body(solid=False)
+            places = places.on_body(body, keypoints.names)
+    if measures is not None:
+        body = measures.body()
+    residual = sided.residuals(places.world(part_poses(body, motion)))
+    fitting = robust_weights(residual, sided.confidence, deviation) * deviation[:, None] ** 2
+    energy = robust_energy(residual, sided.confidence, np.full_like(deviation, USUAL_DEVIATION))
+    energy += posture_prior(body, motion).energy
+    return KeypointFit(body, motion, places, sided, changed, deviation, fitting, energy, agreed, variances, measures)

@@ -47,17 +47,21 @@ class PerformerKeypoints:
         Where left and right were changed.
     weights : ndarray, shape (V, F, L)
         0 to 1: how far each keypoint agrees with the motion, times its confidence.
+    typical_variances : ndarray, shape (G,)
+        Of accelerations: how smooth the motion is, see `core.body.smoothness_estimate`.
     """
 
     motion: Motion
     factor: KeypointFactor
     changed: NDArray[np.bool_]
     weights: Array
+    typical_variances: Array
 
     def of_views(self, views: list[int]) -> PerformerKeypoints:
         """Return the same of some views, in that order."""
-        factor = replace(self.factor, keypoints=self.factor.keypoints.of_views(views))
-        return PerformerKeypoints(self.motion, factor, self.changed[views], self.weights[views])
+        return replace(
+            self, factor=self.factor.of_views(views), changed=self.changed[views], weights=self.weights[views]
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,8 +116,9 @@ def fit_keypoints(shot: Shot, detections: Sequence[Detections], fixed: Sequence[
             fps=shot.fps,
             correlated=correlated,
         )
-        factor = KeypointFactor(fit.keypoints, fit.places, correlated)
-        performers.append(PerformerKeypoints(fit.motion, factor, fit.changed, fit.weights))
+        deviation = None if fit.agreed is None else fit.deviation
+        factor = KeypointFactor(fit.keypoints, fit.places, correlated, deviation, fit.agreed)
+        performers.append(PerformerKeypoints(fit.motion, factor, fit.changed, fit.weights, fit.variances.typical))
     return ShotKeypoints(tuple(performers), tuple(one.skipped for one in detections))
 
 

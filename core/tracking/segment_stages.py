@@ -17,7 +17,7 @@ from ..evidence.time_offset import Offset, key_frame_offset
 from ..evidence.view_frames import ViewFrames, views_with_foreground
 from ..keypoints.keypoint_factor import KeypointFactor
 from ..keypoints.observations import ShotKeypoints
-from ..shot.acceleration_prior import variances_from_key_poses
+from ..shot.acceleration_prior import estimated_groups, usual_variances, variances_from_key_poses
 from ..shot.shot import Shot, fixed_degrees
 from .appearance import key_frame_shape
 from .segments import Segment, posed_frames, whole_keys
@@ -88,6 +88,8 @@ class SegmentData:
         One per performer, or none.
     shape : Geometry or None
         The parts of all performers as the key frames show them.
+    typical_variances : tuple of ndarray, shape (G,)
+        Per performer: variances of accelerations where their estimation begins, by keypoints or key poses.
     """
 
     segment: Segment
@@ -95,6 +97,7 @@ class SegmentData:
     fixed: tuple[NDArray[np.bool_], ...]
     keypoints: tuple[KeypointFactor, ...] = ()
     shape: Geometry | None = None
+    typical_variances: tuple[Array, ...] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +137,23 @@ def segment_data(
         tuple(fixed_degrees(performer, *segment) for performer in shot.performers),
         tuple(own.factor[frames] for own in observed.performers),
         key_frame_shape(views, bodies, state.motions, keys, state.footage_offset(shot)),
+        _typical_variances(shot, observed),
+    )
+
+
+def _typical_variances(shot: Shot, observed: ShotKeypoints) -> tuple[Array, ...]:
+    """Per performer, variances of accelerations before the pictures are looked at: keypoints show more than key poses
+    do, and what the settings give stays.
+    """
+    if not observed.performers:
+        return tuple(variances_from_key_poses(p.body, p.key_poses, shot.fps, shot.settings) for p in shot.performers)
+    return tuple(
+        np.where(
+            estimated_groups(performer.body, shot.settings),
+            own.typical_variances,
+            usual_variances(performer.body, shot.fps, shot.settings),
+        )
+        for performer, own in zip(shot.performers, observed.performers, strict=True)
     )
 
 
@@ -152,11 +172,7 @@ def segment_problem(shot: Shot, data: SegmentData, state: TrackState) -> Segment
         data.keypoints,
         state.footage_offset(shot),
         shot.settings,
-        typical_variances=tuple(
-            variances_from_key_poses(p.body, p.key_poses, shot.fps, shot.settings) for p in shot.performers
-        )
-        if shot.settings.estimate_smoothness
-        else None,
+        typical_variances=data.typical_variances,
     )
 
 

@@ -1,0 +1,60 @@
+"""Poses on triangulated points, where the fit of a motion to keypoints begins."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body import Body, landmark_positions
+from ..body.inverse_kinematics import fit_poses
+from ..body.motion import Motion, stacked
+from ..shot.keypose_spline import spline
+from ..shot.shot import KeyPoses
+from .closed_form import closed_form_pose
+from .keypoint_factor import Keypoints
+from .view_agreement import averaged
+
+Array = NDArray[np.float64]
+
+POSED_EVERY = 0.2
+"""Inverse kinematics poses a body other than the default this often, seconds; between, a curve is the start."""
+MAIN = ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle")
+ENOUGH = 8
+"""Main joints that must be known to pose the body."""
+LOST = 0.25
+"""Poses whose landmarks are farther off, in the median, are no start, metres."""
+
+
+def posing_frames(keypoints: Keypoints, points_world: Array, fps: float) -> NDArray[np.intp]:
+    """Return the frames to pose the body on: of every fifth of a second the one on which most joints are known."""
+    main = [i for i, name in enumerate(keypoints.names) if name.endswith(MAIN) and name not in MAIN]
+    known = np.isfinite(points_world[:, main]).all(axis=-1).sum(axis=1)
+    count = max(1, round(len(known) / (POSED_EVERY * fps)))
+    best = [part[np.argmax(known[part])] for part in np.array_split(np.arange(len(known)), count)]
+    return np.array([f for f in best if known[f] >= ENOUGH], dtype=np.intp)
+
+
+def posed_start(body: Body, keypoints: Keypoints, points_world: Array, fps: float) -> Motion:
+    """Return poses of all frames on triangulated points without leaps (F, L, 3).
+
+    The default body is posed in closed form on every frame, as a blow is shorter than the time between the frames of a
+    curve. Another body is posed by inverse kinematics on some, each from the one before, with a curve between.
+    """
+    names = list(keypoints.names)
+    closed_form = closed_form_pose(body, names, averaged(points_world, fps), fps)
+    if closed_form is not None and landmark_distance(body, names, points_world, closed_form) < LOST:
+        return closed_form
+    frames = posing_frames(keypoints, points_world, fps)
+    poses: list[Motion] = []
+    for frame in frames:
+        target = points_world[[frame]]
+        lost = bool(poses) and landmark_distance(body, names, target, poses[-1]) > LOST
+        poses.append(fit_poses(body, names, target, poses[-1] if poses and not lost else None))
+    return spline(KeyPoses.whole(frames, stacked(poses)), len(keypoints))
+
+
+def landmark_distance(body: Body, names: list[str], points_world: Array, pose: Motion) -> float:
+    """Return the median distance of a pose's landmarks from points (F, L, 3), metres."""
+    used = [i for i, name in enumerate(names) if name in body.landmarks]
+    found = landmark_positions(body, pose, [names[i] for i in used])
+    return float(np.nanmedian(np.linalg.norm(found - points_world[:, used], axis=-1)))

@@ -1,0 +1,148 @@
+"""What several views agree on before any motion is known: points in space, sides, and how far a detector errs.
+
+A motion that is fitted too smoothly leaves large residuals. If these were taken for the detector's errors, the motion
+would be made smoother still, until a fast limb is lost. Points that the views agree on know nothing of smoothness.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from .keypoint_factor import LEAST_DEVIATION, USUAL_DEVIATION, Keypoints
+from .left_right import correct_sides
+from .triangulation import triangulate
+
+Array = NDArray[np.float64]
+
+COMPARED_WITHIN = 0.1
+"""How long before and after a point is compared with, seconds."""
+LEAP = 0.25
+"""A point farther from the others' median is wrong, metres."""
+AVERAGED_OVER = 0.04
+"""Time over which points are averaged before a body is posed on them, seconds."""
+MIDPOINTS = {"Neck": "Shoulder", "Hip": "Hip", "MidHip": "Hip"}
+"""Keypoints that many a layout makes of those of both sides."""
+MIDPOINT_TOLERANCE = 0.02
+"""A keypoint this near the middle of two others was made of them, as a share of their distance."""
+PRIOR_COUNT = 10.0
+"""Keypoints of usual deviation that count beside those found, for each view and joint."""
+
+
+@dataclass(frozen=True, eq=False)
+class ViewAgreement:
+    """What the views agree on of one performer's keypoints.
+
+    Attributes
+    ----------
+    keypoints : Keypoints
+        Sides corrected where views contradict one another, without midpoints.
+    changed : ndarray of bool, shape (V, F, L)
+        Where sides were changed for that.
+    points_world : ndarray, shape (F, L, 3)
+        Without those that leap; NaN where no two views agree.
+    confidence : ndarray, shape (V, F, L)
+        That of the keypoints that agree, else 0.
+    deviation : ndarray, shape (V, L), or None
+        The detector's standard deviations, metres; None where no two views agree on anything.
+    fps : float
+    """
+
+    keypoints: Keypoints
+    changed: NDArray[np.bool_]
+    points_world: Array
+    confidence: Array
+    deviation: Array | None
+    fps: float
+
+    @classmethod
+    def of(cls, keypoints: Keypoints, fps: float) -> ViewAgreement:
+        """Correct the sides of keypoints where views contradict one another, and triangulate them."""
+        own = without_midpoints(keypoints)
+        sided, changed = own, np.zeros(own.confidence.shape, bool)
+        points, inliers = triangulate(sided)
+        for _ in range(2):
+            before = changed
+            sided, changed = correct_sides(own, running_median(without_leaps(points, fps), fps))
+            if (changed == before).all():
+                break
+            points, inliers = triangulate(sided)
+        points = without_leaps(points, fps)
+        inliers = inliers & np.isfinite(points).all(axis=-1)
+        deviation = view_deviations(sided, points, inliers) if inliers.any() else None
+        return cls(sided, changed, points, inliers * sided.confidence, deviation, fps)
+
+    def averaged(self) -> Array:
+        """The points averaged over a few frames; NaN where they are not known."""
+        return np.where(np.isfinite(self.points_world), averaged(self.points_world, self.fps), np.nan)
+
+
+def without_midpoints(keypoints: Keypoints) -> Keypoints:
+    """Return the keypoints without those that are only the middle of two others, which would count twice."""
+    names, confidence = keypoints.names, keypoints.confidence.copy()
+    for midpoint, joint in MIDPOINTS.items():
+        if {midpoint, "L" + joint, "R" + joint} <= set(names):
+            m, left, right = (names.index(name) for name in (midpoint, "L" + joint, "R" + joint))
+            between = 0.5 * (keypoints.rays[:, :, left] + keypoints.rays[:, :, right])
+            apart = np.linalg.norm(keypoints.rays[:, :, left] - keypoints.rays[:, :, right], axis=-1)
+            off = np.linalg.norm(keypoints.rays[:, :, m] - between, axis=-1)
+            both = np.isfinite(off) & (apart > 0)
+            if both.any() and np.median(off[both] / apart[both]) < MIDPOINT_TOLERANCE:
+                confidence[:, :, m] = 0.0
+    return replace(keypoints, confidence=confidence)
+
+
+def view_deviations(keypoints: Keypoints, points_world: Array, inliers: NDArray[np.bool_]) -> Array:
+    """Return a robust standard deviation of every view's keypoints from triangulated points, metres, shape (V, L).
+
+    Parameters
+    ----------
+    keypoints : Keypoints
+    points_world : ndarray, shape (F, L, 3)
+        NaN where not known.
+    inliers : ndarray of bool, shape (V, F, L)
+        The views that each point was triangulated from: of 2 N coordinates, 3 were used up by the point.
+    """
+    size = np.linalg.norm(keypoints.residuals(points_world), axis=-1)
+    views = np.maximum(inliers.sum(axis=0), 2)
+    size = size * np.sqrt(2 * views / (2 * views - 3))
+    size[keypoints.confidence <= 0] = np.nan
+    seen = np.isfinite(size).sum(axis=1)
+    medians = np.nanquantile(np.where(seen[:, None] > 0, size, 0.0), 0.5, axis=1)
+    own = np.nan_to_num(medians) / 1.1774  # of the length of two normal residuals
+    return np.asarray(np.maximum((seen * own + PRIOR_COUNT * USUAL_DEVIATION) / (seen + PRIOR_COUNT), LEAST_DEVIATION))
+
+
+def running_median(points_world: Array, fps: float) -> Array:
+    """Return medians of points (F, L, 3) over `COMPARED_WITHIN` before and after; NaN where none is known then."""
+    half = max(1, round(COMPARED_WITHIN * fps))
+    padded = np.pad(points_world, ((half, half), (0, 0), (0, 0)), constant_values=np.nan)
+    around = np.stack([padded[k : k + len(points_world)] for k in range(2 * half + 1)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of points that are nowhere known
+        return np.asarray(np.nanmedian(around, axis=0))
+
+
+def without_leaps(points_world: Array, fps: float) -> Array:
+    """Return points (F, L, 3), NaN where one leaps away from where it is before and after."""
+    leaps = np.linalg.norm(points_world - running_median(points_world, fps), axis=-1) > LEAP
+    return np.where(leaps[..., None], np.nan, points_world)
+
+
+def averaged(points_world: Array, fps: float) -> Array:
+    """Return points averaged over a few frames, gaps closed along straight lines; NaN where one is never known."""
+    filled = np.stack([interpolated(points_world[:, i]) for i in range(points_world.shape[1])], axis=1)
+    return np.asarray(gaussian_filter1d(filled, AVERAGED_OVER * fps / 2, axis=0, mode="nearest"))
+
+
+def interpolated(points: Array) -> Array:
+    """Return points over time (F, 3), those not known on the line between their neighbours; NaN if none is known."""
+    known = np.isfinite(points).all(axis=-1)
+    if not known.any():
+        return points
+    frames = np.arange(len(points))
+    return np.stack([np.interp(frames, frames[known], points[known, k]) for k in range(3)], axis=-1)
