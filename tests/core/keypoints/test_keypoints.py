@@ -12,7 +12,7 @@ from kfmocap.core.body.joint_limits import LIMIT_DEVIATION, POSTURE_DEVIATION, p
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.keypoints import keypoint_factor as evidence
 from kfmocap.core.keypoints.closed_form import closed_form_pose
-from kfmocap.core.keypoints.first_pass import first_pass, scaled_first_pass, without_leaps
+from kfmocap.core.keypoints.first_pass import first_pass, scaled_first_pass
 from kfmocap.core.keypoints.keypoint_factor import (
     KeypointFactor,
     Keypoints,
@@ -24,6 +24,7 @@ from kfmocap.core.keypoints.keypoint_factor import (
 from kfmocap.core.keypoints.keypoint_fit import fit_motion
 from kfmocap.core.keypoints.left_right import correct_sides, swap_sides
 from kfmocap.core.keypoints.triangulation import triangulate
+from kfmocap.core.keypoints.view_agreement import without_leaps
 from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.banded import BandedFactor, bordered_solution
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
@@ -73,13 +74,13 @@ def test_the_system_is_that_of_the_weighted_residuals() -> None:
     weights = np.random.default_rng(0).uniform(1, 5, seen.confidence.shape) * (seen.confidence > 0)
     places = replace(Places.on(body, NAMES), offsets=np.random.default_rng(1).normal(0, 0.02, (len(NAMES), 3)))
     D, n = body.dof, 3 * len(NAMES)
+    prior = np.linalg.cholesky(evidence.offset_precision(NAMES)).T
 
     def residuals(x: np.ndarray) -> np.ndarray:
         moved = motion.moved(x[: 2 * D].reshape(2, D))
         there = replace(places, offsets=places.offsets + x[2 * D :].reshape(-1, 3))
         error = np.nan_to_num(seen.residuals(there.world(part_poses(body, moved))))
-        prior = [there.offsets[i] / evidence.offset_deviation(name) for i, name in enumerate(NAMES)]
-        return np.concatenate([(np.sqrt(weights)[..., None] * error).ravel(), np.ravel(prior)])
+        return np.concatenate([(np.sqrt(weights)[..., None] * error).ravel(), prior @ there.offsets.ravel()])
 
     x0 = np.zeros(2 * D + n)
     J, r = numeric_jacobian(residuals, x0), residuals(x0)
