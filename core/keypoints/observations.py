@@ -116,8 +116,12 @@ def fit_keypoints(shot: Shot, detections: Sequence[Detections], fixed: Sequence[
             fps=shot.fps,
             correlated=correlated,
         )
-        deviation = None if fit.agreed is None else fit.deviation
-        factor = KeypointFactor(fit.keypoints, fit.places, correlated, deviation, fit.agreed)
+        if fit.agreed is None:
+            factor = KeypointFactor(fit.keypoints, fit.places, correlated)
+        else:
+            # Errors that last shift what is constant, the offsets and measures, which the first pass has settled. They
+            # are no reason to doubt a movement that views agree on: every frame counts in full.
+            factor = KeypointFactor(fit.keypoints, fit.places, 1.0, fit.deviation, fit.agreed)
         performers.append(PerformerKeypoints(fit.motion, factor, fit.changed, fit.weights, fit.variances.typical))
     return ShotKeypoints(tuple(performers), tuple(one.skipped for one in detections))
 
