@@ -153,7 +153,8 @@ class Settings:
         Typical acceleration of the root, m/s^2.
     estimate_smoothness : bool
         Estimate the accelerations from the shot, joint by joint and frame by frame (`core.body.smoothness_estimate`);
-        the typical ones are then where the estimation begins. Gauss-Newton only.
+        the typical ones are then where the estimation begins. Where there are keypoints it is always done. Gauss-Newton
+        only.
     prediction : bool
         Predict the motion of parts that no camera sees from the frames on which they are seen.
     keypoint_correlation : float

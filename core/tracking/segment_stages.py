@@ -17,7 +17,7 @@ from ..evidence.time_offset import Offset, key_frame_offset
 from ..evidence.view_frames import ViewFrames, views_with_foreground
 from ..keypoints.keypoint_factor import KeypointFactor
 from ..keypoints.observations import ShotKeypoints
-from ..shot.acceleration_prior import estimated_groups, usual_variances, variances_from_key_poses
+from ..shot.acceleration_prior import variances_from_key_poses
 from ..shot.shot import Shot, fixed_degrees
 from .appearance import key_frame_shape
 from .segments import Segment, posed_frames, whole_keys
@@ -141,20 +141,16 @@ def segment_data(
     )
 
 
-def _typical_variances(shot: Shot, observed: ShotKeypoints) -> tuple[Array, ...]:
-    """Per performer, variances of accelerations before the pictures are looked at: keypoints show more than key poses
-    do, and what the settings give stays.
+def _typical_variances(shot: Shot, observed: ShotKeypoints) -> tuple[Array, ...] | None:
+    """Variances of accelerations before the pictures are looked at, per performer; None where they are not estimated.
+
+    Keypoints show more of them than key poses do.
     """
-    if not observed.performers:
-        return tuple(variances_from_key_poses(p.body, p.key_poses, shot.fps, shot.settings) for p in shot.performers)
-    return tuple(
-        np.where(
-            estimated_groups(performer.body, shot.settings),
-            own.typical_variances,
-            usual_variances(performer.body, shot.fps, shot.settings),
-        )
-        for performer, own in zip(shot.performers, observed.performers, strict=True)
-    )
+    if observed.performers:
+        return tuple(own.typical_variances for own in observed.performers)
+    if not shot.settings.estimate_smoothness:
+        return None
+    return tuple(variances_from_key_poses(p.body, p.key_poses, shot.fps, shot.settings) for p in shot.performers)
 
 
 def segment_problem(shot: Shot, data: SegmentData, state: TrackState) -> SegmentProblem:

@@ -33,7 +33,7 @@ class SegmentSmoothness:
     @classmethod
     def start(cls, problem: SegmentProblem) -> SegmentSmoothness:
         """Before the pictures are looked at."""
-        if problem.acceleration_precision is not None or not problem.settings.estimate_smoothness:
+        if problem.acceleration_precision is not None or problem.typical_variances is None:
             return cls()
         return cls(
             tuple(
