@@ -208,7 +208,11 @@ def fit_motion(
             places = places.on_body(body, keypoints.names)
     if measures is not None:
         body = measures.body()
-    residual = sided.residuals(places.world(part_poses(body, motion)))
+    points = places.world(part_poses(body, motion))
+    sided, changed = correct_sides(keypoints, points)
+    residual = sided.residuals(points)
+    deviation = deviations(residual, sided.confidence) if known is None else known
+    agreed = None if agreement is None or known is None else np.where(changed, 0.0, agreement.confidence)
     fitting = robust_weights(residual, sided.confidence, deviation) * deviation[:, None] ** 2
     energy = robust_energy(residual, sided.confidence, np.full_like(deviation, USUAL_DEVIATION))
     energy += posture_prior(body, motion).energy
