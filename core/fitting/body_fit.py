@@ -29,7 +29,7 @@ from ..evidence.held_outlines import HeldOutlines
 from ..evidence.label_images import Geometry
 from ..evidence.part_shapes import SHIFT, STRETCH
 from ..formats.keypoint_files import read_shot_keypoints
-from ..keypoints.keypoint_factor import USUAL_DEVIATION, Keypoints, Places, offset_deviation, robust_weights
+from ..keypoints.keypoint_factor import USUAL_DEVIATION, Keypoints, Places, robust_weights
 from ..keypoints.left_right import correct_sides
 from ..keypoints.observations import performer_keypoints
 from ..numerics.normal_equations import DenseEquations, IndependentEquations
@@ -58,6 +58,9 @@ STAGES = (
 )
 SETTLED = 0.001
 """A stage ends when no joint moves by more than this, metres."""
+OFFSET, LIMB_OFFSET = 0.03, 0.01
+"""Usual offsets of keypoints from their landmarks, and of those of limbs, metres: tighter along limbs than for a motion
+(`core.keypoints.keypoint_factor`), as a few frames cannot tell them from the limbs' lengths."""
 _PART = 6  # unknowns of a part: stretch and shift along its axes
 _ROWS = 9  # of an outline's row: wrench in camera axes, and by the part's stretches
 
@@ -175,7 +178,8 @@ class BodyEstimate:
         deviation = np.full(len(self.shape), GROWTH)
         deviation[1 : 1 + _PART * P] = np.tile([STRETCH, LENGTH, STRETCH, SHIFT, SHIFT, SHIFT], P)
         names = self.keypoints.names
-        deviation[1 + _PART * P :] = np.repeat([offset_deviation(name) for name in names], 3)
+        limbs = [name.endswith(("Elbow", "Wrist", "Knee", "Ankle")) for name in names]
+        deviation[1 + _PART * P :] = np.repeat(np.where(limbs, LIMB_OFFSET, OFFSET), 3)
         H = np.diag(1 / deviation**2)
         for left, right in mirrored_parts(self.body):
             for k, sign in enumerate((1, 1, 1, -1, 1, 1)):  # a bone's frame is mirrored along its x axis
