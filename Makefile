@@ -31,8 +31,8 @@ $(WHEELS): tools/wheels.lock | install
 demo: install
 	$(BIN)/kfmocap demo --out build/demo
 
-# One test process per core, each with one thread for linear algebra.
-PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --dist worksteal --durations 25
+# One test process per core.
+PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist worksteal --durations 25
 
 test: install $(WHEELS)
 	$(PYTEST)

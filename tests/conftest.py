@@ -13,6 +13,7 @@ from pathlib import Path
 
 import hypothesis
 import pytest
+import threadpoolctl
 from bare_environment import make_bare_environment
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -30,6 +31,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     hypothesis.settings.load_profile("nightly" if config.getoption("nightly") else "kfmocap")
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        # The processes share the cores. Loaded first, for what is not loaded has no number of threads.
+        importlib.import_module("scipy.linalg")
+        threadpoolctl.threadpool_limits(1, user_api="blas")
 
 
 def pytest_sessionfinish() -> None:

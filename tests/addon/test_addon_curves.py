@@ -129,7 +129,7 @@ edits = st.lists(
 )
 
 
-@settings(max_examples=25)
+@settings(max_examples=settings.default.max_examples // 4)
 @given(edits)
 def test_whatever_the_animator_keys_is_kept_bit_for_bit(changes):
     armature = build()
