@@ -77,7 +77,7 @@ class DescentStage:
 
 STAGES = (
     DescentStage(Sampling(2.0, 8.0, 4, 0.10), 2, views=2, small=ROUGH_STEP),
-    DescentStage(Sampling(1.0, 4.0, 4, REACH), 2, views=2, small=ROUGH_STEP),
+    DescentStage(Sampling(1.0, 4.0, 4, REACH), 3, views=2, small=ROUGH_STEP),
     DescentStage(Sampling(1.0, 1.0, 3, REACH), 2),
 )
 """From the curve through the key poses to the solution."""

@@ -45,7 +45,7 @@ LOOKS = 5
 """How often limbs are looked for, at most."""
 WINDOW = (
     DescentStage(Sampling(2.0, 4.0, 4, 0.10), 2, small=ROUGH_STEP),
-    DescentStage(Sampling(1.0, 1.0, 4, REACH), 1),
+    DescentStage(Sampling(1.0, 1.0, 4, REACH), 2),
 )
 """Within the window of `sequential_start.follow`."""
 
