@@ -36,7 +36,7 @@ SMALL_STEP = 0.007
 """Root mean square of joints' steps, radians (and metres), after which what is left, a third of it, does not count."""
 ROUGH_STEP = 0.025
 """The same where another stage follows, which moves joints more than what is left."""
-SMALL_GAIN = 3e-4
+SMALL_GAIN = 1e-6
 """Share of the cost that a step should gain at least to be followed by another."""
 OVERRELAXATION = 1.5
 """All steps of a stage but its last are taken this much longer, where all views are looked at: weights that follow the
