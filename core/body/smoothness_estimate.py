@@ -63,7 +63,12 @@ class AccelerationVariances:
 
     def precision(self, mobility: Array) -> Array:
         """Inverse variance of every degree of freedom, shape (N, D); `mobility` as in `axis_mobility`."""
-        return 1 / (np.repeat(self.local, 3, axis=1) * mobility**2)
+        return precision_of(self.local, mobility)
+
+
+def precision_of(variances: Array, mobility: Array) -> Array:
+    """Inverse variance of the acceleration of each degree of freedom, shape (..., D), of those of G groups (..., G)."""
+    return np.asarray(1 / (np.repeat(variances, 3, axis=-1) * mobility**2))
 
 
 def axis_mobility(body: Body) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body import Body
-from ..body.smoothness_estimate import POOLED, axis_mobility
+from ..body.smoothness_estimate import POOLED, axis_mobility, precision_of
 from .shot import KeyPoses, Settings
 
 Array = NDArray[np.float64]
@@ -26,7 +26,7 @@ def usual_variances(body: Body, fps: float, settings: Settings) -> Array:
 
 def acceleration_precision(body: Body, fps: float, settings: Settings) -> Array:
     """Inverse variance of the acceleration of each degree of freedom, per frame squared, shape (D,)."""
-    return 1 / (np.repeat(usual_variances(body, fps, settings), 3) * axis_mobility(body) ** 2)
+    return precision_of(usual_variances(body, fps, settings), axis_mobility(body))
 
 
 def variances_from_key_poses(body: Body, keys: KeyPoses, fps: float, settings: Settings) -> Array:

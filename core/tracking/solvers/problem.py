@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...body import Body
 from ...body.motion import Motion
-from ...body.smoothness_estimate import AccelerationVariances, axis_mobility
+from ...body.smoothness_estimate import AccelerationVariances, axis_mobility, precision_of
 from ...evidence.accumulate import SegmentEvidence
 from ...evidence.label_images import Geometry
 from ...evidence.view_frames import ViewFrames
@@ -101,7 +101,7 @@ class SegmentProblem:
         """The precision of a performer's accelerations before they are estimated, shape (D,) or (F, D)."""
         if self.acceleration_precision is not None:
             return self.acceleration_precision[performer]
-        return 1 / (np.repeat(self.variances(performer), 3) * axis_mobility(self.bodies[performer]) ** 2)
+        return precision_of(self.variances(performer), axis_mobility(self.bodies[performer]))
 
 
 @dataclass(frozen=True, eq=False)
