@@ -169,18 +169,9 @@ def fit_motion(
     # to two of them by which `core.numerics.least_squares` could test a step: plain Gauss-Newton.
     for i, step in enumerate(steps):
         poses = part_poses(body, motion)
-        points = places.world(poses)
-        sided, changed = keypoints, np.zeros(keypoints.confidence.shape, bool)
-        if step.tolerance <= SIDES_TOLERANCE:
-            sided, changed = correct_sides(keypoints, points)
-        residual = sided.residuals(points)
-        deviation = deviations(residual, sided.confidence) if known is None else known
-        weights = robust_weights(residual, sided.confidence, deviation, step.tolerance)
-        agreed = None if agreement is None or known is None else np.where(changed, 0.0, agreement.confidence)
-        if agreed is not None and step.counted is not Counted.FITTING:
-            trusted = trusted_weights(residual, agreed, deviation, step.tolerance)
-            weights = trusted if step.counted is Counted.AGREED else np.maximum(weights, trusted)
-        weights = weights * weight
+        comparison = compared(keypoints, places.world(poses), agreement, step.tolerance)
+        sided = comparison.keypoints
+        weights = comparison.counting(step) * weight
         system = keypoint_system(body, poses, sided, places, weights, prior_weight=prior_weight)
         evidence = system.blocks + posture_prior(body, motion)
         if known is not None and (i > 0 or earlier is not None):
@@ -208,12 +199,69 @@ def fit_motion(
             places = places.on_body(body, keypoints.names)
     if measures is not None:
         body = measures.body()
-    points = places.world(part_poses(body, motion))
-    sided, changed = correct_sides(keypoints, points)
+    comparison = compared(keypoints, places.world(part_poses(body, motion)), agreement)
+    usual = np.full_like(comparison.deviation, USUAL_DEVIATION)
+    energy = robust_energy(comparison.residual, comparison.keypoints.confidence, usual)
+    return KeypointFit(
+        body,
+        motion,
+        places,
+        comparison.keypoints,
+        comparison.changed,
+        comparison.deviation,
+        weights=comparison.fitting() * comparison.deviation[:, None] ** 2,
+        energy=energy + posture_prior(body, motion).energy,
+        agreed=comparison.agreed,
+        variances=variances,
+        measures=measures,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Keypoints beside a motion's.
+
+    Attributes
+    ----------
+    keypoints : Keypoints
+        With their sides corrected.
+    changed : ndarray of bool, shape (V, F, L)
+        Where they were changed.
+    residual : ndarray
+        See `Keypoints.residuals`.
+    deviation : ndarray, shape (V, L)
+        The detector's, metres.
+    agreed : ndarray, shape (V, F, L), or None
+        Confidence of the keypoints that agree with those of other views, else 0; None where no views agree on any.
+    """
+
+    keypoints: Keypoints
+    changed: NDArray[np.bool_]
+    residual: Array
+    deviation: Array
+    agreed: Array | None
+
+    def fitting(self, tolerance: float = 1.0) -> Array:
+        """Weights of the keypoints, shape (V, F, L), each by its own error."""
+        return robust_weights(self.residual, self.keypoints.confidence, self.deviation, tolerance)
+
+    def counting(self, step: FitStep) -> Array:
+        """Weights of the keypoints, shape (V, F, L), in one iteration."""
+        if self.agreed is None or step.counted is Counted.FITTING:
+            return self.fitting(step.tolerance)
+        trusted = trusted_weights(self.residual, self.agreed, self.deviation, step.tolerance)
+        return trusted if step.counted is Counted.AGREED else np.maximum(self.fitting(step.tolerance), trusted)
+
+
+def compared(
+    keypoints: Keypoints, points: Array, agreement: ViewAgreement | None, tolerance: float = 1.0
+) -> Comparison:
+    """Compare keypoints with those of a motion, in the world; far from the solution, sides stay as they are."""
+    known = None if agreement is None else agreement.deviation
+    sided, changed = keypoints, np.zeros(keypoints.confidence.shape, bool)
+    if tolerance <= SIDES_TOLERANCE:
+        sided, changed = correct_sides(keypoints, points)
     residual = sided.residuals(points)
     deviation = deviations(residual, sided.confidence) if known is None else known
     agreed = None if agreement is None or known is None else np.where(changed, 0.0, agreement.confidence)
-    fitting = robust_weights(residual, sided.confidence, deviation) * deviation[:, None] ** 2
-    energy = robust_energy(residual, sided.confidence, np.full_like(deviation, USUAL_DEVIATION))
-    energy += posture_prior(body, motion).energy
-    return KeypointFit(body, motion, places, sided, changed, deviation, fitting, energy, agreed, variances, measures)
+    return Comparison(sided, changed, residual, deviation, agreed)

@@ -1,4 +1,4 @@
-"""Some stretches of a shot are tracked alone, and fit what is beside them."""
+"""Some segments of a shot are tracked alone, and fit what is beside them."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_the_part_that_is_the_whole_shot_gives_its_motion_to_the_last_bit(
     np.testing.assert_array_equal(again.motions[0].translations, whole.motions[0].translations)
 
 
-def test_a_stretch_is_tracked_alone_as_well_as_with_the_others(views: list[View], whole: TrackResult) -> None:
+def test_a_segment_is_tracked_alone_as_well_as_with_the_others(views: list[View], whole: TrackResult) -> None:
     beside = tuple((whole.motions[0][[frame]],) for frame in (4, 11))
     [found] = track_excerpts(shot(views), [Excerpt(5, 10, beside)])
     assert len(found.motions[0]) == 6
@@ -84,23 +84,23 @@ def test_a_part_reads_its_own_frames_of_a_moving_camera(views: list[View], whole
     assert error_mm(found.motions[0], expected.motions[0]) < 1
 
 
-def test_stretches_are_chosen_by_a_frame() -> None:
-    stretches = [(0, 5), (5, 10), (10, 15)]
-    assert retracking.segments_at(stretches, 7) == [(5, 10)]
-    assert retracking.segments_at(stretches, 5) == [(0, 5), (5, 10)]
-    assert retracking.segments_at(stretches, 16) == []
-    assert retracking.segments_after(stretches, 5) == retracking.segments_after(stretches, 7) == [(5, 10), (10, 15)]
-    assert retracking.segments_before(stretches, 5) == [(0, 5)]
-    assert retracking.segments_before(stretches, 7) == [(0, 5), (5, 10)]
+def test_segments_are_chosen_by_a_frame() -> None:
+    segments = [(0, 5), (5, 10), (10, 15)]
+    assert retracking.segments_at(segments, 7) == [(5, 10)]
+    assert retracking.segments_at(segments, 5) == [(0, 5), (5, 10)]
+    assert retracking.segments_at(segments, 16) == []
+    assert retracking.segments_after(segments, 5) == retracking.segments_after(segments, 7) == [(5, 10), (10, 15)]
+    assert retracking.segments_before(segments, 5) == [(0, 5)]
+    assert retracking.segments_before(segments, 7) == [(0, 5), (5, 10)]
 
 
-def test_stretches_that_meet_are_one_part() -> None:
+def test_segments_that_meet_are_one_part() -> None:
     assert joined([(0, 5), (5, 10), (15, 20)]) == [(0, 10), (15, 20)]
     assert joined([(10, 15), (0, 5)]) == [(0, 5), (10, 15)]
     assert joined([]) == []
 
 
-def test_an_excerpt_has_the_stretches_of_the_shot(views: list[View]) -> None:
+def test_an_excerpt_has_the_segments_of_the_shot(views: list[View]) -> None:
     s = shot(views, (3, 7, 10))
     assert segments(s) == [(0, 3), (3, 7), (7, 10), (10, 15)]
     assert segments(s.between(3, 10)) == [(0, 4), (4, 7)]
@@ -134,10 +134,10 @@ def changed(s: Shot, frame: int) -> Shot:
     return replace(s, performers=(person,))
 
 
-def test_a_key_pose_changes_the_digests_of_the_stretches_beside_it_alone(views: list[View]) -> None:
+def test_a_key_pose_changes_the_digests_of_the_segments_beside_it_alone(views: list[View]) -> None:
     s = shot(views)
     other = changed(s, 5)
-    same = [digest(s, stretch) == digest(other, stretch) for stretch in segments(s)]
+    same = [digest(s, segment) == digest(other, segment) for segment in segments(s)]
     assert same == [False, False, True]
 
 
