@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from ..cli.example_footage import example_folder
 from ..core.body import landmark_positions
 from ..core.formats import Landmarks, read_trc
+from ..core.numerics.arrays import Array
 from ..core.review.scoring import JOINTS
 from ..core.review.suggestions import suggest_keys_by_error
 from ..core.shot.shot import Shot
@@ -22,8 +22,6 @@ from ..core.tracking.tracker import track
 from ..core.tracking.uncertainty import expected_errors
 from .rows import BEAM, ROWS, WALK, Row
 from .tables import markdown
-
-Array = NDArray[np.float64]
 
 MORE = (
     Row("beam", ("cam02", "cam04"), (0, 50, 99)),

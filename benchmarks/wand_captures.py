@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.cameras.camera import Camera
 from ..core.capture.capture import Capture, CaptureView, Markers
-
-Array = NDArray[np.float64]
+from ..core.numerics.arrays import Array
 
 LFRAME = np.array([[0.0, 0, 0], [0.3, 0, 0], [0.6, 0, 0], [0, 0.2, 0]])
 WAND_LENGTH = 0.5

@@ -25,10 +25,9 @@ from ..core.cameras.camera import Camera
 from ..core.capture.capture import Capture
 from ..core.errors import KFMocapError
 from ..core.numerics import rotations
+from ..core.numerics.arrays import Array
 from ..core.runtime.files import replacing
 from .wand_captures import FPS, HARD, LFRAME, WAND_LENGTH, Faults, capture, ring, scattered, waved
-
-Array = NDArray[np.float64]
 
 CAMERAS = 4
 POSITIONS = 300

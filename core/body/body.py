@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from ..errors import BodyError
+from ..numerics.arrays import Array
 
-Array = NDArray[np.float64]
 UNLIMITED = ((-np.pi, np.pi),) * 3
 
 

@@ -10,12 +10,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import BodyError
+from ..numerics.arrays import Array
 from .body import Body, Part
-
-Array = NDArray[np.float64]
 
 FRACTIONS: dict[str, float] = {
     "hip_width": 0.115,

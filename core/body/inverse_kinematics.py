@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from ..errors import LandmarkError
 from ..numerics import rotations
+from ..numerics.arrays import Array
 from . import Body, default_measures, human, landmark_positions, part_poses, point_jacobian
 from .human import FRACTIONS, SHIFTS
 from .motion import Motion, stacked
-
-Array = NDArray[np.float64]
 
 LANDMARK_SIGMA = 0.01
 """Expected error of a landmark, metres."""

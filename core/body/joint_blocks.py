@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..numerics.arrays import Array
 from ..numerics.banded_blocks import BandedBlocks
 from .body import Body
 from .kinematics import Poses, twist_jacobian
-
-Array = NDArray[np.float64]
 
 
 def joint_blocks(body: Body, poses: Poses, H: Array, g: Array, energy: float) -> BandedBlocks:

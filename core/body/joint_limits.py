@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..numerics import rotations
 from ..numerics.banded_blocks import BandedBlocks, block_diagonal
 from .body import Body
 from .motion import Motion
-
-Array = NDArray[np.float64]
 
 LIMIT_DEVIATION = 0.05
 """How far a joint may go beyond its limits, radians."""

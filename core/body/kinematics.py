@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..numerics import rotations
+from ..numerics.arrays import Array
 from .body import Body
 from .motion import Motion
 
-Array = NDArray[np.float64]
 Poses = tuple[Array, Array]
 """World rotations (F, P, 3, 3) and translations (F, P, 3) of parts."""
 

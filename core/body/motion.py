@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ..numerics import rotations
-
-Array = NDArray[np.float64]
+from ..numerics.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)

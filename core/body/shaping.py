@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..numerics.arrays import Array
 from .body import Body
-
-Array = NDArray[np.float64]
 
 
 def shaped(body: Body, stretch: Array, shift: Array) -> Body:

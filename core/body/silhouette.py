@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-Array = NDArray[np.float64]
+from ..numerics.arrays import Array
+
 Indices = NDArray[np.int64]
 
 

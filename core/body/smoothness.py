@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..numerics import rotations
+from ..numerics.arrays import Array
 from ..numerics.banded_blocks import BandedBlocks, block_diagonal, with_translation
 from .motion import Motion
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,13 +21,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..numerics.arrays import Array
 from ..numerics.banded import BandedFactor
 from ..numerics.banded_blocks import BandedBlocks
 from .body import Body
 from .motion import Motion
 from .smoothness import SecondDifferences, acceleration, limited
-
-Array = NDArray[np.float64]
 
 TAILS = 4.0
 """Degrees of freedom of Student's t."""

@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..numerics import rotations
+from ..numerics.arrays import Array
 from ..numerics.banded_blocks import BandedBlocks, with_translation
 from .motion import Motion, stacked
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

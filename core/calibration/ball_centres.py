@@ -11,9 +11,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ..numerics.arrays import Array
 
 _OUTLINE = 16
 _ROUNDS = 3

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..capture.colours import Colour, to_hsv
+from ..numerics.arrays import Array
 
-Array = NDArray[np.float64]
 Image = NDArray[Any]
 
 _GAMMA = 2.2

@@ -11,17 +11,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from ..numerics.arrays import Array, Bools
 from ..numerics.least_squares import StoppingRule, minimise
 from ..numerics.normal_equations import SparseEquations, SparseFactor
 from ..numerics.robust_kernels import Cauchy, Quadratic, RobustKernel
 from .bundle_residuals import BundleEvidence, BundleResiduals, Scene, first_camera, linearise, residuals, unknowns
 from .camera_rig import CAMERA_DOF
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 _RAYLEIGH_MEDIAN = 1.1774
 _LEAST_LEFT = 0.1

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from ..numerics.arrays import Array, Bools, Ints
 from .camera_rig import (
     CAMERA_DOF,
     CENTRE,
@@ -32,9 +33,6 @@ from .camera_rig import (
     tangents,
 )
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 Rows = tuple[Array, sparse.csr_array]
 
 LFRAME_SIGMA = 1e-3

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import OutputError
+from ..numerics.arrays import Array
 from ..runtime.files import replacing, write_json
 from .charts import GREY, INK, Chart, Image, blank, heat_colour, stacked_pictures, text
 from .quality import measured_lengths, quality_numbers
@@ -20,7 +21,6 @@ from .quality import measured_lengths, quality_numbers
 if TYPE_CHECKING:
     from .calibration_result import CalibrationResult
 
-Array = NDArray[np.float64]
 
 _WIDTH = 1200
 _WORST = 1.0

@@ -5,17 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..cameras.camera import Camera
 from ..capture.capture import Capture
+from ..numerics.arrays import Array, Bools
 from .bundle_residuals import BallObservations, Scene
 from .camera_rig import CAMERA_DOF, Rig, Wand
 from .clocks import Clocks
 from .findings import Finding
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 
 from ..cameras.camera import Camera
 from ..numerics import rotations
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from ..numerics.arrays import Array, Ints
 
 TURN, SHIFT, FOCAL, CENTRE, K1, K2, OFFSET, DRIFT = slice(0, 3), slice(3, 6), 6, slice(7, 9), 9, 10, 11, 12
 CAMERA_DOF = 13

@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from ..numerics.arrays import Array
+
 Image = NDArray[Any]
 Pair = tuple[float, float]
 Colour = tuple[int, int, int]

@@ -12,14 +12,12 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..capture.capture import Markers
+from ..numerics.arrays import Array
 from .camera_rig import DRIFT, OFFSET, Rig
 from .pairwise import sampson
 from .wand_tracks import sampled
-
-Array = NDArray[np.float64]
 
 LEAST_OVERLAP = 0.35
 """Share of the shorter track that two videos must have in common."""

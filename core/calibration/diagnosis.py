@@ -6,10 +6,10 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..capture.capture import LFRAME_BALLS, Capture
 from ..errors import CaptureError
+from ..numerics.arrays import Array
 from . import findings
 from .camera_rig import FOCAL, OFFSET, Wand
 from .findings import Finding
@@ -20,7 +20,6 @@ from .wand_tracks import Tracks
 if TYPE_CHECKING:
     from .calibration_result import CalibrationResult
 
-Array = NDArray[np.float64]
 
 LEAST_AGREEING = 0.3
 """Share of the balls that must obey two views' epipolar geometry: by chance some always do."""

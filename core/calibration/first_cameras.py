@@ -11,15 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..numerics import rotations
+from ..numerics.arrays import Array, Bools
 from .bundle import BundleFit, adjust
 from .bundle_residuals import BallObservations, BundleEvidence, Scene
 from .camera_rig import CAMERA_DOF, COEFFICIENTS, FOCAL, K1, SHIFT, TURN, Rig
 from .pairwise import Epipolar, Lens, Start, epipolar, starts
 from .wand_tracks import Tracks
 from .wand_triangulation import WandSighting, sight
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 FEWEST_SHARED = 15
 """Frames on which two views must see the wand together to be linked."""

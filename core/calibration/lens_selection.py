@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from ..numerics.arrays import Bools
 from .bundle import adjust, covariance
 from .bundle_residuals import BundleEvidence, Scene
 from .camera_rig import CAMERA_DOF, CENTRE, K2
 from .pairwise import Lens
-
-Bools = NDArray[np.bool_]
 
 CENTRE_SIGMA = 0.01
 """Share of the picture's width to within which a principal point must be known to be believed."""

@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ..capture.capture import LFRAME_BALLS, Markers
+from ..numerics.arrays import Array
 from . import findings
 from .bundle_residuals import LFRAME_SIGMA, BallObservations
 from .camera_rig import Rig
 from .wand_triangulation import projected, rays, triangulated
-
-Array = NDArray[np.float64]
 
 _LASTING = 0.1
 """Share of a ball's standard deviation that no averaging over frames takes away."""

@@ -12,12 +12,10 @@ from itertools import permutations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import CalibrationError
+from ..numerics.arrays import Array
 from .ball_detection import Balls
-
-Array = NDArray[np.float64]
 
 FOCALS = (0.6, 0.8, 1.0, 1.3, 1.7, 2.3)
 """Focal lengths that are tried where none is known, as shares of the picture's longer side."""

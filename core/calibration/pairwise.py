@@ -13,12 +13,9 @@ from itertools import product
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ..numerics.arrays import Array, Bools
 from .wand_triangulation import triangulated
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 FOCAL_GRID = np.geomspace(0.4, 5.0, 10)
 """Focal lengths that are tried at first, as shares of a picture's longer side."""

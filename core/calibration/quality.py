@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..capture.capture import Markers
+from ..numerics.arrays import Array
 from .bundle_residuals import BallObservations
 from .camera_rig import CENTRE, DRIFT, FOCAL, K1, K2, OFFSET, SHIFT, Rig
 from .wand_matching import matched
@@ -18,7 +19,6 @@ from .wand_triangulation import rays, triangulated
 if TYPE_CHECKING:
     from .calibration_result import CalibrationResult
 
-Array = NDArray[np.float64]
 
 _CELLS = 12
 """Cells along the longer side of a picture, of which the wand's balls reach some."""

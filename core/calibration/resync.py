@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..cameras.camera import Camera
 from ..capture.capture import Capture
@@ -21,8 +20,6 @@ from .first_cameras import FEWEST_SHARED
 from .synchrony import synchrony, with_capture_clock
 from .wand_matching import labelled
 from .wand_triangulation import sight
-
-Array = NDArray[np.float64]
 
 _LOOSE = 10.0
 _ROUNDS = 4

@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..capture.capture import Capture, Markers
+from ..numerics.arrays import Array
 from . import findings
 from .camera_rig import Rig
 from .clocks import find_offsets
 from .wand_tracks import Tracks, cleaned, is_waved, synchronised
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

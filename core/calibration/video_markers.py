@@ -14,14 +14,13 @@ from ..cameras.camera import Camera
 from ..capture.capture import LFRAME_BALLS, Capture, CaptureView, Markers
 from ..capture.capture_videos import CaptureVideos, CaptureVideoView
 from ..errors import CalibrationError
+from ..numerics.arrays import Array
 from ..runtime.progress import Progress, report_progress, share
 from ..shot.footage import Footage, pictures, probe
 from .ball_centres import centres_of
 from .ball_detection import Balls, Picture, find_balls, without_rods
 from .lframe_detection import FOCALS, LFrameModel, identified, standing
 from .wand_detection import Pairs, find_pairs, told_apart, wand_path
-
-Array = NDArray[np.float64]
 
 _LFRAME_PICTURES = 15
 _ARMS = ((0, 1), (1, 2), (0, 3))

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..capture.capture import Capture, CaptureView
+from ..numerics.arrays import Array, Bools
 from ..runtime.progress import Progress, report_progress
 from . import diagnosis, lens_selection, lframe
 from .bundle import adjust, covariance
@@ -21,9 +21,6 @@ from .quality import measured_lengths
 from .synchrony import Synchrony, synchrony, with_capture_clock
 from .wand_matching import labelled
 from .wand_triangulation import sight
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 FOCAL_SIGMA = 0.1
 """Standard deviation of a focal length that was told beforehand, as a share."""

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..capture.colours import Colour
+from ..numerics.arrays import Array
 from .ball_detection import Balls, Picture, find_balls, without_rods
 
-Array = NDArray[np.float64]
 Image = NDArray[Any]
 
 _MOST_OF_A_COLOUR = 8

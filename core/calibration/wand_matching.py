@@ -6,14 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..capture.capture import CaptureView, Markers
+from ..numerics.arrays import Array, Ints
 from .bundle_residuals import BallObservations, Scene, predicted
 from .wand_triangulation import GATE
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

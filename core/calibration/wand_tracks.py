@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from ..capture.capture import Markers
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from ..numerics.arrays import Array, Ints
 
 _REACH = 4
 """Frames on either side from which a track's middle course is judged."""

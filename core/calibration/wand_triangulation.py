@@ -9,11 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..numerics.arrays import Array, Ints
 from .camera_rig import Rig, Wand
 from .wand_tracks import Tracks
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _PARALLAX = np.deg2rad(3.0)
 """Angle between two rays from which on they tell where a point is."""

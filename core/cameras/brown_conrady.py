@@ -8,11 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..numerics.arrays import Array
 from .camera import Camera
-
-Array = NDArray[np.float64]
 
 _GRID = 48
 

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import CalibrationError
-
-Array = NDArray[np.float64]
+from ..numerics.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ..numerics.arrays import Array
 
 LFRAME_BALLS = 4
 WAND_BALLS = 2

@@ -13,13 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.kinematics import Poses
+from ..numerics.arrays import Array
 from .contours import OutlineSums, outline_sums
 from .foreground import log_ratio
 from .gradients import GradientSums, brightness_constancy
 from .label_images import Geometry, render_labels
 from .view_frames import GradientImageCache, ViewFrames
-
-Array = NDArray[np.float64]
 
 RUN = 32
 """Pairs of frames that are worked on at a time, about: enough to keep NumPy busy, few enough to stay in the cache."""

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..cameras.camera import Camera
+from ..numerics.arrays import Array
 from .foreground import log_ratio
 from .gradients import camera_twist, summed_products, wrenches
 from .label_images import LabelImages
 from .view_frames import interpolated, stacked_places
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 SPACING = 1.5

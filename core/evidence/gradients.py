@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 from ..body.kinematics import Poses
 from ..cameras.camera import Camera
 from ..numerics import rotations
+from ..numerics.arrays import Array
 from .foreground import log_ratio
 from .label_images import LabelImages
 from .view_frames import GradientImages, Image
-
-Array = NDArray[np.float64]
 
 HUBER = 1.345
 """Where Huber's error turns from square to linear, in standard deviations (95 % efficiency under normal noise)."""

@@ -9,13 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body.kinematics import Poses
 from ..cameras.camera import Camera
+from ..numerics.arrays import Array
 from .contours import Lines
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,8 +21,7 @@ from scipy import sparse
 
 from ..body import Body
 from ..cameras.camera import Camera
-
-Array = NDArray[np.float64]
+from ..numerics.arrays import Array
 
 NEAR = 0.05
 """Parts with a vertex nearer than this (metres before the camera) are not drawn."""

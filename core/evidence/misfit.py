@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.kinematics import Poses
+from ..numerics.arrays import Array
 from .foreground import log_ratio
 from .label_images import Geometry, render_labels
 from .view_frames import ViewFrames, views_with_foreground
-
-Array = NDArray[np.float64]
 
 NEAR = 0.2
 """How far from the model uncovered foreground counts as the performer's, metres."""

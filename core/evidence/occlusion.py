@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ..numerics.arrays import Array
 
 OCCLUDED_BELOW = 0.3
 """A part is occluded in a view where less than this share of its area is seen (paper 000, section 5.3)."""

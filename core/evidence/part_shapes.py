@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body.kinematics import Poses
 from ..cameras.camera import Camera
+from ..numerics.arrays import Array
 from ..numerics.least_squares import GAUSS_NEWTON, StoppingRule, minimise
 from ..numerics.normal_equations import DenseEquations
 from .contours import Lines, outline_lines
@@ -17,8 +17,6 @@ from .gradients import camera_twist
 from .held_outlines import HeldOutlines
 from .label_images import Geometry, render_labels
 from .view_frames import ViewFrames
-
-Array = NDArray[np.float64]
 
 STRETCH = 0.2
 """Usual stretch of a part along each of its axes, beside the default body."""

@@ -11,17 +11,15 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body import Body, part_poses, twist_jacobian
 from ..body.kinematics import scene_poses
 from ..body.motion import Motion
+from ..numerics.arrays import Array
 from ..numerics.least_squares import GAUSS_NEWTON, StoppingRule, minimise
 from .label_images import Geometry
 from .part_shapes import ShapeEquations, compose, shape_equations
 from .view_frames import ViewFrames
-
-Array = NDArray[np.float64]
 
 DEVIATION = 0.5 / np.sqrt(3)
 """Usual offset, frames: anything within half a frame, as the nearest frame leaves it."""

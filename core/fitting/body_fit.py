@@ -32,6 +32,7 @@ from ..formats.keypoint_files import read_shot_keypoints
 from ..keypoints.keypoint_factor import USUAL_DEVIATION, Keypoints, Places, robust_weights
 from ..keypoints.left_right import correct_sides
 from ..keypoints.observations import performer_keypoints
+from ..numerics.arrays import Array
 from ..numerics.normal_equations import DenseEquations, IndependentEquations
 from ..runtime.progress import Progress
 from ..runtime.threads import one_blas_thread
@@ -40,8 +41,6 @@ from ..shot.shot import Shot
 from ..tracking.segments import whole_keys
 from .key_frame_views import KeyFrameView, read_key_frames
 from .outline_fit import OutlineProblem, RefinementStage, coarse_to_fine, key_outlines, outline_products
-
-Array = NDArray[np.float64]
 
 GROWTH = 0.08
 """Usual departure of a performer's size from the body's, as a share."""

@@ -17,6 +17,7 @@ from ..body.time_shift import poses_after
 from ..cameras.camera import Camera
 from ..errors import CalibrationError
 from ..evidence.gradients import wrenches
+from ..numerics.arrays import Array
 from ..runtime.progress import Progress
 from ..runtime.threads import one_blas_thread
 from ..shot.keypose_spline import spline
@@ -25,8 +26,6 @@ from ..tracking.segments import whole_keys
 from .key_frame_views import KeyFrameView, on_frames, read_key_frames
 from .outline_fit import OutlineProblem, RefinementStage, coarse_to_fine
 from .resection import CameraEquations, CameraState, camera_equations
-
-Array = NDArray[np.float64]
 
 SETTLED = 0.05
 """A stage ends when no camera moves the body's picture by more than this, pixels of the reduced frames."""

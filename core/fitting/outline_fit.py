@@ -20,11 +20,11 @@ from ..evidence.foreground import foreground_images
 from ..evidence.label_images import Geometry, render_labels
 from ..evidence.part_shapes import shape_columns, stretched
 from ..evidence.view_frames import ViewFrames
+from ..numerics.arrays import Array
 from ..numerics.least_squares import GAUSS_NEWTON, LeastSquaresResult, StoppingRule, minimise
 from ..numerics.normal_equations import NormalEquations
 from ..runtime.progress import Progress, report_progress
 
-Array = NDArray[np.float64]
 _STRIDE = 2
 
 

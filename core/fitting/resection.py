@@ -25,11 +25,11 @@ from ..evidence.held_outlines import HeldOutlines
 from ..evidence.label_images import Geometry
 from ..evidence.part_shapes import SHIFT, STRETCH, stretched
 from ..numerics import rotations
+from ..numerics.arrays import Array
 from ..numerics.normal_equations import DenseEquations
 from .key_frame_views import KeyFrameView
 from .outline_fit import RefinementStage, key_outlines, outline_products
 
-Array = NDArray[np.float64]
 Columns = NDArray[np.intp]
 
 POSITION = 0.1

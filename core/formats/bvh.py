@@ -14,8 +14,7 @@ from ..body import Body, default_measures, human
 from ..body.human import FRACTIONS
 from ..body.motion import Motion
 from ..errors import BodyError, ShotError
-
-Array = NDArray[np.float64]
+from ..numerics.arrays import Array
 
 _WORLD_OF_BVH = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 _TOLERANCE = 2e-3  # metres

@@ -16,14 +16,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from ..cameras.camera import Camera
 from ..errors import CalibrationError
 from ..numerics import rotations
+from ..numerics.arrays import Array
 from ..runtime.files import replacing
-
-Array = NDArray[np.float64]
 
 _MATRIX = ("camera_matrix", "matrix", "K", "intrinsics", "cameraMatrix")
 _DISTORTIONS = ("distortion_coefficients", "distortions", "dist", "distCoeffs", "D")

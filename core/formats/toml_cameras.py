@@ -13,15 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..cameras.camera import Camera
 from ..errors import CalibrationError
 from ..numerics import rotations
+from ..numerics.arrays import Array
 from ..runtime.files import replacing
 from .toml_tables import read_toml
-
-Array = NDArray[np.float64]
 
 
 def read_toml_cameras(path: Path) -> list[Camera]:

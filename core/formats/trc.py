@@ -10,12 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import LandmarkError
+from ..numerics.arrays import Array
 from ..runtime.files import replacing
-
-Array = NDArray[np.float64]
 
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 WORLD_OF_Y_UP = [2, 0, 1]

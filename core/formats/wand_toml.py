@@ -7,16 +7,14 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..capture.capture import LFRAME_BALLS, WAND_BALLS, Capture, CaptureView, Markers
 from ..capture.capture_videos import CaptureVideos, CaptureVideoView
 from ..capture.colours import Colour, parsed
 from ..errors import CalibrationError, ShotError
+from ..numerics.arrays import Array
 from .marker_points import TAKES, read_marker_points
 from .toml_tables import Table, read_toml
-
-Array = NDArray[np.float64]
 
 _TABLES = ("lframe", "wand", "view", "points")
 _VIEW = ("camera", "lframe", "wand", "offset", "focal", "matrix", "distortions", "size", "fps")

@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from ..numerics.arrays import Array
 from .keypoint_factor import Keypoints
 from .left_right import swap_sides
 from .triangulation import triangulate
-
-Array = NDArray[np.float64]
 
 LEAP = 0.5
 """From one frame to the next a person moves less than this share of its size."""

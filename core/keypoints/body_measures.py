@@ -6,14 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body import Body, default_measures, human, part_poses, point_jacobian
 from ..body.human import SHIFTS
 from ..body.motion import Motion
+from ..numerics.arrays import Array
 from .keypoint_factor import Keypoints, KeypointSystem, Places
-
-Array = NDArray[np.float64]
 
 PROPORTION_DEVIATION = 0.08
 """Usual departure of a measure from the average person's of that height, as a share: of people, and of what different

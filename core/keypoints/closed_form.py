@@ -8,14 +8,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from ..body import Body, part_poses
 from ..body.motion import Motion
 from ..numerics import rotations
-
-Array = NDArray[np.float64]
+from ..numerics.arrays import Array
 
 TRUNK = ("LHip", "RHip", "LShoulder", "RShoulder")
 LIMBS = (

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..body import Body
 from ..body.inverse_kinematics import estimate_height
 from ..errors import KeypointError
+from ..numerics.arrays import Array
 from ..shot.keypose_spline import spline
 from ..shot.shot import KeyPoses
 from .body_measures import BodyMeasures
@@ -18,8 +19,6 @@ from .keypoint_factor import Keypoints
 from .keypoint_fit import CONTINUED, KeypointFit, fit_motion
 from .limb_safeguard import repose_lost_limbs
 from .view_agreement import ViewAgreement
-
-Array = NDArray[np.float64]
 
 
 def first_pass(

@@ -8,13 +8,12 @@ from numpy.typing import NDArray
 from ..body import Body, landmark_positions
 from ..body.inverse_kinematics import fit_poses
 from ..body.motion import Motion, stacked
+from ..numerics.arrays import Array
 from ..shot.keypose_spline import spline
 from ..shot.shot import KeyPoses
 from .closed_form import closed_form_pose
 from .keypoint_factor import Keypoints
 from .view_agreement import averaged
-
-Array = NDArray[np.float64]
 
 POSED_EVERY = 0.2
 """Inverse kinematics poses a body other than the default this often, seconds; between, a curve is the start."""

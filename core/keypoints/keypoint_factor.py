@@ -19,10 +19,9 @@ from ..body import Body, twist_jacobian
 from ..body.joint_blocks import joint_blocks
 from ..body.kinematics import Poses
 from ..formats.keypoint_layouts import is_sided, mirrored_name
+from ..numerics.arrays import Array
 from ..numerics.banded_blocks import BandedBlocks
 from ..numerics.robust_kernels import GemanMcClure
-
-Array = NDArray[np.float64]
 
 LEAST_DEVIATION = 0.006
 """No keypoint is surer than this, metres."""

@@ -14,6 +14,7 @@ from ..body.joint_limits import posture_prior
 from ..body.motion import Motion
 from ..body.smoothness import limited, smoothness
 from ..body.smoothness_estimate import AccelerationVariances, axis_mobility, estimate_variances
+from ..numerics.arrays import Array
 from ..numerics.banded import BandedFactor, bordered_solution
 from .body_measures import BodyMeasures, with_measures
 from .keypoint_factor import (
@@ -28,8 +29,6 @@ from .keypoint_factor import (
 )
 from .left_right import correct_sides
 from .view_agreement import ViewAgreement
-
-Array = NDArray[np.float64]
 
 
 class Counted(Enum):

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..formats.keypoint_layouts import is_sided, mirrored_name
+from ..numerics.arrays import Array
 from .keypoint_factor import Keypoints
-
-Array = NDArray[np.float64]
 
 GROUPS = (("Hip", "Knee", "Ankle", "BigToe", "Heel"), ("Shoulder", "Elbow", "Wrist", "Hand"), ("Eye", "Ear"))
 """Landmarks whose sides are decided together."""

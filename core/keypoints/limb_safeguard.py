@@ -8,10 +8,9 @@ from scipy.ndimage import binary_dilation, uniform_filter1d
 
 from ..body import Body, part_poses
 from ..body.motion import Motion
+from ..numerics.arrays import Array
 from .closed_form import LIMBS, closed_form_limb
 from .keypoint_factor import GROSS, Keypoints, Places
-
-Array = NDArray[np.float64]
 
 WORSE = 2.0
 """A limb is lost where its keypoints are so many variances farther from the views than the points that these agree on,

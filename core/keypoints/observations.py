@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..body import part_poses
 from ..body.motion import Motion
 from ..cameras.camera import Camera
+from ..numerics.arrays import Array
 from ..shot.acceleration_prior import acceleration_precision
 from ..shot.detections import Detections
 from ..shot.footage import footage_delay, footage_index
@@ -19,8 +20,6 @@ from ..shot.shot import Performer, Settings, Shot, View
 from .assignment import ViewDetections, assign_detections
 from .first_pass import first_pass
 from .keypoint_factor import KeypointFactor, Keypoints, Places, has_keypoint
-
-Array = NDArray[np.float64]
 
 
 def image_rays(camera: Camera, pixels: Array) -> Array:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..body.motion import Motion
 from ..errors import KeypointError, located
+from ..numerics.arrays import Array
 from ..runtime.progress import Progress, report_progress
 from ..shot.acceleration_prior import acceleration_precision
 from ..shot.detections import Detections
@@ -18,8 +19,6 @@ from ..shot.shot import KeyPoses, Performer, PerformerRequest, Shot, fixed_degre
 from .first_pass import first_pass, scaled_first_pass
 from .keypoint_fit import KeypointFit
 from .observations import correlated_frames, performer_keypoints
-
-Array = NDArray[np.float64]
 
 EVERY = 0.6
 """Seconds between proposed key poses, about."""

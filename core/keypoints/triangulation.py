@@ -7,9 +7,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..numerics.arrays import Array
 from .keypoint_factor import Keypoints
-
-Array = NDArray[np.float64]
 
 ACCEPTED = 0.06
 """A view agrees with a point that is within this of its ray, metres."""

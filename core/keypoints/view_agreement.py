@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from ..numerics.arrays import Array
 from .keypoint_factor import LEAST_DEVIATION, USUAL_DEVIATION, Keypoints
 from .left_right import correct_sides
 from .triangulation import triangulate
-
-Array = NDArray[np.float64]
 
 COMPARED_WITHIN = 0.1
 """How long before and after a point is compared with, seconds."""

@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
+from .arrays import Array
 from .banded_blocks import BandedBlocks
-
-Array = NDArray[np.float64]
 
 
 class BandedFactor:

@@ -16,11 +16,11 @@ from scipy import sparse
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse.linalg import splu
 
+from .arrays import Array
 from .banded import BandedFactor, bordered_solution
 from .banded_blocks import BandedBlocks
 from .robust_kernels import Quadratic, RobustKernel
 
-Array = NDArray[np.float64]
 Step_co = TypeVar("Step_co", covariant=True)
 Factor_co = TypeVar("Factor_co", covariant=True)
 

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
+from .arrays import Array
 from .rotations import continuous_signs
-
-Array = NDArray[np.float64]
 
 
 def sample_times(first: int, last: int, rate: float, wanted: float) -> Array:

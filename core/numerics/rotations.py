@@ -7,10 +7,9 @@ References: G. S. Chirikjian, Stochastic Models, Information Theory, and Lie Gro
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from .arrays import Array
 
 
 def skew(v: Array) -> Array:

@@ -25,12 +25,11 @@ from ..errors import KeypointError
 from ..keypoints.keypoint_factor import Keypoints, Places, has_keypoint, keypoint_system
 from ..keypoints.triangulation import triangulate
 from ..numerics import rotations
+from ..numerics.arrays import Array
 from ..numerics.banded_blocks import BandedBlocks, block_diagonal, with_translation
 from ..numerics.least_squares import Damping, StoppingRule, minimise
 from ..numerics.normal_equations import BandedEquations
 from ..runtime.threads import one_blas_thread
-
-Array = NDArray[np.float64]
 
 CLICK_DEVIATION = 0.008
 """Usual error of a click, metres across the ray: a pixel or two of a person who fills the picture."""

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ..body import Body, part_poses
 from ..body.motion import Motion
 from ..numerics import rotations
-
-Array = NDArray[np.float64]
+from ..numerics.arrays import Array
 
 
 def limb_flipped(body: Body, pose: Motion, landmark: str, axis_world: Array) -> Motion:

@@ -18,13 +18,13 @@ from ..body.time_shift import poses_after
 from ..cameras.camera import Camera
 from ..errors import OutputError
 from ..evidence.label_images import Geometry, render_labels
+from ..numerics.arrays import Array
 from ..runtime.files import replacing
 from ..runtime.progress import Progress, report_progress
 from ..runtime.threads import worker_count
 from ..shot.footage import frames_at, shown_delay
 from ..shot.shot import Shot, View
 
-Array = NDArray[np.float64]
 Image = NDArray[Any]
 
 SHEET_WIDTH = 2400

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_closing
 
 from ..evidence.occlusion import LONG, intervals
+from ..numerics.arrays import Array
 from ..shot.shot import KeyPoses
 from ..tracking.uncertainty import expected_errors, joint_parts
-
-Array = NDArray[np.float64]
 
 APART = 5
 """Frames between a suggested key frame and another, or one that there is, at least."""

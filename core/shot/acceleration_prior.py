@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body import Body
 from ..body.smoothness_estimate import POOLED, axis_mobility, precision_of
+from ..numerics.arrays import Array
 from .shot import KeyPoses, Settings
-
-Array = NDArray[np.float64]
 
 _LEAST_CHANGE = 1e-6  # of a variance: key poses that stand still do not say that nothing moves between them
 

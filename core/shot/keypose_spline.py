@@ -8,9 +8,8 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from ..body.motion import Motion
+from ..numerics.arrays import Array
 from .shot import KeyPoses
-
-Array = NDArray[np.float64]
 
 
 def spline(keys: KeyPoses, length: int) -> Motion:

@@ -17,11 +17,11 @@ from scipy.linalg import toeplitz
 
 from ..body.motion import Motion, stacked
 from ..evidence.occlusion import intervals
+from ..numerics.arrays import Array
 
 if TYPE_CHECKING:
     from filterpy.kalman import KalmanFilter
 
-Array = NDArray[np.float64]
 
 ORDER = 12
 """Past steps that a step is predicted from, at most; never more than a third of those that the model is learnt from.

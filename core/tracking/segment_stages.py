@@ -17,6 +17,7 @@ from ..evidence.time_offset import Offset, key_frame_offset
 from ..evidence.view_frames import ViewFrames, views_with_foreground
 from ..keypoints.keypoint_factor import KeypointFactor
 from ..keypoints.observations import ShotKeypoints
+from ..numerics.arrays import Array
 from ..shot.acceleration_prior import variances_from_key_poses
 from ..shot.shot import Shot, fixed_degrees
 from .appearance import key_frame_shape
@@ -24,8 +25,6 @@ from .segments import Segment, posed_frames, whole_keys
 from .solvers.measurement import Workspace
 from .solvers.problem import SegmentProblem, SegmentSolution
 from .solvers.protocol import Solver
-
-Array = NDArray[np.float64]
 
 Around = tuple[tuple[Motion, ...] | None, tuple[Motion, ...] | None]
 """Every performer's pose on the frame before some frames, and on the one after them, where they are known."""

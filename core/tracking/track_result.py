@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from ..body.motion import Motion
 from ..keypoints.observations import ShotKeypoints
+from ..numerics.arrays import Array
 from ..numerics.banded import BandedFactor
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

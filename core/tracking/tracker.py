@@ -15,13 +15,13 @@ from itertools import count, pairwise, zip_longest
 from threading import Event
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body.motion import Motion
 from ..errors import ShotError
 from ..evidence.view_frames import ViewFrames
 from ..formats.keypoint_files import read_shot_keypoints
 from ..keypoints.observations import ShotKeypoints, fit_keypoints
+from ..numerics.arrays import Array
 from ..runtime.progress import Progress, report_progress
 from ..runtime.threads import one_blas_thread, worker_count
 from ..runtime.timing import Seconds
@@ -46,8 +46,6 @@ from .solvers.protocol import Solver
 from .solvers.registry import solver_named
 from .track_result import SegmentResult, TrackResult
 from .uncertainty import joint_deviations
-
-Array = NDArray[np.float64]
 
 Observer = Callable[[Segment, int, Sequence[Motion]], None]
 

@@ -11,19 +11,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body import Body, part_poses
 from ..body.kinematics import point_jacobian
 from ..body.motion import Motion
 from ..evidence.misfit import uncovered_gaps
+from ..numerics.arrays import Array
 from ..numerics.banded import BandedFactor
 from .solvers.gauss_newton import normal_equations
 from .solvers.measurement import MeasuredMotion, hidden_parts, poses_by_delay, view_instants
 from .solvers.problem import SegmentProblem, SegmentSolution
 from .solvers.smoothness_factor import SegmentSmoothness
-
-Array = NDArray[np.float64]
 
 ALIKE = 100.0
 """Lines across the outlines, over the frames, that err alike: they count as one."""

@@ -14,9 +14,8 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.numerics.arrays import Array
 from ..scene_io import body_channels, fcurves, key_ownership
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,17 +17,15 @@ from pathlib import Path
 import bpy
 import numpy as np
 from mathutils import Matrix
-from numpy.typing import NDArray
 
 from ...core.errors import OutputError, ShotError
+from ...core.numerics.arrays import Array
 from ...core.numerics.resampling import sample_times, slerped
 from ...core.runtime.files import replacing
 from ...core.shot.shot_spec import checked_file_name
 from ..scene_io import body_armature, fcurves
 from ..scene_io.scene import set_rate
 from .presets import PRESETS
-
-Array = NDArray[np.float64]
 
 _Y_UP = Matrix(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)))
 _TRANSFORMS = ("location", "rotation_quaternion", "rotation_euler", "rotation_axis_angle", "scale")

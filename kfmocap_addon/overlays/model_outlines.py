@@ -10,13 +10,11 @@ import bpy
 import gpu
 import numpy as np
 from gpu_extras.batch import batch_for_shader
-from numpy.typing import NDArray
 from scipy.spatial import QhullError
 
 from ...core.body.silhouette import Solid
+from ...core.numerics.arrays import Array
 from ..scene_io import part_meshes
-
-Array = NDArray[np.float64]
 
 SEEN, HIDDEN = (1.0, 1.0, 1.0, 1.0), (0.6, 0.6, 0.6, 0.55)
 _WIDTH = 1.6  # pixels

@@ -10,15 +10,14 @@ from dataclasses import replace
 import bpy
 import numpy as np
 from mathutils import Vector
-from numpy.typing import NDArray
 
 from ...core.body import Body, Part
 from ...core.body.body import UNLIMITED
 from ...core.errors import BodyError
 from ...core.numerics import rotations
+from ...core.numerics.arrays import Array
 from . import lossless, part_meshes
 
-Array = NDArray[np.float64]
 PART, LIMITS, LANDMARKS, REST = "kfmocap_part", "kfmocap_limits", "kfmocap_landmarks", "kfmocap_rest"
 """Custom properties of a bone: its rank in the body; limits and landmarks as JSON, name: [rank, x, y, z].
 

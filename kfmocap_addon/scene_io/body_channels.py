@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from ...core.body.motion import Motion
 from ...core.errors import BodyError
+from ...core.numerics.arrays import Array
 from . import body_armature, fcurves
 
-Array = NDArray[np.float64]
 FrameNumbers = NDArray[np.int64]
 
 

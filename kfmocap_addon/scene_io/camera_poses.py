@@ -7,15 +7,14 @@ from collections.abc import Iterable, Iterator
 
 import bpy
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ...core.cameras.camera import Camera
 from ...core.errors import CalibrationError
 from ...core.numerics import rotations
+from ...core.numerics.arrays import Array
 from . import fcurves
 
-Array = NDArray[np.float64]
 _FLIP = np.diag([1.0, -1.0, -1.0])  # Blender's cameras look along -z with y up, OpenCV's along z with y down
 
 

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 
 import bpy
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...core.cameras.brown_conrady import brown_model
 from ...core.cameras.camera import Camera
 from ...core.errors import CalibrationError
+from ...core.numerics.arrays import Array
 
-Array = NDArray[np.float64]
 Pair = tuple[float, float]
 
 SENSOR_WIDTH = 36.0  # mm; the lens follows from it, so that the number itself is free

@@ -10,9 +10,10 @@ import json
 
 import bpy
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from ...core.numerics.arrays import Array
+
 Owner = bpy.types.ID | bpy.types.Bone
 
 _ROUNDING = 1e-6  # single precision after a few operations, relative

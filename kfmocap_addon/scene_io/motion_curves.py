@@ -10,9 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...core.body.motion import Motion
 from ...core.errors import BodyError
+from ...core.numerics.arrays import Array
 from . import body_armature, body_channels, fcurves, key_ownership, tracked_keys
-
-Array = NDArray[np.float64]
 
 
 def write_motion(

@@ -8,13 +8,12 @@ import bmesh
 import bpy
 import numpy as np
 from mathutils import Matrix
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from ...core.body import Part
 from ...core.errors import BodyError
+from ...core.numerics.arrays import Array
 
-Array = NDArray[np.float64]
 _FLAT = np.radians(20)
 
 

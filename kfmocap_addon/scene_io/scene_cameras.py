@@ -8,12 +8,12 @@ from typing import Any
 
 import bpy
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...core.cameras.camera import Camera
+from ...core.numerics.arrays import Array
 from . import camera_poses, distortion, footage_background, lossless
 
-Array = NDArray[np.float64]
 _FRAME, DISTORTED = "kfmocap_frame", "kfmocap_lens"
 """Custom properties of a camera object: size and pixel aspect of its footage; distortion as JSON."""
 

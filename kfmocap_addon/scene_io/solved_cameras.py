@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.cameras.camera import Camera
+from ...core.numerics.arrays import Array
 from . import footage_background, scene_cameras
 from . import scene as scenes
-
-Array = NDArray[np.float64]
 
 COLLECTION = "Calibration"
 LFRAME_ARMS = ((0, 1), (1, 2), (0, 3))

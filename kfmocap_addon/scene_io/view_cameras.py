@@ -8,16 +8,13 @@ import os
 from pathlib import Path
 
 import bpy
-import numpy as np
-from numpy.typing import NDArray
 
 from ...core.cameras.camera import Camera
 from ...core.errors import CalibrationError
+from ...core.numerics.arrays import Array
 from ...core.shot.footage import image_files
 from ...core.shot.shot import View
 from . import camera_poses, distortion, footage_background, scene_cameras
-
-Array = NDArray[np.float64]
 
 
 def build_view(

@@ -12,11 +12,10 @@ from functools import cache, lru_cache
 import cv2
 import numpy as np
 from kfmocap.core.cameras.camera import Camera
+from kfmocap.core.numerics.arrays import Array
 from numpy.typing import ArrayLike, NDArray
 
 from .textures import planks, plaster
-
-Array = NDArray[np.float64]
 
 LIGHT_WORLD = np.array([0.4, -0.5, 0.77]) / np.linalg.norm([0.4, -0.5, 0.77])
 AMBIENT, DIFFUSE, GLOSS = 0.35, 0.65, 0.12

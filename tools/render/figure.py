@@ -12,14 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from kfmocap.core.body import Body, part_poses
 from kfmocap.core.body.motion import Motion
+from kfmocap.core.numerics.arrays import Array
 from numpy.typing import NDArray
 
 from .figure_pose import hanging_arm
 from .isosurface import mesh_isosurface
 from .shapes import human_shapes
 from .textures import noise
-
-Array = NDArray[np.float64]
 
 UNION = 0.010
 """Width of the smooth transition between shapes, metres."""

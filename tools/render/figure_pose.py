@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 from kfmocap.core.body import Body
 from kfmocap.core.body.motion import Motion
-from numpy.typing import NDArray
+from kfmocap.core.numerics.arrays import Array
 from scipy.spatial.transform import Rotation
-
-Array = NDArray[np.float64]
 
 HEADING = np.pi / 2
 """The body's rest pose faces -Y; turned by this it faces +X."""

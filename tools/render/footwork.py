@@ -7,13 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from kfmocap.core.body import Body, part_poses
 from kfmocap.core.body.motion import Motion
-from numpy.typing import NDArray
+from kfmocap.core.numerics.arrays import Array
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation
 
 from .figure_pose import HEADING, turn
-
-Array = NDArray[np.float64]
 
 HEEL_FIRST = 0.7
 """Share of a foot's lift by which its toes stay lower than its heel."""

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from kfmocap.core.body import Body
 from kfmocap.core.body.motion import Motion
-from numpy.typing import NDArray
+from kfmocap.core.numerics.arrays import Array
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from .figure_pose import HEADING, faced_about, hanging_arm, posed_rotations, turn
-
-Array = NDArray[np.float64]
 
 # Degrees at percent of the stride from one heel strike to the next: flexion and dorsiflexion are positive.
 # After the shape of the curves of natural walking in D. A. Winter, Biomechanics and Motor Control of Human

@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 from kfmocap.core.body import Body
 from kfmocap.core.body.motion import Motion
-from numpy.typing import NDArray
+from kfmocap.core.numerics.arrays import Array
 from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.spatial.transform import Rotation
 
 from .figure_pose import HEADING, hanging_arm, posed_rotations, turn
 from .footwork import Foot, reaching_legs, stepping
-
-Array = NDArray[np.float64]
 
 THROW_TIME = 71 / 60
 """Duration of the throw in seconds, at any number of frames."""

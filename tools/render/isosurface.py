@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from kfmocap.core.numerics.arrays import Array
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 from skimage.measure import marching_cubes
-
-Array = NDArray[np.float64]
 
 _COARSENING = 4
 """Cells of the fine grid along the edge of a coarse one."""

@@ -9,13 +9,13 @@ import bpy
 import cv2
 import numpy as np
 from kfmocap.core.cameras.camera import Camera
+from kfmocap.core.numerics.arrays import Array
 from mathutils import Matrix
 from numpy.typing import NDArray
 
 from .figure import Figure
 from .textures import planks, plaster
 
-Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Image = NDArray[np.uint8]
 

@@ -6,10 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from kfmocap.core.body import Body
-from numpy.typing import NDArray
+from kfmocap.core.numerics.arrays import Array
 from scipy.interpolate import PchipInterpolator
-
-Array = NDArray[np.float64]
 
 FAR = 0.15
 """Distance, metres, beyond which its exact value does not matter."""

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from kfmocap.core.numerics.arrays import Array
 from scipy.ndimage import map_coordinates
-
-Array = NDArray[np.float64]
 
 
 def noise(points: Array, seed: int = 1) -> Array:

@@ -11,12 +11,11 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 from kfmocap.core.cameras.camera import Camera
+from kfmocap.core.numerics.arrays import Array
 from numpy.typing import NDArray
 
 from .drawing import GAMMA, Ball, Canvas, Rod, linear
 from .takes import camera_looking_at
-
-Array = NDArray[np.float64]
 
 SIZE = (960, 540)
 CAMERAS = (

@@ -19,6 +19,7 @@ from ...body.joint_blocks import joint_blocks
 from ...body.motion import Motion
 from ...body.smoothness import acceleration, limited
 from ...evidence.accumulate import Sampling, SegmentEvidence
+from ...numerics.arrays import Array
 from ...numerics.banded import BandedFactor
 from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.least_squares import Damping, LeastSquaresResult, StoppingRule, minimise
@@ -29,8 +30,6 @@ from ..prediction import predict_unseen
 from .measurement import Instants, MeasuredMotion, Workspace, hidden_parts, keypoint_instants
 from .problem import SegmentProblem, SegmentSolution, frame_residual
 from .smoothness_factor import SegmentSmoothness
-
-Array = NDArray[np.float64]
 
 SMALL_STEP = 0.007
 """Root mean square of joints' steps, radians (and metres), after which what is left, a third of it, does not count."""

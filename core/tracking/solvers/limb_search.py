@@ -27,10 +27,9 @@ from ...evidence.foreground import log_ratio
 from ...evidence.label_images import NEAR, Geometry, LabelImages, pixels_at, render_labels
 from ...evidence.view_frames import ViewFrames, views_with_foreground
 from ...numerics import rotations
+from ...numerics.arrays import Array
 from .measurement import Workspace
 from .problem import SegmentProblem
-
-Array = NDArray[np.float64]
 
 SPREADS = (1.0, 0.5, 0.25, 0.12)
 """Standard deviations of the poses drawn, round after round, radians: of a joint that can turn half a circle; that of

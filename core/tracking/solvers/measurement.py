@@ -14,11 +14,11 @@ from ...body.time_shift import Delayed, delayed
 from ...evidence.accumulate import Sampling, SegmentEvidence, accumulate_evidence
 from ...evidence.occlusion import unseen
 from ...evidence.view_frames import GradientImageCache
+from ...numerics.arrays import Array
 from ...numerics.banded_blocks import BandedBlocks
 from ...runtime.progress import step_share
 from .problem import SegmentProblem
 
-Array = NDArray[np.float64]
 StepCallback = Callable[[float, Sequence[Motion]], None]
 """Called before a step with the share of the work done and the motions; may raise to end the job."""
 

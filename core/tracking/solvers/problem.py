@@ -15,11 +15,10 @@ from ...evidence.accumulate import SegmentEvidence
 from ...evidence.label_images import Geometry
 from ...evidence.view_frames import ViewFrames
 from ...keypoints.keypoint_factor import KeypointFactor
+from ...numerics.arrays import Array
 from ...numerics.banded import BandedFactor
 from ...shot.acceleration_prior import usual_variances
 from ...shot.shot import Settings
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,13 +28,12 @@ from ...evidence.accumulate import Sampling, SegmentEvidence
 from ...evidence.label_images import render_labels
 from ...evidence.occlusion import intervals
 from ...numerics import rotations
+from ...numerics.arrays import Array
 from ...numerics.banded_blocks import BandedBlocks
 from ...runtime.timing import Seconds
 from ..prediction import PAST, autoregression, predict
 from .measurement import Instants, Workspace, hidden_parts
 from .problem import SegmentProblem, SegmentSolution, frame_residual
-
-Array = NDArray[np.float64]
 
 LAMBDA = 10.0
 """Weight of the rotations' terminal constraint."""

@@ -19,8 +19,6 @@ from ..prediction import predict_unseen
 from .measurement import Workspace
 from .problem import SegmentProblem, SegmentSolution
 
-Array = NDArray[np.float64]
-
 WINDOW = 10
 """Frames that are solved together."""
 STEP = 5

@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...body.motion import Motion, stacked
 from ...body.smoothness import smoothness
 from ...body.smoothness_estimate import AccelerationVariances, axis_mobility, estimate_variances
+from ...numerics.arrays import Array
 from ...numerics.banded_blocks import BandedBlocks
 from .problem import SegmentProblem
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
