@@ -19,9 +19,9 @@ import numpy as np
 
 from ..cameras.camera import Camera
 from ..errors import CalibrationError
-from ..numerics import rotations
 from ..numerics.arrays import Array
 from ..runtime.files import replacing
+from .pose_fields import camera_poses
 
 _MATRIX = ("camera_matrix", "matrix", "K", "intrinsics", "cameraMatrix")
 _DISTORTIONS = ("distortion_coefficients", "distortions", "dist", "distCoeffs", "D")
@@ -95,17 +95,15 @@ def _easymocap(document: Mapping[str, Any], name: str) -> dict[str, Any]:
 
 def _camera(name: str, table: Mapping[str, Any], path: Path) -> Camera:
     where = f"{path} camera {name}"
-    R = _field(table, _ROTATION, where)
     known = any(key in table for key in _DISTORTIONS)
     distortions = _field(table, _DISTORTIONS, where) if known else np.zeros(4)
-    if R.size not in (3, 9):
-        raise CalibrationError(f"the rotation has {R.size} numbers, not 3 or 9", where=where)
+    R, t = camera_poses(_field(table, _ROTATION, where), _field(table, _TRANSLATION, where), where)
     return Camera.create(
         name,
         _size(table, where),
         _shaped(_field(table, _MATRIX, where), (3, 3), "the matrix", where),
-        R.reshape(3, 3) if R.size == 9 else rotations.exp(R),
-        _shaped(_field(table, _TRANSLATION, where), (3,), "the translation", where),
+        R,
+        t,
         distortions=distortions,
         fisheye=bool(table.get("fisheye", False)),
     )

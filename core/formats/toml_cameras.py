@@ -1,7 +1,8 @@
 """KF Mocap's own calibration files (.toml), which aniposelib and Pose2Sim share; Caliscope's are read as well.
 
 A camera is a table with name, size, matrix, distortions, rotation (Rodrigues vector) and translation (metres). A moving
-camera's rotation and translation are lists of such vectors, one per frame of the shot.
+camera's rotation and translation are lists of such vectors, one per frame of the shot. Other programs' files may give a
+rotation as a 3x3 matrix: see `core.formats.pose_fields`.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from ..errors import CalibrationError
 from ..numerics import rotations
 from ..numerics.arrays import Array
 from ..runtime.files import replacing
+from .pose_fields import camera_poses
 from .toml_tables import read_toml
 
 
@@ -48,31 +50,32 @@ def _toml_camera(key: str, table: Mapping[str, Any], path: Path) -> Camera:
     where = f"{path} camera {name}"
     size = _numbers(table, "size", where, (2,))
     if not (size == size.round()).all() or not (size > 0).all():
-        raise CalibrationError("size must be two whole numbers of pixels", where=where)
+        todo = "give the width and height of the footage"
+        raise CalibrationError("size must be two whole numbers of pixels", where=where, todo=todo)
+    for field in ("rotation", "translation"):
+        if field not in table:
+            raise CalibrationError(f"'{field}' is missing", where=where)
     return Camera.create(
         name,
         (int(size[0]), int(size[1])),
         _numbers(table, "matrix", where, (3, 3)),
-        rotations.exp(np.atleast_2d(_numbers(table, "rotation", where, (3,), per_frame=True))),
-        _numbers(table, "translation", where, (3,), per_frame=True),
+        *camera_poses(table["rotation"], table["translation"], where),
         distortions=_numbers(table, "distortions", where, None) if "distortions" in table else (0.0, 0.0, 0.0, 0.0),
         fisheye=bool(table.get("fisheye", False)),
     )
 
 
-def _numbers(
-    table: Mapping[str, Any], key: str, where: str, shape: tuple[int, ...] | None, per_frame: bool = False
-) -> Array:
-    """The array of one field, of the asked shape (None: any vector), or of that shape for each frame."""
+def _numbers(table: Mapping[str, Any], key: str, where: str, shape: tuple[int, ...] | None) -> Array:
+    """The array of one field, of the asked shape; None: of a vector, which may also be one row or column."""
     if key not in table:
         raise CalibrationError(f"'{key}' is missing", where=where)
     try:
         values = np.asarray(table[key], dtype=float)
     except (TypeError, ValueError) as error:
         raise CalibrationError(f"'{key}' must be numbers", where=where) from error
-    fits = values.ndim == 1 if shape is None else values.shape == shape
-    moving = per_frame and values.ndim == 2 and len(values) > 0 and values.shape[1:] == shape
-    if not fits and not moving:
+    if shape is None and values.ndim == 2 and 1 in values.shape:
+        values = values.ravel()
+    if (values.ndim != 1) if shape is None else (values.shape != shape):
         wanted = "a list" if shape is None else " x ".join(map(str, shape))
         raise CalibrationError(f"'{key}' has shape {values.shape}, not {wanted}", where=where)
     if not np.isfinite(values).all():

@@ -79,6 +79,115 @@ def test_caliscope_toml_leaves_out_cameras_without_a_pose(tmp_path: Path) -> Non
     assert_same(cameras["cam_1"], one_camera("cam_1"))
 
 
+CALISCOPE = """
+[cameras.0]
+cam_id = 0
+rotation_count = 0
+error = 0.19
+exposure = -7.0
+grid_count = 24
+ignore = false
+size = [1280, 720]
+matrix = [[894.5288733178912, 0.0, 624.011791468827], [0.0, 896.877811780321, 361.28189843593503], [0.0, 0.0, 1.0]]
+distortions = [-0.3383569013465177, 0.09672714756989992, -0.0013512226751077358, 0.003155760325647937, -0.0037489]
+translation = [-0.6425176710599999, 0.2628680995431283, 1.4515383168392715]
+rotation = [[0.028454458274723926, -0.8200005191342249, 0.571655046705523],
+            [-0.9915778577174362, -0.0954406312087065, -0.0875467760627629],
+            [0.12634752031121108, -0.5643493904790591, -0.8158100695487417]]
+verified_resolutions = [[640, 480], [1280, 720], [1920, 1080]]
+[cameras.4]
+cam_id = 4
+size = [1280, 720]
+rotation_count = 1
+fisheye = false
+"""
+"""As Caliscope's own sample sessions have it: the rotation as a matrix, and a camera that is not calibrated yet."""
+
+
+def test_caliscope_rotations_may_be_matrices(tmp_path: Path) -> None:
+    path = tmp_path / "camera_array.toml"
+    path.write_text(CALISCOPE)
+    [camera] = load_cameras(path).values()
+    R = camera.R_cam_world[0]
+    assert camera.name == "cam_0" and camera.size == (1280, 720)
+    np.testing.assert_allclose(R[0], [0.028454458274723926, -0.8200005191342249, 0.571655046705523], atol=1e-9)
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-14)
+    np.testing.assert_allclose(camera.t_cam_world, [[-0.6425176710599999, 0.2628680995431283, 1.4515383168392715]])
+
+
+MATRIX = rotations.exp(ROTATION)
+
+
+@pytest.mark.parametrize("suffix", [".toml", ".json"])
+@pytest.mark.parametrize(
+    "rotation",
+    [ROTATION, ROTATION[None], ROTATION[:, None], MATRIX, MATRIX.ravel()],
+    ids=["3", "1x3", "3x1", "3x3", "9"],
+)
+@pytest.mark.parametrize("translation", [TRANSLATION, TRANSLATION[:, None]], ids=["3", "3x1"])
+def test_a_rotation_is_read_in_every_shape(tmp_path: Path, rotation, translation, suffix: str) -> None:
+    """Vectors as OpenCV's functions return them (3x1), flat or in a row; matrices nested or row by row."""
+    path = tmp_path / f"cam01{suffix}"
+    values = {"size": list(SIZE), "matrix": K.tolist(), "distortions": [DISTORTIONS]}
+    values |= {"rotation": rotation.tolist(), "translation": translation.tolist()}
+    lines = [f"{key} = {json.dumps(value)}" for key, value in values.items()]
+    path.write_text(json.dumps(values) if suffix == ".json" else "\n".join(["[cam01]", *lines]))
+    assert_same(load_cameras(path)["cam01"], one_camera())
+
+
+def test_three_poses_of_a_moving_camera_are_not_a_matrix(tmp_path: Path) -> None:
+    path = tmp_path / "Calib.toml"
+    turns, places = np.diag([0.1, 0.2, 0.3]), np.eye(3)
+    text = toml_table("[cam01]").replace(f"{ROTATION.tolist()}", f"{turns.tolist()}")
+    path.write_text(text.replace(f"{TRANSLATION.tolist()}", f"{places.tolist()}"))
+    camera = load_cameras(path)["cam01"]
+    np.testing.assert_allclose(camera.R_cam_world, rotations.exp(turns))
+    path.write_text(path.read_text().replace(f"{turns.tolist()}", f"{rotations.exp(turns).tolist()}"))
+    np.testing.assert_allclose(load_cameras(path)["cam01"].R_cam_world, camera.R_cam_world)
+
+
+@pytest.mark.parametrize(
+    ("rotation", "message"),
+    [
+        ([0.7, 0.1, 0.5, 0.5], "quaternions are not read"),
+        (np.diag([1.0, 1.0, -1.0]).tolist(), "mirrors.*x right, y down, z forward"),
+        ((2 * MATRIX).tolist(), "is not a rotation"),
+        (np.eye(4).tolist(), r"has shape \(4, 4\), not 3, 3x1, 1x3 or 3x3"),
+        ([[1.0, 0.0], [0.0]], "'rotation' must be numbers"),
+    ],
+)
+def test_what_is_no_rotation_is_refused(tmp_path: Path, rotation, message: str) -> None:
+    path = tmp_path / "Calib.toml"
+    path.write_text(toml_table("[cam01]").replace(f"{ROTATION.tolist()}", json.dumps(rotation)))
+    with pytest.raises(CalibrationError, match=rf"Calib\.toml camera cam01: .*{message}"):
+        load_cameras(path)
+
+
+POSE2SIM = """[int_cam01_img]
+name = "int_cam01_img"
+size = [ 1088.0, 1920.0]
+matrix = [ [ 1671.5012042021037, 0.0, 564.6403499852015], [ 0.0, 1671.3866928599075, 933.0074897877159], [ 0.0, 0.0, 1.0]]
+distortions = [ -0.05310342256182765, 0.1510044676505964, -0.00011989435671705446, 0.0006503403122568441]
+rotation = [ 1.678784562972848, 1.031972654261743, -0.3910235872501538]
+translation = [ 0.2609476905995074, 0.9641586618892432, 2.932963441842366]
+fisheye = false
+
+[metadata]
+adjusted = false
+error = 0.0
+"""  # noqa: E501
+
+
+def test_a_calibration_that_pose2sim_wrote(tmp_path: Path) -> None:
+    path = tmp_path / "Calib_scene.toml"
+    path.write_text(POSE2SIM)
+    [camera] = load_cameras(path).values()
+    assert camera.name == "int_cam01_img" and camera.size == (1088, 1920) and len(camera.distortions) == 4
+    np.testing.assert_allclose(
+        rotations.log(camera.R_cam_world[0]), [1.678784562972848, 1.031972654261743, -0.39102359]
+    )
+
+
 def qualisys(R: np.ndarray, centre_mm: np.ndarray, **changes: str) -> str:
     turn = " ".join(f'r{i + 1}{j + 1}="{R[i, j]!r}"' for i in range(3) for j in range(3))
     place = " ".join(f'{axis}="{c!r}"' for axis, c in zip("xyz", centre_mm, strict=True))
