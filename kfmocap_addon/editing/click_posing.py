@@ -55,6 +55,7 @@ class Placing:
         self._given = shown_pose.read_shown_pose(slot.armature)
         self._solver = ClickSolver(self.body, self._given, self._held)
         self._history: list[joint_marks.Snapshot] = []
+        self._undone: list[joint_marks.Snapshot] = []
         self.fitted = ClickFit(self._given, self._given)
         if self.marks:
             self._fit()
@@ -87,15 +88,35 @@ class Placing:
         camera, size = self._cameras[view], np.array(self._cameras[view].size)
         return bool(np.all(np.abs(pixel(camera.matrix, place) - (size - 1) / 2) <= size / 2))
 
+    def is_there(self) -> bool:
+        """Whether the scene still has the armature: the user may remove it meanwhile."""
+        try:
+            return self.slot.armature is not None and self.slot.armature.name in self.scene.objects
+        except ReferenceError:
+            return False
+
+    def is_changed(self) -> bool:
+        """Whether marks were put or taken away, and not all of it was undone."""
+        return bool(self._history)
+
     def remember(self) -> None:
         """Keep the marks as they are, for `undo`."""
         self._history.append(dict(self.marks))
+        self._undone.clear()
 
     def undo(self) -> bool:
         """Take the last change of the marks back; whether there was one."""
-        if not self._history:
+        return self._exchange(self._history, self._undone)
+
+    def redo(self) -> bool:
+        """Make the last change again that was undone; whether there was one."""
+        return self._exchange(self._undone, self._history)
+
+    def _exchange(self, source: list[joint_marks.Snapshot], other: list[joint_marks.Snapshot]) -> bool:
+        if not source:
             return False
-        self.marks = self._history.pop()
+        other.append(dict(self.marks))
+        self.marks = source.pop()
         self._fit_afresh()
         return True
 

@@ -14,19 +14,37 @@ Condition = Callable[[bpy.types.Context], str]
 
 
 class Conditional(OperatorMixin):
-    """An operator that can be used where all of its conditions hold."""
+    """An operator that can be used where all of its conditions hold.
+
+    Attributes
+    ----------
+    conditions : tuple of Condition
+    while_placing : bool
+        It can be used while joints are being placed too: it changes neither poses nor keys.
+    """
 
     conditions: tuple[Condition, ...] = ()
+    while_placing = False
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """See whether the operator can be used; if not, the disabled button says why."""
-        for condition in cls.conditions:
+        for condition in cls.conditions if cls.while_placing else (_no_joints_being_placed, *cls.conditions):
             missing = condition(context)
             if missing:
                 cls.poll_message_set(missing)
                 return False
         return True
+
+
+def is_placing(context: bpy.types.Context) -> bool:
+    """Whether joints are being placed in the window: its frame has marks that are neither keyed nor discarded yet."""
+    running = context.window.modal_operators if context.window is not None else ()
+    return any(tool.bl_idname == "KFMOCAP_OT_place_joints" for tool in running)
+
+
+def _no_joints_being_placed(context: bpy.types.Context) -> str:
+    return "End Place Joints first: Enter keys the pose, Esc cancels" if is_placing(context) else ""
 
 
 def has_views(context: bpy.types.Context) -> str:

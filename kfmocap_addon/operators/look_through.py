@@ -3,7 +3,7 @@
 import bpy
 
 from ..viewports import screens
-from .conditions import Conditional, has_views
+from .conditions import Conditional, has_views, is_placing
 
 
 class LookThrough(Conditional, bpy.types.Operator):
@@ -13,6 +13,7 @@ class LookThrough(Conditional, bpy.types.Operator):
     bl_label = "Look Through"
     bl_options = {"REGISTER", "UNDO"}
     conditions = (has_views,)
+    while_placing = True
 
     view: bpy.props.IntProperty(min=0, name="View", description="Number of the view in the shot, from 0")
 
@@ -22,7 +23,7 @@ class LookThrough(Conditional, bpy.types.Operator):
             self.report({"ERROR"}, f"The shot has no view {self.view} with a camera")
             return {"CANCELLED"}
         show_view(context, self.view)
-        return {"FINISHED"}
+        return _ended(context)
 
 
 class StepView(Conditional, bpy.types.Operator):
@@ -32,6 +33,7 @@ class StepView(Conditional, bpy.types.Operator):
     bl_label = "Next View"
     bl_options = {"REGISTER", "UNDO"}
     conditions = (has_views,)
+    while_placing = True
 
     step: bpy.props.IntProperty(default=1, name="Step", description="1: the next view; -1: the one before")
 
@@ -47,7 +49,7 @@ class StepView(Conditional, bpy.types.Operator):
             return {"CANCELLED"}
         place = usable.index(shot.shown_view) + self.step if shot.shown_view in usable else 0
         show_view(context, usable[place % len(usable)])
-        return {"FINISHED"}
+        return _ended(context)
 
 
 def _has_two_cameras(context: bpy.types.Context) -> str:
@@ -67,6 +69,7 @@ class QuadView(Conditional, bpy.types.Operator):
     bl_label = "Quad View"
     bl_options = {"REGISTER"}
     conditions = (_has_two_cameras, _has_3d_view)
+    while_placing = True
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         if len(screens.layout_of(context.window)) > 1:
@@ -78,6 +81,11 @@ class QuadView(Conditional, bpy.types.Operator):
         ordered = cameras if len(cameras) <= screens.MOST else (cameras[start:] + cameras[:start])[: screens.MOST]
         screens.split(context, ordered)
         return {"FINISHED"}
+
+
+def _ended(context: bpy.types.Context) -> set[str]:
+    """Blender keeps no undo step of what is cancelled: Place Joints is undone as a whole."""
+    return {"CANCELLED" if is_placing(context) else "FINISHED"}
 
 
 def show_view(context: bpy.types.Context, index: int) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from ...core.errors import KeypointError
 from ..scene_io import active_performer, joint_marks
 from ..viewports import viewport
 from .conditions import Conditional, has_performer
@@ -12,10 +13,15 @@ from .reporting import reported
 
 _NEAR, _CLICK = 14, 4  # pixels: how near a handle is meant, how far the mouse of a click moves
 _VIEW = ("MIDDLEMOUSE", "WHEEL", "NUMPAD_", "TRACKPAD", "MOUSEPAN", "MOUSEZOOM", "HOME", "NDOF", "TIMER", "WINDOW")
+_STEPS = ("LEFT_ARROW", "RIGHT_ARROW", "UP_ARROW", "DOWN_ARROW")  # through the frames
+_SIDEBARS = ("N", "T")
+_ENTER = ("RET", "NUMPAD_ENTER")
 _HINT = (
     "Click or drag: {asked}   Drag a handle: that joint   Tab: next joint   X: take the mark away   F: flip the limb   "
     "Page Up/Down: other view   Ctrl Z: last mark   Enter: key the pose   Esc: cancel   ({count} marks, {misfit})"
 )
+_AWAY = "The marks are on frame {frame}: go back there to go on   Enter: key the pose on frame {frame}   Esc: cancel"
+_ASKING = "Discard the marks?   Right-click again or Esc: discard   Enter: key the pose   Anything else: go on"
 
 
 def _has_calibrated_camera(context: bpy.types.Context) -> str:
@@ -24,14 +30,10 @@ def _has_calibrated_camera(context: bpy.types.Context) -> str:
     return "No view has a calibrated camera yet: clicks need one"
 
 
-class PlaceJoints(Conditional, bpy.types.Operator):
-    """Pose the body by clicking joints in the footage, in one camera or several: it follows with every click. Two
-    cameras tell where a joint is; with one its depth stays as in the pose that is shown. Enter, or a click beside the
-    picture, keys the pose. With bones selected in pose mode, these alone are posed and keyed"""
+class PlacingTool(Conditional):
+    """The modal tool behind `PlaceJoints`: it keys the pose on Enter alone, and leaves what is beside the footage to
+    Blender."""
 
-    bl_idname = "kfmocap.place_joints"
-    bl_label = "Place Joints"
-    bl_options = {"UNDO"}
     conditions = (has_performer, _has_calibrated_camera)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -58,7 +60,9 @@ class PlaceJoints(Conditional, bpy.types.Operator):
         self._asked: dict[str, str] = {}
         self._press: tuple[int, int] | None = None
         self._dragged: str | None = None
+        self._asks_to_discard, self._name = False, self._placing.slot.name
         self._pointer = event.mouse_x, event.mouse_y
+        self._shown_frame = self._placing.frame
         self._drawing = bpy.types.SpaceView3D.draw_handler_add(self._draw, (), "WINDOW", "POST_PIXEL")
         context.window.cursor_modal_set("CROSSHAIR")
         context.window_manager.modal_handler_add(self)
@@ -90,37 +94,71 @@ class PlaceJoints(Conditional, bpy.types.Operator):
         self._placing = Placing(context.scene, slot, active_performer.chosen_bones(context, slot.armature))
 
     def _handled(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if not self._placing.is_there() or context.scene != self._placing.scene:
+            raise KeypointError("its armature left the scene while joints were placed", where=self._name)
+        self._follow_frame(context)
         if event.type == "MOUSEMOVE":
             self._dragging(context)
-        elif event.type == "LEFTMOUSE" and event.value == "RELEASE":
+            return {"RUNNING_MODAL" if self._press else "PASS_THROUGH"}
+        if event.type == "LEFTMOUSE" and event.value == "RELEASE" and self._press:
             self._released(context)
         elif event.value == "PRESS":
             return self._pressed(context, event)
-        elif event.type.startswith(_VIEW):
+        elif event.type.startswith(_VIEW) or not self._is_over_3d_view(context):
             return {"PASS_THROUGH"}
         return {"RUNNING_MODAL"}
 
     def _pressed(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        look, kind = self._look(context), event.type
-        if kind == "LEFTMOUSE" and (look is None or not self._is_inside(look)):
-            return self._confirmed(context) | ({"PASS_THROUGH"} if look is None else set())
-        if kind == "LEFTMOUSE":
-            self._press = self._pointer
-        elif kind in ("RET", "NUMPAD_ENTER"):
+        kind, asked = event.type, self._asks_to_discard
+        if kind in _ENTER:
             return self._confirmed(context)
-        elif kind in ("ESC", "RIGHTMOUSE"):
+        if kind == "ESC":
             return self._cancelled(context)
-        elif kind == "Z" and event.ctrl:
-            self._placing.undo()
+        if kind == "Z" and (event.ctrl or event.oskey):
+            self._placing.redo() if event.shift else self._placing.undo()
+            return {"RUNNING_MODAL"}
+        if kind.startswith(_VIEW) or kind in _STEPS + _SIDEBARS or not self._is_over_3d_view(context):
+            return {"PASS_THROUGH"}
+        self._asks_to_discard = kind == "RIGHTMOUSE" and not asked
+        if kind == "RIGHTMOUSE" and (asked or not self._placing.is_changed()):
+            return self._cancelled(context)
+        look = self._look(context)
+        if look is not None and not self._is_away(context):
+            self._pressed_in(look, context, event)
+        return {"RUNNING_MODAL"}
+
+    def _pressed_in(self, look: viewport.Look, context: bpy.types.Context, event: bpy.types.Event) -> None:
+        """A key or a button over the footage, on the frame of the marks."""
+        kind = event.type
+        if kind == "LEFTMOUSE" and self._is_inside(look):
+            self._press = self._pointer
         elif kind in ("PAGE_UP", "PAGE_DOWN"):
             self._look_on(context, -1 if kind == "PAGE_UP" else 1)
-        elif kind == "TAB" and look is not None:
+        elif kind == "TAB":
             self._ask_on(look.view.name, -1 if event.shift else 1)
-        elif kind in ("X", "DEL", "F") and look is not None:
+        elif kind in ("X", "DEL", "F"):
             self._edited(look, flip=kind == "F")
-        elif kind.startswith(_VIEW):
-            return {"PASS_THROUGH"}
-        return {"RUNNING_MODAL"}
+
+    def _is_over_3d_view(self, context: bpy.types.Context) -> bool:
+        """Whether the mouse is over the main region of a 3D view; its sidebars and all other editors are the user's."""
+        under = viewport.area_under(context.window, *self._pointer)
+        return under is not None and under[0].type == "VIEW_3D" and under[1].type == "WINDOW"
+
+    def _is_away(self, context: bpy.types.Context) -> bool:
+        """Whether another frame is shown than that of the marks."""
+        return context.scene.frame_current != self._placing.frame
+
+    def _follow_frame(self, context: bpy.types.Context) -> None:
+        """Show the pose again once the user is back from another frame."""
+        if context.scene.frame_current != self._shown_frame:
+            self._shown_frame = context.scene.frame_current
+            if not self._is_away(context):
+                self._show_again(context)
+
+    def _show_again(self, context: bpy.types.Context) -> None:
+        # Another frame or camera has Blender evaluate the keys anew.
+        context.view_layer.update()
+        self._placing.show()
 
     def _dragging(self, context: bpy.types.Context) -> None:
         if self._press is None:
@@ -199,18 +237,17 @@ class PlaceJoints(Conditional, bpy.types.Operator):
         usable = [i for i, slot in enumerate(context.scene.kfmocap.views) if slot.name in self._placing.views()]
         shown = context.scene.kfmocap.shown_view
         show_view(context, usable[(usable.index(shown) + step if shown in usable else 0) % len(usable)])
-        # Another camera has Blender evaluate the keys anew.
-        context.view_layer.update()
-        self._placing.show()
+        self._show_again(context)
 
     def _tell(self, context: bpy.types.Context) -> None:
         look, placing = self._look(context), self._placing
         asked = self._asked_in(look.view.name) if look is not None else None
-        text = _HINT.format(
-            asked=_spoken(asked) if asked else "-",
-            count=len(placing.marks),
-            misfit=f"{1000 * placing.fitted.misfit:.0f} mm off",
-        )
+        misfit = f"{1000 * placing.fitted.misfit:.0f} mm off"
+        text = _HINT.format(asked=_spoken(asked) if asked else "-", count=len(placing.marks), misfit=misfit)
+        if self._is_away(context):
+            text = _AWAY.format(frame=placing.frame)
+        elif self._asks_to_discard:
+            text = _ASKING
         context.workspace.status_text_set(text)
         viewport.redraw(context)
 
@@ -219,7 +256,7 @@ class PlaceJoints(Conditional, bpy.types.Operator):
 
         context = bpy.context
         look = viewport.look_of(context.scene, context.area, context.region, context.space_data)
-        if look is None or look.view.name not in self._placing.views():
+        if look is None or look.view.name not in self._placing.views() or self._is_away(context):
             return
         for name, point in self._placing.joints().items():
             at = look.position_of(point)
@@ -243,6 +280,8 @@ class PlaceJoints(Conditional, bpy.types.Operator):
     def _confirmed(self, context: bpy.types.Context) -> set[str]:
         if not self._placing.marks:
             return self._cancelled(context)
+        if self._is_away(context):
+            context.scene.frame_set(self._placing.frame)
         self._placing.key()
         self._ended(context)
         count, off = len(self._placing.marks), 1000 * self._placing.fitted.misfit
@@ -250,7 +289,13 @@ class PlaceJoints(Conditional, bpy.types.Operator):
         return {"FINISHED"}
 
     def _cancelled(self, context: bpy.types.Context) -> set[str]:
-        self._placing.restore()
+        if self._placing.is_there():
+            shown = context.scene.frame_current
+            if self._is_away(context):
+                context.scene.frame_set(self._placing.frame)
+            self._placing.restore()
+            if shown != self._placing.frame:
+                context.scene.frame_set(shown)
         self._ended(context)
         return {"CANCELLED"}
 
@@ -259,6 +304,16 @@ class PlaceJoints(Conditional, bpy.types.Operator):
         context.window.cursor_modal_restore()
         context.workspace.status_text_set(None)
         viewport.redraw(context)
+
+
+class PlaceJoints(PlacingTool, bpy.types.Operator):
+    """Pose the body by clicking joints in the footage, in one camera or several: it follows with every click. Two
+    cameras tell where a joint is; with one its depth stays as in the pose that is shown. Enter keys the pose. With
+    bones selected in pose mode, these alone are posed and keyed"""
+
+    bl_idname = "kfmocap.place_joints"
+    bl_label = "Place Joints"
+    bl_options = {"UNDO"}
 
 
 def _has_marks(context: bpy.types.Context) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from kfmocap.core.body import landmark_positions  # noqa: E402
 from kfmocap.core.body.motion import Motion  # noqa: E402
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot, View  # noqa: E402
 from kfmocap.kfmocap_addon.editing import click_posing  # noqa: E402
+from kfmocap.kfmocap_addon.operators.place_joints import PlacingTool  # noqa: E402
 from kfmocap.kfmocap_addon.panels import key_list  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import body_armature, joint_marks, key_pose_curves, motion_curves, scene, shown_pose  # noqa: E402
 
@@ -330,3 +332,116 @@ def test_the_active_armature_is_posed_else_the_one_chosen_by_name(blender, tmp_p
     assert active_performer.chosen(bpy.context).name == "woman"
     bpy.context.view_layer.objects.active = slots[0].armature
     assert active_performer.chosen(bpy.context).name == "man"
+
+
+class Tool(PlacingTool):
+    """Place Joints outside Blender's window: the 3D view under the mouse is a fake one, 100 pixels wide and high."""
+
+    def __init__(self, slot) -> None:
+        self._placing, self.reports = click_posing.Placing(bpy.context.scene, slot), []
+        self._asked, self._press, self._dragged, self._asks_to_discard = {}, None, None, False
+        self._shown_frame, self._name, self.is_ended = self._placing.frame, slot.name, False
+
+    def _look(self, context):
+        view = SimpleNamespace(name="cam01")
+        region = SimpleNamespace(x=0, y=0)
+        look = SimpleNamespace(view=view, region=region, place=lambda x, y: (0.002 * x, -0.002 * y))
+        look.position_of = look.position = lambda point: None
+        return look if self._is_over_3d_view(context) else None
+
+    def _tell(self, context):
+        pass
+
+    def _ended(self, context):
+        self.is_ended = True
+
+    def report(self, kind, text):
+        self.reports.append(text)
+
+    def event(self, kind, value="PRESS", at=(50, 50), **held):
+        keys = {"ctrl": False, "shift": False, "oskey": False} | held
+        given = SimpleNamespace(type=kind, value=value, mouse_x=at[0], mouse_y=at[1], **keys)
+        area = SimpleNamespace(
+            type="VIEW_3D", regions=[SimpleNamespace(type="WINDOW", x=0, y=0, width=100, height=100)]
+        )
+        window = SimpleNamespace(screen=SimpleNamespace(areas=[area]))
+        scene, layer = bpy.context.scene, bpy.context.view_layer
+        [outcome] = self.modal(SimpleNamespace(window=window, scene=scene, view_layer=layer), given)
+        return outcome
+
+    def click(self, at=(50, 50), button="LEFTMOUSE"):
+        return self.event(button, at=at), self.event(button, "RELEASE", at=at)
+
+
+BESIDE = (200, 50)
+
+
+@pytest.fixture
+def tool(blender, tmp_path):  # noqa: F811
+    """Place Joints at work on scene frame 13, with two marks."""
+    slot = walk_scene(tmp_path)
+    bpy.context.scene.frame_set(13)
+    placing = Tool(slot)
+    placing.click((40, 60))
+    placing.click((60, 40))
+    assert len(placing._placing.marks) == 2
+    return placing
+
+
+def test_clicks_beside_the_footage_are_blenders_and_key_nothing(tool):
+    keys = keyed(tool._placing.slot)
+    for button in ("LEFTMOUSE", "RIGHTMOUSE", "MIDDLEMOUSE"):
+        assert tool.click(BESIDE, button) == ("PASS_THROUGH", "PASS_THROUGH")
+    assert tool.event("X", at=BESIDE) == "PASS_THROUGH"
+    assert not tool.is_ended and keyed(tool._placing.slot) == keys and len(tool._placing.marks) == 2
+
+
+def test_looking_and_going_through_the_frames_stay_possible_while_joints_are_placed(tool):
+    kinds = ("N", "NUMPAD_1", "NUMPAD_PERIOD", "WHEELUPMOUSE", "MIDDLEMOUSE", "LEFT_ARROW", "MOUSEMOVE")
+    assert {tool.event(kind) for kind in kinds} == {"PASS_THROUGH"}
+    assert {tool.event(kind) for kind in ("G", "A", "I", "DEL")} == {"RUNNING_MODAL"}
+
+
+def test_a_right_click_asks_before_it_discards_marks(tool):
+    tool.click(button="RIGHTMOUSE")
+    tool.event("TAB")
+    tool.click(button="RIGHTMOUSE")
+    assert not tool.is_ended and len(tool._placing.marks) == 2
+    assert tool.event("RIGHTMOUSE") == "CANCELLED" and tool.is_ended
+    assert not len(tool._placing.slot.marks)
+
+
+def test_a_right_click_with_nothing_to_lose_cancels(tool):
+    tool.event("Z", ctrl=True)
+    tool.event("Z", ctrl=True)
+    assert not tool._placing.marks and tool.event("RIGHTMOUSE") == "CANCELLED"
+
+
+def test_undo_and_redo_inside_the_tool_are_of_marks(tool):
+    marks = dict(tool._placing.marks)
+    assert tool.event("Z", ctrl=True, at=BESIDE) == "RUNNING_MODAL"
+    assert len(tool._placing.marks) == 1
+    tool.event("Z", ctrl=True, shift=True)
+    assert tool._placing.marks == marks
+
+
+def test_enter_keys_the_frame_of_the_marks_from_any_other(tool):
+    bpy.context.scene.frame_set(20)
+    tool.click((30, 30))
+    assert len(tool._placing.marks) == 2
+    assert tool.event("RET") == "FINISHED"
+    assert keyed(tool._placing.slot) == {0: True, 12: True, 29: True} and bpy.context.scene.frame_current == 13
+
+
+def test_the_pose_in_work_is_shown_again_on_its_frame(tool):
+    shown = shown_pose.shown_values(tool._placing.slot.armature)
+    for frame in (20, 13):
+        bpy.context.scene.frame_set(frame)
+        tool.event("MOUSEMOVE")
+    assert shown_pose.shown_values(tool._placing.slot.armature) == shown
+
+
+def test_placing_ends_when_the_performer_is_removed(tool):
+    bpy.data.objects.remove(tool._placing.slot.armature)
+    assert tool.event("MOUSEMOVE") == "CANCELLED" and tool.is_ended
+    assert "left the scene" in tool.reports[0]
