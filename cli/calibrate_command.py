@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -19,6 +18,7 @@ from ..core.formats.wand_toml import load_wand
 from ..core.runtime.files import check_writable, staged
 from ..core.runtime.progress import Progress
 from ..core.tracking.prepare import prepare_shot, read_shot_cameras
+from .printed import print_outcome
 from .progress_bar import progress_bar
 from .services import Services
 
@@ -47,9 +47,7 @@ def run(args: argparse.Namespace, _services: Services) -> int:
             refinement = refine_shot(args.refine, args.out, progress, kind=args.format)
         lines = [view.summary for view in refinement.views]
         files = [args.out]
-    print(*files, sep="\n")
-    for line in lines:
-        print(f"kfmocap: {line}", file=sys.stderr)
+    print_outcome(files, lines)
     return 0
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
@@ -23,6 +22,7 @@ from ..core.tracking.prepare import load_shot
 from ..core.tracking.selection import selected
 from ..core.tracking.track_result import TrackResult
 from ..core.tracking.tracker import track
+from .printed import print_outcome
 from .progress_bar import progress_bar
 from .services import BlenderSession, Services
 
@@ -38,10 +38,7 @@ def run(args: argparse.Namespace, services: Services) -> int:
         files = run_track(
             shot, args.out, blender=blender, progress=progress, seconds=seconds, open_scene=args.shot is None
         )
-    print(*files, sep="\n")
-    # On standard error: the list of files can be piped on as it is.
-    for line in report_lines(json.loads((args.out / "report.json").read_text(encoding="utf-8"))):
-        print(f"kfmocap: {line}", file=sys.stderr)
+    print_outcome(files, report_lines(json.loads((args.out / "report.json").read_text(encoding="utf-8"))))
     return 0
 
 

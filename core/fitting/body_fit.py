@@ -38,8 +38,7 @@ from ..runtime.progress import Progress
 from ..runtime.threads import one_blas_thread
 from ..shot.keypose_spline import spline
 from ..shot.shot import Shot
-from ..tracking.segments import whole_keys
-from .key_frame_views import KeyFrameView, read_key_frames
+from .key_frame_views import KeyFrameView, posed_key_frames, read_key_frames
 from .outline_fit import OutlineProblem, RefinementStage, coarse_to_fine, key_outlines, outline_products
 
 GROWTH = 0.08
@@ -98,10 +97,9 @@ def fit_bodies(shot: Shot, progress: Progress | None = None) -> BodyFit:
         See `core.tracking.tracker.track`.
     CancelledError
     """
-    frames = whole_keys(shot, 0, shot.length - 1)
-    if not len(frames):
-        todo = "pose the whole body over the footage on some frames first"
-        raise BodyError("bodies are fitted to key poses of the whole body, and there is none", todo=todo)
+    todo = "pose the whole body over the footage on some frames first"
+    missing = BodyError("bodies are fitted to key poses of the whole body, and there is none", todo=todo)
+    frames = posed_key_frames(shot, missing)
     views = read_key_frames(shot, frames, progress)
 
     def linearise(state: Estimates, stage: RefinementStage) -> BodyEquations:

@@ -22,8 +22,7 @@ from ..runtime.progress import Progress
 from ..runtime.threads import one_blas_thread
 from ..shot.keypose_spline import spline
 from ..shot.shot import Shot
-from ..tracking.segments import whole_keys
-from .key_frame_views import KeyFrameView, on_frames, read_key_frames
+from .key_frame_views import KeyFrameView, on_frames, posed_key_frames, read_key_frames
 from .outline_fit import OutlineProblem, RefinementStage, coarse_to_fine
 from .resection import CameraEquations, CameraState, camera_equations
 
@@ -130,10 +129,9 @@ def refine_cameras(shot: Shot, progress: Progress | None = None) -> Refinement:
         See `core.tracking.tracker.track`.
     CancelledError
     """
-    frames = whole_keys(shot, 0, shot.length - 1)
-    if not len(frames):
-        todo = "pose the whole body on some frames first"
-        raise CalibrationError("cameras are refined from key poses of the whole body, and there is none", todo=todo)
+    todo = "pose the whole body on some frames first"
+    missing = CalibrationError("cameras are refined from key poses of the whole body, and there is none", todo=todo)
+    frames = posed_key_frames(shot, missing)
     views = read_key_frames(shot, frames, progress)
     start = _start(shot, views, frames)
 

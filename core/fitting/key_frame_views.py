@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..cameras.camera import Camera
+from ..errors import KFMocapError
 from ..runtime.progress import Progress, report_progress
 from ..shot.footage import check_view, frames_at, shown_delay, working_factor
 from ..shot.shot import Shot, View
+from ..tracking.segments import whole_keys
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +56,14 @@ def on_frames(camera: Camera, frames: NDArray[np.int64]) -> Camera:
         return camera
     R, t = zip(*(camera.pose(int(f)) for f in frames), strict=True)
     return replace(camera, R_cam_world=np.stack(R), t_cam_world=np.stack(t))
+
+
+def posed_key_frames(shot: Shot, missing: KFMocapError) -> NDArray[np.int64]:
+    """Shot frames with a key pose of the whole body of every performer; raises `missing` where there is none."""
+    frames = whole_keys(shot, 0, shot.length - 1)
+    if not len(frames):
+        raise missing
+    return frames
 
 
 def read_key_frames(shot: Shot, frames: NDArray[np.int64], progress: Progress | None) -> list[KeyFrameView]:

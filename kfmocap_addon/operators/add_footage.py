@@ -67,7 +67,6 @@ class ImportCalibration(Conditional, bpy.types.Operator, ImportHelper):
 
     bl_idname = "kfmocap.import_calibration"
     bl_label = "Import Calibration"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (has_views,)
 
     filepath: bpy.props.StringProperty(
@@ -101,7 +100,6 @@ class UseSceneCameras(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.use_scene_cameras"
     bl_label = "Use Scene Cameras"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (_has_other_cameras,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -117,7 +115,6 @@ class RemoveView(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.remove_view"
     bl_label = "Remove View"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (has_views,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:

@@ -13,7 +13,6 @@ class Bake(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.bake"
     bl_label = "Bake"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (has_performer,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:

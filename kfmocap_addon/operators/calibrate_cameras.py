@@ -28,7 +28,6 @@ class Calibrate(Conditional, JobOperator, bpy.types.Operator):
 
     bl_idname = "kfmocap.calibrate"
     bl_label = "Calibrate"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (_capture_is_complete,)
 
     def prepare(self, context: bpy.types.Context) -> Work:

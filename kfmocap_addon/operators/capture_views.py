@@ -50,7 +50,6 @@ class RemoveVideos(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.remove_videos"
     bl_label = "Remove"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (_has_videos,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:

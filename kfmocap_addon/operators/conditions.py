@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import bpy
 
@@ -14,7 +15,7 @@ Condition = Callable[[bpy.types.Context], str]
 
 
 class Conditional(OperatorMixin):
-    """An operator that can be used where all of its conditions hold.
+    """An operator that can be used where all of its conditions hold. Unless it says otherwise, it can be undone.
 
     Attributes
     ----------
@@ -23,6 +24,7 @@ class Conditional(OperatorMixin):
         It can be used while joints are being placed too: it changes neither poses nor keys.
     """
 
+    bl_options: set[Any] = {"REGISTER", "UNDO"}
     conditions: tuple[Condition, ...] = ()
     while_placing = False
 

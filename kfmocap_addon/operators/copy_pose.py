@@ -26,7 +26,6 @@ class CopyPose(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.copy_pose"
     bl_label = "Copy Pose"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (has_performer,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:

@@ -37,7 +37,6 @@ class AddBody(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.add_body"
     bl_label = "KF Mocap Body"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (in_object_mode,)
 
     performer: bpy.props.StringProperty(
@@ -103,7 +102,6 @@ class UseArmature(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.use_armature"
     bl_label = "Use Active Armature"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (_armature_is_active, _armature_is_new)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -143,7 +141,6 @@ class EditPart(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.edit_part"
     bl_label = "Edit Part"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (_bone_is_active,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -175,7 +172,6 @@ class FinishPart(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.finish_part"
     bl_label = "Finish Part"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (_part_is_edited,)
 
     mirror: bpy.props.BoolProperty(

@@ -21,7 +21,6 @@ class FitBody(Conditional, JobOperator, bpy.types.Operator):
 
     bl_idname = "kfmocap.fit_body"
     bl_label = "Fit Body"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (has_shot,)
 
     adjust_poses: bpy.props.BoolProperty(

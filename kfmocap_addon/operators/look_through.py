@@ -11,7 +11,6 @@ class LookThrough(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.look_through"
     bl_label = "Look Through"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (has_views,)
     while_placing = True
 
@@ -31,7 +30,6 @@ class StepView(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.step_view"
     bl_label = "Next View"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (has_views,)
     while_placing = True
 

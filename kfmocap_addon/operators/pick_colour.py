@@ -21,7 +21,6 @@ class PickColour(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.pick_colour"
     bl_label = "Pick Colour"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (_has_videos,)
 
     slot: bpy.props.EnumProperty(items=captures.slot_items(), name="Ball", description="Whose colour it is")

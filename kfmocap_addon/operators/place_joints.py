@@ -325,7 +325,6 @@ class ClearMarks(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.clear_marks"
     bl_label = "Clear Marks"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (has_performer, _has_marks)
 
     def execute(self, context: bpy.types.Context) -> set[str]:

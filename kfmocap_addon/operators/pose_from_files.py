@@ -26,7 +26,6 @@ class ImportKeypoints(Conditional, bpy.types.Operator, ImportHelper):
 
     bl_idname = "kfmocap.import_keypoints"
     bl_label = "Import Keypoints"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (has_shot,)
 
     filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
@@ -63,7 +62,6 @@ class MarkKeypoints(_FromKeypoints, bpy.types.Operator):
 
     bl_idname = "kfmocap.mark_keypoints"
     bl_label = "Mark Keypoints"
-    bl_options = {"REGISTER", "UNDO"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..editing import keyframing
@@ -83,7 +81,6 @@ class PoseFromKeypoints(_FromKeypoints, JobOperator, bpy.types.Operator):
 
     bl_idname = "kfmocap.pose_from_keypoints"
     bl_label = "Pose from Keypoints"
-    bl_options = {"REGISTER", "UNDO"}
 
     def prepare(self, context: bpy.types.Context) -> Work:
         """Read the shot without the key poses that are to be replaced."""
@@ -116,7 +113,6 @@ class PoseFromLandmarks(Conditional, bpy.types.Operator, ImportHelper):
 
     bl_idname = "kfmocap.pose_from_landmarks"
     bl_label = "Pose from Landmarks"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (has_performer,)
 
     filepath: bpy.props.StringProperty(subtype="FILE_PATH", name="Landmarks", description="TRC or C3D file")

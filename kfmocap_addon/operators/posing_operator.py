@@ -18,7 +18,6 @@ class PosingOperator(Conditional):
     """A tool that poses the chosen performer on this frame and keys it: the bones selected in pose mode, else the whole
     body."""
 
-    bl_options = {"REGISTER", "UNDO"}
     conditions: tuple[Condition, ...] = (has_performer,)
 
     def pose(self, context: bpy.types.Context, armature: bpy.types.Object) -> Motion:

@@ -21,7 +21,6 @@ class RefineCameras(Conditional, JobOperator, bpy.types.Operator):
 
     bl_idname = "kfmocap.refine_cameras"
     bl_label = "Refine Cameras"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (has_shot,)
 
     def prepare(self, context: bpy.types.Context) -> Work:

@@ -13,7 +13,6 @@ class SetKeyPose(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.set_key_pose"
     bl_label = "Set Key Pose"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (has_performer,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -34,7 +33,6 @@ class RemoveKeyPose(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.remove_key_pose"
     bl_label = "Remove Key Pose"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (has_performer,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -56,7 +54,6 @@ class AcceptProposals(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.accept_proposals"
     bl_label = "Accept Proposal"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (has_performer,)
 
     every: bpy.props.BoolProperty(name="All", description="All proposals, not only that on this frame")

@@ -16,7 +16,6 @@ class ShowResidual(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.show_residual"
     bl_label = "Show Residual"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (has_shot, _looks_through_view)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -46,7 +45,6 @@ class HideResidual(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.hide_residual"
     bl_label = "Hide Residual"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (_shows_residual,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:

@@ -13,7 +13,6 @@ class Simplify(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.simplify"
     bl_label = "Simplify"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (has_performer,)
 
     angle: bpy.props.FloatProperty(

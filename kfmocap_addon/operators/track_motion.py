@@ -35,7 +35,6 @@ class Tracking(Conditional, JobOperator):
         Which segments: EVERYWHERE, or relative to the current frame HERE, FORWARD or BACKWARD.
     """
 
-    bl_options = {"REGISTER", "UNDO"}
     conditions: tuple[Condition, ...] = (has_shot, _has_key_poses)
     side = "EVERYWHERE"
 
@@ -142,7 +141,6 @@ class ClearBetween(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.clear_between"
     bl_label = "Clear Between"
-    bl_options = {"REGISTER", "UNDO"}
     conditions: tuple[Condition, ...] = (has_shot,)
 
     where: bpy.props.EnumProperty(

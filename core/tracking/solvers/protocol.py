@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 from ...body.motion import Motion
@@ -10,27 +11,36 @@ from .measurement import Workspace
 from .problem import SegmentProblem, SegmentSolution
 
 
-class Solver(Protocol):
-    """A way to find the motion of all performers on a segment, and what it is capable of."""
+class Solve(Protocol):
+    """Finds the motion of a segment."""
 
-    @property
-    def uses_keypoints(self) -> bool:
-        """Whether it takes the keypoints of the views as evidence."""
+    def __call__(self, problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
+        """Find it from a start, F poses per performer whose fixed degrees of freedom are kept."""
 
-    @property
-    def uses_foreground(self) -> bool:
-        """Whether it takes foreground images as evidence; they are computed only where it does."""
 
-    @property
-    def refines(self) -> bool:
-        """Whether `refine` improves a solution when motion is known on both sides of the segment."""
+@dataclass(frozen=True)
+class Solver:
+    """A way to find the motion of all performers on a segment, and what it is capable of.
 
-    @property
-    def gives_covariance(self) -> bool:
-        """Whether its solutions have `factors`, from which covariances of the poses follow."""
+    Attributes
+    ----------
+    solve : callable
+        See `Solve`.
+    refine : callable
+        The same from a solution, when more is known of the motion around the segment.
+    uses_keypoints : bool
+        It takes the keypoints of the views as evidence.
+    uses_foreground : bool
+        It takes foreground images as evidence; they are computed only where it does.
+    refines : bool
+        `refine` improves a solution when motion is known on both sides of the segment.
+    gives_covariance : bool
+        Its solutions have `factors`, from which covariances of the poses follow.
+    """
 
-    def solve(self, problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
-        """Find the motion of a segment from a start, F poses per performer whose fixed degrees of freedom are kept."""
-
-    def refine(self, problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
-        """Continue from a solution when more is known of the motion around the segment."""
+    solve: Solve
+    refine: Solve
+    uses_keypoints: bool
+    uses_foreground: bool
+    refines: bool
+    gives_covariance: bool
