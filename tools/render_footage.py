@@ -30,7 +30,7 @@ def render_take(take: Take, frames: list[int], folder: Path, marks: bool = False
     by_name = {camera.name: camera for camera in take.cameras}
     truth = take.truth()
     for name, frame, pinhole_image in render_scene.render(
-        mesh, vertices, list(pinholes.values()), folder, frames, take.board
+        mesh, vertices, list(pinholes.values()), folder, frames, board_path=take.board
     ):
         image = camera_lens.through_lens(pinhole_image, pinholes[name], by_name[name])
         image = camera_lens.with_noise(image, seed=[frame, *name.encode()])

@@ -176,7 +176,7 @@ def room(camera: Camera) -> NDArray[np.float32]:
     nearest = np.full(rays.shape[:2], np.inf, np.float32)
     image = np.full(rays.shape, 0.7, np.float32)
     for corners, picture in _panels():
-        _paint_panel(image, nearest, rays, camera.centre_world(), corners, picture)
+        _paint_panel(image, nearest, rays, camera.centre_world(), corners=corners, picture=picture)
     return cv2.resize(image, camera.size, interpolation=cv2.INTER_AREA)
 
 
@@ -197,6 +197,7 @@ def _paint_panel(
     nearest: NDArray[np.float32],
     rays: NDArray[np.float32],
     eye: Array,
+    *,
     corners: Array,
     picture: NDArray[np.float32],
 ) -> None:

@@ -43,6 +43,7 @@ def render(
     cameras: list[Camera],
     folder: Path,
     frames: list[int],
+    *,
     board_path: Array | None = None,
 ) -> Iterator[tuple[str, int, Image]]:
     """Render frames of posed vertices (F, V, 3); yields camera name, frame and BGR picture.
@@ -54,7 +55,7 @@ def render(
     scene, figure = bpy.context.scene, bpy.data.objects[FIGURE]
     objects = {camera.name: _camera(camera) for camera in cameras}
     figure.hide_render = True
-    rooms = {c.name: _picture(scene, objects[c.name], c, folder, 0, 4 * SAMPLES) for c in cameras}
+    rooms = {c.name: _picture(scene, objects[c.name], c, folder, seed=0, samples=4 * SAMPLES) for c in cameras}
     figure.hide_render = False
     board = None if board_path is None else _board()
     for frame in frames:
@@ -66,7 +67,9 @@ def render(
         mesh.update()
         for camera in cameras:
             low, high = _touched(camera, moving)
-            part = _picture(scene, objects[camera.name], camera, folder, frame + 1, SAMPLES, (low, high))
+            part = _picture(
+                scene, objects[camera.name], camera, folder, seed=frame + 1, samples=SAMPLES, box=(low, high)
+            )
             yield camera.name, frame, _pasted(rooms[camera.name], part, low)
 
 
@@ -75,6 +78,7 @@ def _picture(
     obj: bpy.types.Object,
     camera: Camera,
     folder: Path,
+    *,
     seed: int,
     samples: int,
     box: tuple[IntArray, IntArray] | None = None,

@@ -117,6 +117,7 @@ def camera_looking_at(
     place: ArrayLike,
     at: ArrayLike,
     focal: float,
+    *,
     distortions: ArrayLike = (0.0, 0.0, 0.0, 0.0),
     size: tuple[int, int] = (640, 480),
 ) -> Camera:
@@ -134,7 +135,9 @@ _WIDE = (640, 360)
 BESIDE_THE_WALK = (
     camera_looking_at("cam01", (0.0, -4.7, 1.05), (0.0, 0.0, 0.93), 780.0, size=_WIDE),
     camera_looking_at("cam02", (4.1, -3.2, 1.5), (0.05, 0.05, 0.86), 700.0, size=_WIDE),
-    camera_looking_at("cam03", (-4.0, 3.1, 1.6), (0.05, -0.05, 0.86), 690.0, (-0.16, 0.06, 0.0005, -0.0007), _WIDE),
+    camera_looking_at(
+        "cam03", (-4.0, 3.1, 1.6), (0.05, -0.05, 0.86), 690.0, distortions=(-0.16, 0.06, 0.0005, -0.0007), size=_WIDE
+    ),
 )
 """From the right side, oblique from the front, oblique from behind (through a lens with distortion)."""
 ALL_ROUND = (

@@ -19,10 +19,14 @@ from .takes import camera_looking_at
 
 SIZE = (960, 540)
 CAMERAS = (
-    camera_looking_at("cam01", (-3.4, -3.6, 1.9), (0.1, 0.0, 0.85), 860.0, (-0.17, 0.04, 0.0, 0.0), SIZE),
-    camera_looking_at("cam02", (3.5, -3.3, 1.6), (-0.1, 0.1, 0.9), 905.0, (-0.11, 0.0, 0.0, 0.0), SIZE),
-    camera_looking_at("cam03", (3.2, 3.4, 2.1), (0.0, -0.1, 0.8), 780.0, (-0.2, 0.06, 0.0, 0.0), SIZE),
-    camera_looking_at("cam04", (-3.3, 3.2, 1.7), (0.0, 0.1, 0.85), 835.0, (0.06, 0.0, 0.0, 0.0), SIZE),
+    camera_looking_at(
+        "cam01", (-3.4, -3.6, 1.9), (0.1, 0.0, 0.85), 860.0, distortions=(-0.17, 0.04, 0.0, 0.0), size=SIZE
+    ),
+    camera_looking_at(
+        "cam02", (3.5, -3.3, 1.6), (-0.1, 0.1, 0.9), 905.0, distortions=(-0.11, 0.0, 0.0, 0.0), size=SIZE
+    ),
+    camera_looking_at("cam03", (3.2, 3.4, 2.1), (0.0, -0.1, 0.8), 780.0, distortions=(-0.2, 0.06, 0.0, 0.0), size=SIZE),
+    camera_looking_at("cam04", (-3.3, 3.2, 1.7), (0.0, 0.1, 0.85), 835.0, distortions=(0.06, 0.0, 0.0, 0.0), size=SIZE),
 )
 """Around the centre of the room, each with its own lens."""
 OFFSETS = (0.0, 3.4, -2.75, 6.2)
