@@ -23,8 +23,8 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _add_track(command: argparse.ArgumentParser) -> None:
-    command.add_argument("shot", nargs="?", type=Path, metavar="SHOT.toml", help="inside Blender: the open scene")
-    command.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder for the results")
+    command.add_argument("shot", nargs="?", type=_path, metavar="SHOT.toml", help="inside Blender: the open scene")
+    command.add_argument("--out", required=True, type=_path, metavar="DIR", help="folder for the results")
     command.add_argument("--views", metavar="CAM,CAM", help="use only the views of these cameras")
     command.add_argument("--keyframes", metavar="N,N | auto", help="use these key frames instead of the shot's")
     _add_tracking(command)
@@ -33,29 +33,29 @@ def _add_track(command: argparse.ArgumentParser) -> None:
 def _add_calibrate(command: argparse.ArgumentParser) -> None:
     source = command.add_mutually_exclusive_group(required=True)
     source.add_argument(
-        "wand", nargs="?", type=Path, metavar="WAND.toml", help="capture of an L-frame and a wand, as videos or points"
+        "wand", nargs="?", type=_path, metavar="WAND.toml", help="capture of an L-frame and a wand, as videos or points"
     )
-    source.add_argument("--refine", type=Path, metavar="SHOT.toml", help="refine a shot's cameras from its key poses")
-    command.add_argument("--out", required=True, type=Path, metavar="FILE", help="the calibration to write")
+    source.add_argument("--refine", type=_path, metavar="SHOT.toml", help="refine a shot's cameras from its key poses")
+    command.add_argument("--out", required=True, type=_path, metavar="FILE", help="the calibration to write")
     command.add_argument("--format", metavar="NAME", help="toml, caliscope, qualisys or opencv (default: by --out)")
-    command.add_argument("--report", type=Path, metavar="DIR", help="folder for the calibration report")
-    command.add_argument("--points", type=Path, metavar="FILE.csv", help="also write the detected marker positions")
+    command.add_argument("--report", type=_path, metavar="DIR", help="folder for the calibration report")
+    command.add_argument("--points", type=_path, metavar="FILE.csv", help="also write the detected marker positions")
     _add_drift(command)
 
 
 def _add_synchronise(command: argparse.ArgumentParser) -> None:
-    command.add_argument("wand", type=Path, metavar="WAND.toml", help="capture file of that take: videos or points")
-    command.add_argument("--cameras", required=True, type=Path, metavar="FILE", help="calibration of the cameras")
+    command.add_argument("wand", type=_path, metavar="WAND.toml", help="capture file of that take: videos or points")
+    command.add_argument("--cameras", required=True, type=_path, metavar="FILE", help="calibration of the cameras")
     _add_drift(command)
 
 
 def _add_demo(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--out", type=Path, default=Path("kfmocap-demo"), metavar="DIR", help="default: %(default)s")
+    command.add_argument("--out", type=_path, default=Path("kfmocap-demo"), metavar="DIR", help="default: %(default)s")
     _add_tracking(command)
 
 
 def _add_bench(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--out", type=Path, metavar="DIR", help="also write bench.md and bench.json there")
+    command.add_argument("--out", type=_path, metavar="DIR", help="also write bench.md and bench.json there")
     command.add_argument("--shot", metavar="NAME", help="measure one example only: beam or walk")
     command.add_argument("--quick", action="store_true", help="measure a few rows only")
     command.add_argument("--repeat", type=int, default=1, metavar="N", help="times are medians of N runs (default: 1)")
@@ -68,3 +68,10 @@ def _add_tracking(command: argparse.ArgumentParser) -> None:
 
 def _add_drift(command: argparse.ArgumentParser) -> None:
     command.add_argument("--drift", action="store_true", help="clocks may also run at different speeds (long takes)")
+
+
+def _path(text: str) -> Path:
+    """A path; an empty one, as an unset variable of a shell leaves it, would be the working folder."""
+    if not text.strip():
+        raise argparse.ArgumentTypeError("the path is empty")
+    return Path(text)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import nullcontext
 from pathlib import Path
 
 from ..core.calibration.api import calibrate
-from ..core.calibration.calibration_report import write_report
+from ..core.calibration.calibration_report import REPORT_FILES, write_report
 from ..core.calibration.calibration_result import CalibrationResult
 from ..core.errors import KFMocapError
 from ..core.fitting.camera_refinement import Refinement, refine_cameras
@@ -15,7 +14,8 @@ from ..core.formats.calibration_files import export_cameras, format_name
 from ..core.formats.marker_points import write_marker_points
 from ..core.formats.shot_toml import read_shot_spec
 from ..core.formats.wand_toml import load_wand
-from ..core.runtime.files import check_writable, staged
+from ..core.runtime.files import replacing, together
+from ..core.runtime.interrupts import results_are_written
 from ..core.runtime.progress import Progress
 from ..core.tracking.prepare import prepare_shot, read_shot_cameras
 from .printed import print_outcome
@@ -47,7 +47,8 @@ def run(args: argparse.Namespace, _services: Services) -> int:
             refinement = refine_shot(args.refine, args.out, progress, kind=args.format)
         lines = [view.summary for view in refinement.views]
         files = [args.out]
-    print_outcome(files, lines)
+    with results_are_written():
+        print_outcome(files, lines)
     return 0
 
 
@@ -91,21 +92,19 @@ def run_calibrate(
         A file cannot be read or written, or the capture does not determine where the cameras are.
     """
     format_name(out, kind)
-    check_writable(out.parent)
-    if report is not None:
-        check_writable(report)
-    solution = calibrate(load_wand(wand), progress, drift=drift)
-    files = []
-    with nullcontext() if report is None else staged(report) as stage:
+    with together() as outputs:
+        stage = None if report is None else outputs.folder(report, REPORT_FILES)
+        points_file = None if points is None else outputs.file(points, parents=True)
+        calibration = outputs.file(out, parents=True)
+        solution = calibrate(load_wand(wand), progress, drift=drift)
+        files = [out]
         if report is not None and stage is not None:
-            write_report(stage, solution)
-            files += [report / file.name for file in sorted(stage.iterdir())]
-        if points is not None:
-            write_marker_points(points, solution.capture)
+            files += [report / file.name for file in write_report(stage, solution)]
+        if points is not None and points_file is not None:
+            write_marker_points(points_file, solution.capture)
             files.append(points)
-        out.parent.mkdir(parents=True, exist_ok=True)
-        export_cameras(out, solution.cameras, kind)
-    return solution, [out, *files]
+        export_cameras(calibration, solution.cameras, kind)
+    return solution, files
 
 
 def refine_shot(shot_path: Path, out: Path, progress: Progress | None = None, *, kind: str | None = None) -> Refinement:
@@ -127,9 +126,9 @@ def refine_shot(shot_path: Path, out: Path, progress: Progress | None = None, *,
         The calibration cannot be written; raised before the work where this can be seen.
     """
     format_name(out, kind)
-    check_writable(out.parent)
-    spec = read_shot_spec(shot_path)
-    cameras = read_shot_cameras(spec)
-    refinement = refine_cameras(prepare_shot(spec), progress)
-    export_cameras(out, cameras | refinement.cameras, kind)
+    with replacing(out) as calibration:
+        spec = read_shot_spec(shot_path)
+        cameras = read_shot_cameras(spec)
+        refinement = refine_cameras(prepare_shot(spec), progress)
+        export_cameras(calibration, cameras | refinement.cameras, kind)
     return refinement

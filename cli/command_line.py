@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from ..core.errors import KFMocapError
+from ..core.runtime.interrupts import Interruptions, interrupted_text
 from .arguments import parser
 from .services import Services
 
@@ -28,19 +29,24 @@ def main(argv: Sequence[str] | None = None, services: Services | None = None) ->
     Returns
     -------
     int
-        Exit code: 0 when everything asked for was written, 1 after an error, 130 when interrupted.
+        Exit code: 0 when everything asked for was written, 1 after an error, 130 after Ctrl-C, 143 after SIGTERM.
     """
     _quiet_libraries()
     args = parser().parse_args(argv)
-    try:
-        command = import_module(f".{args.command}_command", __package__)
-        exit_code: int = command.run(args, services or Services())
-    except KFMocapError as error:
-        print(f"kfmocap: error: {' '.join(str(error).split())}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("kfmocap: interrupted, nothing was written", file=sys.stderr)
-        return 130
+    with Interruptions() as interruptions:
+        try:
+            command = import_module(f".{args.command}_command", __package__)
+            exit_code: int = command.run(args, services or Services())
+        except KFMocapError as error:
+            if interruptions.received is None:
+                print(f"kfmocap: error: {' '.join(str(error).split())}", file=sys.stderr)
+                return 1
+            # Blender makes errors of its own of an interrupt.
+            print(f"kfmocap: {interrupted_text(error)}", file=sys.stderr)
+            return interruptions.exit_code
+        except KeyboardInterrupt as interrupt:
+            print(f"kfmocap: {interrupted_text(interrupt)}", file=sys.stderr)
+            return interruptions.exit_code
     return exit_code
 
 

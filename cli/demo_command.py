@@ -11,6 +11,7 @@ from ..core.errors import FootageError
 from ..core.formats import read_trc
 from ..core.review.scoring import joint_error
 from ..core.runtime.files import check_writable
+from ..core.runtime.interrupts import results_are_written
 from ..core.shot.shot import Shot
 from ..core.tracking.prepare import load_shot
 from .example_footage import example_folder
@@ -29,8 +30,9 @@ def run(args: argparse.Namespace, services: Services) -> int:
     seconds = {"shot": time.perf_counter() - begin}
     with progress_bar() as progress:
         files = run_track(shot, args.out, blender=blender, progress=progress, seconds=seconds)
-    print(*files, sep="\n")
-    print(_summary(shot, args.out, folder, time.perf_counter() - begin))
+    with results_are_written():
+        print(*files, sep="\n")
+        print(_summary(shot, args.out, folder, time.perf_counter() - begin))
     return 0
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -14,10 +14,11 @@ from ..core.formats.trc import write_trc
 from ..core.review.overlay import contact_sheet, sheet_frames, write_contact_sheet
 from ..core.review.track_report import report, report_lines
 from ..core.runtime.files import check_writable, staged, write_json
+from ..core.runtime.interrupts import results_are_written
 from ..core.runtime.progress import Progress, share
 from ..core.runtime.timing import Seconds
 from ..core.shot.shot import Shot
-from ..core.shot.shot_spec import checked_file_name
+from ..core.shot.shot_spec import result_names
 from ..core.tracking.prepare import load_shot
 from ..core.tracking.selection import selected
 from ..core.tracking.track_result import TrackResult
@@ -38,7 +39,8 @@ def run(args: argparse.Namespace, services: Services) -> int:
         files = run_track(
             shot, args.out, blender=blender, progress=progress, seconds=seconds, open_scene=args.shot is None
         )
-    print_outcome(files, report_lines(json.loads((args.out / "report.json").read_text(encoding="utf-8"))))
+    with results_are_written():
+        print_outcome(files, report_lines(json.loads((args.out / "report.json").read_text(encoding="utf-8"))))
     return 0
 
 
@@ -73,20 +75,25 @@ def run_track(
 
     Raises
     ------
+    ShotError
+        A name cannot be a file's; raised before the tracking begins.
     OutputError
-        The folder cannot be written; raised before the tracking begins.
+        The folder cannot be written; raised before the tracking begins where this can be seen.
     FootageError
         The footage breaks off.
     CancelledError
         `progress` returned False.
     """
-    checked_file_name(shot.name, "[shot]")
-    with staged(out_dir) as stage:
+    motions = result_names(shot.name, [performer.name for performer in shot.performers])
+    endings = (".trc",) if blender is None else (".trc", ".bvh", ".fbx")
+    scene = () if blender is None else ("shot.blend",)
+    names = [f"{name}{ending}" for name in motions for ending in endings]
+    with staged(out_dir, [*names, *scene, "overlay.png", "report.json"]) as stage:
         shown = sheet_frames(shot)
         result = track(shot, share(progress, 0.0, 0.95), pictures=shown)
         times = Seconds(seconds or {})
         with times.measure("overlay"):
-            _write_landmarks(shot, result, stage)
+            _write_landmarks(shot, result, [stage / f"{name}.trc" for name in motions])
             in_step, drawing = shot.with_footage_offset(result.footage_offset), share(progress, 0.95, 1.0)
             sheet = contact_sheet(in_step, result.motions, shown, drawing, result.pictures)
             write_contact_sheet(stage / "overlay.png", sheet)
@@ -94,8 +101,8 @@ def run_track(
             with times.measure("Blender"):
                 blender.write_outputs(shot, result, stage, home=out_dir, open_scene=open_scene)
         write_json(stage / "report.json", report(shot, result, times))
-        names = sorted(file.name for file in stage.iterdir())
-    return [out_dir / name for name in names]
+        written = sorted(file.name for file in stage.iterdir())
+    return [out_dir / name for name in written]
 
 
 def _shot(args: argparse.Namespace, services: Services) -> Shot:
@@ -121,11 +128,8 @@ def _keyframes(text: str | None) -> list[int] | Literal["auto"] | None:
         raise ShotError(f"'{text}' is not a list of frames", where="--keyframes", todo=todo) from error
 
 
-def _write_landmarks(shot: Shot, result: TrackResult, folder: Path) -> None:
-    """Write every performer's landmarks: NAME.trc, or one NAME_PERFORMER.trc each where there are several."""
-    for performer, motion in zip(shot.performers, result.motions, strict=True):
+def _write_landmarks(shot: Shot, result: TrackResult, files: Sequence[Path]) -> None:
+    """Write every performer's landmarks."""
+    for performer, motion, file in zip(shot.performers, result.motions, files, strict=True):
         names = list(performer.body.landmarks)
-        several = len(shot.performers) > 1
-        name = checked_file_name(f"{shot.name}_{performer.name}", "[[performer]]") if several else shot.name
-        points = landmark_positions(performer.body, motion, names)
-        write_trc(folder / f"{name}.trc", names, points, shot.fps)
+        write_trc(file, names, landmark_positions(performer.body, motion, names), shot.fps)

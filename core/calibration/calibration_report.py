@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from .calibration_result import CalibrationResult
 
 
+REPORT_FILES = ("report.json", "report.png", "report.html")
 _WIDTH = 1200
 _WORST = 1.0
 """Residuals of so many pixels have the last colour of the scale."""
@@ -55,7 +56,7 @@ def write_report(folder: Path, solution: CalibrationResult) -> list[Path]:
         raise OutputError(f"cannot be made: {error.strerror or error}", where=str(folder)) from error
     numbers, picture = quality_numbers(solution), sheet(solution)
     png = cv2.imencode(".png", picture)[1].tobytes()
-    files = [folder / name for name in ("report.json", "report.png", "report.html")]
+    files = [folder / name for name in REPORT_FILES]
     write_json(files[0], numbers)
     for file, content in zip(files[1:], (png, page(numbers, png).encode()), strict=True):
         with replacing(file) as temporary:

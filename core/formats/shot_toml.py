@@ -10,7 +10,15 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 from ..errors import ShotError, located
 from ..shot.shot import FIELD_ORDERS, Settings
-from ..shot.shot_spec import KeyFrames, PerformerSpec, ShotSpec, ViewSpec, checked_file_name, checked_keyframes
+from ..shot.shot_spec import (
+    KeyFrames,
+    PerformerSpec,
+    ShotSpec,
+    ViewSpec,
+    checked_file_name,
+    checked_keyframes,
+    result_names,
+)
 from .toml_tables import Table, read_toml
 
 _TABLES = ("shot", "calibration", "view", "performer", "track")
@@ -36,6 +44,7 @@ def read_shot_spec(path: Path | str) -> ShotSpec:
     _check_distinct([view.camera for view in views], f"{path} [[view]] camera")
     performers = [_performer(table, path.parent, frames) for table in _tables(document, "performer", path, _PERFORMER)]
     _check_distinct([performer.name for performer in performers], f"{path} [[performer]] name")
+    result_names(name, [performer.name for performer in performers], f"{path} [[performer]]")
     return ShotSpec(
         path,
         name,

@@ -1,17 +1,29 @@
-"""Writing files so that nothing half-written is ever seen."""
+"""Writing files so that nothing half-written is ever seen.
+
+What a run writes is written to temporary names, flushed to the disk, and put in place at its end, all of it together.
+A new folder appears by one renaming, and one that holds plain files alone is exchanged in one step for a folder with
+the new files and hard links to the others. Where that is not possible (on Windows, a folder with folders in it, the
+working folder) files are moved one by one; a run that is killed meanwhile is finished by the next one.
+"""
 
 from __future__ import annotations
 
 import json
 import os
 import shutil
-import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+import stat
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ..errors import OutputError
+from .exchange import exchanged
+from .interrupts import WRITTEN, held_signals
+from .workplaces import MOVING, RESULTS, move_files, remove_leftovers, workplace
+
+_MOST_LINKED = 1000  # other files in a folder that is exchanged
 
 
 @contextmanager
@@ -23,14 +35,136 @@ def replacing(path: Path) -> Iterator[Path]:
     OutputError
         The folder or the file cannot be written.
     """
-    temporary = path.with_name(f".{path.stem}.part{os.getpid()}{path.suffix}")
-    try:
-        yield temporary
-        os.replace(temporary, path)
-    except OSError as error:
-        raise OutputError(f"cannot be written: {error.strerror or error}", where=str(path)) from error
-    finally:
-        temporary.unlink(missing_ok=True)
+    with together() as outputs:
+        yield outputs.file(path)
+
+
+@contextmanager
+def staged(folder: Path, names: Sequence[str] = ()) -> Iterator[Path]:
+    """Give an empty temporary folder; its files are moved into `folder` when the block ends well, else dropped.
+
+    Parameters
+    ----------
+    folder : Path
+        Made if it does not exist; other files in it stay as they are.
+    names : sequence of str, optional
+        Names of the files that will be written.
+
+    Raises
+    ------
+    OutputError
+        `folder` cannot be written, or a folder has the name of a file: raised before the block begins.
+    """
+    with together() as outputs:
+        yield outputs.folder(folder, names)
+
+
+@contextmanager
+def together() -> Iterator[Outputs]:
+    """Give the outputs of a run; they are put in place together when the block ends well, else dropped.
+
+    Raises
+    ------
+    OutputError
+        One of them cannot be written: then none is.
+    """
+    with ExitStack() as stack:
+        outputs = Outputs(stack)
+        yield outputs
+        outputs.put_in_place()
+
+
+class Outputs:
+    """Files and folders that are put in place together; see `together`."""
+
+    def __init__(self, stack: ExitStack) -> None:
+        self._stack = stack
+        self._places: list[_Output] = []
+
+    def file(self, path: Path, *, parents: bool = False) -> Path:
+        """Give the temporary path of a file.
+
+        Parameters
+        ----------
+        path : Path
+        parents : bool
+            Make its folder where there is none.
+
+        Raises
+        ------
+        OutputError
+            Its folder cannot be written, or a folder has its name.
+        """
+        check_free(path.parent, [path.name])
+        if not path.parent.exists() and not parents:
+            raise OutputError("cannot be written: there is no such folder", where=str(path))
+        place = self._workplace(_existing(path.parent), path)
+        self._places.append(_Output(place, path, _put_file))
+        return place / RESULTS / path.name
+
+    def folder(self, path: Path, names: Sequence[str] = ()) -> Path:
+        """Give the temporary folder for a folder's files.
+
+        Parameters
+        ----------
+        path : Path
+        names : sequence of str, optional
+            Names of the files that will be written.
+
+        Raises
+        ------
+        OutputError
+            It cannot be written, or a folder has the name of a file.
+        """
+        check_free(path, names)
+        remove_leftovers(path)
+        place = self._workplace(_beside(path), path)
+        self._places.append(_Output(place, path, _put_folder))
+        return place / RESULTS
+
+    def _workplace(self, beside: Path, path: Path) -> Path:
+        try:
+            return self._stack.enter_context(workplace(beside))
+        except OSError as error:
+            raise _unwritable(path, error) from error
+
+    def put_in_place(self) -> None:
+        """Put everything in place.
+
+        Raises
+        ------
+        OutputError
+        """
+        for output in self._places:
+            with _reported(output.path):
+                files = list((output.place / RESULTS).iterdir())
+                check_free(output.path if output.put is _put_folder else output.path.parent, [f.name for f in files])
+                for file in files:
+                    _flush(file)
+                _flush(output.place / RESULTS)
+        done = False
+        try:
+            with held_signals():
+                for output in self._places:
+                    with _reported(output.path):
+                        output.put(output.place, output.path)
+                done = True
+                for output in self._places:
+                    with suppress(OSError):
+                        _flush(output.path.parent)
+        except KeyboardInterrupt as interrupt:
+            if done:
+                interrupt.add_note(WRITTEN)
+            raise
+
+
+@dataclass(frozen=True)
+class _Output:
+    """What is put in place of a path, from a workplace, by put(place, path)."""
+
+    place: Path
+    path: Path
+    put: Callable[[Path, Path], None]
 
 
 def write_json(path: Path, values: Mapping[str, Any]) -> None:
@@ -45,56 +179,143 @@ def write_json(path: Path, values: Mapping[str, Any]) -> None:
         temporary.write_text(json.dumps(values, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def check_writable(folder: Path) -> None:
+def check_writable(folder: Path, names: Sequence[str] = ()) -> None:
     """See that files can be written into a folder, which may not exist yet, before any work is done.
 
     Raises
     ------
     OutputError
-        They cannot.
+        They cannot, or a folder has one of their names.
     """
-    _new_stage(folder).rmdir()
+    with ExitStack() as stack:
+        Outputs(stack).folder(folder, names)
 
 
-@contextmanager
-def staged(folder: Path) -> Iterator[Path]:
-    """Give an empty temporary folder; its files are moved into `folder` when the block ends well, else dropped.
+def check_free(folder: Path, names: Sequence[str]) -> None:
+    """See that a path can be a folder, and that no folder in it has one of those names.
 
     Raises
     ------
     OutputError
-        `folder` cannot be written: raised before the block begins.
     """
-    stage = _new_stage(folder)
     try:
-        yield stage
-        _move_files(stage, folder)
-    except OSError as error:
+        if folder.exists() and not folder.is_dir():
+            raise OutputError("is a file, not a folder", where=str(folder))
+        for name in names:
+            if (folder / name).is_dir():
+                raise OutputError("a folder is in the way", where=str(folder / name))
+    except (OSError, ValueError) as error:
         raise _unwritable(folder, error) from error
+
+
+def _beside(folder: Path) -> Path:
+    """Where a folder's workplace is made: in its parent, so that it can be exchanged, or else in itself."""
+    if not folder.exists():
+        return _existing(folder)
+    parent = folder.absolute().parent
+    one_system = parent.stat().st_dev == folder.stat().st_dev and not folder.is_symlink()
+    return parent if one_system and os.access(parent, os.W_OK | os.X_OK) else folder
+
+
+def _existing(folder: Path) -> Path:
+    """The folder, or the nearest above it that exists."""
+    whole = folder.absolute()
+    return next(one for one in (whole, *whole.parents) if one.exists())
+
+
+@contextmanager
+def _reported(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise _unwritable(path, error) from error
+
+
+def _unwritable(path: Path, error: OSError | ValueError) -> OutputError:
+    return OutputError(f"cannot be written: {getattr(error, 'strerror', None) or error}", where=str(path))
+
+
+def _flush(path: Path) -> None:
+    """See that what was written is on the disk: a full one is noticed here at the latest."""
+    if path.is_dir() and os.name == "nt":
+        return  # Windows does not open folders
+    descriptor = os.open(path, os.O_RDWR if os.name == "nt" else os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
     finally:
-        shutil.rmtree(stage, ignore_errors=True)
+        os.close(descriptor)
 
 
-def _new_stage(folder: Path) -> Path:
-    if folder.exists() and not folder.is_dir():
-        raise OutputError("is a file, not a folder", where=str(folder))
-    # On the file system of the results, so that moving a file into place cannot fail half-way.
-    beside = next(parent for parent in (folder, *folder.absolute().parents) if parent.exists())
+def _put_file(place: Path, path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    os.replace(place / RESULTS / path.name, path)
+
+
+def _put_folder(place: Path, folder: Path) -> None:
+    """Put a workplace's results into a folder: by renaming, by exchange, or file by file."""
+    if not folder.exists():
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        os.rename(place / RESULTS, folder)
+        return
+    others = _other_files(place, folder)
+    if others is None or not _is_exchanged(place, folder, others):
+        _move_files(place, folder)
+
+
+def _other_files(place: Path, folder: Path) -> list[str] | None:
+    """Names of the files of a folder that are not replaced; None where it cannot be exchanged as a whole."""
+    inside = place.parent == folder.absolute() or place.parent.stat().st_dev != folder.stat().st_dev
+    if inside or folder.is_symlink() or _is_worked_in(folder.resolve()):
+        return None
+    others = []
+    for entry in os.scandir(folder):
+        if not (place / RESULTS / entry.name).exists():
+            others.append(entry.name)
+        if len(others) > _MOST_LINKED or not stat.S_ISREG(entry.stat(follow_symlinks=False).st_mode):
+            return None
+    return others
+
+
+def _is_worked_in(folder: Path) -> bool:
+    """Whether a folder is the working folder of a process, as far as is known: to that it would be gone."""
+    working = [os.path.realpath(os.curdir)]
+    for link in Path("/proc").glob("[0-9]*/cwd"):
+        with suppress(OSError):  # it ended meanwhile, or is another user's
+            working.append(os.readlink(link))
+    return any(Path(path).is_relative_to(folder) for path in working)
+
+
+def _is_exchanged(place: Path, folder: Path, others: Sequence[str]) -> bool:
+    """Exchange a folder for the results and links to its other files."""
+    results = place / RESULTS
+    linked = []
     try:
-        return Path(tempfile.mkdtemp(prefix=".kfmocap-", dir=beside))
-    except OSError as error:
-        raise _unwritable(folder, error) from error
+        for name in others:
+            os.link(folder / name, results / name)
+            linked.append(name)
+        shutil.copystat(folder, results)
+        if hasattr(os, "chown"):
+            before = folder.stat()
+            os.chown(results, before.st_uid, before.st_gid)
+        _flush(results)
+        done = exchanged(results, folder)
+    except OSError:
+        done = False
+    if not done:
+        for name in linked:
+            (results / name).unlink()
+        return False
+    for entry in os.scandir(results):  # what somebody else wrote meanwhile
+        if not (folder / entry.name).exists():
+            os.rename(entry.path, folder / entry.name)
+    return True
 
 
-def _unwritable(folder: Path, error: OSError) -> OutputError:
-    return OutputError(f"the folder cannot be written: {error.strerror or error}", where=str(folder))
-
-
-def _move_files(stage: Path, folder: Path) -> None:
-    files = sorted(stage.iterdir())
-    for file in files:
-        if (folder / file.name).is_dir():
-            raise OutputError("a folder is in the way", where=str(folder / file.name))
-    folder.mkdir(parents=True, exist_ok=True)
-    for file in files:
-        os.replace(file, folder / file.name)
+def _move_files(place: Path, folder: Path) -> None:
+    """Move files into a folder one by one; from the first move on, the next run would go on where this one ends."""
+    if folder.absolute() in (place.parent, place.parent / folder.name):
+        plan = place / f"{MOVING}.new"
+        plan.write_text(os.path.relpath(folder.absolute(), place.parent), encoding="utf-8")
+        _flush(plan)
+        os.replace(plan, place / MOVING)
+    move_files(place, folder)

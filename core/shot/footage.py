@@ -6,7 +6,6 @@ file's frame k // 2.
 
 from __future__ import annotations
 
-import re
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -21,19 +20,22 @@ from numpy.typing import NDArray
 
 from ..cameras.camera import field_of_frame
 from ..errors import FootageError
+from .image_sequences import PATTERNS, check_images, check_size, image_files, read_image
 from .shot import Settings, View
 
 Image = NDArray[Any]
 
-IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
 _FIRST_PARITY = {"top-first": 0, "bottom-first": 1}
 _LINE_BLUR = np.array([1, 2, 1]) / 4
 _ROTATIONS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
 
 
+_CONVERT = "convert it to H.264, as with: ffmpeg -i FOOTAGE -c:v libx264 -crf 14 -vsync passthrough CONVERTED.mp4"
+
+
 @dataclass(frozen=True)
 class Footage:
-    """What is known of footage without decoding it.
+    """What is known of footage before it is decoded.
 
     Attributes
     ----------
@@ -54,22 +56,25 @@ class Footage:
 
 
 def probe(path: Path | str) -> Footage:
-    """Look at footage without decoding it.
+    """Look at footage, decoding its first frame alone.
 
     Raises
     ------
     FootageError
-        The footage is missing or cannot be read; names the file.
+        The footage is missing or cannot be read; names the file, and what to do.
     """
     path = Path(path)
     images = image_files(path)
     if images is not None:
-        height, width = _read_image(images[min(images)]).shape[:2]
+        height, width = read_image(images[min(images)]).shape[:2]
         return Footage(path, (width, height), max(images) + 1, 0.0)
     with _opened(path) as video:
         size = int(video.get(cv2.CAP_PROP_FRAME_WIDTH)), int(video.get(cv2.CAP_PROP_FRAME_HEIGHT))
         if _quarter_turns(video) in (90, 270):
             size = size[::-1]
+        if not video.read()[0]:
+            what = f"OpenCV cannot decode the footage (codec {_codec(video)})"
+            raise FootageError(what, where=str(path), todo=_CONVERT)
         return Footage(path, size, int(video.get(cv2.CAP_PROP_FRAME_COUNT)), video.get(cv2.CAP_PROP_FPS))
 
 
@@ -143,12 +148,14 @@ def _check_range(view: View, footage: Footage, first: int, length: int) -> None:
     where = f"{view.footage} (camera '{view.camera.name}')"
     if start < 0:
         raise FootageError(f"the shot begins before the footage: {asked}", where=where)
-    count = each * footage.count
-    if end >= count and image_files(view.footage) is None:
+    count, images = each * footage.count, image_files(view.footage)
+    if end >= count and images is None:
         # Some containers understate their length; only decoding shows it.
         count = each * _decodable(view.footage, end // each + 1)
     if end >= count:
         raise FootageError(f"the footage has only {count} {unit}: {asked}", where=where)
+    if images is not None:
+        check_images(view.footage, images, range(start // each, end // each + 1), footage.size)
 
 
 def _by(size: tuple[int, int]) -> str:
@@ -268,68 +275,26 @@ def _whole(frame: Image, parity: int, width: int) -> Image:
     return np.asarray(cv2.sepFilter2D(spread, -1, np.ones(1), _LINE_BLUR))
 
 
-def image_files(path: Path) -> dict[int, Path] | None:
-    """Files of an image sequence by frame from 0, or None where the path is a video's.
-
-    A sequence is named by a pattern in the file's name: printf's %04d or ####, whose lowest number is frame
-    0, or a glob with *, whose files are taken in natural order. A single image is a sequence of one.
-    """
-    if path.is_file():
-        return {0: path} if path.suffix.lower() in IMAGE_SUFFIXES else None
-    number = re.search(r"%0?(\d*)d|#+", path.name)
-    if number is None and "*" not in path.name:
-        return None
-    if number is not None:
-        digits = int(number[1] or 1) if number[0].startswith("%") else len(number[0])
-        before, after = re.escape(path.name[: number.start()]), re.escape(path.name[number.end() :])
-        regex = re.compile(f"{before}(\\d{{{digits},}}){after}")
-        hits = [(int(hit[1]), file) for file in _listed(path.parent) if (hit := regex.fullmatch(file.name))]
-        lowest = min((n for n, _ in hits), default=0)
-        files = {n - lowest: file for n, file in hits}
-    else:
-        regex = re.compile(re.escape(path.name).replace(r"\*", ".*"))
-        fitting = [file for file in _listed(path.parent) if regex.fullmatch(file.name)]
-        files = dict(enumerate(sorted(fitting, key=_natural)))
-    if not files:
-        raise FootageError("no image fits this pattern", where=str(path))
-    return files
-
-
-def _listed(folder: Path) -> list[Path]:
-    return list(folder.iterdir()) if folder.is_dir() else []
-
-
-def _natural(path: Path) -> list[tuple[int, str]]:
-    """Sorts frame2 before frame10."""
-    return [(int(part or 0), text) for text, part in re.findall(r"(\D*)(\d*)", path.name)]
-
-
-def _read_image(path: Path) -> Image:
-    """An image in colour. `cv2.imread` itself cannot open every file name on Windows."""
-    try:
-        image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_COLOR)
-    except (OSError, cv2.error):
-        image = None
-    if image is None:
-        raise FootageError("the image cannot be read", where=str(path))
-    return np.asarray(image)
-
-
 @contextmanager
 def _opened(path: Path) -> Iterator[cv2.VideoCapture]:
     """Open a video whose frames come as they are stored; `_quarter_turns` says how they are to be seen."""
     if not path.is_file():
-        todo = "a video, or a pattern of images such as frame_%04d.png, frame_####.png or frame_*.png"
-        raise FootageError("there is no such footage", where=str(path), todo=todo)
+        raise FootageError("there is no such footage", where=str(path), todo=f"name {PATTERNS}")
     video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
     try:
         if not video.isOpened() or video.get(cv2.CAP_PROP_FRAME_WIDTH) <= 0:
-            raise FootageError("the footage cannot be read as a video", where=str(path))
+            raise FootageError("the footage cannot be read as a video", where=str(path), todo=_CONVERT)
         # OpenCV's builds differ in whether they turn frames themselves; turning them small is cheaper, too.
         video.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
         yield video
     finally:
         video.release()
+
+
+def _codec(video: cv2.VideoCapture) -> str:
+    """The four letters that name a video's codec, such as AV01."""
+    letters = int(video.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little", signed=True)
+    return letters.decode("ascii", errors="replace").strip().upper() if letters.strip(b"\0 ") else "unknown"
 
 
 def _quarter_turns(video: cv2.VideoCapture) -> int:
@@ -379,10 +344,8 @@ def _stored(path: Path, numbers: Sequence[int], size: tuple[int, int]) -> Iterat
 def _sequence_image(path: Path, images: dict[int, Path], index: int, size: tuple[int, int]) -> Image:
     if index not in images:
         raise FootageError(f"the image of frame {index} is missing in the sequence", where=str(path))
-    image = _read_image(images[index])
-    found = (image.shape[1], image.shape[0])
-    if found != size:
-        raise FootageError(f"the image is {_by(found)}, not {_by(size)}", where=str(images[index]))
+    image = read_image(images[index])
+    check_size(images[index], image, size)
     return image
 
 

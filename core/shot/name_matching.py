@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from pathlib import Path
 
-from .footage import IMAGE_SUFFIXES
+from .image_sequences import IMAGE_SUFFIXES
 
 _DUPLICATE = re.compile(r"\.\d{3}$")  # what Blender adds to a name that is taken
 
@@ -83,7 +83,7 @@ def _number(name: str) -> int | None:
 def footage_of(files: Iterable[Path]) -> list[Path]:
     """Footage among files that somebody chose: videos as they are, numbered images as one pattern per sequence.
 
-    See `core.shot.footage.image_files` for patterns. The order is that of the names.
+    See `core.shot.image_sequences.image_files` for patterns. The order is that of the names.
     """
     found: dict[Path, list[Path]] = {}
     for file in sorted(files):

@@ -15,6 +15,7 @@ KeyFrames = tuple[int, ...] | Literal["auto"]
 """Key frames in the footage's count, increasing; "auto" has them chosen by 2D keypoints."""
 
 _RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")
+_LONGEST_NAME = 100  # bytes: two of them and an ending are well below what file systems take
 
 
 @dataclass(frozen=True)
@@ -150,15 +151,39 @@ def checked_keyframes(frames: Sequence[int], shot_frames: tuple[int, int], *, wh
 
 
 def checked_file_name(name: str, where: str) -> str:
-    """Return a shot's name if it can be a file's name on every system.
+    """Return a name if it can be a file's name on every system, with an ending and the name of a performer after it.
 
     Raises
     ------
     ShotError
         It cannot.
     """
-    unsafe = re.search(r'[<>:"/\\|?*\x00-\x1f]', name) or name.startswith(".") or name.endswith((".", " "))
+    unsafe = re.search(r'[<>:"/\\|?*\x00-\x1f\x7f]', name) or name.startswith(".") or name.endswith((".", " "))
     if not name or unsafe or _RESERVED.fullmatch(name):
         todo = 'leave out < > : " / \\ | ? * and dots at the ends'
         raise ShotError(f"'{name}' cannot be a file's name", where=f"{where} name", todo=todo)
+    if len(name.encode(errors="replace")) > _LONGEST_NAME:
+        what = f"'{name[:20]}...' is too long for a file's name"
+        raise ShotError(what, where=f"{where} name", todo=f"shorten it to {_LONGEST_NAME} letters")
     return name
+
+
+def result_names(shot: str, performers: Sequence[str], where: str = "[[performer]]") -> list[str]:
+    """Names, without endings, of the files with the motions of a shot's performers.
+
+    Raises
+    ------
+    ShotError
+        One of them cannot be a file's name, or two differ in capitals alone, which some systems do not tell apart.
+    """
+    checked_file_name(shot, "[shot]")
+    if len(performers) == 1:
+        return [shot]
+    folded = [name.casefold() for name in performers]
+    for i, name in enumerate(performers):
+        checked_file_name(name, where)
+        if folded[i] in folded[:i]:
+            other = performers[folded.index(folded[i])]
+            what = f"'{name}' and '{other}' differ in capitals alone, and so would the names of their files"
+            raise ShotError(what, where=f"{where} name", todo="rename one of them")
+    return [f"{shot}_{name}" for name in performers]

@@ -22,7 +22,7 @@ from ...core.errors import OutputError, ShotError
 from ...core.numerics.arrays import Array
 from ...core.numerics.resampling import sample_times, slerped
 from ...core.runtime.files import replacing
-from ...core.shot.shot_spec import checked_file_name
+from ...core.shot.shot_spec import result_names
 from ..scene_io import body_armature, fcurves
 from ..scene_io.scene import set_rate
 from .presets import PRESETS
@@ -69,12 +69,11 @@ def export_performers(scene: bpy.types.Scene, folder: Path, options: ExportOptio
     """
     performers = scene.kfmocap.performers
     writers = [(".bvh", export_bvh)] * options.bvh + [(".fbx", export_fbx)] * options.fbx
+    names = result_names(scene.kfmocap.shot, [slot.name for slot in performers], f"scene {scene.name}")
     paths = []
-    for slot in performers:
+    for slot, name in zip(performers, names, strict=True):
         if slot.armature is None:
             raise ShotError("the armature is gone from the scene", where=f"performer {slot.name}")
-        name = scene.kfmocap.shot if len(performers) == 1 else f"{scene.kfmocap.shot}_{slot.name}"
-        name = checked_file_name(name, f"scene {scene.name}")
         for suffix, writer in writers:
             paths.append(folder / f"{name}{suffix}")
             writer(paths[-1], slot.armature, scene, options)

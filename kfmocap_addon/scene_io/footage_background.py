@@ -9,7 +9,8 @@ from typing import Any
 import bpy
 
 from ...core.errors import FootageError
-from ...core.shot.footage import file_index, footage_index, image_files, is_interlaced
+from ...core.shot.footage import file_index, footage_index, is_interlaced
+from ...core.shot.image_sequences import image_files
 
 
 def load_clip(path: Path) -> bpy.types.MovieClip:

@@ -12,7 +12,7 @@ import bpy
 from ...core.cameras.camera import Camera
 from ...core.errors import CalibrationError
 from ...core.numerics.arrays import Array
-from ...core.shot.footage import image_files
+from ...core.shot.image_sequences import image_files
 from ...core.shot.shot import View
 from . import camera_poses, distortion, footage_background, scene_cameras
 

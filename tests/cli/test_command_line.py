@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -262,6 +263,47 @@ def test_a_folder_in_the_way_of_a_result_is_refused(folder: Path, capsys: pytest
     assert track(folder) == 1
     assert "tiny.trc: a folder is in the way" in capsys.readouterr().err
     assert [file.name for file in (folder / "out").iterdir()] == ["tiny.trc"]
+
+
+@pytest.mark.parametrize("arguments", [["track", "a.toml", "--out", ""], ["calibrate", "", "--out", "b.toml"]])
+def test_an_empty_path_is_an_error(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 2
+    assert "the path is empty" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("taken", ["tiny.trc", "report.json"])
+def test_a_folder_in_the_way_is_seen_before_tracking(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, taken: str
+) -> None:
+    monkeypatch.setattr(track_command, "track", lambda *_, **__: pytest.fail("tracking began"))
+    (folder / "out" / taken).mkdir()
+    assert track(folder) == 1
+    assert f"{taken}: a folder is in the way" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("name", "code"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)])
+def test_signals_end_a_run_and_leave_nothing(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, name: str, code: int
+) -> None:
+    number = getattr(signal, name)
+    before = signal.getsignal(number)
+    monkeypatch.setattr(track_command, "track", lambda *_, **__: signal.raise_signal(number))
+    assert track(folder) == code
+    assert signal.getsignal(number) is before
+    assert capsys.readouterr().err == "kfmocap: interrupted, nothing was written\n"
+    assert [file.name for file in (folder / "out").iterdir()] == ["notes.txt"]
+    assert not list(folder.glob(".kfmocap-*"))
+
+
+def test_an_interrupt_after_the_results_says_so(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(track_command, "report_lines", lambda *_: signal.raise_signal(signal.SIGINT))
+    assert track(folder) == 130
+    assert "kfmocap: interrupted when the results had been written" in capsys.readouterr().err
+    assert (folder / "out" / "tiny.trc").is_file()
 
 
 def broken(error: BaseException):

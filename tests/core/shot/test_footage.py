@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import time
 from pathlib import Path
 
 import cv2
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import FootageError
+from kfmocap.core.shot import image_sequences
 from kfmocap.core.shot.footage import check_view, footage_index, frames_at, probe
 from kfmocap.core.shot.shot import View
 
@@ -169,3 +171,65 @@ def test_reduced_frames_fit_the_reduced_camera(tmp_path: Path, factor: float) ->
     y, x = np.mgrid[: reduced.shape[0], : reduced.shape[1]]
     centre = np.array([(x * reduced).sum(), (y * reduced).sum()]) / reduced.sum()
     assert np.allclose(centre, expected, atol=0.12)
+
+
+@pytest.fixture
+def sequence(tmp_path: Path) -> View:
+    """Twelve images, PNG and JPEG by turns."""
+    for k in range(12):
+        cv2.imwrite(str(tmp_path / f"f{k:02d}.{'jpg' if k % 2 else 'png'}"), picture(k))
+    for k in range(12):
+        (tmp_path / f"f{k:02d}.{'jpg' if k % 2 else 'png'}").rename(tmp_path / f"f{k:02d}.img")
+    return View(camera(), tmp_path / "f%02d.img")
+
+
+def test_a_whole_sequence_is_checked_without_decoding_it(sequence: View, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(image_sequences, "read_image", lambda path: pytest.fail(f"{path} was decoded"))
+    check_view(sequence, 0, 12)
+
+
+def test_gaps_in_a_sequence_are_found_before_it_is_used(sequence: View) -> None:
+    for k in (3, 7, 8):
+        (sequence.footage.parent / f"f{k:02d}.img").unlink()
+    check_view(sequence, 0, 3)
+    with pytest.raises(FootageError, match=r"f%02d\.img: images are missing in the sequence: frames 3, 7-8, counted"):
+        check_view(sequence, 0, 12)
+
+
+@pytest.mark.parametrize("frame", [4, 5])
+def test_an_image_of_another_size_or_cut_off_is_found_before_the_sequence_is_used(sequence: View, frame: int) -> None:
+    file = sequence.footage.parent / f"f{frame:02d}.img"
+    whole = file.read_bytes()
+    encoded = cv2.imencode(".jpg" if frame % 2 else ".png", np.zeros((20, 30, 3), np.uint8))[1]
+    file.write_bytes(encoded.tobytes())
+    with pytest.raises(FootageError, match=rf"f0{frame}\.img: the image is 30x20, not 64x48"):
+        check_view(sequence, 0, 12)
+    file.write_bytes(whole[:20])
+    with pytest.raises(FootageError, match=rf"f0{frame}\.img: the image cannot be read"):
+        check_view(sequence, 0, 12)
+
+
+def test_images_that_opencv_does_not_read_are_named_with_what_to_do(tmp_path: Path) -> None:
+    (tmp_path / "f00.exr").write_bytes(b"\x76\x2f\x31\x01" + bytes(300))
+    with pytest.raises(FootageError, match=r"f00\.exr: the image cannot be read .*convert .*png"):
+        check_view(View(camera(), tmp_path / "f##.exr"), 0, 1)
+
+
+def test_a_codec_that_opencv_cannot_decode_is_named_before_tracking(video: Path, tmp_path: Path) -> None:
+    """The container says AV1: it opens, and no frame of it comes."""
+    path = tmp_path / "new.mp4"
+    path.write_bytes(video.read_bytes().replace(b"mp4v", b"av01").replace(b"esds", b"free"))
+    with pytest.raises(FootageError, match=r"new\.mp4: OpenCV cannot decode the footage \(codec AV01\) .*ffmpeg"):
+        check_view(View(camera(), path), 0, 4)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["f" * 5000, "f\0.png", "f%099999999999d.png", "f" + "#" * 30 + ".png", "*a" * 30 + "*b", "x" * 300 + ".mp4"],
+)
+def test_strange_names_of_footage_are_refused_at_once(tmp_path: Path, name: str) -> None:
+    (tmp_path / ("a" * 200)).touch()
+    begun = time.perf_counter()
+    with pytest.raises(FootageError):
+        probe(tmp_path / name)
+    assert time.perf_counter() - begun < 0.5

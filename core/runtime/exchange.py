@@ -1,0 +1,39 @@
+"""Exchanging two folders in one step, on systems that can."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+from pathlib import Path
+
+_RENAME_EXCHANGE = 2  # of Linux, <linux/fs.h>
+_RENAME_SWAP = 2  # of macOS, <sys/stdio.h>
+_HERE = {"linux": -100, "darwin": -2}  # AT_FDCWD
+
+
+def exchanged(one: Path, other: Path) -> bool:
+    """Exchange what two paths of one file system name, in one step.
+
+    Returns
+    -------
+    bool
+        False where the system cannot, or does not for these paths: nothing has changed then.
+    """
+    call = _system_call()
+    if call is None:
+        return False
+    function, flag = call
+    here = ctypes.c_int(_HERE[sys.platform])
+    paths = ctypes.c_char_p(os.fsencode(one)), ctypes.c_char_p(os.fsencode(other))
+    return bool(function(here, paths[0], here, paths[1], ctypes.c_uint(flag)) == 0)
+
+
+def _system_call() -> tuple[ctypes._NamedFuncPointer, int] | None:
+    """The C library's function and its flag."""
+    if sys.platform not in _HERE:
+        return None
+    library = ctypes.CDLL(None, use_errno=True)
+    name, flag = ("renameat2", _RENAME_EXCHANGE) if sys.platform == "linux" else ("renameatx_np", _RENAME_SWAP)
+    function = getattr(library, name, None)
+    return None if function is None else (function, flag)

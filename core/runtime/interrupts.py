@@ -1,0 +1,87 @@
+"""Signals that ask a program to end: turned into exceptions, and held while results are put in place."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name))
+"""The signals that ask a program to end and let it tidy up."""
+WRITTEN = "the results had been written"
+"""Note of an interrupt that came when they had."""
+
+
+class Interruptions:
+    """While a command runs, signals that ask it to end raise KeyboardInterrupt, so that it tidies up.
+
+    Signals that somebody else handles or ignores, as nohup does, are left alone; so are all of them outside the main
+    thread, where Python cannot handle them.
+
+    Attributes
+    ----------
+    received : int or None
+        The first signal that came.
+    """
+
+    def __init__(self) -> None:
+        self.received: int | None = None
+        self._before: dict[int, Any] = {}
+
+    def __enter__(self) -> Interruptions:
+        if threading.current_thread() is threading.main_thread():
+            for number in ENDING:
+                if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+                    self._before[number] = signal.signal(number, self._interrupt)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _interrupt(self, number: int, _frame: FrameType | None) -> None:
+        self.received = self.received or number
+        raise KeyboardInterrupt
+
+    @property
+    def exit_code(self) -> int:
+        """The exit code of a program that this signal ended: 130 for Ctrl-C, 143 for SIGTERM."""
+        return 128 + (self.received or signal.SIGINT)
+
+
+@contextmanager
+def held_signals() -> Iterator[None]:
+    """Hold signals that ask the program to end until the block is done; then they have their effect."""
+    came: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    # None stands for a handler that was not set from Python: it cannot be put back.
+    numbers = [number for number in ENDING if signal.getsignal(number) is not None]
+    before = {number: signal.signal(number, lambda n, _: came.append(n)) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        for number in came:
+            signal.raise_signal(number)
+
+
+@contextmanager
+def results_are_written() -> Iterator[None]:
+    """Mark an interrupt that comes in the block as one that came when the results were there already."""
+    try:
+        yield
+    except KeyboardInterrupt as interrupt:
+        interrupt.add_note(WRITTEN)
+        raise
+
+
+def interrupted_text(interrupt: BaseException) -> str:
+    """Say what an interrupt left."""
+    written = WRITTEN in getattr(interrupt, "__notes__", ())
+    return f"interrupted when {WRITTEN}" if written else "interrupted, nothing was written"

@@ -1,0 +1,138 @@
+"""Temporary folders beside results: with names that nobody can foresee, and removed by the next run if one is left.
+
+A workplace is a folder `.kfmocap-RANDOM` that holds
+
+    lock      locked by the process that works there, as long as it lives
+    results/  what is being written
+    moving    there while results are moved into place file by file: the folder's name, see `_finish_moving`
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO
+
+from .interrupts import held_signals
+
+PREFIX = ".kfmocap-"
+RESULTS, MOVING = "results", "moving"
+_LOCK = "lock"
+_ATTEMPTS = 10
+
+
+@contextmanager
+def workplace(beside: Path) -> Iterator[Path]:
+    """Make a workplace in a folder, and the folder `results` in it; all of it goes when the block ends.
+
+    Leftovers of processes that were killed are removed from the folder first.
+
+    Raises
+    ------
+    OSError
+        The folder cannot be written.
+    """
+    remove_leftovers(beside)
+    made: list[tuple[Path, IO[bytes]]] = []
+    try:
+        with held_signals():
+            made.append(_made(beside))
+        yield made[0][0]
+    finally:
+        with held_signals():
+            for place, lock in made:
+                lock.close()
+                _remove(place)
+
+
+def _made(beside: Path) -> tuple[Path, IO[bytes]]:
+    """A new workplace and its lock."""
+    for _ in range(_ATTEMPTS):
+        place = Path(tempfile.mkdtemp(prefix=PREFIX, dir=beside))
+        try:
+            lock = (place / _LOCK).open("wb")
+            _is_locked_now(lock)
+            (place / RESULTS).mkdir()
+            return place, lock
+        except FileNotFoundError:
+            continue  # another run took it for a leftover before it was locked
+        except OSError:
+            _remove(place)
+            raise
+    raise OSError(f"temporary folders in {beside} vanish")
+
+
+def _remove(place: Path) -> None:
+    """Remove a workplace, its lock last: without one it is taken for empty."""
+    with suppress(OSError):
+        for entry in place.iterdir():
+            if entry.is_dir():
+                shutil.rmtree(entry, ignore_errors=True)
+            elif entry.name != _LOCK:
+                entry.unlink()
+        (place / _LOCK).unlink(missing_ok=True)
+        place.rmdir()
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove what killed processes left in a folder; results that were being moved into place are moved first."""
+    with suppress(OSError):
+        for entry in os.scandir(folder):
+            if entry.name.startswith(PREFIX) and entry.is_dir(follow_symlinks=False):
+                with suppress(OSError), held_signals():
+                    _remove_leftover(Path(entry.path))
+
+
+def _remove_leftover(place: Path) -> None:
+    if hasattr(os, "getuid") and place.stat().st_uid != os.getuid():
+        return
+    if not (place / _LOCK).exists():
+        place.rmdir()  # fails where it has been given its lock meanwhile
+        return
+    with (place / _LOCK).open("r+b") as lock:
+        if not _is_locked_now(lock):
+            return  # somebody works there
+        if (place / MOVING).is_file():
+            _finish_moving(place)
+        if sys.platform == "win32":
+            lock.close()  # files that are open cannot be removed
+        _remove(place)
+
+
+def _finish_moving(place: Path) -> None:
+    """Move a workplace's results into the folder that its file `moving` names: one beside it, or the one it is in."""
+    name = (place / MOVING).read_text(encoding="utf-8")
+    if name == os.curdir or Path(name).name == name:
+        move_files(place, place.parent / name)
+
+
+def move_files(place: Path, folder: Path) -> None:
+    """Move a workplace's results into a folder, one by one.
+
+    Raises
+    ------
+    OSError
+    """
+    for file in sorted((place / RESULTS).iterdir()):
+        os.replace(file, folder / file.name)
+
+
+def _is_locked_now(lock: IO[bytes]) -> bool:
+    """Lock a file, unless another process holds it."""
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            msvcrt.locking(lock.fileno(), msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
+
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True

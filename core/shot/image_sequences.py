@@ -1,0 +1,192 @@
+"""Image sequences: the files that a pattern names, and whether they can serve as footage."""
+
+from __future__ import annotations
+
+import fnmatch
+import re
+import struct
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import FootageError
+
+Image = NDArray[Any]
+
+IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
+PATTERNS = "a video, or a pattern of images such as frame_%04d.png, frame_####.png or frame_*.png"
+_LONGEST_NAME = 255  # of a file, in bytes, on the file systems in use
+_MOST_DIGITS = 18  # of a frame number
+_PNG = b"\x89PNG\r\n\x1a\n"
+_PNG_END = b"\0\0\0\0IEND\xaeB`\x82"
+_JPEG, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
+_JPEG_SIZES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # markers of the frame headers that hold the size
+_SHOWN_GAPS = 5
+
+
+def image_files(path: Path) -> dict[int, Path] | None:
+    """Files of an image sequence by frame from 0, or None where the path is a video's.
+
+    A sequence is named by a pattern in the file's name: printf's %04d or ####, whose lowest number is frame
+    0, or a glob with *, whose files are taken in natural order. A single image is a sequence of one.
+
+    Raises
+    ------
+    FootageError
+        No file fits the pattern, or there can be no file of that name.
+    """
+    if "\0" in str(path) or len(path.name.encode(errors="replace")) > _LONGEST_NAME:
+        shown = f"{str(path)[:60]!r}"
+        raise FootageError("no file can have this name", where=shown, todo=f"name {PATTERNS}")
+    if _is_file(path):
+        return {0: path} if path.suffix.lower() in IMAGE_SUFFIXES else None
+    number = re.search(r"%0?(\d*)d|#+", path.name)
+    if number is None and "*" not in path.name:
+        return None
+    files = _numbered(path, number) if number is not None else _globbed(path)
+    if not files:
+        raise FootageError("no image fits this pattern", where=str(path))
+    return files
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError as error:
+        raise FootageError(f"the footage cannot be read: {error.strerror}", where=str(path)) from error
+
+
+def _numbered(path: Path, number: re.Match[str]) -> dict[int, Path]:
+    """Files by the number in the place of printf's %04d or of ####."""
+    digits = int(number[1] or 1) if number[0].startswith("%") else len(number[0])
+    if digits > _MOST_DIGITS:
+        raise FootageError(f"a number of {digits} digits is too long", where=str(path), todo=f"name {PATTERNS}")
+    before, after = re.escape(path.name[: number.start()]), re.escape(path.name[number.end() :])
+    regex = re.compile(f"{before}(\\d{{{digits},{_MOST_DIGITS}}}){after}")
+    hits = [(int(hit[1]), file) for file in _listed(path.parent) if (hit := regex.fullmatch(file.name))]
+    lowest = min((n for n, _ in hits), default=0)
+    return {n - lowest: file for n, file in hits}
+
+
+def _globbed(path: Path) -> dict[int, Path]:
+    """Files whose names fit a pattern with asterisks, in natural order."""
+    # Compiled by fnmatch: a plain .* for every asterisk takes exponential time.
+    regex = re.compile(fnmatch.translate(re.sub(r"([?[])", r"[\1]", path.name)))
+    return dict(enumerate(sorted((file for file in _listed(path.parent) if regex.match(file.name)), key=_natural)))
+
+
+def _listed(folder: Path) -> list[Path]:
+    try:
+        return list(folder.iterdir()) if folder.is_dir() else []
+    except OSError as error:
+        raise FootageError(f"the folder cannot be read: {error.strerror}", where=str(folder)) from error
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """Sorts frame2 before frame10."""
+    return [(int(part or 0), text) for text, part in re.findall(r"(\D*)(\d*)", path.name)]
+
+
+def read_image(path: Path) -> Image:
+    """Read an image in colour. `cv2.imread` itself cannot open every file name on Windows.
+
+    Raises
+    ------
+    FootageError
+        It cannot be read.
+    """
+    try:
+        image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_COLOR)
+    except (OSError, cv2.error):
+        image = None
+    if image is None:
+        known = ", ".join(sorted(suffix[1:] for suffix in IMAGE_SUFFIXES))
+        todo = f"write it again, or convert the sequence to one of {known} with 8 bits a channel"
+        raise FootageError("the image cannot be read", where=str(path), todo=todo)
+    return np.asarray(image)
+
+
+def check_images(path: Path, files: Mapping[int, Path], frames: range, size: tuple[int, int]) -> None:
+    """See that a sequence has all images of some frames, whole and of one size, without decoding them all.
+
+    Parameters
+    ----------
+    path : Path
+        The pattern, for messages.
+    files : mapping of int to Path
+        As `image_files` gives them.
+    frames : range
+        Consecutive frames that are needed.
+    size : tuple of int
+        Width and height of the first image of the sequence, pixels.
+
+    Raises
+    ------
+    FootageError
+        An image is missing, cut off, unreadable, or of another size than the first.
+    """
+    needed = sorted(number for number in files if number in frames)
+    if gaps := _gaps(needed, frames):
+        more = ", ..." if len(gaps) > _SHOWN_GAPS else ""
+        what = f"images are missing in the sequence: frames {', '.join(gaps[:_SHOWN_GAPS])}{more}, counted from 0"
+        raise FootageError(what, where=str(path))
+    first = _stored_size(files[min(files)])
+    for number in needed:
+        stored = _stored_size(files[number])
+        if stored is None or stored != first:  # what is out of the ordinary is decoded
+            check_size(files[number], read_image(files[number]), size)
+
+
+def check_size(path: Path, image: Image, size: tuple[int, int]) -> None:
+    """See that an image has the width and height of its sequence.
+
+    Raises
+    ------
+    FootageError
+        It has not.
+    """
+    height, width = image.shape[:2]
+    if (width, height) != size:
+        raise FootageError(f"the image is {width}x{height}, not {size[0]}x{size[1]}", where=str(path))
+
+
+def _gaps(present: Iterable[int], wanted: range) -> list[str]:
+    """Intervals of the wanted numbers that are not among the increasing ones that are present."""
+    gaps, following = [], wanted.start
+    for number in (*present, wanted.stop):
+        if number > following:
+            gaps.append(f"{following}" if number == following + 1 else f"{following}-{number - 1}")
+        following = number + 1
+    return gaps
+
+
+def _stored_size(path: Path) -> tuple[int, int] | None:
+    """Width and height in the header of a PNG or JPEG file that is whole to its end; None where that is not seen."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(1 << 16)
+            file.seek(max(len(head) - len(_PNG_END), file.seek(0, 2) - len(_PNG_END)))
+            tail = file.read()
+    except OSError:
+        return None
+    if head.startswith(_PNG) and len(head) >= 24:
+        return struct.unpack(">II", head[16:24]) if tail.endswith(_PNG_END) else None
+    if head.startswith(_JPEG):
+        return _jpeg_size(head) if tail.endswith(_JPEG_END) else None
+    return None
+
+
+def _jpeg_size(head: bytes) -> tuple[int, int] | None:
+    """Width and height in a JPEG's frame header, before the metadata turns the picture."""
+    place = len(_JPEG)
+    while place + 9 <= len(head) and head[place] == 0xFF:
+        marker, length = head[place + 1], int.from_bytes(head[place + 2 : place + 4], "big")
+        if marker in _JPEG_SIZES:
+            height, width = struct.unpack(">HH", head[place + 5 : place + 9])
+            return width, height
+        place += 2 + length
+    return None
