@@ -57,8 +57,10 @@ class SegmentEvidence:
         Arrays of shape (V, F - 1, ...): brightness constancy between neighbouring frames.
     outlines : OutlineSums
         Arrays of shape (V, F, ...); zero where a view has no foreground images.
-    explained : ndarray, shape (V, F)
-        Sum of the log likelihood ratios of the pixels that show a part.
+    explained : ndarray, shape (V, M, F)
+        Of each of M performers: sum of the log likelihood ratios of the pixels that show it.
+    unhidden : ndarray, shape (M, F)
+        Its visible area, over all views, over that which it would have without the others.
     share : ndarray, shape (V, F, P)
         Visible share of every part, see `LabelImages`.
     sampling : Sampling
@@ -70,6 +72,7 @@ class SegmentEvidence:
     gradients: GradientSums
     outlines: OutlineSums
     explained: Array
+    unhidden: Array
     share: Array
     sampling: Sampling
     seconds: dict[str, float]
@@ -95,6 +98,7 @@ def accumulate_evidence(
     noise: Array | None = None,
     cache: GradientImageCache | None = None,
     threads: int = 1,
+    sought: Sequence[int] | None = None,
 ) -> SegmentEvidence:
     """Collect the evidence of F frames; the result does not depend on the number of threads.
 
@@ -114,6 +118,8 @@ def accumulate_evidence(
     cache : GradientImageCache, optional
         Keeps gradient images for the next call.
     threads : int
+    sought : sequence of int, optional
+        Performers whose gradients and outlines are wanted; by default all.
     """
     cache = GradientImageCache() if cache is None else cache
     F = len(next(iter(poses.values()))[0])
@@ -126,7 +132,7 @@ def accumulate_evidence(
         R, T = poses[views[v].delay]
         own = R[a : b + 1], T[a : b + 1]
         given = None if noise is None else noise[v, a:b]
-        return _run(views[v], geometry, own, sampling, first=first + a, noise=given, cache=cache)
+        return _run(views[v], geometry, own, sampling, first=first + a, noise=given, cache=cache, sought=sought)
 
     with ThreadPoolExecutor(threads) as pool:
         done = list(pool.map(run, spans))
@@ -135,15 +141,19 @@ def accumulate_evidence(
     def by_pair(of: Callable[[_Run], Array]) -> Array:
         return np.stack([np.concatenate([of(run) for run in row]) for row in rows])
 
-    def by_frame(of: Callable[[_Run], Array]) -> Array:
+    def by_frame(of: Callable[[_Run], Array], axis: int = 0) -> Array:
         """The frame where two runs meet is in both."""
-        return np.stack([np.concatenate([of(row[0])[:1]] + [of(run)[1:] for run in row]) for row in rows])
+        ends = [np.split(of(run), [1], axis) for row in rows for run in row]
+        each = [[ends[k * runs][0]] + [rest for _, rest in ends[k * runs : (k + 1) * runs]] for k in range(len(rows))]
+        return np.stack([np.concatenate(row, axis) for row in each])
 
+    seen, alone = by_frame(attrgetter("areas"), 2).sum(axis=0)
     return SegmentEvidence(
         GradientSums(*(by_pair(attrgetter(f"gradients.{f.name}")) for f in fields(GradientSums))),
         OutlineSums(*(by_frame(attrgetter(f"outlines.{f.name}")) for f in fields(OutlineSums))),
-        by_frame(lambda run: run.explained),
-        by_frame(lambda run: run.share),
+        by_frame(attrgetter("explained"), 1),
+        seen / np.maximum(alone, 1),
+        by_frame(attrgetter("share")),
         sampling,
         {stage: sum(run.seconds[stage] for run in done) / min(threads, len(done)) for stage in done[0].seconds},
     )
@@ -156,6 +166,7 @@ class _Run:
     gradients: GradientSums
     outlines: OutlineSums
     explained: Array
+    areas: NDArray[np.int64]
     share: Array
     seconds: dict[str, float]
 
@@ -169,11 +180,13 @@ def _run(
     first: int,
     noise: Array | None,
     cache: GradientImageCache,
+    sought: Sequence[int] | None,
 ) -> _Run:
     """Evidence of some frames of one view, the first of which is shot frame `first`."""
     begin = time.perf_counter()
     (R, T), stride = poses, sampling.stride
-    labels = render_labels(geometry, view.camera.subsampled(stride), first, R, T)
+    every = render_labels(geometry, view.camera.subsampled(stride), first, R, T)
+    labels = every if sought is None else every.of_performers(sought)
     drawn = time.perf_counter()
     left, top, right, bottom = (stride * edge for edge in labels.box())
     images = cache.images(view, range(first, first + len(R)), sampling.sigma, (left, top, right, bottom))
@@ -191,11 +204,13 @@ def _run(
     )
     summed = time.perf_counter()
     outlines = OutlineSums(np.zeros((*T.shape[:2], 6, 6)), np.zeros((*T.shape[:2], 6)), np.zeros(len(T)))
-    explained = np.zeros(len(T))
+    areas = every.areas()
+    explained = np.zeros(areas.shape[1:])
     if foreground is not None:
-        frame, u, v = labels.places
-        shown = stride**2 * log_ratio(foreground[frame, stride * v, stride * u])
-        explained = np.bincount(frame, shown, minlength=len(T)).astype(float)
+        frame, u, v = every.places
+        whose = geometry.performer[every.part.ravel()[every.index]]
+        shown = stride**2 * log_ratio(foreground[whose, frame, stride * v, stride * u])
+        explained = np.bincount(whose * len(T) + frame, shown, explained.size).astype(float).reshape(explained.shape)
         outlines = outline_sums(
             view.camera,
             foreground,
@@ -211,4 +226,4 @@ def _run(
         "gradients": summed - drawn,
         "outlines": time.perf_counter() - summed,
     }
-    return _Run(gradients, outlines, explained, labels.share, seconds)
+    return _Run(gradients, outlines, explained, areas, labels.share, seconds)

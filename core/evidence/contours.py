@@ -9,13 +9,13 @@ sparse region-based 3D object tracking approach for the real world, IJCV 2022.)
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..cameras.camera import Camera
-from ..numerics.arrays import Array
+from ..numerics.arrays import Array, Bools
 from .foreground import log_ratio
 from .gradients import camera_twist, summed_products, wrenches
 from .label_images import LabelImages
@@ -69,6 +69,10 @@ class Lines:
     shift: Array
     weight: Array
     error: Array
+
+    def where(self, kept: Bools) -> Lines:
+        """Return some of the lines."""
+        return Lines(**{item.name: getattr(self, item.name)[kept] for item in fields(self)})
 
     def wrenches(self, camera: Camera) -> Array:
         """Rows of the shifts against twists in camera axes, shape (N, 6)."""
@@ -149,8 +153,8 @@ def outline_lines(
     ----------
     camera : Camera
         The view's camera, for its reduced and rectified frames.
-    foreground : ndarray of uint8, shape (n, h, w)
-        See `core.evidence.foreground`.
+    foreground : ndarray of uint8, shape (M, n, h, w)
+        Of each performer, see `core.evidence.foreground`.
     labels : LabelImages
         Label images of the n frames, with every stride-th pixel.
     stride : int
@@ -243,9 +247,13 @@ def _along(
     frame, across = pieces.frame, places.astype(np.float32)
     place, outward = pieces.uv.astype(np.float32), pieces.normal.astype(np.float32)
     u, v = (place[:, k, None] + outward[:, k, None] * across for k in range(2))
-    n, height, width = foreground.shape
-    stacked = foreground.reshape(n * height, width)
-    seen = interpolated(stacked, stacked_places(u, v, frame[:, None], height), u.shape)
+    _, n, height, width = foreground.shape
+    performer = labels.performer[pieces.part]
+    seen = np.empty(u.shape, np.uint8)
+    for own, images in enumerate(foreground):
+        rows = np.flatnonzero(performer == own)
+        at = stacked_places(u[rows], v[rows], frame[rows, None], height)
+        seen[rows] = interpolated(images.reshape(n * height, width), at, (len(rows), len(places)))
     label = labels.part_at(frame[:, None], u / np.float32(stride), v / np.float32(stride))
     predicted = (label == -1) == (places > 0)
     predicted |= np.abs(places) <= stride

@@ -1,16 +1,21 @@
-"""Foreground images: how well each pixel agrees with the performers' colours rather than with what is behind them.
+"""Foreground images: how well each pixel agrees with a performer's colours rather than with anything else.
 
-Key poses show where the performers are, so their frames show the colours of both. Behind a fixed camera the background
-also stands still: what key frames show of it is compared pixel by pixel.
+Key poses show where a performer is, so their frames show the colours of both. Behind a fixed camera the background also
+stands still: what key frames show of it is compared pixel by pixel. Of several performers each has images of its own,
+for which the others are something else: in different clothes they are told apart by colour; in equal ones a pixel may
+be anybody's.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from ..numerics.arrays import Bools
 
 Bytes = NDArray[np.uint8]
 Array = NDArray[np.float32]
@@ -27,8 +32,47 @@ _STEPS = 16
 _UNKNOWN = 0.1
 """Share of pixels that show something else than either model predicts: bystanders, shadows, highlights."""
 _LEAST_DEVIATION = 4.0
-_MARGIN = 0.05
+MARGIN = 0.05
 """How far beyond the model's outline the background begins, metres: clothes and hair are not in the model."""
+
+
+@dataclass(frozen=True, eq=False)
+class KnownPixels:
+    """What is known of the pixels of some of a view's frames.
+
+    Attributes
+    ----------
+    shown : tuple of mapping of int to ndarray of bool, shape (h, w)
+        Per performer, by frame: where it is seen.
+    behind : mapping of int to ndarray of bool, shape (h, w)
+        By frame: where the background is seen.
+    """
+
+    shown: tuple[Mapping[int, Bools], ...]
+    behind: Mapping[int, Bools]
+
+    @classmethod
+    def of_masks(
+        cls,
+        masks: Mapping[int, Bools],
+        pixels_per_metre: float,
+        sure: Mapping[int, Bools] | None = None,
+    ) -> KnownPixels:
+        """What masks of all performers tell, who are not told apart; see `foreground_images`."""
+        return cls(
+            ({f: within(mask) for f, mask in (sure or masks).items()},),
+            {f: beyond(mask, MARGIN * pixels_per_metre) for f, mask in masks.items()},
+        )
+
+
+def within(mask: Bools) -> Bools:
+    """A mask less its rim, where pixels show something of both sides."""
+    return np.asarray(cv2.erode(mask.astype(np.uint8), _disc(2)) > 0)
+
+
+def beyond(mask: Bools, margin: float) -> Bools:
+    """What is farther from a mask than a margin, pixels."""
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), _disc(margin)) == 0)
 
 
 def log_ratio(foreground: Bytes) -> Array:
@@ -38,10 +82,10 @@ def log_ratio(foreground: Bytes) -> Array:
 
 def foreground_images(
     colour: Bytes,
-    masks: Mapping[int, NDArray[np.bool_]],
+    masks: Mapping[int, Bools],
     pixels_per_metre: float,
     fixed: bool,
-    sure: Mapping[int, NDArray[np.bool_]] | None = None,
+    sure: Mapping[int, Bools] | None = None,
 ) -> Bytes:
     """Foreground images of the frames of one view.
 
@@ -62,32 +106,59 @@ def foreground_images(
     ndarray of uint8, shape (N, h, w)
         See `log_ratio`.
     """
-    behind = {f: cv2.dilate(mask.astype(np.uint8), _disc(_MARGIN * pixels_per_metre)) == 0 for f, mask in masks.items()}
-    inside = {f: cv2.erode(mask.astype(np.uint8), _disc(2)) > 0 for f, mask in (sure or masks).items()}
-    body, background = _histogram(colour, inside), _histogram(colour, behind)
-    plate, known = _plate(colour, behind)
-    known &= fixed
-    deviation = _deviation(colour, plate, known)
-    table = _table(body, background, deviation)
+    return performer_foregrounds(colour, KnownPixels.of_masks(masks, pixels_per_metre, sure), fixed)[0]
+
+
+def performer_foregrounds(colour: Bytes, known: KnownPixels, fixed: bool) -> Bytes:
+    """Foreground images of the frames of one view for each of M performers.
+
+    A performer of whom nothing is shown may have any colour.
+
+    Parameters
+    ----------
+    colour : ndarray, shape (N, h, w, 3)
+    known : KnownPixels
+    fixed : bool
+        The camera does not move.
+
+    Returns
+    -------
+    ndarray of uint8, shape (M, N, h, w)
+        See `log_ratio`.
+    """
+    bodies = [_histogram(colour, shown) for shown in known.shown]
+    background = _histogram(colour, known.behind)
+    plate, there = _plate(colour, known.behind)
+    there &= fixed
+    deviation = _deviation(colour, plate, there)
+    tables = [
+        _table(own, background, deviation, [other for j, other in enumerate(bodies) if j != i])
+        for i, own in enumerate(bodies)
+    ]
     squares = np.minimum(np.round(np.arange(256) ** 2 * _STEPS / (2 * deviation**2)), 255).astype(np.uint8)
-    unknown = np.where(known, 0, 255).astype(np.uint8)
-    out = np.empty(colour.shape[:3], np.uint8)
-    for image, result in zip(colour, out, strict=True):
+    unknown = np.where(there, 0, 255).astype(np.uint8)
+    out = np.empty((len(tables), *colour.shape[:3]), np.uint8)
+    for f, image in enumerate(colour):
         b, g, r = cv2.split(cv2.LUT(cv2.absdiff(image, plate), squares))
         distance = cv2.min(cv2.add(cv2.add(b, g), r), 254) | unknown  # these sums end at 255
-        table.take(_bins(image).astype(np.intp) << 8 | distance, out=result, mode="clip")
+        places = _bins(image).astype(np.intp) << 8 | distance
+        for table, result in zip(tables, out[:, f], strict=True):
+            table.take(places, out=result, mode="clip")
     return out
 
 
-def _table(body: Array, background: Array, deviation: float) -> Bytes:
+def _table(body: Array, background: Array, deviation: float, others: Sequence[Array]) -> Bytes:
     """The foreground image's values by the bin of a pixel's colour and its distance from the plate, in steps.
 
-    The last distance is that of pixels where no plate is known.
+    The last distance is that of pixels where no plate is known. Others' colours count for so little that a pixel of a
+    colour that all of them wear is as surely a performer's as any can be.
     """
     volume = (256 / _LEVELS) ** 3  # of a bin of the histograms, whose values are per bin
     nearness = volume * np.exp(-np.arange(255) / _STEPS) / (np.sqrt(2 * np.pi) * deviation) ** 3
     still = ((1 - _UNKNOWN) * np.minimum(nearness, 1)).astype(np.float32)
     likely = np.column_stack([_UNKNOWN * background[:, None] + still, background])
+    for other in others:
+        likely += np.float32(np.exp(-STRONGEST)) * other[:, None]
     ratio = cv2.log(body[:, None] / likely)
     return np.asarray((np.float32(128.5) + np.float32(SCALE) * np.clip(ratio, -STRONGEST, STRONGEST)).astype(np.uint8))
 
@@ -103,11 +174,13 @@ def _bins(image: Bytes) -> NDArray[np.uint16]:
     return np.asarray((b.astype(np.uint16) * _LEVELS + g) * _LEVELS + r)
 
 
-def _histogram(colour: Bytes, regions: Mapping[int, NDArray[np.bool_]]) -> Array:
-    """How often each colour occurs in regions of frames, smoothed, shape (`_LEVELS`^3,)."""
+def _histogram(colour: Bytes, regions: Mapping[int, Bools]) -> Array:
+    """How often each colour occurs in regions of frames, smoothed, shape (`_LEVELS`^3,); of none all are as likely."""
     counts = np.zeros(_LEVELS**3)
     for frame, region in regions.items():
         counts += np.bincount(_bins(colour[frame])[region], minlength=len(counts))
+    if not counts.any():
+        counts += 1
     cube = counts.reshape(_LEVELS, -1).astype(np.float32)
     for _ in range(3):  # blurs one axis of colour, then goes on to the next
         cube = cv2.GaussianBlur(cube, (1, 0), 0, sigmaY=0.7, borderType=cv2.BORDER_REPLICATE)
@@ -116,7 +189,7 @@ def _histogram(colour: Bytes, regions: Mapping[int, NDArray[np.bool_]]) -> Array
     return ((1 - _UNKNOWN) * share + _UNKNOWN / len(counts)).astype(np.float32)
 
 
-def _plate(colour: Bytes, behind: Mapping[int, NDArray[np.bool_]]) -> tuple[Bytes, NDArray[np.bool_]]:
+def _plate(colour: Bytes, behind: Mapping[int, Bools]) -> tuple[Bytes, Bools]:
     """The mean picture of the background, and where it is known."""
     total = np.zeros(colour.shape[1:], np.float32)
     count = np.zeros(colour.shape[1:3], np.float32)
@@ -126,7 +199,7 @@ def _plate(colour: Bytes, behind: Mapping[int, NDArray[np.bool_]]) -> tuple[Byte
     return np.round(total / np.maximum(count, 1)[..., None]).astype(np.uint8), count > 0
 
 
-def _deviation(colour: Bytes, plate: Bytes, known: NDArray[np.bool_]) -> float:
+def _deviation(colour: Bytes, plate: Bytes, known: Bools) -> float:
     """Robust standard deviation of the frames from the plate, grey levels of 255; most of it shows the background."""
     if not known.any():
         return _LEAST_DEVIATION

@@ -132,8 +132,8 @@ def brightness_constancy(
         Every how many pixels, each way, the label images are drawn.
     tolerance : float
         Huber's limit in units of `HUBER` standard deviations: 1 near the solution, more far from it.
-    foreground : ndarray of uint8, shape (n, h, w), optional
-        Pixels that show the background are left out; see `core.evidence.foreground`.
+    foreground : ndarray of uint8, shape (M, n, h, w), optional
+        Of each performer: pixels that show something else are left out; see `core.evidence.foreground`.
     given_noise : ndarray, shape (n - 1,), optional
         Standard deviation of the residuals of each pair under which the cost is measured; by default their own.
 
@@ -153,7 +153,8 @@ def brightness_constancy(
     slope = 0.5 * (here[1:] + there[1:])
     seen = labels.part_at(pixels.frame + 1, *(uv_b.T / stride)) == pixels.part
     if foreground is not None:
-        seen &= log_ratio(foreground[pixels.frame, pixels.uv[:, 1], pixels.uv[:, 0]]) > BACKGROUND_BELOW
+        whose = labels.performer[pixels.part]
+        seen &= log_ratio(foreground[whose, pixels.frame, pixels.uv[:, 1], pixels.uv[:, 0]]) > BACKGROUND_BELOW
     bounds = pixels.ends[::P]
     noise = np.array([_robust_deviation(residual[a:b][seen[a:b]]) for a, b in pairwise(bounds)])
     deviation = np.repeat(tolerance * np.maximum(noise, _LEAST_NOISE), np.diff(bounds)).astype(np.float32)

@@ -9,7 +9,7 @@ depth of a pixel is the minimum of a few linear functions: exact, and without dr
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -21,7 +21,7 @@ from scipy import sparse
 
 from ..body import Body
 from ..cameras.camera import Camera
-from ..numerics.arrays import Array
+from ..numerics.arrays import Array, Bools, Ints
 
 NEAR = 0.05
 """Parts with a vertex nearer than this (metres before the camera) are not drawn."""
@@ -48,17 +48,20 @@ class Geometry:
         The part that each plane belongs to.
     meeting : sparse array of int, shape (V, N)
         One where a plane goes through a vertex of its part.
+    performer : ndarray of int, shape (P,)
+        Whose part each is.
     """
 
     vertices: Array
-    owner: NDArray[np.int64]
+    owner: Ints
     spans: tuple[slice, ...]
     planes: Array
-    face_owner: NDArray[np.int64]
+    face_owner: Ints
     meeting: sparse.csr_array
+    performer: Ints
 
     @property
-    def counts(self) -> NDArray[np.int64]:
+    def counts(self) -> Ints:
         """Number of vertices of each part, shape (P,)."""
         return np.array([span.stop - span.start for span in self.spans])
 
@@ -66,11 +69,13 @@ class Geometry:
     def of(cls, bodies: Sequence[Body]) -> Geometry:
         """The parts of some bodies."""
         parts = [part for body in bodies for part in body.parts]
-        return cls.joined([part.vertices for part in parts], [np.unique(p.planes.round(9), axis=0) for p in parts])
+        planes = [np.unique(part.planes.round(9), axis=0) for part in parts]
+        performer = np.repeat(np.arange(len(bodies)), [len(body) for body in bodies])
+        return cls.joined([part.vertices for part in parts], planes, performer)
 
     @classmethod
-    def joined(cls, vertices: Sequence[Array], planes: Sequence[Array]) -> Geometry:
-        """From every part's vertices and planes."""
+    def joined(cls, vertices: Sequence[Array], planes: Sequence[Array], performer: Ints | None = None) -> Geometry:
+        """From every part's vertices and planes, and whose it is: by default all are one performer's."""
         count = np.arange(len(vertices))
         ends = np.cumsum([0] + [len(v) for v in vertices])
         touching = [v @ p[:, :3].T + p[:, 3] > -_TOUCHING for v, p in zip(vertices, planes, strict=True)]
@@ -81,13 +86,14 @@ class Geometry:
             np.concatenate(planes),
             np.repeat(count, [len(p) for p in planes]),
             sparse.csr_array(sparse.block_diag([touch.astype(np.int64) for touch in touching])),
+            np.zeros(len(vertices), np.int64) if performer is None else performer,
         )
 
     def subset(self, parts: Sequence[int]) -> Geometry:
         """Some of the parts alone, in that order."""
         vertices = [self.vertices[self.spans[part]] for part in parts]
         planes = [self.planes[self.face_owner == part] for part in parts]
-        return Geometry.joined(vertices, planes)
+        return Geometry.joined(vertices, planes, self.performer[list(parts)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +165,8 @@ class LabelImages:
         beyond the picture's edge count alike.
     outlines : Outlines
     faces : Faces
+    performer : ndarray of int, shape (P,)
+        Whose part each is.
     """
 
     part: NDArray[np.int16]
@@ -167,6 +175,7 @@ class LabelImages:
     share: Array
     outlines: Outlines
     faces: Faces
+    performer: Ints
 
     @cached_property
     def inverse_depth(self) -> NDArray[np.float32]:
@@ -179,6 +188,43 @@ class LabelImages:
             if a < b:
                 np.minimum.reduce(self.faces.planes[c:d] @ rays[:, a:b], axis=0, out=entered[a:b])
         return np.maximum(entered, np.repeat(self.faces.farthest, np.diff(self.ends)))
+
+    def areas(self) -> Ints:
+        """Pixels that show each of M performers, and those that would without the others, shape (2, M, n)."""
+        n, P = self.share.shape
+        M = int(self.performer.max()) + 1
+        shown = np.diff(self.ends).reshape(n, P)
+        seen = np.stack([shown[:, self.performer == m].sum(axis=1) for m in range(M)])
+        if M == 1:
+            return np.stack([seen, seen])
+        corners, bounds = _subpixels(self.outlines.uv), self.outlines.ends.tolist()
+        alone = np.zeros_like(seen)
+        for m, f in np.ndindex(M, n):
+            image = np.zeros(self.part.shape[1:], np.uint8)
+            for k in f * P + np.flatnonzero(self.performer == m):
+                if bounds[k] < bounds[k + 1]:
+                    cv2.fillConvexPoly(image, corners[bounds[k] : bounds[k + 1]], 1, shift=_SHIFT)
+            alone[m, f] = cv2.countNonZero(image)
+        return np.stack([seen, alone])
+
+    def of_performers(self, sought: Sequence[int]) -> LabelImages:
+        """The same images, of whose pixels and outlines only those of some performers are listed."""
+        n = len(self.part)
+        kept = np.tile(np.isin(self.performer, sought), n)
+        outlines, faces = self.outlines, self.faces
+        return replace(
+            self,
+            index=self.index[np.repeat(kept, np.diff(self.ends))],
+            ends=_kept_ends(self.ends, kept),
+            outlines=Outlines(
+                outlines.uv[np.repeat(kept, np.diff(outlines.ends))],
+                outlines.depth[np.repeat(kept, np.diff(outlines.ends))],
+                _kept_ends(outlines.ends, kept),
+            ),
+            faces=replace(
+                faces, planes=faces.planes[np.repeat(kept, np.diff(faces.ends))], ends=_kept_ends(faces.ends, kept)
+            ),
+        )
 
     def box(self) -> tuple[int, int, int, int]:
         """Left, top, right and bottom of the pixels that show a part in any frame, the latter two exclusive."""
@@ -254,7 +300,7 @@ def render_labels(geometry: Geometry, camera: Camera, first: int, R: Array, T: A
     starts = [span.start for span in geometry.spans]
     nearest, farthest = (f.reduceat(points[:, 2], starts, axis=1) for f in (np.minimum, np.maximum))
     outlines = _outlines(geometry, camera, points, facing, nearest >= NEAR)
-    corners = np.clip(np.round(outlines.uv * (1 << _SHIFT)), -_FARTHEST, _FARTHEST).astype(np.int32)
+    corners = _subpixels(outlines.uv)
 
     label = np.full((n, camera.size[1], camera.size[0]), -1, dtype=np.int16)
     far_to_near = np.argsort(-np.add.reduceat(points[:, 2], starts, axis=1) / geometry.counts, axis=1)
@@ -279,10 +325,20 @@ def render_labels(geometry: Geometry, camera: Camera, first: int, R: Array, T: A
         (1 / np.maximum(farthest, NEAR)).astype(np.float32).ravel(),
     )
     share = np.minimum(np.diff(ends) / _filled(outlines), 1.0).reshape(n, P)
-    return LabelImages(label, index, ends, share, outlines, faces)
+    return LabelImages(label, index, ends, share, outlines, faces, geometry.performer)
 
 
-def _turned(vectors: Array, owner: NDArray[np.int64], R: Array) -> Array:
+def _subpixels(uv: Array) -> NDArray[np.int32]:
+    """Corners of outlines as OpenCV fills them."""
+    return np.clip(np.round(uv * (1 << _SHIFT)), -_FARTHEST, _FARTHEST).astype(np.int32)
+
+
+def _kept_ends(ends: NDArray[np.intp], kept: Bools) -> NDArray[np.intp]:
+    """The ends of runs some of which are left out."""
+    return np.concatenate([[0], np.cumsum(np.diff(ends) * kept)])
+
+
+def _turned(vectors: Array, owner: Ints, R: Array) -> Array:
     """Vectors (V, 3) of parts, sorted by part, turned by the parts' rotations (n, P, 3, 3); shape (n, 3, V)."""
     n, P = R.shape[:2]
     ends = np.searchsorted(owner, np.arange(P + 1))
@@ -290,9 +346,7 @@ def _turned(vectors: Array, owner: NDArray[np.int64], R: Array) -> Array:
     return np.concatenate([part.reshape(n, 3, -1) for part in parts], axis=2)
 
 
-def _outlines(
-    geometry: Geometry, camera: Camera, points: Array, facing: NDArray[np.bool_], drawn: NDArray[np.bool_]
-) -> Outlines:
+def _outlines(geometry: Geometry, camera: Camera, points: Array, facing: Bools, drawn: Bools) -> Outlines:
     """The outlines of the parts that are drawn (n, P), from vertices in camera axes (n, 3, V) and which faces look at
     the camera (n, N).
     """

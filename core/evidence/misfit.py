@@ -30,7 +30,7 @@ def uncovered_gaps(
     *,
     first: int,
     spans: Sequence[slice],
-    known: NDArray[np.intp],
+    known: Sequence[NDArray[np.intp]],
     threads: int = 1,
 ) -> Array:
     """How far the performers' outlines lie outside of the model's on average, metres.
@@ -50,8 +50,8 @@ def uncovered_gaps(
         Shot frame of the first of them.
     spans : sequence of slice
         The parts of each of N performers.
-    known : ndarray of int, shape (K,)
-        The frames, of the F, whose poses are known.
+    known : sequence of ndarray of int, shape (K,)
+        Of each performer: the frames, of the F, whose poses are known.
     threads : int
 
     Returns
@@ -66,8 +66,9 @@ def uncovered_gaps(
         gaps_of = partial(_view_gaps, geometry=geometry, first=first, spans=spans)
         found = np.stack(list(pool.map(lambda view: gaps_of(view, poses=poses[view.delay]), shown)))
     gaps = np.nansum(found, axis=0) / np.maximum(np.isfinite(found).sum(axis=0), 1)
-    if len(known):
-        gaps -= np.stack([np.interp(np.arange(frames), known, row[known]) for row in gaps])
+    for row, keys in zip(gaps, known, strict=True):
+        if len(keys):
+            row -= np.interp(np.arange(frames), keys, row[keys])
     return np.asarray(np.maximum(gaps, 0.0))
 
 
@@ -84,10 +85,11 @@ def _view_gaps(view: ViewFrames, geometry: Geometry, poses: Poses, first: int, s
         slice(max(left - margin, 0), right + margin),
     )
     part = labels.part[window]
-    ratio = log_ratio(view.foreground_at(first, len(T))[:, ::_STRIDE, ::_STRIDE][window])
-    shown = np.where(part < 0, np.clip(ratio / SURE, 0, 1), np.float32(0))
+    foreground = view.foreground_at(first, len(T))[..., ::_STRIDE, ::_STRIDE]
     gaps = np.full((len(spans), len(T)), np.nan)
     for n, span in enumerate(spans):
+        ratio = log_ratio(foreground[n][window])
+        shown = np.where(part < 0, np.clip(ratio / SURE, 0, 1), np.float32(0))
         models = (part >= span.start) & (part < span.stop)
         for f in np.flatnonzero(models.any(axis=(1, 2))):
             beyond = cv2.distanceTransform((~models[f]).astype(np.uint8), cv2.DIST_L2, 3)

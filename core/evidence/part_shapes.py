@@ -9,7 +9,7 @@ import numpy as np
 
 from ..body.kinematics import Poses
 from ..cameras.camera import Camera
-from ..numerics.arrays import Array
+from ..numerics.arrays import Array, Bools
 from ..numerics.least_squares import GAUSS_NEWTON, StoppingRule, minimise
 from ..numerics.normal_equations import DenseEquations
 from .contours import Lines, outline_lines
@@ -32,7 +32,11 @@ _STRIDE = 2
 
 
 def fitted_shape(
-    views: Sequence[ViewFrames], geometry: Geometry, poses: Mapping[float, Poses], frames: Sequence[int]
+    views: Sequence[ViewFrames],
+    geometry: Geometry,
+    poses: Mapping[float, Poses],
+    frames: Sequence[int],
+    known: Bools | None = None,
 ) -> Geometry:
     """Fit the parts' shapes to outlines on frames whose poses are known; joints stay where they are.
 
@@ -49,11 +53,13 @@ def fitted_shape(
         (R, T) on these K frames, (K, P, 3, 3) and (K, P, 3), by the delay of the views that show them.
     frames : sequence of int
         Shot frames.
+    known : ndarray of bool, shape (K, P), optional
+        Whose poses are known there: the others' outlines are left alone. By default all are.
     """
     start = np.zeros((len(geometry.spans), 6))
     result = minimise(
         start,
-        lambda change: shape_equations(views, geometry, change, poses, frames),
+        lambda change: shape_equations(views, geometry, change, poses, frames, known=known),
         compose,
         trial_cost=lambda change, equations: equations.cost_at(change, poses),
         damping=GAUSS_NEWTON,
@@ -100,12 +106,13 @@ def shape_equations(
     frames: Sequence[int],
     *,
     twists: Mapping[float, Array] | None = None,
+    known: Bools | None = None,
 ) -> ShapeEquations:
     """Sum the outlines of all views.
 
     Parameters
     ----------
-    views, geometry, poses, frames
+    views, geometry, poses, frames, known
         See `fitted_shape`.
     change : ndarray, shape (P, 6)
         Stretches and shifts of the parts so far, which are linearised about.
@@ -119,6 +126,8 @@ def shape_equations(
     for view in views:
         camera, there = view.camera.at(frames), poses[view.delay]
         lines = _lines(view, shape, there, frames)
+        if known is not None:
+            lines = lines.where(known[lines.frame, lines.part])
         rows = _rows(lines, camera, there, None if twists is None else twists[view.delay])
         sums += lines.products(np.column_stack([rows, -lines.shift]), len(frames), P).sum(axis=0)
         held.append((HeldOutlines.at(lines, camera, there, 1.0), camera, view.delay))
@@ -137,7 +146,7 @@ def shape_equations(
 def _lines(view: ViewFrames, geometry: Geometry, poses: Poses, frames: Sequence[int]) -> Lines:
     """Look for the outlines of one view on all frames."""
     (R, T), camera = poses, view.camera.at(frames)
-    foreground = np.concatenate([view.foreground_at(frame, 1) for frame in frames])
+    foreground = np.concatenate([view.foreground_at(frame, 1) for frame in frames], axis=1)
     labels = render_labels(geometry, camera.subsampled(_STRIDE), 0, R, T)
     scale = max(view.pixels_per_metre(places.mean(axis=0), frame) for places, frame in zip(T, frames, strict=True))
     reach = max(4, round(REACH * scale))

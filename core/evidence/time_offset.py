@@ -15,7 +15,7 @@ import numpy as np
 from ..body import Body, part_poses, twist_jacobian
 from ..body.kinematics import scene_poses
 from ..body.motion import Motion
-from ..numerics.arrays import Array
+from ..numerics.arrays import Array, Bools
 from ..numerics.least_squares import GAUSS_NEWTON, StoppingRule, minimise
 from .label_images import Geometry
 from .part_shapes import ShapeEquations, compose, shape_equations
@@ -52,6 +52,7 @@ def key_frame_offset(
     *,
     first: int,
     keys: Sequence[int],
+    known: Bools,
     correlation: float,
 ) -> Offset:
     """Measure the offset on key frames, together with the shape of the parts.
@@ -68,7 +69,9 @@ def key_frame_offset(
     first : int
         Shot frame of the first of them.
     keys : sequence of int
-        Of the F, those with a key pose of the whole body.
+        Of the F, those on which a performer has a key pose of the whole body.
+    known : ndarray of bool, shape (K, M)
+        Which of the M performers have.
     correlation : float
         How long a piece of outline counts as one, metres.
     """
@@ -86,7 +89,9 @@ def key_frame_offset(
         there = poses_at(state.offset)
         poses = {d: scene_poses(bodies, motions) for d, motions in there.items()}
         twists = {d: _twists(bodies, motions, rates) for d, motions in there.items()}
-        return shape_equations(views, geometry, state.change, poses, frames, twists=twists)
+        return shape_equations(
+            views, geometry, state.change, poses, frames, twists=twists, known=known[:, geometry.performer]
+        )
 
     def trial_cost(state: _OffsetState, equations: ShapeEquations) -> float:
         poses = {d: scene_poses(bodies, motions) for d, motions in poses_at(state.offset).items()}

@@ -125,8 +125,8 @@ class ViewFrames:
     grey : ndarray of uint8, shape (N, h, w)
     first : int
         Shot frame of the first of them.
-    foreground : ndarray of uint8, shape (N, h, w), optional
-        See `core.evidence.foreground`.
+    foreground : ndarray of uint8, shape (M, N, h, w), optional
+        One image a frame for each of M performers, see `core.evidence.foreground`.
     halo : float
         How far the foreground images show the body beyond its edge, pixels.
     delay : float
@@ -141,10 +141,10 @@ class ViewFrames:
     delay: float = 0.0
 
     def foreground_at(self, first: int, count: int) -> NDArray[np.uint8]:
-        """The foreground images of consecutive shot frames, shape (count, h, w)."""
+        """The foreground images of consecutive shot frames, shape (M, count, h, w)."""
         assert self.foreground is not None
         start = first - self.first
-        return self.foreground[start : start + count]
+        return self.foreground[:, start : start + count]
 
     def pixels_per_metre(self, point_world: NDArray[np.float64], frame: int) -> float:
         """How large a metre that faces the camera is at a point; of points behind it, as before it."""

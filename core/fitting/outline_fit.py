@@ -158,7 +158,8 @@ def key_outlines(
     foreground = foreground_images(pictures, masks, scale, still, dict(enumerate(core)))
     labels = render_labels(geometry, camera.subsampled(_STRIDE), 0, *poses)
     half = max(4, round(stage.reach * scale))
-    return outline_lines(camera, foreground, labels, stride=_STRIDE, reach=half, tolerance=stage.tolerance)
+    every = np.broadcast_to(foreground, (int(geometry.performer.max()) + 1, *foreground.shape))
+    return outline_lines(camera, every, labels, stride=_STRIDE, reach=half, tolerance=stage.tolerance)
 
 
 def outline_products(lines: Lines, camera: Camera, poses: Poses) -> Array:

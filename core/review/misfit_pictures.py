@@ -67,7 +67,7 @@ def misfit_picture(shot: Shot, view: View, motions: Sequence[Motion], frame: int
         The footage cannot be read.
     """
     segment = next((s for s in segments(shot) if s[0] <= frame <= s[1]), (0, shot.length - 1))
-    keys = posed_frames(shot, *segment).tolist()
+    keys = posed_frames(shot, *segment).frames.tolist()
     where = f"frame {shot.frames[0] + frame}"
     if not keys:
         raise ShotError("there is no key pose of the whole body around it", where=where, todo="set one, and track")

@@ -7,19 +7,26 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body import Body
-from ..body.kinematics import scene_poses
+from ..body.kinematics import Poses, scene_poses
 from ..body.motion import Motion
 from ..body.time_shift import poses_after
-from ..evidence.foreground import HALO, foreground_images
+from ..evidence.foreground import HALO, MARGIN, KnownPixels, beyond, performer_foregrounds, within
 from ..evidence.label_images import Geometry, render_labels
 from ..evidence.part_shapes import fitted_shape
 from ..evidence.view_frames import ViewFrames, views_with_foreground
+from ..numerics.arrays import Array, Bools
 from .reader import ColourFrames
+from .segments import PosedFrames
 
-Frames = NDArray[np.int64]
+AWAY = 0.1
+"""How far a performer may be from where key poses on neighbouring frames put it, metres; and `DRIFT` more per second
+of the time between.
+"""
+DRIFT = 0.5
+FARTHEST = 1.0
+"""No farther than this, metres."""
 
 
 def grey_frames(frames: ColourFrames) -> ViewFrames:
@@ -29,9 +36,18 @@ def grey_frames(frames: ColourFrames) -> ViewFrames:
 
 
 def frames_with_foreground(
-    frames: ColourFrames, bodies: Sequence[Body], motions: Sequence[Motion], keys: Frames, footage_offset: float
+    frames: ColourFrames,
+    bodies: Sequence[Body],
+    motions: Sequence[Motion],
+    keys: PosedFrames,
+    *,
+    footage_offset: float,
+    fps: float,
 ) -> ViewFrames:
-    """Grey levels and foreground images of frames, some of which have key poses.
+    """Grey levels of frames, and each performer's foreground images, by the frames that show somebody in a known pose.
+
+    Where a performer is on frames that pose others alone is known roughly: nothing is learned there from pixels that
+    it may show.
 
     Parameters
     ----------
@@ -40,10 +56,11 @@ def frames_with_foreground(
     bodies : sequence of Body
     motions : sequence of Motion
         Poses on every frame of the shot, of which those on the key frames count.
-    keys : ndarray of int, shape (K,)
-        Shot frames, among these, that show the performers in known poses.
+    keys : PosedFrames
+        Shot frames, among these, that show performers in known poses.
     footage_offset : float
         See `core.shot.shot.Settings`.
+    fps : float
 
     Returns
     -------
@@ -51,28 +68,66 @@ def frames_with_foreground(
         Without foreground images where the view sees nobody on the key frames, or there are none.
     """
     view = grey_frames(frames)
-    if not len(keys):
+    if not len(keys.frames):
         return view
-    R, T = scene_poses(bodies, poses_after(motions, view.delay - footage_offset, keys))
-    seen = render_labels(Geometry.of(bodies), view.camera.at(keys.tolist()), 0, R, T).part >= 0
-    if not seen.any():
+    poses = scene_poses(bodies, poses_after(motions, view.delay - footage_offset, keys.frames))
+    margins = np.minimum(AWAY + DRIFT * keys.apart / fps, FARTHEST)
+    known = known_pixels(view, Geometry.of(bodies), poses, keys, margins)
+    if not any(mask.any() for shown in known.shown for mask in shown.values()):
         return view
-    scale = view.pixels_per_metre(T[0].mean(axis=0), int(keys[0]))
-    masks = dict(zip((keys - view.first).tolist(), seen, strict=True))
-    foreground = foreground_images(frames.colour, masks, scale, view.camera.stands_still)
-    return replace(view, foreground=foreground, halo=HALO)
+    return replace(view, foreground=performer_foregrounds(frames.colour, known, view.camera.stands_still), halo=HALO)
+
+
+def known_pixels(view: ViewFrames, geometry: Geometry, poses: Poses, keys: PosedFrames, margins: Array) -> KnownPixels:
+    """What is known of the pixels of K frames that pose performers, by their number in the view's frames.
+
+    Parameters
+    ----------
+    view : ViewFrames
+    geometry : Geometry
+    poses : tuple of ndarray, shapes (K, P, 3, 3) and (K, P, 3)
+    keys : PosedFrames
+    margins : ndarray, shape (K, M)
+        How far performers that are not posed may be from these poses, metres.
+    """
+    R, T = poses
+    camera, M = view.camera.at(keys.frames.tolist()), keys.posed.shape[1]
+    labels = render_labels(geometry, camera, 0, R, T).part
+    scale = view.pixels_per_metre(T[0].mean(axis=0), int(keys.frames[0]))
+    unsure = np.zeros(labels.shape, bool)
+    for m in np.flatnonzero(~keys.posed.all(axis=0)):
+        (loose,), own = np.nonzero(~keys.posed[:, m]), np.flatnonzero(geometry.performer == m)
+        alone = view.camera.at(keys.frames[loose].tolist())
+        parts = render_labels(
+            geometry.subset(own.tolist()), alone, 0, R[np.ix_(loose, own)], T[np.ix_(loose, own)]
+        ).part
+        for k, image in zip(loose, parts, strict=True):
+            unsure[k] |= cv2.distanceTransform((image < 0).astype(np.uint8), cv2.DIST_L2, 3) < scale * margins[k, m]
+    shown: list[dict[int, Bools]] = [{} for _ in range(M)]
+    behind = {}
+    for k, row in enumerate((keys.frames - view.first).tolist()):
+        behind[row] = beyond(labels[k] >= 0, MARGIN * scale) & ~unsure[k]
+        whose = np.where(labels[k] >= 0, geometry.performer[labels[k]], -1)
+        for m in np.flatnonzero(keys.posed[k]):
+            shown[m][row] = within(whose == m) & ~unsure[k]
+    return KnownPixels(tuple(shown), behind)
 
 
 def key_frame_shape(
-    views: Sequence[ViewFrames], bodies: Sequence[Body], motions: Sequence[Motion], keys: Frames, footage_offset: float
+    views: Sequence[ViewFrames],
+    bodies: Sequence[Body],
+    motions: Sequence[Motion],
+    keys: PosedFrames,
+    footage_offset: float,
 ) -> Geometry | None:
-    """The parts of all performers as the key frames show them; None where no view has foreground images.
+    """The parts of all performers as the frames that pose them show them; None where no view has foreground images.
 
     Parameters are those of `frames_with_foreground`.
     """
     seeing = views_with_foreground(views)
     if not seeing:
         return None
-    shown = {d: poses_after(motions, d - footage_offset, keys) for d in {view.delay for view in seeing}}
+    shown = {d: poses_after(motions, d - footage_offset, keys.frames) for d in {view.delay for view in seeing}}
     poses = {d: scene_poses(bodies, there) for d, there in shown.items()}
-    return fitted_shape(seeing, Geometry.of(bodies), poses, keys.tolist())
+    geometry = Geometry.of(bodies)
+    return fitted_shape(seeing, geometry, poses, keys.frames.tolist(), keys.posed[:, geometry.performer])

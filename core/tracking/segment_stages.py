@@ -21,7 +21,7 @@ from ..numerics.arrays import Array
 from ..shot.acceleration_prior import variances_from_key_poses
 from ..shot.shot import Shot, fixed_degrees
 from .appearance import key_frame_shape
-from .segments import Segment, posed_frames, whole_keys
+from .segments import Segment, keyed_frames, posed_frames
 from .solvers.measurement import Workspace
 from .solvers.problem import SegmentProblem, SegmentSolution
 from .solvers.protocol import Solver
@@ -202,13 +202,15 @@ def measured_offset(shot: Shot, data: SegmentData, state: TrackState) -> Offset 
     if shot.settings.footage_offset is not None or data.shape is None:
         return None
     bodies, first = [performer.body for performer in shot.performers], data.segment[0]
+    keyed = keyed_frames(shot, *data.segment)
     return key_frame_offset(
         views_with_foreground(data.views),
         Geometry.of(bodies),
         bodies,
         _on(data.segment, state.motions),
         first=first,
-        keys=(whole_keys(shot, *data.segment) - first).tolist(),
+        keys=(keyed.frames - first).tolist(),
+        known=keyed.posed,
         correlation=shot.settings.outline_correlation,
     )
 

@@ -177,7 +177,8 @@ def _footage_by_segment(
         frames = reader.read(segment)
         if not solver.uses_foreground:
             return grey_frames(frames)
-        return frames_with_foreground(frames, bodies, start, posed_frames(shot, *segment), offset)
+        keys = posed_frames(shot, *segment)
+        return frames_with_foreground(frames, bodies, start, keys, footage_offset=offset, fps=shot.fps)
 
     with ThreadPoolExecutor(worker_count(shot.settings.threads)) as pool:
 

@@ -51,7 +51,7 @@ def joint_deviations(problem: SegmentProblem, solution: SegmentSolution, threads
         poses_by_delay(problem, measured.instants),
         first=problem.first,
         spans=problem.spans(),
-        known=problem.whole_keys(),
+        known=[problem.whole_keys(i) for i in range(len(problem.bodies))],
         threads=threads,
     )
     deviations = []

@@ -24,7 +24,8 @@ def no_evidence(views: int, frames: int, parts: int) -> SegmentEvidence:
     pairs = [np.zeros((V, F - 1)) for _ in range(6)]
     gradients = GradientSums(np.zeros((V, F - 1, P, 12, 12)), np.zeros((V, F - 1, P, 12)), *pairs)
     outlines = OutlineSums(np.zeros((V, F, P, 6, 6)), np.zeros((V, F, P, 6)), np.zeros((V, F)))
-    return SegmentEvidence(gradients, outlines, np.zeros((V, F)), np.ones((V, F, P)), Sampling(1.0, 1.0, 1), {})
+    explained, unhidden = np.zeros((V, 1, F)), np.ones((1, F))
+    return SegmentEvidence(gradients, outlines, explained, unhidden, np.ones((V, F, P)), Sampling(1.0, 1.0, 1), {})
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +95,7 @@ class Landscape(Workspace):
             (weight * np.where(near, (twist**2).sum(axis=-1), self.reach**2)).sum(axis=1)[None],
         )
         loss = np.minimum(np.linalg.norm(turn, axis=-1) / np.pi, 1)
-        explained = self.cover * (1 - loss).sum(axis=1)[None]
+        explained = self.cover * (1 - loss).sum(axis=1)[None, None]
         return replace(made, outlines=outlines, explained=explained, sampling=sampling)
 
     def solution(self, problem: SegmentProblem, motion: Motion) -> SegmentSolution:
@@ -102,4 +103,6 @@ class Landscape(Workspace):
         evidence = self._evidence(problem, scene_poses(problem.bodies, [motion]), Sampling(1.0, 1.0, 1))
         total, none = evidence.explained.sum(axis=0), np.zeros(len(motion))
         energy = float(evidence.outlines.energy.sum())
-        return SegmentSolution((motion,), 1, (energy,), (), evidence.share, total, none, {}, evidence)
+        return SegmentSolution(
+            (motion,), 1, (energy,), (), evidence.share, total, evidence.unhidden, none, {}, evidence
+        )

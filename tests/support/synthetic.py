@@ -229,7 +229,7 @@ def coloured(body: Body, motion: Motion, cameras: Sequence[Camera]) -> tuple[Vie
     """Views that tell the body from the background, and show nothing else."""
     poses = poses_of([body], [motion])
     shown = [np.stack([silhouette([body], poses, f, c, samples=1) for f in range(len(motion))]) for c in cameras]
-    return tuple(ViewFrames(c, np.zeros_like(s), 0, s) for c, s in zip(cameras, shown, strict=True))
+    return tuple(ViewFrames(c, np.zeros_like(s), 0, s[None]) for c, s in zip(cameras, shown, strict=True))
 
 
 def film(folder: Path, bodies: Sequence[Body], motions: Sequence[Motion], cameras: Sequence[Camera]) -> list[View]:

@@ -145,7 +145,7 @@ class _TestedStage:
 
     def minimise(self, start: tuple[Motion, ...]) -> LeastSquaresResult[tuple[Motion, ...], MeasuredEquations]:
         """Descend from the start."""
-        stopping = StoppingRule(self._stage.iterations, SMALL_GAIN, self._stage.small, _distance)
+        stopping = StoppingRule(self._stage.iterations, SMALL_GAIN, self._stage.small, self._distance)
         return minimise(
             start, self._linearise, self._moved, damping=DAMPING, stopping=stopping, on_iteration=self._begin_step
         )
@@ -175,6 +175,10 @@ class _TestedStage:
         self.trials += 1
         self._pace = OVERRELAXATION if done + 1 < self._stage.iterations else 1.0
         self._workspace.report(min(done / self._stage.iterations, 1.0), motions)
+
+    def _distance(self, before: tuple[Motion, ...], after: tuple[Motion, ...]) -> float:
+        """Root mean square of the step from some motions to others."""
+        return _size([before[i].difference(after[i]) for i in self._problem.sought])
 
     def _moved(self, motions: tuple[Motion, ...], steps: Sequence[Array]) -> tuple[Motion, ...]:
         return tuple(m.moved(limited(self._pace * step)) for m, step in zip(motions, steps, strict=True))
@@ -224,10 +228,12 @@ def descend(
         factors,
         evidence.share,
         evidence.explained.sum(axis=0),
+        evidence.unhidden,
         frame_residual(evidence),
         seconds,
         evidence,
         stage.smooth.variances,
+        problem.only,
     )
 
 
@@ -270,14 +276,9 @@ def approach(
                 steps = [limited(-pace * f.solve(n.gradient)) for f, n in zip(factors, systems, strict=True)]
                 motions = tuple(motion.moved(step) for motion, step in zip(motions, steps, strict=True))
                 energies.append(sum(n.energy for n in systems))
-            if _size(steps) < stage.small:
+            if _size([steps[i] for i in problem.sought]) < stage.small:
                 break
     return motions, energies, seconds, smooth
-
-
-def _distance(before: tuple[Motion, ...], after: tuple[Motion, ...]) -> float:
-    """Root mean square of the step from some motions to others."""
-    return _size([a.difference(b) for a, b in zip(before, after, strict=True)])
 
 
 def _size(steps: Sequence[Array]) -> float:

@@ -90,19 +90,21 @@ def found_limbs(problem: SegmentProblem, motions: Sequence[Motion], seed: int, w
     workspace : Workspace
         Progress is reported before each limb.
     """
-    looks = [_ViewRatios.of(view, problem) for view in views_with_foreground(problem.views)]
+    views = views_with_foreground(problem.views)
+    looks = {i: [_ViewRatios.of(view, problem, i) for view in views] for i in problem.sought}
     found, rng = list(motions), np.random.default_rng(seed)
-    chains = [(i, chain) for i, body in enumerate(problem.bodies) for chain in limbs(body)]
+    chains = [(i, chain) for i in problem.sought for chain in limbs(problem.bodies[i])]
     for done, (i, chain) in enumerate(chains):
         workspace.report(done / len(chains), found)
-        found[i] = _with_limb_found(problem, looks, found, (i, chain), rng)
+        found[i] = _with_limb_found(problem, looks[i], found, (i, chain), rng)
     return untangled_limbs(problem, found)
 
 
 def untangled_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[Motion]:
     """Give all like limbs of every performer their own way, see `untangled`."""
     found = list(motions)
-    for i, body in enumerate(problem.bodies):
+    for i in problem.sought:
+        body = problem.bodies[i]
         for pair in pairs(body):
             free = ~problem.fixed[i][:, 3:].reshape(len(found[i]), -1, 3)[:, pair[0] + pair[1]].any(axis=(1, 2))
             found[i] = untangled(body, found[i], pair, problem.fps, free)
@@ -111,15 +113,15 @@ def untangled_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[
 
 @dataclass(frozen=True, eq=False)
 class _ViewRatios:
-    """Every _STRIDE-th pixel of a view's frames: its log likelihood ratios, (F, h, w)."""
+    """Every _STRIDE-th pixel of a view's frames: a performer's log likelihood ratios, (F, h, w)."""
 
     camera: Camera
     first: int
     ratio: NDArray[np.float32]
 
     @classmethod
-    def of(cls, view: ViewFrames, problem: SegmentProblem) -> _ViewRatios:
-        foreground = view.foreground_at(problem.first, problem.length)[:, ::_STRIDE, ::_STRIDE]
+    def of(cls, view: ViewFrames, problem: SegmentProblem, performer: int) -> _ViewRatios:
+        foreground = view.foreground_at(problem.first, problem.length)[performer, :, ::_STRIDE, ::_STRIDE]
         return cls(view.camera.subsampled(_STRIDE), problem.first, log_ratio(foreground))
 
     def labels(self, geometry: Geometry, poses: tuple[Array, Array]) -> LabelImages:

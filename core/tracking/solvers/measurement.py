@@ -114,6 +114,7 @@ class Workspace:
             noise=noise,
             cache=self.cache,
             threads=self.threads,
+            sought=None if problem.only is None else problem.sought,
         )
         return MeasuredMotion(tuple(motions), instants, evidence)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -20,10 +21,12 @@ from .gauss_newton import REACH, ROUGH_STEP, DescentStage, SegmentNoise, approac
 from .limb_search import found_limbs, limbs, pairs, untangled_limbs
 from .measurement import Workspace, hidden_parts, keypoint_agreement
 from .problem import SegmentProblem, SegmentSolution
-from .sequential_start import blended, follow
+from .sequential_start import blended, excerpt, follow
 
 EXPLAINED = 0.8
 """Share of what the key poses explain of their images that a solution should explain of every other frame's."""
+SHOWN = 0.5
+"""Share of a performer that others must leave in sight for what it explains to raise a doubt."""
 CONFIRMED = 0.9
 """Share of the keypoints' agreement with the first pass that clears a solution of doubt."""
 SETTLING = (
@@ -56,24 +59,66 @@ LimbSearch = Callable[[SegmentProblem, SegmentProblem, Sequence[Motion], int, Wo
 def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
     """Fit the motion of all performers between their key poses.
 
-    The curve through the key poses is one start. Where the images disagree with what it led to, and no keypoints
-    confirm it, or limbs are out of all views' sight for long, the motion is followed from the key poses, and then
-    limbs are looked for around the solutions. The best of them all counts. Parameters as of `gauss_newton.descend`.
+    The curve through the key poses is one start. Each performer of whom it leaves a doubt is then solved by itself from
+    other starts, among the others as they were found; see `best_of_own_starts`. At last all settle together.
+    Parameters as of `gauss_newton.descend`.
     """
-    solutions = [descend(problem, start, workspace.part(0.0, 0.2))]
-    seconds, best = Seconds(), solutions[0]
-    if (doubtful(problem, best) and not confirmed(problem, start, best)) or concealed(problem, best):
+    best = descend(problem, start, workspace.part(0.0, 0.2))
+    doubted = [i for i in problem.sought if in_doubt(problem.alone(i), start, best)]
+    seconds, motions = Seconds(best.seconds), best.motions
+    for k, i in enumerate(doubted):
+        own_start = [start[j] if j == i else motion for j, motion in enumerate(motions)]
+        part = workspace.part(0.2 + 0.8 * k / len(doubted), 0.2 + 0.8 * (k + 1) / len(doubted))
+        before = replace(best, motions=motions, only=problem.alone(i).only)
+        own = best_of_own_starts(problem.alone(i), own_start, before, part)
+        seconds.add(own.seconds)
+        motions = own.motions
+        best = own if len(problem.bodies) == 1 else best
+    if motions is not best.motions:
+        settled = descend(problem, motions, workspace.silent(), SETTLED)
+        seconds.add(settled.seconds)
+        best = replace(settled, iterations=settled.iterations + best.iterations, energy=(*best.energy, *settled.energy))
+    return replace(best, seconds=seconds)
+
+
+def in_doubt(problem: SegmentProblem, start: Sequence[Motion], solution: SegmentSolution) -> bool:
+    """Whether other starts are worth trying for the performer that is sought: the images disagree with the solution,
+    and no keypoints confirm it, or limbs are out of all views' sight for long.
+    """
+    return (doubtful(problem, solution) and not confirmed(problem, start, solution)) or concealed(problem, solution)
+
+
+def best_of_own_starts(
+    problem: SegmentProblem, start: Sequence[Motion], first: SegmentSolution, workspace: Workspace
+) -> SegmentSolution:
+    """Of solutions from several starts the best: the motion is followed from the key poses, and then limbs are looked
+    for around the solutions.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+        Of one performer.
+    start : sequence of Motion
+    first : SegmentSolution
+        The solution from there.
+    workspace : Workspace
+
+    Returns
+    -------
+    SegmentSolution
+        Its seconds are those spent here.
+    """
+    seconds = Seconds()
+    with seconds.measure("initial solution"):
+        initial = followed(problem, start, workspace.part(0.0, 0.15))
+    solutions = [first, descend(problem, initial, workspace.part(0.15, 0.25))]
+    seconds.add(solutions[1].seconds)
+    if len(problem.whole_keys(problem.sought[0])) > 1 and not problem.keypoints:  # keypoints show where limbs are
+        # Without a doubt an arm may still be lost: it is a small part of what is to be covered.
         with seconds.measure("initial solution"):
-            initial = followed(problem, start, workspace.part(0.2, 0.3))
-        solutions.append(descend(problem, initial, workspace.part(0.3, 0.4)))
-        if len(problem.whole_keys()) > 1 and not problem.keypoints:  # keypoints show where limbs are
-            # Without a doubt an arm may still be lost: it is a small part of what is to be covered.
-            with seconds.measure("initial solution"):
-                best = searched(problem, start, solutions, workspace.part(0.4, 1.0))
-        else:
-            best = better(problem, *solutions)
-    for solution in solutions:
-        seconds.add(solution.seconds)
+            best = searched(problem, start, solutions, workspace.part(0.25, 1.0))
+    else:
+        best = better(problem, *solutions)
     return replace(best, seconds=seconds)
 
 
@@ -86,7 +131,7 @@ def confirmed(problem: SegmentProblem, start: Sequence[Motion], solution: Segmen
 
 def better(problem: SegmentProblem, *solutions: SegmentSolution) -> SegmentSolution:
     """The solution that covers the most of what looks like the performers and meets the most keypoints, if any."""
-    merit = [float(found.explained.sum()) for found in solutions]
+    merit = [found.cover for found in solutions]
     if problem.keypoints:
         most = max(*merit, 1.0)
         merit = [m / most + keypoint_agreement(problem, s.motions) for m, s in zip(merit, solutions, strict=True)]
@@ -94,15 +139,24 @@ def better(problem: SegmentProblem, *solutions: SegmentSolution) -> SegmentSolut
 
 
 def doubtful(problem: SegmentProblem, solution: SegmentSolution) -> bool:
-    """Whether the images leave a doubt that a solution is near the true one.
+    """Whether the images leave a doubt that a solution is near the true one for every performer that is sought.
 
-    The body covers what looks like it on the key frames; on every other frame it should do so nearly as well.
+    The body covers what looks like it on the key frames; on every other frame it should do so nearly as well, but for
+    what others hide of it.
     """
-    keys = problem.whole_keys()
+    return any(_doubted(problem, solution, i) for i in problem.sought)
+
+
+def _doubted(problem: SegmentProblem, solution: SegmentSolution, performer: int) -> bool:
+    keys = problem.whole_keys(performer)
     if len(keys) < 2:
         return len(keys) == 1  # the curve that it began with stands still
-    expected = np.interp(np.arange(problem.length), keys, solution.explained[keys])
-    return bool((solution.explained < EXPLAINED * expected).any())
+    explained, seen = solution.explained[performer], solution.unhidden[performer]
+    shown = keys[seen[keys] > SHOWN]
+    if not len(shown):
+        return False  # nothing tells what is to be expected
+    expected = seen * np.interp(np.arange(problem.length), shown, explained[shown] / seen[shown])
+    return bool((explained < EXPLAINED * expected)[seen > SHOWN].any())
 
 
 def concealed(problem: SegmentProblem, solution: SegmentSolution) -> bool:
@@ -110,14 +164,16 @@ def concealed(problem: SegmentProblem, solution: SegmentSolution) -> bool:
 
     It may come into sight elsewhere than the solution has it. Foreground images would show that; keypoints do anyway.
     """
-    if not views_with_foreground(problem.views) or problem.keypoints or len(problem.whole_keys()) < 2:
+    if not views_with_foreground(problem.views) or problem.keypoints:
         return False
+    hidden = hidden_parts(problem, solution.share)
     return any(
         last + 1 - first >= LONG
-        for body, hidden in zip(problem.bodies, hidden_parts(problem, solution.share), strict=True)
-        for chain in limbs(body)
+        for i in problem.sought
+        if len(problem.whole_keys(i)) > 1
+        for chain in limbs(problem.bodies[i])
         for part in chain
-        for first, last in intervals(hidden[:, part])
+        for first, last in intervals(hidden[i][:, part])
     )
 
 
@@ -170,7 +226,7 @@ def recombined(
     noise = SegmentNoise.of(best.evidence, problem.settings)
     lenders = equals(others, NEAR)
     tried = [solution.motions for solution in lenders]
-    places = [(i, left + right) for i, body in enumerate(problem.bodies) for left, right in pairs(body)]
+    places = [(i, left + right) for i in problem.sought for left, right in pairs(problem.bodies[i])]
     for k, (i, parts) in enumerate(places):
         share = workspace.part(k / len(places), (k + 1) / len(places))
         mixtures = []
@@ -197,8 +253,8 @@ def alike(motions: Sequence[Motion], others: Sequence[Motion]) -> bool:
 
 def equals(solutions: Sequence[SegmentSolution], share: float = EQUAL) -> list[SegmentSolution]:
     """Those of some solutions that cover as much of the performers as the one that covers the most, but for a share."""
-    covers = [float(solution.explained.sum()) for solution in solutions]
-    least = max(covers) - share * abs(max(covers))
+    covers = [solution.cover for solution in solutions]
+    least = max(covers) - share * max(abs(solution.sought_cover) for solution in solutions)
     return [solution for solution, cover in zip(solutions, covers, strict=True) if cover >= least]
 
 
@@ -212,14 +268,30 @@ def look_for_limbs(
 
 
 def followed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> list[Motion]:
-    """The motion followed from the key poses at one or both ends of the problem."""
-    keyed = [end in problem.whole_keys() for end in (0, problem.length - 1)]
-    directions = [backward for backward in (False, True) if keyed[backward]]
-    found = []
-    for k, backward in enumerate(directions):
-        part = workspace.part(k / len(directions), (k + 1) / len(directions))
-        found.append(follow(problem, start, part, _solve_window, backward=backward))
-    return blended(*found) if len(found) == 2 else found[0] if found else list(start)
+    """The motion followed from the key poses of the performer that is sought to the next ones, or to the problem's
+    ends.
+    """
+    keys = problem.whole_keys(problem.sought[0]).tolist()
+    if not keys:
+        return list(start)
+    found, ends = list(start), sorted({0, *keys, problem.length - 1})
+    for k, (first, last) in enumerate(pairwise(ends)):
+        part = workspace.part(k / (len(ends) - 1), (k + 1) / (len(ends) - 1))
+        directions = [backward for backward, end in ((False, first), (True, last)) if end in keys]
+        here = [motion[first : last + 1] for motion in found]
+        ways = [
+            follow(
+                excerpt(problem, first, last + 1),
+                here,
+                part.part(d / len(directions), (d + 1) / len(directions)),
+                _solve_window,
+                backward=backward,
+            )
+            for d, backward in enumerate(directions)
+        ]
+        new = blended(*ways) if len(ways) == 2 else ways[0]
+        found = [motion.replaced(first, piece) for motion, piece in zip(found, new, strict=True)]
+    return found
 
 
 def _solve_window(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:

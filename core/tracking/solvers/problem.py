@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +51,8 @@ class SegmentProblem:
     typical_variances : tuple of ndarray, shape (G,), optional
         Per performer: variances of accelerations where their estimation begins, see `core.body.smoothness_estimate`.
         By default those of usual human motion (`core.shot.acceleration_prior`).
+    only : int, optional
+        The performer whose motion is sought; the others' is given. By default all are sought.
     """
 
     views: tuple[ViewFrames, ...]
@@ -66,6 +68,7 @@ class SegmentProblem:
     settings: Settings = field(default_factory=Settings)
     acceleration_precision: tuple[Array, ...] | None = None
     typical_variances: tuple[Array, ...] | None = None
+    only: int | None = None
 
     @property
     def length(self) -> int:
@@ -81,9 +84,21 @@ class SegmentProblem:
         ends = np.cumsum([0] + [len(body) for body in self.bodies])
         return [slice(a, b) for a, b in itertools.pairwise(ends)]
 
-    def whole_keys(self) -> NDArray[np.intp]:
-        """Frames, of the F, on which every degree of freedom of all performers is fixed."""
-        return np.flatnonzero(np.all([fixed.all(axis=1) for fixed in self.fixed], axis=0))
+    @property
+    def sought(self) -> list[int]:
+        """The performers whose motion is sought."""
+        return list(range(len(self.bodies))) if self.only is None else [self.only]
+
+    def alone(self, performer: int) -> SegmentProblem:
+        """Return the problem of one performer among the others, whose motion is given."""
+        if len(self.bodies) == 1:
+            return self
+        fixed = tuple(f if i == performer else np.ones_like(f) for i, f in enumerate(self.fixed))
+        return replace(self, only=performer, fixed=fixed)
+
+    def whole_keys(self, performer: int) -> NDArray[np.intp]:
+        """Frames, of the F, on which every degree of freedom of a performer is fixed."""
+        return np.flatnonzero(self.fixed[performer].all(axis=1))
 
     def around(self, performer: int) -> tuple[Motion | None, Motion | None]:
         """A performer's poses on the frame before the first and after the last, where they are known."""
@@ -119,8 +134,10 @@ class SegmentSolution:
         solver has none.
     share : ndarray, shape (V, F, P)
         Visible share of every part.
-    explained : ndarray, shape (F,)
-        How much of what looks like the performers their parts cover, over all views: sums of log likelihood ratios.
+    explained : ndarray, shape (M, F)
+        How much of what looks like each performer its parts cover, over all views: sums of log likelihood ratios.
+    unhidden : ndarray, shape (M, F)
+        Share of each performer's area, over all views, that the others do not hide.
     residual : ndarray, shape (F,)
         Root mean square grey-level difference of the pairs of frames at each frame, 0 to 1.
     seconds : dict
@@ -128,6 +145,8 @@ class SegmentSolution:
     evidence : SegmentEvidence, optional
     variances : tuple of AccelerationVariances
         Per performer: how smooth the motion was found to be. Empty where the solver does not estimate it.
+    only : int, optional
+        The performer whose motion was sought, see `SegmentProblem`.
     """
 
     motions: tuple[Motion, ...]
@@ -136,10 +155,22 @@ class SegmentSolution:
     factors: tuple[BandedFactor, ...]
     share: Array
     explained: Array
+    unhidden: Array
     residual: Array
     seconds: dict[str, float]
     evidence: SegmentEvidence | None = None
     variances: tuple[AccelerationVariances, ...] = ()
+    only: int | None = None
+
+    @property
+    def cover(self) -> float:
+        """How much of what looks like the performers their parts cover on all frames."""
+        return float(self.explained.sum())
+
+    @property
+    def sought_cover(self) -> float:
+        """The same of the performers whose motion was sought."""
+        return self.cover if self.only is None else float(self.explained[self.only].sum())
 
 
 def frame_residual(evidence: SegmentEvidence) -> Array:

@@ -121,6 +121,7 @@ def relaxed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
         (),
         evidence.share,
         evidence.explained.sum(axis=0),
+        evidence.unhidden,
         frame_residual(evidence),
         seconds,
         evidence,

@@ -101,14 +101,22 @@ def _placed(motion: Motion, frames: Sequence[int], poses: Motion) -> Motion:
 
 def _window(problem: SegmentProblem, first: int, stop: int, held: Sequence[int]) -> SegmentProblem:
     """The frames first to stop of a problem, with some of them held."""
-    fixed = [f[first:stop].copy() for f in problem.fixed]
+    window = excerpt(problem, first, stop)
+    fixed = [f.copy() for f in window.fixed]
     for f in fixed:
         f[[frame - first for frame in held]] = True
+    return replace(window, fixed=tuple(fixed))
+
+
+def excerpt(problem: SegmentProblem, first: int, stop: int) -> SegmentProblem:
+    """Return the frames first to stop of a problem, as if nothing were known of the motion beside them."""
+    if (first, stop) == (0, problem.length):
+        return problem
     precision = [problem.precision(i) for i in range(len(problem.bodies))]
     return replace(
         problem,
         first=problem.first + first,
-        fixed=tuple(fixed),
+        fixed=tuple(f[first:stop] for f in problem.fixed),
         before=None,
         after=None,
         keypoints=tuple(keypoints[first:stop] for keypoints in problem.keypoints),

@@ -49,7 +49,7 @@ def arguments(
 ) -> Arguments:
     geometry, poses = Geometry.of([body]), poses_of([body], [motion])
     labels = render_labels(geometry, camera.subsampled(STRIDE), 0, *poses)
-    return (camera, foreground, labels), {"stride": STRIDE, "reach": reach, "tolerance": tolerance}
+    return (camera, foreground[None], labels), {"stride": STRIDE, "reach": reach, "tolerance": tolerance}
 
 
 def seen(body: Body, motion: Motion, camera: Camera, shift: Sequence[float] = (0, 0)) -> Array:
@@ -203,7 +203,7 @@ def test_a_line_is_not_drawn_to_another_limb_whose_place_the_model_foretells() -
     camera, bodies, motions = look_at("front", (0.2, -2.5, 1.2)), [TRUNK, TRUNK], [motion, beside]
     geometry, poses = Geometry.of(bodies), poses_of(bodies, motions)
     labels = render_labels(geometry, camera.subsampled(STRIDE), 0, *poses)
-    foreground = silhouette(bodies, poses, 0, camera)[None]
+    foreground = np.stack([silhouette(bodies, poses, 0, camera)[None]] * 2)
     lines = outline_lines(camera, foreground, labels, stride=STRIDE, reach=24, tolerance=2.0)
     between = ((lines.part == 0) & (lines.normal[:, 0] > 0.9)) | ((lines.part == 1) & (lines.normal[:, 0] < -0.9))
     assert between.sum() > 20

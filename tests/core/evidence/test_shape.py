@@ -33,7 +33,8 @@ def filmed(bodies: Sequence[Body], motions: Sequence, cameras: Sequence[Camera])
     frames = range(len(motions[0]))
     dark = np.zeros((len(frames), CAMERAS[0].size[1], CAMERAS[0].size[0]), np.uint8)
     return [
-        ViewFrames(c, dark, 0, np.stack([silhouette(bodies, poses, f, c, samples=3) for f in frames])) for c in cameras
+        ViewFrames(c, dark, 0, np.stack([silhouette(bodies, poses, f, c, samples=3) for f in frames])[None])
+        for c in cameras
     ]
 
 

@@ -62,9 +62,9 @@ def gaps(truth: Motion, found: Motion, known: list[int], cameras: list = CAMERAS
     views = []
     for camera in cameras:
         seen = np.stack([silhouette([BODY], poses, 0, camera, samples=2)] * len(truth))  # the true pose stands still
-        views.append(ViewFrames(camera, np.zeros_like(seen), 0, foreground=seen))
+        views.append(ViewFrames(camera, np.zeros_like(seen), 0, foreground=seen[None]))
     at = {0.0: poses_of([BODY], [found])}
-    (row,) = uncovered_gaps(views, Geometry.of([BODY]), at, first=0, spans=[slice(0, P)], known=np.array(known, int))
+    (row,) = uncovered_gaps(views, Geometry.of([BODY]), at, first=0, spans=[slice(0, P)], known=[np.array(known, int)])
     return row
 
 
@@ -88,12 +88,14 @@ def test_what_a_model_lacks_on_its_key_frames_is_no_gap() -> None:
     truth = at_rest(BODY, 4)
     poses = poses_of([wide], [truth])
     views = [
-        ViewFrames(c, np.zeros((4, 120, 160), np.uint8), 0, np.stack([silhouette([wide], poses, 0, c, samples=2)] * 4))
+        ViewFrames(
+            c, np.zeros((4, 120, 160), np.uint8), 0, np.stack([silhouette([wide], poses, 0, c, samples=2)] * 4)[None]
+        )
         for c in CAMERAS
     ]
     at = {0.0: poses_of([BODY], [truth])}
     unknown, known = (
-        uncovered_gaps(views, Geometry.of([BODY]), at, first=0, spans=[slice(0, P)], known=np.array(keys, int))
+        uncovered_gaps(views, Geometry.of([BODY]), at, first=0, spans=[slice(0, P)], known=[np.array(keys, int)])
         for keys in ([], [0, 3])
     )
     assert (unknown > 1e-3).all()

@@ -40,7 +40,7 @@ def walk(length: int = LENGTH, fps: float = FPS) -> Motion:
 def seen(motion: Motion) -> ViewFrames:
     poses = poses_of([BODY], [motion])
     images = np.stack([silhouette([BODY], poses, f, CAMERA, samples=1) for f in range(len(motion))])
-    return ViewFrames(CAMERA, np.zeros_like(images), 0, images)
+    return ViewFrames(CAMERA, np.zeros_like(images), 0, images[None])
 
 
 def problem_of(motion: Motion, *views: ViewFrames) -> SegmentProblem:

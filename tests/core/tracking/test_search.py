@@ -43,7 +43,7 @@ def explained(problem: SegmentProblem, motion: Motion) -> SegmentSolution:
     """A motion as if it had been found."""
     evidence = Workspace().measure(problem, [motion], Sampling(1.0, 1.0, 2, 0.07)).evidence
     total, none = evidence.explained.sum(axis=0), np.zeros(len(motion))
-    return SegmentSolution((motion,), 1, (0.0,), (), evidence.share, total, none, {})
+    return SegmentSolution((motion,), 1, (0.0,), (), evidence.share, total, evidence.unhidden, none, {})
 
 
 def test_a_body_that_covers_background_is_doubted() -> None:
@@ -58,11 +58,12 @@ def test_a_body_that_covers_background_is_doubted() -> None:
 def test_whether_a_solution_is_doubted_goes_by_the_key_poses() -> None:
     """What is expected between them lies between what they explain."""
     total = np.array([100.0, 90, 80, 70, 60])
-    share, none = np.ones((1, 5, len(BODY))), np.zeros(5)
+    share, none, unhidden = np.ones((1, 5, len(BODY))), np.zeros(5), np.ones((1, 5))
 
     def doubted(explained: np.ndarray, fixed: np.ndarray) -> bool:
         problem = SegmentProblem((), (BODY,), 0, FPS, (fixed,))
-        return multi_start.doubtful(problem, SegmentSolution((swing(BODY, 5),), 1, (), (), share, explained, none, {}))
+        found = SegmentSolution((swing(BODY, 5),), 1, (), (), share, explained[None], unhidden, none, {})
+        return multi_start.doubtful(problem, found)
 
     assert not doubted(total, ends_held(BODY, 5))
     assert not doubted(total * [1, 0.85, 0.85, 0.85, 1], ends_held(BODY, 5))
@@ -77,7 +78,9 @@ def covering(cover: float, share: np.ndarray | None = None) -> SegmentSolution:
     share = np.ones((1, LONG + 2, len(BODY))) if share is None else share
     frames = share.shape[1]
     none = np.zeros(frames)
-    return SegmentSolution((at_rest(BODY, frames),), 1, (), (), share, np.full(frames, cover), none, {})
+    return SegmentSolution(
+        (at_rest(BODY, frames),), 1, (), (), share, np.full((1, frames), cover), np.ones((1, frames)), none, {}
+    )
 
 
 @pytest.mark.parametrize(("hidden", "expected"), [(LONG, True), (LONG - 1, False)])

@@ -1,0 +1,211 @@
+"""Several performers: each is learned from its own key frames, and doubted by itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from kfmocap.core.body.motion import Motion
+from kfmocap.core.evidence.accumulate import Sampling
+from kfmocap.core.evidence.foreground import log_ratio
+from kfmocap.core.evidence.label_images import Geometry, render_labels
+from kfmocap.core.evidence.view_frames import ViewFrames
+from kfmocap.core.shot.shot import KeyPoses
+from kfmocap.core.tracking.appearance import frames_with_foreground, key_frame_shape
+from kfmocap.core.tracking.reader import ColourFrames
+from kfmocap.core.tracking.segments import LONGEST, PosedFrames, posed_frames, segments
+from kfmocap.core.tracking.solvers import multi_start
+from kfmocap.core.tracking.solvers.measurement import Workspace
+from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
+from kfmocap.core.tracking.tracker import track
+from synthetic import at_rest, ends_held, figure, film, look_at, poses_of, shot_of, silhouette, swing
+
+Array = np.ndarray
+BODY = figure()
+P = len(BODY)
+FRAMES = 7
+SIZE = (240, 130)
+CAMERAS = tuple(look_at(f"cam{i}", eye, size=SIZE, focal=200) for i, eye in enumerate(((0.3, -4, 1.6), (-1, -3.6, 1))))
+LEFT, RIGHT = np.array([-0.7, 0.2, 0]), np.array([0.8, -0.2, 0])
+RED, GREEN, GREY = (40, 50, 200), (60, 170, 60), (120, 120, 120)
+"""Blue, green, red."""
+
+
+def moved(motion: Motion, by: Array) -> Motion:
+    return replace(motion, translations=motion.translations + by)
+
+
+TRUTHS = [moved(swing(BODY, FRAMES, 0.3, seed), by) for seed, by in ((1, LEFT), (2, RIGHT))]
+
+
+def pictures(colours: tuple[tuple[int, int, int], ...], motions: list[Motion]) -> ColourFrames:
+    """One view of performers in plain clothes before a grey wall."""
+    labels = render_labels(Geometry.of([BODY] * 2), CAMERAS[0], 0, *poses_of([BODY] * 2, motions)).part
+    image = np.full((*labels.shape, 3), GREY, float)
+    for m, colour in enumerate(colours):
+        image[(labels >= 0) & (labels // P == m)] = colour
+    noise = np.random.default_rng(0).normal(0, 3, image.shape)
+    return ColourFrames(CAMERAS[0], np.clip(image + noise, 0, 255).astype(np.uint8), 0, 0.0)
+
+
+def coloured_views(motions: list[Motion]) -> tuple[ViewFrames, ...]:
+    """Views that tell the performers from all else, and show nothing else; neither hides the other."""
+    views = []
+    for camera in CAMERAS:
+        poses = [poses_of([BODY], [motion]) for motion in motions]
+        each = [np.stack([silhouette([BODY], own, f, camera, samples=1) for f in range(FRAMES)]) for own in poses]
+        views.append(ViewFrames(camera, np.zeros_like(each[0]), 0, np.stack(each)))
+    return tuple(views)
+
+
+def posed(first: list[int], second: list[int]) -> PosedFrames:
+    return PosedFrames.of([np.array(first), np.array(second)], 0, FRAMES - 1)
+
+
+def ratios(colours: tuple[tuple[int, int, int], ...], keys: PosedFrames) -> tuple[Array, Array]:
+    """Log likelihood ratios of both performers on all frames (2, F, h, w), and whose the pixels are."""
+    view = frames_with_foreground(pictures(colours, TRUTHS), [BODY] * 2, TRUTHS, keys, footage_offset=0.0, fps=30)
+    assert view.foreground is not None
+    labels = render_labels(Geometry.of([BODY] * 2), CAMERAS[0], 0, *poses_of([BODY] * 2, TRUTHS)).part
+    return log_ratio(view.foreground), np.where(labels >= 0, labels // P, -1)
+
+
+def test_in_different_clothes_a_pixel_is_the_one_performers_and_not_the_others() -> None:
+    ratio, whose = ratios((RED, GREEN), posed([0, 6], [0, 6]))
+    for m in range(2):
+        assert (ratio[m][whose == m] > 1).mean() > 0.95
+        assert (ratio[m][whose == 1 - m] < -1).mean() > 0.95
+        assert (ratio[m][whose == -1] < -1).mean() > 0.95
+
+
+def test_in_equal_clothes_a_pixel_may_be_anybodys_as_surely_as_a_lone_performers() -> None:
+    ratio, whose = ratios((RED, RED), posed([0, 6], [0, 6]))
+    assert (ratio[:, whose >= 0] > 3).mean() > 0.95
+    assert (ratio[:, whose == -1] < -1).mean() > 0.95
+
+
+@pytest.mark.parametrize("colours", [(RED, GREEN), (RED, RED)])
+def test_each_performers_colours_are_learned_from_its_own_key_frames(colours: tuple[tuple[int, int, int], ...]) -> None:
+    ratio, whose = ratios(colours, posed([0, 6], [3]))
+    for m in range(2):
+        assert (ratio[m][whose == m] > 1).mean() > 0.9
+        assert (ratio[m][whose == -1] < -1).mean() > 0.9
+
+
+def test_nothing_is_learned_where_a_performer_who_is_not_posed_may_be() -> None:
+    """The second performer is only roughly where its motion says: what is background there is not learned as such, nor
+    is anything behind it learned as the first one's.
+    """
+    wrong = [TRUTHS[0], moved(TRUTHS[1], np.array([0.1, 0, 0]))]
+    view = frames_with_foreground(
+        pictures((RED, GREEN), TRUTHS), [BODY] * 2, wrong, posed([0, 6], []), footage_offset=0.0, fps=30
+    )
+    assert view.foreground is not None
+    ratio, (_, whose) = log_ratio(view.foreground), ratios((RED, GREEN), posed([0, 6], [0, 6]))
+    assert (ratio[0][whose == 0] > 1).mean() > 0.95
+    assert (ratio[1][whose == 1] > 0).mean() > 0.95, "of any colour that the background does not have"
+    assert (ratio[1][whose == 0] < 0).mean() > 0.95
+
+
+def test_shapes_are_fitted_to_each_performers_own_key_frames() -> None:
+    """Where the second performer is not posed it is beside its place: that bends nobody's shape."""
+    loose = [TRUTHS[0], TRUTHS[1].replaced(0, moved(TRUTHS[1][[0]], np.array([0.08, 0, 0.05])))]
+    images = coloured_views(TRUTHS)
+    own = key_frame_shape(images, [BODY] * 2, loose, posed([0, 6], [3, 6]), 0.0)
+    common = key_frame_shape(images, [BODY] * 2, loose, posed([0, 6], [0, 3, 6]), 0.0)
+    assert own is not None and common is not None
+    straight = Geometry.of([BODY] * 2).vertices
+    assert np.abs(own.vertices - straight).max() < 0.5 * np.abs(common.vertices - straight).max()
+
+
+def test_performers_need_no_common_key_frame() -> None:
+    s = shot_of([], [BODY] * 2, [at_rest(BODY, 300)] * 2, [0])
+    keys = [np.arange(0, 300, 40), np.arange(20, 300, 40)]
+    people = [
+        replace(p, key_poses=KeyPoses.whole(own, at_rest(BODY, len(own))))
+        for p, own in zip(s.performers, keys, strict=True)
+    ]
+    s = replace(s, performers=tuple(people))
+    found = posed_frames(s, 0, 299)
+    assert found.frames.tolist() == sorted([*keys[0], *keys[1]])
+    assert (found.posed.sum(axis=1) == 1).all() and (found.apart == np.where(found.posed, 0, 20)).all()
+    assert segments(s) == [(0, 140), (140, 280), (280, 299)], f"no segment is longer than {LONGEST} frames"
+
+
+def test_staggered_key_frames_are_as_good_as_common_ones(tmp_path_factory: pytest.TempPathFactory) -> None:
+    views = film(tmp_path_factory.mktemp("staggered"), [BODY] * 2, TRUTHS, CAMERAS)
+    common = shot_of(views, [BODY] * 2, TRUTHS, (0, 6), fps=12)
+    second = KeyPoses.whole([1, 5], TRUTHS[1][[1, 5]])
+    staggered = replace(common, performers=(common.performers[0], replace(common.performers[1], key_poses=second)))
+    errors = []
+    for s in (common, staggered):
+        result = track(s)
+        assert all(np.isfinite(d).all() for d in result.deviation)
+        errors.append(
+            [np.linalg.norm(a.difference(b), axis=1).mean() for a, b in zip(result.motions, TRUTHS, strict=True)]
+        )
+        for person, motion in zip(s.performers, result.motions, strict=True):
+            keys = person.key_poses
+            np.testing.assert_array_equal(motion.rotations[keys.frames], keys.poses.rotations)
+    assert (np.array(errors[1]) < 1.2 * np.array(errors[0])).all()
+
+
+HELD = (ends_held(BODY, FRAMES), ends_held(BODY, FRAMES))
+
+
+def solution(problem: SegmentProblem, motions: list[Motion]) -> SegmentSolution:
+    """Motions as if they had been found."""
+    measured = Workspace().measure(problem, motions, Sampling(1.0, 1.0, 2, 0.07)).evidence
+    total, none = measured.explained.sum(axis=0), np.zeros(FRAMES)
+    return SegmentSolution(tuple(motions), 1, (0.0,), (), measured.share, total, measured.unhidden, none, {})
+
+
+def test_a_performer_is_doubted_by_what_it_explains_itself() -> None:
+    problem = SegmentProblem(coloured_views(TRUTHS), (BODY, BODY), 0, 30.0, HELD)
+    beside = np.zeros((FRAMES, BODY.dof))
+    beside[3, 0] = 0.1
+    wrong = solution(problem, [TRUTHS[0], TRUTHS[1].moved(beside)])
+    pooled, keys = wrong.explained.sum(axis=0), [0, FRAMES - 1]
+    assert pooled[3] > multi_start.EXPLAINED * np.interp(3, keys, pooled[keys]), "both together cover nearly all"
+    assert [multi_start.doubtful(problem.alone(i), wrong) for i in range(2)] == [False, True]
+    assert not multi_start.doubtful(problem, solution(problem, TRUTHS))
+
+
+def test_what_others_hide_of_a_performer_is_not_expected_of_it() -> None:
+    """The second performer walks through between the first one and both cameras."""
+    across = at_rest(BODY, FRAMES)
+    paths = [np.zeros((FRAMES, 3)), np.linspace([-0.9, -1.0, 0], [0.9, -1.0, 0], FRAMES)]
+    motions = [replace(across, translations=across.translations + path) for path in paths]
+    views = tuple(
+        replace(v, foreground=np.where(hides, v.foreground, np.uint8(4)))
+        for v, hides in zip(coloured_views(motions), seen_whose(motions), strict=True)
+    )
+    problem = SegmentProblem(views, (BODY, BODY), 0, 30.0, HELD)
+    true = solution(problem, motions)
+    assert true.unhidden[0].min() < 0.4 and true.unhidden[1].min() == 1
+    assert true.explained[0].min() < multi_start.EXPLAINED * true.explained[0][[0, -1]].min()
+    assert not multi_start.doubtful(problem, true)
+
+
+def seen_whose(motions: list[Motion]) -> list[Array]:
+    """Per view: whether a pixel of a performer's image (2, F, h, w) is not hidden by the other."""
+    poses = poses_of([BODY] * 2, motions)
+    labels = [render_labels(Geometry.of([BODY] * 2), camera, 0, *poses).part for camera in CAMERAS]
+    return [np.stack([(part < 0) | (part // P == m) for m in range(2)]) for part in labels]
+
+
+def test_only_the_performer_that_is_sought_moves_and_only_its_evidence_is_gathered() -> None:
+    start = [motion.replaced(1, moved(motion[1:-1], np.array([0.03, 0, 0]))) for motion in TRUTHS]
+    problem = SegmentProblem(coloured_views(TRUTHS), (BODY, BODY), 0, 30.0, HELD)
+    for i in range(2):
+        alone = multi_start.descend(problem.alone(i), start, Workspace())
+        assert alone.evidence is not None
+        other = 1 - i
+        np.testing.assert_allclose(alone.motions[other].difference(start[other]), 0, atol=1e-12)
+        assert np.abs(alone.motions[i].difference(start[i])).max() > 1e-3
+        own = slice(i * P, i * P + P)
+        rest = slice(other * P, other * P + P)
+        assert alone.evidence.outlines.H[:, :, own].any() and not alone.evidence.outlines.H[:, :, rest].any()
+        assert not alone.evidence.gradients.H[:, :, rest].any()
+        assert (alone.evidence.explained[:, other] > 0).all(), "what others cover is needed to compare solutions"
