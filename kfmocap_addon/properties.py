@@ -179,7 +179,14 @@ class KFMocapPerformer(bpy.types.PropertyGroup):
 
 
 class KFMocapExport(bpy.types.PropertyGroup):
-    """What to export."""
+    """What to export, and what was exported last."""
+
+    written: bpy.props.StringProperty(
+        name="Written", description="Paths of the files that were written last, one to a line"
+    )
+    path: bpy.props.StringProperty(
+        subtype="FILE_PATH", name="Last Name", description="Path that was chosen last, without an ending"
+    )
 
     preset: bpy.props.EnumProperty(
         items=[(key, preset.label, preset.description) for key, preset in PRESETS.items()],
@@ -228,6 +235,20 @@ class KFMocapScene(bpy.types.PropertyGroup):
     last: bpy.props.IntProperty(
         min=0, update=_show_range, name="Last", description="Last frame to track, in the footage's count"
     )
+    scene_first: bpy.props.IntProperty(
+        get=lambda self: self.zero + self.first,
+        min=0,
+        set=lambda self, frame: setattr(self, "first", max(0, frame - self.zero)),
+        name="First Frame",
+        description="First scene frame to track; the timeline runs from here",
+    )
+    scene_last: bpy.props.IntProperty(
+        get=lambda self: self.zero + self.last,
+        min=0,
+        set=lambda self, frame: setattr(self, "last", max(0, frame - self.zero)),
+        name="Last Frame",
+        description="Last scene frame to track; the timeline runs up to here",
+    )
     views: bpy.props.CollectionProperty(type=KFMocapView)
     performers: bpy.props.CollectionProperty(type=KFMocapPerformer)
     stretches: bpy.props.CollectionProperty(type=KFMocapSegment)  # saved files know segments by this name
@@ -243,10 +264,16 @@ class KFMocapScene(bpy.types.PropertyGroup):
     display: bpy.props.EnumProperty(
         items=[
             ("WIRE", "Wire", "The parts' edges"),
-            ("OUTLINE", "Outline", "A white line around each part where it is seen, a grey one where it is hidden"),
+            (
+                "OUTLINE",
+                "Outline",
+                "A line around each part where it is seen, the performer's left blue and the right orange, and a grey "
+                "one where it is hidden",
+            ),
             ("SOLID", "Solid", "The parts before the footage"),
             ("NONE", "Bones", "The bones alone"),
         ],
+        default="OUTLINE",
         update=_show_model,
         name="Model",
         description="How the model is drawn over the footage",

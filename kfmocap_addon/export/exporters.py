@@ -22,9 +22,9 @@ from ...core.errors import OutputError, ShotError
 from ...core.numerics.arrays import Array
 from ...core.numerics.resampling import sample_times, slerped
 from ...core.runtime.files import replacing
-from ...core.shot.shot_spec import result_names
 from ..scene_io import body_armature, fcurves
 from ..scene_io.scene import set_rate
+from . import destinations
 from .presets import PRESETS
 
 _Y_UP = Matrix(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)))
@@ -57,8 +57,12 @@ class ExportOptions:
     root_motion: bool = True
 
 
-def export_performers(scene: bpy.types.Scene, folder: Path, options: ExportOptions = ExportOptions()) -> list[Path]:
-    """Write every performer of a scene's shot: NAME.bvh and NAME.fbx, or NAME_performer.* for several.
+def export_performers(
+    scene: bpy.types.Scene, folder: Path, options: ExportOptions = ExportOptions(), name: str = ""
+) -> list[Path]:
+    """Write every performer of a scene's shot: NAME.bvh and NAME.fbx, or NAME_PERFORMER.* for several.
+
+    The name is by default the shot's.
 
     Raises
     ------
@@ -69,13 +73,12 @@ def export_performers(scene: bpy.types.Scene, folder: Path, options: ExportOptio
     """
     performers = scene.kfmocap.performers
     writers = [(".bvh", export_bvh)] * options.bvh + [(".fbx", export_fbx)] * options.fbx
-    names = result_names(scene.kfmocap.shot, [slot.name for slot in performers], f"scene {scene.name}")
     paths = []
-    for slot, name in zip(performers, names, strict=True):
+    for slot, stem in zip(performers, destinations.stems(scene, name), strict=True):
         if slot.armature is None:
             raise ShotError("the armature is gone from the scene", where=f"performer {slot.name}")
         for suffix, writer in writers:
-            paths.append(folder / f"{name}{suffix}")
+            paths.append(folder / f"{stem}{suffix}")
             writer(paths[-1], slot.armature, scene, options)
     return paths
 

@@ -53,6 +53,7 @@ class AddFootage(bpy.types.Operator, ImportHelper):
             names = added_views.add_footage(scene, self._chosen())
             known = added_views.calibrated_by_scene(scene, names)
             screens.look(context)
+            screens.show_keys(context)
             self.report({"INFO"}, f"Added {', '.join(names)}" + (f"; calibrated {', '.join(known)}" if known else ""))
         return outcome.value
 

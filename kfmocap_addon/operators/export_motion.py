@@ -4,6 +4,7 @@ from pathlib import Path
 
 import bpy
 
+from ...core.errors import ShotError
 from .conditions import Conditional, has_shot
 from .reporting import reported
 
@@ -18,22 +19,43 @@ class Export(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.export"
     bl_label = "Export"
-    bl_options = {"REGISTER"}
+    bl_options = {"REGISTER", "UNDO"}
     conditions = (has_shot, _has_file_kind)
 
-    directory: bpy.props.StringProperty(
-        subtype="DIR_PATH", name="Folder", description="Where the files go; they take the shot's name"
+    directory: bpy.props.StringProperty(subtype="DIR_PATH", name="Folder", description="Where the files go")
+    filename: bpy.props.StringProperty(
+        subtype="FILE_NAME",
+        name="Name",
+        description="Of the files, without an ending, which the kinds of files add; by default the shot's",
     )
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        from ..export import destinations
+
+        proposed = destinations.proposed(context.scene)
+        self.directory, self.filename = f"{proposed.parent}/", proposed.name
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """In the file browser: what will be written, and what of it replaces a file."""
+        from ..export import destinations
+
+        column = self.layout.column(align=True)
+        try:
+            paths = destinations.paths(context.scene, self._folder(), self.filename)
+        except ShotError:
+            column.label(text="This name cannot be a file's", icon="ERROR")
+            return
+        column.label(text="Files to write")
+        for path in paths:
+            exists = path.exists()
+            column.label(text=f"Replaces {path.name}" if exists else path.name, icon="ERROR" if exists else "FILE")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..export import exporters
 
         with reported(self) as outcome:
-            folder = Path(bpy.path.abspath(self.directory))
             settings = context.scene.kfmocap.export
             options = exporters.ExportOptions(
                 settings.preset,
@@ -43,9 +65,35 @@ class Export(Conditional, bpy.types.Operator):
                 settings.fps if settings.use_rate else None,
                 settings.root_motion,
             )
-            written = exporters.export_performers(context.scene, folder, options)
-            self.report({"INFO"}, f"Wrote {', '.join(path.name for path in written)} to {folder}")
+            written = exporters.export_performers(context.scene, self._folder(), options, self.filename)
+            settings.path = str(self._folder() / (self.filename or context.scene.kfmocap.shot))
+            settings.written = "\n".join(map(str, written))
+            self.report({"INFO"}, f"Wrote {', '.join(path.name for path in written)} to {self._folder()}")
         return outcome.value
 
+    def _folder(self) -> Path:
+        return Path(bpy.path.abspath(self.directory))
 
-CLASSES = (Export,)
+
+def _was_exported(context: bpy.types.Context) -> str:
+    return "" if context.scene.kfmocap.export.written else "Nothing was exported yet"
+
+
+class OpenExportFolder(Conditional, bpy.types.Operator):
+    """Open the folder with the files that were written last"""
+
+    bl_idname = "kfmocap.open_export_folder"
+    bl_label = "Open Folder"
+    bl_options = {"INTERNAL"}
+    conditions = (_was_exported,)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        folder = Path(context.scene.kfmocap.export.written.splitlines()[0]).parent
+        if not folder.is_dir():
+            self.report({"ERROR"}, f"{folder} is gone: export again")
+            return {"CANCELLED"}
+        bpy.ops.wm.path_open(filepath=str(folder))
+        return {"FINISHED"}
+
+
+CLASSES = (Export, OpenExportFolder)

@@ -27,6 +27,7 @@ class LoadShot(bpy.types.Operator, ImportHelper):
             if context.window is not None:
                 context.window.scene = scene
                 screens.look(context)
+                screens.show_keys(context)
             self.report({"INFO"}, f"{shot.name}: {len(shot.views)} views, {shot.length} frames")
         return outcome.value
 

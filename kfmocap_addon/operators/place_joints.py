@@ -6,6 +6,7 @@ import bpy
 
 from ...core.errors import KeypointError
 from ..scene_io import active_performer, joint_marks
+from ..scene_io.sides import colour_of
 from ..viewports import viewport
 from .conditions import Conditional, has_performer
 from .look_through import show_view
@@ -262,7 +263,7 @@ class PlacingTool(Conditional):
             at = look.position_of(point)
             if at is None:
                 continue
-            colour = overlay.colour_of(name)
+            colour = colour_of(name)
             overlay.ring(at, colour)
             if (look.view.name, name) in self._placing.marks:
                 marked = look.position(self._placing.place_of(look.view.name, name))
@@ -273,9 +274,9 @@ class PlacingTool(Conditional):
             name = self._dragged or (None if self._press else self._near(look, self._pointer))
             asked = self._asked_in(look.view.name)
             if asked is not None:
-                overlay.label(_spoken(asked), (x + 14, y + 12), overlay.colour_of(asked))
+                overlay.label(_spoken(asked), (x + 14, y + 12), colour_of(asked))
             if name is not None and name != asked:
-                overlay.label(f"drag: {_spoken(name)}", (x + 14, y - 22), overlay.colour_of(name))
+                overlay.label(f"drag: {_spoken(name)}", (x + 14, y - 22), colour_of(name))
 
     def _confirmed(self, context: bpy.types.Context) -> set[str]:
         if not self._placing.marks:

@@ -12,20 +12,12 @@ from gpu_extras.batch import batch_for_shader
 from mathutils import Vector
 
 from ..scene_io import active_performer, joint_marks
+from ..scene_io.sides import Colour, colour_of
 from ..viewports import viewport
 
 Position = Sequence[float] | Vector
-Colour = tuple[float, float, float, float]
-
 _RADIUS, _SIDES = 5.0, 16
-_LEFT, _RIGHT, _MIDDLE = (0.25, 0.65, 1.0, 1.0), (1.0, 0.45, 0.25, 1.0), (0.75, 1.0, 0.4, 1.0)
 _DARK = (0.0, 0.0, 0.0, 0.75)
-
-
-def colour_of(landmark: str) -> Colour:
-    """Blue for the performer's left, orange for the right."""
-    side = landmark[0] if landmark[1:2].isupper() else landmark[-2:]
-    return {"L": _LEFT, ".L": _LEFT, "R": _RIGHT, ".R": _RIGHT}.get(side, _MIDDLE)
 
 
 def draw_marks() -> None:

@@ -1,4 +1,4 @@
-"""The model as outlines over the footage: white where a part is seen, grey where another hides it."""
+"""The model as outlines over the footage, in the colours of its sides; grey where one part hides another."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ from scipy.spatial import QhullError
 from ...core.body.silhouette import Solid
 from ...core.numerics.arrays import Array
 from ..scene_io import part_meshes
+from ..scene_io.sides import Colour, colour_of
 
-SEEN, HIDDEN = (1.0, 1.0, 1.0, 1.0), (0.6, 0.6, 0.6, 0.55)
+HIDDEN = (0.6, 0.6, 0.6, 0.55)
 _WIDTH = 1.6  # pixels
 _NEARER = 0.004  # lines lie before the faces they bound, as a share of their distance: on the same spot of the picture
 _FAR = 1e4
@@ -28,19 +29,21 @@ def draw_outlines() -> None:
     matrix = context.region_data.view_matrix.inverted()
     toward = np.array(matrix.col[2].xyz)
     eye = np.array(matrix.translation) + (0.0 if context.region_data.is_perspective else _FAR) * toward
-    faces, lines = [], []
-    for solid, pose in posed_solids(context.scene, context.evaluated_depsgraph_get()):
+    faces: list[Array] = []
+    lines: dict[Colour, list[Array]] = {}
+    for name, solid, pose in posed_solids(context.scene, context.evaluated_depsgraph_get()):
         world = solid.vertices @ pose[:3, :3].T + pose[:3, 3]
         faces.append(world[solid.triangles].reshape(-1, 3))
         local = (eye - pose[:3, 3]) @ np.linalg.inv(pose[:3, :3]).T
-        lines.append(world[solid.silhouette(local)].reshape(-1, 3))
+        corners = world[solid.silhouette(local)].reshape(-1, 3)
+        lines.setdefault(colour_of(name), []).append(corners + _NEARER * (eye - corners))
     if faces:
-        corners = np.concatenate(lines)
-        _draw(np.concatenate(faces), corners + _NEARER * (eye - corners), (context.region.width, context.region.height))
+        coloured = {colour: np.concatenate(parts) for colour, parts in lines.items()}
+        _draw(np.concatenate(faces), coloured, (context.region.width, context.region.height))
 
 
-def posed_solids(scene: bpy.types.Scene, graph: bpy.types.Depsgraph) -> Iterator[tuple[Solid, Array]]:
-    """The convex parts of all performers with their matrices (4, 4) in the world, as they are evaluated."""
+def posed_solids(scene: bpy.types.Scene, graph: bpy.types.Depsgraph) -> Iterator[tuple[str, Solid, Array]]:
+    """The bones' names, convex parts and matrices (4, 4) in the world of all performers, as they are evaluated."""
     for slot in scene.kfmocap.performers:
         if slot.armature is None or slot.armature.name not in scene.objects or not slot.armature.visible_get():
             continue
@@ -50,7 +53,7 @@ def posed_solids(scene: bpy.types.Scene, graph: bpy.types.Depsgraph) -> Iterator
                 solid = _solid(vertices.tobytes())
             except QhullError:
                 continue  # it is being edited
-            yield solid, np.array(posed.matrix_world @ posed.pose.bones[name].matrix)
+            yield name, solid, np.array(posed.matrix_world @ posed.pose.bones[name].matrix)
 
 
 @lru_cache(maxsize=256)
@@ -63,8 +66,8 @@ def _positions(points: Array) -> Any:
     return {"pos": points.astype(np.float32)}
 
 
-def _draw(faces: Array, lines: Array, size: tuple[int, int]) -> None:
-    """Fill depth alone with the faces, then draw the lines before it and behind it."""
+def _draw(faces: Array, lines: dict[Colour, Array], size: tuple[int, int]) -> None:
+    """Fill depth alone with the faces, then draw the lines of each colour before it and behind it."""
     state, fill = gpu.state, gpu.shader.from_builtin("UNIFORM_COLOR")
     stroke = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
     framebuffer: Any = state.active_framebuffer_get
@@ -76,12 +79,13 @@ def _draw(faces: Array, lines: Array, size: tuple[int, int]) -> None:
     state.color_mask_set(True, True, True, True)
     state.depth_mask_set(False)
     state.blend_set("ALPHA")
-    batch = batch_for_shader(stroke, "LINES", _positions(lines))
+    batches = {colour: batch_for_shader(stroke, "LINES", _positions(ends)) for colour, ends in lines.items()}
     stroke.uniform_float("viewportSize", size)
-    for test, colour, width in (("GREATER", HIDDEN, 0.7 * _WIDTH), ("LESS_EQUAL", SEEN, _WIDTH)):
+    for test, width in (("GREATER", 0.7 * _WIDTH), ("LESS_EQUAL", _WIDTH)):
         state.depth_test_set(test)
         stroke.uniform_float("lineWidth", width)
-        stroke.uniform_float("color", colour)
-        batch.draw(stroke)
+        for colour, batch in batches.items():
+            stroke.uniform_float("color", HIDDEN if test == "GREATER" else colour)
+            batch.draw(stroke)
     state.depth_test_set("NONE")
     state.blend_set("NONE")

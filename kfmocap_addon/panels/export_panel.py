@@ -1,9 +1,11 @@
 """The section "Export": files for other programs."""
 
+from pathlib import Path
+
 import bpy
 
 from ..operators.bake import Bake
-from ..operators.export_motion import Export
+from ..operators.export_motion import Export, OpenExportFolder
 from ..operators.simplify import Simplify
 from .section import Section
 
@@ -29,6 +31,16 @@ class ExportPanel(Section, bpy.types.Panel):
         _draw_choice(layout, settings, "use_rate", "fps")
         layout.prop(settings, "root_motion")
         layout.operator(Export.bl_idname, icon="EXPORT")
+        if settings.written:
+            _draw_written(layout, [Path(line) for line in settings.written.splitlines()])
+
+
+def _draw_written(layout: bpy.types.UILayout, files: list[Path]) -> None:
+    """What was written last."""
+    column = layout.column(align=True)
+    for file in files:
+        column.label(text=file.name, icon="CHECKMARK")
+    column.operator(OpenExportFolder.bl_idname, icon="FILE_FOLDER")
 
 
 def _draw_choice(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, use: str, *names: str) -> None:

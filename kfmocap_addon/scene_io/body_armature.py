@@ -17,6 +17,7 @@ from ...core.errors import BodyError
 from ...core.numerics import rotations
 from ...core.numerics.arrays import Array
 from . import lossless, part_meshes
+from .sides import SIDES, colour_of, side_of
 
 PART, LIMITS, LANDMARKS, REST = "kfmocap_part", "kfmocap_limits", "kfmocap_landmarks", "kfmocap_rest"
 """Custom properties of a bone: its rank in the body; limits and landmarks as JSON, name: [rank, x, y, z].
@@ -51,9 +52,23 @@ def build_armature(body: Body, name: str, collection: bpy.types.Collection) -> b
         pose_bone.rotation_mode = "QUATERNION"
         pose_bone.lock_location = (pose_bone.parent is not None,) * 3
         pose_bone.lock_scale = (True,) * 3
+    _sort_by_side(armature)
     for part in body.parts:
         part_meshes.build_mesh(part, armature, collection)
     return armature
+
+
+def _sort_by_side(armature: bpy.types.Object) -> None:
+    """Left, right and middle are bone collections and have colours. The colours are the bones' own: they stay beneath
+    those that show expected errors, which are the pose bones'.
+    """
+    groups = {letter: armature.data.collections.new(label) for letter, (label, _) in SIDES.items()}
+    for bone in armature.data.bones:
+        groups[side_of(bone.name)].assign(bone)
+        bone.color.palette = "CUSTOM"
+        colour = bone.color.custom
+        colour.normal = colour_of(bone.name)[:3]
+        colour.select, colour.active = (1.0, 1.0, 1.0), (0.8, 1.0, 1.0)
 
 
 @contextmanager

@@ -8,7 +8,7 @@ import bpy
 
 from ...core.body import Body
 from ...core.errors import BodyError
-from . import body_armature, scene
+from . import body_armature, part_meshes, scene
 
 
 def add_performer(
@@ -39,4 +39,5 @@ def take_armature(current: bpy.types.Scene, armature: bpy.types.Object) -> bpy.t
     slot.name, slot.armature = scene.free_name(armature.name, current.kfmocap.performers), armature
     if not current.kfmocap.shot:
         current.kfmocap.shot = "shot"
+    part_meshes.show_parts(current)
     return armature

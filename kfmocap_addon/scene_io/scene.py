@@ -18,7 +18,7 @@ from ...core.body.motion import Motion
 from ...core.errors import ShotError
 from ...core.shot.keypose_spline import spline
 from ...core.shot.shot import Performer, Settings, Shot
-from . import body_armature, footage_background, key_pose_curves, lossless, motion_curves, view_cameras
+from . import body_armature, footage_background, key_pose_curves, lossless, motion_curves, part_meshes, view_cameras
 
 FRAME_START = 1
 """Scene frame of shot frame 0 in the scenes that we build, as Blender's own scenes start."""
@@ -62,6 +62,7 @@ def build_scene(
         if len(proposed := performer.key_poses.proposals()):
             first_pass = spline(performer.key_poses, shot.length)
             motion_curves.write_motion(slot.armature, first_pass, FRAME_START, FRAME_START + proposed)
+    part_meshes.show_parts(scene)
     if motions is not None:
         write_motions(scene, motions)
     return scene

@@ -34,6 +34,18 @@ def look(context: bpy.types.Context) -> None:
     _through_camera(context.window, context.screen, area)
 
 
+def show_keys(context: bpy.types.Context) -> None:
+    """Let the timelines and dope sheets of a context's window show the whole shot, with the keys of all performers.
+
+    By default they show those of bones that are selected in pose mode alone: none, after a shot is loaded.
+    """
+    for area in context.screen.areas if context.window is not None and context.screen is not None else ():
+        if area.type != "DOPESHEET_EDITOR":
+            continue
+        area.spaces.active.dopesheet.show_only_selected = False
+        _fit(context.window, context.screen, area, bpy.ops.action.view_all)
+
+
 def view3d_of(context: bpy.types.Context) -> bpy.types.Area | None:
     """The 3D view that the context is in, else the largest of its window."""
     if context.area is not None and context.area.type == "VIEW_3D":
@@ -115,10 +127,14 @@ def _through_camera(window: bpy.types.Window, screen: bpy.types.Screen, area: bp
     space = area.spaces.active
     space.region_3d.view_perspective = "CAMERA"
     space.shading.wireframe_color_type = "OBJECT"  # the parts are white
+    _fit(window, screen, area, bpy.ops.view3d.view_center_camera)
+
+
+def _fit(window: bpy.types.Window, screen: bpy.types.Screen, area: bpy.types.Area, operator: Any) -> None:
+    """Call an operator that fits what an area shows into it, where it can be called."""
     with bpy.context.temp_override(window=window, screen=screen, area=area, region=_region(area)):
-        center: Any = bpy.ops.view3d.view_center_camera
-        if center.poll():
-            center()
+        if operator.poll():
+            operator()
 
 
 def _region(area: bpy.types.Area, kind: str = "WINDOW") -> bpy.types.Region:

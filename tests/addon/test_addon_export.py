@@ -19,7 +19,7 @@ from kfmocap.core.errors import OutputError, ShotError  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
 from kfmocap.kfmocap_addon import registration  # noqa: E402
 from kfmocap.kfmocap_addon.batch import BatchSession  # noqa: E402
-from kfmocap.kfmocap_addon.export import blender_outputs, exporters, presets  # noqa: E402
+from kfmocap.kfmocap_addon.export import blender_outputs, destinations, exporters, presets  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import body_armature, key_pose_curves, scene  # noqa: E402
 from mathutils import Matrix  # noqa: E402
 
@@ -172,6 +172,18 @@ def test_the_export_tool_writes_what_was_asked_for(blender, tmp_path):  # noqa: 
     bpy.context.scene.kfmocap.export.fbx = False
     assert bpy.ops.kfmocap.export(directory=str(tmp_path / "new")) == {"FINISHED"}
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["walk.bvh"]
+    assert bpy.context.scene.kfmocap.export.written == str(tmp_path / "new" / "walk.bvh")
+    assert bpy.ops.kfmocap.export(directory=str(tmp_path / "new"), filename="take 2.bvh") == {"FINISHED"}
+    assert {path.name for path in (tmp_path / "new").iterdir()} == {"walk.bvh", "take 2.bvh"}
+
+
+def test_the_export_goes_beside_the_footage_and_then_where_it_went_last(blender, tmp_path):  # noqa: F811
+    built = scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    assert destinations.proposed(built) == tmp_path / "walk"
+    assert bpy.ops.kfmocap.export(directory=str(tmp_path / "new"), filename="take 2") == {"FINISHED"}
+    assert destinations.proposed(built) == tmp_path / "new" / "take 2"
+    written = destinations.paths(built, tmp_path / "new", "take 2")
+    assert [path.name for path in written] == ["take 2.bvh", "take 2.fbx"] and all(path.exists() for path in written)
 
 
 def read_joints(armature, names: list[str], frames: list[int]) -> np.ndarray:

@@ -83,6 +83,10 @@ def test_parts_cannot_be_picked_and_are_drawn_as_wire_in_front(armature, body):
     assert len(armature.children) == len(body)
     for child in armature.children:
         assert child.hide_select and child.show_in_front and child.display_type == "WIRE"
+    sides = {bone.name: {c.name for c in bone.collections} for bone in armature.data.bones}
+    assert sides["hand.L"] == {"Left"} and sides["hand.R"] == {"Right"} and sides["head"] == {"Middle"}
+    left, right = (armature.data.bones[f"hand.{side}"].color for side in "LR")
+    assert left.palette == "CUSTOM" and left.custom.normal[2] > 0.9 > 0.5 > right.custom.normal[2]
 
 
 def test_an_armature_that_cannot_be_a_body_is_refused_by_name(armature):

@@ -68,6 +68,20 @@ def test_a_shot_comes_back_from_a_saved_file(blender, tmp_path):  # noqa: F811
     assert np.abs(read.performers[0].key_poses.poses.difference(original.performers[0].key_poses.poses)).max() < 1e-5
 
 
+def test_the_panel_counts_in_scene_frames_alone(blender, tmp_path):  # noqa: F811
+    built = scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    shown = built.kfmocap
+    first, last = shown.first, shown.last
+    assert (shown.scene_first, shown.scene_last) == (built.frame_start, built.frame_end) == (1, last - first + 1)
+    shown.scene_last -= 2
+    assert (shown.first, shown.last, built.frame_end) == (first, last - 2, last - first - 1)
+    shown.scene_first = 0
+    assert built.frame_start == shown.scene_first == 0 and shown.first == -shown.zero
+    shown.zero = 1
+    shown.scene_first = 0
+    assert shown.first == 0 and shown.scene_first == built.frame_start == 1
+
+
 def flat(value):
     """Every number and word of a shot."""
     if dataclasses.is_dataclass(value):

@@ -1,0 +1,62 @@
+"""Where an export goes: names of the files, and the folder that is proposed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+
+from ...core.shot.shot_spec import result_names
+
+SUFFIXES = ("bvh", "fbx")
+"""Endings of the files that the panel offers, each named as its setting."""
+
+
+def paths(scene: bpy.types.Scene, folder: Path, name: str = "") -> list[Path]:
+    """The files that an export with the panel's settings writes, performer by performer.
+
+    Raises
+    ------
+    ShotError
+        If the name cannot be a file's.
+    """
+    wanted = [suffix for suffix in SUFFIXES if getattr(scene.kfmocap.export, suffix)]
+    return [folder / f"{stem}.{suffix}" for stem in stems(scene, name) for suffix in wanted]
+
+
+def stems(scene: bpy.types.Scene, name: str = "") -> list[str]:
+    """Names without an ending of the performers' files: NAME, or NAME_PERFORMER where there are several.
+
+    The name is by default the shot's.
+
+    Raises
+    ------
+    ShotError
+        If one of them cannot be a file's.
+    """
+    base = name.strip()
+    for suffix in SUFFIXES:  # written along, or clicked on in the file browser
+        base = base.removesuffix(f".{suffix}")
+    performers = [slot.name for slot in scene.kfmocap.performers]
+    return result_names(base or scene.kfmocap.shot, performers, f"scene {scene.name}")
+
+
+def proposed(scene: bpy.types.Scene) -> Path:
+    """The path, without an ending, that was chosen last; else the shot's name, in the folder of the saved scene or of
+    the footage.
+    """
+    chosen = scene.kfmocap.export.path
+    if chosen and Path(bpy.path.abspath(chosen)).parent.is_dir():
+        return Path(bpy.path.abspath(chosen))
+    return _shot_folder(scene) / scene.kfmocap.shot
+
+
+def _shot_folder(scene: bpy.types.Scene) -> Path:
+    if bpy.data.filepath:
+        return Path(bpy.data.filepath).parent
+    for view in scene.kfmocap.views:
+        backgrounds = view.camera.data.background_images if view.camera is not None else ()
+        for background in backgrounds:
+            if background.clip is not None:
+                return Path(bpy.path.abspath(background.clip.filepath)).parent
+    return Path.home()
