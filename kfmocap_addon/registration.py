@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 import bpy
 
-from . import panels, properties
+from . import keymap, panels, properties
 from .operators import (
     add_footage,
     bake,
@@ -63,7 +63,8 @@ OPERATORS = (
     pick_colour,
     calibrate_cameras,
 )
-CLASSES = tuple(cls for module in (properties, capture_scene, *OPERATORS, *panels.SECTIONS) for cls in module.CLASSES)
+MODULES = (properties, capture_scene, *OPERATORS, *panels.SECTIONS, keymap)
+CLASSES = tuple(cls for module in MODULES for cls in module.CLASSES)
 MENUS = edit_body.MENUS
 """Names of Blender's menus and what is appended to them."""
 
@@ -80,6 +81,7 @@ def register() -> None:
     for menu, entry in MENUS:
         getattr(bpy.types, menu).append(entry)
     key_list.register()
+    keymap.register()
     _drawings.append(bpy.types.SpaceView3D.draw_handler_add(_draw_outlines, (), "WINDOW", "POST_VIEW"))
     _drawings.append(bpy.types.SpaceView3D.draw_handler_add(_draw_marks, (), "WINDOW", "POST_PIXEL"))
 
@@ -88,6 +90,7 @@ def unregister() -> None:
     """Remove everything from Blender again."""
     for menu, entry in MENUS:
         getattr(bpy.types, menu).remove(entry)
+    keymap.unregister()
     key_list.unregister()
     while _drawings:
         bpy.types.SpaceView3D.draw_handler_remove(_drawings.pop(), "WINDOW")

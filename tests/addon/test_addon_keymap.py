@@ -1,0 +1,61 @@
+"""The add-on's keys beside Blender's."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from addon_shots import blender, shot  # noqa: E402, F401
+from kfmocap.kfmocap_addon import keymap  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
+
+pytestmark = pytest.mark.blender
+SEEN_IN_3D_VIEWS = {"Window", "Screen", "Frames", "3D View", "3D View Generic", "Object Mode", "Pose"}
+
+
+def test_no_key_of_blenders_is_taken_away(blender, monkeypatch):  # noqa: F811
+    """Blender's own keymap as its preset file has it: without a window it is not loaded."""
+    [folder] = [p for s in bpy.utils.script_paths() if (p := Path(s, "presets/keyconfig/keymap_data")).is_dir()]
+    monkeypatch.syspath_prepend(str(folder))
+    monkeypatch.delitem(sys.modules, "blender_default", raising=False)
+    import blender_default
+
+    taken = {
+        (item["type"], bool(item.get("ctrl")), bool(item.get("alt")), bool(item.get("shift")))
+        for name, _, content in blender_default.generate_keymaps(blender_default.Params())
+        if name in SEEN_IN_3D_VIEWS
+        for _, item, _ in content["items"]
+    }
+    assert len(taken) > 100
+    assert not {(key, True, True, False) for key, _, _ in keymap.KEYS} & taken
+
+
+def test_every_key_calls_a_tool_that_there_is(blender):  # noqa: F811
+    assert len({key for key, _, _ in keymap.KEYS}) == len(keymap.KEYS)
+    for _, tool, settings in keymap.KEYS:
+        category, name = tool.split(".")
+        properties = getattr(getattr(bpy.ops, category), name).get_rna_type().properties
+        assert set(settings) <= set(properties.keys()), tool
+    assert hasattr(bpy.types, "KFMOCAP_MT_pie")
+
+
+def test_one_steps_through_key_poses_and_suggestions(blender, tmp_path):  # noqa: F811
+    built = scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    start, step = built.kfmocap.frame_start, bpy.ops.kfmocap.step_key_pose
+    keys = [start + int(f) for f in shot(tmp_path).performers[0].key_poses.frames]
+    built.frame_set(keys[0])
+    assert step() == {"FINISHED"} and built.frame_current == keys[1]
+    built.frame_set(keys[-1])
+    assert step() == {"CANCELLED"} and step(backward=True) == {"FINISHED"} and built.frame_current == keys[-2]
+    assert bpy.ops.kfmocap.next_suggestion() == {"CANCELLED"}
+    for frame in (7, 3):
+        built.kfmocap.performers[0].helpful.add().frame = frame
+    visited = []
+    for _ in range(3):
+        bpy.ops.kfmocap.next_suggestion()
+        visited.append(built.frame_current)
+    assert visited in ([3, 7, 3], [7, 3, 7])
