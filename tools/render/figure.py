@@ -7,6 +7,7 @@ from the tracker's body model on purpose: a test on the tracker's own model woul
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from .figure_pose import hanging_arm
 from .isosurface import mesh_isosurface
-from .shapes import human_shapes
+from .shapes import Shape, human_shapes
 from .textures import noise
 
 UNION = 0.010
@@ -53,7 +54,10 @@ class Figure:
 
     def posed(self, motion: Motion) -> Array:
         """Vertices in the world on every frame, shape (F, V, 3): linear blend skinning."""
-        R, T = part_poses(self.body, motion)
+        return self.skinned(*part_poses(self.body, motion))
+
+    def skinned(self, R: Array, T: Array) -> Array:
+        """Vertices in the world, shape (F, V, 3), of parts with world poses R (F, P, 3, 3) and T (F, P, 3)."""
         turn = R @ np.swapaxes(self.R_stance, -1, -2)
         shift = T - np.einsum("fpab,pb->fpa", turn, self.T_stance)
         frames = []
@@ -63,9 +67,24 @@ class Figure:
         return np.array(frames)
 
 
-def make_figure(body: Body, voxel: float = 0.007) -> Figure:
-    """Mesh and colour a body's figure and compute its skin weights."""
-    shapes = human_shapes(body)
+def make_figure(
+    body: Body,
+    voxel: float = 0.007,
+    shapes: Sequence[Shape] | None = None,
+    paint: Callable[[Body, NDArray[np.int64], Array], Array] | None = None,
+) -> Figure:
+    """Mesh and colour a body's figure and compute its skin weights.
+
+    Parameters
+    ----------
+    voxel : float
+        Edge length of the grid that is meshed, metres.
+    shapes : sequence of Shape, optional
+        Those of another person; by default `human_shapes`.
+    paint : callable, optional
+        From the body, the nearest part (V,) and the place in its frame (V, 3) of every vertex to colours (V, 3).
+    """
+    shapes = human_shapes(body) if shapes is None else shapes
     R, T = (pose[0] for pose in part_poses(body, stance(body)))
 
     def distances(points: Array) -> Array:
@@ -87,7 +106,7 @@ def make_figure(body: Body, voxel: float = 0.007) -> Figure:
         per_part[:, i] = np.minimum(per_part[:, i], d)
     nearest = per_part.argmin(axis=1)
     local = np.einsum("vab,va->vb", R[nearest], vertices - T[nearest])
-    return Figure(body, vertices, triangles, _weights(body, per_part), _clothes(body, nearest, local), R, T)
+    return Figure(body, vertices, triangles, _weights(body, per_part), (paint or _clothes)(body, nearest, local), R, T)
 
 
 def stance(body: Body) -> Motion:
