@@ -30,4 +30,6 @@ def _run_benchmark(out: Path | None, *, shot: str | None, quick: bool, repeat: i
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    from .__main__ import main as run  # under its own name, by which other processes find its functions
+
+    sys.exit(run())

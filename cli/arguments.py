@@ -11,6 +11,7 @@ def parser() -> argparse.ArgumentParser:
     program = argparse.ArgumentParser(prog="kfmocap", description="Keyframe motion tracking of performers.")
     commands = program.add_subparsers(required=True, metavar="COMMAND", dest="command")
     _add_track(commands.add_parser("track", help="track a shot and write motion, pictures and a report"))
+    _add_batch(commands.add_parser("batch", help="track many shots, and sum them up in one table"))
     _add_calibrate(
         commands.add_parser("calibrate", help="solve for cameras from a waved wand, or refine those of a shot")
     )
@@ -27,6 +28,16 @@ def _add_track(command: argparse.ArgumentParser) -> None:
     command.add_argument("--out", required=True, type=_path, metavar="DIR", help="folder for the results")
     command.add_argument("--views", metavar="CAM,CAM", help="use only the views of these cameras")
     command.add_argument("--keyframes", metavar="N,N | auto", help="use these key frames instead of the shot's")
+    _add_tracking(command)
+
+
+def _add_batch(command: argparse.ArgumentParser) -> None:
+    command.add_argument("shots", nargs="+", metavar="SHOT.toml", help="shot files, or patterns such as shots/*.toml")
+    command.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder for a folder of each shot")
+    command.add_argument("--jobs", type=int, metavar="N", help="track N shots at a time (default: half the cores)")
+    part = command.add_mutually_exclusive_group()
+    part.add_argument("--task", type=int, metavar="N", help="track shot N alone, from 0, as one task of a render farm")
+    part.add_argument("--summary", action="store_true", help="only write the table of what was tracked before")
     _add_tracking(command)
 
 

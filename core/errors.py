@@ -46,11 +46,15 @@ def located(where: str) -> Iterator[None]:
         raise type(error)(error.what, where=place, todo=error.todo) from error
 
 
-class ShotError(KFMocapError):
+class InputError(KFMocapError):
+    """What was given cannot be used: trying again without changing it is of no use."""
+
+
+class ShotError(InputError):
     """The shot file, or what it asks for, does not hold together."""
 
 
-class CalibrationError(KFMocapError):
+class CalibrationError(InputError):
     """A calibration cannot be read or does not fit the footage."""
 
 
@@ -68,19 +72,19 @@ class CaptureError(CalibrationError):
         super().__init__(what, where=where, todo=todo)
 
 
-class FootageError(KFMocapError):
+class FootageError(InputError):
     """Footage is missing, unreadable, too short, or of the wrong size."""
 
 
-class LandmarkError(KFMocapError):
+class LandmarkError(InputError):
     """Landmarks are missing or not finite where a key pose needs them."""
 
 
-class KeypointError(KFMocapError):
+class KeypointError(InputError):
     """2D keypoints cannot be read, or do not show what is asked of them."""
 
 
-class BodyError(KFMocapError):
+class BodyError(InputError):
     """A body cannot be built or a pose does not fit it."""
 
 
@@ -93,3 +97,17 @@ class CancelledError(KFMocapError):
 
     def __init__(self) -> None:
         super().__init__("cancelled")
+
+
+class WorkerEndedError(KFMocapError):
+    """A process that worked for the program ended before its work was done: it was killed, or crashed.
+
+    Parameters
+    ----------
+    exit_code : int
+        Of the process; below 0 the signal that ended it.
+    """
+
+    def __init__(self, exit_code: int) -> None:
+        how = f"it was ended by signal {-exit_code}" if exit_code < 0 else f"exit code {exit_code}"
+        super().__init__(f"the worker process ended unexpectedly: {how}", todo="memory may have run out; try again")

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import OutputError
+from ..formats.html_page import html_page
 from ..numerics.arrays import Array
 from ..runtime.files import replacing, write_json
 from .charts import GREY, INK, Chart, Image, blank, heat_colour, stacked_pictures, text
@@ -29,12 +30,6 @@ _WORST = 1.0
 _ARMS = ((0, 1), (1, 2), (0, 3))
 _AXES = ((40, 40, 220), (40, 160, 40), (200, 90, 30))
 _FRUSTUM = 0.35
-_STYLE = (
-    "body{font:15px system-ui,sans-serif;max-width:1240px;margin:2em auto;padding:0 1em;color:#222}"
-    "table{border-collapse:collapse;margin:1em 0}"
-    "td,th{padding:.25em .8em;text-align:right;border-bottom:1px solid #ddd}"
-    "th:first-child,td:first-child{text-align:left}img{max-width:100%}.warning{background:#fff3d0;padding:.6em 1em}"
-)
 
 
 def write_report(folder: Path, solution: CalibrationResult) -> list[Path]:
@@ -70,10 +65,10 @@ def page(numbers: Mapping[str, Any], png: bytes) -> str:
     picture = base64.b64encode(png).decode()
     cameras = {str(camera["camera"]): _flat(camera) for camera in numbers["cameras"]}
     rest = _flat({key: value for key, value in numbers.items() if key not in ("cameras", "findings")})
-    return (
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Calibration</title><style>{_STYLE}</style>'
-        f"<h1>Calibration</h1>{findings}{_table(cameras)}{_table({'': rest})}"
-        f'<img alt="Residuals, coverage, lengths and cameras" src="data:image/png;base64,{picture}"></html>\n'
+    return html_page(
+        "Calibration",
+        f"{findings}{_table(cameras)}{_table({'': rest})}"
+        f'<img alt="Residuals, coverage, lengths and cameras" src="data:image/png;base64,{picture}">',
     )
 
 

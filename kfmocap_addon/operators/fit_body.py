@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ..jobs.job import Work
+from ...core.runtime.job import Work
 from .conditions import Conditional, has_shot
 from .job_operator import JobOperator
 

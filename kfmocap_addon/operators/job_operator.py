@@ -7,7 +7,7 @@ from typing import Any
 
 import bpy
 
-from ..jobs.job import Job, Work
+from ...core.runtime.job import Job, Work
 from ..viewports import viewport
 from .mixin import OperatorMixin
 from .reporting import progress_shown, reported

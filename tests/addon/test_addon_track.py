@@ -16,8 +16,8 @@ bpy = pytest.importorskip("bpy")
 import job_functions  # noqa: E402
 from addon_shots import blender, keys_of, motion, shot, tracker  # noqa: E402, F401
 from kfmocap.core.errors import CancelledError, CaptureError, ShotError  # noqa: E402
+from kfmocap.core.runtime.job import Job, duration  # noqa: E402
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts  # noqa: E402
-from kfmocap.kfmocap_addon.jobs.job import Job, duration  # noqa: E402
 from kfmocap.kfmocap_addon.operators import job_operator  # noqa: E402
 from kfmocap.kfmocap_addon.operators.job_operator import JobOperator  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import fcurves, key_pose_curves, motion_curves, scene, tracked_segments  # noqa: E402

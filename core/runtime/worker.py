@@ -1,24 +1,27 @@
-"""The other end of `jobs.Job`: a process of its own, without Blender, that does one piece of work and tells how far.
+"""The other end of `job.Job`: a process of its own that does one piece of work and tells how far it is.
 
-It is run as a script. What comes in and goes out are pickles; see `jobs.Job`.
+It is run as a script. What comes in and goes out are pickles; see `job.Job`.
 """
 
 import importlib.util
 import os
 import pickle
+import signal
 import sys
 import traceback
 from pathlib import Path
 from types import ModuleType
 
 NICENESS = 5
-"""Where that is known, Blender goes first."""
+"""Where that is known, the program that is waiting goes first."""
 
 
 def main() -> None:
     """Read the work from standard input, do it, and write its progress and result to standard output."""
     incoming, outgoing = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what libraries print is not part of the protocol
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes of a terminal: one of them decides
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     if hasattr(os, "nice"):
         os.nice(NICENESS)
 
@@ -33,7 +36,7 @@ def main() -> None:
         load(package, Path(folder))
         result = pickle.load(incoming)(lambda what, fraction: tell("progress", (what, fraction)))
         tell("result", result)
-    except BrokenPipeError:
+    except (BrokenPipeError, KeyboardInterrupt):
         os._exit(1)  # nobody listens any more
     except Exception as error:
         error.add_note(traceback.format_exc())
@@ -41,7 +44,7 @@ def main() -> None:
 
 
 def load(package: str, folder: Path) -> None:
-    """Import a package by the name that it has in Blender, whatever the packages around it are there."""
+    """Import a package by the name that it has in the program, whatever the packages around it are there."""
     parents = package.split(".")[:-1]
     for depth in range(1, len(parents) + 1):
         parent = ModuleType(".".join(parents[:depth]))
@@ -50,6 +53,7 @@ def load(package: str, folder: Path) -> None:
     spec = importlib.util.spec_from_file_location(
         package, folder / "__init__.py", submodule_search_locations=[str(folder)]
     )
+    assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[package] = module
     spec.loader.exec_module(module)

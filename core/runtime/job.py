@@ -1,4 +1,4 @@
-"""A job: work in a process of its own, so that Blender's window stays usable and a cancelled job ends at once."""
+"""A job: work in a process of its own. The program stays usable, and a job that is cancelled or dies harms no other."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...core.errors import CancelledError, KFMocapError
+from ..errors import CancelledError, KFMocapError, WorkerEndedError
 
 if TYPE_CHECKING:
-    from ...core.runtime.progress import Progress
+    from .progress import Progress
 
 Work = Callable[["Progress"], Any]
 """A function of a module, or a `functools.partial` of one: it and its result are pickled between the processes."""
@@ -36,7 +36,7 @@ class Job:
         self.state = ("", 0.0)
         self._begun = time.monotonic()
         self._cancelled = False
-        self._outcome: tuple[str, Any] = ("error", KFMocapError("the worker process ended unexpectedly"))
+        self._outcome: tuple[str, Any] | None = None
         head = sys.path, __package__.rsplit(".", 2)[0], str(Path(__file__).parents[2])
         sent = pickle.dumps(head) + pickle.dumps(work)
         flags = getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0) | getattr(subprocess, "CREATE_NO_WINDOW", 0)
@@ -48,13 +48,14 @@ class Job:
                 creationflags=flags,
             )
         except OSError as error:
-            what = f"Blender's Python cannot be started: {error.strerror}"
-            raise KFMocapError(what, where=sys.executable, todo="use the command line") from error
+            what = f"Python cannot be started: {error.strerror}"
+            raise KFMocapError(what, where=str(sys.executable), todo="install the program again") from error
         self._thread = threading.Thread(target=self._listen, args=(sent,), daemon=True)
         self._thread.start()
 
     def _listen(self, sent: bytes) -> None:
         with contextlib.suppress(OSError, EOFError, pickle.UnpicklingError), self._process as process:
+            assert process.stdin is not None and process.stdout is not None
             process.stdin.write(sent)
             process.stdin.close()
             kind = "progress"
@@ -68,6 +69,20 @@ class Job:
         """Stop the work: its process ends at once."""
         self._cancelled = True
         self._process.kill()
+
+    def end(self, grace: float = 5.0) -> None:
+        """Stop the work and let its process tidy up, for some seconds at most."""
+        self._cancelled = True
+        self._process.terminate()
+        try:
+            self._process.wait(grace)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+
+    @property
+    def process_id(self) -> int:
+        """Of the process that works."""
+        return self._process.pid
 
     @property
     def done(self) -> bool:
@@ -86,6 +101,8 @@ class Job:
         """Return what the work returned; raises what it raised, or CancelledError where it was cancelled."""
         if self._cancelled:
             raise CancelledError
+        if self._outcome is None:
+            raise WorkerEndedError(self._process.wait())
         kind, value = self._outcome
         if kind == "error":
             raise value

@@ -1,0 +1,257 @@
+"""`kfmocap batch`: track many shots, each in a process of its own, and sum them up in one table."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from ..core.errors import InputError, KFMocapError, ShotError, WorkerEndedError
+from ..core.formats.file_kind import file_kind
+from ..core.formats.shot_toml import read_shot_spec
+from ..core.runtime.files import check_writable
+from ..core.runtime.job import Job
+from ..core.runtime.threads import worker_count
+from .batch_display import BatchDisplay
+from .batch_shot import DONE, FAILED, REFUSED, BatchOptions, ShotOutcome, outcomes, shot_digest, track_shot
+from .batch_summary import write_summary
+from .printed import print_outcome
+from .services import Services
+
+BAD_INPUT, FAULT = 2, 1
+ATTEMPTS = 2
+"""A shot whose process is ended from outside is tried so many times."""
+_POLL = 0.1
+
+
+@dataclass(frozen=True)
+class BatchShot:
+    """A shot that is asked for.
+
+    Attributes
+    ----------
+    name : str
+    file : Path
+    error : KFMocapError, optional
+        Why its file cannot be read.
+    """
+
+    name: str
+    file: Path
+    error: KFMocapError | None = None
+
+    @classmethod
+    def of(cls, file: Path) -> BatchShot:
+        """The shot of a file, with the name that the file gives it or else the file's own."""
+        try:
+            return cls(read_shot_spec(file).name, file)
+        except KFMocapError as error:
+            return cls(file.stem, file, error)
+
+
+def run(args: argparse.Namespace, services: Services) -> int:
+    """Carry out the command; returns the exit code: 0, `FAULT` where trying again may help, or `BAD_INPUT`."""
+    try:
+        shots = [] if args.summary else chosen_shots(args.shots, args.task)
+        options = _options(args, services)
+        check_writable(args.out)
+    except InputError as error:
+        print(f"kfmocap: error: {' '.join(str(error).split())}", file=sys.stderr)
+        return BAD_INPUT
+    found = run_batch(shots, args.out, options, jobs=args.jobs) if shots else []
+    files = write_summary(args.out, outcomes(args.out))
+    states = {outcome.state for outcome in found}
+    print_outcome(files)
+    return FAULT if FAILED in states else BAD_INPUT if REFUSED in states else 0
+
+
+def chosen_shots(patterns: Sequence[str], task: int | None = None) -> list[BatchShot]:
+    """The shots of files and of patterns such as shots/*.toml, of which those count that are shots.
+
+    Parameters
+    ----------
+    patterns : sequence of str
+    task : int, optional
+        Which of them alone is asked for, from 0.
+
+    Raises
+    ------
+    ShotError
+        There is none, or two have one name.
+    """
+    files: dict[Path, None] = {}
+    for pattern in patterns:
+        path = Path(pattern)
+        if path.exists() or not any(sign in pattern for sign in "*?["):
+            files[path] = None
+        else:
+            base = Path(path.anchor)
+            files |= dict.fromkeys(sorted(base.glob(str(path.relative_to(base)))))
+    shots = [BatchShot.of(file) for file in files if not _is_something_else(file)]
+    if not shots:
+        raise ShotError("there is no shot among the files", where="kfmocap batch", todo="name shot files")
+    named: dict[str, Path] = {}
+    for shot in shots:
+        other = named.setdefault(shot.name, shot.file)
+        if other != shot.file:
+            what, todo = f"'{shot.name}' is the name of two shots", "give each its own [shot] name"
+            raise ShotError(what, where=f"{other} and {shot.file}", todo=todo)
+    if task is None:
+        return shots
+    if not 0 <= task < len(shots):
+        raise ShotError(f"there is no shot {task}", where="--task", todo=f"give 0 to {len(shots) - 1}")
+    return [shots[task]]
+
+
+def _is_something_else(file: Path) -> bool:
+    """Whether a file is known to be no shot: a calibration beside shots is matched by *.toml as well."""
+    try:
+        kind = file_kind(file)
+    except KFMocapError:
+        return False
+    if kind != "shot":
+        print(f"kfmocap: {file} is no shot file, but a {kind}: left out", file=sys.stderr)
+    return kind != "shot"
+
+
+def _options(args: argparse.Namespace, services: Services) -> BatchOptions:
+    if args.jobs is not None and args.jobs < 1:
+        raise ShotError(f"it is {args.jobs}", where="--jobs", todo="give 1 or more")
+    if services.in_blender and not args.no_blender:
+        todo = "leave them out with --no-blender, or run the program outside Blender"
+        raise ShotError("the processes of a batch cannot write Blender's files from inside it", todo=todo)
+    if not args.no_blender:
+        services.blender()
+    jobs = args.jobs or default_jobs()
+    return BatchOptions(args.solver, None if args.no_blender else services.load_blender, max(1, worker_count() // jobs))
+
+
+def default_jobs() -> int:
+    """How many shots are tracked at a time: each keeps about two cores busy."""
+    return max(1, worker_count() // 2)
+
+
+def run_batch(
+    shots: Sequence[BatchShot], out: Path, options: BatchOptions, *, jobs: int | None = None
+) -> list[ShotOutcome]:
+    """Track shots, each into a folder of its own name; what was done before and has not changed is left as it is.
+
+    A shot that fails, or whose process is killed, ends alone.
+
+    Parameters
+    ----------
+    shots : sequence of BatchShot
+    out : Path
+    options : BatchOptions
+    jobs : int, optional
+        How many are tracked at a time.
+
+    Returns
+    -------
+    list of ShotOutcome
+        One per shot, in no order.
+    """
+    with BatchDisplay(len(shots)) as display:
+        batch = _Batch(out, options, display)
+        for shot in shots:
+            batch.take(shot)
+        try:
+            while batch.waiting or batch.running:
+                while batch.waiting and len(batch.running) < (jobs or default_jobs()):
+                    batch.start()
+                time.sleep(_POLL)
+                batch.collect()
+        except KeyboardInterrupt:
+            done = f"{len(batch.found)} of {len(shots)} shots are done"
+            display.said(f"interrupted: {done}; the same command does the rest")
+            raise
+        finally:
+            for each in batch.running:
+                each.job.end()
+    return batch.found
+
+
+@dataclass
+class _Running:
+    """A shot that is being tracked, `attempt` of `ATTEMPTS`."""
+
+    shot: BatchShot
+    digest: str
+    attempt: int
+    job: Job
+
+
+class _Batch:
+    """Shots that wait, as (shot, digest, attempt), those that are being tracked, and what came of the others."""
+
+    def __init__(self, out: Path, options: BatchOptions, display: BatchDisplay) -> None:
+        self.out, self.options, self.display = out, options, display
+        self.before = {outcome.name: outcome for outcome in outcomes(out)}
+        self.waiting: list[tuple[BatchShot, str, int]] = []
+        self.running: list[_Running] = []
+        self.found: list[ShotOutcome] = []
+
+    def take(self, shot: BatchShot) -> None:
+        """See what is to be done for a shot."""
+        try:
+            if shot.error is not None:
+                raise shot.error
+            digest = shot_digest(shot.file, self.options)
+        except KFMocapError as error:
+            self._close(ShotOutcome(shot.name, str(shot.file), REFUSED, message=_one_line(error)))
+            return
+        known = self.before.get(shot.name)
+        if known is not None and (known.state, known.digest) == (DONE, digest) and self._has_results(shot):
+            self.found.append(known)
+            self.display.skipped(known)
+        else:
+            self.waiting.append((shot, digest, 1))
+
+    def start(self) -> None:
+        """Track the next shot."""
+        shot, digest, attempt = self.waiting.pop(0)
+        job = Job(partial(track_shot, shot.file.absolute(), (self.out / shot.name).absolute(), self.options))
+        self.running.append(_Running(shot, digest, attempt, job))
+        self.display.started(shot.name, job.process_id)
+
+    def collect(self) -> None:
+        """See how far the shots are, and take those that are done."""
+        self.display.update({each.shot.name: each.job.state for each in self.running})
+        for each in [each for each in self.running if each.job.done]:
+            self.running.remove(each)
+            outcome = _outcome(each)
+            if outcome is None:
+                self.waiting.append((each.shot, each.digest, each.attempt + 1))
+                self.display.said(f"{each.shot.name}: its process was ended from outside; it is tried again")
+            else:
+                self._close(outcome)
+
+    def _close(self, outcome: ShotOutcome) -> None:
+        outcome.write(self.out)
+        self.found.append(outcome)
+        self.display.finished(outcome)
+
+    def _has_results(self, shot: BatchShot) -> bool:
+        return (self.out / shot.name / "report.json").is_file()
+
+
+def _outcome(each: _Running) -> ShotOutcome | None:
+    """What came of a shot; None where its process was ended from outside and it is to be tried again."""
+    kept = each.shot.name, str(each.shot.file)
+    try:
+        return ShotOutcome(*kept, DONE, each.digest, **each.job.result())
+    except WorkerEndedError as error:
+        return ShotOutcome(*kept, FAILED, message=_one_line(error)) if each.attempt >= ATTEMPTS else None
+    except InputError as error:
+        return ShotOutcome(*kept, REFUSED, message=_one_line(error))
+    except Exception as error:
+        text = _one_line(error) if isinstance(error, KFMocapError) else f"{type(error).__name__}: {_one_line(error)}"
+        return ShotOutcome(*kept, FAILED, message=text)
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())

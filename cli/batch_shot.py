@@ -1,0 +1,167 @@
+"""One shot of a batch: what it is made of, tracking it in a process of its own, and what came of it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field, replace
+from importlib import metadata
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+from ..core.formats.shot_toml import read_shot_spec
+from ..core.review.track_report import report_lines
+from ..core.runtime.files import write_json
+from ..core.runtime.progress import Progress
+from ..core.runtime.timing import Seconds
+from ..core.shot.footage import image_files
+from ..core.shot.shot_spec import ShotSpec
+from ..core.tracking.prepare import load_shot
+from .services import BlenderSession
+from .track_command import run_track
+
+DONE, REFUSED, FAILED = "done", "bad input", "failed"
+STATUS = "status"
+"""The folder, among those of the results, that holds what came of every shot."""
+_HEAD = 65536
+
+
+@dataclass(frozen=True)
+class ShotOutcome:
+    """What came of a shot.
+
+    Attributes
+    ----------
+    name : str
+        The shot's, and that of the folder of its results.
+    file : str
+        The shot file.
+    state : str
+        `DONE`, `REFUSED` (the input cannot be used) or `FAILED`.
+    digest : str
+        Of all that the results depend on; see `shot_digest`.
+    expected_error : float or None
+        Mean of the joints' expected errors on all frames, millimetres.
+    seconds : float or None
+        Computing time.
+    warnings : tuple of str
+        Lines of the report.
+    message : str
+        Why there are no results.
+    """
+
+    name: str
+    file: str
+    state: str
+    digest: str = ""
+    expected_error: float | None = None
+    seconds: float | None = None
+    warnings: tuple[str, ...] = field(default=())
+    message: str = ""
+
+    def write(self, out: Path) -> None:
+        """Keep it in the folder of the batch."""
+        (out / STATUS).mkdir(parents=True, exist_ok=True)
+        write_json(out / STATUS / f"{self.name}.json", asdict(self))
+
+
+@dataclass(frozen=True)
+class BatchOptions:
+    """How the shots of a batch are tracked.
+
+    Attributes
+    ----------
+    solver : str, optional
+        By default as each shot file says.
+    load_blender : callable, optional
+        See `Services`; None leaves out the files that need Blender.
+    threads : int
+        Worker threads for each shot that does not say itself.
+    """
+
+    solver: str | None
+    load_blender: Callable[[], BlenderSession] | None
+    threads: int
+
+
+def outcomes(out: Path) -> list[ShotOutcome]:
+    """Read what came of every shot in the folder of a batch, by name; what cannot be read is left out."""
+    found = []
+    for file in sorted((out / STATUS).glob("*.json")):
+        try:
+            values = json.loads(file.read_text(encoding="utf-8"))
+            found.append(ShotOutcome(**values | {"warnings": tuple(values["warnings"])}))
+        except (OSError, ValueError, TypeError, KeyError):
+            continue
+    return found
+
+
+def track_shot(path: Path, out: Path, options: BatchOptions, progress: Progress) -> dict[str, Any]:
+    """Track a shot into a folder; returns what its report says, as fields of `ShotOutcome`."""
+    seconds = Seconds()
+    with seconds.measure("shot"):
+        shot = load_shot(path, solver=options.solver)
+    if shot.settings.threads is None:
+        shot = replace(shot, settings=replace(shot.settings, threads=options.threads))
+    blender = None if options.load_blender is None else options.load_blender()
+    run_track(shot, out, blender=blender, progress=progress, seconds=seconds)
+    report = json.loads((out / "report.json").read_text(encoding="utf-8"))
+    errors = [error for performer in report["performers"] for error in performer["expected_error"] if error is not None]
+    return {
+        "expected_error": round(fmean(errors), 1) if any(errors) else None,
+        "seconds": report["seconds_total"],
+        "warnings": tuple(report_lines(report)),
+    }
+
+
+def shot_digest(path: Path, options: BatchOptions) -> str:
+    """A text that changes with what the results of a shot depend on: its files, the options, and the program's version.
+
+    Small files count whole, footage by its size, its beginning and its end.
+
+    Raises
+    ------
+    InputError
+        The shot file cannot be read.
+    """
+    spec = read_shot_spec(path)
+    sha = hashlib.sha256(repr((options.solver, options.load_blender is None, _version())).encode())
+    for file in (path, *_files(spec)):
+        sha.update(file.name.encode())
+        sha.update(_content(file))
+    return sha.hexdigest()
+
+
+def _version() -> str:
+    try:
+        return metadata.version("kfmocap")
+    except metadata.PackageNotFoundError:
+        return ""
+
+
+def _files(spec: ShotSpec) -> Iterator[Path]:
+    """The files that a shot names; those of a folder or an image sequence one by one."""
+    named = [spec.calibration]
+    named += [file for view in spec.views for file in (view.footage, view.keypoints) if file is not None]
+    named += [file for person in spec.performers for file in (person.landmarks, person.keyposes) if file is not None]
+    for path in named:
+        images = image_files(path)
+        if images is not None:
+            yield from (images[number] for number in sorted(images))
+        elif path.is_dir():
+            yield from (file for file in sorted(path.rglob("*")) if file.is_file())
+        else:
+            yield path
+
+
+def _content(file: Path) -> bytes:
+    """What counts of a file's content; nothing of one that cannot be read: tracking the shot says so."""
+    try:
+        with file.open("rb") as stream:
+            head, size = stream.read(_HEAD), file.stat().st_size
+            stream.seek(max(_HEAD, size - _HEAD))
+            return head + stream.read() + str(size).encode()
+    except OSError:
+        return b""
