@@ -16,7 +16,7 @@ from ..core.review.track_report import report_lines
 from ..core.runtime.files import write_json
 from ..core.runtime.progress import Progress
 from ..core.runtime.timing import Seconds
-from ..core.shot.footage import image_files
+from ..core.shot.image_sequences import image_files
 from ..core.shot.shot_spec import ShotSpec
 from ..core.tracking.prepare import load_shot
 from .services import BlenderSession
