@@ -5,12 +5,15 @@ Blender lays out areas that were split or closed only when it draws the next tim
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import partial
 from typing import Any, Literal
 
 import bpy
 
+Box = tuple[int, int, int, int]
+"""Left, bottom, right and top, pixels of the window."""
 MOST = 4
 SIDEBAR_TAB = "KF Mocap"
 """Name of the tab of the sidebar that holds all panels."""
@@ -39,7 +42,10 @@ def show_keys(context: bpy.types.Context) -> None:
 
     By default they show those of bones that are selected in pose mode alone: none, after a shot is loaded.
     """
-    for area in context.screen.areas if context.window is not None and context.screen is not None else ():
+    if context.window is None or context.screen is None:
+        return
+    context.window.scene.show_keys_from_selected_only = False  # of the timeline
+    for area in context.screen.areas:
         if area.type != "DOPESHEET_EDITOR":
             continue
         area.spaces.active.dopesheet.show_only_selected = False
@@ -127,7 +133,61 @@ def _through_camera(window: bpy.types.Window, screen: bpy.types.Screen, area: bp
     space = area.spaces.active
     space.region_3d.view_perspective = "CAMERA"
     space.shading.wireframe_color_type = "OBJECT"  # the parts are white
+    space.show_gizmo_navigate = False  # it lies over the footage
     _fit(window, screen, area, bpy.ops.view3d.view_center_camera)
+    region = _region(area)
+    if region.width > 1 and region.height > 1:
+        render = window.scene.render
+        aspect = render.resolution_x * render.pixel_aspect_x / (render.resolution_y * render.pixel_aspect_y)
+        over = [r for r in area.regions if r.type != "WINDOW" and r.width > 1 and r.height > 1]
+        free = free_box(_box(region), [_box(other) for other in over])
+        zoom, offset = framing(_box(region), free, aspect, space.region_3d.view_camera_zoom)
+        space.region_3d.view_camera_zoom, space.region_3d.view_camera_offset = zoom, offset
+
+
+def free_box(region: Box, others: Sequence[Box]) -> Box:
+    """What bars and sidebars leave free of a region that they lie over (Blender's setting Region Overlap)."""
+    left, bottom, right, top = region
+    for x0, y0, x1, y1 in others:
+        if min(x1, region[2]) <= max(x0, region[0]) or min(y1, region[3]) <= max(y0, region[1]):
+            continue  # it lies beside the region
+        if y1 - y0 > x1 - x0:  # upright: at one of the sides
+            left, right = (max(left, x1), right) if x0 <= region[0] else (left, min(right, x0))
+        else:
+            bottom, top = (max(bottom, y1), top) if y0 <= region[1] else (bottom, min(top, y0))
+    return (left, bottom, right, top) if left < right and bottom < top else region
+
+
+def framing(region: Box, free: Box, aspect: float, zoom: float) -> tuple[float, tuple[float, float]]:
+    """The zoom and the offset of a camera's view that bring its picture into the free part of a region.
+
+    Parameters
+    ----------
+    region, free : tuple of int
+        Left, bottom, right and top, pixels.
+    aspect : float
+        Width of the picture by its height.
+    zoom : float
+        Blender's zoom at which the picture fills the region (view_center_camera).
+
+    Returns
+    -------
+    zoom : float
+    offset : tuple of float
+        Blender's: the picture moves to the left and down by 2 * scale * offset of the region's size, where scale is
+        (sqrt(2) + zoom / 50)^2 / 4.
+    """
+    width, height = region[2] - region[0], region[3] - region[1]
+    shown = min(width, height * aspect)
+    fitting = min(free[2] - free[0], (free[3] - free[1]) * aspect)
+    root = (math.sqrt(2) + zoom / 50) * math.sqrt(min(1.0, fitting / shown))
+    scale = root**2 / 4
+    moved = [((free[i] + free[i + 2]) - (region[i] + region[i + 2])) / 2 for i in (0, 1)]
+    return 50 * (root - math.sqrt(2)), (-moved[0] / (2 * scale * width), -moved[1] / (2 * scale * height))
+
+
+def _box(region: bpy.types.Region) -> Box:
+    return region.x, region.y, region.x + region.width, region.y + region.height
 
 
 def _fit(window: bpy.types.Window, screen: bpy.types.Screen, area: bpy.types.Area, operator: Any) -> None:

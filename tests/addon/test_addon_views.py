@@ -16,6 +16,7 @@ from kfmocap.core.cameras.camera import Camera  # noqa: E402
 from kfmocap.core.errors import CalibrationError, FootageError  # noqa: E402
 from kfmocap.core.shot.shot import View  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import distortion, footage_background, scene, view_cameras  # noqa: E402
+from kfmocap.kfmocap_addon.viewports import screens  # noqa: E402
 from mathutils import Vector  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
@@ -221,3 +222,21 @@ def test_a_view_that_lost_its_camera_or_footage_is_named(tmp_path):
     bpy.data.objects.remove(slot.camera)
     with pytest.raises(CalibrationError, match=r"view cam01.*gone"):
         view_cameras.read_views(bpy.context.scene, 1, 5)
+
+
+def test_the_picture_stays_clear_of_bars_and_sidebars_that_lie_over_it():
+    """Sizes as in Blender 5.2: 1180 x 786 pixels, tools at the left, the sidebar at the right, two headers above."""
+    region, zoom = (2, 87, 1182, 873), 29.12
+    bars = [(2, 846, 1182, 873), (2, 819, 1182, 846), (2, 87, 60, 819), (890, 87, 1182, 819), (0, 0, 1182, 86)]
+    free = screens.free_box(region, bars)
+    assert free == (60, 87, 890, 819)
+    for aspect in (16 / 9, 9 / 16):
+        new, offset = screens.framing(region, free, aspect, zoom)
+        scale = (2**0.5 + new / 50) ** 2 / 4
+        width = min(1180, 786 * aspect) * scale
+        centre = [(region[i] + region[i + 2]) / 2 - 2 * scale * offset[i] * (region[i + 2] - region[i]) for i in (0, 1)]
+        assert centre[0] - width / 2 >= 59 and centre[0] + width / 2 <= 891
+        assert centre[1] - width / aspect / 2 >= 86 and centre[1] + width / aspect / 2 <= 820
+        assert min(830 / width, 732 * aspect / width) == pytest.approx(1, abs=0.01)
+    assert screens.free_box(region, []) == region
+    assert screens.framing(region, region, 16 / 9, zoom) == (pytest.approx(zoom), (0.0, 0.0))
