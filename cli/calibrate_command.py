@@ -9,7 +9,8 @@ from ..core.calibration.api import calibrate
 from ..core.calibration.calibration_report import REPORT_FILES, write_report
 from ..core.calibration.calibration_result import CalibrationResult
 from ..core.errors import KFMocapError
-from ..core.fitting.camera_refinement import Refinement, refine_cameras
+from ..core.fitting.camera_refinement import Refinement
+from ..core.fitting.shot_cameras import refine_shot_cameras
 from ..core.formats.calibration_files import export_cameras, format_name
 from ..core.formats.marker_points import write_marker_points
 from ..core.formats.shot_toml import read_shot_spec
@@ -121,7 +122,7 @@ def refine_shot(shot_path: Path, out: Path, progress: Progress | None = None, *,
     Raises
     ------
     KFMocapError
-        See `prepare_shot` and `refine_cameras`; nothing was written then.
+        See `prepare_shot` and `refine_shot_cameras`; nothing was written then.
     OutputError
         The calibration cannot be written; raised before the work where this can be seen.
     """
@@ -129,6 +130,6 @@ def refine_shot(shot_path: Path, out: Path, progress: Progress | None = None, *,
     with replacing(out) as calibration:
         spec = read_shot_spec(shot_path)
         cameras = read_shot_cameras(spec)
-        refinement = refine_cameras(prepare_shot(spec), progress)
+        refinement = refine_shot_cameras(prepare_shot(spec), progress)
         export_cameras(calibration, cameras | refinement.cameras, kind)
     return refinement

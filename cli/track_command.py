@@ -9,7 +9,11 @@ from pathlib import Path
 from typing import Literal
 
 from ..core.body import landmark_positions
+from ..core.cameras.camera import Camera
 from ..core.errors import ShotError
+from ..core.fitting.camera_refinement import Refinement
+from ..core.fitting.shot_cameras import camera_fits, checked_frames, refine_shot_cameras
+from ..core.formats.toml_cameras import save_cameras
 from ..core.formats.trc import write_trc
 from ..core.review.overlay import contact_sheet, sheet_frames, write_contact_sheet
 from ..core.review.track_report import report, report_lines
@@ -27,6 +31,10 @@ from .printed import print_outcome
 from .progress_bar import progress_bar
 from .services import BlenderSession, Services
 
+REFINING = 0.2
+"""Share of the work that is refining the cameras, where that is asked for."""
+REFINED = "refined.toml"
+
 
 def run(args: argparse.Namespace, services: Services) -> int:
     """Carry out the command; returns the exit code."""
@@ -35,9 +43,20 @@ def run(args: argparse.Namespace, services: Services) -> int:
     seconds = Seconds()
     with seconds.measure("shot"):
         shot = _shot(args, services)
+    refined = None
     with progress_bar() as progress:
+        if args.refine:
+            with seconds.measure("refining cameras"):
+                refined = refine_shot_cameras(shot, share(progress, 0.0, REFINING))
+                shot = refined.applied(shot) if args.shot is None else _shot(args, services, refined.cameras)
         files = run_track(
-            shot, args.out, blender=blender, progress=progress, seconds=seconds, open_scene=args.shot is None
+            shot,
+            args.out,
+            blender=blender,
+            progress=share(progress, REFINING, 1.0) if args.refine else progress,
+            seconds=seconds,
+            open_scene=args.shot is None,
+            refined=refined,
         )
     with results_are_written():
         print_outcome(files, report_lines(json.loads((args.out / "report.json").read_text(encoding="utf-8"))))
@@ -52,6 +71,7 @@ def run_track(
     progress: Progress | None = None,
     seconds: Mapping[str, float] | None = None,
     open_scene: bool = False,
+    refined: Refinement | None = None,
 ) -> list[Path]:
     """Track a shot; write NAME.trc, overlay.png and report.json, and with Blender NAME.bvh, NAME.fbx and shot.blend.
 
@@ -67,6 +87,8 @@ def run_track(
         Seconds of earlier stages, for the report.
     open_scene : bool
         The shot was read from Blender's open scene: shot.blend is then a copy of the open file with the motion.
+    refined : Refinement, optional
+        How the shot's cameras were refined: they are written as well, as refined.toml.
 
     Returns
     -------
@@ -88,10 +110,13 @@ def run_track(
     endings = (".trc",) if blender is None else (".trc", ".bvh", ".fbx")
     scene = () if blender is None else ("shot.blend",)
     names = [f"{name}{ending}" for name in motions for ending in endings]
-    with staged(out_dir, [*names, *scene, "overlay.png", "report.json"]) as stage:
+    cameras = () if refined is None else (REFINED,)
+    with staged(out_dir, [*names, *scene, *cameras, "overlay.png", "report.json"]) as stage:
         shown = sheet_frames(shot)
-        result = track(shot, share(progress, 0.0, 0.95), pictures=shown)
+        result = track(shot, share(progress, 0.0, 0.9), pictures=sorted({*shown, *checked_frames(shot)}))
         times = Seconds(seconds or {})
+        with times.measure("camera check"):
+            fits = camera_fits(shot, result)
         with times.measure("overlay"):
             _write_landmarks(shot, result, [stage / f"{name}.trc" for name in motions])
             in_step, drawing = shot.with_footage_offset(result.footage_offset), share(progress, 0.95, 1.0)
@@ -100,17 +125,19 @@ def run_track(
         if blender is not None:
             with times.measure("Blender"):
                 blender.write_outputs(shot, result, stage, home=out_dir, open_scene=open_scene)
-        write_json(stage / "report.json", report(shot, result, times))
+        if refined is not None:
+            save_cameras(stage / REFINED, refined.cameras)
+        write_json(stage / "report.json", report(shot, result, times, fits=fits, refined=refined))
         written = sorted(file.name for file in stage.iterdir())
     return [out_dir / name for name in written]
 
 
-def _shot(args: argparse.Namespace, services: Services) -> Shot:
-    """Read the shot of the file or, inside Blender, of the open scene."""
+def _shot(args: argparse.Namespace, services: Services, cameras: Mapping[str, Camera] | None = None) -> Shot:
+    """Read the shot of the file or, inside Blender, of the open scene; `cameras` are used instead of the file's."""
     views = None if args.views is None else [name for name in args.views.split(",") if name]
     keyframes = _keyframes(args.keyframes)
     if args.shot is not None:
-        return load_shot(args.shot, views=views, keyframes=keyframes, solver=args.solver)
+        return load_shot(args.shot, views=views, keyframes=keyframes, solver=args.solver, cameras=cameras)
     if not services.in_blender:
         raise ShotError("no shot file is named", where="kfmocap track", todo="kfmocap track SHOT.toml --out DIR")
     return selected(services.blender().read_shot(), views, keyframes, args.solver)

@@ -97,6 +97,10 @@ class KFMocapView(bpy.types.PropertyGroup):
         description="The camera's place and lens are known. Tick this after placing the camera by hand",
     )
 
+    misfit: bpy.props.StringProperty(
+        name="Misfit", description="How far the camera is off the key poses or the other cameras; empty where it fits"
+    )
+
     @property
     def is_calibrated(self) -> bool:
         """Whether its camera is known, also from a tracker of Blender's that moves it."""

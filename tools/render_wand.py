@@ -18,7 +18,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from kfmocap.core.formats import save_cameras
-from render.waving import WandTake, lframe_pictures, wand_pictures
+from render.waving import WandTake, lframe_pictures, vga_take, wand_pictures
 
 
 def write_take(take: WandTake, out: Path) -> Path:
@@ -50,7 +50,8 @@ def description(take: WandTake) -> str:
     offsets = ", ".join(f"{offset:g}" for offset in take.offsets)
     return (
         f"# frame f of the take is the cameras' video frames f + {offsets}\n\n"
-        f'[lframe]\ncolour = "red"\npoints = {take.lframe_points.tolist()}\ndiameter = {take.diameter}\n\n'
+        f'[lframe]\ncolour = "red"\npoints = {take.lframe_points.tolist()}\n'
+        f"diameter = {take.lframe_diameter or take.diameter}\n\n"
         f"[wand]\ncolours = {list(take.colours)}\nlength = {take.length}\ndiameter = {take.diameter}\n{views}"
     )
 
@@ -60,7 +61,8 @@ def arguments() -> argparse.ArgumentParser:
     form = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=form)
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--frames", type=int, default=WandTake.frames)
+    parser.add_argument("--vga", action="store_true", help="640 x 480 pixels, balls of 4 to 5 pixels, red books about")
+    parser.add_argument("--frames", type=int)
     parser.add_argument(
         "--colours", default=",".join(WandTake.colours), help="colours of the wand's balls: two, or one for both"
     )
@@ -71,8 +73,12 @@ def arguments() -> argparse.ArgumentParser:
 def main() -> None:
     """Render the take and print the path of its capture file."""
     args = arguments().parse_args()
+    take = vga_take() if args.vga else WandTake()
     take = dataclasses.replace(
-        WandTake(), frames=args.frames, colours=tuple(args.colours.split(",")), distractors=not args.plain
+        take,
+        frames=args.frames or take.frames,
+        colours=tuple(args.colours.split(",")),
+        distractors=take.distractors and not args.plain,
     )
     print(write_take(take, args.out))
 

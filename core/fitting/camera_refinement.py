@@ -8,10 +8,13 @@ the colours of performers and background are learned anew on the way. See `core.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
+from scipy.stats import f as f_distribution
 
 from ..body.time_shift import poses_after
 from ..cameras.camera import Camera
@@ -28,6 +31,8 @@ from .resection import CameraEquations, CameraState, camera_equations
 
 SETTLED = 0.05
 """A stage ends when no camera moves the body's picture by more than this, pixels of the reduced frames."""
+CHANCE = 1e-3
+"""How rarely a camera that fits is called one that does not."""
 LOST = 0.3
 """A view that shows the performers' outlines less clearly than this beside the model's stays as it was: they are
 elsewhere."""
@@ -59,6 +64,8 @@ class RefinedCamera:
         Standard deviation of the focal length, relative.
     clearness : float
         How clearly it shows the performers' outlines where the key poses are, 0 to 1.
+    limit : float
+        Shifts up to this are what inexact key poses and outlines make of a camera that fits, pixels.
     """
 
     camera: Camera
@@ -68,6 +75,7 @@ class RefinedCamera:
     rotation_deviation: float
     focal_deviation: float
     clearness: float
+    limit: float = np.inf
 
     @property
     def lost(self) -> bool:
@@ -109,7 +117,13 @@ class Refinement:
 
 
 @one_blas_thread()
-def refine_cameras(shot: Shot, progress: Progress | None = None) -> Refinement:
+def refine_cameras(
+    shot: Shot,
+    progress: Progress | None = None,
+    *,
+    views: Sequence[KeyFrameView] | None = None,
+    stages: Sequence[RefinementStage] = STAGES,
+) -> Refinement:
     """Refine the pose and the focal length of every camera of a shot from its key poses of the whole body.
 
     The key poses tell where the world is: they stay as they are. A moving camera is moved and turned alike on all
@@ -120,6 +134,10 @@ def refine_cameras(shot: Shot, progress: Progress | None = None) -> Refinement:
     shot : Shot
     progress : callable, optional
         See `core.runtime.progress.Progress`; returning False cancels.
+    views : sequence of KeyFrameView, optional
+        What the views show of frames with key poses of the whole body; by default of all of these, read from the
+        footage.
+    stages : sequence of RefinementStage
 
     Raises
     ------
@@ -129,27 +147,28 @@ def refine_cameras(shot: Shot, progress: Progress | None = None) -> Refinement:
         See `core.tracking.tracker.track`.
     CancelledError
     """
-    todo = "pose the whole body on some frames first"
-    missing = CalibrationError("cameras are refined from key poses of the whole body, and there is none", todo=todo)
-    frames = posed_key_frames(shot, missing)
-    views = read_key_frames(shot, frames, progress)
-    start = _start(shot, views, frames)
+    if views is None:
+        todo = "pose the whole body on some frames first"
+        missing = CalibrationError("cameras are refined from key poses of the whole body, and there is none", todo=todo)
+        views = read_key_frames(shot, posed_key_frames(shot, missing), progress)
+    frames, shown = views[0].frames, views
+    start = _start(shot, shown, frames)
 
     def linearise(state: CameraState, stage: RefinementStage) -> CameraEquations:
-        return camera_equations(state, stage, views, shot.settings.outline_correlation)
+        return camera_equations(state, stage, shown, shot.settings.outline_correlation)
 
     def largest_shift(before: CameraState, after: CameraState) -> float:
-        return max(_shift(before, after, view, v) / view.factor for v, view in enumerate(views))
+        return max(_shift(before, after, view, v) / view.factor for v, view in enumerate(shown))
 
     problem = OutlineProblem(
         linearise, CameraState.moved, lambda state, equations: equations.cost_at(state), largest_shift, SETTLED
     )
-    result = coarse_to_fine(start, problem, STAGES, "refining cameras", progress)
+    result = coarse_to_fine(start, problem, stages, "refining cameras", progress)
     equations = result.linearised()
     covariance = equations.factor().covariance()
     states = start, result.state
     refined = tuple(
-        _described(states, view, v, float(equations.clearness[v]), covariance) for v, view in enumerate(views)
+        _described(states, view, v, float(equations.clearness[v]), covariance) for v, view in enumerate(shown)
     )
     if all(view.lost for view in refined):
         todo = "see that the key poses lie on the performers"
@@ -157,7 +176,7 @@ def refine_cameras(shot: Shot, progress: Progress | None = None) -> Refinement:
     return Refinement(refined, frames)
 
 
-def _start(shot: Shot, views: list[KeyFrameView], frames: NDArray[np.int64]) -> CameraState:
+def _start(shot: Shot, views: Sequence[KeyFrameView], frames: NDArray[np.int64]) -> CameraState:
     """The cameras, bodies and key poses as they are."""
     curves = [spline(performer.key_poses, shot.length) for performer in shot.performers]
     motions = {view.delay: tuple(poses_after(curves, view.delay, frames)) for view in views}
@@ -184,15 +203,32 @@ def _described(
     columns = state.camera_columns(v)
     own = covariance[np.ix_(columns, columns)]
     rows = _picture_rows(on_frames(state.cameras[v].rectified(), view.frames), state.joints(view.delay))
+    picture = np.einsum("nij,nik->jk", rows, rows) / max(len(rows), 1)
+    shares = np.maximum(np.linalg.eigvals(picture @ own).real, 0)
+    variance = float(shares.sum()) if len(rows) else np.inf
     return RefinedCamera(
         state.cameras[v],
         _shift(start, state, view, v),
-        float(np.sqrt(np.einsum("nij,jk,nik->", rows, own, rows) / len(rows))) if len(rows) else np.inf,
+        float(np.sqrt(variance)),
         float(np.sqrt(np.linalg.eigvalsh(own[:3, :3])[-1])),
         float(np.sqrt(np.linalg.eigvalsh(own[3:6, 3:6])[-1])),
         float(np.sqrt(own[6, 6])),
         clearness,
+        float(np.sqrt(variance * chance_quantile(shares))),
     )
+
+
+def chance_quantile(shares: Array, samples: int | None = None) -> float:
+    """How many times its mean a squared shift is at most by chance, in all but `CHANCE` of the cases.
+
+    The sum of squares of independent normal errors with these variances is distributed nearly as a multiple of chi
+    squared with fewer degrees of freedom (F. E. Satterthwaite, An approximate distribution of estimates of variance
+    components, Biometrics Bulletin 2, 1946); of F where the variances were estimated from few samples themselves.
+    """
+    degrees = max(float(shares.sum()) ** 2 / max(float((shares**2).sum()), 1e-300), 1.0)
+    if samples is None:
+        return float(chi2.ppf(1 - CHANCE, degrees)) / degrees
+    return float(f_distribution.ppf(1 - CHANCE, degrees, samples - 1))
 
 
 def _picture_rows(camera: Camera, points_world: Array) -> Array:

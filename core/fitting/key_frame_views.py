@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras.camera import Camera
+from ..cameras.camera import Camera, reduced_size
 from ..errors import KFMocapError
 from ..runtime.progress import Progress, report_progress
 from ..shot.footage import check_view, frames_at, shown_delay, working_factor
@@ -80,6 +81,29 @@ def read_key_frames(shot: Shot, frames: NDArray[np.int64], progress: Progress | 
         check_view(view, shot.frames[0], shot.length)
         report_progress(progress, "footage", v / len(shot.views))
         found.append(_read(view, shot, frames))
+    return found
+
+
+def pictured_key_frames(
+    shot: Shot, frames: NDArray[np.int64], pictures: Sequence[Mapping[int, NDArray[np.uint8]]]
+) -> list[KeyFrameView]:
+    """Make key frames of pictures that are at hand, reduced as those that are read.
+
+    Parameters
+    ----------
+    shot : Shot
+        Whose cameras have no lens distortion.
+    frames : ndarray of int, shape (K,)
+    pictures : sequence of mappings
+        Per view, by shot frame, rectified and not smaller than the frames to work on: `TrackResult.pictures`.
+    """
+    found = []
+    for view, images in zip(shot.views, pictures, strict=True):
+        factor = working_factor(view, shot.settings.working_size)
+        size = reduced_size(view.camera.size, factor)
+        reduced = [cv2.resize(images[int(frame)], size, interpolation=cv2.INTER_AREA) for frame in frames]
+        delay = shown_delay(view, shot.settings)
+        found.append(KeyFrameView(frames, np.stack(reduced).astype(np.uint8, copy=False), factor, delay))
     return found
 
 

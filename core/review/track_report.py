@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
@@ -19,13 +19,22 @@ from ..tracking.uncertainty import expected_errors
 from .suggestions import suggest_keys_beside_hidden, suggest_keys_by_error
 
 if TYPE_CHECKING:
+    from ..fitting.camera_refinement import RefinedCamera, Refinement
+    from ..fitting.shot_cameras import CameraFit
     from ..keypoints.observations import PerformerKeypoints
     from ..tracking.track_result import TrackResult
 
 WORST_FRAMES = 10
 
 
-def report(shot: Shot, result: TrackResult, seconds: Mapping[str, float] | None = None) -> dict[str, Any]:
+def report(
+    shot: Shot,
+    result: TrackResult,
+    seconds: Mapping[str, float] | None = None,
+    *,
+    fits: Sequence[CameraFit] = (),
+    refined: Refinement | None = None,
+) -> dict[str, Any]:
     """Summarise a tracking job as plain values for JSON.
 
     Parameters
@@ -34,6 +43,10 @@ def report(shot: Shot, result: TrackResult, seconds: Mapping[str, float] | None 
     result : TrackResult
     seconds : mapping, optional
         Seconds of further stages, beside those of `result`.
+    fits : sequence of CameraFit
+        How well the cameras fit, as far as they were compared.
+    refined : Refinement, optional
+        How the cameras of the shot were refined before it was tracked.
 
     Returns
     -------
@@ -77,6 +90,8 @@ def report(shot: Shot, result: TrackResult, seconds: Mapping[str, float] | None 
                 "fields": view.fields,
                 "keypoints": str(view.keypoints) if view.keypoints else None,
                 "skipped": list(result.observed.skipped[v]) if result.observed.skipped else [],
+                "fits": [_camera_fit(fit) for fit in fits if fit.camera == view.camera.name],
+                "refined": None if refined is None else _refined_camera(refined.views[v]),
             }
             for v, view in enumerate(shot.views)
         ],
@@ -144,6 +159,24 @@ def _keypoints(shot: Shot, own: PerformerKeypoints) -> dict[str, Any]:
     }
 
 
+def _camera_fit(fit: CameraFit) -> dict[str, Any]:
+    """How well a camera fits, in pixels."""
+    return {
+        "by": fit.by,
+        "off": fit.off,
+        "shift": round(fit.shift, 1),
+        "deviation": round(fit.deviation, 1),
+        "limit": round(fit.limit, 1),
+        "summary": fit.summary,
+    }
+
+
+def _refined_camera(found: RefinedCamera) -> dict[str, Any]:
+    """How a camera was refined, in pixels; the deviation is None where nothing showed it."""
+    deviation = round(found.deviation, 1) if np.isfinite(found.deviation) else None
+    return {"shift": round(found.shift, 1), "deviation": deviation, "lost": found.lost}
+
+
 def _spans(names: list[str], hidden: NDArray[np.bool_], first: int) -> dict[str, list[list[int]]]:
     """Intervals of the parts that are hidden on some frames (F, P); the shot's frame 0 is frame `first`."""
     spans = {name: intervals(hidden[:, p], first) for p, name in enumerate(names)}
@@ -157,6 +190,12 @@ def report_lines(values: Mapping[str, Any]) -> list[str]:
     if offset and values["settings"]["footage_offset"] is None:
         when = f"{abs(offset):.2f} frames {'later' if offset > 0 else 'earlier'}"
         lines.append(f"the footage shows the key poses {when} than on their frames; the motion allows for it")
+    for view in values["views"]:
+        if view["refined"]:
+            lines.append(f"{view['camera']}: refined, its picture moved by {view['refined']['shift']:.1f} px")
+    off = [fit["summary"] for view in values["views"] for fit in view["fits"] if fit["off"]]
+    if off:
+        lines += [*off, "refine the cameras: kfmocap track --refine, or Refine Cameras in Blender"]
     for performer in values["performers"]:
         counts = [f"{part} {sum(b + 1 - a for a, b in spans)}" for part, spans in performer["unseen"].items()]
         if counts:

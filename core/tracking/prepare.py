@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -37,13 +37,20 @@ def load_shot(
     views: Sequence[str] | None = None,
     keyframes: Sequence[int] | Literal["auto"] | None = None,
     solver: str | None = None,
+    cameras: Mapping[str, Camera] | None = None,
 ) -> Shot:
     """Read a shot file and prepare its shot; see `ShotSpec.selected` and `prepare_shot`."""
-    return prepare_shot(read_shot_spec(path).selected(views=views, keyframes=keyframes, solver=solver))
+    return prepare_shot(read_shot_spec(path).selected(views=views, keyframes=keyframes, solver=solver), cameras)
 
 
-def prepare_shot(spec: ShotSpec) -> Shot:
+def prepare_shot(spec: ShotSpec, cameras: Mapping[str, Camera] | None = None) -> Shot:
     """Read all that a shot file names but the footage's pictures, and make bodies and key poses of it.
+
+    Parameters
+    ----------
+    spec : ShotSpec
+    cameras : mapping of str to Camera, optional
+        Used instead of those of the same names in the calibration.
 
     Returns
     -------
@@ -55,7 +62,7 @@ def prepare_shot(spec: ShotSpec) -> Shot:
     ShotError, CalibrationError, FootageError, LandmarkError, KeypointError, BodyError
         One message that names the file and the field.
     """
-    cameras = read_shot_cameras(spec)
+    cameras = read_shot_cameras(spec) | dict(cameras or {})
     views = tuple(_view(view, cameras) for view in spec.views)
     for view in views:
         with located(f"{spec.path} [[view]] '{view.camera.name}' footage"):

@@ -16,21 +16,21 @@ if TYPE_CHECKING:
 
 
 class RefineCameras(Conditional, JobOperator, bpy.types.Operator):
-    """Move, turn and zoom the cameras a little, until your key poses of the whole body lie on the performers in the
-    footage. The key poses stay as they are. Esc cancels"""
+    """Move, turn and zoom the cameras a little, until they agree on the keypoints that they share, and your key poses
+    of the whole body lie on the performers in the footage. The key poses stay as they are. Esc cancels"""
 
     bl_idname = "kfmocap.refine_cameras"
     bl_label = "Refine Cameras"
     conditions = (has_shot,)
 
     def prepare(self, context: bpy.types.Context) -> Work:
-        from ...core.fitting.camera_refinement import refine_cameras
+        from ...core.fitting.shot_cameras import refine_shot_cameras
         from ..scene_io import camera_poses
         from ..scene_io import scene as scenes
 
         shot = scenes.shot_from_scene(context.scene)
         camera_poses.check_can_be_placed(context.scene.kfmocap.views)
-        return partial(refine_cameras, shot)
+        return partial(refine_shot_cameras, shot)
 
     def finish(self, context: bpy.types.Context, result: Refinement) -> None:
         from ..scene_io import view_cameras

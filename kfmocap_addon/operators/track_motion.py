@@ -15,9 +15,9 @@ from .reporting import reported
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from ...core.fitting.shot_cameras import CheckedTrack
     from ...core.shot.shot import Shot
     from ...core.tracking.segments import Segment
-    from ...core.tracking.track_result import TrackResult
 
 
 def _has_key_poses(context: bpy.types.Context) -> str:
@@ -45,7 +45,7 @@ class Tracking(Conditional, JobOperator):
     def prepare(self, context: bpy.types.Context) -> Work:
         """Read the shot and choose what to track."""
         from ...core.errors import ShotError
-        from ...core.tracking.retracking import track_excerpts
+        from ...core.fitting.shot_cameras import track_and_check
         from ..scene_io import scene as scenes
         from ..scene_io import tracked_segments
 
@@ -55,18 +55,22 @@ class Tracking(Conditional, JobOperator):
             raise ShotError("there is nothing to track", where=self.bl_label)
         parts = tracked_segments.excerpts(context.scene, shot, chosen)
         self._asked = context.scene.name, shot, parts
-        return partial(track_excerpts, shot, parts)
+        return partial(track_and_check, shot, parts)
 
-    def finish(self, _context: bpy.types.Context, results: Sequence[TrackResult]) -> None:
-        """Write the tracked motion into the scene."""
+    def finish(self, _context: bpy.types.Context, tracked: CheckedTrack) -> None:
+        """Write the tracked motion into the scene, and which cameras do not fit."""
         from ...core.errors import ShotError
-        from ..scene_io import tracked_segments
+        from ..scene_io import tracked_segments, view_cameras
 
         name, shot, parts = self._asked
         scene: bpy.types.Scene | None = bpy.data.scenes.get(name)
         if scene is None:
             raise ShotError("the scene is gone", where=f"scene {name}")
+        results = tracked.results
         tracked_segments.write(scene, shot, parts, results)
+        if tracked.fits is not None:
+            for line in view_cameras.show_fits(scene.kfmocap.views, tracked.fits):
+                self.report({"WARNING"}, f"{line}. Refine Cameras may help")
         frames = sum(part.last + 1 - part.first for part in parts)
         seconds = sum(sum(result.seconds.values()) for result in results)
         self.report({"INFO"}, f"Tracked {frames} frames in {seconds:.1f} s")

@@ -28,6 +28,12 @@ class FootagePanel(Section, bpy.types.Panel):
             column = layout.column(align=True)
             column.operator(ImportCalibration.bl_idname, icon="IMPORT")
             column.operator(UseSceneCameras.bl_idname, icon="CAMERA_DATA")
+        off = [f"{view.name}: {view.misfit}" for view in shot.views if view.misfit]
+        if off:
+            column = layout.column(align=True)
+            for text in off:
+                column.label(text=text, icon="ERROR")
+            column.operator(RefineCameras.bl_idname, icon="CON_CAMERASOLVER")
         layout.use_property_split, layout.use_property_decorate = True, False
         column = layout.column(align=True)
         column.prop(shot, "shot", text="Name")

@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import bpy
 
@@ -15,6 +17,9 @@ from ...core.numerics.arrays import Array
 from ...core.shot.image_sequences import image_files
 from ...core.shot.shot import View
 from . import camera_poses, distortion, footage_background, scene_cameras
+
+if TYPE_CHECKING:
+    from ...core.fitting.shot_cameras import CameraFit
 
 
 def build_view(
@@ -52,12 +57,20 @@ def build_view(
 def show_camera(slot: bpy.types.PropertyGroup, camera: Camera, frame_start: int) -> None:
     """Give a view's camera object and its footage the pose and the lens of a camera."""
     frame = scene_cameras.show_camera_on(slot.camera, camera, frame_start)
-    slot.size, slot.aspect = frame.size, frame.aspect
+    slot.size, slot.aspect, slot.misfit = frame.size, frame.aspect, ""
     slot.distortions = (
         ""
         if distortion.fits_brown_model(camera.distortions, camera.fisheye)
         else scene_cameras.packed_distortions(camera)
     )
+
+
+def show_fits(slots: Iterable[bpy.types.PropertyGroup], fits: Sequence[CameraFit]) -> list[str]:
+    """Show which views' cameras do not fit; returns what is to be said about them."""
+    off = {fit.camera: fit for fit in fits if fit.off}
+    for slot in slots:
+        slot.misfit = off[slot.name].brief if slot.name in off else ""
+    return [fit.summary for fit in off.values()]
 
 
 def adopt(slot: bpy.types.PropertyGroup, owner: bpy.types.Object, scene: bpy.types.Scene) -> None:

@@ -15,6 +15,7 @@ from kfmocap.core import fitting
 from kfmocap.core.errors import CalibrationError, CancelledError
 from kfmocap.core.fitting.camera_refinement import RefinedCamera, Refinement
 from kfmocap.core.fitting.resection import adjusted
+from kfmocap.core.fitting.shot_cameras import CameraFit
 from kfmocap.core.formats import load_cameras, save_cameras
 from kfmocap.core.shot.shot import Shot
 from test_command_line import folder as shot_folder  # noqa: F401
@@ -45,7 +46,7 @@ def test_the_command_writes_all_cameras_of_the_calibration(
     """Those of the shot's views refined, the others as they were."""
     [camera] = load_cameras(shot_folder / "calibration.toml").values()
     save_cameras(shot_folder / "calibration.toml", [camera, replace(camera, name="other")])
-    monkeypatch.setattr(calibrate_command, "refine_cameras", refined)
+    monkeypatch.setattr(calibrate_command, "refine_shot_cameras", refined)
     assert refine(shot_folder) == 0
     printed = capsys.readouterr()
     assert printed.out == f"{shot_folder / 'refined.toml'}\n"
@@ -61,7 +62,7 @@ def test_a_camera_that_is_lost_is_told(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(calibrate_command, "refine_cameras", lambda shot, progress: refined(shot, lost=(0,)))
+    monkeypatch.setattr(calibrate_command, "refine_shot_cameras", lambda shot, progress: refined(shot, lost=(0,)))
     assert refine(shot_folder) == 0
     assert "cam01: not changed" in capsys.readouterr().err
 
@@ -107,7 +108,7 @@ def test_the_refined_calibration_is_of_the_kind_asked_for(
     monkeypatch: pytest.MonkeyPatch,
     name: str,
 ) -> None:
-    monkeypatch.setattr(calibrate_command, "refine_cameras", refined)
+    monkeypatch.setattr(calibrate_command, "refine_shot_cameras", refined)
     assert refine(shot_folder, name) == 0
     [before], [after] = (load_cameras(shot_folder / n).values() for n in ("calibration.toml", name))
     np.testing.assert_allclose(after.t_cam_world, adjusted(before, STEP).t_cam_world, atol=1e-4)
@@ -122,7 +123,7 @@ def test_calibrating_needs_to_be_told_from_what(capsys: pytest.CaptureFixture[st
 bpy = pytest.importorskip("bpy")
 
 from addon_shots import blender, shot  # noqa: E402, F401
-from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import scene, view_cameras  # noqa: E402
 from test_addon_views import largest_difference  # noqa: E402
 
 in_blender = pytest.mark.blender
@@ -131,7 +132,7 @@ in_blender = pytest.mark.blender
 @pytest.fixture
 def refiner(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     """Stands in for the core: moves all cameras, but those that a test calls lost, or raises what it sets."""
-    stand_in = ModuleType("kfmocap.core.fitting.camera_refinement")
+    stand_in = ModuleType("kfmocap.core.fitting.shot_cameras")
     state = SimpleNamespace(lost=(), error=None)
 
     def refine_cameras(given: Shot, progress: object) -> Refinement:
@@ -140,9 +141,9 @@ def refiner(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
             raise state.error
         return refined(given, lost=state.lost)
 
-    stand_in.refine_cameras, stand_in.Refinement = refine_cameras, Refinement
-    monkeypatch.setitem(sys.modules, "kfmocap.core.fitting.camera_refinement", stand_in)
-    monkeypatch.setattr(fitting, "camera_refinement", stand_in)
+    stand_in.refine_shot_cameras = refine_cameras
+    monkeypatch.setitem(sys.modules, "kfmocap.core.fitting.shot_cameras", stand_in)
+    monkeypatch.setattr(fitting, "shot_cameras", stand_in)
     return state
 
 
@@ -162,6 +163,17 @@ def test_the_tool_moves_fixed_and_moving_cameras(blender, tmp_path, refiner):  #
         assert owner.data.lens == pytest.approx(truth.matrix[0, 0] * 36 / truth.size[0], rel=1e-6)
         [background] = owner.data.background_images
         assert background.clip.tracking.camera.focal_length_pixels == pytest.approx(truth.matrix[0, 0], rel=1e-6)
+
+
+@in_blender
+def test_a_camera_that_does_not_fit_is_shown_until_it_is_refined(blender, tmp_path, refiner):  # noqa: F811
+    scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    views = bpy.context.scene.kfmocap.views
+    fits = [CameraFit("cam01", "key poses", 14.6, 2.0, 5.0), CameraFit("cam02", "key poses", 1.0, 2.0, 5.0)]
+    assert view_cameras.show_fits(views, fits) == [fits[0].summary]
+    assert [view.misfit for view in views] == ["15 px off the key poses", ""]
+    bpy.ops.kfmocap.refine_cameras()
+    assert not any(view.misfit for view in views)
 
 
 @in_blender

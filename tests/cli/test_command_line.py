@@ -17,7 +17,10 @@ from kfmocap.core.body import human, landmark_positions
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import CancelledError, FootageError
-from kfmocap.core.formats import read_trc, save_cameras, write_trc
+from kfmocap.core.fitting.camera_refinement import RefinedCamera, Refinement
+from kfmocap.core.fitting.resection import adjusted
+from kfmocap.core.fitting.shot_cameras import CameraFit
+from kfmocap.core.formats import load_cameras, read_trc, save_cameras, write_trc
 from kfmocap.core.keypoints.observations import ShotKeypoints
 from kfmocap.core.numerics import rotations
 from kfmocap.core.review.suggestions import KeySuggestion
@@ -65,6 +68,9 @@ class Result:
         self.pictures = None
         self.footage_offset = 0.0
         self.observed = ShotKeypoints()
+
+
+STEP = np.array([0.02, 0, 0, 0.01, 0, 0, 0])
 
 
 @pytest.fixture
@@ -128,6 +134,47 @@ def test_the_report_is_json_with_times_and_versions(folder: Path) -> None:
     assert {"footage", "solve", "shot", "overlay"} <= set(report["seconds"])
     assert report["settings"]["solver"] == "relaxation"
     assert report["performers"][0]["worst_frames"][0]["frame"] == FRAMES - 1
+
+
+def test_cameras_that_do_not_fit_are_told_and_reported(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fits = (CameraFit("cam01", "keypoints", 3.0, 1.0, 5.0), CameraFit("cam01", "key poses", 12.4, 2.0, 5.0))
+    monkeypatch.setattr(track_command, "camera_fits", lambda *_: fits)
+    assert track(folder) == 0
+    assert capsys.readouterr().err.splitlines()[:2] == [
+        "kfmocap: cam01: its picture is 12 px off the key poses; up to 5 px could be chance",
+        "kfmocap: refine the cameras: kfmocap track --refine, or Refine Cameras in Blender",
+    ]
+    [view] = json.loads((folder / "out" / "report.json").read_text())["views"]
+    assert [fit["off"] for fit in view["fits"]] == [False, True] and view["fits"][1]["shift"] == 12.4
+    assert view["refined"] is None
+
+
+def test_refining_first_tracks_with_the_refined_cameras_and_writes_them(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refined(shot, _progress):
+        camera = adjusted(shot.views[0].camera, STEP)
+        return Refinement((RefinedCamera(camera, 7.5, 2.0, 0, 0, 0, clearness=1.0),), np.array([0]))
+
+    def tracked(shot, progress=None, pictures=()):
+        seen.append(shot.views[0].camera)
+        return Result(shot)
+
+    seen: list[Camera] = []
+    monkeypatch.setattr(track_command, "refine_shot_cameras", refined)
+    monkeypatch.setattr(track_command, "track", tracked)
+    [before] = load_cameras(folder / "calibration.toml").values()
+    assert track(folder, "--refine") == 0
+    captured = capsys.readouterr()
+    assert "kfmocap: cam01: refined, its picture moved by 7.5 px" in captured.err
+    assert str(folder / "out" / "refined.toml") in captured.out
+    [written] = load_cameras(folder / "out" / "refined.toml").values()
+    for camera in (written, seen[0]):
+        np.testing.assert_allclose(camera.t_cam_world, adjusted(before, STEP).t_cam_world)
+    [view] = json.loads((folder / "out" / "report.json").read_text())["views"]
+    assert view["refined"] == {"shift": 7.5, "deviation": 2.0, "lost": False}
 
 
 def test_what_no_camera_saw_is_told_beside_the_list_of_files(

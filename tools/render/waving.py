@@ -47,6 +47,15 @@ NOISE = 1.5
 """Standard deviation of the sensor noise, grey levels of 255."""
 
 
+VGA_CAMERAS = (
+    camera_looking_at("cam01", (-2.7, -2.9, 1.9), (0.1, 0.0, 0.75), 610.0, (-0.16, 0.04, 0.0, 0.0), (640, 480)),
+    camera_looking_at("cam02", (2.9, -2.7, 1.7), (-0.1, 0.1, 0.8), 640.0, (-0.10, 0.0, 0.0, 0.0), (640, 480)),
+    camera_looking_at("cam03", (2.7, 2.8, 2.1), (0.0, -0.1, 0.75), 575.0, (-0.19, 0.05, 0.0, 0.0), (640, 480)),
+    camera_looking_at("cam04", (-2.8, 2.7, 1.8), (0.0, 0.1, 0.8), 600.0, (0.05, 0.0, 0.0, 0.0), (640, 480)),
+)
+"""Video cameras of the nineties, some four metres from the centre of the room."""
+
+
 @dataclass(frozen=True, eq=False)
 class WandTake:
     """The cameras, the calibration objects and how they are filmed.
@@ -66,9 +75,13 @@ class WandTake:
     length : float
         Length of the wand, metres.
     diameter : float
-        Diameter of all balls, metres.
+        Diameter of the wand's balls, metres.
+    lframe_diameter : float, optional
+        Diameter of the L-frame's balls, metres; by default that of the wand's.
     distractors : bool
         Objects of the balls' colours: balls that lie about or roll by, discs on the wall, the shirt of whoever waves.
+    books : bool
+        Red books on a shelf, on the floor and in front of a wall, in all videos.
     """
 
     cameras: tuple[Camera, ...] = CAMERAS
@@ -80,6 +93,8 @@ class WandTake:
     length: float = 0.5
     diameter: float = 0.075
     distractors: bool = True
+    books: bool = False
+    lframe_diameter: float | None = None
     lframe_points: Array = field(default_factory=LFRAME.copy)
     lframe_frames: int = 12
 
@@ -124,7 +139,7 @@ class WandTake:
             Rod(_at(-1.5, 4.55, 1.7), _at(-1.4, 4.55, 1.75), 0.06, last),
             Rod(_at(4.5, 0.6, 1.2), _at(4.5, 1.2, 1.2), 0.05, first),
         ]
-        return things if self.distractors else []
+        return (things if self.distractors else []) + (_books() if self.books else [])
 
     def _passing(self, t: Array) -> list[Ball | Rod]:
         rolling = np.concatenate([-1.5 + 0.5 * t, 1.6 + 0.2 * np.sin(t), np.full_like(t, 0.05)], axis=1)
@@ -146,7 +161,7 @@ class WandTake:
 
     def lframe_things(self) -> list[Ball | Rod]:
         """Everything in view while the L-frame lies on the floor."""
-        p, radius = self.lframe_points, self.diameter / 2
+        p, radius = self.lframe_points, (self.lframe_diameter or self.diameter) / 2
         things: list[Ball | Rod] = [Ball(ball[None], radius, PAINT["red"]) for ball in p]
         for a, b in ((0, 1), (1, 2), (0, 3)):
             trim = 0.9 * radius * (p[b] - p[a]) / np.linalg.norm(p[b] - p[a])
@@ -157,7 +172,20 @@ class WandTake:
                 Ball(_at(1.8, 0.7, 0.05), 0.08, PAINT["red"]),
                 Rod(_at(-4.5, 0.0, 1.4), _at(-4.5, 0.5, 1.4), 0.07, PAINT["red"]),
             ]
-        return things
+        return things + (_books() if self.books else [])
+
+
+def _books() -> list[Ball | Rod]:
+    """Red books: a row on a shelf, a pile on the floor, single ones that are as small in the picture as a ball."""
+    spines = [(4.6, 0.4 + 0.09 * k, 1.3) for k in range(5)] + [(0.7 + 0.11 * k, 4.7, 0.9) for k in range(4)]
+    upright = [Rod(_at(x, y, z), _at(x, y, z + 0.22), 0.02, PAINT["red"]) for x, y, z in spines]
+    lying = [Rod(_at(-1.6, 1.1, 0.02 + 0.04 * k), _at(-1.4, 1.25, 0.02 + 0.04 * k), 0.02, PAINT["red"]) for k in (0, 1)]
+    single = [(1.1, -0.9, 0.02), (-4.7, -0.6, 0.7), (-0.4, -4.8, 1.1)]
+    return [
+        *upright,
+        *lying,
+        *(Rod(_at(x, y, z), _at(x + 0.05, y + 0.04, z), 0.018, PAINT["red"]) for x, y, z in single),
+    ]
 
 
 def _at(x: float, y: float, z: float) -> Array:
@@ -194,3 +222,17 @@ class SensorNoise:
         row, column = self.rng.integers(0, [height, width])
         noise = self.noise[row : row + height, column : column + width]
         return cv2.convertScaleAbs(cv2.scaleAdd(levels, 255, noise))
+
+
+def vga_take() -> WandTake:
+    """A take as the papers' cameras filmed it: 640 x 480 pixels, balls four to five pixels across."""
+    points = np.array([[0, 0, 0], [0.3, 0, 0], [0.6, 0, 0], [0, 0.2, 0]], float)
+    return WandTake(
+        cameras=VGA_CAMERAS,
+        frames=300,
+        diameter=0.03,
+        lframe_diameter=0.035,
+        distractors=False,
+        books=True,
+        lframe_points=points,
+    )

@@ -1,0 +1,245 @@
+"""Whether a shot's cameras fit one another and the key poses, and what to do where they do not.
+
+Two kinds of evidence tell. Where three views or more share 2D keypoints, each camera is compared with the others
+(`core.fitting.keypoint_cameras`). On frames with a key pose of the whole body, each camera's picture of the performers'
+outlines is compared with the model's (`core.fitting.camera_refinement`). What a camera is allowed comes from the shot:
+by how much the keypoints scatter, and how exactly the outlines show where a camera is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import CalibrationError
+from ..formats.keypoint_files import read_shot_keypoints
+from ..keypoints.keypoint_factor import Keypoints
+from ..keypoints.observations import correlated_frames, performer_keypoints
+from ..keypoints.view_agreement import without_midpoints
+from ..runtime.progress import Progress, share
+from ..runtime.threads import one_blas_thread
+from ..shot.shot import Shot
+from ..tracking.retracking import Excerpt, track_excerpts
+from ..tracking.segments import whole_keys
+from ..tracking.track_result import TrackResult
+from .camera_refinement import RefinedCamera, Refinement, refine_cameras
+from .key_frame_views import pictured_key_frames, read_key_frames
+from .keypoint_cameras import CameraDoubt, CameraEstimate, SharedKeypoints, contradictions
+from .outline_fit import RefinementStage
+
+CHECKED_KEYS = 8
+"""Key frames that cameras are compared with at most, evenly over the shot."""
+CHECK_STAGES = (RefinementStage(0.25, 4.0, 4), RefinementStage(0.10, 1.0, 4))
+"""A camera that fits is soon found to; one that does not need not be put right to be found out."""
+
+
+@dataclass(frozen=True)
+class CameraFit:
+    """How well a camera fits the others or the key poses.
+
+    Attributes
+    ----------
+    camera : str
+    by : str
+        "keypoints" or "key poses": what it was compared with.
+    shift : float
+        How far its picture of the performers' joints must move to fit, root mean square, pixels.
+    deviation : float
+        Standard deviation of that, pixels.
+    limit : float
+        Shifts up to this are no sign of a wrong camera, pixels.
+    """
+
+    camera: str
+    by: Literal["keypoints", "key poses"]
+    shift: float
+    deviation: float
+    limit: float
+
+    @property
+    def off(self) -> bool:
+        """Whether the camera does not fit."""
+        return self.shift > self.limit
+
+    @property
+    def brief(self) -> str:
+        """How far it is off, in a few words."""
+        return f"{self.shift:.0f} px off the {'other cameras' if self.by == 'keypoints' else 'key poses'}"
+
+    @property
+    def summary(self) -> str:
+        """What to know of a camera that does not fit, in one line."""
+        return f"{self.camera}: its picture is {self.brief}; up to {self.limit:.0f} px could be chance"
+
+
+def fit_by_keypoints(shot: Shot, performers: Sequence[Keypoints]) -> tuple[CameraFit, ...]:
+    """Compare the cameras with one another.
+
+    Parameters
+    ----------
+    shot : Shot
+    performers : sequence of Keypoints
+        Of every performer on the frames of the shot, in the order of its views.
+
+    Returns
+    -------
+    tuple of CameraFit
+        Of views that share enough keypoints with two others at least.
+    """
+    doubts, _ = _compared(shot, performers)
+    names = [view.camera.name for view in shot.views]
+    return tuple(CameraFit(names[d.view], "keypoints", d.shift, d.deviation, d.limit) for d in doubts)
+
+
+@one_blas_thread()
+def fit_by_key_poses(
+    shot: Shot,
+    pictures: Sequence[Mapping[int, NDArray[np.uint8]]] | None = None,
+    progress: Progress | None = None,
+) -> tuple[CameraFit, ...]:
+    """Compare the cameras with the key poses of the whole body, by the performers' outlines.
+
+    Parameters
+    ----------
+    shot : Shot
+    pictures : sequence of mappings, optional
+        Per view, rectified pictures by shot frame, those of `checked_frames` among them; by default they are read.
+    progress : callable, optional
+
+    Returns
+    -------
+    tuple of CameraFit
+        Of views that show the performers clearly enough; none where there is no key pose of the whole body.
+
+    Raises
+    ------
+    FootageError
+        See `core.tracking.tracker.track`.
+    CancelledError
+    """
+    frames = np.array(checked_frames(shot), dtype=np.int64)
+    if not len(frames):
+        return ()
+    if pictures is None:
+        views = read_key_frames(shot, frames, progress)
+    else:
+        shot = replace(shot, views=tuple(replace(view, camera=view.camera.rectified()) for view in shot.views))
+        views = pictured_key_frames(shot, frames, pictures)
+    try:
+        found = refine_cameras(shot, progress, views=views, stages=CHECK_STAGES)
+    except CalibrationError:  # no view shows the performers clearly: nothing can be said
+        return ()
+    return tuple(
+        CameraFit(one.camera.name, "key poses", one.shift, one.deviation, one.limit)
+        for one in found.views
+        if not one.lost
+    )
+
+
+def camera_fits(shot: Shot, result: TrackResult, progress: Progress | None = None) -> tuple[CameraFit, ...]:
+    """Compare the cameras of a tracked shot with one another and with its key poses.
+
+    Parameters
+    ----------
+    shot : Shot
+    result : TrackResult
+        Where it has the pictures of `checked_frames`, they are not read again.
+    progress : callable, optional
+    """
+    keypoints = [own.factor.keypoints for own in result.observed.performers]
+    shared = fit_by_keypoints(shot, keypoints) if keypoints else ()
+    in_step, frames = shot.with_footage_offset(result.footage_offset), set(checked_frames(shot))
+    kept = bool(result.pictures) and all(frames <= images.keys() for images in result.pictures)
+    return (*shared, *fit_by_key_poses(in_step, result.pictures if kept else None, progress))
+
+
+@dataclass(frozen=True, eq=False)
+class CheckedTrack:
+    """Tracked excerpts of a shot, and how well its cameras fit.
+
+    Attributes
+    ----------
+    results : list of TrackResult
+    fits : tuple of CameraFit, or None
+        None where only a part of the shot was tracked: the cameras were not compared.
+    """
+
+    results: list[TrackResult]
+    fits: tuple[CameraFit, ...] | None
+
+
+def track_and_check(shot: Shot, excerpts: Sequence[Excerpt], progress: Progress | None = None) -> CheckedTrack:
+    """Track excerpts of a shot, and compare its cameras where that is all of it.
+
+    Raises
+    ------
+    KFMocapError
+        See `core.tracking.tracker.track`.
+    """
+    whole = len(excerpts) == 1 and (excerpts[0].first, excerpts[0].last) == (0, shot.length - 1)
+    results = track_excerpts(shot, excerpts, share(progress, 0.0, 0.9) if whole else progress)
+    if not whole:
+        return CheckedTrack(results, None)
+    return CheckedTrack(results, camera_fits(shot, results[0], share(progress, 0.9, 1.0)))
+
+
+def checked_frames(shot: Shot) -> list[int]:
+    """Shot frames whose key poses cameras are compared with."""
+    keys = whole_keys(shot, 0, shot.length - 1)
+    chosen = np.linspace(0, len(keys) - 1, min(CHECKED_KEYS, len(keys))).round().astype(int)
+    return [int(frame) for frame in keys[chosen]]
+
+
+def refine_shot_cameras(shot: Shot, progress: Progress | None = None) -> Refinement:
+    """Refine a shot's cameras by all that it has to compare them with.
+
+    Cameras that contradict the others' keypoints are moved to agree with them. Where no keypoints are shared by three
+    views, or the cameras do not fit the key poses then, all are refined by `refine_cameras`.
+
+    Raises
+    ------
+    CalibrationError
+        There is neither; see `refine_cameras`.
+    FootageError, KeypointError
+        A file cannot be read.
+    CancelledError
+    """
+    compared = _by_keypoints(shot)
+    if compared is None:
+        return refine_cameras(shot, progress)
+    agreed = compared.applied(shot)
+    if not any(fit.off for fit in fit_by_key_poses(agreed, progress=progress)):
+        return compared
+    posed = refine_cameras(agreed, progress)
+    pairs = zip(posed.views, compared.views, strict=True)
+    views = [replace(end, shift=float(np.hypot(start.shift, end.shift))) for end, start in pairs]
+    return replace(posed, views=tuple(views))
+
+
+def _by_keypoints(shot: Shot) -> Refinement | None:
+    """The cameras that contradict the others moved; None where nothing can be compared."""
+    if sum(view.keypoints is not None for view in shot.views) < 3:
+        return None
+    doubts, estimate = _compared(shot, performer_keypoints(shot, read_shot_keypoints(shot)))
+    if not doubts:
+        return None
+    moved = estimate.cameras([view.camera for view in shot.views])
+    by_view = {doubt.view: doubt for doubt in doubts}
+    found = []
+    for v, view in enumerate(shot.views):
+        doubt = by_view.get(v, CameraDoubt(v, 0.0, np.inf, np.inf))
+        camera, shift = (moved[v], doubt.shift) if doubt.off else (view.camera, 0.0)
+        unknown = (np.nan, np.nan, np.nan)
+        found.append(RefinedCamera(camera, shift, doubt.deviation, *unknown, clearness=1.0, limit=doubt.limit))
+    return Refinement(tuple(found), np.zeros(0, dtype=np.int64))
+
+
+def _compared(shot: Shot, performers: Sequence[Keypoints]) -> tuple[list[CameraDoubt], CameraEstimate]:
+    """What the keypoints say of the cameras."""
+    own = [without_midpoints(keypoints) for keypoints in performers]
+    cameras = [view.camera for view in shot.views]
+    return contradictions(SharedKeypoints.of(own, cameras, correlated_frames(shot.settings, shot.fps)))
