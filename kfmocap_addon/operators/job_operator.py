@@ -1,4 +1,4 @@
-"""Operators whose work is a job: the status bar shows the progress, Esc cancels."""
+"""Operators whose work is a job: the status bar shows the progress, Esc or its button cancels."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ _INTERVAL = 0.1
 _BAR = 14.0  # width in the status bar, in units of the interface
 _LOOKS = {"MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "TRACKPADPAN", "TRACKPADZOOM", "NDOF_MOTION", "HOME"}
 _LOOKS |= {f"NUMPAD_{key}" for key in (*range(10), "PERIOD", "PLUS", "MINUS")}
+_FRAMES = {"LEFT_ARROW", "RIGHT_ARROW"}
+_SCRUBBED = 24  # height of the bar with the frames at the top of a timeline, in units of the interface
 _PASSES = {"MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "WINDOW_DEACTIVATE"}
 
 
@@ -24,7 +26,7 @@ class JobOperator(OperatorMixin):
 
     `prepare` reads the scene and `finish` writes into it; both run in Blender's thread. Called with a window the
     operator runs modally; without one, and from scripts, it blocks until the work is done. While it runs modally the
-    3D views can be turned and zoomed; everything else waits.
+    3D views can be turned and zoomed and other frames shown; everything else waits.
     """
 
     def prepare(self, context: bpy.types.Context) -> Work:
@@ -64,7 +66,9 @@ class JobOperator(OperatorMixin):
         if event.type.startswith("TIMER"):
             return self._continued(context)
         # Nothing may change under the work's feet.
-        return {"PASS_THROUGH"} if _only_looks(context.window, event) else {"RUNNING_MODAL"}
+        harmless = _only_looks(context.window, event) or _goes_to_a_frame(context.window, event)
+        harmless = harmless or _is_over_status_bar(context.window, event)
+        return {"PASS_THROUGH"} if harmless else {"RUNNING_MODAL"}
 
     def _continued(self, context: bpy.types.Context) -> set[str]:
         if not self.job.done:
@@ -109,7 +113,7 @@ def _status_of(job: Job) -> Callable[[bpy.types.Header, bpy.types.Context], None
     """What draws the status bar while a job runs. Blender takes functions alone, no methods."""
 
     def draw(header: bpy.types.Header, _context: bpy.types.Context) -> None:
-        header.layout.label(text="Cancel", icon="EVENT_ESC")
+        header.layout.operator(CancelJob.bl_idname, text="Cancel (Esc)", icon="CANCEL")
         header.layout.separator_spacer()
         draw_progress(header.layout, job).ui_units_x = _BAR
         header.layout.separator_spacer()
@@ -124,6 +128,46 @@ def draw_progress(layout: bpy.types.UILayout, job: Job) -> bpy.types.UILayout:
     return row
 
 
+class CancelJob(bpy.types.Operator):
+    """End what is being worked on, and leave everything as it was"""
+
+    bl_idname = "kfmocap.cancel_job"
+    bl_label = "Cancel"
+    bl_options = {"INTERNAL"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """See whether something is being worked on."""
+        return running_job(context.window) is not None
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        job = running_job(context.window)
+        if job is not None:
+            job.cancel()  # its tool sees that at the next tick of its timer
+        return {"FINISHED"}
+
+
+def _goes_to_a_frame(window: bpy.types.Window, event: bpy.types.Event) -> bool:
+    """Whether an event can do no more than show another frame: the keys of single steps, the bar of a timeline."""
+    under = viewport.area_under(window, event.mouse_x, event.mouse_y)
+    if under is None or under[1].type != "WINDOW":
+        return False
+    area, region = under
+    if event.type in _FRAMES:
+        return area.type in ("VIEW_3D", "DOPESHEET_EDITOR") and not (event.alt or event.ctrl or event.shift)
+    height = _SCRUBBED * (bpy.context.preferences.system.ui_scale or 1.0)  # without a window it is 0
+    return (
+        event.type == "LEFTMOUSE"
+        and area.type == "DOPESHEET_EDITOR"
+        and event.mouse_y >= region.y + region.height - height
+    )
+
+
+def _is_over_status_bar(window: bpy.types.Window, event: bpy.types.Event) -> bool:
+    """Whether the left button goes to the status bar, which has the button that cancels and nothing else."""
+    return event.type == "LEFTMOUSE" and event.mouse_y < min((a.y for a in window.screen.areas), default=0)
+
+
 def _only_looks(window: bpy.types.Window, event: bpy.types.Event) -> bool:
     """Whether an event can do no more than turn, move or zoom a 3D view."""
     if event.type in _PASSES:
@@ -135,3 +179,6 @@ def _only_looks(window: bpy.types.Window, event: bpy.types.Event) -> bool:
         return False
     area, region = under
     return area.type == "VIEW_3D" and region.type == "WINDOW" and not area.spaces.active.lock_camera
+
+
+CLASSES = (CancelJob,)

@@ -17,7 +17,7 @@ class TrackPanel(Section, bpy.types.Panel):
         layout.prop(properties, "solver", text="")
         if job is not None:
             draw_progress(layout, job)
-            layout.label(text="Cancel", icon="EVENT_ESC")
+            layout.label(text="Cancel: Esc, or in the status bar", icon="EVENT_ESC")
             return
         column = layout.column(align=True)
         column.operator(TrackAll.bl_idname, icon="SEQUENCE")
