@@ -37,9 +37,9 @@ PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist worksteal --duratio
 test: install $(WHEELS)
 	$(PYTEST)
 
-# The same with random tests at their full size.
+# The same with random tests at their full size, and a thousand damaged files of every kind.
 test-nightly: install $(WHEELS)
-	$(PYTEST) --nightly
+	$(PYTEST) --nightly --damaged 1000
 
 # What depends on the version of Blender, on the other versions, where their Python is there.
 test-versions: install $(WHEELS)

@@ -27,6 +27,7 @@ os.environ["BLENDER_USER_RESOURCES"] = tempfile.mkdtemp(prefix="kfmocap-blender-
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--nightly", action="store_true", help="random tests at their full size")
+    parser.addoption("--damaged", type=int, default=10, help="how many damaged files of every kind are read")
 
 
 def pytest_configure(config: pytest.Config) -> None:

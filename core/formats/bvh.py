@@ -15,8 +15,10 @@ from ..body.human import FRACTIONS
 from ..body.motion import Motion
 from ..errors import BodyError, ShotError
 from ..numerics.arrays import Array
+from .reading import BEYOND, read_text, reading
 
 _WORLD_OF_BVH = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+_MOST_JOINTS = 1000
 _TOLERANCE = 2e-3  # metres
 _LIMBS = ("upper_arm", "forearm", "thigh", "shin")
 
@@ -56,15 +58,9 @@ def read_bvh(path: Path) -> Skeleton:
     ShotError
         The file cannot be read or is no BVH; names the file.
     """
-    try:
-        words = iter(path.read_text(encoding="utf-8").split())
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is not a text file"
-        raise ShotError(f"the BVH cannot be read: {reason}", where=str(path)) from error
-    try:
+    words = iter(read_text(path, "the BVH", ShotError).split())
+    with reading(path, "a BVH file", ShotError):
         return _parsed(words)
-    except (ValueError, IndexError, StopIteration) as error:
-        raise ShotError("is not a BVH file, or is cut off", where=str(path)) from error
 
 
 def _parsed(words: Iterator[str]) -> Skeleton:
@@ -88,7 +84,7 @@ def _parsed(words: Iterator[str]) -> Skeleton:
             branch.append(branch[-1])
             at_tip = True
         elif word == "OFFSET":
-            (tips if at_tip else offsets)[branch[-1]] = [float(next(words)) for _ in range(3)]
+            (tips if at_tip else offsets)[branch[-1]] = [_number(next(words)) for _ in range(3)]
         elif word == "CHANNELS":
             channels[branch[-1]] = [next(words) for _ in range(int(next(words)))]
         elif word == "}":
@@ -100,7 +96,10 @@ def _parsed(words: Iterator[str]) -> Skeleton:
     count = int(next(words))
     _expect(next(words) + next(words), "FrameTime:")
     next(words)
-    values = np.array([float(word) for word in words]).reshape(count, sum(map(len, channels)))
+    numbers = np.array([_number(word) for word in words])
+    if not names or len(names) > _MOST_JOINTS or count * len(names) > max(len(numbers), 1):
+        raise ValueError(f"{len(numbers)} numbers for {count} frames of {len(names)} joints")
+    values = numbers.reshape(count, sum(map(len, channels)))
     positions, turns = _motion(values, channels, parents)
     C = _WORLD_OF_BVH
     return Skeleton(
@@ -113,9 +112,16 @@ def _parsed(words: Iterator[str]) -> Skeleton:
     )
 
 
+def _number(word: str) -> float:
+    value = float(word)
+    if not abs(value) <= BEYOND:
+        raise ValueError(f"{word[:20]} is not finite, or beyond all measure")
+    return value
+
+
 def _expect(word: str, wanted: str) -> None:
     if word != wanted:
-        raise ValueError(wanted)
+        raise ValueError(f"{wanted} is missing, or it is cut off")
 
 
 def _motion(values: Array, channels: list[list[str]], parents: list[int]) -> tuple[Array, Array]:
@@ -126,6 +132,9 @@ def _motion(values: Array, channels: list[list[str]], parents: list[int]) -> tup
     for j, names in enumerate(channels):
         block = values[:, column : column + len(names)]
         column += len(names)
+        if not names:
+            turns[:, j] = np.eye(3) if parents[j] < 0 else turns[:, parents[j]]
+            continue
         axes = "".join(name[0].upper() for name in names if name.endswith("rotation"))
         angles = block[:, [i for i, name in enumerate(names) if name.endswith("rotation")]]
         local = Rotation.from_euler(axes, angles, degrees=True).as_matrix()  # capitals: about the turned axes

@@ -1,7 +1,15 @@
-"""C3D files: landmarks of marker systems, read with ezc3d where that is installed."""
+"""C3D files: landmarks of marker systems.
+
+A file is made of blocks of 512 bytes: a header, the parameters in groups, and the points, frame by frame, as 16 bit
+whole numbers or 32 bit floats; numbers are as those of an Intel, a DEC or a MIPS processor. See "The C3D file format
+user guide", Motion Lab Systems, 2008 (https://www.c3d.org).
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LandmarkError
+from ..numerics.arrays import Array
+from .reading import BEYOND, read_bytes, reading
 from .trc import METRES, WORLD_OF_Y_UP, Landmarks
 
 UPRIGHT = ("auto", "z", "y")
 """Which axis of a file is up; "auto" as the file says (POINT:Y_SCREEN), z where it does not."""
+
+_BLOCK = 512
+_MAGIC = 0x50
+_INTEL, _DEC, _MIPS = 84, 85, 86
+_TEXT, _BYTE, _INTEGER, _FLOAT = -1, 1, 2, 4  # types of parameters, as a file has them
+_WIDTHS = {_TEXT: 1, _BYTE: 1, _INTEGER: 2, _FLOAT: 4}
+_HEADER_FRAMES = 65535  # more do not fit into the header: parameters have them
 
 
 def read_c3d(path: Path | str, up: str = "auto") -> Landmarks:
@@ -27,36 +44,164 @@ def read_c3d(path: Path | str, up: str = "auto") -> Landmarks:
     Raises
     ------
     LandmarkError
-        ezc3d is not installed, or the file cannot be read.
+        The file cannot be read.
     """
     path = Path(path)
-    try:
-        import ezc3d
-    except ImportError as error:
-        todo = "install ezc3d into the Python that runs this, or save the landmarks as TRC"
-        raise LandmarkError(
-            "C3D files are read by the package ezc3d, which is missing", where=str(path), todo=todo
-        ) from error
-    try:
-        document = ezc3d.c3d(str(path))
-        return _landmarks(document["parameters"]["POINT"], document["data"]["points"], up, str(path))
-    except OSError as error:
-        raise LandmarkError(f"is not a C3D file: {error}", where=str(path)) from error
-    except (KeyError, IndexError, ValueError) as error:
-        raise LandmarkError(f"the file is not whole: {type(error).__name__} {error}", where=str(path)) from error
+    data = read_bytes(path, "landmarks", LandmarkError)
+    with reading(path, "a C3D file", LandmarkError):
+        return _landmarks(_Numbers.of(data), up, str(path))
 
 
-def _landmarks(head: Any, points: NDArray[np.float64], up: str, where: str) -> Landmarks:
-    names = tuple(str(name).strip() for name in head["LABELS"]["value"])[: points.shape[1]]
-    unit = str(_first(head, "UNITS", "mm")).strip().lower()
+@dataclass(frozen=True)
+class _Numbers:
+    """The numbers in a file, as its processor has them."""
+
+    data: bytes
+    order: str
+    vax: bool
+
+    @classmethod
+    def of(cls, data: bytes) -> _Numbers:
+        """Find out what processor a file is for."""
+        if len(data) < 2 * _BLOCK or data[1] != _MAGIC:
+            raise ValueError("its beginning is not that of one")
+        place = _BLOCK * (data[0] - 1)
+        processor = data[place + 3]
+        if processor not in (_INTEL, _DEC, _MIPS):
+            raise ValueError(f"unknown processor {processor}")
+        return cls(data, ">" if processor == _MIPS else "<", processor == _DEC)
+
+    def integers(self, place: int, count: int, *, signed: bool = True) -> NDArray[np.int64]:
+        """Whole numbers of 16 bits."""
+        return self._taken(place, 2 * count).view(f"{self.order}{'i' if signed else 'u'}2").astype(np.int64)
+
+    def floats(self, place: int, count: int) -> Array:
+        """Numbers of 32 bits; DEC's have their halves exchanged, and twice two too large an exponent."""
+        raw = self._taken(place, 4 * count)
+        if self.vax:
+            return raw.view("<u2").reshape(-1, 2)[:, ::-1].copy().view("<f4").ravel().astype(float) / 4
+        return raw.view(f"{self.order}f4").astype(float)
+
+    def text(self, place: int, count: int) -> str:
+        """A text, without the blanks around it."""
+        return bytes(self._taken(place, count)).decode("latin-1").strip(" \0")
+
+    def _taken(self, place: int, count: int) -> NDArray[np.uint8]:
+        if place < 0 or count < 0 or place + count > len(self.data):
+            raise ValueError("it is cut off")
+        return np.frombuffer(self.data, np.uint8, count, place)
+
+
+def _landmarks(numbers: _Numbers, up: str, where: str) -> Landmarks:
+    parameters = _parameters(numbers)
+    point = parameters.get("POINT", {})
+    count, per_frame = (int(n) for n in numbers.integers(2, 2, signed=False))
+    frames, scale = _frame_count(numbers, parameters), float(numbers.floats(12, 1)[0])
+    start = int(_first(point, "DATA_START", 0)) or int(numbers.integers(16, 1, signed=False)[0])
+    unit = str(_first(point, "UNITS", "mm")).lower() or "mm"
     if unit not in METRES:
-        raise LandmarkError(f"unknown unit '{unit}'", where=where, todo=f"use {', '.join(METRES)}")
+        raise LandmarkError(f"unknown unit '{unit[:20]}'", where=where, todo=f"use {', '.join(METRES)}")
     if up == "auto":
-        up = "y" if "Y" in str(_first(head, "Y_SCREEN", "+Z")).upper() else "z"
-    placed = METRES[unit] * np.moveaxis(points[:3], 0, -1).swapaxes(0, 1)
-    return Landmarks(names, placed[..., WORLD_OF_Y_UP] if up == "y" else placed, float(_first(head, "RATE", 0.0)))
+        up = "y" if "Y" in str(_first(point, "Y_SCREEN", "+Z")).upper() else "z"
+    points = METRES[unit] * _points(numbers, _BLOCK * (start - 1), (frames, count, per_frame), scale)
+    names = _names(point, count)
+    rate = float(_first(point, "RATE", numbers.floats(20, 1)[0]))
+    if not 0 <= rate <= BEYOND:
+        raise ValueError(f"a rate of {rate} frames per second")
+    placed = points[:, : len(names)]
+    return Landmarks(names, placed[..., WORLD_OF_Y_UP] if up == "y" else placed, rate)
 
 
-def _first(head: Any, name: str, otherwise: Any) -> Any:
-    values = list(head[name]["value"]) if name in head else []
+def _parameters(numbers: _Numbers) -> dict[str, dict[str, list[Any]]]:
+    """The parameters by the names of their groups, and then by their own."""
+    data, place = numbers.data, _BLOCK * (numbers.data[0] - 1) + 4
+    groups: dict[int, str] = {}
+    found: dict[int, dict[str, list[Any]]] = {}
+    while place + 2 <= len(data) and data[place]:
+        # A negative length is that of a locked name.
+        length, number = abs(_signed(data[place])), _signed(data[place + 1])
+        name = numbers.text(place + 2, length).upper()
+        place += 2 + length
+        offset = int(numbers.integers(place, 1, signed=False)[0])
+        if number < 0:
+            groups[-number] = name
+        else:
+            found.setdefault(number, {})[name] = _values(numbers, place + 2)
+        if offset == 0:
+            break
+        place += offset
+    return {groups.get(number, ""): values for number, values in found.items()}
+
+
+def _values(numbers: _Numbers, place: int) -> list[Any]:
+    """The values of a parameter; of texts one string for each."""
+    kind, depth = _signed(numbers.data[place]), numbers.data[place + 1]
+    sizes = list(numbers.data[place + 2 : place + 2 + depth])
+    count, place = math.prod(sizes), place + 2 + depth
+    if kind not in _WIDTHS or count * _WIDTHS[kind] > len(numbers.data):
+        raise ValueError("a parameter is of an unknown type, or too long")
+    if kind == _TEXT:
+        letters = sizes[0] if sizes else 1
+        return [numbers.text(place + k * letters, letters) for k in range(count // max(letters, 1))]
+    if kind == _FLOAT:
+        return numbers.floats(place, count).tolist()
+    if kind == _INTEGER:
+        return numbers.integers(place, count, signed=False).tolist()
+    return list(numbers.data[place : place + count])
+
+
+def _signed(byte: int) -> int:
+    return byte - 256 if byte > 127 else byte
+
+
+def _frame_count(numbers: _Numbers, parameters: Mapping[str, Mapping[str, list[Any]]]) -> int:
+    """How many frames the points have; programs put what does not fit into the header into parameters."""
+    first, last = (int(n) for n in numbers.integers(6, 2, signed=False))
+    trial = parameters.get("TRIAL", {})
+    ends = [trial.get(name, []) for name in ("ACTUAL_START_FIELD", "ACTUAL_END_FIELD")]
+    if all(len(end) == 2 for end in ends):
+        begin, end = (int(low) + 65536 * int(high) for low, high in ends)
+        return end - begin + 1
+    frames = float(_first(parameters.get("POINT", {}), "FRAMES", 0))
+    if last == _HEADER_FRAMES and frames > 0:
+        return int(frames)
+    return last - first + 1
+
+
+def _points(numbers: _Numbers, place: int, counts: tuple[int, int, int], scale: float) -> Array:
+    """The points, (F, count, 3) in the file's unit; NaN where one was not seen.
+
+    Parameters
+    ----------
+    counts : tuple of int
+        Of frames, of points, and of the analogue values that follow the points of every frame.
+    scale : float
+        Unit of whole numbers; negative where there are floats.
+    """
+    frames, count, analogue = counts
+    if frames < 0 or not count:
+        raise ValueError(f"it has {frames} frames of {count} points")
+    row = 4 * count + analogue
+    width = 4 if scale < 0 else 2
+    if width * frames * row > len(numbers.data) - place:
+        raise ValueError(f"it is cut off: {frames} frames of {count} points do not fit")
+    values = numbers.floats(place, frames * row) if scale < 0 else numbers.integers(place, frames * row) * scale
+    points = values.reshape(frames, row)[:, : 4 * count].reshape(frames, count, 4)
+    # The residual of a point that was not seen is -1; some programs write no number for its place.
+    unseen = (points[..., 3] < 0) | np.isnan(points[..., :3]).any(axis=-1)
+    if not (np.abs(points[..., :3][~unseen]) <= BEYOND).all():
+        raise ValueError("a coordinate is beyond all measure")
+    return np.where(unseen[..., None], np.nan, points[..., :3])
+
+
+def _names(point: Mapping[str, list[Any]], count: int) -> tuple[str, ...]:
+    """Names of the points: those beyond 255 stand in LABELS2 and so on."""
+    names: list[str] = []
+    for key in ("LABELS", *(f"LABELS{k}" for k in range(2, 2 + count // 255))):
+        names += [str(name) for name in point.get(key, ())]
+    return tuple(names[:count])
+
+
+def _first(group: Mapping[str, list[Any]], name: str, otherwise: Any) -> Any:
+    values = group.get(name)
     return values[0] if values else otherwise

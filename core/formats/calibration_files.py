@@ -11,7 +11,10 @@ from ..errors import CalibrationError
 from .caliscope import write_caliscope_cameras
 from .opencv_storage import read_opencv_cameras, write_opencv_cameras
 from .qualisys import read_qualisys_cameras, write_qualisys_cameras
+from .reading import BEYOND, first_repeated, reading
 from .toml_cameras import read_toml_cameras, save_cameras
+
+_LARGEST_SIDE = 100_000  # pixels
 
 
 @dataclass(frozen=True)
@@ -70,17 +73,17 @@ def load_cameras(path: Path | str) -> dict[str, Camera]:
         The file cannot be read, or a camera in it is incomplete; names the file, the camera and the field.
     """
     path = Path(path)
-    cameras = FORMATS[format_name(path)].read(path)
+    known = FORMATS[format_name(path)]
+    with reading(path, f"a calibration of {known.programs}", CalibrationError):
+        cameras = known.read(path)
     if not cameras:
         raise CalibrationError("the calibration holds no camera with a pose", where=str(path))
     for camera in cameras:
         _check_distortions(camera, f"{path} camera {camera.name}")
-    by_name = {camera.name: camera for camera in cameras}
-    if len(by_name) < len(cameras):
-        names = [camera.name for camera in cameras]
-        twice = next(n for n in names if names.count(n) > 1)
+        _check_measures(camera, f"{path} camera {camera.name}")
+    if (twice := first_repeated(camera.name for camera in cameras)) is not None:
         raise CalibrationError(f"camera '{twice}' is there twice", where=str(path))
-    return by_name
+    return {camera.name: camera for camera in cameras}
 
 
 def export_cameras(path: Path | str, cameras: Mapping[str, Camera] | Sequence[Camera], kind: str | None = None) -> None:
@@ -136,6 +139,16 @@ def _check_distortions(camera: Camera, where: str) -> None:
     if len(camera.distortions) not in counts:
         wanted = " or ".join(map(str, counts))
         raise CalibrationError(f"{len(camera.distortions)} distortions, not {wanted}", where=where)
+
+
+def _check_measures(camera: Camera, where: str) -> None:
+    """Refuse what no camera has, such as a picture of no width or a place beyond all measure."""
+    if not all(0 < side <= _LARGEST_SIDE for side in camera.size):
+        todo = "give the width and height of the footage"
+        raise CalibrationError(f"a picture of {camera.size[0]} x {camera.size[1]} pixels", where=where, todo=todo)
+    for what, values in (("matrix", camera.matrix), ("translation", camera.t_cam_world)):
+        if not (abs(values) <= BEYOND).all():
+            raise CalibrationError(f"the {what} holds a number beyond all measure", where=where)
 
 
 def _check_storable(camera: Camera, name: str) -> None:

@@ -6,8 +6,9 @@ import json
 from pathlib import Path
 from typing import Literal
 
-from ..errors import KFMocapError
+from ..errors import KeypointError, KFMocapError
 from .keypoint_documents import people
+from .reading import read_bytes, reading
 from .toml_tables import read_toml
 
 Kind = Literal["shot", "capture", "calibration", "keypoints", "landmarks"]
@@ -38,6 +39,7 @@ def file_kind(path: Path | str) -> Kind:
 
 def _has_people(path: Path) -> bool:
     try:
-        return people(json.loads(path.read_bytes())) is not None
-    except (OSError, ValueError, RecursionError, KeyError, TypeError, IndexError, AttributeError):
+        with reading(path, "keypoints", KeypointError):
+            return people(json.loads(read_bytes(path, "the file", KeypointError))) is not None
+    except KeypointError:
         return False

@@ -15,7 +15,9 @@ from ..shot.detections import Detections
 from ..shot.shot import Shot, View
 from .keypoint_documents import DetectedPerson, people, picture_number
 from .keypoint_layouts import LAYOUTS, keypoint_layout
+from .reading import BEYOND, read_bytes, reading
 
+_LARGEST = 10**15  # of frames and tracks: some programs number pictures by the time
 KNOWN = "OpenPose, COCO, AlphaPose, MMPose, MediaPipe or YOLO"
 
 
@@ -83,20 +85,15 @@ def _listed(path: Path) -> list[Path]:
 
 
 def _read(file: Path) -> list[DetectedPerson]:
-    try:
-        document: Any = json.loads(file.read_bytes())
+    data = read_bytes(file, "keypoints", KeypointError)
+    with reading(file, "a JSON file", KeypointError, _SKIP):
+        document: Any = json.loads(data)
+    with reading(file, "a list of people", KeypointError, _SKIP):
         found = people(document)
-    except OSError as error:
-        raise KeypointError(f"keypoints cannot be read: {error.strerror}", where=str(file)) from error
-    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise KeypointError(f"is not a JSON file: {error}", where=str(file), todo=_SKIP) from error
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
-        what = f"the list of people is not whole: {type(error).__name__} {error}"
-        raise KeypointError(what, where=str(file), todo=_SKIP) from error
-    if found is None:
-        raise KeypointError("holds no keypoints", where=str(file), todo=f"known are files of {KNOWN}")
-    for person in found:
-        _check(person, file)
+        if found is None:
+            raise KeypointError("holds no keypoints", where=str(file), todo=f"known are files of {KNOWN}")
+        for person in found:
+            _check(person, file)
     return found
 
 
@@ -113,6 +110,11 @@ def _check(person: DetectedPerson, file: Path) -> None:
         raise KeypointError(f"a person has {count} keypoints, {len(person.names)} are named", where=str(file))
     if not all(type(v) is float or type(v) is int for v in person.values):
         raise KeypointError("a coordinate is not a number", where=str(file), todo=_SKIP)
+    if any(abs(v) > BEYOND for v in person.values):
+        raise KeypointError("a coordinate is beyond all pictures", where=str(file), todo=_SKIP)
+    for what, number in (("frame", person.frame or 0), ("number of a person", person.track)):
+        if abs(number) > _LARGEST:
+            raise KeypointError(f"a {what} has {len(str(abs(number)))} digits", where=str(file), todo=_SKIP)
 
 
 def _numbered(found: list[DetectedPerson], file: Path) -> list[DetectedPerson]:
@@ -121,6 +123,8 @@ def _numbered(found: list[DetectedPerson], file: Path) -> list[DetectedPerson]:
         return found
     try:
         frame = picture_number(file.name.replace("_keypoints", ""))
+        if frame > _LARGEST:
+            raise ValueError(frame)
     except ValueError as error:
         todo = "name the files by the frames, as cam01_000012.json"
         raise KeypointError("its name has no number", where=str(file), todo=todo) from error

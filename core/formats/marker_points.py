@@ -6,6 +6,7 @@ Columns camera, take (lframe or wand), frame, marker, u, v, in any order, and si
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -14,9 +15,11 @@ import numpy as np
 from ..capture.capture import LFRAME_BALLS, WAND_BALLS, Capture, Markers
 from ..errors import CalibrationError
 from ..runtime.files import replacing
+from .reading import BEYOND, read_text, reading
 
 TAKES = {"lframe": LFRAME_BALLS, "wand": WAND_BALLS}
 """Balls of each take."""
+_MOST_COLUMNS = 100
 COLUMNS = ("camera", "take", "frame", "marker", "u", "v")
 USUAL_SIGMA = 0.5
 """Standard deviation of a coordinate that the file does not give, pixels."""
@@ -31,6 +34,11 @@ def read_marker_points(path: Path | str) -> dict[tuple[str, str], Markers]:
         The file cannot be read, or a row of it does not make sense; names the file and the line.
     """
     path = Path(path)
+    with reading(path, "a table of points", CalibrationError):
+        return _read_points(path)
+
+
+def _read_points(path: Path) -> dict[tuple[str, str], Markers]:
     found: dict[tuple[str, str], dict[tuple[int, int], tuple[float, float, float]]] = {}
     for where, row in _rows(path):
         camera, take = row["camera"].strip(), row["take"].strip()
@@ -54,23 +62,21 @@ def read_marker_points(path: Path | str) -> dict[tuple[str, str], Markers]:
 
 def _rows(path: Path) -> Iterator[tuple[str, Mapping[str, str]]]:
     """Rows with their places."""
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file, skipinitialspace=True)
-            header = [name.strip() for name in reader.fieldnames or ()]
-            for column in COLUMNS:
-                if column not in header:
-                    todo = f"the first line names the columns: {','.join(COLUMNS)}"
-                    raise CalibrationError(f"the column '{column}' is missing", where=str(path), todo=todo)
-            reader.fieldnames = header
-            for row in reader:
-                where = f"{path} line {reader.line_num}"
-                if any(row[column] is None for column in COLUMNS):
-                    raise CalibrationError("the row has too few columns", where=where)
-                yield where, row
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise CalibrationError(f"the points cannot be read: {reason}", where=str(path)) from error
+    text = read_text(path, "the points", CalibrationError)
+    reader = csv.DictReader(io.StringIO(text, newline=""), skipinitialspace=True)
+    header = [name.strip() for name in reader.fieldnames or ()]
+    if len(header) > _MOST_COLUMNS:
+        raise CalibrationError(f"it has {len(header)} columns", where=str(path))
+    for column in COLUMNS:
+        if column not in header:
+            todo = f"the first line names the columns: {','.join(COLUMNS)}"
+            raise CalibrationError(f"the column '{column}' is missing", where=str(path), todo=todo)
+    reader.fieldnames = header
+    for row in reader:
+        where = f"{path} line {reader.line_num}"
+        if any(row[column] is None for column in COLUMNS):
+            raise CalibrationError("the row has too few columns", where=where)
+        yield where, row
 
 
 def _number(row: Mapping[str, str], column: str, where: str) -> float:
@@ -80,6 +86,8 @@ def _number(row: Mapping[str, str], column: str, where: str) -> float:
         raise CalibrationError(f"{column} '{row[column]}' is not a number", where=where) from error
     if not np.isfinite(value):
         raise CalibrationError(f"{column} '{row[column]}' is not a finite number", where=where)
+    if abs(value) > BEYOND:
+        raise CalibrationError(f"{column} '{row[column]}' is beyond all measure", where=where)
     return value
 
 

@@ -22,10 +22,12 @@ from ..errors import CalibrationError
 from ..numerics.arrays import Array
 from ..runtime.files import replacing
 from .pose_fields import camera_poses
+from .reading import check_depth, read_text, reading
 
 _MATRIX = ("camera_matrix", "matrix", "K", "intrinsics", "cameraMatrix")
 _DISTORTIONS = ("distortion_coefficients", "distortions", "dist", "distCoeffs", "D")
 _ROTATION = ("rotation", "R", "Rot", "rvec", "rotation_matrix")
+_LONGEST = 10_000  # values of a list or a matrix
 _TRANSLATION = ("translation", "T", "t", "tvec")
 
 
@@ -49,14 +51,13 @@ def read_opencv_cameras(path: Path) -> list[Camera]:
 
 def _document(path: Path) -> dict[str, Any]:
     """The whole file as plain values: dict, list, str, numbers and arrays."""
-    if not path.is_file():
-        raise CalibrationError("the calibration cannot be read: there is no such file", where=str(path))
+    text = read_text(path, "the calibration", CalibrationError)
+    check_depth(text, path, "an OpenCV file", CalibrationError)
     storage = cv2.FileStorage()
     try:
-        opened = storage.open(str(path), cv2.FILE_STORAGE_READ)
-        document = _value(storage.root()) if opened else None
-    except cv2.error as error:
-        raise CalibrationError(f"is not an OpenCV file: {error.err}", where=str(path)) from error
+        with reading(path, "an OpenCV file", CalibrationError):
+            opened = storage.open(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+            document = _value(storage.root()) if opened else None
     finally:
         storage.release()
     if not isinstance(document, dict):
@@ -68,13 +69,26 @@ def _value(node: Any) -> Any:
     if node.isMap():
         keys = node.keys()
         if "dt" in keys and "data" in keys:
-            return node.mat()
+            return _matrix(node)
         return {key: _value(node.getNode(key)) for key in keys}
     if node.isSeq():
+        if node.size() > _LONGEST:  # `at` goes through all that come before
+            raise ValueError(f"a list of {node.size()} values")
         return [_value(node.at(i)) for i in range(node.size())]
     if node.isString():
         return node.string()
     return node.real() if node.isReal() or node.isInt() else None
+
+
+def _matrix(node: Any) -> Any:
+    """A matrix; OpenCV makes room for as many values as the file claims, not for those that it has."""
+    rows, columns, kind = (node.getNode(key) for key in ("rows", "cols", "dt"))
+    claimed, data = rows.real() * columns.real(), node.getNode("data")
+    if re.fullmatch("[ucwsifdh]", kind.string()) is None or not 0 < claimed <= _LONGEST:
+        raise ValueError(f"a matrix of {rows.real():.0f} x {columns.real():.0f} values of type {kind.string()[:20]}")
+    if data.isSeq() and data.size() != claimed:
+        raise ValueError(f"a matrix of {rows.real():.0f} x {columns.real():.0f} has {data.size()} values")
+    return node.mat()
 
 
 def _easymocap_names(document: dict[str, Any], path: Path) -> list[str]:
@@ -127,7 +141,8 @@ def _shaped(values: Array, shape: tuple[int, ...], what: str, where: str) -> Arr
 
 def _size(table: Mapping[str, Any], where: str) -> tuple[int, int]:
     if "image_width" in table and "image_height" in table:
-        return int(table["image_width"]), int(table["image_height"])
+        width, height = (_field(table, (key,), where) for key in ("image_width", "image_height"))
+        return int(width[0]), int(height[0])
     for key in ("size", "image_size", "imageSize"):
         if key in table:
             values = _shaped(_field(table, (key,), where), (2,), "the size", where)
@@ -139,8 +154,9 @@ def _size(table: Mapping[str, Any], where: str) -> tuple[int, int]:
 def write_opencv_cameras(path: Path, cameras: Sequence[Camera]) -> None:
     """Write a node per camera with the fields of OpenCV's calibration sample, its rotation as a matrix."""
     with replacing(path) as temporary:
-        temporary.touch()  # where that fails the error says why, which OpenCV's does not
-        storage = cv2.FileStorage(str(temporary), cv2.FILE_STORAGE_WRITE)
+        # In memory: OpenCV does not say why a file cannot be written, nor that the disk is full.
+        kind = cv2.FILE_STORAGE_FORMAT_JSON if path.suffix.lower() == ".json" else cv2.FILE_STORAGE_FORMAT_YAML
+        storage = cv2.FileStorage("", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY | kind)
         for c, camera in enumerate(cameras, 1):
             key = camera.name if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", camera.name) else f"camera_{c}"
             storage.startWriteStruct(key, cv2.FILE_NODE_MAP)
@@ -153,4 +169,4 @@ def write_opencv_cameras(path: Path, cameras: Sequence[Camera]) -> None:
             storage.write("translation", camera.t_cam_world[0][:, None])
             storage.write("fisheye", int(camera.fisheye))
             storage.endWriteStruct()
-        storage.release()
+        temporary.write_text(storage.releaseAndGetString(), encoding="utf-8")

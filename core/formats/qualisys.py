@@ -15,6 +15,7 @@ import numpy as np
 from ..cameras.camera import Camera
 from ..errors import CalibrationError
 from ..runtime.files import replacing
+from .reading import BEYOND, read_bytes, reading
 
 _SUBPIXELS = 64.0
 _FLIP = np.diag([1.0, -1.0, -1.0])
@@ -28,12 +29,9 @@ def read_qualisys_cameras(path: Path) -> list[Camera]:
     CalibrationError
         The file cannot be read or lacks a value; names the file, the camera and the value.
     """
-    try:
-        root = ElementTree.fromstring(path.read_bytes())
-    except OSError as error:
-        raise CalibrationError(f"the calibration cannot be read: {error.strerror}", where=str(path)) from error
-    except ElementTree.ParseError as error:
-        raise CalibrationError(f"is not a Qualisys calibration: {error}", where=str(path)) from error
+    data = read_bytes(path, "the calibration", CalibrationError)
+    with reading(path, "a Qualisys calibration", CalibrationError):
+        root = ElementTree.fromstring(data)
     return [_camera(element, path) for element in root.iter("camera") if _films(element)]
 
 
@@ -51,10 +49,13 @@ def _camera(element: ElementTree.Element, path: Path) -> Camera:
         child = element.find(tag)
         text = None if child is None else child.get(key)
         try:
-            return float(text or "")
-        except ValueError as error:
-            found = "is missing" if text is None else f"is '{text}', not a number"
-            raise CalibrationError(f"{tag} {key} {found}", where=where) from error
+            number = float(text or "")
+        except ValueError:
+            number = np.nan
+        if not abs(number) <= BEYOND:
+            found = "is missing" if text is None else f"is '{text[:40]}', not a number that can be meant"
+            raise CalibrationError(f"{tag} {key} {found}", where=where)
+        return number
 
     if element.get("viewrotation", "0") != "0":
         raise CalibrationError("a rotated view is not supported", where=where, todo="export with viewrotation 0")

@@ -19,6 +19,7 @@ from ..shot.shot_spec import (
     checked_keyframes,
     result_names,
 )
+from .reading import first_repeated
 from .toml_tables import Table, read_toml
 
 _TABLES = ("shot", "calibration", "view", "performer", "track")
@@ -79,9 +80,8 @@ def _tables(document: Table, key: str, path: Path, keys: Sequence[str]) -> list[
 
 
 def _check_distinct(names: list[str], where: str) -> None:
-    for name in names:
-        if names.count(name) > 1:
-            raise ShotError(f"'{name}' is there twice", where=where)
+    if (name := first_repeated(names)) is not None:
+        raise ShotError(f"'{name}' is there twice", where=where)
 
 
 def _view(table: Table, folder: Path) -> ViewSpec:
@@ -114,6 +114,8 @@ def _setting(table: Table, name: str, kind: Any) -> Any:
         if not isinstance(value, list) or any(type(v) not in (int, float) for v in value):
             raise table.error(name, f"must be a list of numbers, not {value!r}")
         return tuple(value)
+    if int in kinds and type(value) is int:
+        return table.number(name)
     if type(value) not in kinds:
         meant = {bool: "true or false", int: "a whole number", str: "a text in quotes"}[kinds[0]]
         raise table.error(name, f"must be {meant}, not {value!r}")

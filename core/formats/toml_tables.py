@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 import difflib
-import math
+import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from ..errors import KFMocapError, ShotError
+from .reading import BEYOND, read_text, reading
 
 _REQUIRED: Any = object()
+_LONGEST_PATH, _LONGEST_NAME, _SHOWN = 4000, 255, 60
+# tomllib takes quadratic time for a key of very many parts. The repetitions are possessive: they never go back.
+_LONG_KEY = re.compile(r"""(?<![\w"'-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){50}""")
 
 
 def read_toml(path: Path, what: str, error: type[KFMocapError]) -> dict[str, Any]:
     """The document in a TOML file; messages call the file `what`, and are of that family of errors."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as problem:
-        raise error(f"{what} cannot be read: {problem.strerror}", where=str(path)) from problem
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
-        raise error(f"is not a TOML file: {problem}", where=str(path)) from problem
+    text = read_text(path, what, error)
+    with reading(path, "a TOML file", error):
+        if _LONG_KEY.search(text):
+            raise ValueError("a key has too many parts")
+        return tomllib.loads(text)
 
 
 class Table:
@@ -50,7 +53,7 @@ class Table:
             if key not in allowed:
                 near = difflib.get_close_matches(key, allowed, n=1, cutoff=0.5)
                 todo = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(allowed)}"
-                raise ShotError(f"unknown key '{key}'", where=where, todo=todo)
+                raise ShotError(f"unknown key '{key[:_SHOWN]}'", where=where, todo=todo)
 
     def __contains__(self, key: str) -> bool:
         return key in self._values
@@ -71,31 +74,43 @@ class Table:
         """A string that is not empty."""
         value: str = self.value(key, default)
         if key in self._values and not (isinstance(value, str) and value.strip()):
-            raise self.error(key, f"must be a text in quotes, not {value!r}")
+            raise self.error(key, f"must be a text in quotes, not {_shown(value)}")
         return value
 
     def number(self, key: str, default: Any = _REQUIRED) -> float:
-        """A finite number."""
+        """A number, and none beyond all measure."""
         value: float = self.value(key, default)
         if key in self._values and not _is_number(value):
-            raise self.error(key, f"must be a number, not {value!r}")
+            raise self.error(key, f"must be a number, not {_shown(value)}")
         return value
 
     def integers(self, key: str, default: Any = _REQUIRED) -> list[int]:
         """A list of whole numbers."""
         value: list[int] = self.value(key, default)
         if key in self._values and not (isinstance(value, list) and all(_is_integer(v) for v in value)):
-            raise self.error(key, f"must be a list of whole numbers, not {value!r}")
+            raise self.error(key, f"must be a list of whole numbers, not {_shown(value)}")
         return value
 
     def path(self, key: str, folder: Path, default: Any = _REQUIRED) -> Path | Any:
         """A path, relative to the folder of the file."""
-        return folder / self.text(key) if key in self._values or default is _REQUIRED else default
+        if key not in self._values and default is not _REQUIRED:
+            return default
+        text = self.text(key)
+        longest = max(len(part.encode(errors="replace")) for part in re.split(r"[/\\]", text))
+        if "\0" in text or len(text) > _LONGEST_PATH or longest > _LONGEST_NAME:
+            raise self.error(key, f"{_shown(text)} cannot be a path")
+        return folder / text
 
 
 def _is_integer(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)
+    return isinstance(value, int) and not isinstance(value, bool) and abs(value) <= BEYOND
 
 
 def _is_number(value: Any) -> bool:
-    return _is_integer(value) or (isinstance(value, float) and math.isfinite(value))
+    return _is_integer(value) or (isinstance(value, float) and abs(value) <= BEYOND)
+
+
+def _shown(value: Any) -> str:
+    """A value for a message, its end left out where it is long."""
+    text = repr(value)
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."

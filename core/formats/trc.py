@@ -14,11 +14,14 @@ import numpy as np
 from ..errors import LandmarkError
 from ..numerics.arrays import Array
 from ..runtime.files import replacing
+from .reading import BEYOND, first_repeated, read_text, reading
 
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 WORLD_OF_Y_UP = [2, 0, 1]
 _TRC_OF_WORLD = [1, 2, 0]
 _HEADER_LINES = 5
+_ROOM, _SPARSEST = 1_000_000, 10
+"""Values that there is room for whatever a file's length, and values for each of its letters, most of them missing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,11 +54,12 @@ def read_trc(path: Path | str) -> Landmarks:
         The file cannot be read or is not a TRC; names the file and the line.
     """
     path = Path(path)
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is not a text file"
-        raise LandmarkError(f"landmarks cannot be read: {reason}", where=str(path)) from error
+    lines = read_text(path, "landmarks", LandmarkError).split("\n")
+    with reading(path, "a TRC file", LandmarkError):
+        return _landmarks(lines, path)
+
+
+def _landmarks(lines: list[str], path: Path) -> Landmarks:
     if len(lines) < _HEADER_LINES or not lines[0].startswith("PathFileType"):
         raise LandmarkError("is not a TRC file", where=str(path), todo="its first line must begin with PathFileType")
     header = dict(zip(lines[1].split("\t"), (v.strip() for v in lines[2].split("\t")), strict=False))
@@ -63,34 +67,42 @@ def read_trc(path: Path | str) -> Landmarks:
     if unit not in METRES:
         raise LandmarkError(f"unknown unit '{unit}'", where=f"{path} line 3", todo=f"use {', '.join(METRES)}")
     names = tuple(n.strip() for n in lines[3].split("\t")[2:] if n.strip())
-    if len(set(names)) != len(names):
-        twice = next(n for n in names if names.count(n) > 1)
+    if (twice := first_repeated(names)) is not None:
         raise LandmarkError(f"landmark '{twice}' is named twice", where=f"{path} line 4")
-    rows = [
-        _row(line, len(names), f"{path} line {number}")
-        for number, line in enumerate(lines[_HEADER_LINES:], _HEADER_LINES + 1)
-        if line.strip()
-    ]
-    points = np.array(rows).reshape(len(rows), len(names), 3)[..., WORLD_OF_Y_UP] * METRES[unit]
+    rows = [(number, line) for number, line in enumerate(lines[_HEADER_LINES:], _HEADER_LINES + 1) if line.strip()]
+    cells = 3 * len(names) * len(rows)
+    if cells > _ROOM + _SPARSEST * sum(map(len, lines)):
+        what = f"{len(names)} landmarks on {len(rows)} frames, nearly all of them empty"
+        raise LandmarkError(f"is not a TRC file, or not whole: {what}", where=str(path))
+    values = np.full((len(rows), 3 * len(names)), np.nan)
+    for (number, line), row in zip(rows, values, strict=True):
+        found = _row(line, len(names), f"{path} line {number}")
+        row[: len(found)] = found
+    points = values.reshape(len(rows), len(names), 3)[..., WORLD_OF_Y_UP] * METRES[unit]
     return Landmarks(names, points, _rate(header, path))
 
 
 def _rate(header: dict[str, str], path: Path) -> float:
     text = header.get("DataRate") or "0"
     try:
-        return float(text)
-    except ValueError as error:
-        raise LandmarkError(f"DataRate '{text}' is not a number", where=f"{path} line 3") from error
+        rate = float(text)
+    except ValueError:
+        rate = np.nan
+    if not 0 <= rate <= BEYOND:
+        raise LandmarkError(f"DataRate '{text[:40]}' is not a number of frames per second", where=f"{path} line 3")
+    return rate
 
 
 def _row(line: str, count: int, where: str) -> list[float]:
-    """The coordinates of one frame; what a line lacks at its end was not seen."""
+    """The coordinates of one frame, as many as its line has; what it lacks at its end was not seen."""
     fields = line.split("\t")[2 : 2 + 3 * count]
     try:
         values = [float(f) if f.strip() else np.nan for f in fields]
     except ValueError as error:
-        raise LandmarkError(f"not a number: {error}", where=where) from error
-    return values + [np.nan] * (3 * count - len(values))
+        raise LandmarkError(f"not a number: {str(error)[:80]}", where=where) from error
+    if any(abs(value) > BEYOND for value in values):
+        raise LandmarkError("a coordinate is beyond all measure", where=where)
+    return values
 
 
 def write_trc(path: Path | str, names: Sequence[str], points_world: Array, fps: float) -> None:

@@ -14,6 +14,7 @@ from ..capture.colours import Colour, parsed
 from ..errors import CalibrationError, ShotError
 from ..numerics.arrays import Array
 from .marker_points import TAKES, read_marker_points
+from .reading import BEYOND, first_repeated, reading
 from .toml_tables import Table, read_toml
 
 _TABLES = ("lframe", "wand", "view", "points")
@@ -29,7 +30,7 @@ def load_wand(path: Path | str) -> CaptureVideos | Capture:
         One message that names the file and the field.
     """
     path = Path(path)
-    with _as_calibration_error():
+    with _as_calibration_error(), reading(path, "a capture file", CalibrationError):
         document = Table(read_toml(path, "the capture file", CalibrationError), str(path), _TABLES)
         lframe = Table(document.value("lframe"), f"{path} [lframe]", ("colour", "points", "diameter"))
         wand = Table(document.value("wand"), f"{path} [wand]", ("colours", "length", "diameter"))
@@ -63,10 +64,8 @@ def _views(document: Table, path: Path) -> list[Table]:
     if not isinstance(values, list) or not values:
         raise CalibrationError("there must be at least one [[view]]", where=str(path))
     views = [Table(value, f"{path} [[view]] {i}", _VIEW) for i, value in enumerate(values, 1)]
-    names = [view.text("camera") for view in views]
-    for name in names:
-        if names.count(name) > 1:
-            raise CalibrationError(f"'{name}' is there twice", where=f"{path} [[view]] camera")
+    if (name := first_repeated(view.text("camera") for view in views)) is not None:
+        raise CalibrationError(f"'{name}' is there twice", where=f"{path} [[view]] camera")
     return views
 
 
@@ -132,11 +131,13 @@ def _vectors(table: Table, key: str, shape: tuple[int, ...] | None) -> Array:
     """Numbers of one field, of the asked shape (None: any list)."""
     try:
         values = np.asarray(table.value(key), dtype=float)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise table.error(key, "must be numbers") from error
     if (values.ndim != 1) if shape is None else (values.shape != shape):
         wanted = "a list" if shape is None else " x ".join(map(str, shape))
         raise table.error(key, f"has shape {values.shape}, not {wanted}")
     if not np.isfinite(values).all():
         raise table.error(key, "holds a value that is not a finite number")
+    if (np.abs(values) > BEYOND).any():
+        raise table.error(key, "holds a value beyond all measure")
     return values

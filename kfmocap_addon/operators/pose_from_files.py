@@ -109,7 +109,7 @@ class PoseFromKeypoints(_FromKeypoints, JobOperator, bpy.types.Operator):
 
 class PoseFromLandmarks(Conditional, bpy.types.Operator, ImportHelper):
     """Pose the chosen performer by 3D landmarks, on the frames chosen in the panel: a TRC file as Pose2Sim and OpenSim
-    write it, or a C3D file where the package ezc3d is installed. The poses are key poses of yours"""
+    write it, or a C3D file. The poses are key poses of yours"""
 
     bl_idname = "kfmocap.pose_from_landmarks"
     bl_label = "Pose from Landmarks"
