@@ -7,6 +7,14 @@ from contextlib import contextmanager
 from typing import Any
 
 
+_LONGEST = 400
+
+
+def shortened(text: str, longest: int = _LONGEST) -> str:
+    """Return a text, its middle left out where it is longer than that."""
+    return text if len(text) <= longest else f"{text[: longest // 2]} ... {text[-longest // 2 :]}"
+
+
 class KFMocapError(Exception):
     """Base of every error that a user can cause.
 
@@ -21,6 +29,8 @@ class KFMocapError(Exception):
     """
 
     def __init__(self, what: str, *, where: str | None = None, todo: str | None = None) -> None:
+        # What a damaged file holds in the place of a name can be long.
+        what, where = shortened(what), where and shortened(where)
         self.what, self.where, self.todo = what, where, todo
         message = f"{where}: {what}" if where else what
         super().__init__(f"{message} ({todo})" if todo else message)

@@ -15,7 +15,7 @@ from typing import TypeVar
 import cv2
 import numpy as np
 
-from ..errors import KFMocapError
+from ..errors import KFMocapError, located
 
 Name = TypeVar("Name")
 
@@ -60,11 +60,16 @@ def reading(path: Path, what: str, error: type[KFMocapError], todo: str | None =
     Raises
     ------
     KFMocapError
-        Of that kind, with the file's name; those of the block pass as they are.
+        Of that kind, with the file's name; those of the block are given its name where they lack it.
     """
     try:
         with np.errstate(all="ignore"):
             yield
+    except KFMocapError as problem:
+        if str(path) in str(problem):
+            raise
+        with located(str(path)):
+            raise
     except OSError as problem:
         raise error(f"cannot be read: {problem.strerror or problem}", where=str(path)) from problem
     except RecursionError as problem:

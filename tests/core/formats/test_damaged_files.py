@@ -53,7 +53,7 @@ def read(path: Path, data: bytes, reader) -> str:
     except KFMocapError as error:
         message = str(error)
         assert path.name in message
-        assert len(message) < 1000
+        assert len(message) < 1300
     assert time.process_time() - begun < SECONDS
     assert peak_megabytes() - memory < MEGABYTES
     return message
