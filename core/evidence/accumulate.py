@@ -152,7 +152,7 @@ def accumulate_evidence(
         GradientSums(*(by_pair(attrgetter(f"gradients.{f.name}")) for f in fields(GradientSums))),
         OutlineSums(*(by_frame(attrgetter(f"outlines.{f.name}")) for f in fields(OutlineSums))),
         by_frame(attrgetter("explained"), 1),
-        seen / np.maximum(alone, 1),
+        np.where(alone > 0, seen / np.maximum(alone, 1), 1.0),
         by_frame(attrgetter("share")),
         sampling,
         {stage: sum(run.seconds[stage] for run in done) / min(threads, len(done)) for stage in done[0].seconds},

@@ -24,7 +24,7 @@ from .toml_tables import Table, read_toml
 
 _TABLES = ("shot", "calibration", "view", "performer", "track")
 _VIEW = ("camera", "footage", "offset", "fields", "keypoints")
-_PERFORMER = ("name", "height", "landmarks", "keyframes", "keyposes")
+_PERFORMER = ("name", "height", "landmarks", "keyframes", "keyposes", "person")
 
 
 def read_shot_spec(path: Path | str) -> ShotSpec:
@@ -130,7 +130,15 @@ def _performer(table: Table, folder: Path, frames: tuple[int, int]) -> Performer
         table.path("landmarks", folder, None),
         table.path("keyposes", folder, None),
         table.where,
+        _person(table),
     )
+
+
+def _person(table: Table) -> int | None:
+    number: Any = table.value("person", None)
+    if number is not None and (type(number) is not int or number < 1):
+        raise table.error("person", f"must be the number of a person, from 1, not {number!r}")
+    return number
 
 
 def _keyframes(table: Table, frames: tuple[int, int]) -> KeyFrames | None:

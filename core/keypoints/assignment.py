@@ -1,109 +1,80 @@
 """Assigning detections to performers: several people, in several views, over time.
 
-Detections of a view are strung together to tracks where they hardly move from one frame to the next. A track belongs
-to the performer whose known places it meets: his key poses, projected, and what was triangulated from tracks that are
-his already. Where there are no key poses, performers begin with the two tracks of different views that agree best.
+People whom two views or more see are found first (`people`). Who of them a performer is, its key poses say; without
+any, people are taken in the order in which they appear, those who take up the most of the pictures. What key poses say
+of a single view, where nobody is found in space, is compared with the tracks of that view.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from ..errors import KeypointError
 from ..numerics.arrays import Array
 from .keypoint_factor import Keypoints
 from .left_right import swap_sides
+from .people import NEAR, Person, detections_of, distance_to, find_people, prominence
+from .tracks import Track, ViewDetections, detection_tracks, without_sides
 from .triangulation import triangulate
 
-LEAP = 0.5
-"""From one frame to the next a person moves less than this share of its size."""
-GAP = 0.5
-"""A track goes on after this long without detections, at most, seconds."""
-NEAR = 0.25
-"""A performer's track lies within this of where he is known to be, metres (median)."""
+Reason = Literal["chosen", "key poses", "order of appearance", "nobody else"]
+SAME = 0.5
+"""A person whose points lie within this of where key poses put a performer is that performer, metres (median)."""
 
 
-@dataclass(frozen=True, eq=False)
-class Track:
-    """One person in one view over some frames.
+@dataclass(frozen=True)
+class Identity:
+    """Which of the people that detectors found a performer is.
 
     Attributes
     ----------
-    view : int
-    frames : ndarray of int, shape (n,)
-    rows : ndarray of int, shape (n,)
-        Which of the view's detections.
+    person : int or None
+        The number of the person, from 1 in the order in which people appear; None where nobody was found in space.
+    people : int
+        How many were found.
+    reason : str
+        What it was decided by.
     """
 
-    view: int
-    frames: NDArray[np.int64]
-    rows: NDArray[np.int64]
+    person: int | None
+    people: int
+    reason: Reason
 
 
 @dataclass(frozen=True, eq=False)
-class ViewDetections:
-    """Detections of one view on the shot's frames.
+class Wanted:
+    """What is known of a performer before its keypoints are.
 
     Attributes
     ----------
-    frames : ndarray of int, shape (N,)
-        Shot frames, not decreasing.
-    rays : ndarray, shape (N, L, 2)
-        See `Keypoints`.
-    confidence : ndarray, shape (N, L)
-    tracks : ndarray of int, shape (N,)
-        The detector's own numbers of people, -1 where there are none.
+    name : str
+    places : ndarray, shape (F, L, 3), or None
+        Where key poses put the keypoints; NaN on other frames.
+    person : int, optional
+        The number of the person that it was said to be.
+    proposed : bool
+        The key poses were made of keypoints themselves.
     """
 
-    frames: NDArray[np.int64]
-    rays: Array
-    confidence: Array
-    tracks: NDArray[np.int64]
+    name: str
+    places: Array | None = None
+    person: int | None = None
+    proposed: bool = False
 
-
-def detection_tracks(found: ViewDetections, view: int, fps: float) -> list[Track]:
-    """String the detections of a view together, frame by frame: the least movement in all (Hungarian method)."""
-    open_tracks: list[list[int]] = []
-    done: list[list[int]] = []
-    patience = max(1, round(GAP * fps))
-    for frame in np.unique(found.frames):
-        rows = np.flatnonzero(found.frames == frame)
-        done += [t for t in open_tracks if frame - found.frames[t[-1]] > patience]
-        open_tracks = [t for t in open_tracks if frame - found.frames[t[-1]] <= patience]
-        taken = set()
-        if open_tracks:
-            cost = np.array([[_movement(found, track[-1], row) for row in rows] for track in open_tracks])
-            for i, j in zip(*linear_sum_assignment(cost), strict=True):
-                if cost[i, j] < 1:
-                    open_tracks[i].append(int(rows[j]))
-                    taken.add(j)
-        open_tracks += [[int(row)] for j, row in enumerate(rows) if j not in taken]
-    return [Track(view, found.frames[t], np.array(t)) for t in done + open_tracks]
-
-
-def _movement(found: ViewDetections, before: int, after: int) -> float:
-    """Median movement of the keypoints that both have, in `LEAP`s of the person's size, at most 2."""
-    same = found.tracks[before] == found.tracks[after]
-    if not same and min(found.tracks[before], found.tracks[after]) >= 0:
-        return 2.0
-    a, b = found.rays[before], found.rays[after]
-    both = np.isfinite(a).all(axis=-1) & np.isfinite(b).all(axis=-1)
-    if not both.any():
-        return 2.0
-    steps = max(1, int(found.frames[after] - found.frames[before]))
-    size = float(np.linalg.norm(np.ptp(a[np.isfinite(a).all(axis=-1)], axis=0)))
-    moved = np.median(np.linalg.norm(a[both] - b[both], axis=-1))
-    return float(min(moved / (LEAP * max(size, 1e-9) * np.sqrt(steps)), 2.0))
+    @property
+    def is_posed(self) -> bool:
+        """Whether key poses say where it is."""
+        return self.places is not None and bool(np.isfinite(self.places).any())
 
 
 def assign_detections(
-    founds: Sequence[ViewDetections], empty: Keypoints, known: Sequence[Array | None], count: int, fps: float
-) -> list[Keypoints]:
+    founds: Sequence[ViewDetections], empty: Keypoints, wanted: Sequence[Wanted], fps: float
+) -> tuple[list[Keypoints], list[Identity]]:
     """Give detections to performers.
 
     Parameters
@@ -112,44 +83,106 @@ def assign_detections(
         Per view.
     empty : Keypoints
         On F frames, without a keypoint: the names and the cameras.
-    known : sequence of ndarray, shape (F, L, 3), or None
-        Per performer: where key poses put the keypoints; NaN on other frames.
-    count : int
-        How many performers there are.
+    wanted : sequence of Wanted
+        Per performer.
     fps : float
 
     Returns
     -------
-    list of Keypoints
+    keypoints : list of Keypoints
         Per performer.
+    identities : list of Identity
+        Who each was found to be.
+
+    Raises
+    ------
+    KeypointError
+        There is no person of a number that was chosen, or two performers were said to be one.
     """
-    tracks = [track for v, found in enumerate(founds) for track in detection_tracks(found, v, fps)]
-    if count == 1 and all(len(np.unique(found.frames)) == len(found.frames) for found in founds):
-        return [_filled(founds, empty, tracks)]  # nobody else is there
-    owned: list[list[Track]] = [[] for _ in range(count)]
-    free = list(tracks)
-    for person in range(count):
-        where = known[person]
-        if where is not None and np.isfinite(where).any():
-            owned[person] = [t for t in free if _distance(founds, empty, t, where) < NEAR]
-            free = [t for t in free if not any(t is own for own in owned[person])]
-    for person in range(count):
-        if not owned[person]:
-            owned[person] = _agreeing(founds, empty, free)
-            free = [t for t in free if not any(t is own for own in owned[person])]
+    tracks = [track for v, found in enumerate(founds) for track in detection_tracks(empty.names, found, v, fps)]
+    if len(wanted) == 1 and all(len(np.unique(found.frames)) == len(found.frames) for found in founds):
+        return [_filled(founds, empty, tracks)], [Identity(1, 1, "nobody else")]
+    people = find_people(founds, empty, tracks, fps)
+    persons, reasons = _matched(founds, empty.names, people, wanted)
+    every = detections_of(founds, empty, people, fps)
+    owned: list[list[Track]] = []
+    taken = {(t.view, int(row)) for own in every for t in own for row in t.rows}
+    free = [t for t in tracks if not any((t.view, int(row)) in taken for row in t.rows)]
+    for person, performer in zip(persons, wanted, strict=True):
+        own = every[person] if person is not None else _by_key_poses(founds, empty, free, performer.places)
+        owned.append(own)
+        free = [t for t in free if not any(t is mine for mine in own)]
+    found = [_filled(founds, empty, own) for own in owned]
+    numbers = [None if person is None else person + 1 for person in persons]
+    return found, [Identity(number, len(people), reason) for number, reason in zip(numbers, reasons, strict=True)]
+
+
+def _matched(
+    founds: Sequence[ViewDetections], names: Sequence[str], people: Sequence[Person], wanted: Sequence[Wanted]
+) -> tuple[list[int | None], list[Reason]]:
+    """Which of the people every performer is, and why."""
+    persons: list[int | None] = [None] * len(wanted)
+    reasons: list[Reason] = ["order of appearance"] * len(wanted)
+    for i, performer in enumerate(wanted):
+        if performer.person is not None:
+            persons[i], reasons[i] = _chosen(performer.name, performer.person, len(people), persons), "chosen"
+    posed = [i for i, performer in enumerate(wanted) if persons[i] is None and performer.is_posed]
+    left = [p for p in range(len(people)) if p not in persons]
+    cost = np.full((len(posed), len(left)), np.inf)
+    for row, i in enumerate(posed):
+        places = wanted[i].places
+        assert places is not None
+        reasons[i] = "order of appearance" if wanted[i].proposed else "key poses"
+        cost[row] = [distance_to(people[p], without_sides(names, places)[1]) for p in left]
+    for row, column in zip(*linear_sum_assignment(np.minimum(cost, 1e3)), strict=True):
+        if cost[row, column] < SAME:
+            persons[posed[row]] = left[column]
+    nobody = [i for i in range(len(wanted)) if persons[i] is None and i not in posed]
+    left = [p for p in range(len(people)) if p not in persons]
+    largest = sorted(left, key=lambda p: -prominence(founds, people[p]))[: len(nobody)]
+    for i, person in zip(nobody, sorted(largest), strict=False):
+        persons[i] = person
+    return persons, reasons
+
+
+def _chosen(name: str, number: int, count: int, taken: Sequence[int | None]) -> int:
+    """The index of a person by its number.
+
+    Raises
+    ------
+    KeypointError
+    """
+    where = f"performer '{name}' person"
+    if not 1 <= number <= count:
+        what = f"there is no person {number}: {count} were found" if count else "no two views agree on a person"
+        raise KeypointError(what, where=where, todo="give one of the numbers found, or leave 'person' out")
+    if number - 1 in taken:
+        raise KeypointError(f"person {number} is another performer already", where=where, todo="give each its own")
+    return number - 1
+
+
+def _by_key_poses(
+    founds: Sequence[ViewDetections], empty: Keypoints, free: Sequence[Track], known: Array | None
+) -> list[Track]:
+    """The tracks that key poses lie on, and those that lie where these are; without key poses the longest of one
+    view.
+    """
+    if known is None or not np.isfinite(known).any():
+        one_view = len({track.view for track in free}) == 1
+        return [max(free, key=lambda track: len(track.frames))] if one_view else []
+    own = [t for t in free if _distance(founds, empty, t, known) < NEAR]
     while True:
-        places = [_places(founds, empty, own, where) for own, where in zip(owned, known, strict=True)]
+        places = _places(founds, empty, own, known)
         offers = [
-            (distance, i, person)
-            for i, track in enumerate(free)
-            for person in range(count)
-            if not _doubled(owned[person], track)
-            and (distance := _distance(founds, empty, track, places[person])) < NEAR
+            (distance, k)
+            for k, track in enumerate(free)
+            if not any(track is t for t in own)
+            and not _doubled(own, track)
+            and (distance := _distance(founds, empty, track, places)) < NEAR
         ]
         if not offers:
-            return [_filled(founds, empty, own) for own in owned]
-        _, i, person = min(offers)
-        owned[person].append(free.pop(i))
+            return own
+        own.append(free[min(offers)[1]])
 
 
 def _doubled(owned: Sequence[Track], track: Track) -> bool:
@@ -166,20 +199,6 @@ def _distance(founds: Sequence[ViewDetections], empty: Keypoints, track: Track, 
         for size in sizes
     ]
     return float(np.median(np.min(by_frame, axis=0))) if by_frame[0] else np.inf
-
-
-def _agreeing(founds: Sequence[ViewDetections], empty: Keypoints, free: Sequence[Track]) -> list[Track]:
-    """The two tracks of different views that agree on the most points; of one view, its longest track."""
-    best: tuple[float, list[Track]] = (0.0, [])
-    for a, b in combinations(free, 2):
-        if a.view != b.view and np.intersect1d(a.frames, b.frames).size:
-            _, inliers = triangulate(_filled(founds, empty, [a, b]))
-            agreed = float(inliers.sum())
-            if agreed > best[0]:
-                best = agreed, [a, b]
-    if not best[1] and free:
-        return [max(free, key=lambda track: len(track.frames))]
-    return best[1]
 
 
 def _places(founds: Sequence[ViewDetections], empty: Keypoints, owned: Sequence[Track], known: Array | None) -> Array:

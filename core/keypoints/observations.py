@@ -17,9 +17,10 @@ from ..shot.acceleration_prior import acceleration_precision
 from ..shot.detections import Detections
 from ..shot.footage import footage_delay, footage_index
 from ..shot.shot import Performer, Settings, Shot, View
-from .assignment import ViewDetections, assign_detections
+from .assignment import Identity, Wanted, assign_detections
 from .first_pass import first_pass
 from .keypoint_factor import KeypointFactor, Keypoints, Places, has_keypoint
+from .tracks import ViewDetections
 
 
 def image_rays(camera: Camera, pixels: Array) -> Array:
@@ -48,6 +49,8 @@ class PerformerKeypoints:
         0 to 1: how far each keypoint agrees with the motion, times its confidence.
     typical_variances : ndarray, shape (G,)
         Of accelerations: how smooth the motion is, see `core.body.smoothness_estimate`.
+    identity : Identity
+        Which of the people that detectors found the performer is.
     """
 
     motion: Motion
@@ -55,6 +58,7 @@ class PerformerKeypoints:
     changed: NDArray[np.bool_]
     weights: Array
     typical_variances: Array
+    identity: Identity
 
     def of_views(self, views: list[int]) -> PerformerKeypoints:
         """Return the same of some views, in that order."""
@@ -101,9 +105,9 @@ def fit_keypoints(shot: Shot, detections: Sequence[Detections], fixed: Sequence[
     KeypointError
         They do not show enough to begin with.
     """
-    found = performer_keypoints(shot, detections)
+    found, identities = identified_keypoints(shot, detections)
     performers = []
-    for performer, held, keypoints in zip(shot.performers, fixed, found, strict=True):
+    for performer, held, keypoints, identity in zip(shot.performers, fixed, found, identities, strict=True):
         body, correlated = performer.body, correlated_frames(shot.settings, shot.fps)
         precision = acceleration_precision(body, shot.fps, shot.settings)
         fit = first_pass(
@@ -121,7 +125,9 @@ def fit_keypoints(shot: Shot, detections: Sequence[Detections], fixed: Sequence[
             # Errors that last shift what is constant, the offsets and measures, which the first pass has settled. They
             # are no reason to doubt a movement that views agree on: every frame counts in full.
             factor = KeypointFactor(fit.keypoints, fit.places, 1.0, fit.deviation, fit.agreed)
-        performers.append(PerformerKeypoints(fit.motion, factor, fit.changed, fit.weights, fit.variances.typical))
+        performers.append(
+            PerformerKeypoints(fit.motion, factor, fit.changed, fit.weights, fit.variances.typical, identity)
+        )
     return ShotKeypoints(tuple(performers), tuple(one.skipped for one in detections))
 
 
@@ -131,7 +137,18 @@ def correlated_frames(settings: Settings, fps: float) -> float:
 
 
 def performer_keypoints(shot: Shot, detections: Sequence[Detections]) -> list[Keypoints]:
-    """Return the keypoints of every performer of a shot, on its frames; key poses tell them apart."""
+    """Return the keypoints of every performer of a shot, on its frames."""
+    return identified_keypoints(shot, detections)[0]
+
+
+def identified_keypoints(shot: Shot, detections: Sequence[Detections]) -> tuple[list[Keypoints], list[Identity]]:
+    """Return the keypoints of every performer of a shot, on its frames, and which of the people found each one is.
+
+    Raises
+    ------
+    KeypointError
+        A performer was said to be a person that there is not; see `assign_detections`.
+    """
     bodies = [performer.body for performer in shot.performers]
     known_names = dict.fromkeys(name for found in detections for name in found.names)
     names = tuple(name for name in known_names if all(has_keypoint(body, name) for body in bodies))
@@ -145,10 +162,10 @@ def performer_keypoints(shot: Shot, detections: Sequence[Detections]) -> list[Ke
         np.stack([t for _, t in poses]),
     )
     founds = [_found(view, found, names, shot) for view, found in zip(shot.views, detections, strict=True)]
-    where = [_key_places(p, names, F) for p in shot.performers]
-    owned = assign_detections(founds, empty, where, len(bodies), shot.fps)
+    wanted = [Wanted(p.name, _key_places(p, names, F), p.person, not p.key_poses.fixed.any()) for p in shot.performers]
+    owned, identities = assign_detections(founds, empty, wanted, shot.fps)
     delays = [footage_delay(view) for view in shot.views]
-    return [_on_time(keypoints, delays) for keypoints in owned]
+    return [_on_time(keypoints, delays) for keypoints in owned], identities
 
 
 def _found(view: View, detections: Detections, names: Sequence[str], shot: Shot) -> ViewDetections:

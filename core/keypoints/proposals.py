@@ -63,7 +63,8 @@ def propose_performers(
                 keypoints, fps=shot.fps, precision=precision, correlated=correlated, height=request.height
             )
         frames = chosen_frames(fit, shot.fps) if request.frames is None else np.array(sorted(request.frames), np.int64)
-        performers.append(Performer(request.name, fit.body, KeyPoses.proposed(frames, fit.motion[frames])))
+        keys = KeyPoses.proposed(frames, fit.motion[frames])
+        performers.append(Performer(request.name, fit.body, keys, request.person))
     return tuple(performers)
 
 

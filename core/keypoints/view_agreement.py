@@ -24,6 +24,8 @@ LEAP = 0.25
 """A point farther from the others' median is wrong, metres."""
 AVERAGED_OVER = 0.04
 """Time over which points are averaged before a body is posed on them, seconds."""
+BRIDGED = 0.6
+"""Time between two sure places of a point over which a straight line says on which side it is, seconds."""
 MIDPOINTS = {"Neck": "Shoulder", "Hip": "Hip", "MidHip": "Hip"}
 """Keypoints that many a layout makes of those of both sides."""
 MIDPOINT_TOLERANCE = 0.02
@@ -66,7 +68,7 @@ class ViewAgreement:
         points, inliers = triangulate(sided)
         for _ in range(2):
             before = changed
-            sided, changed = correct_sides(own, running_median(without_leaps(points, fps), fps))
+            sided, changed = correct_sides(own, _expected(points, inliers, fps))
             if (changed == before).all():
                 break
             points, inliers = triangulate(sided)
@@ -114,6 +116,23 @@ def view_deviations(keypoints: Keypoints, points_world: Array, inliers: NDArray[
     medians = np.nanquantile(np.where(seen[:, None] > 0, size, 0.0), 0.5, axis=1)
     own = np.nan_to_num(medians) / 1.1774  # of the length of two normal residuals
     return np.asarray(np.maximum((seen * own + PRIOR_COUNT * USUAL_DEVIATION) / (seen + PRIOR_COUNT), LEAST_DEVIATION))
+
+
+def _expected(points_world: Array, inliers: NDArray[np.bool_], fps: float) -> Array:
+    """Return where points (F, L, 3) are expected: what two views agree on may be wrong, if one of them has exchanged
+    the sides; where a third does not decide, it is expected between the places before and after on which three agree.
+    """
+    expected = running_median(without_leaps(points_world, fps), fps)
+    sure = np.where((inliers.sum(axis=0) > 2)[..., None], expected, np.nan)
+    frames = np.arange(len(expected))
+    for i in range(expected.shape[1]):
+        known = np.flatnonzero(np.isfinite(sure[:, i]).all(axis=-1))
+        if len(known) < 2:
+            continue
+        after = np.clip(np.searchsorted(known, frames), 1, len(known) - 1)
+        between = (frames > known[0]) & (frames < known[-1]) & (known[after] - known[after - 1] <= BRIDGED * fps)
+        expected[between, i] = interpolated(sure[:, i])[between]
+    return expected
 
 
 def running_median(points_world: Array, fps: float) -> Array:

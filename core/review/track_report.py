@@ -75,7 +75,7 @@ def report(
         "performers": [
             _performer(shot, p, visible, residual)
             | _expected_errors(shot, p, deviation)
-            | ({"keypoints": _keypoints(shot, result.observed.performers[i])} if result.observed.performers else {})
+            | (_observed(shot, result.observed.performers[i]) if result.observed.performers else {})
             for i, (p, visible, residual, deviation) in enumerate(
                 zip(shot.performers, result.visible, result.residual, result.deviation, strict=True)
             )
@@ -146,6 +146,12 @@ def _expected_errors(shot: Shot, performer: Performer, deviation: NDArray[np.flo
     }
 
 
+def _observed(shot: Shot, own: PerformerKeypoints) -> dict[str, Any]:
+    """Which of the people found a performer is, and its keypoints."""
+    identity = dataclasses.asdict(own.identity)
+    return {"identity": identity, "keypoints": _keypoints(shot, own)}
+
+
 def _keypoints(shot: Shot, own: PerformerKeypoints) -> dict[str, Any]:
     """By view: on how many frames a performer's keypoints were found, how far they agree, where sides were changed."""
     keypoints = own.factor.keypoints
@@ -197,6 +203,12 @@ def report_lines(values: Mapping[str, Any]) -> list[str]:
     if off:
         lines += [*off, "refine the cameras: kfmocap track --refine, or Refine Cameras in Blender"]
     for performer in values["performers"]:
+        identity = performer.get("identity")
+        if identity and identity["people"] > 1 and identity["person"] is not None:
+            lines.append(
+                f"{performer['name']} is person {identity['person']} of {identity['people']} in the keypoints, by "
+                f"{identity['reason']}"
+            )
         counts = [f"{part} {sum(b + 1 - a for a, b in spans)}" for part, spans in performer["unseen"].items()]
         if counts:
             lines.append(f"{performer['name']}: frames on which no camera sees a part: {', '.join(counts)}")

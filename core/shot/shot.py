@@ -88,11 +88,22 @@ class KeyPoses:
 
 @dataclass(frozen=True, eq=False)
 class Performer:
-    """A person to track: a body and its key poses."""
+    """A person to track: a body and its key poses.
+
+    Attributes
+    ----------
+    name : str
+    body : Body
+    key_poses : KeyPoses
+    person : int, optional
+        Which of the people that keypoints show it is, from 1 in the order in which these appear; by default its key
+        poses say, or the order of the performers.
+    """
 
     name: str
     body: Body
     key_poses: KeyPoses
+    person: int | None = None
 
 
 def fixed_degrees(performer: Performer, first: int, last: int) -> NDArray[np.bool_]:
@@ -117,17 +128,20 @@ class PerformerRequest:
         Metres; None to have it judged from the keypoints.
     frames : tuple of int or None
         Shot frames on which key poses are wanted; None to have them chosen.
+    person : int, optional
+        See `Performer`.
     """
 
     name: str
     height: float | None = None
     frames: tuple[int, ...] | None = None
+    person: int | None = None
 
     def placeholder(self) -> Performer:
         """Return the performer before anything is known of it."""
         body = human() if self.height is None else human(self.height)
         nowhere = Motion(np.zeros((0, 3)), np.zeros((0, len(body), 3, 3)))
-        return Performer(self.name, body, KeyPoses.proposed([], nowhere))
+        return Performer(self.name, body, KeyPoses.proposed([], nowhere), self.person)
 
 
 @dataclass(frozen=True)

@@ -51,6 +51,8 @@ class PerformerSpec:
         The files that the key poses come from (TRC or BVH); None for both to have them posed by 2D keypoints.
     where : str
         File and table, for error messages.
+    person : int, optional
+        Which of the people that keypoints show it is, see `core.shot.shot.Performer`.
     """
 
     name: str
@@ -59,6 +61,7 @@ class PerformerSpec:
     landmarks: Path | None = None
     keyposes: Path | None = None
     where: str = ""
+    person: int | None = None
 
 
 @dataclass(frozen=True)

@@ -134,7 +134,7 @@ def _performer(spec: PerformerSpec, first: int) -> Performer | PerformerRequest:
 
 
 def _request(spec: PerformerSpec, frames: tuple[int, ...] | None) -> PerformerRequest:
-    request = PerformerRequest(spec.name, spec.height, frames)
+    request = PerformerRequest(spec.name, spec.height, frames, spec.person)
     with located(spec.where):
         request.placeholder()  # refuses an impossible height
     return request
@@ -152,7 +152,7 @@ def _posed_by_bvh(spec: PerformerSpec, file: Path, keys: NDArray[np.int64], firs
         with located(str(file)):
             body = body_of_bvh(skeleton, spec.height)
         poses = poses_of_bvh(skeleton, body, keys - first)
-    return Performer(spec.name, body, KeyPoses.whole(keys - first, poses))
+    return Performer(spec.name, body, KeyPoses.whole(keys - first, poses), spec.person)
 
 
 def _posed_by_landmarks(spec: PerformerSpec, file: Path, keys: NDArray[np.int64], first: int) -> Performer:
@@ -164,7 +164,8 @@ def _posed_by_landmarks(spec: PerformerSpec, file: Path, keys: NDArray[np.int64]
     names = list(landmarks.names)
     with located(spec.where):
         body = fit_body(names, points, spec.height)
-        return Performer(spec.name, body, KeyPoses.whole(keys - first, fit_poses(body, names, points)))
+        poses = fit_poses(body, names, points)
+        return Performer(spec.name, body, KeyPoses.whole(keys - first, poses), spec.person)
 
 
 def _landmarks_at(landmarks: Landmarks, keys: NDArray[np.int64], first: int) -> NDArray[np.float64]:

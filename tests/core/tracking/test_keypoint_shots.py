@@ -15,9 +15,10 @@ from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import KFMocapError
 from kfmocap.core.formats import save_cameras, write_trc
 from kfmocap.core.formats.keypoint_files import read_shot_keypoints
-from kfmocap.core.keypoints.assignment import ViewDetections, assign_detections, detection_tracks
+from kfmocap.core.keypoints.assignment import Wanted, assign_detections
 from kfmocap.core.keypoints.keypoint_factor import Keypoints
 from kfmocap.core.keypoints.observations import fit_keypoints, image_rays, performer_keypoints
+from kfmocap.core.keypoints.tracks import ViewDetections, detection_tracks
 from kfmocap.core.review.track_report import report, report_lines
 from kfmocap.core.shot.keypose_spline import spline
 from kfmocap.core.shot.shot import KeyPoses, Performer, PerformerRequest, Shot, View, fixed_degrees
@@ -98,7 +99,7 @@ def test_tracks_go_on_over_gaps_and_crossings() -> None:
     present[10:14, 1] = False
     frames, person = np.nonzero(present)
     found = ViewDetections(frames, rays[frames, person], np.ones((len(frames), len(NAMES))), np.full(len(frames), -1))
-    tracks = detection_tracks(found, 0, FPS)
+    tracks = detection_tracks(NAMES, found, 0, FPS)
     assert sorted(len(track.frames) for track in tracks) == [FRAMES - 4, FRAMES]
     assert all(len(set(person[track.rows])) == 1 for track in tracks)
 
@@ -108,7 +109,7 @@ def test_a_detectors_own_numbers_hold_people_apart() -> None:
     rays = keypoints_of(cameras(1), seen_places(body, people(1)[0])).rays[0]
     numbers = np.where(np.arange(FRAMES) < 12, 3, 8)
     found = ViewDetections(np.arange(FRAMES), rays, np.ones((FRAMES, len(NAMES))), numbers)
-    assert [len(track.frames) for track in detection_tracks(found, 0, FPS)] == [12, 12]
+    assert [len(track.frames) for track in detection_tracks(NAMES, found, 0, FPS)] == [12, 12]
 
 
 def test_a_view_without_people_gives_nothing() -> None:
@@ -116,7 +117,7 @@ def test_a_view_without_people_gives_nothing() -> None:
     empty = replace(empty, rays=np.full_like(empty.rays, np.nan), confidence=np.zeros_like(empty.confidence))
     nobody = ViewDetections(np.zeros(0, int), np.zeros((0, len(NAMES), 2)), np.zeros((0, len(NAMES))), np.zeros(0, int))
     for count in (1, 2):
-        found = assign_detections([nobody], empty, [None] * count, count, FPS)
+        found, _ = assign_detections([nobody], empty, [Wanted("man")] * count, FPS)
         assert len(found) == count and not any(k.confidence.any() for k in found)
 
 
