@@ -163,6 +163,8 @@ def concealed(problem: SegmentProblem, solution: SegmentSolution) -> bool:
     """Whether part of a limb is out of all views' sight, between whole key poses, for longer than prediction bridges.
 
     It may come into sight elsewhere than the solution has it. Foreground images would show that; keypoints do anyway.
+    The end of a limb of three parts and more does not count: a hand is where the forearm ends, and how it is turned is
+    not looked for.
     """
     if not views_with_foreground(problem.views) or problem.keypoints:
         return False
@@ -172,7 +174,7 @@ def concealed(problem: SegmentProblem, solution: SegmentSolution) -> bool:
         for i in problem.sought
         if len(problem.whole_keys(i)) > 1
         for chain in limbs(problem.bodies[i])
-        for part in chain
+        for part in chain[: max(2, len(chain) - 1)]
         for first, last in intervals(hidden[i][:, part])
     )
 

@@ -94,6 +94,12 @@ def test_a_limb_that_no_view_sees_for_longer_than_prediction_bridges_is_conceale
     assert not multi_start.concealed(problem, covering(1, share))
     share[1, 1 : 1 + hidden, BODY.index("forearm.L")] = 0
     assert multi_start.concealed(problem, covering(1, share)) == expected
+    hand = np.ones((2, frames, len(HUMAN)))
+    hand[..., 1 : 1 + hidden, HUMAN.index("hand.L")] = 0
+    whole = replace(problem, bodies=(HUMAN,), fixed=(ends_held(HUMAN, frames),))
+    assert not multi_start.concealed(whole, covering(1, hand)), "it is where the forearm ends"
+    hand[..., 1 : 1 + hidden, HUMAN.index("forearm.L")] = 0
+    assert multi_start.concealed(whole, covering(1, hand)) == expected
     trunk = np.ones_like(share)
     trunk[..., 0] = 0
     assert not multi_start.concealed(problem, covering(1, trunk))
