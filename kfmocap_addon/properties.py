@@ -177,6 +177,18 @@ class KFMocapPerformer(bpy.types.PropertyGroup):
     armature: bpy.props.PointerProperty(
         type=bpy.types.Object, poll=_is_armature, name="Armature", description="The performer's body"
     )
+    person: bpy.props.IntProperty(
+        min=0,
+        name="Person",
+        description=(
+            "Which of the people in the views' keypoints the performer is, from 1 in the order in which they appear. "
+            "0: the key poses say, or the order of the performers"
+        ),
+    )
+    identity: bpy.props.StringProperty(
+        name="Found", description="Which person the performer was found to be when keypoints were used last"
+    )
+    found_person: bpy.props.IntProperty(name="Found Person", description="The number of that person; 0 for none")
     suggestions: bpy.props.CollectionProperty(type=KFMocapSuggestion)
     helpful: bpy.props.CollectionProperty(type=KFMocapHelpfulKey)
     marks: bpy.props.CollectionProperty(type=KFMocapMark)

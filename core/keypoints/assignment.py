@@ -22,7 +22,7 @@ from .people import NEAR, Person, detections_of, distance_to, find_people, promi
 from .tracks import Track, ViewDetections, detection_tracks, without_sides
 from .triangulation import triangulate
 
-Reason = Literal["chosen", "key poses", "order of appearance", "nobody else"]
+Reason = Literal["number", "key poses", "order of appearance", "nobody else"]
 SAME = 0.5
 """A person whose points lie within this of where key poses put a performer is that performer, metres (median)."""
 
@@ -44,6 +44,12 @@ class Identity:
     person: int | None
     people: int
     reason: Reason
+
+    def __str__(self) -> str:
+        """Return it as a label says it; nothing where there is no choice."""
+        if self.person is None or self.people < 2:
+            return ""
+        return f"person {self.person} of {self.people}, by {self.reason}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +131,7 @@ def _matched(
     reasons: list[Reason] = ["order of appearance"] * len(wanted)
     for i, performer in enumerate(wanted):
         if performer.person is not None:
-            persons[i], reasons[i] = _chosen(performer.name, performer.person, len(people), persons), "chosen"
+            persons[i], reasons[i] = _chosen(performer.name, performer.person, len(people), persons), "number"
     posed = [i for i, performer in enumerate(wanted) if persons[i] is None and performer.is_posed]
     left = [p for p in range(len(people)) if p not in persons]
     cost = np.full((len(posed), len(left)), np.inf)

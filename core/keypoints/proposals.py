@@ -16,9 +16,10 @@ from ..runtime.progress import Progress, report_progress
 from ..shot.acceleration_prior import acceleration_precision
 from ..shot.detections import Detections
 from ..shot.shot import KeyPoses, Performer, PerformerRequest, Shot, fixed_degrees
+from .assignment import Identity
 from .first_pass import first_pass, scaled_first_pass
 from .keypoint_fit import KeypointFit
-from .observations import correlated_frames, performer_keypoints
+from .observations import correlated_frames, identified_keypoints, performer_keypoints
 
 EVERY = 0.6
 """Seconds between proposed key poses, about."""
@@ -78,10 +79,13 @@ class KeypointPoses:
         F poses, held to the key poses that there are.
     frames : ndarray of int, shape (K,)
         Shot frames asked for, or chosen.
+    identity : Identity
+        Which of the people that detectors found the performer is.
     """
 
     motion: Motion
     frames: NDArray[np.int64]
+    identity: Identity
 
     def key_poses(self) -> KeyPoses:
         """Return the poses of these frames as proposals, which fix nothing."""
@@ -113,7 +117,7 @@ def poses_from_keypoints(
         `progress` returned False.
     """
     found = []
-    owned = performer_keypoints(shot, detections)
+    owned, identities = identified_keypoints(shot, detections)
     for i, (performer, keypoints) in enumerate(zip(shot.performers, owned, strict=True)):
         report_progress(progress, performer.name, i / len(owned))
         body, keys = performer.body, performer.key_poses
@@ -133,7 +137,7 @@ def poses_from_keypoints(
             chosen = away_from_keys(chosen_frames(fit, shot.fps), keys.frames, shot.fps)
         else:
             chosen = np.array(sorted(set(frames)), np.int64)
-        found.append(KeypointPoses(fit.motion, chosen))
+        found.append(KeypointPoses(fit.motion, chosen, identities[i]))
     return tuple(found)
 
 

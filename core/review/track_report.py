@@ -148,8 +148,10 @@ def _expected_errors(shot: Shot, performer: Performer, deviation: NDArray[np.flo
 
 def _observed(shot: Shot, own: PerformerKeypoints) -> dict[str, Any]:
     """Which of the people found a performer is, and its keypoints."""
-    identity = dataclasses.asdict(own.identity)
-    return {"identity": identity, "keypoints": _keypoints(shot, own)}
+    return {
+        "identity": {**dataclasses.asdict(own.identity), "text": str(own.identity)},
+        "keypoints": _keypoints(shot, own),
+    }
 
 
 def _keypoints(shot: Shot, own: PerformerKeypoints) -> dict[str, Any]:
@@ -203,12 +205,8 @@ def report_lines(values: Mapping[str, Any]) -> list[str]:
     if off:
         lines += [*off, "refine the cameras: kfmocap track --refine, or Refine Cameras in Blender"]
     for performer in values["performers"]:
-        identity = performer.get("identity")
-        if identity and identity["people"] > 1 and identity["person"] is not None:
-            lines.append(
-                f"{performer['name']} is person {identity['person']} of {identity['people']} in the keypoints, by "
-                f"{identity['reason']}"
-            )
+        if identity := performer.get("identity", {}).get("text"):
+            lines.append(f"{performer['name']}: {identity}")
         counts = [f"{part} {sum(b + 1 - a for a, b in spans)}" for part, spans in performer["unseen"].items()]
         if counts:
             lines.append(f"{performer['name']}: frames on which no camera sees a part: {', '.join(counts)}")

@@ -96,10 +96,13 @@ class PoseFromKeypoints(_FromKeypoints, JobOperator, bpy.types.Operator):
 
     def finish(self, context: bpy.types.Context, result: tuple[KeypointPoses, ...]) -> None:
         from ..editing import keyframing
+        from ..scene_io import identities
 
         scene = context.scene
         number = scene.kfmocap.performers.find(self._slot)
         slot, seen = scene.kfmocap.performers[number], result[number]
+        for other, found in zip(scene.kfmocap.performers, result, strict=True):
+            identities.write_identity(other, found.identity)
         if scene.kfmocap.key_frames.choice == "AUTO":
             self.report({"INFO"}, f"{keyframing.propose(scene, slot, seen)} key poses are proposed")
         else:

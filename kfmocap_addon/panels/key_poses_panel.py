@@ -3,6 +3,7 @@
 import bpy
 
 from ..operators.copy_pose import CopyPose, MirrorPose, PastePose
+from ..operators.exchange_people import ExchangePeople
 from ..operators.go_to_frame import GoToFrame
 from ..operators.nudge_pose import BreakdownPose, NudgeDepth, NudgePose
 from ..operators.place_joints import ClearMarks, PlaceJoints
@@ -83,6 +84,8 @@ class PoseFilesPanel(Section, bpy.types.Panel):
         known = [view.name for view in properties.views if view.keypoints]
         layout.label(text=f"Keypoints of {', '.join(known)}" if known else "No view has keypoints yet", icon="INFO")
         layout.operator(ImportKeypoints.bl_idname, icon="IMPORT")
+        if len(properties.performers) > 1 and known:
+            _draw_people(layout, properties.performers)
         layout.operator(MarkKeypoints.bl_idname, icon="PIVOT_CURSOR")
         frames = layout.column()
         frames.use_property_split, frames.use_property_decorate = True, False
@@ -94,6 +97,16 @@ class PoseFilesPanel(Section, bpy.types.Panel):
         column = layout.column(align=True)
         column.operator(PoseFromKeypoints.bl_idname, icon="ARMATURE_DATA")
         column.operator(PoseFromLandmarks.bl_idname, icon="EMPTY_AXIS")
+
+
+def _draw_people(layout: bpy.types.UILayout, performers: bpy.types.bpy_prop_collection) -> None:
+    """Which of the people in the keypoints each performer is."""
+    column = layout.column(align=True)
+    for slot in performers:
+        row = column.row(align=True)
+        row.label(text=f"{slot.name}: {slot.identity or 'not looked for yet'}")
+        row.prop(slot, "person", text="")
+    column.operator(ExchangePeople.bl_idname, icon="ARROW_LEFTRIGHT")
 
 
 def _draw_advice(

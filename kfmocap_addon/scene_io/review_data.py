@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from . import bone_confidence, bone_visibility
+from .identities import write_identity
 
 if TYPE_CHECKING:
     from ...core.shot.shot import Shot
@@ -26,4 +27,6 @@ def write_review(scene: bpy.types.Scene, tracked: Sequence[tuple[Shot, TrackResu
     for shot, result, first in tracked:
         bone_visibility.write_occlusion(scene, shot, result.visible, first)
         bone_confidence.write_confidence(scene, result.deviation, first)
+        for slot, own in zip(scene.kfmocap.performers, result.observed.performers, strict=False):
+            write_identity(slot, own.identity)
     bone_confidence.refresh(scene)

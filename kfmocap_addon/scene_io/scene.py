@@ -56,7 +56,7 @@ def build_scene(
     bodies = ensure_collection(scene, "Performers")
     for performer in shot.performers:
         slot = scene.kfmocap.performers.add()
-        slot.name = performer.name
+        slot.name, slot.person = performer.name, performer.person or 0
         slot.armature = body_armature.build_armature(performer.body, performer.name, bodies)
         key_pose_curves.write_key_poses(slot.armature, performer.key_poses, FRAME_START)
         if len(proposed := performer.key_poses.proposals()):
@@ -120,6 +120,7 @@ def _read_performer(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> Pe
         slot.name,
         body_armature.body_from_armature(slot.armature),
         key_pose_curves.read_key_poses(slot.armature, scene.kfmocap.frame_start, scene.kfmocap.length),
+        slot.person or None,
     )
 
 

@@ -85,7 +85,7 @@ def test_who_is_whose_number_is_chosen_first() -> None:
     first = scene.assigned(Wanted("a"), Wanted("b"))[0][0]
     exchanged, identities = scene.assigned(Wanted("a", person=2), Wanted("b"))
     assert scene.shares(first).argmax() == scene.shares(exchanged[1]).argmax()
-    assert [(i.person, i.reason) for i in identities] == [(2, "chosen"), (1, "order of appearance")]
+    assert [(i.person, i.reason) for i in identities] == [(2, "number"), (1, "order of appearance")]
 
 
 @pytest.mark.parametrize(

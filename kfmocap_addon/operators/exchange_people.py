@@ -1,0 +1,38 @@
+"""Who is who: exchanging two performers among the people in the keypoints."""
+
+import bpy
+
+from ..scene_io import active_performer
+from .conditions import Conditional, has_performer
+
+
+def _has_two(context: bpy.types.Context) -> str:
+    return "" if len(context.scene.kfmocap.performers) > 1 else "There is one performer only: nobody to exchange with"
+
+
+class ExchangePeople(Conditional, bpy.types.Operator):
+    """Make the chosen performer the person that another performer is in the keypoints, and the other way round. Then
+    pose or track both anew"""
+
+    bl_idname = "kfmocap.exchange_people"
+    bl_label = "Exchange People"
+    conditions = (has_performer, _has_two)
+
+    other: bpy.props.StringProperty(name="With", description="The other performer; by default the next one")
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..scene_io import identities
+
+        slots = context.scene.kfmocap.performers
+        number = slots.find(active_performer.chosen(context).name)
+        other = slots.find(self.other) if self.other else (number + 1) % len(slots)
+        if other in (-1, number):
+            self.report({"ERROR"}, f"'{self.other}' is no other performer")
+            return {"CANCELLED"}
+        identities.exchange_people(context.scene, slots[number], slots[other])
+        told = ", ".join(f"{slots[i].name} is person {slots[i].person}" for i in (number, other))
+        self.report({"INFO"}, f"{told}: pose or track them anew")
+        return {"FINISHED"}
+
+
+CLASSES = (ExchangePeople,)
