@@ -165,9 +165,9 @@ def run_batch(
                     batch.start()
                 time.sleep(_POLL)
                 batch.collect()
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as interrupt:
             done = f"{len(batch.found)} of {len(shots)} shots are done"
-            display.said(f"interrupted: {done}; the same command does the rest")
+            interrupt.add_note(f"{done}; the same command does the rest")
             raise
         finally:
             for each in batch.running:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
 from typing import Any
@@ -82,6 +82,9 @@ def results_are_written() -> Iterator[None]:
 
 
 def interrupted_text(interrupt: BaseException) -> str:
-    """Say what an interrupt left."""
-    written = WRITTEN in getattr(interrupt, "__notes__", ())
-    return f"interrupted when {WRITTEN}" if written else "interrupted, nothing was written"
+    """Say what an interrupt left: a note of a KeyboardInterrupt says it where that is neither all nor nothing."""
+    notes: Sequence[str] = getattr(interrupt, "__notes__", ())
+    if WRITTEN in notes:
+        return f"interrupted when {WRITTEN}"
+    partly = isinstance(interrupt, KeyboardInterrupt) and notes
+    return f"interrupted: {notes[0]}" if partly else "interrupted, nothing was written"
