@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 from .cli import command_line
-from .cli.services import BlenderSession, Services
+from .cli.services import BenchmarkRequest, BlenderSession, Services
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -23,10 +22,10 @@ def _load_blender() -> BlenderSession:
     return BatchSession()
 
 
-def _run_benchmark(out: Path | None, *, shot: str | None, quick: bool, repeat: int) -> int:
+def _run_benchmark(request: BenchmarkRequest) -> int:
     from .benchmarks import bench
 
-    return bench.run(out, shot=shot, quick=quick, repeat=repeat)
+    return bench.run(request)
 
 
 if __name__ == "__main__":

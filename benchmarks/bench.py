@@ -7,18 +7,32 @@ import os
 import platform
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import fields, replace
 from importlib import metadata
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 from ..cli.example_footage import example_folder
+from ..cli.services import BenchmarkRequest
 from ..core.errors import FootageError, KFMocapError
 from ..core.runtime.files import check_writable, staged
+from ..core.shot.shot import Settings
 from . import tables
 from .rows import CONVERGENCE, ROWS, Case, cases
+from .shot_set import JudgedShot, judged_shots
 
+_SHOTS = (
+    "Mean error of the joints on frames without a key pose, in mm; the worst joint; a spline through the same key "
+    "poses; the detector's keypoints triangulated and low-passed; and the share of joints within the 90 % interval "
+    "of their expected error:"
+)
+_HALVES = (
+    "Both halves: means over the rows above. One half decides about the tracker's constants, the other only "
+    "reports. Ratios are to the spline, where that is off by more than 40 mm, and to the triangulated detector:"
+)
 _LIBRARIES = ("numpy", "scipy", "opencv-python-headless")
 _ERRORS = (
     "Mean error of the joints on frames without a key pose, in mm. The last two columns are curves through the same "
@@ -34,19 +48,8 @@ _CONVERGENCE = (
 )
 
 
-def run(out: Path | None = None, *, shot: str | None = None, quick: bool = False, repeat: int = 1) -> int:
+def run(request: BenchmarkRequest) -> int:
     """Measure the cases and print the tables.
-
-    Parameters
-    ----------
-    out : Path, optional
-        Folder for bench.md and bench.json; made if it does not exist.
-    shot : str, optional
-        Measure only this example.
-    quick : bool
-        Measure only the quick rows.
-    repeat : int
-        Number of runs of each case; times are their medians.
 
     Returns
     -------
@@ -56,20 +59,65 @@ def run(out: Path | None = None, *, shot: str | None = None, quick: bool = False
     Raises
     ------
     KFMocapError
-        There is no such example, or the folder cannot be written.
+        There is no such shot or setting, the shots cannot be rendered, or the folder cannot be written.
     """
-    if repeat < 1:
-        raise KFMocapError(f"it is {repeat}", where="--repeat", todo="at least 1")
+    if request.repeat < 1:
+        raise KFMocapError(f"it is {request.repeat}", where="--repeat", todo="at least 1")
+    changed = changed_settings(request.changed)
+    if request.out is not None:
+        check_writable(request.out)
+    if request.shots:
+        judged = judged_shots(request.shot, request.data)
+        results = measured(_judging(judged, changed, request.quick), request.repeat)
+        text = summary_of_shots(results, {shot.name: shot.half for shot in judged})
+    else:
+        results = measured(_with_footage(cases(known_example(request.shot), request.quick)), request.repeat)
+        text = summary(results)
+    print(text)
+    if request.out is not None:
+        write(request.out, text, results)
+    return 0 if results and not any("error" in result for result in results) else 1
+
+
+def known_example(shot: str | None) -> str | None:
+    """The name of an example that is measured, or None for all.
+
+    Raises
+    ------
+    KFMocapError
+        There is no such example.
+    """
     if shot is not None and shot not in (known := sorted({row.shot for row in ROWS})):
         raise KFMocapError(f"there is no '{shot}'", where="--shot", todo=f"there are {', '.join(known)}")
-    if out is not None:
-        check_writable(out)
-    results = measured(cases(shot, quick), repeat)
-    text = summary(results)
-    print(text)
-    if out is not None:
-        write(out, text, results)
-    return 0 if results and not any("error" in result for result in results) else 1
+    return shot
+
+
+def changed_settings(texts: Sequence[str]) -> tuple[tuple[str, Any], ...]:
+    """Names and values of settings, each written "name=value" with the value as in a shot file.
+
+    Raises
+    ------
+    KFMocapError
+        There is no such setting, or its value cannot be read.
+    """
+    known = [field.name for field in fields(Settings)]
+    found = []
+    for text in texts:
+        name, _, value = (part.strip() for part in text.partition("="))
+        if name not in known:
+            raise KFMocapError(f"there is no setting '{name}'", where="--set", todo=f"there are {', '.join(known)}")
+        try:
+            found.append((name, tomllib.loads(f"value = {value}")["value"]))
+        except tomllib.TOMLDecodeError as error:
+            raise KFMocapError(f"'{value}' is no value of {name}", where="--set", todo="as in a shot file") from error
+    return tuple(found)
+
+
+def _judging(shots: Sequence[JudgedShot], changed: tuple[tuple[str, Any], ...], quick: bool) -> list[tuple[Case, Path]]:
+    """Cases of the shots with their folders; each once more with the changed settings, if there are any."""
+    plain = [(case, shot.folder) for shot in shots for case in shot.cases(quick)]
+    again = [(replace(case, settings=changed), folder) for case, folder in plain]
+    return plain if not changed else [pair for both in zip(plain, again, strict=True) for pair in both]
 
 
 def write(out_dir: Path, text: str, results: Sequence[tables.Result]) -> None:
@@ -81,11 +129,11 @@ def write(out_dir: Path, text: str, results: Sequence[tables.Result]) -> None:
         (stage / "bench.json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
 
 
-def measured(wanted: Sequence[Case], repeat: int) -> list[tables.Result]:
-    """Measure cases one after the other, with a line about each on standard error."""
-    results = []
-    for case, folder in _with_footage(wanted):
-        _say(f"{len(results) + 1} of {len(wanted)}: {_title(case)} ...")
+def measured(wanted: Iterable[tuple[Case, Path]], repeat: int) -> list[tables.Result]:
+    """Measure cases, each with its shot's folder, one after the other, with a line about each on standard error."""
+    results: list[tables.Result] = []
+    for case, folder in wanted:
+        _say(f"case {len(results) + 1}: {_title(case)} ...")
         results.append(case.as_json() | _repeated(case, folder, repeat))
         _say(_outcome(results[-1]))
     return results
@@ -135,6 +183,18 @@ def summary(results: Sequence[tables.Result]) -> str:
     return "\n\n".join(parts) if results else "Nothing could be measured."
 
 
+def summary_of_shots(results: Sequence[tables.Result], halves: Mapping[str, str]) -> str:
+    """The tables of the set of shots: every row, then both halves."""
+    parts = [
+        f"Measured with {machine()}.",
+        _SHOTS,
+        tables.judged(results, halves),
+        _HALVES,
+        tables.halves(results, halves),
+    ]
+    return "\n\n".join(parts) if results else "Nothing could be measured."
+
+
 def machine() -> str:
     """What the times depend on."""
     return f"{os.cpu_count()} cores, {platform.system()} {platform.machine()}, Python {platform.python_version()}"
@@ -145,7 +205,8 @@ def _title(case: Case) -> str:
     sweeps = "" if case.sweeps is None else f", {case.sweeps} sweeps"
     keys = " ".join(map(str, row.keyframes)) or "none"
     given = ", keypoints" if row.keypoints else ""
-    return f"{row.shot}, {'+'.join(row.cameras)}, key frames {keys}{given}, {case.solver}{sweeps}"
+    changed = "".join(f", {name} = {value}" for name, value in case.settings)
+    return f"{row.shot}, {'+'.join(row.cameras)}, key frames {keys}{given}, {case.solver}{sweeps}{changed}"
 
 
 def _outcome(result: tables.Result) -> str:

@@ -9,6 +9,9 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..core.body import landmark_positions
 from ..core.body.motion import Motion
 from ..core.formats import Landmarks, read_trc
@@ -18,20 +21,26 @@ from ..core.shot.shot import Shot
 from ..core.tracking.prepare import load_shot
 from ..core.tracking.segments import Segment
 from ..core.tracking.tracker import track
+from .shot_scores import interval_cover, triangulated_error
 
 
 class Reference:
     """The landmarks that a shot's motion is compared with."""
 
     def __init__(self, shot: Shot, file: Path) -> None:
-        self.performer, self.fps, self._landmarks = shot.performers[0], shot.fps, read_trc(file)
+        self.performer, self.fps, self.landmarks = shot.performers[0], shot.fps, read_trc(file)
 
     def score(self, motion: Motion) -> Score:
         """Compare the joints of a motion with the reference."""
         body = self.performer.body
         names = tuple(body.landmarks)
         found = Landmarks(names, landmark_positions(body, motion, names), self.fps)
-        return joint_error(found, self._landmarks, self.performer.key_poses.full().tolist())
+        return joint_error(found, self.landmarks, self.performer.key_poses.full().tolist())
+
+    def cover(self, motion: Motion, deviation: NDArray[np.float64]) -> float:
+        """Share of the joints within the 90 % interval of their expected error."""
+        keys = self.performer.key_poses.full().tolist()
+        return interval_cover(self.performer.body, motion, deviation, self.landmarks, keys)
 
 
 class Watch:
@@ -65,16 +74,20 @@ def measure(case: dict[str, Any], folder: Path) -> dict[str, Any]:
     begin = time.perf_counter()
     file = folder / ("shot_keypoints.toml" if case["keypoints"] else "shot.toml")
     shot = load_shot(file, views=case["cameras"], keyframes=case["keyframes"] or "auto", solver=case["solver"])
-    if case["sweeps"] is not None:
-        shot = replace(shot, settings=replace(shot.settings, sweeps=case["sweeps"]))
+    sweeps = {} if case["sweeps"] is None else {"sweeps": case["sweeps"]}
+    shot = replace(shot, settings=replace(shot.settings, **sweeps, **case["settings"]))
     loaded = time.perf_counter()
     watch = Watch() if case["watch"] else None
     result = track(shot, observe=watch)
     seconds = {"load": loaded - begin, **result.seconds, "total": time.perf_counter() - begin}
     memory = peak_memory()
     reference = Reference(shot, folder / "landmarks.trc")
+    triangulated = triangulated_error(shot, reference.landmarks) if case["keypoints"] else None
     return {
+        "fps": shot.fps,
         "score": asdict(reference.score(result.motions[0])),
+        "triangulated": triangulated and triangulated.mean,
+        "cover": reference.cover(result.motions[0], result.deviation[0]),
         "spline": reference.score(spline(reference.performer.key_poses, shot.length)).mean,
         "blender": _blender_error(shot, reference),
         "way": [reference.score(m).mean for m in watch.way(result.motions[0])] if watch else None,

@@ -9,18 +9,17 @@ from __future__ import annotations
 
 import argparse
 import json
-import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..core.errors import FootageError, KFMocapError
+from ..core.errors import KFMocapError
 from ..core.runtime.files import check_writable, replacing, staged
 from .experiments_pictures import write_jpeg
 from .experiments_runs import ExperimentResult, RenderedShot, say, throw, walk, whirl
+from .footage_renderer import ROOT, render
 
-ROOT = Path(__file__).resolve().parents[1]
 CACHE = ROOT / "build" / "experiments"
 PAGE = ROOT / "docs" / "experiments.md"
 """Has tables between `<!-- NAME -->` and `<!-- end -->`, and pictures beside it."""
@@ -49,15 +48,8 @@ def rendered(take: str) -> Path:
     FootageError
         It cannot be rendered.
     """
-    script = ROOT / "tools" / "render_footage.py"
-    if not script.is_file():
-        raise FootageError("the renderer is not installed", where=str(script), todo="run it from a checkout")
     say(f"the footage of '{take}' is rendered, unless it is in {CACHE / take} ...")
-    command = [sys.executable, str(script), take, "--out", str(CACHE / take)]
-    process = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, check=False)
-    if process.returncode:
-        reason = process.stderr.strip().splitlines() or ["the renderer ended without a word"]
-        raise FootageError(f"it could not be rendered: {reason[-1]}", where=take)
+    render("render_footage.py", [take, "--out", str(CACHE / take)], what=take)
     return CACHE / take
 
 

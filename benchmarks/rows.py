@@ -60,12 +60,21 @@ SWEEPS = (5, 50, 500)
 
 @dataclass(frozen=True)
 class Case:
-    """A row and how it is solved; `watch` also measures the error on the way."""
+    """A row and how it is solved.
+
+    Attributes
+    ----------
+    watch : bool
+        Also measure the error on the way.
+    settings : tuple of (name, value)
+        Settings of the tracker that differ from the shot's.
+    """
 
     row: Row
     solver: str
     sweeps: int | None = None
     watch: bool = False
+    settings: tuple[tuple[str, Any], ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Plain values."""
@@ -78,6 +87,7 @@ class Case:
             "solver": self.solver,
             "sweeps": self.sweeps,
             "watch": self.watch,
+            "settings": dict(self.settings),
         }
 
 

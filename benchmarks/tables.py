@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import zip_longest
+from statistics import fmean
 from typing import Any
 
 Result = dict[str, Any]
@@ -38,6 +39,59 @@ def errors(results: Sequence[Result]) -> str:
         solved = [_number(found.get(s), lambda r: r["score"]["mean"]) for s in ("gauss-newton", "relaxation")]
         rows.append([*row, *solved, *(_number(either, lambda r, c=c: r[c]) for c in ("blender", "spline"))])
     return markdown(heads, rows)
+
+
+def judged(results: Sequence[Result], halves: Mapping[str, str]) -> str:
+    """Errors on the set of shots, half by half, beside what needs no tracker; a column more for changed settings."""
+    plain = [result for result in results if not result["settings"]]
+    again = {_row(result): result for result in results if result["settings"]}
+    heads = ["half", "shot", "cameras", "fps", "key frames", "mm", "worst joint", "spline", "triangulated", "90 %"]
+    rows = []
+    for result in sorted(plain, key=lambda r: halves[r["shot"]]):
+        shot, cameras, keys = _row(result)
+        kept = result if result["keyframes"] else None
+        cells = [halves[shot], shot, cameras, _number(result, lambda r: r["fps"], 0), keys]
+        cells += [_number(result, lambda r: r["score"]["mean"]), _worst(result)]
+        cells += [_number(kept, lambda r: r["spline"]), _number(result, lambda r: r["triangulated"])]
+        cells.append(_number(result, lambda r: 100 * r["cover"], 0))
+        rows.append(cells + [_number(again.get(_row(result)), lambda r: r["score"]["mean"])] * bool(again))
+    if again:
+        heads.append(" ".join(f"{k} = {v}" for k, v in next(iter(again.values()))["settings"].items()))
+    return markdown(heads, rows)
+
+
+HARD = 40.0
+"""Error of the spline, mm, from which on a row is compared with it."""
+
+
+def halves(results: Sequence[Result], half_of: Mapping[str, str]) -> str:
+    """Both halves of the set of shots: mean errors by what was given, and what they are of the simpler ways' errors."""
+    heads = ("half", "given", "settings", "rows", "mm", "of the spline", "of the triangulated", "90 %")
+    groups: dict[Row, list[Result]] = {}
+    for result in results:
+        if "error" not in result:
+            given = "key poses" if result["keyframes"] else "keypoints"
+            given += ", keypoints" if result["keyframes"] and result["keypoints"] else ""
+            groups.setdefault(
+                (given, "changed" if result["settings"] else "default", half_of[result["shot"]]), []
+            ).append(result)
+    rows = []
+    for (given, settings, half), found in sorted(groups.items()):
+        errors = [r["score"]["mean"] for r in found]
+        hard = [r["score"]["mean"] / r["spline"] for r in found if r["keyframes"] and r["spline"] > HARD]
+        seen = [r["score"]["mean"] / r["triangulated"] for r in found if r["triangulated"]]
+        ratios = [f"{fmean(values):.2f}" if values else "-" for values in (hard, seen)]
+        cover = f"{100 * fmean(r['cover'] for r in found):.0f}"
+        rows.append([half, given, settings, str(len(found)), f"{fmean(errors):.1f}", *ratios, cover])
+    return markdown(heads, rows)
+
+
+def _worst(result: Result) -> str:
+    """The joint with the largest error, and that, mm."""
+    if "error" in result:
+        return "-"
+    name, error = max(result["score"]["per_landmark"].items(), key=lambda item: item[1])
+    return f"{name} {error:.0f}"
 
 
 def times(results: Sequence[Result]) -> str:

@@ -67,10 +67,19 @@ def _add_demo(command: argparse.ArgumentParser) -> None:
 
 
 def _add_bench(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--out", type=_path, metavar="DIR", help="also write bench.md and bench.json there")
-    command.add_argument("--shot", metavar="NAME", help="measure one example only: beam or walk")
+    command.add_argument("--out", type=Path, metavar="DIR", help="also write bench.md and bench.json there")
+    command.add_argument("--shot", metavar="NAME", help="measure one example or shot only, such as beam or walk")
     command.add_argument("--quick", action="store_true", help="measure a few rows only")
     command.add_argument("--repeat", type=int, default=1, metavar="N", help="times are medians of N runs (default: 1)")
+    command.add_argument("--shots", action="store_true", help="measure the set of shots that judges the tracker")
+    command.add_argument("--data", type=Path, metavar="DIR", help="with --shots: folder of further shots with truth")
+    command.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="with --shots: measure once more with this setting of the tracker; may be repeated",
+    )
 
 
 def _add_tracking(command: argparse.ArgumentParser) -> None:

@@ -1,15 +1,28 @@
-"""`kfmocap bench`: measure the tracker's errors and times on the examples."""
+"""`kfmocap bench`: measure the tracker's errors and times on the examples, or its errors on the set of shots."""
 
 from __future__ import annotations
 
 import argparse
 
 from ..core.errors import KFMocapError
-from .services import Services
+from .services import BenchmarkRequest, Services
 
 
 def run(args: argparse.Namespace, services: Services) -> int:
     """Carry out the command; returns the exit code."""
     if services.run_benchmark is None:
         raise KFMocapError("the benchmark is not installed", todo="run it from a checkout of the project")
-    return services.run_benchmark(args.out, shot=args.shot, quick=args.quick, repeat=args.repeat)
+    if not args.shots and (args.data is not None or args.set):
+        option = "--set" if args.set else "--data"
+        raise KFMocapError("it belongs to the set of shots", where=option, todo="give --shots, too")
+    return services.run_benchmark(
+        BenchmarkRequest(
+            out=args.out,
+            shot=args.shot,
+            quick=args.quick,
+            repeat=args.repeat,
+            shots=args.shots,
+            data=args.data,
+            changed=tuple(args.set),
+        )
+    )

@@ -51,11 +51,35 @@ class BlenderSession(Protocol):
         """
 
 
-class RunBenchmark(Protocol):
-    """Measures the tracker on the examples and prints tables; returns the exit code."""
+@dataclass(frozen=True)
+class BenchmarkRequest:
+    """What the benchmark is asked to measure.
 
-    def __call__(self, out: Path | None, *, shot: str | None, quick: bool, repeat: int) -> int:
-        """Measure."""
+    Attributes
+    ----------
+    out : Path, optional
+        Folder for the tables.
+    shot : str, optional
+        One shot only.
+    quick : bool
+        A few rows only.
+    repeat : int
+        Number of runs of each case; times are their medians.
+    shots : bool
+        The set of shots that judges the tracker, instead of the examples.
+    data : Path, optional
+        Folder of further shots of that set.
+    changed : tuple of str
+        Settings of the tracker, "NAME=VALUE", with which the set is measured once more.
+    """
+
+    out: Path | None = None
+    shot: str | None = None
+    quick: bool = False
+    repeat: int = 1
+    shots: bool = False
+    data: Path | None = None
+    changed: tuple[str, ...] = ()
 
 
 def no_blender() -> NoReturn:
@@ -74,12 +98,12 @@ class Services:
     in_blender : bool
         The program runs inside Blender: `track` without a shot file tracks the open scene.
     run_benchmark : callable, optional
-        None where the benchmark is not installed.
+        Measures, prints tables and returns the exit code; None where the benchmark is not installed.
     """
 
     load_blender: Callable[[], BlenderSession] = no_blender
     in_blender: bool = False
-    run_benchmark: RunBenchmark | None = None
+    run_benchmark: Callable[[BenchmarkRequest], int] | None = None
 
     def blender(self) -> BlenderSession:
         """Load Blender.

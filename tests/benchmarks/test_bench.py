@@ -121,7 +121,7 @@ def test_tables_and_values_are_written(
 def test_times_are_medians_of_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     runs = iter([measured(seconds={"total": t}, memory=m) for t, m in ((9.0, 1), (3.0, 5), (4.0, 2))])
     monkeypatch.setattr(bench, "measured_alone", lambda *_: next(runs))
-    [result] = bench.measured([Case(Row("walk", ("cam01",), (0,)), "relaxation")], 3)
+    [result] = bench.measured([(Case(Row("walk", ("cam01",), (0,)), "relaxation"), WALK)], 3)
     assert result["seconds"] == {"total": 4.0} and result["memory"] == 2
 
 

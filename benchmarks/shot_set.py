@@ -1,0 +1,110 @@
+"""The set of shots that the tracker is judged by: one half decides about its constants, the other half only reports.
+
+`kfmocap bench --shots` measures them. Most are rendered by `tools/render_benchmark.py` when they are first wanted;
+those in a folder of one's own, which need the same files, are measured with them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+from ..core.errors import FootageError, KFMocapError
+from ..core.formats.shot_toml import read_shot_spec
+from ..core.shot.shot import SOLVERS
+from .footage_renderer import ROOT, render
+from .rows import Case, Row
+
+DECIDING, REPORTING = "deciding", "reporting"
+MADE: Mapping[str, str] = MappingProxyType(
+    {
+        "bow": DECIDING,
+        "stretching": REPORTING,
+        "front_kick": DECIDING,
+        "round_kick": REPORTING,
+        "punches": DECIDING,
+        "ball_throw": REPORTING,
+        "leap": DECIDING,
+        "hop_turn": REPORTING,
+        "stroll_behind_bench": DECIDING,
+        "sitting_down": REPORTING,
+        "dance": DECIDING,
+        "lunges": REPORTING,
+        "waving_far": DECIDING,
+        "picking_up_near": REPORTING,
+    }
+)
+"""The half that each rendered shot belongs to."""
+CACHE = ROOT / "build" / "shots"
+FOLDER = ROOT.parent / "shared" / "data" / "shots"
+"""Where further shots are looked for; the tracker was developed with them, so they decide."""
+GIVEN = ("shot.toml", "shot_keypoints.toml", "landmarks.trc")
+"""The files of a further shot."""
+
+
+@dataclass(frozen=True)
+class JudgedShot:
+    """A shot of the set.
+
+    Attributes
+    ----------
+    half : str
+        `DECIDING` or `REPORTING`.
+    folder : Path
+        With shot.toml, shot_keypoints.toml and landmarks.trc.
+    """
+
+    name: str
+    half: str
+    folder: Path
+
+    def cases(self, quick: bool = False) -> list[Case]:
+        """What is measured: the file's key frames; and with keypoints, the first and last of them, and none."""
+        spec = read_shot_spec(self.folder / "shot.toml")
+        keys = spec.performers[0].keyframes
+        if not isinstance(keys, tuple):
+            raise KFMocapError("its performer lists no key frames", where=str(self.folder / "shot.toml"))
+        cameras = tuple(view.camera for view in spec.views)
+        rows = [Row(self.name, cameras, keys)]
+        if not quick:
+            rows.append(Row(self.name, cameras, (keys[0], keys[-1]), keypoints=True))
+        if not quick and len(cameras) > 1:
+            rows.append(Row(self.name, cameras, (), keypoints=True))
+        return [Case(row, SOLVERS[0]) for row in rows]
+
+
+def judged_shots(shot: str | None = None, data: Path | None = None) -> list[JudgedShot]:
+    """All shots of the set, or the one of a name; rendered where they are not yet.
+
+    Parameters
+    ----------
+    data : Path, optional
+        A folder of further shots, by default `FOLDER` if it is there.
+
+    Raises
+    ------
+    KFMocapError
+        There is no such shot.
+    FootageError
+        It cannot be rendered.
+    """
+    given = _given_shots(data)
+    known = [*MADE, *(found.name for found in given)]
+    if shot is not None and shot not in known:
+        raise KFMocapError(f"there is no '{shot}'", where="--shot", todo=f"there are {', '.join(known)}")
+    wanted = [name for name in MADE if shot in (None, name)]
+    if wanted:
+        CACHE.mkdir(parents=True, exist_ok=True)
+        render("render_benchmark.py", [*wanted, "--out", str(CACHE)], what=" ".join(wanted))
+    made = [JudgedShot(name, MADE[name], CACHE / name) for name in wanted]
+    return [*made, *(found for found in given if shot in (None, found.name))]
+
+
+def _given_shots(data: Path | None) -> list[JudgedShot]:
+    folder = FOLDER if data is None else data
+    if data is not None and not data.is_dir():
+        raise FootageError("there is no such folder", where=str(data))
+    homes = sorted(file.parent for file in folder.glob("*/shot.toml")) if folder.is_dir() else []
+    return [JudgedShot(home.name, DECIDING, home) for home in homes if all((home / name).is_file() for name in GIVEN)]
