@@ -9,6 +9,7 @@ translation or T.
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -27,6 +28,8 @@ from .reading import check_depth, read_text, reading
 _MATRIX = ("camera_matrix", "matrix", "K", "intrinsics", "cameraMatrix")
 _DISTORTIONS = ("distortion_coefficients", "distortions", "dist", "distCoeffs", "D")
 _ROTATION = ("rotation", "R", "Rot", "rvec", "rotation_matrix")
+_LONG_WORD = re.compile(r"\S{250}")
+_BARE_KEY = re.compile(r"\s*(-\s+)*[^\s\[{].*:\s*(!\S*)?\s*")
 _LONGEST = 10_000  # values of a list or a matrix
 _TRANSLATION = ("translation", "T", "t", "tvec")
 
@@ -53,16 +56,53 @@ def _document(path: Path) -> dict[str, Any]:
     """The whole file as plain values: dict, list, str, numbers and arrays."""
     text = read_text(path, "the calibration", CalibrationError)
     check_depth(text, path, "an OpenCV file", CalibrationError)
-    storage = cv2.FileStorage()
-    try:
-        with reading(path, "an OpenCV file", CalibrationError):
-            opened = storage.open(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-            document = _value(storage.root()) if opened else None
-    finally:
-        storage.release()
+    with reading(path, "an OpenCV file", CalibrationError):
+        document = _of_json(json.loads(text)) if text.lstrip().startswith("{") else _of_yaml(text)
     if not isinstance(document, dict):
         raise CalibrationError("is not an OpenCV file", where=str(path))
     return document
+
+
+def _of_json(value: Any) -> Any:
+    """What Python made of a document in JSON, with arrays for matrices."""
+    if isinstance(value, dict):
+        if value.keys() >= {"rows", "cols", "data"}:
+            return np.array(value["data"], float).reshape(int(value["rows"]), int(value["cols"]))
+        return {key: _of_json(inner) for key, inner in value.items()}
+    return [_of_json(inner) for inner in value] if isinstance(value, list) else value
+
+
+def _of_yaml(text: str) -> Any:
+    _check_yaml(text)
+    storage = cv2.FileStorage()
+    try:
+        opened = storage.open(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+        return _value(storage.root()) if opened else None
+    finally:
+        storage.release()
+
+
+def _check_yaml(text: str) -> None:
+    """Refuse what OpenCV's parser does not survive: it loses its way after a key without a value, and in long words.
+
+    Raises
+    ------
+    ValueError
+    """
+    if not text.startswith("%YAML"):
+        raise ValueError("it begins neither as YAML nor as JSON")
+    if _LONG_WORD.search(text):
+        raise ValueError("a word in it is too long")
+    lines = [line for line in text.split("\n") if line.strip() and not line.lstrip().startswith("#")]
+    for line, following in zip(lines, [*lines[1:], ""], strict=True):
+        if _BARE_KEY.fullmatch(line):
+            deeper = _indentation(following) - _indentation(line)
+            if not (deeper > 0 or (deeper == 0 and following.lstrip().startswith("- "))):
+                raise ValueError(f"'{line.strip()[:40]}' has no value")
+
+
+def _indentation(line: str) -> int:
+    return len(line) - len(line.lstrip(" "))
 
 
 def _value(node: Any) -> Any:

@@ -56,8 +56,9 @@ class Job:
     def _listen(self, sent: bytes) -> None:
         with contextlib.suppress(OSError, EOFError, pickle.UnpicklingError), self._process as process:
             assert process.stdin is not None and process.stdout is not None
+            # It stays open: the worker ends when it is closed, as it is when this process ends, however that happens.
             process.stdin.write(sent)
-            process.stdin.close()
+            process.stdin.flush()
             kind = "progress"
             while kind == "progress":
                 kind, value = pickle.load(process.stdout)

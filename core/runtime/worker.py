@@ -3,17 +3,23 @@
 It is run as a script. What comes in and goes out are pickles; see `job.Job`.
 """
 
+import _thread
+import contextlib
 import importlib.util
 import os
 import pickle
 import signal
 import sys
+import threading
+import time
 import traceback
 from pathlib import Path
 from types import ModuleType
 
 NICENESS = 5
 """Where that is known, the program that is waiting goes first."""
+GRACE = 1.0
+"""Seconds that the work has to tidy up when nobody waits for it any more."""
 
 
 def main() -> None:
@@ -34,13 +40,27 @@ def main() -> None:
         search, package, folder = pickle.load(incoming)
         sys.path[:] = search
         load(package, Path(folder))
-        result = pickle.load(incoming)(lambda what, fraction: tell("progress", (what, fraction)))
+        work, done = pickle.load(incoming), threading.Event()
+        threading.Thread(target=_end_with_parent, args=(done,), daemon=True).start()
+        result = work(lambda what, fraction: tell("progress", (what, fraction)))
+        done.set()
         tell("result", result)
     except (BrokenPipeError, KeyboardInterrupt):
         os._exit(1)  # nobody listens any more
     except Exception as error:
         error.add_note(traceback.format_exc())
         tell("error", error)
+
+
+def _end_with_parent(done: threading.Event) -> None:
+    """End this process when the program that waits for it has ended: its end of the pipe was closed with it."""
+    with contextlib.suppress(OSError):
+        os.read(0, 1)  # not through sys.stdin, whose lock would be held when Python ends
+    if done.is_set():
+        return
+    _thread.interrupt_main(signal.SIGTERM)  # to tidy up
+    time.sleep(GRACE)
+    os._exit(1)
 
 
 def load(package: str, folder: Path) -> None:

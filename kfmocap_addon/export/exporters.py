@@ -26,6 +26,7 @@ from ..scene_io import body_armature, fcurves
 from ..scene_io.scene import set_rate
 from . import destinations
 from .presets import PRESETS
+from .whole_files import check_whole
 
 _Y_UP = Matrix(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)))
 _TRANSFORMS = ("location", "rotation_quaternion", "rotation_euler", "rotation_axis_angle", "scale")
@@ -247,7 +248,8 @@ def _scale_locations(
 
 @contextmanager
 def writing(path: Path) -> Iterator[Path]:
-    """Like `replacing`; makes the folder where it is missing, and raises Blender's failures as OutputError.
+    """Like `replacing`; makes the folder where it is missing, and raises Blender's failures as OutputError, also those
+    that it does not report: see `check_whole`.
 
     Blender's exporters also print; that is not for the user of a batch.
     """
@@ -260,3 +262,4 @@ def writing(path: Path) -> Iterator[Path]:
             yield target
         except RuntimeError as error:
             raise OutputError(f"Blender cannot write it: {error}", where=str(path)) from error
+        check_whole(target, path)

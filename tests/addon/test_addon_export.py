@@ -20,6 +20,7 @@ from kfmocap.core.numerics import rotations  # noqa: E402
 from kfmocap.kfmocap_addon import registration  # noqa: E402
 from kfmocap.kfmocap_addon.batch import BatchSession  # noqa: E402
 from kfmocap.kfmocap_addon.export import blender_outputs, destinations, exporters, presets  # noqa: E402
+from kfmocap.kfmocap_addon.export.whole_files import check_whole  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import body_armature, key_pose_curves, scene  # noqa: E402
 from mathutils import Matrix  # noqa: E402
 
@@ -73,6 +74,26 @@ def test_at_a_broken_rate_the_exports_keep_time(tmp_path):
     # Blender's FBX importer takes 29.97 frames per second for 30: its fault, undone here.
     armature = imported(tmp_path / "walk.fbx")
     assert joint_error(armature, human(1.7), motion(12), 30 / 29.97, 30 / 29.97) < TOLERANCE
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_a_file_that_blender_wrote_in_part_does_not_count(tmp_path, monkeypatch, compressed):
+    """As on a full disk, where saving reports success."""
+    monkeypatch.setattr(bpy.context.preferences.filepaths, "use_file_compression", compressed)
+    paths = write_outputs(shot(tmp_path), tmp_path / "out")
+    libraries = len(bpy.data.libraries)
+    for path in paths:
+        check_whole(path)
+        whole = path.read_bytes()
+        for length in (0, 20, len(whole) // 2, len(whole) - 4096, len(whole) - 1):
+            path.write_bytes(whole[: max(length, 0)])
+            if path.suffix == ".bvh" and length == len(whole) - 1:
+                continue  # the end of its last line alone
+            with pytest.raises(OutputError, match=f"{path.name}: Blender wrote it in part only"):
+                check_whole(path)
+    assert len(bpy.data.libraries) == libraries
+    with pytest.raises(OutputError, match=r"out.walk\.fbx: Blender wrote"), exporters.writing(paths[1]) as target:
+        target.write_bytes(b"Kaydara FBX Binary")
 
 
 def test_several_performers_have_files_of_their_own(tmp_path):

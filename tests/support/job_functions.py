@@ -34,3 +34,20 @@ def broken(progress: Progress) -> None:
 
 def killed(progress: Progress) -> None:
     os._exit(1)
+
+
+def busy(file: Path, progress: Progress) -> None:
+    """Computes for long, and reports nothing."""
+    file.write_text(str(os.getpid()))
+    while True:
+        pass
+
+
+def stubborn(file: Path, progress: Progress) -> None:
+    """Does not end when it is asked to."""
+    file.write_text(str(os.getpid()))
+    while True:
+        try:
+            time.sleep(60)
+        except KeyboardInterrupt:
+            continue

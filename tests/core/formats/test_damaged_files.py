@@ -145,6 +145,7 @@ HOSTILE = {
     "opencv with a Latin-1 byte": ("a.yml", changed(CALIBRATION, '"01"', '"\xe9"'), load_cameras),
     "opencv with a number for names": ("a.yml", changed(CALIBRATION, 'names:\n  - "01"', "names: 5"), load_cameras),
     "opencv with a width in letters": ("a.yml", changed(CALIBRATION, "W_01: 640", "W_01: x"), load_cameras),
+    "opencv with a key without a value": ("a.yml", changed(CALIBRATION, "W_01: 640", "W_01: "), load_cameras),
     "opencv nested 3000 deep": ("a.json", b'{"a": ' + 3000 * b"[" + 3000 * b"]" + b"}", load_cameras),
     "opencv nested 300000 deep": ("a.yml", b"%YAML:1.0\n---\na: " + 300000 * b"[", load_cameras),
     "opencv with 2^31 values": (

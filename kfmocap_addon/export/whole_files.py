@@ -1,0 +1,76 @@
+"""Files that Blender wrote: whether they are whole. On a full disk Blender reports success and leaves a part."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ...core.errors import OutputError
+
+_BLEND, _BLEND_END = b"BLENDER", b"ENDB"
+_END_LENGTHS = (20, 24, 32)  # of the last block, which is but a header: before 5.0 of 32 and of 64 bits, and since
+_ZSTD, _ZSTD_END = b"\x28\xb5\x2f\xfd", b"\xb1\xea\x92\x8f"  # a compressed file, and the end of its table of frames
+_FBX = b"Kaydara FBX Binary"
+_FBX_END = bytes.fromhex("f85a8c6adef5d97eece90ce3758f290b")
+_TAIL = 64
+
+
+def check_whole(path: Path, shown: Path | None = None) -> None:
+    """See that a .blend, .fbx or .bvh file is whole.
+
+    Parameters
+    ----------
+    path : Path
+    shown : Path, optional
+        Its path for messages, where this is a temporary one.
+
+    Raises
+    ------
+    OutputError
+        It is missing or cut off.
+    """
+    checks = {".blend": _is_whole_blend, ".fbx": _is_whole_fbx, ".bvh": _is_whole_bvh}
+    try:
+        whole = checks[path.suffix.lower()](path)
+    except (OSError, ValueError):
+        whole = False
+    if not whole:
+        raise OutputError("Blender wrote it in part only", where=str(shown or path), todo="is the disk full?")
+
+
+def _ends(path: Path, count: int) -> tuple[bytes, bytes]:
+    """The first and the last bytes of a file."""
+    with path.open("rb") as file:
+        begin = file.read(count)
+        file.seek(max(0, file.seek(0, 2) - _TAIL))
+        return begin, file.read()
+
+
+def _is_whole_blend(path: Path) -> bool:
+    begin, end = _ends(path, len(_BLEND))
+    if begin == _BLEND:
+        marked = len(end) - end.rfind(_BLEND_END) in _END_LENGTHS
+    else:
+        marked = begin.startswith(_ZSTD) and end.endswith(_ZSTD_END)
+    if not marked:
+        return False
+    opened: Any = bpy.data.libraries.load
+    with opened(str(path)) as (found, _):
+        return bool(found.scenes)
+
+
+def _is_whole_fbx(path: Path) -> bool:
+    begin, end = _ends(path, len(_FBX))
+    return begin == _FBX and end.endswith(_FBX_END)
+
+
+def _is_whole_bvh(path: Path) -> bool:
+    """Whether it has as many lines of numbers, of equal length, as it says."""
+    text = path.read_text(encoding="utf-8")
+    count = re.search(r"^Frames:\s*(\d+)", text, re.MULTILINE)
+    rows = text.partition("Frame Time:")[2].splitlines()[1:]
+    channels = sum(int(number) for number in re.findall(r"CHANNELS (\d+)", text))
+    return count is not None and len(rows) == int(count[1]) and all(len(row.split()) == channels for row in rows)
