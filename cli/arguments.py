@@ -19,6 +19,7 @@ def parser() -> argparse.ArgumentParser:
         commands.add_parser("synchronise", help="find the time offsets of another take's videos from its wand")
     )
     _add_demo(commands.add_parser("demo", help="track real footage of four cameras, downloaded once"))
+    _add_retarget(commands.add_parser("retarget", help="put motion files on a character of a .blend file"))
     _add_bench(commands.add_parser("bench", help="measure the tracker's errors and times on the examples"))
     return program
 
@@ -64,6 +65,32 @@ def _add_synchronise(command: argparse.ArgumentParser) -> None:
 def _add_demo(command: argparse.ArgumentParser) -> None:
     command.add_argument("--out", type=_path, default=Path("kfmocap-demo"), metavar="DIR", help="default: %(default)s")
     _add_tracking(command)
+
+
+def _add_retarget(command: argparse.ArgumentParser) -> None:
+    command.add_argument("motions", nargs="+", type=Path, metavar="MOTION.bvh", help="motion files")
+    command.add_argument("--to", required=True, type=Path, metavar="CHARACTER.blend", help="file with the character")
+    command.add_argument("--armature", metavar="NAME", help="its armature (default: the only one that can be meant)")
+    command.add_argument("--preset", metavar="NAME", help="kind of rig, such as rigify, mixamo (default: by its bones)")
+    command.add_argument(
+        "--out", required=True, type=Path, metavar="MOVED.blend", help="file to write; for several motions a folder"
+    )
+    command.add_argument("--bone-map", type=Path, metavar="FILE.json", help="bone map of the character")
+    command.add_argument("--source-map", type=Path, metavar="FILE.json", help="bone map of the motion files")
+    command.add_argument("--save-map", type=Path, metavar="FILE.json", help="also write the bone map that was used")
+    command.add_argument("--root", default="world", metavar="NAME", help="world, in-place or root-bone")
+    command.add_argument("--feet", default="keep", metavar="NAME", help="keep, clean or off")
+    command.add_argument("--hands", action="store_true", help="keep hands where they stand still")
+    command.add_argument("--scale", type=float, metavar="X", help="size of the motion (default: by the legs)")
+    command.add_argument("--layer", action="store_true", help="keep the present action below, as a strip of the NLA")
+    command.add_argument(
+        "--tolerance",
+        nargs=2,
+        type=float,
+        default=(0.0, 0.0),
+        metavar=("DEG", "MM"),
+        help="leave out keys whose lack changes rotations and places by no more",
+    )
 
 
 def _add_bench(command: argparse.ArgumentParser) -> None:

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn, Protocol
+from typing import TYPE_CHECKING, Any, NoReturn, Protocol
 
 from ..core.errors import OutputError
 
 if TYPE_CHECKING:
     from ..core.shot.shot import Shot
     from ..core.tracking.track_result import TrackResult
+    from .retarget_command import RetargetRequest
 
 
 class BlenderSession(Protocol):
@@ -48,6 +49,19 @@ class BlenderSession(Protocol):
         ------
         OutputError
             A file cannot be written.
+        """
+
+    def retarget(self, request: RetargetRequest) -> dict[str, Any]:
+        """Put a motion on a character and save the file; returns the report.
+
+        Raises
+        ------
+        ShotError
+            A file cannot be read.
+        BodyError
+            The motion or the character is no human's, or cannot do what is asked for.
+        OutputError
+            The file cannot be written.
         """
 
 

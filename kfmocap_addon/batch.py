@@ -6,7 +6,7 @@ Importing it loads neither NumPy nor the core beyond its errors, as Blender does
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
@@ -15,6 +15,7 @@ from ..cli.services import Services
 from . import registration
 
 if TYPE_CHECKING:
+    from ..cli.retarget_command import RetargetRequest
     from ..core.shot.shot import Shot
     from ..core.tracking.track_result import TrackResult
 
@@ -47,6 +48,13 @@ class BatchSession:
         scene = bpy.context.scene if open_scene else None
         with registration.registered():
             return blender_outputs.write_blender_outputs(shot, result, folder, scene, home=home)
+
+    def retarget(self, request: RetargetRequest) -> dict[str, Any]:
+        """Put a motion on a character and save the file; returns the report."""
+        from .retargeting import character_files
+
+        with registration.registered():
+            return character_files.retarget_file(request)
 
 
 def register() -> None:

@@ -40,6 +40,8 @@ class Skeleton:
         The root.
     rotations_world : ndarray, shape (F, J, 3, 3)
         Each joint's turn from its rest pose, in the world's axes.
+    frame_time : float
+        Seconds from one frame to the next.
     """
 
     names: tuple[str, ...]
@@ -48,6 +50,7 @@ class Skeleton:
     tips_world: Array
     positions_world: Array
     rotations_world: Array
+    frame_time: float = 1 / 30
 
 
 def read_bvh(path: Path) -> Skeleton:
@@ -95,7 +98,9 @@ def _parsed(words: Iterator[str]) -> Skeleton:
     _expect(next(words), "Frames:")
     count = int(next(words))
     _expect(next(words) + next(words), "FrameTime:")
-    next(words)
+    frame_time = _number(next(words))
+    if not 0 < frame_time < np.inf:
+        raise ValueError("Frame Time")
     numbers = np.array([_number(word) for word in words])
     if not names or len(names) > _MOST_JOINTS or count * len(names) > max(len(numbers), 1):
         raise ValueError(f"{len(numbers)} numbers for {count} frames of {len(names)} joints")
@@ -109,6 +114,7 @@ def _parsed(words: Iterator[str]) -> Skeleton:
         np.array(tips) @ C.T,
         positions @ C.T,
         C @ turns @ C.T,
+        frame_time,
     )
 
 

@@ -6,7 +6,7 @@ the curve as it was, on any frame. What is between the kept keys is measured on 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby, pairwise
 
@@ -93,6 +93,20 @@ def simplify(
         _thin_out(track, angle if track.turns else distance)
         after += track.count()
     return before, after
+
+
+def thin_out_curves(curves: Sequence[bpy.types.FCurve], tolerance: float, *, turns: bool) -> None:
+    """Take out keys of curves that belong together, all of them, wherever the others tell as much.
+
+    Parameters
+    ----------
+    tolerance : float
+        How far they may stray together from what they were, on any frame: radians where `turns`, else in their unit.
+    turns : bool
+        They are the four components of quaternions.
+    """
+    keys = tuple(fcurves.get_keys(curve) for curve in curves)
+    _thin_out(_Track(turns, tuple(curves), tuple(k[:0] for k in keys), keys), tolerance)
 
 
 def _tracks(armature: bpy.types.Object, bones: Collection[str] | None) -> Iterator[_Track]:

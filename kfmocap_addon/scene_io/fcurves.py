@@ -49,7 +49,15 @@ def ensure_action(owner: bpy.types.Object, name: str) -> bpy.types.Action:
 
 def ensure_channelbag(owner: bpy.types.Object, name: str) -> bpy.types.ActionChannelbag:
     """The bag of F-curves of the object's slot, made where it is missing."""
-    action = ensure_action(owner, name)
+    return ensure_channelbag_of(owner, ensure_action(owner, name))
+
+
+def ensure_channelbag_of(owner: bpy.types.Object, action: bpy.types.Action) -> bpy.types.ActionChannelbag:
+    """The bag of F-curves of the object's slot in an action, which becomes the object's."""
+    data = owner.animation_data or owner.animation_data_create()
+    data.action = action
+    if data.action_slot is None:
+        ensure_action(owner, action.name)
     layer = action.layers[0] if action.layers else action.layers.new("Layer")
     strip = layer.strips[0] if layer.strips else layer.strips.new(type="KEYFRAME")
     return strip.channelbag(owner.animation_data.action_slot, ensure=True)

@@ -25,6 +25,7 @@ LAYERS = (
     "core.posing",
     "core.fitting",
     "core.review",
+    "core.retargeting",
     "cli",
     "kfmocap_addon",
     "benchmarks",

@@ -1,0 +1,125 @@
+"""`kfmocap retarget`: motion files onto a character of a .blend file, each saved as a file of its own."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..core.errors import OutputError, ShotError
+from ..core.runtime.files import check_writable, write_json
+from .services import Services
+
+
+@dataclass(frozen=True)
+class RetargetRequest:
+    """One motion file to be put on a character, as the command line asks for it.
+
+    Attributes
+    ----------
+    motion, character, out : Path
+        The BVH file, the .blend file with the character, and the .blend file to write.
+    armature, preset : str, optional
+        By default the only candidate, and the preset that fits.
+    bone_map, source_map : Path, optional
+        Bone maps of the character and of the motion.
+    root, feet : str
+        See `core.retargeting.transfer.RetargetOptions`.
+    hands, layer : bool
+    scale : float, optional
+    angle, distance : float
+        Tolerances of the keys, degrees and millimetres.
+    """
+
+    motion: Path
+    character: Path
+    out: Path
+    armature: str | None = None
+    preset: str | None = None
+    bone_map: Path | None = None
+    source_map: Path | None = None
+    root: str = "world"
+    feet: str = "keep"
+    hands: bool = False
+    layer: bool = False
+    scale: float | None = None
+    angle: float = 0.0
+    distance: float = 0.0
+
+
+def run(args: argparse.Namespace, services: Services) -> int:
+    """Carry out the command; returns the exit code."""
+    requests = _requests(args)
+    for request in requests:
+        check_writable(request.out.parent)
+    blender = services.blender()
+    files: list[Path] = []
+    for request in requests:
+        report = blender.retarget(request)
+        beside = request.out.with_suffix(".report.json")
+        write_json(beside, report)
+        files += [request.out, beside]
+        if args.save_map is not None:
+            from ..core.formats.bone_map_files import write_bone_map
+
+            write_bone_map(args.save_map, report["target"]["bones"], report["target"]["preset"])
+        for line in summary_lines(report):
+            print(f"kfmocap: {line}", file=sys.stderr)
+    print(*files, sep="\n")
+    return 0
+
+
+def _requests(args: argparse.Namespace) -> list[RetargetRequest]:
+    """One request for each motion file; several are written into the folder that --out names."""
+    several = len(args.motions) > 1
+    if several and args.out.suffix == ".blend":
+        todo = "give a folder: every motion is saved as a file of its own"
+        raise OutputError("several motions cannot be saved as one file", where="--out", todo=todo)
+    if not several and args.out.suffix != ".blend":
+        raise OutputError("does not end in .blend", where=f"--out {args.out}", todo="name the file to write")
+    for path in [*args.motions, args.to]:
+        if not path.is_file():
+            raise ShotError("there is no such file", where=str(path))
+    stems = [path.stem for path in args.motions]
+    repeated = next((stem for stem in stems if stems.count(stem) > 1), None)
+    if repeated is not None:
+        raise OutputError(f"two motions are named {repeated}", where="MOTION.bvh", todo="rename one, or send it alone")
+    return [
+        RetargetRequest(
+            motion,
+            args.to,
+            args.out / f"{motion.stem}.blend" if several else args.out,
+            args.armature,
+            args.preset,
+            bone_map=args.bone_map,
+            source_map=args.source_map,
+            root=args.root,
+            feet=args.feet,
+            hands=args.hands,
+            layer=args.layer,
+            scale=args.scale,
+            angle=args.tolerance[0],
+            distance=args.tolerance[1],
+        )
+        for motion in args.motions
+    ]
+
+
+def summary_lines(report: Mapping[str, Any]) -> list[str]:
+    """Say in a few lines what was done and what is left of errors."""
+    target, source = report["target"], report["source"]
+    how = f"preset {target['preset']}" if target["preset"] else f"bones by their {target['found_by']}"
+    lines = [
+        f"{source['name']}: {source['frames']} frames on {target['armature']} ({how}), "
+        f"scale {report['scale']:.3f}, {report['keys']} keys, {report['seconds']:.1f} s"
+    ]
+    worst = max(report["error"].items(), key=lambda row: row[1]["worst_degrees"], default=None)
+    if worst is not None:
+        error = worst[1]
+        lines.append(
+            f"remaining error at most {error['worst_degrees']:.2f} degrees, {error['worst_mm']:.1f} mm ({worst[0]})"
+        )
+    return lines + [f"warning: {text}" for text in report["warnings"]]

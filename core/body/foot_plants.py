@@ -1,0 +1,157 @@
+"""When a foot stands on the ground: plants of points of the sole, from their motion alone.
+
+A point of the sole is planted or swings. While it is planted its speed is noise and its height the floor's; while it
+swings both are those of a step. The sizes of these are estimated from the motion itself (expectation maximisation of a
+two-state model), and the most likely sequence of states is found by Viterbi's algorithm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+_DWELL = 0.25  # seconds: mean time in a state that transitions are as likely as
+_SHORTEST = 0.08  # seconds: shorter plants and swings are noise
+_ROUNDS = 12
+# In legs, and legs per second: bounds of what is estimated.
+_SPEED_PLANTED, _SPEED_SWINGING = (0.015, 0.2), (0.6, 4.0)
+_HEIGHT_PLANTED, _HEIGHT_SWINGING = (0.008, 0.04), 0.12
+_HIGH = 4.0  # at most this much does height speak against a plant: steps and stairs are above the floor
+
+
+@dataclass(frozen=True, eq=False)
+class Plants:
+    """When points of a foot are planted, and on what floor.
+
+    Attributes
+    ----------
+    planted : ndarray of bool, shape (F, C)
+    floor : float
+        Height of the floor at these points while they are planted, in the unit of the points.
+    speed : float
+        Typical speed of a planted point, in that unit per second: the motion's own noise.
+    """
+
+    planted: Flags
+    floor: float
+    speed: float
+
+
+def find_plants(
+    points: Array, fps: float, leg: float, deviation: Array | None = None, *, by_height: bool = True
+) -> Plants:
+    """Find when points of one sole stand still on the ground.
+
+    Parameters
+    ----------
+    points : ndarray, shape (F, C, 3)
+        Places of heel and ball, or of other points of the sole, in the world, Z up.
+    fps : float
+        Frames per second.
+    leg : float
+        Length of the leg in the same unit: speeds and heights are measured in it.
+    deviation : ndarray, shape (F, C), optional
+        Standard deviation of each point's place: frames on which it is large decide less.
+    by_height : bool
+        Points that stand still are also at one height; else anywhere, as hands on tables and walls.
+
+    Returns
+    -------
+    Plants
+    """
+    if len(points) < 3:
+        return Plants(np.zeros(points.shape[:2], bool), float(points[..., 2].min(initial=0.0)), 0.0)
+    x = points / leg
+    speed = np.linalg.norm(np.gradient(x, axis=0), axis=2) * fps
+    doubt = np.zeros(speed.shape) if deviation is None else deviation / leg
+    height = x[..., 2] if by_height else np.zeros(speed.shape)
+    sizes = _Sizes(0.05, 1.2, 0.02, float(np.quantile(height, 0.05)))
+    for _ in range(_ROUNDS):
+        weight = 1 / (1 + np.exp(-np.clip(_gain(speed, height, sizes, doubt), -50, 50)))
+        renewed = sizes.renewed(speed, height, weight)
+        if np.allclose(renewed.values(), sizes.values(), rtol=1e-3, atol=1e-5):
+            break
+        sizes = renewed
+    gain = _gain(speed, height, sizes, doubt)
+    change = np.log(_DWELL * fps)
+    planted = np.stack([_most_likely(column, change) for column in gain.T], axis=1)
+    shortest = round(_SHORTEST * fps)
+    planted = np.stack([_without_short(_without_short(c, shortest, False), shortest, True) for c in planted.T], axis=1)
+    return Plants(planted, sizes.floor * leg, sizes.planted * leg)
+
+
+@dataclass(frozen=True)
+class _Sizes:
+    """Sizes of speeds and heights, in legs: of planted points and swinging ones."""
+
+    planted: float
+    swinging: float
+    height: float
+    floor: float
+
+    def values(self) -> tuple[float, ...]:
+        return self.planted, self.swinging, self.height, self.floor
+
+    def renewed(self, speed: Array, height: Array, weight: Array) -> _Sizes:
+        """The sizes that explain the frames best, each weighted by how likely it is a plant."""
+        on, off = weight.sum() + 1e-9, (1 - weight).sum() + 1e-9
+        floor = _weighted_median(height.ravel(), weight.ravel()) if on > 1 else self.floor
+        near = weight * (np.abs(height - floor) < 3 * _HEIGHT_PLANTED[1])
+        return _Sizes(
+            float(np.clip(np.sqrt((weight * speed**2).sum() / (3 * on)), *_SPEED_PLANTED)),
+            float(np.clip(np.sqrt(((1 - weight) * speed**2).sum() / (3 * off)), *_SPEED_SWINGING)),
+            float(np.clip(np.sqrt((near * (height - floor) ** 2).sum() / (near.sum() + 1e-9)), *_HEIGHT_PLANTED)),
+            floor,
+        )
+
+
+def _gain(speed: Array, height: Array, sizes: _Sizes, doubt: Array) -> Array:
+    """Log likelihood ratio of being planted to swinging, by frame and point."""
+    a, b = sizes.planted, sizes.swinging
+    by_speed = 3 * np.log(b / a) - speed**2 / 2 * (1 / a**2 - 1 / b**2)
+    narrow = np.sqrt(sizes.height**2 + doubt**2)
+    wide = np.sqrt(_HEIGHT_SWINGING**2 + doubt**2)
+    by_height = np.log(wide / narrow) - (height - sizes.floor) ** 2 / 2 * (1 / narrow**2 - 1 / wide**2)
+    sure = 1 / (1 + (doubt / sizes.height) ** 2)
+    return np.asarray(sure * (by_speed + np.maximum(by_height, -_HIGH)))
+
+
+def _weighted_median(values: Array, weights: Array) -> float:
+    order = np.argsort(values)
+    below = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(below, below[-1] / 2)])
+
+
+def _most_likely(gain: Array, change: float) -> Flags:
+    """The most likely sequence of states: planted gains `gain` (F,) a frame, every change costs `change`."""
+    value = np.zeros(2)
+    came = np.zeros((len(gain), 2), np.int64)
+    for f, step in enumerate(gain):
+        stay, switch = value, value[::-1] - change
+        came[f] = np.where(switch > stay, [1, 0], [0, 1])
+        value = np.maximum(stay, switch) + [0.0, step]
+    states = np.zeros(len(gain), np.int64)
+    states[-1] = int(value[1] > value[0])
+    for f in range(len(gain) - 1, 0, -1):
+        states[f - 1] = came[f, states[f]]
+    return states == 1
+
+
+def runs(flags: Flags) -> list[tuple[int, int]]:
+    """Return the first and the last index of every run of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _without_short(flags: Flags, shortest: int, state: bool) -> Flags:
+    """Turn runs of a state that are shorter than a number of frames, but not at either end."""
+    kept = flags.copy()
+    for a, b in runs(flags == state):
+        if b - a + 1 < shortest and a > 0 and b < len(flags) - 1:
+            kept[a : b + 1] = not state
+    return kept

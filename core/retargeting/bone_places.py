@@ -1,0 +1,180 @@
+"""Roles of bones by their place at rest alone: legs reach lowest, arms farthest to the sides, the head is on top."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .skeleton_motion import RestSkeleton
+
+Array = NDArray[np.float64]
+_SYMMETRY = 0.03  # of the height: how far from its mirror image a bone's partner may be
+_MINIMUM = 0.08  # of the height: shorter segments are no thigh, shin, upper arm or forearm
+
+
+def roles_by_place(rest: RestSkeleton) -> dict[str, tuple[str, ...]]:
+    """Return bones by role, of a symmetrical skeleton that stands upright; nothing where it is not a human's.
+
+    The side that faces left is told from the direction of the feet.
+    """
+    points = np.where(np.isnan(rest.tails), rest.heads, rest.tails)
+    height = float(max(rest.heads[:, 2].max(), points[:, 2].max()) - min(rest.heads[:, 2].min(), points[:, 2].min()))
+    if height <= 0:
+        return {}
+    lateral = _lateral_axis(rest)
+    pairs = _mirrored_branches(rest, lateral, _SYMMETRY * height)
+    if len(pairs) < 2:
+        return {}
+    paths = {pair: _farthest_path(rest, pair[0], lateral) for pair in pairs}
+    legs = min(pairs, key=lambda pair: min(rest.heads[j, 2] for j in _subtree(rest, pair[0])))
+    arms = max((p for p in pairs if p != legs), key=lambda pair: _length(rest, paths[pair]))
+    found: dict[str, tuple[str, ...]] = {}
+    forward = _forward(rest, legs, lateral)
+    for branch in (legs, arms):
+        for one in branch:
+            left = float(np.cross(np.array([0.0, 0.0, 1.0]), forward) @ (rest.heads[one] - _middle(rest, branch))) > 0
+            limb = _limb_roles(rest, one, branch == arms, lateral, _MINIMUM * height)
+            found |= {f"{role}.{'L' if left else 'R'}": (rest.names[j],) for role, j in limb.items()}
+    found |= _trunk(rest, legs[0], arms[0])
+    return found
+
+
+def _lateral_axis(rest: RestSkeleton) -> Array:
+    """The horizontal axis across which the joints are most symmetrical: x or y, a unit vector."""
+    errors = []
+    for axis in np.eye(3)[:2]:
+        mirrored = rest.heads - 2 * np.outer((rest.heads - _centre(rest)) @ axis, axis)
+        errors.append(np.linalg.norm(mirrored[:, None] - rest.heads[None], axis=2).min(axis=1).mean())
+    return np.asarray(np.eye(3)[int(np.argmin(errors))])
+
+
+def _centre(rest: RestSkeleton) -> Array:
+    return np.asarray((rest.heads.min(axis=0) + rest.heads.max(axis=0)) / 2)
+
+
+def _mirrored_branches(rest: RestSkeleton, lateral: Array, near: float) -> list[tuple[int, int]]:
+    """Pairs of bones, mirror images of each other, that lead away from a bone in the middle."""
+    aside = (rest.heads - _centre(rest)) @ lateral
+    ends = [max(_subtree(rest, j), key=lambda k: abs(aside[k])) for j in range(len(rest.names))]
+    central = [abs(aside[j]) < near / 2 for j in range(len(rest.names))]
+    pairs = []
+    for j, p in enumerate(rest.parents):
+        if p < 0 or aside[ends[j]] < near:
+            continue
+        for k in range(len(rest.names)):
+            if rest.parents[k] != p or k == j:
+                continue
+            images = [rest.heads[i] - 2 * aside[i] * lateral for i in (j, ends[j])]
+            apart = [np.linalg.norm(image - rest.heads[i]) for image, i in zip(images, (k, ends[k]), strict=True)]
+            if max(apart) < near and central[p]:
+                pairs.append((j, k))
+                break
+    return pairs
+
+
+def _subtree(rest: RestSkeleton, top: int) -> list[int]:
+    found = [top]
+    for j in range(top + 1, len(rest.names)):
+        if rest.parents[j] in found:
+            found.append(j)
+    return found
+
+
+def _farthest_path(rest: RestSkeleton, top: int, lateral: Array) -> list[int]:
+    """The bones from one to that below it whose joint is farthest away."""
+    end = max(_subtree(rest, top), key=lambda k: float(np.linalg.norm(rest.heads[k] - rest.heads[top])))
+    path = [end]
+    while path[-1] != top:
+        path.append(rest.parents[path[-1]])
+    return path[::-1]
+
+
+def _length(rest: RestSkeleton, path: Sequence[int]) -> float:
+    return float(np.linalg.norm(np.diff(rest.heads[list(path)], axis=0), axis=1).sum())
+
+
+def _middle(rest: RestSkeleton, pair: tuple[int, int]) -> Array:
+    return np.asarray(rest.heads[list(pair)].mean(axis=0))
+
+
+def _forward(rest: RestSkeleton, legs: tuple[int, int], lateral: Array) -> Array:
+    """Where the feet point: the horizontal way from the lowest third of the shins to the farthest point of the feet."""
+    below = [j for leg in legs for j in _subtree(rest, leg)]
+    low = min(rest.heads[j, 2] for j in below)
+    top = max(rest.heads[j, 2] for j in below)
+    ahead = np.cross(lateral, [0.0, 0.0, 1.0])
+    feet = [j for j in below if rest.heads[j, 2] < low + 0.2 * (top - low)]
+    points = np.concatenate([rest.heads[feet], rest.tails[feet][~np.isnan(rest.tails[feet][:, 0])]])
+    reach = (points - rest.heads[feet[0]]) @ ahead
+    return np.asarray(ahead if abs(reach.max()) >= abs(reach.min()) else -ahead)
+
+
+def _limb_roles(rest: RestSkeleton, top: int, arm: bool, lateral: Array, shortest: float) -> dict[str, int]:
+    """The bones of an arm or leg: its two long segments, what is above the first, and what is below the second."""
+    path = _farthest_path(rest, top, lateral)
+    if not arm:
+        low = min(_subtree(rest, top), key=lambda j: float(rest.heads[j, 2]))
+        path = [low]
+        while path[-1] != top:
+            path.append(rest.parents[path[-1]])
+        path = path[::-1]
+    ends = [*path, -1]
+    lengths = [
+        float(np.linalg.norm((rest.heads[b] if b >= 0 else rest.tails[a]) - rest.heads[a])) for a, b in pairwise(ends)
+    ]
+    long = [k for k, length in enumerate(lengths) if length > shortest]
+    if len(long) < 2:
+        return {}
+    upper, lower = long[:2] if not arm else _arm_segments(long, lengths)
+    names = ("shoulder", "upper_arm", "forearm", "hand", "") if arm else ("", "thigh", "shin", "foot", "toe")
+    found = {names[1]: path[upper], names[2]: path[lower]}
+    if upper > 0 and names[0]:
+        found[names[0]] = path[upper - 1]
+    for k, name in enumerate(names[3:]):
+        if lower + 1 + k < len(path) and name:
+            found[name] = path[lower + 1 + k]
+    return found
+
+
+def _arm_segments(long: list[int], lengths: Sequence[float]) -> tuple[int, int]:
+    """Upper arm and forearm among the long segments: the two longest that follow each other."""
+    pairs = list(pairwise(long))
+    return max(pairs, key=lambda pair: lengths[pair[0]] + lengths[pair[1]])
+
+
+def _trunk(rest: RestSkeleton, leg: int, arm: int) -> dict[str, tuple[str, ...]]:
+    """Hips, spine, neck and head: the way from what the legs hang on to what the arms hang on, and on to the top."""
+    hips, chest = rest.parents[leg], rest.parents[arm]
+    spine = []
+    j = chest
+    while j >= 0 and j != hips:
+        spine.append(j)
+        j = rest.parents[j]
+    if j < 0:
+        return {}
+    found: dict[str, tuple[str, ...]] = {"hips": (rest.names[hips],)}
+    if spine:
+        found["spine"] = tuple(rest.names[k] for k in reversed(spine))
+    above = [k for k in range(len(rest.names)) if rest.parents[k] == chest and rest.heads[k, 2] >= rest.heads[chest, 2]]
+    above = [
+        k
+        for k in above
+        if abs(rest.heads[k] - rest.heads[chest])[:2].max() < abs(rest.heads[k, 2] - rest.heads[chest, 2]) + 1e-3
+    ]
+    if not above:
+        return found
+    neck = [max(above, key=lambda k: max(rest.heads[i, 2] for i in _subtree(rest, k)))]
+    while below := [k for k in range(len(rest.names)) if rest.parents[k] == neck[-1]]:
+        straight = [k for k in below if len([i for i in below if abs(rest.heads[i, 2] - rest.heads[k, 2]) < 1e-6]) == 1]
+        if len(below) > 1 or not straight:
+            break
+        neck.append(below[0])
+    if len(neck) > 1 and np.isnan(rest.tails[neck[-1], 2]):
+        neck.pop()  # a joint that only marks the end of the head
+    found["head"] = (rest.names[neck[-1]],)
+    if len(neck) > 1:
+        found["neck"] = tuple(rest.names[k] for k in neck[:-1])
+    return found

@@ -1,0 +1,261 @@
+"""Feet and hands kept where they stood, whatever the proportions of the character.
+
+After L. Kovar, J. Schreiner, M. Gleicher, Footskate Cleanup for Motion Capture Editing (SCA 2002): while a foot is
+planted, the point of its sole that touches the ground moves as that of the source does, and not as joint angles on
+other legs would move it. The correction fades over the frames beside.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ..body.foot_plants import find_plants, runs
+from .control_rig import ControlRig, RigPoses
+from .limb_goals import LimbGoal, limb_controls
+from .rest_alignment import alignments
+from .roles import SIDES, BoneMap
+from .skeleton_motion import RestSkeleton, SkeletonMotion
+from .transfer import Placement, leg_length
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+HEEL, BALL = 0, 1
+_HEEL_BACK = 0.3  # of the way from ankle to ball over the ground, where nothing shows the heel
+_SAME_FOOT = 0.03  # feet whose lengths are in proportion to the legs to this are taken to be exactly so
+_FADE = 0.25  # seconds in which a correction fades
+_BRIDGE = 1.0  # seconds: over shorter swings it goes over into the next plant's
+_SNAP = 0.06  # legs: plants nearer to the floor than that stand on it
+
+
+@dataclass(frozen=True, eq=False)
+class FootPath:
+    """One foot of the source.
+
+    Attributes
+    ----------
+    side : str
+    points : ndarray, shape (F, 2, 3)
+        Heel and ball on the sole, in the source's world.
+    offsets : ndarray, shape (2, 3)
+        The same from the ankle, at rest.
+    planted : ndarray of bool, shape (F, 2)
+    floor : float
+        Height of planted points.
+    """
+
+    side: str
+    points: Array
+    offsets: Array
+    planted: Flags
+    floor: float
+
+
+def foot_paths(source: SkeletonMotion, of_source: BoneMap, deviation: Array | None = None) -> list[FootPath]:
+    """Return the paths of the source's soles, and when they are planted.
+
+    Parameters
+    ----------
+    deviation : ndarray, shape (F, J), optional
+        Standard deviation of the place of every bone of the source, in its unit.
+    """
+    leg = leg_length(source.rest, of_source)
+    found = []
+    for side in SIDES:
+        offsets = sole_offsets(source.rest, of_source, side)
+        if offsets is None:
+            continue
+        [ankle] = source.rest.indices(of_source.bones[f"foot.{side}"])
+        points = source.positions[:, None, ankle] + np.einsum("fij,cj->fci", source.turns[:, ankle], offsets)
+        doubt = None if deviation is None else np.repeat(deviation[:, ankle, None], 2, axis=1)
+        plants = find_plants(points, source.fps, leg, doubt)
+        found.append(FootPath(side, points, offsets, plants.planted, plants.floor))
+    return found
+
+
+def sole_offsets(rest: RestSkeleton, bones: BoneMap, side: str) -> Array | None:
+    """Heel and ball on the ground from the ankle, at rest, shape (2, 3); None where the foot does not show them."""
+    role, toe = f"foot.{side}", f"toe.{side}"
+    if role not in bones.bones:
+        return None
+    [j] = rest.indices(bones.bones[role])
+    end = rest.heads[rest.indices(bones.bones[toe])[0]] if toe in bones.bones else rest.tails[j]
+    below = [k for k, p in enumerate(rest.parents) if p == j]
+    if np.isnan(end).any():
+        if not below:
+            return None
+        end = rest.heads[below].mean(axis=0)
+    ahead = (end - rest.heads[j]) * [1.0, 1.0, 0.0]
+    if not np.linalg.norm(ahead) > 1e-9:
+        return None
+    down = np.array([0.0, 0.0, rest.ground - rest.heads[j, 2]])
+    return np.stack([down - _HEEL_BACK * ahead, down + ahead])
+
+
+def foot_goals(
+    paths: list[FootPath],
+    source: tuple[SkeletonMotion, BoneMap],
+    rig: ControlRig,
+    poses: RigPoses,
+    *,
+    placement: Placement,
+    clean: bool = False,
+) -> tuple[list[LimbGoal], RigPoses]:
+    """Return where the ankles of the target shall be, and its poses with feet that are turned flat.
+
+    Parameters
+    ----------
+    paths : list of FootPath
+    source : SkeletonMotion and BoneMap
+    rig : ControlRig
+    poses : RigPoses
+        Of `transfer`.
+    placement : Placement
+    clean : bool
+        Planted feet stand quite still and flat; else they do what those of the source do.
+    """
+    motion, of_source = source
+    A = alignments(motion.rest, of_source, rig.rest, rig.bones)
+    turns = poses.turns.copy()
+    goals = []
+    for path in paths:
+        roles = tuple(f"{role}.{path.side}" for role in ("thigh", "shin", "foot"))
+        controls = limb_controls(rig, roles, poses.driven)
+        if controls is None:
+            continue
+        ankle = controls[2]
+        offsets = _target_offsets(path, (motion.rest, of_source), rig, placement, A[roles[2]][0])
+        points = placement.moved(path.points)
+        if clean:
+            floor = float(placement.moved(np.array([0.0, 0.0, path.floor]))[2])
+            leg = leg_length(rig.rest, rig.bones)
+            turns[:, ankle] = _flattened(turns[:, ankle], path.planted.all(axis=1), offsets, motion.fps)
+            points = _still(points, path.planted, floor, _SNAP * leg)
+        ways = np.einsum("fij,cj->fci", turns[:, ankle], offsets)
+        wanted = _ankle_path(points, path.planted, ways, poses.places[:, ankle])
+        held = path.planted.any(axis=1)
+        shift = spread(np.where(held[:, None], wanted - poses.places[:, ankle], 0.0), held, motion.fps)
+        shift[:, 2] += _lift(poses.places[:, ankle, None] + shift[:, None] + ways, points, held, placement)
+        goals.append(LimbGoal(*controls, shift, held))
+    return goals, RigPoses(turns, poses.places, poses.driven)
+
+
+def _target_offsets(
+    path: FootPath, source: tuple[RestSkeleton, BoneMap], rig: ControlRig, placement: Placement, A: Array
+) -> Array:
+    """Heel and ball from the target's ankle at rest, (2, 3): the source's at the size of the target's foot."""
+    own = sole_offsets(rig.rest, rig.bones, path.side)
+    ratio = placement.scale
+    both = [f"toe.{path.side}" in bones.bones for bones in (source[1], rig.bones)]
+    if own is not None and both[0] == both[1]:
+        lengths = [float(np.linalg.norm(offsets[BALL, :2])) for offsets in (path.offsets, own)]
+        found = lengths[1] / lengths[0]
+        ratio = ratio if abs(found / ratio - 1) < _SAME_FOOT else found
+    ankle = rig.rest.heads[rig.index(f"foot.{path.side}")]
+    offsets = ratio * (path.offsets * [1.0, 1.0, 0.0]) @ A
+    offsets[:, 2] = rig.rest.ground - ankle[2]
+    return np.asarray(offsets)
+
+
+def _ankle_path(points: Array, planted: Flags, ways: Array, ankle: Array) -> Array:
+    """Where the ankle shall be while the foot is planted, (F, 3).
+
+    The height is that of the point on the ground; the place over the ground is the mean of where joint angles alone
+    would put it, and from there the ankle moves as the point on the ground makes it move.
+    """
+    wanted = ankle.copy()
+    for first, last in runs(planted.any(axis=1)):
+        frames = np.arange(first, last + 1)
+        point = np.where(planted[frames, BALL], BALL, HEEL)
+        by_point = points[frames] - ways[frames]  # the ankle, as each of the points has it
+        path = by_point[np.arange(len(frames)), point].copy()
+        change = np.flatnonzero(np.diff(point)) + 1
+        for k in change:  # the foot rolls on to the other point: the ankle does not jump
+            path[k:, :2] += by_point[k, point[k - 1], :2] - by_point[k, point[k], :2]
+        path[:, :2] += (ankle[frames, :2] - path[:, :2]).mean(axis=0)
+        wanted[frames] = path
+    return wanted
+
+
+def spread(shift: Array, held: Flags, fps: float) -> Array:
+    """Shifts (F, 3) of the frames that are held, going over into each other or fading on those between."""
+    if held.all() or not held.any():
+        return shift
+    found = np.where(held[:, None], shift, 0.0)
+    fade = max(_FADE * fps, 1.0)
+    for first, last in runs(~held):
+        frames = np.arange(first, last + 1)
+        before = shift[first - 1] if first > 0 else None
+        after = shift[last + 1] if last + 1 < len(shift) else None
+        if before is not None and after is not None and len(frames) <= _BRIDGE * fps:
+            w = _ease((frames - first + 1) / (len(frames) + 1))[:, None]
+            found[frames] = (1 - w) * before + w * after
+            continue
+        if before is not None:
+            found[frames] += (1 - _ease((frames - first + 1) / fade))[:, None] * before
+        if after is not None:
+            found[frames] += (1 - _ease((last + 1 - frames) / fade))[:, None] * after
+    return found
+
+
+def _ease(t: Array) -> Array:
+    t = np.clip(t, 0.0, 1.0)
+    return np.asarray(t * t * (3 - 2 * t))
+
+
+def _lift(soles: Array, points: Array, held: Flags, placement: Placement) -> Array:
+    """How far a swinging foot is raised so that no point of it is deeper in the ground than the source's, (F,)."""
+    allowed = np.minimum(points[..., 2].min(axis=1), placement.ground[2])
+    return np.where(held, 0.0, np.maximum(allowed - soles[..., 2].min(axis=1), 0.0))
+
+
+def _still(points: Array, planted: Flags, floor: float, snap: float) -> Array:
+    """Points (F, 2, 3) that stand where they are on average during each plant, on the floor where it is near."""
+    found = points.copy()
+    for c in range(points.shape[1]):
+        for first, last in runs(planted[:, c]):
+            middle = points[first : last + 1, c].mean(axis=0)
+            if abs(middle[2] - floor) < snap:
+                middle[2] = floor
+            found[first : last + 1, c] = middle
+    return found
+
+
+def _flattened(turns: Array, flat: Flags, offsets: Array, fps: float) -> Array:
+    """Rotations (F, 3, 3) of a foot that stays level and still while heel and ball are planted."""
+    found = turns.copy()
+    shift = np.zeros((len(turns), 3))
+    for first, last in runs(flat):
+        mean = Rotation.from_matrix(turns[first : last + 1]).mean().as_matrix()
+        along = mean @ (offsets[BALL] - offsets[HEEL])
+        level = along * [1.0, 1.0, 0.0]
+        if np.linalg.norm(level) < 0.5 * np.linalg.norm(along):
+            continue
+        pitch = Rotation.align_vectors(level[None], along[None])[0].as_matrix()
+        wanted = pitch @ mean
+        shift[first : last + 1] = Rotation.from_matrix(
+            wanted @ np.swapaxes(turns[first : last + 1], -1, -2)
+        ).as_rotvec()
+    eased = spread(shift, flat, fps)
+    return np.asarray(Rotation.from_rotvec(eased).as_matrix() @ found)
+
+
+def hand_goals(
+    source: SkeletonMotion, of_source: BoneMap, rig: ControlRig, poses: RigPoses, placement: Placement
+) -> list[LimbGoal]:
+    """Return where hands shall be that stand still in the world: at the same place, at the target's scale."""
+    leg = leg_length(source.rest, of_source)
+    goals = []
+    for side in SIDES:
+        roles = tuple(f"{role}.{side}" for role in ("upper_arm", "forearm", "hand"))
+        controls = limb_controls(rig, roles, poses.driven)
+        if controls is None or roles[2] not in of_source.bones:
+            continue
+        path = source.positions[:, source.rest.indices(of_source.bones[roles[2]])[0]]
+        held = find_plants(path[:, None], source.fps, leg, by_height=False).planted[:, 0]
+        shift = np.where(held[:, None], placement.moved(path) - poses.places[:, controls[2]], 0.0)
+        goals.append(LimbGoal(*controls, spread(shift, held, source.fps), np.zeros(len(held), bool)))
+    return goals

@@ -1,0 +1,177 @@
+"""How the rest pose of one skeleton is turned into that of another: A pose to T pose, facing, feet, palms.
+
+A bone of the target that plays a role stands, on every frame, as D A R0: R0 is its rest orientation, A brings its rest
+pose to that of the source's bone, D is the rotation of the source's bone from its rest pose. Whatever axes either rig
+has given its bones (roll) drops out. Alignments of a skeleton to another and back are inverse to each other.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .roles import FINGERS, PARENTS, SIDES, BoneMap, parent_role
+from .skeleton_motion import RestSkeleton
+
+Array = NDArray[np.float64]
+_UP = np.array([0.0, 0.0, 1.0])
+_NEXT = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shin", "shin": "foot", "foot": "toe"}
+_STRAY = np.cos(np.radians(40))  # a hand that is farther out of the forearm's line has an arbitrary tail
+
+
+def alignments(
+    source: RestSkeleton, of_source: BoneMap, target: RestSkeleton, of_target: BoneMap
+) -> dict[str, list[Array]]:
+    """Return A (3, 3) of every bone of the target, by role.
+
+    Parameters
+    ----------
+    source, target : RestSkeleton
+        Upright.
+    of_source, of_target : BoneMap
+
+    Notes
+    -----
+    The trunk and the shoulders keep the target's own posture: only the facing is brought over. Limbs are turned to the
+    source's directions, each along with the bone above it and then the shortest way, so that no twist comes in. Feet
+    keep the target's slope: they turn about the vertical alone. Hands and their fingers also agree about the palm's
+    normal where both skeletons have fingers.
+    """
+    F = facing(source, of_source) @ facing(target, of_target).T
+    A: dict[str, list[Array]] = {}
+    for role in PARENTS:
+        if role not in of_target.bones:
+            continue
+        count = len(of_target.bones[role])
+        above = A.get(parent_role(role, A), [F])[-1]
+        base = role.partition(".")[0]
+        if role not in of_source.bones and base not in ("spine", "neck"):
+            A[role] = [above] * count
+        elif base in ("upper_arm", "forearm", "thigh", "shin"):
+            before = F if base in ("upper_arm", "thigh") else above
+            d_s, d_t = direction(source, of_source, role), direction(target, of_target, role)
+            A[role] = [_aligned(before, d_t, d_s)]
+        elif base == "hand":
+            A[role] = [_hand((source, of_source), (target, of_target), role, above)]
+        elif base in FINGERS:
+            A[role] = _finger((source, of_source), (target, of_target), role, above)
+        elif base in ("foot", "toe"):
+            A[role] = [_foot((source, of_source), (target, of_target), role, F)]
+        else:
+            A[role] = [F] * count
+    return A
+
+
+def facing(rest: RestSkeleton, bones: BoneMap) -> Array:
+    """Rotation about the vertical (3, 3) from facing -Y, left to +X, to where a skeleton faces at rest."""
+    across = np.zeros(3)
+    for limb in ("thigh", "upper_arm"):
+        left, right = (rest.heads[rest.indices(bones.bones[f"{limb}.{side}"])[0]] for side in SIDES)
+        across += (left - right) / max(float(np.linalg.norm(left - right)), 1e-12)
+    across[2] = 0.0
+    x = across / max(float(np.linalg.norm(across)), 1e-12)
+    return np.stack([x, np.cross(_UP, x), _UP], axis=1)
+
+
+def direction(rest: RestSkeleton, bones: BoneMap, role: str) -> Array:
+    """Where a limb's bone leads at rest: to the joint of the next role, else to its own tail; a unit vector."""
+    base, _, side = role.partition(".")
+    [j] = rest.indices(bones.bones[role])
+    after = f"{_NEXT.get(base, '')}.{side}"
+    end = rest.heads[rest.indices(bones.bones[after])[0]] if after in bones.bones else _end(rest, j)
+    d = end - rest.heads[j]
+    length = float(np.linalg.norm(d))
+    return d / length if length > 0 and np.isfinite(length) else np.zeros(3)
+
+
+def _end(rest: RestSkeleton, j: int) -> Array:
+    """The tail of a bone; where it has none, the middle of the joints that hang on it."""
+    if not np.isnan(rest.tails[j]).any():
+        return rest.tails[j]
+    below = [k for k, p in enumerate(rest.parents) if p == j]
+    return rest.heads[below].mean(axis=0) if below else rest.heads[j]
+
+
+def _aligned(A: Array, d_target: Array, d_source: Array) -> Array:
+    """A, turned the shortest way so that it brings one direction to the other."""
+    return shortest_turn(A @ d_target, d_source) @ A
+
+
+def shortest_turn(a: Array, b: Array) -> Array:
+    """Rotations (..., 3, 3) about the common normal that bring unit vectors a to b (..., 3)."""
+    v = np.cross(a, b)
+    c = np.sum(a * b, axis=-1)[..., None, None]
+    S = np.zeros((*v.shape, 3))
+    S[..., 0, 1], S[..., 0, 2], S[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    S -= np.swapaxes(S, -1, -2)
+    opposite = c < -1 + 1e-9
+    R = np.eye(3) + S + S @ S / np.where(opposite, 1.0, 1 + c)
+    if opposite.any():
+        side = np.cross(a, np.where(np.abs(a[..., :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]))
+        side /= np.linalg.norm(side, axis=-1, keepdims=True)
+        R = np.where(opposite, 2 * side[..., :, None] * side[..., None, :] - np.eye(3), R)
+    return np.asarray(R)
+
+
+Rig = tuple[RestSkeleton, BoneMap]
+
+
+def _hand(source: Rig, target: Rig, role: str, above: Array) -> Array:
+    """Along the hand where both tails can be believed, the palms' normals where both have fingers."""
+    side = role.partition(".")[2]
+    palms = [_palm(*rig, side) for rig in (source, target)]
+    if palms[0] is not None and palms[1] is not None:
+        return np.asarray(palms[0] @ palms[1].T)
+    ways = []
+    for rig in (source, target):
+        along = direction(*rig, role)
+        if along @ direction(*rig, f"forearm.{side}") < _STRAY:
+            return above
+        ways.append(along)
+    return _aligned(above, ways[1], ways[0])
+
+
+def _palm(rest: RestSkeleton, bones: BoneMap, side: str) -> Array | None:
+    """Axes of the hand at rest, along the middle finger, across the palm, out of it; None without the fingers."""
+    across = [bones.bones.get(f"{finger}.{side}") for finger in ("index", "pinky")]
+    if None in across or f"middle.{side}" not in bones.bones:
+        return None
+    hand, middle, index, pinky = (
+        rest.heads[rest.indices(bones.bones[f"{role}.{side}"])[0]] for role in ("hand", "middle", "index", "pinky")
+    )
+    y = middle - hand
+    y /= np.linalg.norm(y)
+    x = index - pinky
+    x = x - y * (x @ y)
+    x /= np.linalg.norm(x)
+    return np.stack([x, y, np.cross(x, y)], axis=1)
+
+
+def _finger(source: Rig, target: Rig, role: str, above: Array) -> list[Array]:
+    """Each bone of a finger along the source's bone of the same place, with the hand and then the shortest way."""
+    chains = [rest.indices(bones.bones[role]) for rest, bones in (source, target)]
+    found = []
+    for k in range(len(chains[1])):
+        if k < len(chains[0]):
+            ways = []
+            for (rest, _), chain in zip((source, target), chains, strict=True):
+                end = rest.heads[chain[k + 1]] if k + 1 < len(chain) else _end(rest, chain[k])
+                way = end - rest.heads[chain[k]]
+                ways.append(way / max(float(np.linalg.norm(way)), 1e-12))
+            believable = all(np.linalg.norm(way) > 0.5 for way in ways) and (above @ ways[1]) @ ways[0] > 0
+            above = _aligned(above, ways[1], ways[0]) if believable else above
+        found.append(above)
+    return found
+
+
+def _foot(source: Rig, target: Rig, role: str, F: Array) -> Array:
+    """Toes to where the source's point, about the vertical; toes follow the foot."""
+    foot = role.replace("toe", "foot")
+    ways = []
+    for rest, bones in (source, target):
+        way = direction(rest, bones, foot) * [1.0, 1.0, 0.0] if foot in bones.bones else np.zeros(3)
+        length = float(np.linalg.norm(way))
+        if length < 0.3:  # the foot points down: its way in the plane says nothing
+            return F
+        ways.append(way / length)
+    return _aligned(F, ways[1], ways[0])

@@ -1,0 +1,150 @@
+"""Retargeting as a whole: from a source's motion to poses of a rig's controls, and what is left of errors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body.foot_plants import runs
+from ..errors import BodyError
+from ..numerics import rotations
+from .bone_matching import match_bones
+from .control_rig import ControlRig, RigPoses
+from .foot_keeping import BALL, HEEL, FootPath, foot_goals, foot_paths, hand_goals
+from .limb_goals import LimbGoal, reach_goals
+from .roles import LIMBS, SIDES, BoneMap
+from .skeleton_motion import RestSkeleton, SkeletonMotion
+from .transfer import Placement, RetargetOptions, leg_length, place, transfer
+
+Array = NDArray[np.float64]
+DEFAULTS = RetargetOptions()
+_STANDING = (-0.05, 0.13)
+"""In legs: how far the lowest point of the feet may be from height zero for that to be the ground at rest."""
+
+
+@dataclass(frozen=True, eq=False)
+class Retargeted:
+    """A source's motion on a rig.
+
+    Attributes
+    ----------
+    poses : RigPoses
+        What the controls shall do.
+    by_angles : RigPoses
+        The same before feet and hands were kept in place: the source's joint angles.
+    placement : Placement
+    feet : tuple of FootPath
+        The source's soles, and when they were planted.
+    """
+
+    poses: RigPoses
+    by_angles: RigPoses
+    placement: Placement
+    feet: tuple[FootPath, ...]
+
+
+def prepared(source: SkeletonMotion, of_source: BoneMap | None = None) -> tuple[SkeletonMotion, BoneMap]:
+    """Return a source that stands upright on its ground, and the roles of its bones.
+
+    Parameters
+    ----------
+    source : SkeletonMotion
+        Any axis may point up in it.
+    of_source : BoneMap, optional
+        By default found by its names or places.
+
+    Raises
+    ------
+    BodyError
+        It has no frames, or no human's bones are found in it.
+    """
+    if not len(source):
+        raise BodyError("there are no frames", where=source.name)
+    if of_source is None:
+        of_source = match_bones(source.rest, where=source.name)
+    of_source.checked(source.rest.names, source.name)
+    source = source.rotated(_upright(source.rest, of_source))
+    return replace(source, rest=grounded(source.rest, of_source)), of_source
+
+
+def _upright(rest: RestSkeleton, bones: BoneMap) -> Array:
+    """The rotation by right angles (3, 3) that makes the way from knees to shoulders point up."""
+    ends = [
+        rest.heads[[rest.indices(bones.bones[f"{role}.{side}"])[0] for side in SIDES]].mean(axis=0)
+        for role in ("shin", "upper_arm")
+    ]
+    way = ends[1] - ends[0]
+    axis = int(np.abs(way).argmax())
+    up = np.sign(way[axis]) * np.eye(3)[axis]
+    if axis == 2 and up[2] > 0:
+        return np.eye(3)
+    turn = np.cross(up, [0.0, 0.0, 1.0]) if axis != 2 else np.array([2.0, 0.0, 0.0])
+    return np.rint(rotations.exp(np.pi / 2 * turn))
+
+
+def grounded(rest: RestSkeleton, bones: BoneMap, origin: float = 0.0) -> RestSkeleton:
+    """Return a skeleton with the height on which it stands: its origin's, or that of the lowest point of its feet."""
+    ankles = [name for side in SIDES for role in ("foot", "toe") for name in bones.bones.get(f"{role}.{side}", ())]
+    feet = rest.indices(ankles or [name for side in SIDES for name in bones.bones[f"shin.{side}"]])
+    low = float(np.nanmin(np.concatenate([rest.heads[feet, 2], rest.tails[feet, 2]])))
+    leg = leg_length(replace(rest, ground=low), bones)
+    stands = _STANDING[0] * leg <= low - origin <= _STANDING[1] * leg
+    return replace(rest, ground=origin if stands else low)
+
+
+def retarget(
+    source: SkeletonMotion, of_source: BoneMap, rig: ControlRig, options: RetargetOptions = DEFAULTS
+) -> Retargeted:
+    """Bring a motion onto a rig.
+
+    Parameters
+    ----------
+    source, of_source : SkeletonMotion and BoneMap
+        Of `prepared`.
+    rig : ControlRig
+        On its ground.
+    options : RetargetOptions
+
+    Raises
+    ------
+    BodyError
+        The rig cannot do what is asked for; names the bone or the option.
+    """
+    placement = place(source, of_source, rig, options.scale)
+    by_angles = transfer(source, of_source, rig, placement, options.root)
+    feet = foot_paths(source, of_source)
+    poses = by_angles
+    goals: list[LimbGoal] = []
+    if options.root != "in-place":
+        if options.feet != "off":
+            goals, poses = foot_goals(
+                feet, (source, of_source), rig, poses, placement=placement, clean=options.feet == "clean"
+            )
+        if options.hands:
+            goals += hand_goals(source, of_source, rig, poses, placement)
+        poses = reach_goals(rig, poses, goals, source.fps)
+    return Retargeted(poses, by_angles, placement, tuple(feet))
+
+
+def limb_changes(rig: ControlRig, result: Retargeted) -> dict[str, dict[str, float]]:
+    """How far keeping feet and hands has turned the bones of every limb from the source's pose, degrees."""
+    found = {}
+    for limb, roles in LIMBS.items():
+        controls = [rig.index(role, k) for role, k, _ in rig.bones.items() if role in roles]
+        controls = [b for b in controls if result.poses.driven[b]]
+        if controls:
+            before, after = (p.turns[:, controls] for p in (result.by_angles, result.poses))
+            angles = np.degrees(np.linalg.norm(rotations.log(np.swapaxes(before, -1, -2) @ after), axis=-1))
+            found[limb] = {"mean_degrees": float(angles.mean()), "worst_degrees": float(angles.max())}
+    return found
+
+
+def plant_intervals(result: Retargeted) -> Mapping[str, Mapping[str, list[tuple[int, int]]]]:
+    """First and last frame of every plant, by foot and point of the sole."""
+    return {
+        f"foot.{path.side}": {"heel": runs(path.planted[:, HEEL]), "ball": runs(path.planted[:, BALL])}
+        for path in result.feet
+    }

@@ -1,0 +1,105 @@
+"""A skeleton at rest, and its motion, in the world: what retargeting reads of one rig and computes of the other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body.body import Body
+from ..body.kinematics import part_poses
+from ..body.motion import Motion
+from ..formats.bvh import Skeleton
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class RestSkeleton:
+    """Bones at rest, in the world, Z up; any unit of length.
+
+    Attributes
+    ----------
+    names : tuple of str, length J
+    parents : tuple of int
+        Index of the bone that each hangs on, -1 for none; parents come first.
+    heads, tails : ndarray, shape (J, 3)
+        Joints, and the ends of the bones; a tail is NaN where the bone has none.
+    ground : float
+        Height on which the skeleton stands.
+    """
+
+    names: tuple[str, ...]
+    parents: tuple[int, ...]
+    heads: Array
+    tails: Array
+    ground: float = 0.0
+
+    def indices(self, names: Sequence[str]) -> list[int]:
+        """Return the places of bones by their names."""
+        where = {name: i for i, name in enumerate(self.names)}
+        return [where[name] for name in names]
+
+
+@dataclass(frozen=True, eq=False)
+class SkeletonMotion:
+    """A skeleton's motion.
+
+    Attributes
+    ----------
+    name : str
+        What is moved: a performer, a file.
+    rest : RestSkeleton
+    turns : ndarray, shape (F, J, 3, 3)
+        Rotation of every bone from its rest orientation, in the world's axes.
+    positions : ndarray, shape (F, J, 3)
+        The bones' heads in the world.
+    fps : float
+        Frames per second.
+    """
+
+    name: str
+    rest: RestSkeleton
+    turns: Array
+    positions: Array
+    fps: float
+
+    def __len__(self) -> int:
+        return len(self.turns)
+
+    def rotated(self, R: Array) -> SkeletonMotion:
+        """Turn the whole world about its origin."""
+        rest = RestSkeleton(self.rest.names, self.rest.parents, self.rest.heads @ R.T, self.rest.tails @ R.T)
+        return SkeletonMotion(self.name, rest, R @ self.turns @ R.T, self.positions @ R.T, self.fps)
+
+
+def motion_of_bvh(skeleton: Skeleton, name: str) -> SkeletonMotion:
+    """Return the motion of a BVH file, in its own unit of length."""
+    J = len(skeleton.names)
+    heads, tails = np.zeros((J, 3)), np.full((J, 3), np.nan)
+    positions = np.empty((*skeleton.rotations_world.shape[:2], 3))
+    for j, p in enumerate(skeleton.parents):
+        offset = skeleton.offsets_world[j]
+        if p < 0:
+            heads[j], positions[:, j] = offset, skeleton.positions_world
+        else:
+            heads[j] = heads[p] + offset
+            positions[:, j] = positions[:, p] + skeleton.rotations_world[:, p] @ offset
+        tails[j] = heads[j] + skeleton.tips_world[j]
+    rest = RestSkeleton(skeleton.names, skeleton.parents, heads, tails)
+    return SkeletonMotion(name, rest, skeleton.rotations_world, positions, 1.0 / skeleton.frame_time)
+
+
+def motion_of_body(body: Body, motion: Motion, name: str, fps: float) -> SkeletonMotion:
+    """Return the motion of a tracked body."""
+    R, T = part_poses(body, motion)
+    rest_R = np.stack([part.R_world_rest for part in body.parts])
+    rest = RestSkeleton(
+        tuple(body.names),
+        tuple(body.parents),
+        np.stack([part.head_world for part in body.parts]),
+        np.stack([part.tail_world for part in body.parts]),
+    )
+    return SkeletonMotion(name, rest, R @ np.swapaxes(rest_R, -1, -2), T, fps)

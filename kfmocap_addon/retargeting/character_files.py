@@ -1,0 +1,118 @@
+"""Motion files onto characters of .blend files, for batches: open, send, save as another file."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import bpy
+import numpy as np
+
+from ...core.errors import BodyError, OutputError, ShotError
+from ...core.formats.bone_map_files import read_bone_map
+from ...core.formats.bvh import read_bvh
+from ...core.retargeting.roles import BoneMap
+from ...core.retargeting.skeleton_motion import motion_of_bvh
+from ...core.retargeting.transfer import RetargetOptions
+from ..export.exporters import writing
+from ..scene_io.scene import set_rate
+from .rig_curves import CurveOptions
+from .send import SendOptions, find_target, send_to_rig
+
+if TYPE_CHECKING:
+    from ...cli.retarget_command import RetargetRequest
+
+
+def retarget_file(request: RetargetRequest) -> dict[str, Any]:
+    """Put a motion on a character and save the file under another name; returns the report.
+
+    The scene takes over the motion's frame rate and range: every frame of it is a frame of the scene.
+    """
+    if not bpy.app.background:
+        raise OutputError("a batch would close the open file", todo="run it in background, or use Send to Rig")
+    source = motion_of_bvh(read_bvh(request.motion), request.motion.stem)
+    options = SendOptions(
+        request.preset,
+        read_map(request.bone_map),
+        read_map(request.source_map),
+        RetargetOptions(request.root, request.feet, request.hands, request.scale),
+        CurveOptions(request.layer, float(np.radians(request.angle)), request.distance / 1000),
+    )
+    open_file(request.character)
+    armature = find_target(request.armature, request.preset)
+    scene = show_scene_of(armature)
+    set_rate(scene, source.fps)
+    scene.frame_start = 1
+    scene.frame_end = len(source)
+    scene.frame_set(1)
+    report = send_to_rig(scene, source, armature, 1, options)
+    save_copy(request.out)
+    return {"motion": str(request.motion), "character": str(request.character), **report}
+
+
+def read_map(path: Path | None) -> BoneMap | None:
+    """Read a bone map, where one is named."""
+    if path is None:
+        return None
+    preset, bones = read_bone_map(path)
+    try:
+        return BoneMap(bones, preset, "file")
+    except BodyError as error:
+        raise BodyError(error.what, where=str(path), todo=error.todo) from error
+
+
+def open_file(path: Path) -> None:
+    """Open a .blend file.
+
+    Raises
+    ------
+    ShotError
+        Blender cannot read it.
+    """
+    try:
+        with quiet():
+            bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False)
+    except RuntimeError as error:
+        raise ShotError(f"Blender cannot open it: {error}", where=str(path)) from error
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep what Blender itself prints off standard output, where a batch lists the files that it wrote."""
+    sys.stdout.flush()
+    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nowhere)
+
+
+def show_scene_of(armature: bpy.types.Object) -> bpy.types.Scene:
+    """Make a scene that an armature is in the shown one: Blender evaluates no other.
+
+    Raises
+    ------
+    BodyError
+        It is in no scene.
+    """
+    scenes = list(armature.users_scene)
+    if not scenes:
+        raise BodyError("it is in no scene", where=f"armature {armature.name}", todo="link it to a collection")
+    scene = bpy.context.scene if bpy.context.scene in scenes else scenes[0]
+    bpy.context.window.scene = scene
+    return scene
+
+
+def save_copy(path: Path) -> None:
+    """Save the open file under another name, whole or not at all; paths in it stay right."""
+    with writing(path) as target:
+        bpy.ops.wm.save_as_mainfile(
+            filepath=str(target.resolve()), copy=True, check_existing=False, relative_remap=True
+        )

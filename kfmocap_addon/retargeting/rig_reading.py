@@ -1,0 +1,196 @@
+"""A rig's bones at rest, and which control follows which: read by moving each control a little and looking.
+
+A rig's mechanisms (constraints, drivers) are not understood but observed: what moves rigidly with a control hangs on
+it, whatever lies between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import bpy
+import numpy as np
+from mathutils import Matrix, Quaternion
+from numpy.typing import NDArray
+
+from ...core.errors import BodyError
+from ...core.numerics import rotations
+from ...core.retargeting.control_rig import ControlRig
+from ...core.retargeting.retarget import grounded
+from ...core.retargeting.roles import BoneMap
+from ...core.retargeting.skeleton_motion import RestSkeleton
+
+Array = NDArray[np.float64]
+_PROBE = Quaternion((0.9553, 0.1837, 0.1342, 0.1885)).normalized()
+_RIGID = 1e-3
+"""Radians, and lengths of the rig, within which two bones move as one."""
+
+
+@dataclass(frozen=True, eq=False)
+class RigReading:
+    """A rig's controls, and what of it cannot follow them.
+
+    Attributes
+    ----------
+    rig : ControlRig
+    unsteady : tuple of str
+        Controls that follow another one only in part: their rotation will differ from what is asked for.
+    """
+
+    rig: ControlRig
+    unsteady: tuple[str, ...]
+
+
+def rest_skeleton(armature: bpy.types.Object) -> RestSkeleton:
+    """Return all bones of an armature at rest, in the world."""
+    matrix, _ = world_frame(armature)
+    bones = armature.data.bones
+    index = {bone.name: i for i, bone in enumerate(bones)}
+    heads, tails = (
+        np.array(points).reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3]
+        for points in ([bone.head_local for bone in bones], [bone.tail_local for bone in bones])
+    )
+    order = sorted(range(len(bones)), key=lambda i: len(bones[i].parent_recursive))
+    place = {i: k for k, i in enumerate(order)}
+    return RestSkeleton(
+        tuple(bones[i].name for i in order),
+        tuple(place[index[bones[i].parent.name]] if bones[i].parent else -1 for i in order),
+        heads[order],
+        tails[order],
+    )
+
+
+def world_frame(armature: bpy.types.Object) -> tuple[Array, float]:
+    """Matrix (4, 4) of an armature in the world, and its scale.
+
+    Raises
+    ------
+    BodyError
+        It is scaled by different amounts along its axes, mirrored, or of no size.
+    """
+    matrix = np.array(armature.matrix_world)
+    scale = float(np.cbrt(max(np.linalg.det(matrix[:3, :3]), 0.0)))
+    turned = matrix[:3, :3] / max(scale, 1e-12)
+    if not np.allclose(turned.T @ turned, np.eye(3), atol=1e-3):
+        raise BodyError(
+            "the armature object is scaled by different amounts along its axes, or mirrored",
+            where=f"armature {armature.name}",
+            todo="apply its scale (Ctrl A)",
+        )
+    return matrix, scale
+
+
+@contextmanager
+def at_rest(armature: bpy.types.Object, controls: Sequence[str]) -> Iterator[None]:
+    """Take an armature's animation away and its controls to their rest pose while the block runs."""
+    data = armature.animation_data
+    before = (data.action, data.action_slot, data.use_nla) if data else None
+    poses = {name: armature.pose.bones[name].matrix_basis.copy() for name in controls}
+    hidden = armature.hide_viewport
+    armature.hide_viewport = False
+    if data:
+        data.action, data.use_nla = None, False
+    try:
+        for name in controls:
+            armature.pose.bones[name].matrix_basis = Matrix.Identity(4)
+        update()
+        yield
+    finally:
+        for name, basis in poses.items():
+            armature.pose.bones[name].matrix_basis = basis
+        if data:
+            data.action, data.use_nla = before[0], before[2]
+            if before[1] is not None:
+                data.action_slot = before[1]
+        armature.hide_viewport = hidden
+        update()
+
+
+def update() -> None:
+    """Let Blender carry constraints and drivers through."""
+    bpy.context.view_layer.update()
+
+
+def read_rig(armature: bpy.types.Object, bones: BoneMap) -> RigReading:
+    """Read how a rig's controls stand at rest and follow each other; it must stand at rest (`at_rest`)."""
+    names = bones.names()
+    matrix, scale = world_frame(armature)
+    rest = _matrices(armature, names)
+    size = float(np.ptp(rest[:, :3, 3], axis=0).max()) or 1.0
+    moved = [_moved_by(armature, name, names, 0.1 * size) for name in names]
+    update()
+    B = len(names)
+    turn_parents, place_parents, unsteady = [], [], []
+    turns_with, goes_with = np.zeros((B, B), bool), np.zeros((B, B), bool)
+    for k in range(B):
+        own = moved[k][k] @ np.linalg.inv(rest[k])
+        for b in range(B):
+            if b == k:
+                continue
+            change = moved[k][b] @ np.linalg.inv(rest[b])
+            angle = np.linalg.norm(rotations.log(rotations.orthonormal(change[:3, :3])))
+            apart = np.linalg.norm(rotations.log(rotations.orthonormal(own[:3, :3].T @ change[:3, :3])))
+            turns_with[b, k] = apart < _RIGID
+            goal = own[:3, :3] @ rest[b][:3, 3] + own[:3, 3]
+            goes_with[b, k] = np.linalg.norm(moved[k][b][:3, 3] - goal) < _RIGID * size
+            if angle > _RIGID and not turns_with[b, k]:
+                unsteady.append(names[b])
+    depth = turns_with.sum(axis=1) + goes_with.sum(axis=1)
+    for b in range(B):
+        turn_parents.append(_nearest(turns_with[b], depth))
+        place_parents.append(_nearest(goes_with[b], depth))
+    order = sorted(range(B), key=lambda b: int(depth[b]))
+    place = {b: i for i, b in enumerate([*order])} | {-1: -1}
+    tails = np.array([armature.data.bones[name].length for name in names])[:, None] * rest[:, :3, 1] + rest[:, :3, 3]
+    heads = rest[:, :3, 3] @ matrix[:3, :3].T + matrix[:3, 3]
+    tails = tails @ matrix[:3, :3].T + matrix[:3, 3]
+    skeleton = RestSkeleton(
+        tuple(names[b] for b in order), tuple(place[place_parents[b]] for b in order), heads[order], tails[order]
+    )
+    R = rotations.orthonormal(matrix[:3, :3] / scale @ rest[:, :3, :3])
+    rig = ControlRig(
+        grounded(skeleton, bones, float(matrix[2, 3])),
+        bones,
+        tuple(place[turn_parents[b]] for b in order),
+        R[order],
+        scale,
+    )
+    return RigReading(rig, tuple(sorted(set(unsteady))))
+
+
+def _matrices(armature: bpy.types.Object, names: Sequence[str]) -> Array:
+    """Matrices (B, 4, 4) of bones as they stand, in the armature."""
+    return np.array([armature.pose.bones[name].matrix for name in names]).reshape(-1, 4, 4)
+
+
+def _moved_by(armature: bpy.types.Object, name: str, names: Sequence[str], way: float) -> Array:
+    """Matrices of all controls while one is turned, and shifted where it can be."""
+    bone = armature.pose.bones[name]
+    bone.matrix_basis = Matrix.Translation((way, 0.7 * way, -0.4 * way)) @ _PROBE.to_matrix().to_4x4()
+    update()
+    found = _matrices(armature, names)
+    bone.matrix_basis = Matrix.Identity(4)
+    return found
+
+
+def _nearest(follows: NDArray[np.bool_], depth: NDArray[np.int64]) -> int:
+    """Of the controls that one follows the one that itself follows most; -1 where it follows none."""
+    above = np.flatnonzero(follows)
+    return int(above[np.argmax(depth[above])]) if len(above) else -1
+
+
+def apply_settings(armature: bpy.types.Object, settings: Mapping[str, Mapping[str, float]]) -> list[tuple[str, str]]:
+    """Set custom properties of bones, where there are such; returns those that were set, as bone and property."""
+    found = []
+    for name, values in settings.items():
+        bone: Any = armature.pose.bones.get(name)
+        for key, value in values.items() if bone is not None else ():
+            if key in bone:
+                bone[key] = type(bone[key])(value)
+                found.append((name, key))
+    armature.update_tag()
+    update()
+    return found

@@ -1,0 +1,204 @@
+"""Send to Rig: a motion onto an armature of the open file. The operator and the command line call the same function."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import BodyError
+from ...core.retargeting.bone_matching import described, match_bones, preset_of
+from ...core.retargeting.control_rig import ControlRig, RigPoses, local_places, local_turns
+from ...core.retargeting.retarget import Retargeted, limb_changes, plant_intervals, prepared, retarget
+from ...core.retargeting.roles import BoneMap
+from ...core.retargeting.skeleton_motion import SkeletonMotion
+from ...core.retargeting.transfer import RetargetOptions
+from .ik_controls import ik_channels, ik_roles
+from .rig_curves import ControlChannel, CurveOptions, rotation_channel, write_channels
+from .rig_error import measured_errors, world_matrices
+from .rig_reading import apply_settings, at_rest, read_rig, rest_skeleton
+
+_SAMPLE = 60  # frames on which the remaining error is measured
+
+
+@dataclass(frozen=True)
+class SendOptions:
+    """What to send, and how.
+
+    Attributes
+    ----------
+    preset : str, optional
+        Name of a preset for the target; by default the one that fits.
+    bones, source_bones : BoneMap, optional
+        Bone maps of the target and of the source; by default they are found.
+    retarget : RetargetOptions
+    curves : CurveOptions
+    """
+
+    preset: str | None = None
+    bones: BoneMap | None = None
+    source_bones: BoneMap | None = None
+    retarget: RetargetOptions = field(default_factory=RetargetOptions)
+    curves: CurveOptions = field(default_factory=CurveOptions)
+
+
+def target_bones(armature: bpy.types.Object, preset: str | None = None) -> BoneMap:
+    """Return the roles of an armature's bones.
+
+    Raises
+    ------
+    BodyError
+        It is no human's, or lacks bones of the preset.
+    """
+    return match_bones(rest_skeleton(armature), preset, f"armature {armature.name}")
+
+
+def find_target(name: str | None, preset: str | None = None) -> bpy.types.Object:
+    """Return the armature of the open file that motion can be sent to.
+
+    Raises
+    ------
+    BodyError
+        There is none of that name, none at all, or several and no name is given; names them.
+    """
+    armatures = [o for o in bpy.data.objects if o.type == "ARMATURE"]
+    if name is not None:
+        found = next((o for o in armatures if o.name == name), None)
+        if found is None:
+            names = ", ".join(o.name for o in armatures) or "none"
+            raise BodyError(f"there is no armature '{name}'", where="--armature", todo=f"the file's are: {names}")
+        return found
+    if not armatures:
+        raise BodyError("the file has no armature", where="--to", todo="give a file with a character")
+    able = [o for o in armatures if _fits(o, preset)] if len(armatures) > 1 else armatures
+    generated = [o for o in able if "rig_id" in o.data]  # a metarig may stand beside the rig that was made of it
+    able = generated if len(generated) == 1 else able
+    if len(able) != 1:
+        names = ", ".join(o.name for o in able or armatures)
+        raise BodyError(f"{len(able)} armatures could be meant", where="--armature", todo=f"name one of: {names}")
+    return able[0]
+
+
+def _fits(armature: bpy.types.Object, preset: str | None) -> bool:
+    try:
+        target_bones(armature, preset)
+    except BodyError:
+        return False
+    return True
+
+
+def send_to_rig(
+    scene: bpy.types.Scene,
+    source: SkeletonMotion,
+    armature: bpy.types.Object,
+    frame_start: int,
+    options: SendOptions = SendOptions(),
+) -> dict[str, Any]:
+    """Put a motion on an armature as a new action; returns a report of plain values.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+        The one that shows the armature.
+    source : SkeletonMotion
+    armature : bpy.types.Object
+    frame_start : int
+        Scene frame of the first pose.
+    options : SendOptions
+
+    Raises
+    ------
+    BodyError
+        The source or the armature is no human's, or cannot do what is asked for; names the bone.
+    """
+    started = time.perf_counter()
+    source, of_source = prepared(source, options.source_bones)
+    where = f"armature {armature.name}"
+    bones = options.bones or target_bones(armature, options.preset)
+    bones.checked([bone.name for bone in armature.data.bones], where)
+    preset = preset_of(bones)
+    names = bones.names()
+    frames = frame_start + np.arange(len(source))
+    with at_rest(armature, [*names, *(c for limb in preset.ik for c in (limb.control, limb.pole))]):
+        settings = apply_settings(armature, preset.settings)
+        reading = read_rig(armature, bones)
+        rig = reading.rig
+        shown = [_shown(armature, preset.follows, name) for name in rig.rest.names]
+        standing = world_matrices(armature, shown)
+        result = retarget(source, of_source, rig, options.retarget)
+        channels = control_channels(armature, rig, result.poses, ik_roles(rig, preset))
+        channels += ik_channels(armature, rig, result.poses, preset)
+    channels += [_setting_channel(armature, *setting) for setting in settings]
+    keys = write_channels(armature, channels, frames, f"{armature.name} {source.name}", options.curves)
+    sample = np.unique(np.linspace(0, len(frames) - 1, _SAMPLE).astype(int))
+    errors = measured_errors(
+        scene, armature, rig, result.poses, shown=shown, at_rest=standing, frames=frames, sample=sample
+    )
+    report = _report(source, of_source, armature, rig, result)
+    report["error"] = errors
+    report["keys"], report["frames"] = keys, [int(frames[0]), int(frames[-1])]
+    report["warnings"] = _warnings(reading.unsteady, errors)
+    report["seconds"] = round(time.perf_counter() - started, 3)
+    return report
+
+
+def _shown(armature: bpy.types.Object, follows: Mapping[str, str], name: str) -> str:
+    other = follows.get(name, name)
+    return other if other in armature.pose.bones else name
+
+
+def control_channels(
+    armature: bpy.types.Object, rig: ControlRig, poses: RigPoses, left_out: set[int]
+) -> list[ControlChannel]:
+    """Rotations of all driven controls, and places of those that move through the world."""
+    turns = local_turns(rig, poses)
+    channels = []
+    for b, name in enumerate(rig.rest.names):
+        if poses.driven[b] and b not in left_out:
+            channels.append(rotation_channel(armature.pose.bones[name], turns[:, b]))
+    for role in ("root", "hips"):
+        if role in rig.bones.bones and poses.driven[rig.index(role)]:
+            b = rig.index(role)
+            channels.append(ControlChannel(rig.rest.names[b], "location", local_places(rig, poses, b)))
+    return channels
+
+
+def _setting_channel(armature: bpy.types.Object, bone: str, key: str) -> ControlChannel:
+    """One key of a setting, so that the action brings it along."""
+    value = np.array([[float(armature.pose.bones[bone][key])]])
+    return ControlChannel(bone, f'["{bpy.utils.escape_identifier(key)}"]', value)
+
+
+def _report(
+    source: SkeletonMotion, of_source: BoneMap, armature: bpy.types.Object, rig: ControlRig, result: Retargeted
+) -> dict[str, Any]:
+    driven: NDArray[np.bool_] = result.poses.driven
+    return {
+        "source": {"name": source.name, "frames": len(source), "fps": source.fps, "bones": described(of_source)},
+        "target": {
+            "armature": armature.name,
+            "preset": rig.bones.preset,
+            "found_by": rig.bones.found_by,
+            "bones": described(rig.bones),
+        },
+        "scale": result.placement.scale,
+        "not_in_source": [name for b, name in enumerate(rig.rest.names) if not driven[b]],
+        "not_in_target": [role for role in of_source.bones if role not in rig.bones.bones],
+        "plants": plant_intervals(result),
+        "turned_to_keep_feet_and_hands": limb_changes(rig, result),
+    }
+
+
+def _warnings(unsteady: tuple[str, ...], errors: Mapping[str, Mapping[str, float]]) -> list[str]:
+    found = [f"bone {name} follows another control only in part: its rotation differs" for name in unsteady]
+    for limb, error in errors.items():
+        if error["worst_degrees"] > 1.0:
+            found.append(
+                f"{limb}: the rig is up to {error['worst_degrees']:.1f} degrees off what its controls were given"
+            )
+    return found

@@ -1,0 +1,165 @@
+"""Motion sent to armatures of Blender: what Blender shows is what was asked for, and the rig's own keys stay."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from addon_shots import blender  # noqa: E402, F401
+from kfmocap.__main__ import main  # noqa: E402
+from kfmocap.core.body import human  # noqa: E402
+from kfmocap.core.retargeting.retarget import prepared  # noqa: E402
+from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.rig_curves import CurveOptions  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.send import SendOptions, send_to_rig  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import body_armature, motion_curves  # noqa: E402
+from made_rigs import made_rig, moved_body, wild_motion  # noqa: E402
+from mathutils import Matrix, Vector  # noqa: E402
+
+pytestmark = pytest.mark.blender
+
+BODY = human(1.75)
+FRAMES = 5
+
+
+def built(preset, droop=0.0, name="hero"):
+    """An armature with the bones of a made rig."""
+    rig = made_rig(preset, BODY, droop)
+    armature = bpy.data.objects.new(name, bpy.data.armatures.new(name))
+    bpy.context.scene.collection.objects.link(armature)
+    bpy.context.view_layer.objects.active = armature
+    bpy.ops.object.mode_set(mode="EDIT")
+    for b, bone_name in enumerate(rig.rest.names):
+        bone = armature.data.edit_bones.new(bone_name)
+        bone.head, bone.tail = (Vector(point[b]) for point in (rig.rest.heads, rig.rest.tails))
+        bone.roll = 0.3 * b
+        parent = rig.rest.parents[b]
+        bone.parent = armature.data.edit_bones[parent] if parent >= 0 else None
+    bpy.ops.object.mode_set(mode="OBJECT")
+    return armature
+
+
+def source(frames=FRAMES):
+    return moved_body(BODY, wild_motion(frames))
+
+
+def shown_joints(armature, names, frames=FRAMES):
+    """Heads of bones in the world on every frame, (F, B, 3)."""
+    found = []
+    for frame in range(1, frames + 1):
+        bpy.context.scene.frame_set(frame)
+        found.append([armature.matrix_world @ armature.pose.bones[name].head for name in names])
+    return np.array(found)
+
+
+LIMBS = ["upper_arm", "forearm", "hand", "thigh", "shin", "foot"]
+JOINTS = [f"{limb}.{side}" for side in "LR" for limb in LIMBS]
+
+
+def joint_errors(armature, report, given):
+    """Largest distance of a limb's joint from the source's, metres; arms from the shoulder, since spines differ."""
+    names = [report["target"]["bones"][role][0] for role in JOINTS]
+    own, shown = given.positions[:, given.rest.indices(JOINTS)], shown_joints(armature, names)
+    for joints in (own, shown):
+        for arm in (slice(0, 3), slice(6, 9)):
+            joints[:, arm] -= joints[:, arm][:, :1]
+    return np.abs(shown - own).max()
+
+
+@pytest.mark.parametrize("mode", ["QUATERNION", "XYZ", "ZXY", "AXIS_ANGLE"])
+def test_in_every_rotation_mode_blender_shows_the_sources_joints(blender, mode):  # noqa: F811
+    armature = built("mixamo", np.radians(45))
+    for bone in armature.pose.bones:
+        bone.rotation_mode = mode
+    given = source()
+    report = send_to_rig(bpy.context.scene, given, armature, 1)
+    assert joint_errors(armature, report, given) < 1e-4
+    assert report["warnings"] == []
+
+
+def test_a_scaled_and_turned_object_is_respected(blender):  # noqa: F811
+    armature = built("unreal")
+    armature.data.transform(Matrix.Scale(100.0, 4) @ Matrix.Rotation(-np.pi / 2, 4, "X"))
+    armature.matrix_world = Matrix.Scale(0.01, 4) @ Matrix.Rotation(np.pi / 2, 4, "X")
+    bpy.context.view_layer.update()
+    given = source()
+    report = send_to_rig(bpy.context.scene, given, armature, 1)
+    assert joint_errors(armature, report, given) < 1e-4
+
+
+def test_a_mechanism_is_driven_through_its_controls(blender):  # noqa: F811
+    """The arm's control hangs on nothing, but a constraint carries it along with the chest."""
+    armature = built("unity")
+    bpy.ops.object.mode_set(mode="EDIT")
+    bones = armature.data.edit_bones
+    carrier = bones.new("carrier")
+    carrier.head, carrier.tail = bones["LeftUpperArm"].head, bones["LeftUpperArm"].tail
+    bones["LeftUpperArm"].parent = carrier
+    bpy.ops.object.mode_set(mode="OBJECT")
+    child_of = armature.pose.bones["carrier"].constraints.new("ARMATURE")
+    child_of.targets.new().target = armature
+    child_of.targets[0].subtarget = "UpperChest"
+    given = source()
+    report = send_to_rig(bpy.context.scene, given, armature, 1)
+    assert joint_errors(armature, report, given) < 1e-4
+
+
+def test_the_old_action_stays_and_becomes_a_strip_below(blender):  # noqa: F811
+    armature = built("vrm")
+    old = bpy.data.actions.new("old")
+    armature.animation_data_create().action = old
+    send_to_rig(bpy.context.scene, source(), armature, 1, SendOptions(curves=CurveOptions(layer=True)))
+    assert armature.animation_data.action != old
+    assert [strip.action for track in armature.animation_data.nla_tracks for strip in track.strips] == [old]
+
+
+def test_fewer_keys_stay_within_the_tolerance(blender):  # noqa: F811
+    armature = built("mixamo")
+    given = moved_body(BODY, wild_motion(FRAMES)[[0] * FRAMES])
+    whole = send_to_rig(bpy.context.scene, given, armature, 1)
+    few = send_to_rig(
+        bpy.context.scene, given, armature, 1, SendOptions(curves=CurveOptions(angle=0.01, distance=0.001))
+    )
+    assert few["keys"] < 0.5 * whole["keys"]
+    assert joint_errors(armature, few, given) < 0.01
+
+
+def test_the_command_line_moves_a_character(blender, tmp_path, capsys):  # noqa: F811
+    motion = wild_motion(FRAMES)
+    performer = body_armature.build_armature(BODY, "man", bpy.context.scene.collection)
+    motion_curves.write_motion(performer, motion, 1)
+    bvh = tmp_path / "take.bvh"
+    exporters.export_bvh(bvh, performer, bpy.context.scene, exporters.ExportOptions(frames=(1, FRAMES)))
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    built("mixamo", np.radians(45))
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "hero.blend"))
+    out = tmp_path / "moved.blend"
+    assert main(["retarget", str(bvh), "--to", str(tmp_path / "hero.blend"), "--out", str(out)]) == 0
+    assert capsys.readouterr().out.split()[-2:] == [str(out), str(out.with_suffix(".report.json"))]
+    report = json.loads(out.with_suffix(".report.json").read_text())
+    bpy.ops.wm.open_mainfile(filepath=str(out))
+    armature = bpy.data.objects["hero"]
+    given, _ = prepared(moved_body(BODY, motion))
+    assert joint_errors(armature, report, given) < 1e-4
+    assert (bpy.context.scene.frame_start, bpy.context.scene.frame_end) == (1, FRAMES)
+
+
+def test_what_cannot_be_meant_is_said_by_name(blender, tmp_path, capsys):  # noqa: F811
+    built("mixamo", name="hero")
+    built("unreal", name="villain")
+    blend, bvh = tmp_path / "two.blend", tmp_path / "no.bvh"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend))
+    bvh.write_text(
+        "HIERARCHY ROOT a { OFFSET 0 0 0 CHANNELS 3 Zrotation Xrotation Yrotation } MOTION "
+        "Frames: 1 Frame Time: 0.04 0 0 0"
+    )
+    assert main(["retarget", str(bvh), "--to", str(blend), "--out", str(tmp_path / "out.blend")]) == 1
+    assert "hero, villain" in capsys.readouterr().err
+    command = ["retarget", str(bvh), "--to", str(blend), "--armature", "hero", "--out", str(tmp_path / "out.blend")]
+    assert main(command) == 1
+    assert "no bone was found for hips" in capsys.readouterr().err
+    assert not (tmp_path / "out.blend").exists()

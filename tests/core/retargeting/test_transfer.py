@@ -1,0 +1,155 @@
+"""Motion on other skeletons: joint angles come back from every one, feet stay where they stood, nothing is twisted."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+from kfmocap.core.body import human
+from kfmocap.core.errors import BodyError
+from kfmocap.core.numerics import rotations
+from kfmocap.core.retargeting.bone_presets import PRESETS
+from kfmocap.core.retargeting.control_rig import local_places, local_turns
+from kfmocap.core.retargeting.retarget import prepared, retarget
+from kfmocap.core.retargeting.transfer import RetargetOptions, resampled_chain
+from made_rigs import LONGER_LEGS, SHORTER_ARMS, made_rig, moved_body, moved_rig, wild_motion
+from render.motions import MOTIONS
+
+BODY = human(1.75)
+KINDS = [name for name in PRESETS if name != "rigify-ik"]
+POSES = {name: (np.radians(0 if k % 2 else 45), k) for k, name in enumerate(KINDS)}
+"""Half of the rigs stand in a T pose, half in an A pose; each has rolls of its own."""
+
+
+def rig_of(name, body=BODY):
+    return made_rig(name, body, *POSES[name])
+
+
+def degrees(a, b):
+    return np.degrees(np.linalg.norm(rotations.log(np.swapaxes(a, -1, -2) @ b), axis=-1))
+
+
+def through(source, rig):
+    """The motion on a rig, as the source for the next."""
+    return moved_rig(rig, retarget(*prepared(source), rig).poses)
+
+
+@pytest.mark.parametrize(("there", "over"), list(product(KINDS, KINDS)), ids="-".join)
+def test_joint_angles_come_back_from_every_pair_of_skeletons(there, over):
+    source = moved_body(BODY, wild_motion())
+    once, twice = rig_of(there), rig_of(over)
+    back = through(through(through(source, once), twice), rig_of("kfmocap"))
+    own = rig_of("kfmocap").rest.indices(BODY.names)
+    direct = through(source, rig_of("kfmocap"))
+    assert degrees(back.turns[:, own], direct.turns[:, own]).max() < 0.1
+    assert np.abs(back.positions[:, own] - direct.positions[:, own]).max() < 1e-4
+
+
+def test_limbs_of_an_a_pose_point_where_those_of_the_t_pose_point():
+    source = moved_body(BODY, wild_motion())
+    result = through(source, made_rig("mixamo", BODY, np.radians(45), 3))
+    j = result.rest.indices(["mixamorig:LeftArm", "mixamorig:LeftForeArm", "mixamorig:LeftHand"])
+    k = [BODY.index(f"{limb}.L") for limb in ("upper_arm", "forearm", "hand")]
+    for a, b in ((0, 1), (1, 2)):
+        ways = result.positions[:, j[b]] - result.positions[:, j[a]]
+        own = source.positions[:, k[b]] - source.positions[:, k[a]]
+        assert np.abs(ways - own).max() < 1e-9
+
+
+@pytest.fixture(scope="module")
+def walking():
+    return prepared(moved_body(BODY, MOTIONS["walk"](BODY, 60, 30.0)))
+
+
+@pytest.fixture(scope="module")
+def other():
+    """The same man with legs 20 % longer and arms 15 % shorter, as a Mixamo character in A pose."""
+    return made_rig("mixamo", human(1.75, {**LONGER_LEGS, **SHORTER_ARMS}), np.radians(45), 5)
+
+
+@pytest.mark.parametrize(("side", "word"), [("L", "Left"), ("R", "Right")])
+def test_feet_that_stand_still_stand_still_on_longer_legs(walking, other, side, word):
+    source, bones = walking
+    result = retarget(source, bones, other)
+    [path] = [path for path in result.feet if path.side == side]
+    flat = path.planted.all(axis=1)
+    still = flat & np.roll(flat, 1)
+    still[0] = False
+    foot = other.rest.indices([f"mixamorig:{word}Foot"])[0]
+    end = other.rest.tails[foot] - other.rest.heads[foot]
+    tip = result.poses.places[:, foot] + result.poses.turns[:, foot] @ end
+    own = source.rest.indices([f"foot.{side}"])[0]
+    own_end = source.rest.tails[own] - source.rest.heads[own]
+    own_tip = source.positions[:, own] + source.turns[:, own] @ own_end
+    steps = np.linalg.norm(np.diff(tip, axis=0), axis=1)[still[1:]]
+    own_steps = result.placement.scale * np.linalg.norm(np.diff(own_tip, axis=0), axis=1)[still[1:]]
+    assert still.sum() > 10
+    assert (steps - own_steps).max() < 0.002
+    above = tip[flat, 2] - (other.rest.tails[foot, 2] - other.rest.ground)
+    own_above = own_tip[flat, 2] - own_end[2] - source.rest.heads[own, 2]
+    assert np.abs(above - own_above).max() < 0.005
+
+
+def test_no_bone_is_twisted_when_feet_are_kept(walking, other):
+    source, bones = walking
+    result = retarget(source, bones, other)
+    change = np.swapaxes(result.by_angles.turns, -1, -2) @ result.poses.turns
+    assert np.degrees(np.linalg.norm(rotations.log(change), axis=-1)).max() < 10
+
+
+def test_clean_feet_do_not_move_at_all(walking, other):
+    result = retarget(*walking, other, RetargetOptions(feet="clean"))
+    for path, word in zip(result.feet, ("Left", "Right"), strict=True):
+        foot = other.rest.indices([f"mixamorig:{word}Foot"])[0]
+        flat = path.planted.all(axis=1)
+        still = flat[1:] & flat[:-1]
+        assert np.linalg.norm(np.diff(result.poses.places[:, foot], axis=0), axis=1)[still].max() < 1e-6
+
+
+def test_in_place_the_hips_stay_where_they_were(walking, other):
+    result = retarget(*walking, other, RetargetOptions(root="in-place"))
+    hips = result.poses.places[:, other.index("thigh.L")] + result.poses.places[:, other.index("thigh.R")]
+    assert np.ptp(hips[:, :2], axis=0).max() < 1e-9
+
+
+def test_a_missing_root_bone_is_said(walking, other):
+    with pytest.raises(BodyError, match="no root bone"):
+        retarget(*walking, other, RetargetOptions(root="root-bone"))
+
+
+def test_channels_of_the_controls_give_their_poses(walking, other):
+    result = retarget(*walking, other)
+    local = local_turns(other, result.poses)
+    R = np.empty_like(local)
+    for b, k in enumerate(other.turn_parents):
+        above = np.eye(3) if k < 0 else R[:, k] @ other.R_world_rest[k].T
+        R[:, b] = above @ other.R_world_rest[b] @ local[:, b]
+    assert np.abs(R - result.poses.turns @ other.R_world_rest).max() < 1e-9
+    hips = other.index("hips")
+    place = other.rest.heads[hips] + local_places(other, result.poses, hips) @ other.R_world_rest[hips].T
+    assert np.abs(place - result.poses.places[:, hips]).max() < 1e-9
+
+
+def test_a_motion_in_centimetres_with_y_up_is_the_same(walking, other):
+    source, _ = walking
+    turn = rotations.exp(np.array([-np.pi / 2, 0.0, 0.0]))
+    lying = source.rotated(turn)
+    scaled = type(lying)(
+        "cm",
+        type(lying.rest)(lying.rest.names, lying.rest.parents, 100 * lying.rest.heads, 100 * lying.rest.tails),
+        lying.turns,
+        100 * lying.positions,
+        lying.fps,
+    )
+    one, two = (retarget(*prepared(given), other).poses for given in (source, scaled))
+    assert np.abs(one.places - two.places).max() < 1e-6
+    assert np.abs(one.turns - two.turns).max() < 1e-6
+
+
+@pytest.mark.parametrize(("few", "many"), [(1, 3), (2, 3), (2, 5), (3, 4), (3, 5)])
+def test_a_spine_brought_to_more_bones_and_back_is_what_it_was(few, many):
+    dice = np.random.default_rng(few)
+    before, *chain = rotations.exp(dice.normal(0, 0.4, (few + 1, 4, 3)))
+    longer = resampled_chain(before, chain, None, many)
+    assert np.abs(np.array(resampled_chain(before, longer, None, few)) - np.array(chain)).max() < 1e-9
