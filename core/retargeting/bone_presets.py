@@ -137,12 +137,16 @@ _RIGIFY_FOLLOWS = {
 }
 
 
+_POLES = {"pole_vector": 1.0, "IK_Stretch": 0.0, "IK_parent": 1.0, "pole_parent": 1.0}
+"""Limbs bend towards their poles, which hang on the root as the controls of hands and feet do."""
+
+
 def _rigify_settings(fk: float) -> dict[str, dict[str, float]]:
     limbs = {
         f"{limb}_parent.{side}": {
             "IK_FK": fk,
             "FK_limb_follow": 0.0,
-            **({} if fk else {"pole_vector": 1.0, "IK_Stretch": 0.0}),
+            **({} if fk else _POLES),
         }
         for limb in ("upper_arm", "thigh")
         for side in "LR"

@@ -27,6 +27,8 @@ class ControlRig:
         The control whose rotation another one's rest orientation follows; -1 where none turns it.
     R_world_rest : ndarray, shape (B, 3, 3)
         Orientation at rest.
+    location_axes : ndarray, shape (B, 3, 3)
+        The axes of each control's location at rest, as columns: its own ones, or the armature's.
     scale : float
         Metres of the world for one unit of the armature.
     """
@@ -35,6 +37,7 @@ class ControlRig:
     bones: BoneMap
     turn_parents: tuple[int, ...]
     R_world_rest: Array
+    location_axes: Array
     scale: float = 1.0
 
     def index(self, role: str, place: int = 0) -> int:
@@ -101,10 +104,10 @@ def local_turns(rig: ControlRig, poses: RigPoses) -> Array:
 
 
 def local_places(rig: ControlRig, poses: RigPoses, b: int) -> Array:
-    """Location of a control in its own rest axes as what carries it leaves them, shape (F, 3), armature's units."""
+    """Location of a control along its axes as what turns it leaves them, shape (F, 3), armature's units."""
     p, k = rig.rest.parents[b], rig.turn_parents[b]
     start = rig.rest.heads[b]
     if p >= 0:
         start = poses.places[:, p] + poses.turns[:, p] @ (start - rig.rest.heads[p])
-    axes = rig.R_world_rest[b] if k < 0 else poses.turns[:, k] @ rig.R_world_rest[b]
+    axes = rig.location_axes[b] if k < 0 else poses.turns[:, k] @ rig.location_axes[b]
     return np.asarray(np.einsum("...ji,...j->...i", axes, poses.places[:, b] - start) / rig.scale)

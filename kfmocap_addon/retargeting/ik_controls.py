@@ -10,9 +10,11 @@ from ...core.retargeting.bone_presets import BonePreset, IkLimb
 from ...core.retargeting.control_rig import ControlRig, RigPoses
 from .rig_curves import ControlChannel, rotation_channel
 from .rig_error import world_matrices
-from .rig_reading import world_frame
+from .rig_reading import location_axes, world_frame
 
 Array = NDArray[np.float64]
+_BENT = 1e-3
+"""Sine of the angle from which on a limb's bend shows its plane."""
 
 
 def ik_roles(rig: ControlRig, preset: BonePreset) -> set[int]:
@@ -40,30 +42,60 @@ def _limb(armature: bpy.types.Object, rig: ControlRig, poses: RigPoses, limb: Ik
     carried_by = rig.index("root") if "root" in rig.bones.bones and poses.driven[rig.index("root")] else None
     turns = poses.turns[:, end]
     place = poses.places[:, end] + turns @ (heads[0] - rig.rest.heads[end])
-    bend = _bend(poses.places[:, upper], poses.places[:, lower], poses.places[:, end])
-    at_rest = _bend(*(rig.rest.heads[None, j] for j in (upper, lower, end)))[0]
-    toward = heads[1] - rig.rest.heads[lower]
-    reach = float(np.linalg.norm(toward))
-    steady = poses.turns[:, upper] @ (at_rest if np.linalg.norm(at_rest) > 0.5 else toward / reach)
-    weight = np.linalg.norm(bend, axis=1, keepdims=True)
-    pole = poses.places[:, lower] + reach * np.where(weight > 0.5, bend, steady)
+    standing, joints = (a[:, (upper, lower, end)] for a in (rig.rest.heads[None], poses.places))
+    pole = _pole_path(joints, poses.turns[:, upper], standing[0], heads[1])
     found = []
     scale = world_frame(armature)[1]
     shift = np.zeros((len(poses), 3))
     if carried_by is not None:
         shift = poses.places[:, carried_by] - rig.rest.heads[carried_by]
     for name, axes, start, goal in ((limb.control, R[0], heads[0], place), (limb.pole, R[1], heads[1], pole)):
-        found.append(ControlChannel(name, "location", (goal - shift - start) @ axes / scale))
+        along = location_axes(armature, name, axes)
+        found.append(ControlChannel(name, "location", (goal - shift - start) @ along / scale))
     found.append(rotation_channel(armature.pose.bones[limb.control], R[0].T @ turns @ R[0]))
     return found
 
 
-def _bend(root: Array, middle: Array, end: Array) -> Array:
-    """Unit vectors (F, 3) from the line between a limb's ends to its elbow or knee; zeros where it is straight."""
-    way = end - root
-    along = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
-    out = middle - root
-    out = out - along * np.sum(out * along, axis=1, keepdims=True)
-    length = np.linalg.norm(out, axis=1, keepdims=True)
-    sure = length > 1e-3 * np.linalg.norm(way, axis=1, keepdims=True)
-    return np.asarray(np.where(sure, out / np.maximum(length, 1e-9), 0.0))
+def _pole_path(joints: Array, turns: Array, standing: Array, pole: Array) -> Array:
+    """Where a pole must be for elbow or knee to be where they are, shape (F, 3).
+
+    Blender's solver bends a chain in the plane in which it is bent at rest, and turns its first bone so that one of that
+    bone's axes points to the pole. That axis is the one that does so at rest.
+
+    Parameters
+    ----------
+    joints : ndarray, shape (F, 3, 3)
+        Root, elbow or knee, and end of the limb.
+    turns : ndarray, shape (F, 3, 3)
+        Rotations of the upper bone from rest.
+    standing : ndarray, shape (3, 3)
+        The joints at rest.
+    pole : ndarray, shape (3,)
+        The pole at rest.
+    """
+    line, bone = _unit(standing[2] - standing[0]), _unit(standing[1] - standing[0])
+    aside = _across(pole - standing[0], line)
+    axis = _unit(aside - line * (aside @ bone) / (line @ bone))
+    normal_at_rest = np.cross(bone, line)
+    lines, bones = (_unit(joints[:, k] - joints[:, 0]) for k in (2, 1))
+    normals = np.cross(bones, lines)
+    axes = turns @ axis
+    if np.linalg.norm(normal_at_rest) > _BENT:
+        carried = turns @ normal_at_rest
+        bent = np.linalg.norm(normals, axis=1, keepdims=True) > _BENT
+        forth = np.sum(normals * carried, axis=1, keepdims=True) > 0
+        normals = _unit(np.where(bent, np.where(forth, normals, -normals), carried))
+        frames = np.stack([bones, normals, np.cross(bones, normals)], axis=-1)
+        n0 = _unit(normal_at_rest)
+        axes = frames @ np.stack([bone, n0, np.cross(bone, n0)], axis=-1).T @ axis
+    reach = np.linalg.norm(pole - standing[1])
+    return np.asarray(joints[:, 1] + reach * _unit(_across(axes, lines)))
+
+
+def _across(v: Array, line: Array) -> Array:
+    """The part of vectors (..., 3) that is square to unit vectors (..., 3)."""
+    return np.asarray(v - line * np.sum(v * line, axis=-1, keepdims=True))
+
+
+def _unit(v: Array) -> Array:
+    return np.asarray(v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12))

@@ -156,9 +156,17 @@ def read_rig(armature: bpy.types.Object, bones: BoneMap) -> RigReading:
         bones,
         tuple(place[turn_parents[b]] for b in order),
         R[order],
+        np.stack([location_axes(armature, names[b], R[b]) for b in order]),
         scale,
     )
     return RigReading(rig, tuple(sorted(set(unsteady))))
+
+
+def location_axes(armature: bpy.types.Object, name: str, R_world: Array) -> Array:
+    """The axes (3, 3) that a bone's location is counted along, as columns: its own of orientation `R_world`, or not."""
+    if armature.data.bones[name].use_local_location:
+        return R_world
+    return rotations.orthonormal(np.array(armature.matrix_world)[:3, :3] / world_frame(armature)[1])
 
 
 def _matrices(armature: bpy.types.Object, names: Sequence[str]) -> Array:

@@ -73,7 +73,7 @@ def made_rig(preset: str, body: Body, droop: float = 0.0, seed: int = 0, scale: 
     dice = np.random.default_rng(seed)
     R = rotations.exp(dice.normal(0, 1, (len(order), 3)))
     found = BoneMap(bones, preset)
-    return ControlRig(grounded(rest, found), found, rest.parents, R)
+    return ControlRig(grounded(rest, found), found, rest.parents, R, R)
 
 
 def _ends(role: str, base: str, side: str, at: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
