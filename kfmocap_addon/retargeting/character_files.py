@@ -20,6 +20,7 @@ from ...core.retargeting.skeleton_motion import motion_of_bvh
 from ...core.retargeting.transfer import RetargetOptions
 from ..export.exporters import writing
 from ..scene_io.scene import set_rate
+from .overrides import editable
 from .rig_curves import CurveOptions
 from .send import SendOptions, find_target, send_to_rig
 
@@ -43,7 +44,7 @@ def retarget_file(request: RetargetRequest) -> dict[str, Any]:
         CurveOptions(request.layer, float(np.radians(request.angle)), request.distance / 1000),
     )
     open_file(request.character)
-    armature = find_target(request.armature, request.preset)
+    armature = editable(find_target(request.armature, request.preset), bpy.context.scene)
     scene = show_scene_of(armature)
     set_rate(scene, source.fps)
     scene.frame_start = 1

@@ -88,7 +88,7 @@ def at_rest(armature: bpy.types.Object, controls: Sequence[str]) -> Iterator[Non
     """Take an armature's animation away and its controls to their rest pose while the block runs."""
     data = armature.animation_data
     before = (data.action, data.action_slot, data.use_nla) if data else None
-    poses = {name: armature.pose.bones[name].matrix_basis.copy() for name in controls}
+    poses = {name: _channels(armature.pose.bones[name]) for name in controls}
     hidden = armature.hide_viewport
     armature.hide_viewport = False
     if data:
@@ -99,14 +99,21 @@ def at_rest(armature: bpy.types.Object, controls: Sequence[str]) -> Iterator[Non
         update()
         yield
     finally:
-        for name, basis in poses.items():
-            armature.pose.bones[name].matrix_basis = basis
+        for name, values in poses.items():
+            for attribute, value in values.items():
+                setattr(armature.pose.bones[name], attribute, value)
         if data:
             data.action, data.use_nla = before[0], before[2]
             if before[1] is not None:
                 data.action_slot = before[1]
         armature.hide_viewport = hidden
         update()
+
+
+def _channels(bone: bpy.types.PoseBone) -> dict[str, tuple[float, ...]]:
+    """All that poses a bone, to the last bit: its matrix would come back rounded."""
+    names = ("location", "rotation_quaternion", "rotation_euler", "rotation_axis_angle", "scale")
+    return {name: tuple(getattr(bone, name)) for name in names}
 
 
 def update() -> None:
@@ -190,15 +197,28 @@ def _nearest(follows: NDArray[np.bool_], depth: NDArray[np.int64]) -> int:
     return int(above[np.argmax(depth[above])]) if len(above) else -1
 
 
-def apply_settings(armature: bpy.types.Object, settings: Mapping[str, Mapping[str, float]]) -> list[tuple[str, str]]:
-    """Set custom properties of bones, where there are such; returns those that were set, as bone and property."""
-    found = []
+@contextmanager
+def with_settings(
+    armature: bpy.types.Object, settings: Mapping[str, Mapping[str, float]]
+) -> Iterator[list[tuple[str, str]]]:
+    """Set custom properties of bones, where there are such; after an error they are what they were.
+
+    Gives those that were set, as bone and property.
+    """
+    before: dict[tuple[str, str], Any] = {}
     for name, values in settings.items():
         bone: Any = armature.pose.bones.get(name)
         for key, value in values.items() if bone is not None else ():
             if key in bone:
+                before[name, key] = bone[key]
                 bone[key] = type(bone[key])(value)
-                found.append((name, key))
     armature.update_tag()
     update()
-    return found
+    try:
+        yield list(before)
+    except BaseException:
+        for (name, key), value in before.items():
+            restored: Any = armature.pose.bones[name]
+            restored[key] = value
+        armature.update_tag()
+        raise

@@ -21,7 +21,7 @@ from ...core.retargeting.transfer import RetargetOptions
 from .ik_controls import ik_channels, ik_roles
 from .rig_curves import ControlChannel, CurveOptions, rotation_channel, write_channels
 from .rig_error import measured_errors, world_matrices
-from .rig_reading import apply_settings, at_rest, read_rig, rest_skeleton
+from .rig_reading import at_rest, read_rig, rest_skeleton, with_settings
 
 _SAMPLE = 60  # frames on which the remaining error is measured
 
@@ -66,7 +66,8 @@ def find_target(name: str | None, preset: str | None = None) -> bpy.types.Object
     BodyError
         There is none of that name, none at all, or several and no name is given; names them.
     """
-    armatures = [o for o in bpy.data.objects if o.type == "ARMATURE"]
+    overridden = [o.override_library.reference for o in bpy.data.objects if o.override_library]
+    armatures = [o for o in bpy.data.objects if o.type == "ARMATURE" and o not in overridden]
     if name is not None:
         found = next((o for o in armatures if o.name == name), None)
         if found is None:
@@ -124,8 +125,8 @@ def send_to_rig(
     preset = preset_of(bones)
     names = bones.names()
     frames = frame_start + np.arange(len(source))
-    with at_rest(armature, [*names, *(c for limb in preset.ik for c in (limb.control, limb.pole))]):
-        settings = apply_settings(armature, preset.settings)
+    ik = [name for limb in preset.ik for name in (limb.control, limb.pole) if name in armature.pose.bones]
+    with at_rest(armature, [*names, *ik]), with_settings(armature, preset.settings) as settings:
         reading = read_rig(armature, bones)
         rig = reading.rig
         shown = [_shown(armature, preset.follows, name) for name in rig.rest.names]

@@ -14,8 +14,9 @@ from kfmocap.__main__ import main  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.retargeting.retarget import prepared  # noqa: E402
 from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.overrides import editable  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.rig_curves import CurveOptions  # noqa: E402
-from kfmocap.kfmocap_addon.retargeting.send import SendOptions, send_to_rig  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.send import SendOptions, find_target, send_to_rig  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import body_armature, motion_curves  # noqa: E402
 from made_rigs import made_rig, moved_body, wild_motion  # noqa: E402
 from mathutils import Matrix, Vector  # noqa: E402
@@ -146,6 +147,24 @@ def test_the_command_line_moves_a_character(blender, tmp_path, capsys):  # noqa:
     given, _ = prepared(moved_body(BODY, motion))
     assert joint_errors(armature, report, given) < 1e-4
     assert (bpy.context.scene.frame_start, bpy.context.scene.frame_end) == (1, FRAMES)
+
+
+def test_a_linked_character_moves_through_an_override(blender, tmp_path):  # noqa: F811
+    hero = built("mixamo", np.radians(45))
+    collection = bpy.data.collections.new("hero")
+    collection.objects.link(hero)
+    bpy.data.libraries.write(str(tmp_path / "library.blend"), {collection})
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, wanted):
+        wanted.collections = ["hero"]
+    instance = bpy.data.objects.new("instance", None)
+    instance.instance_type, instance.instance_collection = "COLLECTION", bpy.data.collections["hero"]
+    bpy.context.scene.collection.objects.link(instance)
+    armature = editable(find_target(None), bpy.context.scene)
+    assert armature.library is None
+    given = source()
+    assert joint_errors(armature, send_to_rig(bpy.context.scene, given, armature, 1), given) < 1e-4
+    assert find_target("hero") == armature
 
 
 def test_what_cannot_be_meant_is_said_by_name(blender, tmp_path, capsys):  # noqa: F811

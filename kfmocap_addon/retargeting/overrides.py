@@ -1,0 +1,48 @@
+"""Linked characters: motion goes on a library override of them, made where there is none yet."""
+
+from __future__ import annotations
+
+import bpy
+
+from ...core.errors import BodyError
+
+
+def editable(armature: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Object:
+    """Return an armature that can be animated in this file: itself, or the override of a linked one.
+
+    Raises
+    ------
+    BodyError
+        Blender makes no override of it.
+    """
+    if armature.library is None:
+        return armature
+    there = _override_of(armature)
+    if there is not None:
+        return there
+    layer = scene.view_layers[0]
+    collection = _linked_collection(armature)
+    if collection is not None:
+        instance = next((o for o in scene.objects if o.instance_collection == collection), None)
+        collection.override_hierarchy_create(scene, layer, reference=instance, do_fully_editable=True)
+    else:
+        armature.override_hierarchy_create(scene, layer, do_fully_editable=True)
+    made = _override_of(armature)
+    if made is None:
+        raise BodyError(
+            "it is linked, and Blender makes no override of it",
+            where=f"armature {armature.name}",
+            todo="make a library override of the character, or append it",
+        )
+    return made
+
+
+def _override_of(armature: bpy.types.Object) -> bpy.types.Object | None:
+    found = (o for o in bpy.data.objects if o.override_library and o.override_library.reference == armature)
+    return next(found, None)
+
+
+def _linked_collection(armature: bpy.types.Object) -> bpy.types.Collection | None:
+    """The linked collection that holds an armature and is itself instanced or in the scene."""
+    found = [c for c in bpy.data.collections if c.library is not None and armature.name in c.all_objects]
+    return max(found, key=lambda c: len(c.all_objects), default=None)
