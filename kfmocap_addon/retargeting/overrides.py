@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import bpy
 
 from ...core.errors import BodyError
@@ -23,7 +25,7 @@ def editable(armature: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Ob
     layer = scene.view_layers[0]
     collection = _linked_collection(armature)
     if collection is not None:
-        instance = next((o for o in scene.objects if o.instance_collection == collection), None)
+        instance: Any = next((o for o in scene.objects if o.instance_collection == collection), None)
         collection.override_hierarchy_create(scene, layer, reference=instance, do_fully_editable=True)
     else:
         armature.override_hierarchy_create(scene, layer, do_fully_editable=True)
