@@ -13,13 +13,12 @@ import bpy
 import numpy as np
 
 from ...core.errors import BodyError, OutputError, ShotError
-from ...core.formats.bone_map_files import read_bone_map
 from ...core.formats.bvh import read_bvh
-from ...core.retargeting.roles import BoneMap
 from ...core.retargeting.skeleton_motion import motion_of_bvh
 from ...core.retargeting.transfer import RetargetOptions
 from ..export.exporters import writing
 from ..scene_io.scene import set_rate
+from .listed_bones import read_map
 from .overrides import editable
 from .rig_curves import CurveOptions
 from .send import SendOptions, find_target, send_to_rig
@@ -38,8 +37,8 @@ def retarget_file(request: RetargetRequest) -> dict[str, Any]:
     source = motion_of_bvh(read_bvh(request.motion), request.motion.stem)
     options = SendOptions(
         request.preset,
-        read_map(request.bone_map),
-        read_map(request.source_map),
+        None if request.bone_map is None else read_map(request.bone_map),
+        None if request.source_map is None else read_map(request.source_map),
         RetargetOptions(request.root, request.feet, request.hands, request.scale),
         CurveOptions(request.layer, float(np.radians(request.angle)), request.distance / 1000),
     )
@@ -53,17 +52,6 @@ def retarget_file(request: RetargetRequest) -> dict[str, Any]:
     report = send_to_rig(scene, source, armature, 1, options)
     save_copy(request.out)
     return {"motion": str(request.motion), "character": str(request.character), **report}
-
-
-def read_map(path: Path | None) -> BoneMap | None:
-    """Read a bone map, where one is named."""
-    if path is None:
-        return None
-    preset, bones = read_bone_map(path)
-    try:
-        return BoneMap(bones, preset, "file")
-    except BodyError as error:
-        raise BodyError(error.what, where=str(path), todo=error.todo) from error
 
 
 def open_file(path: Path) -> None:

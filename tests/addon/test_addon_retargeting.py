@@ -9,15 +9,17 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender  # noqa: E402, F401
+from addon_shots import blender, shot  # noqa: E402, F401
 from kfmocap.__main__ import main  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
+from kfmocap.core.retargeting.bone_presets import PRESETS  # noqa: E402
 from kfmocap.core.retargeting.retarget import prepared  # noqa: E402
 from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
+from kfmocap.kfmocap_addon.properties import KFMocapRetarget  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.overrides import editable  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.rig_curves import CurveOptions  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.send import SendOptions, find_target, send_to_rig  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import body_armature, motion_curves  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import body_armature, motion_curves, scene  # noqa: E402
 from made_rigs import made_rig, moved_body, wild_motion  # noqa: E402
 from mathutils import Matrix, Vector  # noqa: E402
 
@@ -182,3 +184,40 @@ def test_what_cannot_be_meant_is_said_by_name(blender, tmp_path, capsys):  # noq
     assert main(command) == 1
     assert "no bone was found for hips" in capsys.readouterr().err
     assert not (tmp_path / "out.blend").exists()
+
+
+@pytest.fixture
+def tracked(blender, tmp_path):  # noqa: F811
+    """A tracked performer, and a character beside it that is chosen."""
+    scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    armature = bpy.context.scene.kfmocap.performers[0].armature
+    motion_curves.write_motion(armature, wild_motion(12), 1)
+    hero = built("mixamo", np.radians(45))
+    bpy.context.scene.kfmocap.retarget.target = hero
+    return hero
+
+
+def test_the_operator_sends_the_performers_motion(tracked):
+    assert bpy.ops.kfmocap.send_to_rig() == {"FINISHED"}
+    errors = bpy.context.scene.kfmocap.retarget.errors
+    assert {error.name for error in errors} == {"trunk", "arm.L", "arm.R", "leg.L", "leg.R"}
+    assert max(error.distance for error in errors) < 0.1
+    assert len(tracked.animation_data.action.layers[0].strips[0].channelbags[0].fcurves) > 60
+
+
+def test_an_edited_list_of_bones_is_used_and_comes_back_from_a_file(tracked, tmp_path):
+    settings = bpy.context.scene.kfmocap.retarget
+    assert bpy.ops.kfmocap.find_bones() == {"FINISHED"}
+    next(row for row in settings.bones if row.name == "head").bone = ""
+    path = str(tmp_path / "map.json")
+    assert bpy.ops.kfmocap.save_bone_map(filepath=path) == {"FINISHED"}
+    assert bpy.ops.kfmocap.forget_bones() == {"FINISHED"}
+    assert bpy.ops.kfmocap.load_bone_map(filepath=path) == {"FINISHED"}
+    assert bpy.ops.kfmocap.send_to_rig() == {"FINISHED"}
+    curves = tracked.animation_data.action.layers[0].strips[0].channelbags[0].fcurves
+    assert not any("mixamorig:Head" in curve.data_path for curve in curves)
+
+
+def test_the_panel_offers_every_preset(blender):  # noqa: F811
+    items = KFMocapRetarget.bl_rna.properties["preset"].enum_items
+    assert [item.identifier for item in items] == ["auto", *PRESETS]

@@ -1,0 +1,69 @@
+"""The section "Send to Rig": the motion on another character."""
+
+import bpy
+
+from ..operators.retarget_bones import FindBones, ForgetBones, LoadBoneMap, SaveBoneMap
+from ..operators.send_to_rig import SendToRig
+from .section import Section
+
+
+class KFMOCAP_UL_bones(bpy.types.UIList):  # noqa: N801  Blender's own way of naming lists
+    """Roles and the bones that play them."""
+
+    def draw_item(
+        self,
+        context: bpy.types.Context,
+        layout: bpy.types.UILayout,
+        _data: bpy.types.PropertyGroup,
+        item: bpy.types.PropertyGroup,
+        _icon: int,
+        _active_data: bpy.types.PropertyGroup,
+        _active_property: str,
+    ) -> None:
+        """Draw the role, and the bone to be chosen for it."""
+        target = context.scene.kfmocap.retarget.target
+        row = layout.split(factor=0.4)
+        row.label(text=item.name if not item.chain else f"{item.name} {item.chain + 1}")
+        if target is not None:
+            row.prop_search(item, "bone", target.data, "bones", text="")
+
+
+class RetargetPanel(Section, bpy.types.Panel):
+    bl_idname = "KFMOCAP_PT_retarget"
+    bl_label = "Send to Rig"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, settings = self.layout, context.scene.kfmocap.retarget
+        layout.use_property_split, layout.use_property_decorate = True, False
+        layout.prop(settings, "target")
+        layout.prop(settings, "preset")
+        layout.operator(SendToRig.bl_idname, icon="ARMATURE_DATA")
+        layout.prop(settings, "root")
+        layout.prop(settings, "feet")
+        layout.prop(settings, "hands")
+        layout.prop(settings, "layer")
+        layout.prop(settings, "sparse")
+        if settings.sparse:
+            layout.prop(settings, "angle")
+            layout.prop(settings, "distance")
+        row = layout.row(align=True)
+        row.operator(FindBones.bl_idname, icon="VIEWZOOM")
+        row.operator(LoadBoneMap.bl_idname, text="", icon="FILE_FOLDER")
+        row.operator(SaveBoneMap.bl_idname, text="", icon="FILE_TICK")
+        row.operator(ForgetBones.bl_idname, text="", icon="X")
+        if settings.bones:
+            layout.template_list("KFMOCAP_UL_bones", "", settings, "bones", settings, "active_bone", rows=6)
+        _draw_errors(layout, settings)
+
+
+def _draw_errors(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
+    if settings.errors:
+        column = layout.column(align=True)
+        column.label(text="Remaining error, worst:")
+        for error in settings.errors:
+            row = column.split(factor=0.4)
+            row.label(text=error.name)
+            row.label(text=f"{error.degrees:.2f}°  {error.distance:.1f} mm")
+
+
+CLASSES = (KFMOCAP_UL_bones, RetargetPanel)
