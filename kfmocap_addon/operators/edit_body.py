@@ -98,17 +98,20 @@ def _armature_is_new(context: bpy.types.Context) -> str:
 
 
 class UseArmature(Conditional, bpy.types.Operator):
-    """Make the active armature a performer of the shot. Its bones must carry meshes, each parented to its bone"""
+    """Make the active armature a performer of the shot: one whose bones carry meshes, or a skinned character, whose
+    skin is divided into parts. A generated Rigify rig is tracked through its FK controls"""
 
     bl_idname = "kfmocap.use_armature"
     bl_label = "Use Active Armature"
     conditions = (_armature_is_active, _armature_is_new)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ..scene_io import performers
+        from ..retargeting.skinned_body import use_as_body
 
         with reported(self) as outcome:
-            performers.take_armature(context.scene, context.active_object)
+            _, remarks = use_as_body(context.scene, context.active_object)
+            for text in remarks:
+                self.report({"WARNING"}, text)
         return outcome.value
 
 

@@ -125,9 +125,9 @@ def read_rig(armature: bpy.types.Object, bones: BoneMap) -> RigReading:
     """Read how a rig's controls stand at rest and follow each other; it must stand at rest (`at_rest`)."""
     names = bones.names()
     matrix, scale = world_frame(armature)
-    rest = _matrices(armature, names)
+    rest = rest_matrices(armature, names)
     size = float(np.ptp(rest[:, :3, 3], axis=0).max()) or 1.0
-    moved = [_moved_by(armature, name, names, 0.1 * size) for name in names]
+    moved = [moved_matrices(armature, name, names, 0.1 * size) for name in names]
     update()
     B = len(names)
     turn_parents, place_parents, unsteady = [], [], []
@@ -176,17 +176,17 @@ def location_axes(armature: bpy.types.Object, name: str, R_world: Array) -> Arra
     return rotations.orthonormal(np.array(armature.matrix_world)[:3, :3] / world_frame(armature)[1])
 
 
-def _matrices(armature: bpy.types.Object, names: Sequence[str]) -> Array:
+def rest_matrices(armature: bpy.types.Object, names: Sequence[str]) -> Array:
     """Matrices (B, 4, 4) of bones as they stand, in the armature."""
     return np.array([armature.pose.bones[name].matrix for name in names]).reshape(-1, 4, 4)
 
 
-def _moved_by(armature: bpy.types.Object, name: str, names: Sequence[str], way: float) -> Array:
-    """Matrices of all controls while one is turned, and shifted where it can be."""
+def moved_matrices(armature: bpy.types.Object, name: str, names: Sequence[str], way: float = 0.0) -> Array:
+    """Matrices (B, 4, 4) of bones while a control is turned, and shifted where it can be."""
     bone = armature.pose.bones[name]
     bone.matrix_basis = Matrix.Translation((way, 0.7 * way, -0.4 * way)) @ _PROBE.to_matrix().to_4x4()
     update()
-    found = _matrices(armature, names)
+    found = rest_matrices(armature, names)
     bone.matrix_basis = Matrix.Identity(4)
     return found
 

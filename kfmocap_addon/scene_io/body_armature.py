@@ -179,18 +179,19 @@ def body_from_armature(armature: bpy.types.Object) -> Body:
     R_object, place = object_pose(armature)
     bones, meshes = body_bones(armature), part_meshes.meshes_by_bone(armature)
     index = {bone.name: i for i, bone in enumerate(bones)}
-    parts = []
+    parts: list[Part] = []
     for bone in bones:
-        if bone.parent is not None and bone.parent.name not in index:
+        above = next((p.name for p in bone.parent_recursive if p.name in index), None)
+        if above is None and parts:
             raise BodyError(
-                "the bone carries no mesh, but a bone below it does",
-                where=f"armature {armature.name}, bone {bone.parent.name}",
-                todo="parent a mesh to it",
+                f"the bone hangs on no other part: {bones[0].name} is the top of the body",
+                where=f"armature {armature.name}, bone {bone.name}",
+                todo="parent a mesh to a bone that both hang on, or take this one's off",
             )
         head, tail = (R_object @ np.array(point) + place for point in (bone.head_local, bone.tail_local))
         read = Part(
             name=bone.name,
-            parent=index[bone.parent.name] if bone.parent else -1,
+            parent=-1 if above is None else index[above],
             head_world=head,
             tail_world=tail,
             R_world_rest=R_object @ rest_rotation(bone),

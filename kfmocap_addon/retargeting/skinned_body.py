@@ -1,0 +1,107 @@
+"""Any armature as a body to track: one whose bones carry meshes, a skinned character, a generated Rigify rig."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ...core.errors import BodyError
+from ...core.numerics import rotations
+from ...core.retargeting.bone_matching import preset_of
+from ...core.retargeting.roles import BoneMap
+from ..scene_io import part_meshes, performers, scene, skinned_parts
+from .rig_reading import at_rest, moved_matrices, rest_matrices, with_settings
+from .send import target_bones
+
+_PART_ROLES = ("hips", "spine", "neck", "head", "upper_arm", "forearm", "hand", "thigh", "shin", "foot")
+_FOLLOWS = 0.5
+"""Share of a control's rotation from which on a deforming bone is counted as its."""
+_HARMLESS = ("LIMIT_ROTATION", "LIMIT_LOCATION", "LIMIT_SCALE")
+
+
+def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[bpy.types.Object, tuple[str, ...]]:
+    """Make an armature a performer of the scene's shot; returns it, and what of it could not be used.
+
+    A skinned character gets parts made of its skin. On a generated Rigify rig they hang on the FK controls.
+
+    Raises
+    ------
+    BodyError
+        It cannot be a body; names the bone.
+    """
+    if part_meshes.meshes_by_bone(armature):
+        return performers.take_armature(current, armature), ()
+    collection = scene.ensure_collection(current, "Performers")
+    bones = _mechanism(armature)
+    if bones is None:
+        made = skinned_parts.add_parts(armature, collection)
+        _refuse_driven(armature, made.parts)
+    else:
+        controls = [name for role, _, name in bones.items() if role.partition(".")[0] in _PART_ROLES]
+        with with_settings(armature, preset_of(bones).settings):
+            made = skinned_parts.add_parts(armature, collection, _carriers(armature, controls))
+    try:
+        return performers.take_armature(current, armature), made.remarks
+    except BodyError:
+        _remove(armature, made.parts)
+        raise
+
+
+def _mechanism(armature: bpy.types.Object) -> BoneMap | None:
+    """The controls of a rig whose deforming bones are not posed themselves, by its preset; None for other rigs."""
+    try:
+        bones = target_bones(armature)
+    except BodyError:
+        return None
+    return bones if preset_of(bones).settings else None
+
+
+def _carriers(armature: bpy.types.Object, controls: list[str]) -> dict[str, str]:
+    """The control that moves each deforming bone: the last of those that it follows by half at least."""
+    deforming = [bone.name for bone in armature.data.bones if bone.use_deform]
+    found: dict[str, str] = {}
+    depth: dict[str, int] = {}
+    with at_rest(armature, controls):
+        rest = rest_matrices(armature, [*deforming, *controls])
+        moved = {name: moved_matrices(armature, name, [*deforming, *controls]) for name in controls}
+    D = len(deforming)
+    for name, matrices in moved.items():
+        change = matrices[:, :3, :3] @ np.linalg.inv(rest[:, :3, :3])
+        angles = np.linalg.norm(rotations.log(rotations.orthonormal(change)), axis=-1)
+        followed = angles > _FOLLOWS * angles[D + controls.index(name)]
+        below = int(followed[D:].sum())
+        for bone in np.array(deforming)[followed[:D]]:
+            if bone not in found or below < depth[found[bone]]:
+                found[str(bone)] = name
+        depth[name] = below
+    return found
+
+
+def _refuse_driven(armature: bpy.types.Object, parts: tuple[str, ...]) -> None:
+    """Raise a BodyError where something else than its pose moves a part's bone."""
+    data = armature.animation_data
+    driven = (
+        {driver.data_path.split('"')[1] for driver in data.drivers if driver.data_path.count('"') > 1}
+        if data
+        else set()
+    )
+    for name in parts:
+        bone = armature.pose.bones[name]
+        holds = next((c for c in bone.constraints if not c.mute and c.influence and c.type not in _HARMLESS), None)
+        what = f"its constraint '{holds.name}'" if holds else "a driver" if name in driven else ""
+        if what:
+            _remove(armature, parts)
+            raise BodyError(
+                f"the bone is moved by {what}: it cannot be tracked",
+                where=f"armature {armature.name}, bone {name}",
+                todo="mute it, or use the armature that it follows",
+            )
+
+
+def _remove(armature: bpy.types.Object, parts: tuple[str, ...]) -> None:
+    """Take the meshes of parts away again."""
+    for name, meshes in part_meshes.meshes_by_bone(armature).items():
+        for child in meshes if name in parts else ():
+            mesh = child.data
+            bpy.data.objects.remove(child)
+            bpy.data.meshes.remove(mesh)

@@ -1,0 +1,245 @@
+"""Parts of a body made of a skinned character: for each bone a convex solid around the skin that it leads."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
+
+from ...core.body import Part
+from ...core.errors import BodyError
+from ...core.numerics.arrays import Array
+from . import part_meshes
+
+_CORNERS = 24
+"""Directions in which a part's solid touches the skin: few faces, drawn many times."""
+_SMALL = 0.045
+"""Of the skin's height: smaller parts (fingers, eyes) belong to the part above."""
+_LEAST = 8
+_LED = 0.5
+"""Share of a vertex's weight from which on a bone leads it."""
+_STRAIGHT = np.cos(np.radians(15))
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """The skin of a character at rest.
+
+    Attributes
+    ----------
+    points : ndarray, shape (V, 3)
+        Vertices in the armature's axes.
+    leaders : ndarray of int, shape (V,)
+        Number of the bone that leads each, -1 where none does.
+    names : list of str
+        Names of the bones by their number.
+    """
+
+    points: Array
+    leaders: NDArray[np.int64]
+    names: list[str]
+
+
+@dataclass(frozen=True)
+class SkinnedParts:
+    """What became of a skin.
+
+    Attributes
+    ----------
+    parts : tuple of str
+        Bones that carry a part now.
+    remarks : tuple of str
+        What could not be used, by the bone's or the mesh's name.
+    """
+
+    parts: tuple[str, ...]
+    remarks: tuple[str, ...] = field(default_factory=tuple)
+
+
+def skinned_meshes(armature: bpy.types.Object) -> list[bpy.types.Object]:
+    """Return the meshes that an armature modifier binds to an armature's vertex groups."""
+    return [o for o in bpy.data.objects if o.type == "MESH" and any(_binds(m, armature) for m in o.modifiers)]
+
+
+def _binds(modifier: Any, armature: bpy.types.Object) -> bool:
+    return modifier.type == "ARMATURE" and modifier.object == armature and modifier.use_vertex_groups
+
+
+def add_parts(
+    armature: bpy.types.Object,
+    collection: bpy.types.Collection,
+    carriers: Mapping[str, str] | None = None,
+) -> SkinnedParts:
+    """Give the bones of a skinned character the parts of a body, as meshes of their own.
+
+    Parameters
+    ----------
+    armature : bpy.types.Object
+        Its skin: every mesh that an armature modifier binds to it.
+    collection : bpy.types.Collection
+        Where the meshes go.
+    carriers : mapping of str to str, optional
+        The bone that is posed, by the deforming bone that follows it; by default each deforming bone is posed itself.
+
+    Raises
+    ------
+    BodyError
+        Nothing is bound to the armature by weights, or no bone leads enough of the skin.
+    """
+    where = f"armature {armature.name}"
+    remarks = [
+        f"mesh {o.name}: bone envelopes are left out, weight it by vertex groups"
+        for o in bpy.data.objects
+        for m in list[Any](o.modifiers)
+        if m.type == "ARMATURE" and m.object == armature and not m.use_vertex_groups
+    ]
+    skin = read_skin(armature)
+    if not len(skin.points):
+        todo = "; ".join(remarks) or "parent meshes to its bones, or bind one to it by vertex groups"
+        raise BodyError("no bone carries a mesh, and no skin is bound to it", where=where, todo=todo)
+    clouds = _clouds(armature, skin, carriers)
+    height = float(np.ptp(skin.points, axis=0).max())
+    kept = {name: cloud for name, cloud in _merged(armature, clouds, _SMALL * height).items() if _is_solid(cloud)}
+    if not kept:
+        raise BodyError("no bone leads enough of the skin to be a part", where=where, todo="paint its weights")
+    tops = [name for name in kept if not any(p.name in kept for p in armature.data.bones[name].parent_recursive)]
+    if len(tops) > 1:
+        kept = _one_tree(armature, kept, tops, remarks)
+    for name, cloud in kept.items():
+        part_meshes.build_mesh(_part(armature, name, corners(cloud)), armature, collection)
+    return SkinnedParts(tuple(kept), tuple(remarks))
+
+
+def read_skin(armature: bpy.types.Object) -> Skin:
+    """Read the skin at rest: modifiers before and beside the armature's are respected."""
+    names = [bone.name for bone in armature.data.bones if bone.use_deform]
+    numbers = {name: i for i, name in enumerate(names)}
+    points, leaders = [np.empty((0, 3))], [np.empty(0, np.int64)]
+    to_armature = np.linalg.inv(np.array(armature.matrix_world))
+    with _at_rest(armature):
+        graph = bpy.context.evaluated_depsgraph_get()
+        for bound in skinned_meshes(armature):
+            shown = bound.evaluated_get(graph)
+            mesh = shown.to_mesh()
+            matrix = to_armature @ np.array(bound.matrix_world)
+            co = np.empty(3 * len(mesh.vertices), np.float32)
+            mesh.vertices.foreach_get("co", co)
+            points.append(co.reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3])
+            groups = [numbers.get(group.name, -1) for group in bound.vertex_groups]
+            leaders.append(np.array([_leader(vertex, groups) for vertex in mesh.vertices], np.int64))
+            shown.to_mesh_clear()
+    return Skin(np.concatenate(points), np.concatenate(leaders), names)
+
+
+@contextmanager
+def _at_rest(armature: bpy.types.Object) -> Iterator[None]:
+    before = armature.data.pose_position
+    armature.data.pose_position = "REST"
+    bpy.context.view_layer.update()
+    try:
+        yield
+    finally:
+        armature.data.pose_position = before
+        bpy.context.view_layer.update()
+
+
+def _leader(vertex: bpy.types.MeshVertex, groups: list[int]) -> int:
+    """The bone with most of a vertex's weight, -1 where none has half of it."""
+    weights = [(g.weight, groups[g.group]) for g in vertex.groups if g.group < len(groups) and groups[g.group] >= 0]
+    if not weights:
+        return -1
+    most, bone = max(weights)
+    return bone if most >= _LED * sum(weight for weight, _ in weights) else -1
+
+
+def _clouds(armature: bpy.types.Object, skin: Skin, carriers: Mapping[str, str] | None) -> dict[str, Array]:
+    """Points (V, 3) of the skin by the bone that is posed to move them, in the armature's axes."""
+    found: dict[str, list[Array]] = {}
+    for number, name in enumerate(skin.names):
+        led = skin.points[skin.leaders == number]
+        carrier = name if carriers is None else carriers.get(name, "")
+        if len(led) and carrier:
+            found.setdefault(carrier, []).append(led)
+    return {name: np.concatenate(clouds) for name, clouds in found.items()}
+
+
+def _merged(armature: bpy.types.Object, clouds: Mapping[str, Array], small: float) -> dict[str, Array]:
+    """Clouds of the bones that are worth a part; those of small and of twist bones are added to what they hang on."""
+    found = dict(clouds)
+    bones = sorted(clouds, key=lambda name: -len(armature.data.bones[name].parent_recursive))
+    for name in bones:
+        bone = armature.data.bones[name]
+        above = next((p.name for p in bone.parent_recursive if p.name in found), None)
+        extent = np.linalg.norm(np.ptp(found[name], axis=0))
+        if above is not None and (extent < 2 * small or bone.length < small or _is_twist(bone, found)):
+            found[above] = np.concatenate([found[above], found.pop(name)])
+    return found
+
+
+def _is_twist(bone: bpy.types.Bone, found: Mapping[str, Array]) -> bool:
+    """A bone that lies within the one above, has nothing below, and so only divides its twist."""
+    parent = bone.parent
+    if parent is None or any(child.name in found for child in bone.children):
+        return False
+    along = (bone.tail_local - bone.head_local).normalized() @ (parent.tail_local - parent.head_local).normalized()
+    way = (bone.head_local - parent.head_local) @ (parent.tail_local - parent.head_local).normalized()
+    beside = [child for child in parent.children if child != bone and child.name in found]
+    return bool(beside) and along > _STRAIGHT and -0.05 * parent.length <= way < 0.9 * parent.length
+
+
+def _is_solid(cloud: Array) -> bool:
+    if len(cloud) < _LEAST:
+        return False
+    try:
+        ConvexHull(cloud)
+    except (QhullError, ValueError):
+        return False
+    return True
+
+
+def _one_tree(
+    armature: bpy.types.Object, kept: Mapping[str, Array], tops: list[str], remarks: list[str]
+) -> dict[str, Array]:
+    """The largest tree of parts; the bones of the others are named."""
+
+    def below(top: str) -> list[str]:
+        chain = {name: [p.name for p in armature.data.bones[name].parent_recursive] for name in kept}
+        return [name for name in kept if name == top or top in chain[name]]
+
+    best = max(tops, key=lambda top: sum(len(kept[name]) for name in below(top)))
+    for top in tops:
+        if top != best:
+            remarks.append(f"bone {top}: left out, it does not hang on {best} with the rest of the body")
+    return {name: kept[name] for name in below(best)}
+
+
+def corners(cloud: Array) -> Array:
+    """Corners of a convex solid with few faces around points (V, 3): those that reach farthest in directions all round.
+
+    The directions are spread evenly over the sphere (a Fibonacci lattice) in the cloud's own proportions.
+    """
+    k = np.arange(_CORNERS) + 0.5
+    z, angle = 1 - 2 * k / _CORNERS, np.pi * (1 + 5**0.5) * k
+    ways = np.stack([np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z], axis=1)
+    middle = cloud.mean(axis=0)
+    _, size, axes = np.linalg.svd(cloud - middle, full_matrices=False)
+    scaled = (cloud - middle) @ axes.T / np.maximum(size, 1e-9 * size[0])
+    chosen = np.unique((scaled @ ways.T).argmax(axis=0))
+    points = cloud[chosen]
+    return np.asarray(points[ConvexHull(points).vertices] if _is_solid(points) else cloud[ConvexHull(cloud).vertices])
+
+
+def _part(armature: bpy.types.Object, name: str, points: Array) -> Part:
+    """A part whose corners (V, 3) are in the armature's axes, in those of its bone."""
+    bone = armature.data.bones[name]
+    frame = np.array(bone.matrix_local)
+    inverse = np.linalg.inv(frame)
+    vertices = points @ inverse[:3, :3].T + inverse[:3, 3]
+    head, tail = np.array(bone.head_local), np.array(bone.tail_local)
+    return Part(name, -1, head, tail, frame[:3, :3], vertices)

@@ -1,0 +1,138 @@
+"""Skinned characters and Rigify rigs are bodies: their skin is divided into parts on the bones that are posed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from addon_shots import blender, joint_error  # noqa: E402, F401
+from kfmocap.core.body import human  # noqa: E402
+from kfmocap.core.body.motion import Motion  # noqa: E402
+from kfmocap.core.errors import BodyError  # noqa: E402
+from kfmocap.core.numerics import rotations  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import body_armature, motion_curves, skinned_parts  # noqa: E402
+from scipy.spatial import ConvexHull  # noqa: E402
+
+pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
+
+BODY = human(1.75)
+FINGER, TWIST = "finger.L", "forearm_twist.L"
+
+
+def skinned(groups=True):
+    """The default body without its parts, as one skin over two meshes; with a finger and a twist bone."""
+    armature = body_armature.build_armature(BODY, "hero", bpy.context.scene.collection)
+    for child in list(armature.children):
+        bpy.data.objects.remove(child)
+    for bone in armature.data.bones:
+        for name in (body_armature.PART, body_armature.LIMITS, body_armature.LANDMARKS, body_armature.REST):
+            del bone[name]
+    bpy.context.view_layer.objects.active = armature
+    bpy.ops.object.mode_set(mode="EDIT")
+    bones = armature.data.edit_bones
+    hand, forearm = bones["hand.L"], bones["forearm.L"]
+    for name, above, start, end in ((FINGER, hand, 0.6, 0.8), (TWIST, forearm, 0.3, 0.6)):
+        bone = bones.new(name)
+        bone.head, bone.tail = (above.head.lerp(above.tail, t) for t in (start, end))
+        bone.parent = above
+    bpy.ops.object.mode_set(mode="OBJECT")
+    halves = {"upper": [], "lower": []}
+    for part in BODY.parts:
+        lower = part.name.split(".")[0] in ("pelvis", "thigh", "shin", "foot")
+        points = part.vertices @ part.R_world_rest.T + part.head_world
+        halves["lower" if lower else "upper"].append((part.name, points))
+    tip = BODY.parts[BODY.index("hand.L")].tail_world
+    halves["upper"].append((FINGER, tip + 0.01 * np.random.default_rng(0).normal(size=(20, 3))))
+    middle = BODY.parts[BODY.index("forearm.L")].head_world + [0.12, 0, 0]
+    halves["upper"].append((TWIST, middle + 0.04 * np.random.default_rng(1).normal(size=(60, 3)).clip(-1, 1)))
+    for name, clouds in halves.items():
+        bind(armature, name, clouds, groups)
+    return armature
+
+
+def bind(armature, name, clouds, groups=True):
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(np.concatenate([points for _, points in clouds]).tolist(), [], [])
+    skin = bpy.data.objects.new(name, mesh)
+    bpy.context.scene.collection.objects.link(skin)
+    modifier = skin.modifiers.new("Armature", "ARMATURE")
+    modifier.object, modifier.use_vertex_groups, modifier.use_bone_envelopes = armature, groups, not groups
+    start = 0
+    for bone, points in clouds:
+        skin.vertex_groups.new(name=bone).add(range(start, start + len(points)), 1.0, "REPLACE")
+        start += len(points)
+    return skin
+
+
+def test_every_bone_that_leads_skin_becomes_a_part_with_few_faces():
+    armature = skinned()
+    use_as_body(bpy.context.scene, armature)
+    body = body_armature.body_from_armature(armature)
+    assert set(body.names) == set(BODY.names)  # a finger belongs to its hand, a twist bone to its forearm
+    for part in body.parts:
+        own = BODY.parts[BODY.index(part.name)]
+        assert np.allclose(part.head_world, own.head_world, atol=1e-5)
+        assert len(part.vertices) <= 24
+        if part.name not in ("hand.L", "forearm.L"):
+            assert ConvexHull(part.vertices).volume > 0.75 * ConvexHull(own.vertices).volume
+
+
+def test_motion_on_a_skinned_character_is_what_blender_shows():
+    armature = skinned()
+    use_as_body(bpy.context.scene, armature)
+    body = body_armature.body_from_armature(armature)
+    dice = np.random.default_rng(3)
+    motion = Motion(dice.normal(0, 1, (4, 3)), rotations.exp(dice.normal(0, 0.5, (4, len(body), 3))))
+    motion_curves.write_motion(armature, motion, 1)
+    assert joint_error(armature, body, motion) < 0.05
+
+
+def test_bones_between_parts_need_no_skin():
+    armature = skinned()
+    bpy.context.view_layer.objects.active = armature
+    bpy.ops.object.mode_set(mode="EDIT")
+    bones = armature.data.edit_bones
+    between = bones.new("clavicle.L")
+    between.head, between.tail = bones["chest"].tail, bones["upper_arm.L"].head
+    between.parent, bones["upper_arm.L"].parent = bones["chest"], between
+    bpy.ops.object.mode_set(mode="OBJECT")
+    use_as_body(bpy.context.scene, armature)
+    body = body_armature.body_from_armature(armature)
+    assert body.names[body.parents[body.index("upper_arm.L")]] == "chest"
+
+
+def test_bone_envelopes_are_left_out_with_a_word():
+    with pytest.raises(BodyError, match=r"mesh upper: bone envelopes"):
+        use_as_body(bpy.context.scene, skinned(groups=False))
+
+
+def test_a_bone_that_a_constraint_moves_is_named():
+    armature = skinned()
+    armature.pose.bones["forearm.R"].constraints.new("IK")
+    with pytest.raises(BodyError, match=r"bone forearm\.R: the bone is moved by its constraint 'IK'"):
+        use_as_body(bpy.context.scene, armature)
+    assert not armature.children
+
+
+def test_a_prop_of_one_bone_is_a_body():
+    armature = bpy.data.objects.new("prop", bpy.data.armatures.new("prop"))
+    bpy.context.scene.collection.objects.link(armature)
+    bpy.context.view_layer.objects.active = armature
+    bpy.ops.object.mode_set(mode="EDIT")
+    bone = armature.data.edit_bones.new("box")
+    bone.tail = (0, 0, 1)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    box = np.array(np.meshgrid([-0.5, 0.5], [-0.2, 0.2], [0, 1])).reshape(3, -1).T
+    bind(armature, "box", [("box", box)])
+    use_as_body(bpy.context.scene, armature)
+    assert len(body_armature.body_from_armature(armature).parts[0].vertices) == 8
+
+
+def test_corners_of_a_dense_cloud_span_nearly_all_of_it():
+    cloud = np.random.default_rng(5).normal(size=(5000, 3))
+    cloud = cloud / np.linalg.norm(cloud, axis=1, keepdims=True) * [1.0, 0.2, 0.1]
+    chosen = skinned_parts.corners(cloud)
+    assert ConvexHull(chosen).volume > 0.7 * ConvexHull(cloud).volume
