@@ -177,7 +177,7 @@ def _merged(armature: bpy.types.Object, clouds: Mapping[str, Array], small: floa
         bone = armature.data.bones[name]
         above = next((p.name for p in bone.parent_recursive if p.name in found), None)
         extent = np.linalg.norm(np.ptp(found[name], axis=0))
-        if above is not None and (extent < 2 * small or bone.length < small or _is_twist(bone, found)):
+        if above is not None and (extent < 2 * small or _is_twist(bone, found)):
             found[above] = np.concatenate([found[above], found.pop(name)])
     return found
 
