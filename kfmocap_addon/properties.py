@@ -211,6 +211,9 @@ class KFMocapExport(bpy.types.PropertyGroup):
     )
     bvh: bpy.props.BoolProperty(default=True, name="BVH", description="Skeleton and motion as text, Y up")
     fbx: bpy.props.BoolProperty(default=True, name="FBX", description="Skeleton and motion for other programs, Y up")
+    glb: bpy.props.BoolProperty(
+        name="glTF", description="Skeleton and motion for the web and game engines, Y up (.glb)"
+    )
     use_range: bpy.props.BoolProperty(name="Frame Range", description="Export some frames alone, not the whole shot")
     first: bpy.props.IntProperty(default=1, name="First", description="First scene frame to export")
     last: bpy.props.IntProperty(default=250, name="Last", description="Last scene frame to export, inclusive")

@@ -1,6 +1,6 @@
-"""BVH and FBX through Blender's exporters.
+"""BVH, FBX and glTF through Blender's exporters.
 
-Both are Y up, facing +Z in rest: what other programs expect of them, and what Blender's importers take by default.
+All are Y up, facing +Z in rest: what other programs expect of them, and what Blender's importers take by default.
 Unit and names are those of a preset. Joints alone are written, no meshes.
 """
 
@@ -40,8 +40,8 @@ class ExportOptions:
     ----------
     preset : str
         See `export_presets.PRESETS`.
-    bvh, fbx : bool
-        Which files.
+    bvh, fbx, glb : bool
+        Which files; glb is glTF in one file.
     frames : tuple of int, optional
         First and last scene frame; by default those of the shot.
     fps : float, optional
@@ -56,6 +56,7 @@ class ExportOptions:
     frames: tuple[int, int] | None = None
     fps: float | None = None
     root_motion: bool = True
+    glb: bool = False
 
 
 def export_performers(
@@ -74,6 +75,7 @@ def export_performers(
     """
     performers = scene.kfmocap.performers
     writers = [(".bvh", export_bvh)] * options.bvh + [(".fbx", export_fbx)] * options.fbx
+    writers += [(".glb", export_glb)] * options.glb
     paths = []
     for slot, stem in zip(performers, destinations.stems(scene, name), strict=True):
         if slot.armature is None:
@@ -133,6 +135,35 @@ def export_fbx(
             add_leaf_bones=False,
             axis_up="Y",
             axis_forward="-Z",
+        )
+
+
+def export_glb(
+    path: Path, armature: bpy.types.Object, scene: bpy.types.Scene, options: ExportOptions = ExportOptions()
+) -> None:
+    """Write an armature's motion as glTF in one file, joints as nodes, a key on every frame.
+
+    The world is in metres, as glTF has it: where a preset has another unit, the armature's node is scaled.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    with writing(path) as target, _stage(armature, scene, Matrix.Identity(4), options) as stage:
+        stage.objects[0].scale = (1 / PRESETS[options.preset].scale,) * 3
+        bpy.ops.export_scene.gltf(
+            filepath=str(target),
+            export_format="GLB",
+            use_active_scene=True,
+            use_selection=True,
+            export_yup=True,
+            export_animations=True,
+            export_animation_mode="ACTIVE_ACTIONS",
+            export_force_sampling=True,
+            export_frame_range=False,
+            export_optimize_animation_size=False,
+            export_leaf_bone=False,
         )
 
 

@@ -11,7 +11,7 @@ from .reporting import reported
 
 def _has_file_kind(context: bpy.types.Context) -> str:
     settings = context.scene.kfmocap.export
-    return "" if settings.bvh or settings.fbx else "Choose BVH, FBX or both"
+    return "" if settings.bvh or settings.fbx or settings.glb else "Choose BVH, FBX or glTF"
 
 
 class Export(Conditional, bpy.types.Operator):
@@ -64,6 +64,7 @@ class Export(Conditional, bpy.types.Operator):
                 (settings.first, settings.last) if settings.use_range else None,
                 settings.fps if settings.use_rate else None,
                 settings.root_motion,
+                settings.glb,
             )
             written = exporters.export_performers(context.scene, self._folder(), options, self.filename)
             settings.path = str(self._folder() / (self.filename or context.scene.kfmocap.shot))

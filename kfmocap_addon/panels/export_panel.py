@@ -27,6 +27,7 @@ class ExportPanel(Section, bpy.types.Panel):
         row = layout.row(align=True, heading="Files")
         row.prop(settings, "bvh", toggle=True)
         row.prop(settings, "fbx", toggle=True)
+        row.prop(settings, "glb", toggle=True)
         _draw_choice(layout, settings, "use_range", "first", "last")
         _draw_choice(layout, settings, "use_rate", "fps")
         layout.prop(settings, "root_motion")

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +25,7 @@ from kfmocap.kfmocap_addon.export import blender_outputs, destinations, exporter
 from kfmocap.kfmocap_addon.export.whole_files import check_whole  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import body_armature, key_pose_curves, scene  # noqa: E402
 from mathutils import Matrix  # noqa: E402
+from scipy.spatial.transform import Rotation  # noqa: E402
 
 pytestmark = pytest.mark.blender
 
@@ -366,3 +369,59 @@ def test_what_cannot_be_written_is_named_and_leaves_nothing(blender, tmp_path): 
     with pytest.raises(ShotError, match=r"a/b"):
         exporters.export_performers(built, tmp_path / "out")
     assert len(bpy.data.scenes) == 1
+
+
+def glb_content(path: Path) -> tuple[dict, bytes]:
+    """The JSON and the binary part of a .glb file, read by its specification."""
+    data = path.read_bytes()
+    magic, version, length = struct.unpack_from("<4sII", data)
+    assert (magic, version, length) == (b"glTF", 2, len(data))
+    (size,) = struct.unpack_from("<I", data, 12)
+    return json.loads(data[20 : 20 + size]), data[28 + size :]
+
+
+def glb_values(content: dict, binary: bytes, accessor: int) -> np.ndarray:
+    one = content["accessors"][accessor]
+    view = content["bufferViews"][one["bufferView"]]
+    columns = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}[one["type"]]
+    start = view.get("byteOffset", 0) + one.get("byteOffset", 0)
+    return np.frombuffer(binary, np.float32, one["count"] * columns, start).reshape(one["count"], columns)
+
+
+def glb_joints(path: Path, names: list[str]) -> tuple[np.ndarray, np.ndarray]:
+    """World places of joints on every frame (F, P, 3), Z up, and the seconds of the frames (F,)."""
+    content, binary = glb_content(path)
+    nodes = content["nodes"]
+    (animation,) = content["animations"]
+    seconds = glb_values(content, binary, animation["samplers"][0]["input"])[:, 0]
+    moving = {}
+    for channel in animation["channels"]:
+        sampler = animation["samplers"][channel["sampler"]]
+        moving[channel["target"]["node"], channel["target"]["path"]] = glb_values(content, binary, sampler["output"])
+    parents = {child: n for n, node in enumerate(nodes) for child in node.get("children", ())}
+
+    def placed(n: int, frame: int) -> np.ndarray:
+        default = {"translation": [0, 0, 0], "rotation": [0, 0, 0, 1], "scale": [1, 1, 1]}
+        t, q, s = (
+            moving[n, key][min(frame, len(moving[n, key]) - 1)] if (n, key) in moving else nodes[n].get(key, value)
+            for key, value in default.items()
+        )
+        matrix = np.eye(4)
+        matrix[:3, :3] = Rotation.from_quat(q).as_matrix() * s
+        matrix[:3, 3] = t
+        return placed(parents[n], frame) @ matrix if n in parents else matrix
+
+    index = {node["name"]: n for n, node in enumerate(nodes)}
+    places = np.array([[placed(index[name], f)[:3, 3] for name in names] for f in range(len(seconds))])
+    return places @ np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]]), seconds
+
+
+@pytest.mark.parametrize("preset", ["BLENDER", "UNREAL"])
+def test_gltf_holds_the_motion_in_metres_with_y_up(blender, tmp_path, preset):  # noqa: F811
+    original = shot(tmp_path)
+    built = scene.build_scene(original, result_of(original).motions, bpy.context.scene)
+    [path] = exporters.export_performers(built, tmp_path, exporters.ExportOptions(preset, False, False, glb=True))
+    names = [presets.PRESETS[preset].names.get(name, name) for name in human(1.7).names]
+    places, seconds = glb_joints(path, names)
+    assert np.abs(places - part_poses(human(1.7), motion(12))[1]).max() < TOLERANCE / 1000
+    assert np.allclose(np.diff(seconds), 1 / 60, atol=1e-5)
