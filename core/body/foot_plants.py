@@ -10,10 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+from ..numerics.arrays import Array, Bools
 
 _DWELL = 0.25  # seconds: mean time in a state that transitions are as likely as
 _SHORTEST = 0.08  # seconds: shorter plants and swings are noise
@@ -37,7 +35,7 @@ class Plants:
         Typical speed of a planted point, in that unit per second: the motion's own noise.
     """
 
-    planted: Flags
+    planted: Bools
     floor: float
     speed: float
 
@@ -127,7 +125,7 @@ def _weighted_median(values: Array, weights: Array) -> float:
     return float(values[order][np.searchsorted(below, below[-1] / 2)])
 
 
-def _most_likely(gain: Array, change: float) -> Flags:
+def _most_likely(gain: Array, change: float) -> Bools:
     """The most likely sequence of states: planted gains `gain` (F,) a frame, every change costs `change`."""
     value = np.zeros(2)
     came = np.zeros((len(gain), 2), np.int64)
@@ -142,13 +140,13 @@ def _most_likely(gain: Array, change: float) -> Flags:
     return states == 1
 
 
-def runs(flags: Flags) -> list[tuple[int, int]]:
+def runs(flags: Bools) -> list[tuple[int, int]]:
     """Return the first and the last index of every run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def _without_short(flags: Flags, shortest: int, state: bool) -> Flags:
+def _without_short(flags: Bools, shortest: int, state: bool) -> Bools:
     """Turn runs of a state that are shorter than a number of frames, but not at either end."""
     kept = flags.copy()
     for a, b in runs(flags == state):

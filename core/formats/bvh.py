@@ -99,8 +99,6 @@ def _parsed(words: Iterator[str]) -> Skeleton:
     count = int(next(words))
     _expect(next(words) + next(words), "FrameTime:")
     frame_time = _number(next(words))
-    if not 0 < frame_time < np.inf:
-        raise ValueError("Frame Time")
     numbers = np.array([_number(word) for word in words])
     if not names or len(names) > _MOST_JOINTS or count * len(names) > max(len(numbers), 1):
         raise ValueError(f"{len(numbers)} numbers for {count} frames of {len(names)} joints")

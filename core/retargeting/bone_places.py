@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..numerics.arrays import Array
 from .skeleton_motion import RestSkeleton
 
-Array = NDArray[np.float64]
 _SYMMETRY = 0.03  # of the height: how far from its mirror image a bone's partner may be
 _MINIMUM = 0.08  # of the height: shorter segments are no thigh, shin, upper arm or forearm
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..numerics.arrays import Array, Bools
 from .roles import BoneMap
 from .skeleton_motion import RestSkeleton
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,13 +59,13 @@ class RigPoses:
 
     turns: Array
     places: Array
-    driven: NDArray[np.bool_]
+    driven: Bools
 
     def __len__(self) -> int:
         return len(self.turns)
 
 
-def carried(rig: ControlRig, turns: Array, driven: NDArray[np.bool_], tops: dict[int, Array]) -> RigPoses:
+def carried(rig: ControlRig, turns: Array, driven: Bools, tops: dict[int, Array]) -> RigPoses:
     """Return the poses of all controls: each is where the control that carries it takes it.
 
     Parameters

@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ..body.foot_plants import find_plants, runs
+from ..numerics.arrays import Array, Bools
 from .control_rig import ControlRig, RigPoses
 from .limb_goals import LimbGoal, limb_controls
 from .rest_alignment import alignments
@@ -21,8 +21,6 @@ from .roles import SIDES, BoneMap
 from .skeleton_motion import RestSkeleton, SkeletonMotion
 from .transfer import Placement, leg_length
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 HEEL, BALL = 0, 1
 _HEEL_BACK = 0.3  # of the way from ankle to ball over the ground, where nothing shows the heel
 _SAME_FOOT = 0.03  # feet whose lengths are in proportion to the legs to this are taken to be exactly so
@@ -50,7 +48,7 @@ class FootPath:
     side: str
     points: Array
     offsets: Array
-    planted: Flags
+    planted: Bools
     floor: float
 
 
@@ -160,7 +158,7 @@ def _target_offsets(
     return np.asarray(offsets)
 
 
-def _ankle_path(points: Array, planted: Flags, ways: Array, ankle: Array) -> Array:
+def _ankle_path(points: Array, planted: Bools, ways: Array, ankle: Array) -> Array:
     """Where the ankle shall be while the foot is planted, (F, 3).
 
     The height is that of the point on the ground; the place over the ground is the mean of where joint angles alone
@@ -180,7 +178,7 @@ def _ankle_path(points: Array, planted: Flags, ways: Array, ankle: Array) -> Arr
     return wanted
 
 
-def spread(shift: Array, held: Flags, fps: float) -> Array:
+def spread(shift: Array, held: Bools, fps: float) -> Array:
     """Shifts (F, 3) of the frames that are held, going over into each other or fading on those between."""
     if held.all() or not held.any():
         return shift
@@ -206,13 +204,13 @@ def _ease(t: Array) -> Array:
     return np.asarray(t * t * (3 - 2 * t))
 
 
-def _lift(soles: Array, points: Array, held: Flags, placement: Placement) -> Array:
+def _lift(soles: Array, points: Array, held: Bools, placement: Placement) -> Array:
     """How far a swinging foot is raised so that no point of it is deeper in the ground than the source's, (F,)."""
     allowed = np.minimum(points[..., 2].min(axis=1), placement.ground[2])
     return np.where(held, 0.0, np.maximum(allowed - soles[..., 2].min(axis=1), 0.0))
 
 
-def _still(points: Array, planted: Flags, floor: float, snap: float) -> Array:
+def _still(points: Array, planted: Bools, floor: float, snap: float) -> Array:
     """Points (F, 2, 3) that stand where they are on average during each plant, on the floor where it is near."""
     found = points.copy()
     for c in range(points.shape[1]):
@@ -224,7 +222,7 @@ def _still(points: Array, planted: Flags, floor: float, snap: float) -> Array:
     return found
 
 
-def _flattened(turns: Array, flat: Flags, offsets: Array, fps: float) -> Array:
+def _flattened(turns: Array, flat: Bools, offsets: Array, fps: float) -> Array:
     """Rotations (F, 3, 3) of a foot that stays level and still while heel and ball are planted."""
     found = turns.copy()
     shift = np.zeros((len(turns), 3))

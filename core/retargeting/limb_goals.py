@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
+from ..numerics.arrays import Array, Bools
 from .control_rig import ControlRig, RigPoses, carried
 from .rest_alignment import shortest_turn
 
-Array = NDArray[np.float64]
 _STRETCHED = 1 - 1e-9
 _SLACK = 1e-6
 _SETTLE = 0.2  # seconds over which the hips are lowered
@@ -37,7 +36,7 @@ class LimbGoal:
     lower: int
     end: int
     shift: Array
-    held: NDArray[np.bool_]
+    held: Bools
 
 
 def reach_goals(rig: ControlRig, poses: RigPoses, goals: list[LimbGoal], fps: float) -> RigPoses:
@@ -115,7 +114,7 @@ def _unit(v: Array) -> Array:
     return np.asarray(v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12))
 
 
-def limb_controls(rig: ControlRig, roles: Sequence[str], driven: NDArray[np.bool_]) -> tuple[int, int, int] | None:
+def limb_controls(rig: ControlRig, roles: Sequence[str], driven: Bools) -> tuple[int, int, int] | None:
     """Return the controls of a limb's three roles, or None where one is not there or not driven."""
     if any(role not in rig.bones.bones for role in roles):
         return None

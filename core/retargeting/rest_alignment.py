@@ -8,12 +8,11 @@ has given its bones (roll) drops out. Alignments of a skeleton to another and ba
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..numerics.arrays import Array
 from .roles import FINGERS, PARENTS, SIDES, BoneMap, parent_role
 from .skeleton_motion import RestSkeleton
 
-Array = NDArray[np.float64]
 _UP = np.array([0.0, 0.0, 1.0])
 _NEXT = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shin", "shin": "foot", "foot": "toe"}
 _STRAY = np.cos(np.radians(40))  # a hand that is farther out of the forearm's line has an arbitrary tail

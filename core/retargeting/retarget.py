@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body.foot_plants import runs
 from ..errors import BodyError
 from ..numerics import rotations
+from ..numerics.arrays import Array
 from .bone_matching import match_bones
 from .control_rig import ControlRig, RigPoses
 from .foot_keeping import BALL, HEEL, FootPath, foot_goals, foot_paths, hand_goals
@@ -19,7 +19,6 @@ from .roles import LIMBS, SIDES, BoneMap
 from .skeleton_motion import RestSkeleton, SkeletonMotion
 from .transfer import Placement, RetargetOptions, leg_length, place, transfer
 
-Array = NDArray[np.float64]
 DEFAULTS = RetargetOptions()
 _STANDING = (-0.05, 0.13)
 """In legs: how far the lowest point of the feet may be from height zero for that to be the ground at rest."""

@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body.body import Body
 from ..body.kinematics import part_poses
 from ..body.motion import Motion
+from ..errors import ShotError
 from ..formats.bvh import Skeleton
-
-Array = NDArray[np.float64]
+from ..numerics.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +75,15 @@ class SkeletonMotion:
 
 
 def motion_of_bvh(skeleton: Skeleton, name: str) -> SkeletonMotion:
-    """Return the motion of a BVH file, in its own unit of length."""
+    """Return the motion of a BVH file, in its own unit of length.
+
+    Raises
+    ------
+    ShotError
+        It names no time from frame to frame.
+    """
+    if not 1e-5 < skeleton.frame_time < 1e5:
+        raise ShotError(f"a Frame Time of {skeleton.frame_time} is impossible", where=name, todo="correct the BVH file")
     J = len(skeleton.names)
     heads, tails = np.zeros((J, 3)), np.full((J, 3), np.nan)
     positions = np.empty((*skeleton.rotations_world.shape[:2], 3))

@@ -6,16 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import BodyError
 from ..numerics import rotations
+from ..numerics.arrays import Array
 from .control_rig import ControlRig, RigPoses, carried
 from .rest_alignment import alignments
 from .roles import SIDES, BoneMap, parent_role
 from .skeleton_motion import RestSkeleton, SkeletonMotion
 
-Array = NDArray[np.float64]
 ROOT_MOTIONS = ("world", "in-place", "root-bone")
 FEET = ("keep", "clean", "off")
 

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import bpy
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.numerics.arrays import Array
 from ...core.retargeting.bone_presets import BonePreset, IkLimb
 from ...core.retargeting.control_rig import ControlRig, RigPoses
 from .rig_curves import ControlChannel, rotation_channel
 from .rig_error import world_matrices
 from .rig_reading import location_axes, world_frame
 
-Array = NDArray[np.float64]
 _BENT = 1e-3
 """Sine of the angle from which on a limb's bend shows its plane."""
 

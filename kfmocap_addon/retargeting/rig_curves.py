@@ -7,15 +7,14 @@ from dataclasses import dataclass
 
 import bpy
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ...core.errors import BodyError
 from ...core.numerics import rotations
+from ...core.numerics.arrays import Array, Ints
 from ..editing.simplification import thin_out_curves
 from ..scene_io import fcurves
 
-Array = NDArray[np.float64]
 _MODES = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angle"}
 
 
@@ -98,7 +97,7 @@ def _continuous_euler(rotation: Rotation, order: str) -> Array:
 def write_channels(
     armature: bpy.types.Object,
     channels: list[ControlChannel],
-    frames: NDArray[np.int64],
+    frames: Ints,
     name: str,
     options: CurveOptions = CurveOptions(),
 ) -> int:

@@ -6,14 +6,12 @@ from collections.abc import Sequence
 
 import bpy
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.numerics import rotations
+from ...core.numerics.arrays import Array, Ints
 from ...core.retargeting.control_rig import ControlRig, RigPoses
 from ...core.retargeting.roles import LIMBS, BoneMap
 from .rig_reading import world_frame
-
-Array = NDArray[np.float64]
 
 
 def world_matrices(armature: bpy.types.Object, names: Sequence[str]) -> tuple[Array, Array]:
@@ -32,8 +30,8 @@ def measured_errors(
     *,
     shown: Sequence[str],
     at_rest: tuple[Array, Array],
-    frames: NDArray[np.int64],
-    sample: NDArray[np.int64],
+    frames: Ints,
+    sample: Ints,
 ) -> dict[str, dict[str, float]]:
     """Errors by limb on some frames: mean and worst, degrees and millimetres.
 

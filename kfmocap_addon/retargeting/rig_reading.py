@@ -14,16 +14,15 @@ from typing import Any
 import bpy
 import numpy as np
 from mathutils import Matrix, Quaternion
-from numpy.typing import NDArray
 
 from ...core.errors import BodyError
 from ...core.numerics import rotations
+from ...core.numerics.arrays import Array, Bools, Ints
 from ...core.retargeting.control_rig import ControlRig
 from ...core.retargeting.retarget import grounded
 from ...core.retargeting.roles import BoneMap
 from ...core.retargeting.skeleton_motion import RestSkeleton
 
-Array = NDArray[np.float64]
 _PROBE = Quaternion((0.9553, 0.1837, 0.1342, 0.1885)).normalized()
 _RIGID = 1e-3
 """Radians, and lengths of the rig, within which two bones move as one."""
@@ -191,7 +190,7 @@ def moved_matrices(armature: bpy.types.Object, name: str, names: Sequence[str], 
     return found
 
 
-def _nearest(follows: NDArray[np.bool_], depth: NDArray[np.int64]) -> int:
+def _nearest(follows: Bools, depth: Ints) -> int:
     """Of the controls that one follows the one that itself follows most; -1 where it follows none."""
     above = np.flatnonzero(follows)
     return int(above[np.argmax(depth[above])]) if len(above) else -1
