@@ -19,6 +19,7 @@ _ROUNDS = 12
 # In legs, and legs per second: bounds of what is estimated.
 _SPEED_PLANTED, _SPEED_SWINGING = (0.015, 0.2), (0.6, 4.0)
 _HEIGHT_PLANTED, _HEIGHT_SWINGING = (0.008, 0.04), 0.12
+_MEDIAN = 1.5382  # of the length of a vector of three normal components; slow parts of steps do not shift it much
 _HIGH = 4.0  # at most this much does height speak against a plant: steps and stairs are above the floor
 
 
@@ -70,12 +71,12 @@ def find_plants(
     height = x[..., 2] if by_height else np.zeros(speed.shape)
     sizes = _Sizes(0.05, 1.2, 0.02, float(np.quantile(height, 0.05)))
     for _ in range(_ROUNDS):
-        weight = 1 / (1 + np.exp(-np.clip(_gain(speed, height, sizes, doubt), -50, 50)))
+        weight = 1 / (1 + np.exp(-np.clip(_gain(speed, height, sizes, doubt, fps), -50, 50)))
         renewed = sizes.renewed(speed, height, weight)
         if np.allclose(renewed.values(), sizes.values(), rtol=1e-3, atol=1e-5):
             break
         sizes = renewed
-    gain = _gain(speed, height, sizes, doubt)
+    gain = _gain(speed, height, sizes, doubt, fps)
     change = np.log(_DWELL * fps)
     planted = np.stack([_most_likely(column, change) for column in gain.T], axis=1)
     shortest = round(_SHORTEST * fps)
@@ -101,22 +102,22 @@ class _Sizes:
         floor = _weighted_median(height.ravel(), weight.ravel()) if on > 1 else self.floor
         near = weight * (np.abs(height - floor) < 3 * _HEIGHT_PLANTED[1])
         return _Sizes(
-            float(np.clip(np.sqrt((weight * speed**2).sum() / (3 * on)), *_SPEED_PLANTED)),
+            float(np.clip(_weighted_median(speed.ravel(), weight.ravel()) / _MEDIAN, *_SPEED_PLANTED)),
             float(np.clip(np.sqrt(((1 - weight) * speed**2).sum() / (3 * off)), *_SPEED_SWINGING)),
             float(np.clip(np.sqrt((near * (height - floor) ** 2).sum() / (near.sum() + 1e-9)), *_HEIGHT_PLANTED)),
             floor,
         )
 
 
-def _gain(speed: Array, height: Array, sizes: _Sizes, doubt: Array) -> Array:
-    """Log likelihood ratio of being planted to swinging, by frame and point."""
-    a, b = sizes.planted, sizes.swinging
+def _gain(speed: Array, height: Array, sizes: _Sizes, doubt: Array, fps: float) -> Array:
+    """Log likelihood ratio of being planted to swinging, by frame and point; what is in doubt says little."""
+    blur = doubt * fps / np.sqrt(2)  # of a speed from the frame before to the frame after
+    a, b = (np.sqrt(size**2 + blur**2) for size in (sizes.planted, sizes.swinging))
     by_speed = 3 * np.log(b / a) - speed**2 / 2 * (1 / a**2 - 1 / b**2)
     narrow = np.sqrt(sizes.height**2 + doubt**2)
     wide = np.sqrt(_HEIGHT_SWINGING**2 + doubt**2)
     by_height = np.log(wide / narrow) - (height - sizes.floor) ** 2 / 2 * (1 / narrow**2 - 1 / wide**2)
-    sure = 1 / (1 + (doubt / sizes.height) ** 2)
-    return np.asarray(sure * (by_speed + np.maximum(by_height, -_HIGH)))
+    return np.asarray(by_speed + np.maximum(by_height, -_HIGH))
 
 
 def _weighted_median(values: Array, weights: Array) -> float:

@@ -42,12 +42,14 @@ def roles_by_place(rest: RestSkeleton) -> dict[str, tuple[str, ...]]:
 
 
 def _lateral_axis(rest: RestSkeleton) -> Array:
-    """The horizontal axis across which the joints are most symmetrical: x or y, a unit vector."""
-    errors = []
+    """The horizontal axis, x or y, across which the joints are symmetrical, and far apart: a unit vector."""
+    scores = []
     for axis in np.eye(3)[:2]:
-        mirrored = rest.heads - 2 * np.outer((rest.heads - _centre(rest)) @ axis, axis)
-        errors.append(np.linalg.norm(mirrored[:, None] - rest.heads[None], axis=2).min(axis=1).mean())
-    return np.asarray(np.eye(3)[int(np.argmin(errors))])
+        aside = (rest.heads - _centre(rest)) @ axis
+        mirrored = rest.heads - 2 * np.outer(aside, axis)
+        error = np.linalg.norm(mirrored[:, None] - rest.heads[None], axis=2).min(axis=1).mean()
+        scores.append(np.abs(aside).mean() - 3 * error)
+    return np.asarray(np.eye(3)[int(np.argmax(scores))])
 
 
 def _centre(rest: RestSkeleton) -> Array:

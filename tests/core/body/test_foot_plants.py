@@ -1,0 +1,76 @@
+"""Plants are found from the motion of the sole alone, whatever the noise, the frame rate and the size."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from kfmocap.core.body.foot_plants import find_plants, runs
+from scipy.ndimage import gaussian_filter1d
+
+LEG = 0.9
+STEP = 0.7
+
+
+def stepping(fps, seconds=6.0):
+    """Heel and ball of a foot that stands for 0.5 s and steps for 0.5 s, and when it stands, (F,)."""
+    t = np.arange(round(seconds * fps)) / fps
+    phase = t % 1.0
+    swing = np.clip((phase - 0.5) / 0.5, 0, 1)
+    ahead = STEP * (np.floor(t) + swing**2 * (3 - 2 * swing))
+    heel = np.stack([ahead, 0 * t, 0.14 * np.sin(np.pi * swing) ** 2], axis=1)
+    points = np.stack([heel, heel + [0.2, 0.0, 0.0]], axis=1)
+    return points, phase <= 0.5
+
+
+def shaken(points, size, fps, seed=0):
+    """Noise as a tracker leaves it: smooth over a tenth of a second."""
+    noise = gaussian_filter1d(np.random.default_rng(seed).normal(size=points.shape), 0.1 * fps, axis=0)
+    return points + size * noise / noise.std()
+
+
+@pytest.mark.parametrize("fps", [24.0, 30.0, 60.0, 120.0])
+@pytest.mark.parametrize("noise", [0.0, 0.003, 0.008])
+def test_frames_are_told_rightly_but_for_those_beside_the_change(fps, noise):
+    points, stands = stepping(fps)
+    found = find_plants(shaken(points, noise, fps), fps, LEG)
+    sure = np.abs((np.arange(len(stands)) / fps) % 0.5 - 0.25) < 0.19
+    assert (found.planted == stands[:, None])[sure].mean() > 0.99
+    assert abs(found.floor) < 0.005 + noise
+
+
+def test_a_foot_that_only_stands_is_planted_on_every_frame():
+    points = shaken(np.zeros((90, 2, 3)), 0.004, 30.0)
+    assert find_plants(points, 30.0, LEG).planted.all()
+
+
+def test_a_foot_that_runs_through_the_air_is_never_planted():
+    t = np.arange(90) / 30
+    points = np.stack([3 * t, 0 * t, 0.5 + 0.1 * np.sin(9 * t)], axis=1)[:, None]
+    assert not find_plants(points, 30.0, LEG).planted.any()
+
+
+def test_plants_on_stairs_are_found():
+    points, stands = stepping(30.0)
+    points = points + np.stack([0 * points[..., 0], 0 * points[..., 0], 0.25 * points[..., 0]], axis=-1)
+    found = find_plants(points, 30.0, LEG).planted
+    assert (found == stands[:, None]).mean() > 0.9
+
+
+def test_the_unit_does_not_matter():
+    points, _ = stepping(30.0)
+    given = shaken(points, 0.003, 30.0)
+    assert np.array_equal(find_plants(given, 30.0, LEG).planted, find_plants(100 * given, 30.0, 100 * LEG).planted)
+
+
+def test_frames_that_are_in_doubt_do_not_break_a_plant():
+    points, stands = stepping(30.0)
+    doubt = np.full(points.shape[:2], 0.001)
+    points = points.copy()
+    points[5:8] += 0.15  # lost for three frames of the first stance, and known to be
+    doubt[4:9] = 0.2
+    assert find_plants(points, 30.0, LEG, doubt).planted[:14].all()
+    assert stands[:14].all()
+
+
+def test_runs_are_first_and_last_frames():
+    assert runs(np.array([True, False, True, True, False])) == [(0, 0), (2, 3)]

@@ -1,0 +1,107 @@
+"""Bones are found by presets, names and places; a map that does not fit is refused by name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from kfmocap.core.body import human
+from kfmocap.core.errors import BodyError
+from kfmocap.core.formats.bone_map_files import read_bone_map, write_bone_map
+from kfmocap.core.retargeting.bone_matching import match_bones, roles_by_name
+from kfmocap.core.retargeting.bone_places import roles_by_place
+from kfmocap.core.retargeting.bone_presets import PRESETS
+from kfmocap.core.retargeting.roles import CHAINS, BoneMap
+from kfmocap.core.retargeting.skeleton_motion import RestSkeleton
+from made_rigs import made_rig
+
+BODY = human(1.75)
+KINDS = [name for name in PRESETS if name != "rigify-ik"]
+
+
+@pytest.mark.parametrize("preset", KINDS)
+def test_every_preset_is_recognised_by_its_bones(preset):
+    rig = made_rig(preset, BODY, 0.5)
+    found = match_bones(rig.rest)
+    assert found.bones == rig.bones.bones
+    assert found.preset == preset
+
+
+@pytest.mark.parametrize("wrap", ["Character1:{}", "rig|{}", "{}"])
+def test_namespaces_and_case_do_not_matter(wrap):
+    rest = made_rig("mixamo", BODY).rest
+    renamed = replace(rest, names=tuple(wrap.format(name.replace("mixamorig:", "")).upper() for name in rest.names))
+    assert match_bones(renamed).preset == "mixamo"
+
+
+def test_a_preset_whose_bones_are_missing_is_refused():
+    with pytest.raises(BodyError, match=r"hero: no bone was found for hips"):
+        match_bones(made_rig("mixamo", BODY).rest, "unreal", "hero")
+    with pytest.raises(BodyError, match=r"no preset 'maya'.*kfmocap, rigify"):
+        match_bones(made_rig("mixamo", BODY).rest, "maya")
+
+
+NAMED = {
+    "biped": ("Bip01 Pelvis", "Bip01 {S} Thigh", "Bip01 {S} Calf", "Bip01 {S} UpperArm", "Bip01 {S} Forearm"),
+    "words": ("COG", "{side}_upper_leg", "{side}_lower_leg", "{side}_upper_arm", "{side}_lower_arm"),
+    "suffixes": ("hip", "thigh.{s}", "calf.{s}", "arm.{s}", "elbow.{s}"),
+    "camel": ("Pelvis", "{s}Thigh", "{s}Shin", "{s}UpperArm", "{s}LowerArm"),
+}
+
+
+@pytest.mark.parametrize("style", NAMED)
+def test_words_and_marks_of_sides_are_understood(style):
+    roles = ("hips", "thigh", "shin", "upper_arm", "forearm")
+    names, wanted = [], {}
+    for role, pattern in zip(roles, NAMED[style], strict=True):
+        for side, words in (("L", ("L", "l", "left")), ("R", ("R", "r", "right"))):
+            name = pattern.format(S=words[0], s=words[1], side=words[2])
+            key = role if role == "hips" else f"{role}.{side}"
+            if name not in names:
+                names.append(name)
+            wanted[key] = (name,)
+    rest = RestSkeleton(tuple(names), (-1,) * len(names), np.zeros((len(names), 3)), np.zeros((len(names), 3)))
+    assert dict(roles_by_name(rest).bones) == wanted
+
+
+@pytest.mark.parametrize("turn", [0, 1, 2])
+@pytest.mark.parametrize("droop", [0.0, 0.8])
+def test_bones_without_telling_names_are_found_by_their_places(turn, droop):
+    rig = made_rig("mixamo", BODY, droop)
+    c, s = np.cos(turn * np.pi / 2), np.sin(turn * np.pi / 2)
+    R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+    names = tuple(f"b{k}" for k in range(len(rig.rest.names)))
+    rest = RestSkeleton(names, rig.rest.parents, rig.rest.heads @ R.T, rig.rest.tails @ R.T)
+    found = roles_by_place(rest)
+    meant = dict(zip(names, rig.rest.names, strict=True))
+    for role, bones in found.items():
+        if role not in CHAINS:
+            assert tuple(meant[name] for name in bones) == rig.bones.bones[role], role
+    limbs = {f"{limb}.{side}" for limb in ("thigh", "shin", "foot", "upper_arm", "forearm", "hand") for side in "LR"}
+    assert limbs | {"hips", "head"} <= set(found)
+
+
+def test_a_bone_map_comes_back_from_its_file(tmp_path):
+    bones = made_rig("unreal", BODY).bones.bones
+    write_bone_map(tmp_path / "map.json", bones, "unreal")
+    assert read_bone_map(tmp_path / "map.json") == ("unreal", bones)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("no", "not JSON"), ("{}", "no table 'bones'"), ('{"bones": {"hips": 3}}', "bones.hips: must be the name")],
+)
+def test_a_broken_bone_map_names_the_file_and_the_field(tmp_path, text, message):
+    (tmp_path / "map.json").write_text(text)
+    with pytest.raises(BodyError, match=rf"map.json.*{message}"):
+        read_bone_map(tmp_path / "map.json")
+
+
+def test_unknown_roles_and_bones_that_play_two_are_refused():
+    with pytest.raises(BodyError, match="'tail' is no role"):
+        BoneMap({"tail": ("t",)})
+    rig = made_rig("unreal", BODY)
+    twice = BoneMap({**rig.bones.bones, "hand.L": ("hand_r",)})
+    with pytest.raises(BodyError, match=r"hero: bone 'hand_r' plays two roles"):
+        twice.checked(rig.rest.names, "hero")
