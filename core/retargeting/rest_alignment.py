@@ -63,11 +63,11 @@ def alignments(
 
 def facing(rest: RestSkeleton, bones: BoneMap) -> Array:
     """Rotation about the vertical (3, 3) from facing -Y, left to +X, to where a skeleton faces at rest."""
-    across = np.zeros(3)
-    for limb in ("thigh", "upper_arm"):
+    for limb in ("thigh", "upper_arm"):  # the hips: shoulders may be posed
         left, right = (rest.heads[rest.indices(bones.bones[f"{limb}.{side}"])[0]] for side in SIDES)
-        across += (left - right) / max(float(np.linalg.norm(left - right)), 1e-12)
-    across[2] = 0.0
+        across = (left - right) * [1.0, 1.0, 0.0]
+        if np.linalg.norm(across) > 1e-6 * np.ptp(rest.heads):
+            break
     x = across / max(float(np.linalg.norm(across)), 1e-12)
     return np.stack([x, np.cross(_UP, x), _UP], axis=1)
 

@@ -19,7 +19,7 @@ _TAIL = 64
 
 
 def check_whole(path: Path, shown: Path | None = None) -> None:
-    """See that a .blend, .fbx or .bvh file is whole.
+    """See that a .blend, .fbx, .bvh or .glb file is whole.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def check_whole(path: Path, shown: Path | None = None) -> None:
     OutputError
         It is missing or cut off.
     """
-    checks = {".blend": _is_whole_blend, ".fbx": _is_whole_fbx, ".bvh": _is_whole_bvh}
+    checks = {".blend": _is_whole_blend, ".fbx": _is_whole_fbx, ".bvh": _is_whole_bvh, ".glb": _is_whole_glb}
     try:
         whole = checks[path.suffix.lower()](path)
     except (OSError, ValueError):
@@ -65,6 +65,12 @@ def _is_whole_blend(path: Path) -> bool:
 def _is_whole_fbx(path: Path) -> bool:
     begin, end = _ends(path, len(_FBX))
     return begin == _FBX and end.endswith(_FBX_END)
+
+
+def _is_whole_glb(path: Path) -> bool:
+    """Whether it is as long as its header says."""
+    begin, _ = _ends(path, 12)
+    return begin.startswith(b"glTF") and int.from_bytes(begin[8:12], "little") == path.stat().st_size
 
 
 def _is_whole_bvh(path: Path) -> bool:

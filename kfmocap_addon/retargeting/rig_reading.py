@@ -24,6 +24,8 @@ from ...core.retargeting.roles import BoneMap
 from ...core.retargeting.skeleton_motion import RestSkeleton
 
 _PROBE = Quaternion((0.9553, 0.1837, 0.1342, 0.1885)).normalized()
+_HOLDS = ("IK", "COPY_ROTATION", "COPY_TRANSFORMS", "DAMPED_TRACK", "LOCKED_TRACK", "TRACK_TO", "STRETCH_TO")
+"""Kinds of constraints that set the rotation of the bones that they act on."""
 _RIGID = 1e-3
 """Radians, and lengths of the rig, within which two bones move as one."""
 
@@ -89,6 +91,11 @@ def at_rest(armature: bpy.types.Object, controls: Sequence[str]) -> Iterator[Non
     before = (data.action, data.action_slot, data.use_nla) if data else None
     poses = {name: _channels(armature.pose.bones[name]) for name in controls}
     hidden = armature.hide_viewport
+    update()
+    home = bpy.context.scene.collection.objects
+    away = armature.name not in bpy.context.view_layer.objects  # Blender evaluates nothing in excluded collections
+    if away:
+        home.link(armature)
     armature.hide_viewport = False
     if data:
         data.action, data.use_nla = None, False
@@ -106,6 +113,8 @@ def at_rest(armature: bpy.types.Object, controls: Sequence[str]) -> Iterator[Non
             if before[1] is not None:
                 data.action_slot = before[1]
         armature.hide_viewport = hidden
+        if away:
+            home.unlink(armature)
         update()
 
 
@@ -121,13 +130,21 @@ def update() -> None:
 
 
 def read_rig(armature: bpy.types.Object, bones: BoneMap) -> RigReading:
-    """Read how a rig's controls stand at rest and follow each other; it must stand at rest (`at_rest`)."""
+    """Read how a rig's controls stand at rest and follow each other; it must stand at rest (`at_rest`).
+
+    Raises
+    ------
+    BodyError
+        Something holds a control so that it does not turn when it is posed; names it.
+    """
     names = bones.names()
     matrix, scale = world_frame(armature)
     rest = rest_matrices(armature, names)
     size = float(np.ptp(rest[:, :3, 3], axis=0).max()) or 1.0
     moved = [moved_matrices(armature, name, names, 0.1 * size) for name in names]
     update()
+    for k, name in enumerate(names):
+        _refuse_held(armature, name, rest[k], moved[k][k])
     B = len(names)
     turn_parents, place_parents, unsteady = [], [], []
     turns_with, goes_with = np.zeros((B, B), bool), np.zeros((B, B), bool)
@@ -168,6 +185,18 @@ def read_rig(armature: bpy.types.Object, bones: BoneMap) -> RigReading:
     return RigReading(rig, tuple(sorted(set(unsteady))))
 
 
+def _refuse_held(armature: bpy.types.Object, name: str, rest: Array, moved: Array) -> None:
+    """Raise a BodyError where a control has not turned as it was posed."""
+    turned = rotations.log(rotations.orthonormal((moved @ np.linalg.inv(rest))[:3, :3]))
+    if abs(np.linalg.norm(turned) - _PROBE.angle) > 0.1 * _PROBE.angle:
+        holds = [c.name for c in armature.pose.bones[name].constraints if not c.mute and c.influence]
+        raise BodyError(
+            f"the bone does not turn as it is posed{': held by ' + ', '.join(holds) if holds else ''}",
+            where=f"armature {armature.name}, bone {name}",
+            todo="choose the control that moves it in a bone map, or mute what holds it",
+        )
+
+
 def location_axes(armature: bpy.types.Object, name: str, R_world: Array) -> Array:
     """The axes (3, 3) that a bone's location is counted along, as columns: its own of orientation `R_world`, or not."""
     if armature.data.bones[name].use_local_location:
@@ -194,6 +223,33 @@ def _nearest(follows: Bools, depth: Ints) -> int:
     """Of the controls that one follows the one that itself follows most; -1 where it follows none."""
     above = np.flatnonzero(follows)
     return int(above[np.argmax(depth[above])]) if len(above) else -1
+
+
+@contextmanager
+def without_holds(armature: bpy.types.Object, controls: Sequence[str]) -> Iterator[list[tuple[str, str]]]:
+    """Take the influence of constraints that pose controls in their owner's stead; after an error they have it again.
+
+    Gives those that had some, as bone and constraint. Inverse kinematics acts from the bone that ends its chain, which
+    may be below the controls.
+    """
+    before = {}
+    for bone in armature.pose.bones:
+        for constraint in list[Any](bone.constraints):
+            poses = [bone.name]
+            if constraint.type == "IK":
+                chain = [bone, *bone.parent_recursive]
+                poses = [one.name for one in chain[: constraint.chain_count or len(chain)]]
+            holds = constraint.type in _HOLDS and not constraint.mute and constraint.influence > 0
+            if holds and set(poses) & set(controls):
+                before[bone.name, constraint.name] = constraint.influence
+                constraint.influence = 0.0
+    update()
+    try:
+        yield list(before)
+    except BaseException:
+        for (name, held_by), influence in before.items():
+            armature.pose.bones[name].constraints[held_by].influence = influence
+        raise
 
 
 @contextmanager

@@ -9,7 +9,6 @@ from typing import Any
 
 import bpy
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.errors import BodyError
 from ...core.retargeting.bone_matching import described, match_bones, preset_of
@@ -21,7 +20,7 @@ from ...core.retargeting.transfer import RetargetOptions
 from .ik_controls import ik_channels, ik_roles
 from .rig_curves import ControlChannel, CurveOptions, rotation_channel, write_channels
 from .rig_error import measured_errors, world_matrices
-from .rig_reading import at_rest, read_rig, rest_skeleton, with_settings
+from .rig_reading import at_rest, read_rig, rest_skeleton, with_settings, without_holds
 
 _SAMPLE = 60  # frames on which the remaining error is measured
 
@@ -123,11 +122,17 @@ def send_to_rig(
     bones = options.bones or target_bones(armature, options.preset)
     bones.checked([bone.name for bone in armature.data.bones], where)
     preset = preset_of(bones)
-    names = bones.names()
+    used = _used(bones, of_source, options.retarget)
+    names = used.names()
     frames = frame_start + np.arange(len(source))
     ik = [name for limb in preset.ik for name in (limb.control, limb.pole) if name in armature.pose.bones]
-    with at_rest(armature, [*names, *ik]), with_settings(armature, preset.settings) as settings:
-        reading = read_rig(armature, bones)
+    held = () if preset.settings else names  # the limbs of a rig with settings are switched by these
+    with (
+        at_rest(armature, [*names, *ik]),
+        with_settings(armature, preset.settings) as settings,
+        without_holds(armature, held) as holds,
+    ):
+        reading = read_rig(armature, used)
         rig = reading.rig
         shown = [_shown(armature, preset.follows, name) for name in rig.rest.names]
         standing = world_matrices(armature, shown)
@@ -135,17 +140,29 @@ def send_to_rig(
         channels = control_channels(armature, rig, result.poses, ik_roles(rig, preset))
         channels += ik_channels(armature, rig, result.poses, preset)
     channels += [_setting_channel(armature, *setting) for setting in settings]
+    channels += [_hold_channel(*hold) for hold in holds]
     keys = write_channels(armature, channels, frames, f"{armature.name} {source.name}", options.curves)
     sample = np.unique(np.linspace(0, len(frames) - 1, _SAMPLE).astype(int))
     errors = measured_errors(
         scene, armature, rig, result.poses, shown=shown, at_rest=standing, frames=frames, sample=sample
     )
-    report = _report(source, of_source, armature, rig, result)
+    report = _report(source, of_source, armature, bones=bones, rig=rig, result=result)
     report["error"] = errors
     report["keys"], report["frames"] = keys, [int(frames[0]), int(frames[-1])]
-    report["warnings"] = _warnings(reading.unsteady, errors)
+    report["warnings"] = [
+        *(f"bone {name}: its constraint '{hold}' has no influence in the new action" for name, hold in holds),
+        *_warnings(reading.unsteady, errors),
+    ]
     report["seconds"] = round(time.perf_counter() - started, 3)
     return report
+
+
+def _used(bones: BoneMap, of_source: BoneMap, options: RetargetOptions) -> BoneMap:
+    """The roles that the source has something to say about; all other bones stay as they are posed."""
+    told = set(of_source.bones) - {"root"}
+    told |= {"neck"} if "head" in told else set()
+    told |= {"root"} if options.root == "root-bone" else set()
+    return BoneMap({role: names for role, names in bones.bones.items() if role in told}, bones.preset, bones.found_by)
 
 
 def _shown(armature: bpy.types.Object, follows: Mapping[str, str], name: str) -> str:
@@ -175,21 +192,32 @@ def _setting_channel(armature: bpy.types.Object, bone: str, key: str) -> Control
     return ControlChannel(bone, f'["{bpy.utils.escape_identifier(key)}"]', value)
 
 
+def _hold_channel(bone: str, constraint: str) -> ControlChannel:
+    """One key that takes a constraint's influence, so that the action brings it along."""
+    return ControlChannel(bone, f'constraints["{bpy.utils.escape_identifier(constraint)}"].influence', np.zeros((1, 1)))
+
+
 def _report(
-    source: SkeletonMotion, of_source: BoneMap, armature: bpy.types.Object, rig: ControlRig, result: Retargeted
+    source: SkeletonMotion,
+    of_source: BoneMap,
+    armature: bpy.types.Object,
+    *,
+    bones: BoneMap,
+    rig: ControlRig,
+    result: Retargeted,
 ) -> dict[str, Any]:
-    driven: NDArray[np.bool_] = result.poses.driven
+    moved = {name for b, name in enumerate(rig.rest.names) if result.poses.driven[b]}
     return {
         "source": {"name": source.name, "frames": len(source), "fps": source.fps, "bones": described(of_source)},
         "target": {
             "armature": armature.name,
-            "preset": rig.bones.preset,
-            "found_by": rig.bones.found_by,
-            "bones": described(rig.bones),
+            "preset": bones.preset,
+            "found_by": bones.found_by,
+            "bones": described(bones),
         },
         "scale": result.placement.scale,
-        "not_in_source": [name for b, name in enumerate(rig.rest.names) if not driven[b]],
-        "not_in_target": [role for role in of_source.bones if role not in rig.bones.bones],
+        "not_in_source": [name for name in bones.names() if name not in moved],
+        "not_in_target": [role for role in of_source.bones if role not in bones.bones],
         "plants": plant_intervals(result),
         "turned_to_keep_feet_and_hands": limb_changes(rig, result),
     }

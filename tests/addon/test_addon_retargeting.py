@@ -12,6 +12,7 @@ bpy = pytest.importorskip("bpy")
 from addon_shots import blender, shot  # noqa: E402, F401
 from kfmocap.__main__ import main  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
+from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.retargeting.bone_presets import PRESETS  # noqa: E402
 from kfmocap.core.retargeting.retarget import prepared  # noqa: E402
 from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
@@ -221,3 +222,57 @@ def test_an_edited_list_of_bones_is_used_and_comes_back_from_a_file(tracked, tmp
 def test_the_panel_offers_every_preset(blender):  # noqa: F811
     items = KFMocapRetarget.bl_rna.properties["preset"].enum_items
     assert [item.identifier for item in items] == ["auto", *PRESETS]
+
+
+def test_limbs_held_by_inverse_kinematics_are_freed_in_the_new_action(blender):  # noqa: F811
+    armature = built("mixamo", np.radians(45))
+    constraint = armature.pose.bones["mixamorig:LeftLeg"].constraints.new("IK")
+    constraint.target = bpy.data.objects.new("goal", None)
+    bpy.context.scene.collection.objects.link(constraint.target)
+    constraint.chain_count = 2
+    given = source()
+    report = send_to_rig(bpy.context.scene, given, armature, 1)
+    assert joint_errors(armature, report, given) < 1e-4
+    assert any("mixamorig:LeftLeg" in text and "IK" in text for text in report["warnings"])
+
+
+def test_a_bone_that_something_else_holds_is_named_and_nothing_changes(blender):  # noqa: F811
+    armature = built("mixamo", np.radians(45))
+    driver = armature.pose.bones["mixamorig:LeftLeg"].driver_add("rotation_quaternion", 0).driver
+    driver.expression = "1.0"
+    for k in (1, 2, 3):
+        armature.pose.bones["mixamorig:LeftLeg"].driver_add("rotation_quaternion", k).driver.expression = "0.0"
+    with pytest.raises(BodyError, match=r"bone mixamorig:LeftLeg: the bone does not turn"):
+        send_to_rig(bpy.context.scene, source(), armature, 1)
+    assert armature.animation_data.action is None
+
+
+def test_bones_that_the_motion_says_nothing_of_stay_as_they_are_posed(blender):  # noqa: F811
+    armature = built("mixamo")
+    bpy.ops.object.mode_set(mode="EDIT")
+    shoulder = armature.data.edit_bones.new("mixamorig:LeftShoulder")
+    arm = armature.data.edit_bones["mixamorig:LeftArm"]
+    shoulder.head, shoulder.tail, shoulder.parent = arm.head - Vector((0.1, 0, 0)), arm.head, arm.parent
+    arm.parent = shoulder
+    bpy.ops.object.mode_set(mode="OBJECT")
+    bone = armature.pose.bones["mixamorig:LeftShoulder"]
+    bone.rotation_quaternion = (0.96, 0.2, 0.1, 0.16)
+    given = source()
+    report = send_to_rig(bpy.context.scene, given, armature, 1)
+    assert joint_errors(armature, report, given) < 1e-4
+    assert tuple(bone.rotation_quaternion) == pytest.approx((0.96, 0.2, 0.1, 0.16))
+    assert report["not_in_source"] == ["mixamorig:LeftShoulder"]
+
+
+def test_a_character_in_an_excluded_collection_moves(blender):  # noqa: F811
+    armature = built("mixamo")
+    closet = bpy.data.collections.new("closet")
+    bpy.context.scene.collection.children.link(closet)
+    closet.objects.link(armature)
+    bpy.context.scene.collection.objects.unlink(armature)
+    layer = bpy.context.view_layer.layer_collection.children["closet"]
+    layer.exclude = True
+    given = source()
+    report = send_to_rig(bpy.context.scene, given, armature, 1)
+    layer.exclude = False
+    assert joint_errors(armature, report, given) < 1e-4
