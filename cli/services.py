@@ -28,7 +28,14 @@ class BlenderSession(Protocol):
         """
 
     def write_outputs(
-        self, shot: Shot, result: TrackResult, folder: Path, *, home: Path, open_scene: bool
+        self,
+        shot: Shot,
+        result: TrackResult,
+        folder: Path,
+        *,
+        home: Path,
+        open_scene: bool,
+        leave_out_unknown: bool = False,
     ) -> list[Path]:
         """Write the BVH and FBX files and shot.blend; returns the files written.
 
@@ -44,6 +51,8 @@ class BlenderSession(Protocol):
         open_scene : bool
             The shot is the open scene's: shot.blend is a copy of the open file with the motion. Otherwise a new
             scene is built.
+        leave_out_unknown : bool
+            BVH and FBX have no bones of parts that nothing has shown.
 
         Raises
         ------

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from ..core.body import landmark_positions
+from ..core.body.unknown_parts import known_landmarks
 from ..core.cameras.camera import Camera
 from ..core.errors import ShotError
 from ..core.fitting.camera_refinement import Refinement
@@ -57,6 +58,7 @@ def run(args: argparse.Namespace, services: Services) -> int:
             seconds=seconds,
             open_scene=args.shot is None,
             refined=refined,
+            leave_out_unknown=args.leave_out_unknown,
         )
     with results_are_written():
         print_outcome(files, report_lines(json.loads((args.out / "report.json").read_text(encoding="utf-8"))))
@@ -72,6 +74,7 @@ def run_track(
     seconds: Mapping[str, float] | None = None,
     open_scene: bool = False,
     refined: Refinement | None = None,
+    leave_out_unknown: bool = False,
 ) -> list[Path]:
     """Track a shot; write NAME.trc, overlay.png and report.json, and with Blender NAME.bvh, NAME.fbx and shot.blend.
 
@@ -89,6 +92,8 @@ def run_track(
         The shot was read from Blender's open scene: shot.blend is then a copy of the open file with the motion.
     refined : Refinement, optional
         How the shot's cameras were refined: they are written as well, as refined.toml.
+    leave_out_unknown : bool
+        The files have no landmarks and bones of parts that nothing shows.
 
     Returns
     -------
@@ -118,13 +123,16 @@ def run_track(
         with times.measure("camera check"):
             fits = camera_fits(shot, result)
         with times.measure("overlay"):
-            _write_landmarks(shot, result, [stage / f"{name}.trc" for name in motions])
+            files = [stage / f"{name}.trc" for name in motions]
+            _write_landmarks(shot, result, files, leave_out_unknown=leave_out_unknown)
             in_step, drawing = shot.with_footage_offset(result.footage_offset), share(progress, 0.95, 1.0)
             sheet = contact_sheet(in_step, result.motions, shown, drawing, result.pictures)
             write_contact_sheet(stage / "overlay.png", sheet)
         if blender is not None:
             with times.measure("Blender"):
-                blender.write_outputs(shot, result, stage, home=out_dir, open_scene=open_scene)
+                blender.write_outputs(
+                    shot, result, stage, home=out_dir, open_scene=open_scene, leave_out_unknown=leave_out_unknown
+                )
         if refined is not None:
             save_cameras(stage / REFINED, refined.cameras)
         write_json(stage / "report.json", report(shot, result, times, fits=fits, refined=refined))
@@ -155,8 +163,9 @@ def _keyframes(text: str | None) -> list[int] | Literal["auto"] | None:
         raise ShotError(f"'{text}' is not a list of frames", where="--keyframes", todo=todo) from error
 
 
-def _write_landmarks(shot: Shot, result: TrackResult, files: Sequence[Path]) -> None:
+def _write_landmarks(shot: Shot, result: TrackResult, files: Sequence[Path], *, leave_out_unknown: bool) -> None:
     """Write every performer's landmarks."""
-    for performer, motion, file in zip(shot.performers, result.motions, files, strict=True):
-        names = list(performer.body.landmarks)
-        write_trc(file, names, landmark_positions(performer.body, motion, names), shot.fps)
+    for i, file in enumerate(files):
+        body, motion = shot.performers[i].body, result.motions[i]
+        names = known_landmarks(body, result.unknown[i] if leave_out_unknown else ())
+        write_trc(file, names, landmark_positions(body, motion, names), shot.fps)

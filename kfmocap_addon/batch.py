@@ -40,14 +40,23 @@ class BatchSession:
             return scene.shot_from_scene(bpy.context.scene)
 
     def write_outputs(
-        self, shot: Shot, result: TrackResult, folder: Path, *, home: Path, open_scene: bool
+        self,
+        shot: Shot,
+        result: TrackResult,
+        folder: Path,
+        *,
+        home: Path,
+        open_scene: bool,
+        leave_out_unknown: bool = False,
     ) -> list[Path]:
         """Write the BVH and FBX files and shot.blend; returns the files written."""
         from .export import blender_outputs
 
         scene = bpy.context.scene if open_scene else None
         with registration.registered():
-            return blender_outputs.write_blender_outputs(shot, result, folder, scene, home=home)
+            return blender_outputs.write_blender_outputs(
+                shot, result, folder, scene, home=home, leave_out_unknown=leave_out_unknown
+            )
 
     def retarget(self, request: RetargetRequest) -> dict[str, Any]:
         """Put a motion on a character and save the file; returns the report."""

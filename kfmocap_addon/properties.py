@@ -231,6 +231,10 @@ class KFMocapExport(bpy.types.PropertyGroup):
         name="Root Motion",
         description="The performer moves through the world. Off: it stays over its first place, but rises and sinks",
     )
+    leave_out_unknown: bpy.props.BoolProperty(
+        name="Leave Out Unknown",
+        description="Leave out the bones of parts that nothing has shown, of people not wholly in the picture",
+    )
 
 
 class KFMocapBone(bpy.types.PropertyGroup):

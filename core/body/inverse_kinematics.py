@@ -180,11 +180,12 @@ def estimate_height(names: Sequence[str], targets_world: Array) -> float:
         for side in "LR":
             if all(side + end in column for end in ends):
                 a, b = (targets_world[:, column[side + end]] for end in ends)
-                length = np.nanmedian(np.linalg.norm(a - b, axis=1))
-                heights.append(length / FRACTIONS[measure])
-    if not heights or not np.isfinite(heights).any():
+                lengths = np.linalg.norm(a - b, axis=1)
+                if (known := lengths[np.isfinite(lengths)]).size:
+                    heights.append(np.median(known) / FRACTIONS[measure])
+    if not heights:
         raise LandmarkError("no limb has both its landmarks, so the body cannot be scaled", todo="give a height")
-    return float(np.nanmedian(heights))
+    return float(np.median(heights))
 
 
 def _fit_measures(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..numerics import rotations
+from ..numerics.arrays import Array
 from ..numerics.banded_blocks import BandedBlocks, block_diagonal
 from .body import Body
 from .motion import Motion
@@ -26,15 +27,36 @@ def posture_prior(body: Body, motion: Motion, deviation: float = POSTURE_DEVIATI
     deviation : float
         Usual departure from rest, radians; infinite for limits alone.
     """
-    F, D = len(motion), body.dof
-    blocks = BandedBlocks.zeros(F, D)
     turns = rotations.log(motion.rotations[:, 1:])
     beyond = turns - np.clip(turns, body.limits[1:, :, 0], body.limits[1:, :, 1])
-    J = rotations.right_jacobian_inverse(turns)  # of the rotation vector by the joint's increment
-    stop, ease = (beyond != 0) / LIMIT_DEVIATION**2, 1 / (F * deviation**2)
-    H = np.einsum("fpra,fpr,fprb->fpab", J, stop + ease, J)
-    g = np.einsum("fpra,fpr->fpa", J, stop * beyond + ease * turns)
-    blocks.gradient[:, 6:] = g.reshape(F, -1)
+    stop, ease = (beyond != 0) / LIMIT_DEVIATION**2, 1 / (len(motion) * deviation**2)
     energy = float(np.sum(stop * beyond**2) + ease * np.sum(turns**2))
+    return _turn_equations(turns, stop + ease, stop * beyond + ease * turns, energy)
+
+
+def habitual_prior(motion: Motion, precision: Array, usual: Array) -> BandedBlocks:
+    """Return the normal equations of parts that are turned as usual as far as is known.
+
+    Parameters
+    ----------
+    motion : Motion
+        F poses.
+    precision : ndarray, shape (F, P)
+        Of each part's turn from its usual one, 1/radians^2. The root is free.
+    usual : ndarray, shape (P, 3, 3)
+        The usual rotations.
+    """
+    turns = rotations.log(np.swapaxes(usual[1:], -1, -2) @ motion.rotations[:, 1:])
+    ease = precision[:, 1:, None]
+    return _turn_equations(turns, np.repeat(ease, 3, axis=2), ease * turns, float(np.sum(ease * turns**2)))
+
+
+def _turn_equations(turns: Array, precision: Array, pull: Array, energy: float) -> BandedBlocks:
+    """Normal equations of the rotation vectors (F, P - 1, 3) of all parts but the root."""
+    F, D = len(turns), 6 + 3 * turns.shape[1]
+    J = rotations.right_jacobian_inverse(turns)  # of the rotation vector by the joint's increment
+    blocks = BandedBlocks.zeros(F, D)
+    blocks.gradient[:, 6:] = np.einsum("fpra,fpr->fpa", J, pull).reshape(F, -1)
+    H = np.einsum("fpra,fpr,fprb->fpab", J, precision, J)
     diagonal = block_diagonal(np.pad(H, ((0, 0), (2, 0), (0, 0), (0, 0))))
     return BandedBlocks(diagonal, blocks.first, blocks.second, blocks.gradient, energy)

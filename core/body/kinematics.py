@@ -30,6 +30,15 @@ def part_poses(body: Body, motion: Motion) -> tuple[Array, Array]:
     return R, T
 
 
+def motion_of_poses(body: Body, poses: Poses) -> Motion:
+    """The motion that puts the parts where they are; inverse of `part_poses`."""
+    R, T = poses
+    parents = [i if p < 0 else p for i, p in enumerate(body.parents)]
+    before = np.swapaxes(R[:, parents], -1, -2)
+    before[:, [i for i, p in enumerate(body.parents) if p < 0]] = np.eye(3)
+    return Motion(T[:, 0], np.swapaxes(body.R_parent_rest, -1, -2) @ before @ R)
+
+
 def landmark_positions(body: Body, motion: Motion, names: list[str]) -> Array:
     """Landmarks in the world, metres, shape (F, L, 3)."""
     parts, points = body.landmark_arrays(names)

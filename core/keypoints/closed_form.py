@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from ..body import Body, part_poses
+from ..body import Body, landmark_positions, part_poses
 from ..body.motion import Motion
 from ..numerics import rotations
 from ..numerics.arrays import Array
@@ -50,7 +50,10 @@ def closed_form_pose(body: Body, names: Sequence[str], points_world: Array, fps:
     parts = {f"{part}.{side}" for upper, lower, *_ in LIMBS for part in (upper, lower) for side in "LR"}
     known = {name: _filled(points_world[:, i]) for i, name in enumerate(names)}
     known = {name: points for name, points in known.items() if np.isfinite(points).all()}
-    if not parts | {"pelvis", "spine", "chest"} <= set(body.names) or not set(TRUNK) <= set(known):
+    if not parts | {"pelvis", "spine", "chest"} <= set(body.names):
+        return None
+    known = _with_trunk(body, known)
+    if not set(TRUNK) <= set(known):
         return None
     hips, shoulders = (0.5 * (known["L" + joint] + known["R" + joint]) for joint in ("Hip", "Shoulder"))
     pelvis = _frames(shoulders - hips, known["LHip"] - known["RHip"])
@@ -63,10 +66,14 @@ def closed_form_pose(body: Body, names: Sequence[str], points_world: Array, fps:
         R[:, i] = world.get(i, rest)
         for upper, lower, *joints, sign, farthest in LIMBS:
             for side in "LR":
-                if body.names[i] == f"{upper}.{side}" and all(side + str(joint) in known for joint in joints):
-                    a, b, c = (known[side + str(joint)] for joint in joints)
+                if body.names[i] != f"{upper}.{side}":
+                    continue
+                a, b, c = (known.get(side + str(joint)) for joint in joints)
+                if a is not None and b is not None and c is not None:
                     first, second = _limb(R[:, i], b - a, c - b, sign=float(sign), farthest=float(farthest), fps=fps)
                     R[:, i], world[body.index(f"{lower}.{side}")] = first, second
+                elif a is not None and b is not None:
+                    R[:, i] = _swung(R[:, i], b - a)
         if body.names[i][:5] == "foot.":
             toe, ankle = (f"{body.names[i][5]}{joint}" for joint in ("BigToe", "Ankle"))
             if {toe, ankle} <= set(known):
@@ -107,6 +114,32 @@ def closed_form_limb(
     return rotations.orthonormal(Q)
 
 
+def _with_trunk(body: Body, known: dict[str, Array]) -> dict[str, Array]:
+    """Points by name with the hips below the shoulders, or the shoulders above the hips, of somebody upright where only
+    the others are known.
+    """
+    up = np.array([0.0, 0.0, 1.0])
+    for near, far, sign in (("Shoulder", "Hip", -1.0), ("Hip", "Shoulder", 1.0)):
+        missing = [side + far for side in "LR" if side + far not in known]
+        if not missing or not {"L" + near, "R" + near} <= set(known):
+            continue
+        across = (known["L" + near] - known["R" + near]) * [1, 1, 0]
+        across = across / np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-9)
+        known_side = [side for side in "LR" if side + far in known]
+        rest = Motion(np.zeros((1, 3)), np.tile(np.eye(3), (1, len(body), 1, 1)))
+        left, right, *others = landmark_positions(body, rest, ["L" + far, "R" + far, "L" + near, "R" + near])[0]
+        height = np.linalg.norm(0.5 * (left + right) - np.mean(others, axis=0))
+        middle = 0.5 * (known["L" + near] + known["R" + near]) + sign * height * up
+        half = 0.5 * np.linalg.norm(left - right) * across
+        if known_side == ["L"]:
+            middle = known["L" + far] - half
+        elif known_side == ["R"]:
+            middle = known["R" + far] + half
+        placed = {"L" + far: middle + half, "R" + far: middle - half}
+        known = known | {name: placed[name] for name in missing}
+    return known
+
+
 def _joint(body: Body, name: str) -> Array:
     """The place of a landmark's part in its parent's frame: of a hip, in the pelvis's."""
     return np.asarray(body.offsets[body.landmarks[name][0]])
@@ -145,6 +178,12 @@ def _limb(
         across = gaussian_filter1d(hinge * bend * likely, TWIST_TIME * fps, axis=0, mode="nearest")
         across = across + LEAST_EVIDENCE * least
     return _frames(a, across), _frames(b, across)
+
+
+def _swung(rest: Array, along: Array) -> Array:
+    """World rotations of a part that points along a direction, with the least twist."""
+    direction = along / np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-9)
+    return np.asarray(_swing(rest[..., 1], direction) @ rest)
 
 
 def _swing(a: Array, b: Array) -> Array:

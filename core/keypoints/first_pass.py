@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from ..body import Body
 from ..body.inverse_kinematics import estimate_height
+from ..body.motion import Motion
+from ..body.unknown_parts import resting_parts
 from ..errors import KeypointError
 from ..numerics.arrays import Array
 from ..shot.keypose_spline import spline
@@ -18,6 +20,7 @@ from .first_pose import posed_start, posing_frames
 from .keypoint_factor import Keypoints
 from .keypoint_fit import CONTINUED, KeypointFit, fit_motion
 from .limb_safeguard import repose_lost_limbs
+from .seen_landmarks import unseen_parts
 from .view_agreement import ViewAgreement
 
 
@@ -60,6 +63,8 @@ def first_pass(
         start = posed_start(body, agreement.keypoints, agreement.points_world, fps)
         if starts:
             start = start.moved(np.where(fixed, start.difference(starts[0]), 0.0))
+        else:
+            start = _with_resting(start, fixed)
         starts.append(start)
     if not starts:
         todo = "give key poses, or keypoints of two views or more"
@@ -108,8 +113,10 @@ def scaled_first_pass(
         raise KeypointError("no two views agree on a pose of the body", todo="give key poses, or more views")
     measures = BodyMeasures.average(estimate_height(keypoints.names, points) if height is None else height)
     body = measures.body()
-    start = posed_start(body, agreement.keypoints, points, fps)
     fixed = np.zeros((len(keypoints), body.dof), bool)
+    unknown = unseen_parts(body, agreement.keypoints)
+    fixed[:, 3:] = np.repeat(np.isin(np.arange(len(body)), resting_parts(body, unknown)), 3)
+    start = _with_resting(posed_start(body, agreement.keypoints, points, fps), fixed)
     fit = fit_motion(
         body,
         agreement.keypoints,
@@ -121,6 +128,12 @@ def scaled_first_pass(
         agreement=agreement,
     )
     return _with_lost_limbs_found(fit, agreement, fixed=fixed, precision=precision, correlated=correlated)
+
+
+def _with_resting(motion: Motion, fixed: NDArray[np.bool_]) -> Motion:
+    """A motion whose parts that are held on all frames rest."""
+    held = fixed[:, 3:].reshape(len(fixed), -1, 3).all(axis=(0, 2))
+    return Motion(motion.translations, np.where(held[:, None, None], np.eye(3), motion.rotations))
 
 
 def _with_lost_limbs_found(

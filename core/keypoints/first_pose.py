@@ -18,8 +18,10 @@ from .view_agreement import averaged
 POSED_EVERY = 0.2
 """Inverse kinematics poses a body other than the default this often, seconds; between, a curve is the start."""
 MAIN = ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle")
-ENOUGH = 8
-"""Main joints that must be known to pose the body."""
+ENOUGH = 2 / 3
+"""Share of the main joints that are ever known which must be known on a frame to pose the body."""
+LEAST = 3
+"""Main joints that must be known in any case."""
 LOST = 0.25
 """Poses whose landmarks are farther off, in the median, are no start, metres."""
 
@@ -27,10 +29,11 @@ LOST = 0.25
 def posing_frames(keypoints: Keypoints, points_world: Array, fps: float) -> NDArray[np.intp]:
     """Return the frames to pose the body on: of every fifth of a second the one on which most joints are known."""
     main = [i for i, name in enumerate(keypoints.names) if name.endswith(MAIN) and name not in MAIN]
-    known = np.isfinite(points_world[:, main]).all(axis=-1).sum(axis=1)
+    finite = np.isfinite(points_world[:, main]).all(axis=-1)
+    known, enough = finite.sum(axis=1), max(LEAST, ENOUGH * finite.any(axis=0).sum())
     count = max(1, round(len(known) / (POSED_EVERY * fps)))
     best = [part[np.argmax(known[part])] for part in np.array_split(np.arange(len(known)), count)]
-    return np.array([f for f in best if known[f] >= ENOUGH], dtype=np.intp)
+    return np.array([f for f in best if known[f] >= enough], dtype=np.intp)
 
 
 def posed_start(body: Body, keypoints: Keypoints, points_world: Array, fps: float) -> Motion:

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from ..body import Body, twist_jacobian
 from ..body.joint_blocks import joint_blocks
-from ..body.kinematics import Poses
+from ..body.joint_limits import habitual_prior
+from ..body.kinematics import Poses, motion_of_poses
 from ..formats.keypoint_layouts import is_sided, mirrored_name
 from ..numerics.arrays import Array
 from ..numerics.banded_blocks import BandedBlocks
@@ -320,6 +321,8 @@ class KeypointFactor:
         keypoints are compared with: a motion that is too smooth then passes for a detector that is inexact.
     agreed : ndarray, shape (V, F, L), optional
         Confidence of the keypoints that agree with those of other views, else 0: see `trusted_weights`.
+    habit : tuple of ndarray, shape (F, P) and (P, 3, 3), optional
+        Precision, 1/radians^2, with which parts that keypoints do not show are turned as usual, and how that is.
     """
 
     keypoints: Keypoints
@@ -327,11 +330,13 @@ class KeypointFactor:
     correlated: float
     deviation: Array | None = None
     agreed: Array | None = None
+    habit: tuple[Array, Array] | None = None
 
     def __getitem__(self, frames: slice) -> KeypointFactor:
         """Return the evidence of some of the frames."""
         agreed = None if self.agreed is None else self.agreed[:, frames]
-        return replace(self, keypoints=self.keypoints[frames], agreed=agreed)
+        habit = None if self.habit is None else (self.habit[0][frames], self.habit[1])
+        return replace(self, keypoints=self.keypoints[frames], agreed=agreed, habit=habit)
 
     def of_views(self, views: list[int]) -> KeypointFactor:
         """Return the evidence of some of the views."""
@@ -354,4 +359,7 @@ class KeypointFactor:
         weights = robust_weights(residual, keypoints.confidence, deviation, tolerance)
         if self.agreed is not None:
             weights = np.maximum(weights, trusted_weights(residual, self.agreed, deviation, tolerance))
-        return keypoint_system(body, poses, keypoints, self.places, weights / self.correlated).blocks
+        blocks = keypoint_system(body, poses, keypoints, self.places, weights / self.correlated).blocks
+        if self.habit is not None and self.habit[0].any():
+            blocks = blocks + habitual_prior(motion_of_poses(body, poses), *self.habit)
+        return blocks

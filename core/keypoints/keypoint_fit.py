@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body import Body, part_poses
-from ..body.joint_limits import posture_prior
+from ..body.joint_limits import habitual_prior, posture_prior
 from ..body.motion import Motion
 from ..body.smoothness import limited, smoothness
 from ..body.smoothness_estimate import AccelerationVariances, axis_mobility, estimate_variances
 from ..numerics.arrays import Array
 from ..numerics.banded import BandedFactor, bordered_solution
+from ..numerics.banded_blocks import BandedBlocks
 from .body_measures import BodyMeasures, with_measures
 from .keypoint_factor import (
     USUAL_DEVIATION,
@@ -28,6 +29,7 @@ from .keypoint_factor import (
     trusted_weights,
 )
 from .left_right import correct_sides
+from .seen_landmarks import habit_precision, usual_turns
 from .view_agreement import ViewAgreement
 
 
@@ -172,7 +174,7 @@ def fit_motion(
         sided = comparison.keypoints
         weights = comparison.counting(step) * weight
         system = keypoint_system(body, poses, sided, places, weights, prior_weight=prior_weight)
-        evidence = system.blocks + posture_prior(body, motion)
+        evidence = system.blocks + _pose_prior(body, motion, agreement)
         if known is not None and (i > 0 or earlier is not None):
             variances = estimate_variances(motion, evidence, fixed, mobility, variances)
         if measures is not None:
@@ -264,3 +266,12 @@ def compared(
     deviation = deviations(residual, sided.confidence) if known is None else known
     agreed = None if agreement is None or known is None else np.where(changed, 0.0, agreement.confidence)
     return Comparison(sided, changed, residual, deviation, agreed)
+
+
+def _pose_prior(body: Body, motion: Motion, agreement: ViewAgreement | None) -> BandedBlocks:
+    """What is known of poses beforehand: joint limits, posture, and how limbs out of sight are usually turned."""
+    prior = posture_prior(body, motion)
+    if agreement is None:
+        return prior
+    precision = habit_precision(body, agreement.keypoints, agreement.fps)
+    return prior + habitual_prior(motion, precision, usual_turns(motion, precision))

@@ -20,6 +20,7 @@ from ..shot.shot import Performer, Settings, Shot, View
 from .assignment import Identity, Wanted, assign_detections
 from .first_pass import first_pass
 from .keypoint_factor import KeypointFactor, Keypoints, Places, has_keypoint
+from .seen_landmarks import habit_precision, usual_turns, without_guesses
 from .tracks import ViewDetections
 
 
@@ -125,6 +126,8 @@ def fit_keypoints(shot: Shot, detections: Sequence[Detections], fixed: Sequence[
             # Errors that last shift what is constant, the offsets and measures, which the first pass has settled. They
             # are no reason to doubt a movement that views agree on: every frame counts in full.
             factor = KeypointFactor(fit.keypoints, fit.places, 1.0, fit.deviation, fit.agreed)
+        habit = habit_precision(body, fit.keypoints, shot.fps)
+        factor = replace(factor, habit=(habit, usual_turns(fit.motion, habit)))
         performers.append(
             PerformerKeypoints(fit.motion, factor, fit.changed, fit.weights, fit.variances.typical, identity)
         )
@@ -165,7 +168,7 @@ def identified_keypoints(shot: Shot, detections: Sequence[Detections]) -> tuple[
     wanted = [Wanted(p.name, _key_places(p, names, F), p.person, not p.key_poses.fixed.any()) for p in shot.performers]
     owned, identities = assign_detections(founds, empty, wanted, shot.fps)
     delays = [footage_delay(view) for view in shot.views]
-    return [_on_time(keypoints, delays) for keypoints in owned], identities
+    return [without_guesses(_on_time(keypoints, delays)) for keypoints in owned], identities
 
 
 def _found(view: View, detections: Detections, names: Sequence[str], shot: Shot) -> ViewDetections:
@@ -178,8 +181,12 @@ def _found(view: View, detections: Detections, names: Sequence[str], shot: Shot)
     columns = [names.index(name) if name in names else -1 for name in detections.names]
     used = [i for i, column in enumerate(columns) if column >= 0]
     kept = [columns[i] for i in used]
-    rays[:, kept] = image_rays(view.camera, detections.points[rows][:, used])
-    confidence[:, kept] = detections.confidence[rows][:, used]
+    pixels = detections.points[rows][:, used]
+    with np.errstate(invalid="ignore"):
+        inside = ((pixels >= -0.5) & (pixels < np.array(view.camera.size) - 0.5)).all(axis=-1)
+    # Some detectors complete a person beyond the picture's edge, where they see nothing.
+    rays[:, kept] = image_rays(view.camera, np.where(inside[..., None], pixels, np.nan))
+    confidence[:, kept] = np.where(inside, detections.confidence[rows][:, used], 0.0)
     return ViewDetections(frames[rows], rays, confidence, detections.tracks[rows])
 
 

@@ -20,6 +20,7 @@ from .assignment import Identity
 from .first_pass import first_pass, scaled_first_pass
 from .keypoint_fit import KeypointFit
 from .observations import correlated_frames, identified_keypoints, performer_keypoints
+from .seen_landmarks import unseen_parts
 
 EVERY = 0.6
 """Seconds between proposed key poses, about."""
@@ -65,7 +66,8 @@ def propose_performers(
             )
         frames = chosen_frames(fit, shot.fps) if request.frames is None else np.array(sorted(request.frames), np.int64)
         keys = KeyPoses.proposed(frames, fit.motion[frames])
-        performers.append(Performer(request.name, fit.body, keys, request.person))
+        unknown = unseen_parts(fit.body, keypoints)
+        performers.append(Performer(request.name, fit.body, keys, request.person, unknown))
     return tuple(performers)
 
 

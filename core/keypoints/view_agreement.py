@@ -152,8 +152,13 @@ def without_leaps(points_world: Array, fps: float) -> Array:
 
 
 def averaged(points_world: Array, fps: float) -> Array:
-    """Return points averaged over a few frames, gaps closed along straight lines; NaN where one is never known."""
-    filled = np.stack([interpolated(points_world[:, i]) for i in range(points_world.shape[1])], axis=1)
+    """Return points averaged over a few frames, gaps closed along straight lines; NaN where one is never known.
+
+    Where a point is not known for a while, it moves with those that are known all the time.
+    """
+    lasting = np.isfinite(points_world).all(axis=(0, 2))
+    carrier = points_world[:, lasting].mean(axis=1) if lasting.any() else np.zeros((len(points_world), 3))
+    filled = np.stack([interpolated(points - carrier) + carrier for points in np.moveaxis(points_world, 1, 0)], axis=1)
     return np.asarray(gaussian_filter1d(filled, AVERAGED_OVER * fps / 2, axis=0, mode="nearest"))
 
 

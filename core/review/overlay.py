@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..body.kinematics import Poses, scene_poses
 from ..body.motion import Motion
 from ..body.time_shift import poses_after
+from ..body.unknown_parts import without_hidden_solids
 from ..cameras.camera import Camera
 from ..errors import OutputError
 from ..evidence.label_images import Geometry, render_labels
@@ -79,7 +80,7 @@ def contact_sheet(
         The footage cannot be read.
     """
     chosen = sheet_frames(shot) if frames is None else sorted(frames)
-    bodies = [performer.body for performer in shot.performers]
+    bodies = [without_hidden_solids(performer.body, performer.unknown) for performer in shot.performers]
     geometry = Geometry.of(bodies)
     poses = [scene_poses(bodies, poses_after(motions, shown_delay(view, shot.settings), chosen)) for view in shot.views]
     width = (SHEET_WIDTH + _GAP) // max(len(chosen), 3) - _GAP

@@ -95,7 +95,9 @@ def suggest_keys_beside_hidden(unseen: NDArray[np.bool_], keys: KeyPoses) -> lis
     return found[:MOST_HIDDEN]
 
 
-def suggest_keys_by_error(deviation: Array, keys: KeyPoses, parents: Sequence[int]) -> list[KeySuggestion]:
+def suggest_keys_by_error(
+    deviation: Array, keys: KeyPoses, parents: Sequence[int], unknown: Sequence[int] = ()
+) -> list[KeySuggestion]:
     """Suggest the key frames that would lower the expected error most.
 
     A correction spreads to the key poses on both sides, fading evenly on the way. The frame whose correction takes
@@ -108,13 +110,15 @@ def suggest_keys_by_error(deviation: Array, keys: KeyPoses, parents: Sequence[in
     keys : KeyPoses
     parents : sequence of int
         Of the body's parts.
+    unknown : sequence of int
+        Parts that nothing shows: they are left out.
 
     Returns
     -------
     list of KeySuggestion
         The most helpful first, `MOST_UNCERTAIN` at most. Named are the parts whose tips are joints.
     """
-    expected, joints = expected_errors(deviation, parents), np.array(joint_parts(parents))
+    expected, joints = expected_errors(deviation, parents, unknown), np.array(joint_parts(parents, unknown))
     keyed = {int(f) for f in keys.full()}
     found: list[KeySuggestion] = []
     least = WORTH * float(expected.sum())

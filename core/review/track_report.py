@@ -73,11 +73,11 @@ def report(
         ],
         "footage_offset": round(result.footage_offset, 3),
         "performers": [
-            _performer(shot, p, visible, residual)
-            | _expected_errors(shot, p, deviation)
+            _performer(shot, p, visible, residual, unknown)
+            | _expected_errors(shot, p, deviation, unknown)
             | (_observed(shot, result.observed.performers[i]) if result.observed.performers else {})
-            for i, (p, visible, residual, deviation) in enumerate(
-                zip(shot.performers, result.visible, result.residual, result.deviation, strict=True)
+            for i, (p, visible, residual, deviation, unknown) in enumerate(
+                zip(shot.performers, result.visible, result.residual, result.deviation, result.unknown, strict=True)
             )
         ],
         "settings": dataclasses.asdict(shot.settings),
@@ -100,20 +100,26 @@ def report(
 
 
 def _performer(
-    shot: Shot, performer: Performer, visible: NDArray[np.float64], residual: NDArray[np.float64]
+    shot: Shot,
+    performer: Performer,
+    visible: NDArray[np.float64],
+    residual: NDArray[np.float64],
+    unknown: Sequence[str],
 ) -> dict[str, Any]:
     first = shot.frames[0]
     worst = [int(f) for f in np.argsort(-np.nan_to_num(residual, nan=-1.0), kind="stable") if residual[f] >= 0]
-    names, blind = performer.body.names, unseen(visible)
+    names = performer.body.names
+    blind = unseen(visible) & ~np.isin(names, unknown)
     return {
         "name": performer.name,
         "keyframes": [first + int(f) for f in performer.key_poses.frames],
         "proposed_keyframes": [first + int(f) for f in performer.key_poses.proposals()],
         "occluded_below": OCCLUDED_BELOW,
         "occluded": {
-            view.camera.name: _spans(names, hidden, first)
+            view.camera.name: _spans(names, hidden & ~np.isin(names, unknown), first)
             for view, hidden in zip(shot.views, occluded(visible), strict=True)
         },
+        "unknown": list(unknown),
         "unseen": _spans(names, blind, first),
         "suggested_keyframes": [
             {
@@ -127,13 +133,14 @@ def _performer(
     }
 
 
-def _expected_errors(shot: Shot, performer: Performer, deviation: NDArray[np.float64]) -> dict[str, Any]:
+def _expected_errors(
+    shot: Shot, performer: Performer, deviation: NDArray[np.float64], unknown: Sequence[str]
+) -> dict[str, Any]:
     """Expected errors of the joints, and the key frames that would help, in millimetres."""
-    first, names = shot.frames[0], performer.body.names
+    first, names, parents = shot.frames[0], performer.body.names, performer.body.parents
+    left_out = [names.index(name) for name in unknown]
     return {
-        "expected_error": [
-            round(1000 * float(value), 1) for value in expected_errors(deviation, performer.body.parents)
-        ],
+        "expected_error": [round(1000 * float(value), 1) for value in expected_errors(deviation, parents, left_out)],
         "helpful_keyframes": [
             {
                 "frame": first + key.frame,
@@ -141,7 +148,7 @@ def _expected_errors(shot: Shot, performer: Performer, deviation: NDArray[np.flo
                 "gain": round(1000 * key.gain, 2),
                 "parts": [names[part] for part in key.parts],
             }
-            for key in suggest_keys_by_error(deviation, performer.key_poses, performer.body.parents)
+            for key in suggest_keys_by_error(deviation, performer.key_poses, parents, left_out)
         ],
     }
 
@@ -207,6 +214,8 @@ def report_lines(values: Mapping[str, Any]) -> list[str]:
     for performer in values["performers"]:
         if identity := performer.get("identity", {}).get("text"):
             lines.append(f"{performer['name']}: {identity}")
+        if unknown := ", ".join(performer["unknown"]):
+            lines.append(f"{performer['name']}: unknown, as no key pose, keypoint or camera shows them: {unknown}")
         counts = [f"{part} {sum(b + 1 - a for a, b in spans)}" for part, spans in performer["unseen"].items()]
         if counts:
             lines.append(f"{performer['name']}: frames on which no camera sees a part: {', '.join(counts)}")

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..body import Body, human
 from ..body.motion import Motion, stacked
+from ..body.unknown_parts import resting_parts
 from ..cameras.camera import Camera
 from ..errors import ShotError
 
@@ -77,6 +78,12 @@ class KeyPoses:
         inside = (self.frames >= first) & (self.frames <= last)
         return KeyPoses(self.frames[inside] - first, self.poses[inside], self.fixed[inside])
 
+    def without_parts(self, free: NDArray[np.bool_]) -> KeyPoses:
+        """Return these key poses without the turns of some parts (K, P), which they no longer fix."""
+        fixed = self.fixed.copy()
+        fixed[:, 3:] &= ~np.repeat(free, 3, axis=1)
+        return replace(self, fixed=fixed)
+
     def proposals(self) -> NDArray[np.int64]:
         """Frames whose key pose is a proposal."""
         return np.asarray(self.frames[~self.fixed.any(axis=1)])
@@ -88,7 +95,7 @@ class KeyPoses:
 
 @dataclass(frozen=True, eq=False)
 class Performer:
-    """A person to track: a body and its key poses.
+    """A person to track.
 
     Attributes
     ----------
@@ -98,21 +105,28 @@ class Performer:
     person : int, optional
         Which of the people that keypoints show it is, from 1 in the order in which these appear; by default its key
         poses say, or the order of the performers.
+    unknown : tuple of str
+        Parts of the body that neither landmarks nor keypoints show on any frame: they rest.
     """
 
     name: str
     body: Body
     key_poses: KeyPoses
     person: int | None = None
+    unknown: tuple[str, ...] = ()
 
 
 def fixed_degrees(performer: Performer, first: int, last: int) -> NDArray[np.bool_]:
-    """Which degrees of freedom key poses hold, and those of locked joints, on frames first to last, shape (F, D)."""
-    fixed = np.zeros((last + 1 - first, performer.body.dof), dtype=bool)
+    """Return which degrees of freedom are held on frames first to last, shape (F, D): by key poses, by joints that are
+    locked, and those of parts that rest because they are unknown.
+    """
+    body = performer.body
+    fixed = np.zeros((last + 1 - first, body.dof), dtype=bool)
     keys = performer.key_poses
     inside = (keys.frames >= first) & (keys.frames <= last)
     fixed[keys.frames[inside] - first] = keys.fixed[inside]
-    locked = performer.body.limits[..., 0] == performer.body.limits[..., 1]
+    locked = body.limits[..., 0] == body.limits[..., 1]
+    locked[resting_parts(body, performer.unknown)] = True
     fixed[:, 3:] |= locked.ravel()
     return fixed
 

@@ -10,7 +10,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body import Body
 from ..body.inverse_kinematics import fit_body, fit_poses
+from ..body.unknown_parts import resting_parts, unknown_parts
 from ..cameras.camera import Camera
 from ..errors import LandmarkError, ShotError, located
 from ..formats.bvh import body_of_bvh, poses_of_bvh, read_bvh
@@ -18,17 +20,20 @@ from ..formats.calibration_files import load_cameras
 from ..formats.keypoint_files import read_shot_keypoints
 from ..formats.shot_toml import read_shot_spec
 from ..formats.trc import Landmarks, read_trc
+from ..keypoints.observations import performer_keypoints
 from ..keypoints.proposals import KeypointPoses, poses_from_keypoints, propose_performers
+from ..keypoints.seen_landmarks import unseen_parts
 from ..runtime.progress import Progress, report_progress, share
 from ..shot.footage import check_view
 from ..shot.shot import KeyPoses, Performer, PerformerRequest, Shot, View
 from ..shot.shot_spec import PerformerSpec, ShotSpec, ViewSpec
 from .solvers.registry import REGISTRY, solver_named
 
-NEEDED_LANDMARKS = tuple(
+MAIN_LANDMARKS = tuple(
     side + joint for joint in ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle") for side in "LR"
 )
-"""Landmarks that a key pose cannot do without: the main joints."""
+LEAST_LANDMARKS = 4
+"""Main joints that a key pose needs: of people who are not wholly in the picture not all are known."""
 
 
 def load_shot(
@@ -71,7 +76,9 @@ def prepare_shot(spec: ShotSpec, cameras: Mapping[str, Camera] | None = None) ->
     requests = [p if isinstance(p, PerformerRequest) else None for p in prepared]
     performers = tuple(p.placeholder() if isinstance(p, PerformerRequest) else p for p in prepared)
     shot = Shot(spec.name, spec.fps, spec.frames, views, performers, spec.settings)
-    return replace(shot, performers=_from_keypoints(shot, requests, spec)) if any(requests) else shot
+    if any(requests):
+        shot = replace(shot, performers=_from_keypoints(shot, requests, spec))
+    return _with_parts_that_keypoints_show(shot)
 
 
 def read_shot_cameras(spec: ShotSpec) -> dict[str, Camera]:
@@ -161,27 +168,49 @@ def _posed_by_landmarks(spec: PerformerSpec, file: Path, keys: NDArray[np.int64]
         landmarks = read_trc(file)
         with located(str(file)):
             points = _landmarks_at(landmarks, keys, first)
-    names = list(landmarks.names)
+    names, known = list(landmarks.names), np.isfinite(points).all(axis=-1)
     with located(spec.where):
         body = fit_body(names, points, spec.height)
         poses = fit_poses(body, names, points)
-        return Performer(spec.name, body, KeyPoses.whole(keys - first, poses), spec.person)
+    unknown = _unknown_parts(body, names, known.any(axis=0))
+    resting = set(resting_parts(body, unknown))
+    free = np.zeros((len(keys), len(body)), bool)  # what other key poses show, but not this one
+    for row, shown in zip(free, known, strict=True):
+        row[sorted(set(resting_parts(body, _unknown_parts(body, names, shown))) - resting)] = True
+    return Performer(spec.name, body, KeyPoses.whole(keys - first, poses).without_parts(free), spec.person, unknown)
+
+
+def _unknown_parts(body: Body, names: Sequence[str], shown: NDArray[np.bool_]) -> tuple[str, ...]:
+    return unknown_parts(body, [name for name, is_shown in zip(names, shown, strict=True) if is_shown])
 
 
 def _landmarks_at(landmarks: Landmarks, keys: NDArray[np.int64], first: int) -> NDArray[np.float64]:
     """The landmarks at the key frames and nothing else, shape (K, L, 3)."""
-    for name in NEEDED_LANDMARKS:
-        if name not in landmarks.names:
-            raise LandmarkError(f"landmark '{name}' is missing")
     for key in keys:
         if key - first >= len(landmarks):
             raise LandmarkError(f"key frame {key} has no landmarks: they end at frame {first + len(landmarks) - 1}")
     points = landmarks.points_world[keys - first]
-    for k, key in enumerate(keys):
-        for name in NEEDED_LANDMARKS:
-            if not np.isfinite(points[k, landmarks.names.index(name)]).all():
-                raise LandmarkError(f"landmark '{name}' is not known at key frame {key}")
+    main = [i for i, name in enumerate(landmarks.names) if name in MAIN_LANDMARKS]
+    for key, known in zip(keys, np.isfinite(points[:, main]).all(axis=-1).sum(axis=1), strict=True):
+        if known < LEAST_LANDMARKS:
+            what = f"only {known} of the main joints are known at key frame {key}; a key pose needs {LEAST_LANDMARKS}"
+            raise LandmarkError(what, todo=f"choose another key frame; main joints are {', '.join(MAIN_LANDMARKS)}")
     return np.asarray(points)
+
+
+def _with_parts_that_keypoints_show(shot: Shot) -> Shot:
+    """The shot with those parts free that no key pose shows, but keypoints do."""
+    if not any(p.unknown for p in shot.performers) or not any(view.keypoints for view in shot.views):
+        return shot
+    performers = []
+    owned = performer_keypoints(shot, read_shot_keypoints(shot))
+    for performer, keypoints in zip(shot.performers, owned, strict=True):
+        body, hidden = performer.body, unseen_parts(performer.body, keypoints)
+        unknown = tuple(name for name in performer.unknown if name in hidden or not keypoints.confidence.any())
+        free = np.zeros((len(performer.key_poses.frames), len(body)), bool)
+        free[:, sorted(set(resting_parts(body, performer.unknown)) - set(resting_parts(body, unknown)))] = True
+        performers.append(replace(performer, key_poses=performer.key_poses.without_parts(free), unknown=unknown))
+    return replace(shot, performers=tuple(performers))
 
 
 def _from_keypoints(shot: Shot, requests: Sequence[PerformerRequest | None], spec: ShotSpec) -> tuple[Performer, ...]:

@@ -58,6 +58,8 @@ class TrackResult:
         Per view: the pictures that were asked for, by shot frame; rectified; blue, green, red.
     observed : ShotKeypoints
         The keypoints that were used; empty where there are none.
+    unknown : tuple of tuple of str
+        Per performer: the parts that no key pose, keypoint or picture shows on any frame; they rest.
     footage_offset : float
         How much later than on their frames the key poses are shown, frames; see `core.shot.shot.Settings`.
     """
@@ -69,6 +71,7 @@ class TrackResult:
     visible: tuple[Array, ...]
     residual: tuple[Array, ...]
     deviation: tuple[Array, ...]
+    unknown: tuple[tuple[str, ...], ...]
     pictures: tuple[dict[int, NDArray[np.uint8]], ...] = ()
     observed: ShotKeypoints = field(default_factory=ShotKeypoints)
     footage_offset: float = 0.0

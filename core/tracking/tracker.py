@@ -17,10 +17,13 @@ from threading import Event
 import numpy as np
 
 from ..body.motion import Motion
+from ..body.unknown_parts import unknown_reach, unshown_parts, without_hidden_solids
 from ..errors import ShotError
+from ..evidence.occlusion import unseen
 from ..evidence.view_frames import ViewFrames
 from ..formats.keypoint_files import read_shot_keypoints
 from ..keypoints.observations import ShotKeypoints, fit_keypoints
+from ..keypoints.seen_landmarks import found_landmarks
 from ..numerics.arrays import Array
 from ..runtime.progress import Progress, report_progress
 from ..runtime.threads import one_blas_thread, worker_count
@@ -87,7 +90,8 @@ def track(
     _check(shot)
     # Sums are rounded by their order, and labels turn roundings into steps: the order of the views must not count.
     order = sorted(range(len(shot.views)), key=lambda v: shot.views[v].camera.name)
-    shot = replace(shot, views=tuple(shot.views[v] for v in order))
+    performers = tuple(replace(p, body=without_hidden_solids(p.body, p.unknown)) for p in shot.performers)
+    shot = replace(shot, views=tuple(shot.views[v] for v in order), performers=performers)
     kept = frozenset(shot.frames[0] + frame for frame in pictures)
     albums = [Album(kept, working_factor(view, PICTURE_SIZE)) for view in shot.views]
     solver, seconds, report = solver_named(shot.settings.solver), Seconds(), _Report(shot, progress, observe)
@@ -125,7 +129,7 @@ def track(
         state = finish(*waiting, state)
     report_progress(progress, "tracking", 1.0)
     views_as_given = [order.index(v) for v in range(len(order))]
-    tracked = _track_result(shot, state, done, views_as_given)
+    tracked = _with_unknown_parts(_track_result(shot, state, done, views_as_given), shot, observed)
     return replace(
         tracked,
         seconds=seconds,
@@ -257,8 +261,36 @@ def _track_result(shot: Shot, state: TrackState, done: Sequence[_Judged], views:
         tuple(share[views, :, a:b] for a, b in pairwise(ends)),
         tuple(residual for _ in performers),
         tuple(deviations),
+        tuple(performer.unknown for performer in performers),
         footage_offset=state.footage_offset(shot),
     )
+
+
+def _with_unknown_parts(tracked: TrackResult, shot: Shot, observed: ShotKeypoints) -> TrackResult:
+    """The result with what is unknown in it: no view sees it, and it may be anywhere in reach."""
+    unknown, seen, deviations = [], [], []
+    for i, performer in enumerate(shot.performers):
+        body, visible, deviation = performer.body, tracked.visible[i].copy(), tracked.deviation[i].copy()
+        visible[..., np.isin(body.names, performer.unknown)] = 0.0
+        unknown.append(_unknown_parts(performer, visible, observed, i))
+        for part, reach in unknown_reach(body, unknown[-1]).items():
+            deviation[:, part] = reach
+        seen.append(visible)
+        deviations.append(deviation)
+    return replace(tracked, unknown=tuple(unknown), visible=tuple(seen), deviation=tuple(deviations))
+
+
+def _unknown_parts(performer: Performer, visible: Array, observed: ShotKeypoints, number: int) -> tuple[str, ...]:
+    """The parts that rest, and those that neither pictures nor key poses nor keypoints have shown on any frame."""
+    body, keys = performer.body, performer.key_poses
+    keyed = keys.fixed[:, 3:].reshape(len(keys.frames), -1, 3).any(axis=(0, 2))
+    hidden = unseen(visible).all(axis=0) & ~keyed
+    if observed.performers:
+        hidden &= np.isin(
+            body.names, unshown_parts(body, found_landmarks(observed.performers[number].factor.keypoints))
+        )
+    resting = np.isin(body.names, performer.unknown)
+    return tuple(name for name, is_unknown in zip(body.names, hidden | resting, strict=True) if is_unknown)
 
 
 def _with_keys(motion: Motion, performer: Performer) -> Motion:

@@ -61,18 +61,18 @@ def joint_deviations(problem: SegmentProblem, solution: SegmentSolution, threads
     return deviations
 
 
-def expected_errors(deviation: Array, parents: Sequence[int]) -> Array:
+def expected_errors(deviation: Array, parents: Sequence[int], unknown: Sequence[int] = ()) -> Array:
     """Expected error of every frame, metres, shape (F,): mean over the joints, of deviations (F, P) of all tips.
 
     A part's tip is a joint where another part begins. The ends of limbs are no joints: how a hand is turned, or a foot,
-    is seen so much worse than where it is that they would outweigh all else.
+    is seen so much worse than where it is that they would outweigh all else. Unknown parts are left out.
     """
-    return np.asarray(deviation[:, joint_parts(parents)].mean(axis=1))
+    return np.asarray(deviation[:, joint_parts(parents, unknown)].mean(axis=1))
 
 
-def joint_parts(parents: Sequence[int]) -> list[int]:
-    """Parts that others begin at; all of them where there is one alone."""
-    return sorted({parent for parent in parents if parent >= 0}) or [0]
+def joint_parts(parents: Sequence[int], unknown: Sequence[int] = ()) -> list[int]:
+    """Parts that others begin at, without unknown ones; all of them where there is one alone."""
+    return sorted({parent for parent in parents if parent >= 0} - set(unknown)) or [0]
 
 
 def pose_covariances(

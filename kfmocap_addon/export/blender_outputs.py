@@ -30,6 +30,7 @@ def write_blender_outputs(
     scene: bpy.types.Scene | None = None,
     *,
     home: Path | str | None = None,
+    leave_out_unknown: bool = False,
 ) -> list[Path]:
     """Write NAME.bvh, NAME.fbx (NAME_PERFORMER.* for several performers) and shot.blend.
 
@@ -46,6 +47,9 @@ def write_blender_outputs(
         without a user.
     home : path, optional
         Folder that the files will be moved to: footage near it is named relative to it. By default `out_dir`.
+
+    leave_out_unknown : bool
+        BVH and FBX have no bones of parts that nothing has shown.
 
     Returns
     -------
@@ -66,7 +70,8 @@ def write_blender_outputs(
         scenes.write_motions(scene, result.motions, shot)
     review_data.write_review(scene, [(shot, result, 0)])
     tracked_segments.remember_offset(scene, result)
-    paths = exporters.export_performers(scene, folder)
+    options = exporters.ExportOptions(leave_out_unknown=leave_out_unknown)
+    paths = exporters.export_performers(scene, folder, options)
     with exporters.writing(folder / "shot.blend") as target, _portable_paths(Path(home or folder).resolve()):
         bpy.ops.wm.save_as_mainfile(filepath=str(target), copy=True, check_existing=False, relative_remap=False)
     paths.append(folder / "shot.blend")

@@ -22,7 +22,7 @@ from ...core.errors import OutputError, ShotError
 from ...core.numerics.arrays import Array
 from ...core.numerics.resampling import sample_times, slerped
 from ...core.runtime.files import replacing
-from ..scene_io import body_armature, fcurves
+from ..scene_io import body_armature, fcurves, unknown_bones
 from ..scene_io.scene import set_rate
 from . import destinations
 from .presets import PRESETS
@@ -48,6 +48,8 @@ class ExportOptions:
         Frames per second of the files; by default the scene's.
     root_motion : bool
         The performers move through the world; else they stay over their first place, and only rise and sink.
+    leave_out_unknown : bool
+        Without the bones of parts that nothing has shown, but for those that others hang on.
     """
 
     preset: str = "BLENDER"
@@ -57,6 +59,7 @@ class ExportOptions:
     fps: float | None = None
     root_motion: bool = True
     glb: bool = False
+    leave_out_unknown: bool = False
 
 
 def export_performers(
@@ -188,10 +191,12 @@ def _stage(
         copy.parent = None
         copy.data.transform(Matrix.Scale(preset.scale, 4) @ turn @ armature.matrix_world)
         copy.matrix_world = Matrix.Identity(4)
+        stage.collection.objects.link(copy)
+        if options.leave_out_unknown:
+            _leave_out_unknown(copy)
         for bone in copy.data.bones:
             bone.name = preset.names.get(bone.name, bone.name)
         stage.unit_settings.scale_length = 1 / preset.scale
-        stage.collection.objects.link(copy)
         layer = stage.view_layers[0]
         copy.select_set(True, view_layer=layer)
         layer.objects.active = copy
@@ -210,6 +215,19 @@ def _stage(
         bpy.data.armatures.remove(copy.data)
         bpy.data.scenes.remove(stage)
         armature.rename(name, mode="ALWAYS")
+
+
+def _leave_out_unknown(copy: bpy.types.Object) -> None:
+    """Remove the bones of unknown parts from the copy of an armature, and those of all that hangs on them alone."""
+    unknown = {bone.name for bone in copy.pose.bones if bone.get(unknown_bones.UNKNOWN, 0)}
+    gone = {
+        bone.name
+        for bone in copy.data.bones
+        if bone.name in unknown and {child.name for child in bone.children_recursive} <= unknown
+    }
+    with body_armature.edit_bones(copy) as bones:
+        for name in gone:
+            bones.remove(bones[name])
 
 
 def _set_time(stage: bpy.types.Scene, scene: bpy.types.Scene, options: ExportOptions) -> tuple[int, Array]:

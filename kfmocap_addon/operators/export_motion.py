@@ -65,6 +65,7 @@ class Export(Conditional, bpy.types.Operator):
                 settings.fps if settings.use_rate else None,
                 settings.root_motion,
                 settings.glb,
+                settings.leave_out_unknown,
             )
             written = exporters.export_performers(context.scene, self._folder(), options, self.filename)
             settings.path = str(self._folder() / (self.filename or context.scene.kfmocap.shot))

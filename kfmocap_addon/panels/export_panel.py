@@ -31,6 +31,7 @@ class ExportPanel(Section, bpy.types.Panel):
         _draw_choice(layout, settings, "use_range", "first", "last")
         _draw_choice(layout, settings, "use_rate", "fps")
         layout.prop(settings, "root_motion")
+        layout.prop(settings, "leave_out_unknown")
         layout.operator(Export.bl_idname, icon="EXPORT")
         if settings.written:
             _draw_written(layout, [Path(line) for line in settings.written.splitlines()])

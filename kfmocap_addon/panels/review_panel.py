@@ -4,7 +4,7 @@ import bpy
 
 from ..operators.go_to_frame import GoToFrame
 from ..operators.show_misfit import HideResidual, ShowResidual
-from ..scene_io import bone_visibility
+from ..scene_io import bone_visibility, unknown_bones
 from .section import Section
 
 
@@ -33,8 +33,14 @@ class ReviewPanel(Section, bpy.types.Panel):
 
 
 def _draw_hidden(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup) -> None:
-    hidden = bone_visibility.hidden_parts(slot.armature)
-    column.label(text=f"{slot.name}: {'no camera sees' if hidden else 'every part is seen'}")
+    unknown = unknown_bones.unknown_bones(slot.armature)
+    if unknown:
+        column.label(text=f"{slot.name}: nothing shows", icon="QUESTION")
+        for part in unknown:
+            column.label(text=part, icon="BLANK1")
+    hidden = [part for part in bone_visibility.hidden_parts(slot.armature) if part not in unknown]
+    seen = "every other part is seen" if unknown else "every part is seen"
+    column.label(text=f"{slot.name}: {'no camera sees' if hidden else seen}")
     for part in hidden:
         column.label(text=part, icon="HIDE_ON")
 

@@ -37,7 +37,7 @@ def build_armature(body: Body, name: str, collection: bpy.types.Collection) -> b
         The armature, at the world's origin; its meshes are its children, unselectable, drawn as wire.
     """
     armature = bpy.data.objects.new(name, bpy.data.armatures.new(name))
-    with _edit_bones(armature) as bones:
+    with edit_bones(armature) as bones:
         for part in body.parts:
             bone = bones.new(part.name)
             bone.head, bone.tail = Vector(part.head_world.tolist()), Vector(part.tail_world.tolist())
@@ -72,7 +72,7 @@ def _sort_by_side(armature: bpy.types.Object) -> None:
 
 
 @contextmanager
-def _edit_bones(armature: bpy.types.Object) -> Iterator[bpy.types.ArmatureEditBones]:
+def edit_bones(armature: bpy.types.Object) -> Iterator[bpy.types.ArmatureEditBones]:
     """Edit mode needs the object in the active view layer: there for the time of the edit, then taken out."""
     layer, home = bpy.context.view_layer, bpy.context.scene.collection
     before, there = layer.objects.active, armature.name in home.objects
@@ -125,7 +125,7 @@ def reshape(armature: bpy.types.Object, body: Body) -> None:
     """
     R_object, place = object_pose(armature)
     before = {bone.name: bone.length for bone in armature.data.bones}
-    with _edit_bones(armature) as bones:
+    with edit_bones(armature) as bones:
         for bone in bones:
             bone.use_connect = False
         for part in body.parts:

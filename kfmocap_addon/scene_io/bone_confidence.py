@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.review.suggestions import suggest_keys_by_error
-from . import body_armature, bone_visibility, fcurves, key_pose_curves
+from . import body_armature, bone_visibility, fcurves, key_pose_curves, unknown_bones
 
 ERROR = "kfmocap_error"
 """Custom property of a pose bone: how far its tip may be from its true place, mm."""
@@ -22,6 +22,8 @@ _RAMP = ("min(1, 2 * e / {limit})", "min(1, 2 - 2 * e / {limit})", "0.1")
 """Red, green and blue by the error e: green where it is sure, over yellow to red at the limit."""
 _HIDDEN = (0.35, 0.45, 1.0)
 """Of a bone that no camera sees."""
+_UNKNOWN = (0.4, 0.4, 0.4)
+"""Of a bone that nothing has shown."""
 _MILLIMETRES = 1000.0
 
 
@@ -110,7 +112,9 @@ def _write_helpful(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> Non
     parents = [names.index(bone.parent.name) if bone.parent is not None else -1 for bone in bones]
     errors = read_confidence(slot.armature, start, length)
     slot.helpful.clear()
-    for key in suggest_keys_by_error(errors, key_pose_curves.read_key_poses(slot.armature, start, length), parents):
+    keys = key_pose_curves.read_key_poses(slot.armature, start, length)
+    unknown = [names.index(name) for name in unknown_bones.unknown_bones(slot.armature)]
+    for key in suggest_keys_by_error(errors, keys, parents, unknown):
         item = slot.helpful.add()
         item.name = ", ".join(names[part] for part in key.parts)
         item.frame = start + key.frame
@@ -132,13 +136,15 @@ def _drive(owner: bpy.types.Object, path: str, bone: bpy.types.PoseBone, limit: 
     """Drive a colour by a bone's properties; without a limit it is driven no more. Tells whether it was driven."""
     data = owner.animation_data
     driven = data is not None and data.drivers.find(path) is not None
+    unknown = bool(bone.get(unknown_bones.UNKNOWN, 0))
     for channel, (ramp, hidden) in enumerate(zip(_RAMP, _HIDDEN, strict=True)):
         if driven:
             owner.driver_remove(path, channel)
         if limit is not None and ERROR in bone:
             driver = owner.driver_add(path, channel).driver
             driver.type = "SCRIPTED"  # Blender evaluates as simple an expression as this without Python
-            driver.expression = f"{ramp.format(limit=f'{limit:.3f}')} if v else {hidden}"
+            seen = f"{ramp.format(limit=f'{limit:.3f}')} if v else {hidden}"
+            driver.expression = str(_UNKNOWN[channel]) if unknown else seen
             for name, prop in (("e", ERROR), ("v", bone_visibility.VIEWS)):
                 variable = driver.variables.new()
                 variable.name, variable.targets[0].id = name, bone.id_data

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from . import bone_confidence, bone_visibility
+from . import bone_confidence, bone_visibility, unknown_bones
 from .identities import write_identity
 
 if TYPE_CHECKING:
@@ -29,4 +29,7 @@ def write_review(scene: bpy.types.Scene, tracked: Sequence[tuple[Shot, TrackResu
         bone_confidence.write_confidence(scene, result.deviation, first)
         for slot, own in zip(scene.kfmocap.performers, result.observed.performers, strict=False):
             write_identity(slot, own.identity)
+        if shot.length == scene.kfmocap.length:
+            for slot, names in zip(scene.kfmocap.performers, result.unknown, strict=True):
+                unknown_bones.mark_unseen(slot.armature, names)
     bone_confidence.refresh(scene)

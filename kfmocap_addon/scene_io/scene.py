@@ -18,7 +18,16 @@ from ...core.body.motion import Motion
 from ...core.errors import ShotError
 from ...core.shot.keypose_spline import spline
 from ...core.shot.shot import Performer, Settings, Shot
-from . import body_armature, footage_background, key_pose_curves, lossless, motion_curves, part_meshes, view_cameras
+from . import (
+    body_armature,
+    footage_background,
+    key_pose_curves,
+    lossless,
+    motion_curves,
+    part_meshes,
+    unknown_bones,
+    view_cameras,
+)
 
 FRAME_START = 1
 """Scene frame of shot frame 0 in the scenes that we build, as Blender's own scenes start."""
@@ -58,6 +67,7 @@ def build_scene(
         slot = scene.kfmocap.performers.add()
         slot.name, slot.person = performer.name, performer.person or 0
         slot.armature = body_armature.build_armature(performer.body, performer.name, bodies)
+        unknown_bones.mark_resting(slot.armature, performer.unknown)
         key_pose_curves.write_key_poses(slot.armature, performer.key_poses, FRAME_START)
         if len(proposed := performer.key_poses.proposals()):
             first_pass = spline(performer.key_poses, shot.length)
@@ -116,11 +126,10 @@ def shot_from_scene(scene: bpy.types.Scene, footage: bool = True) -> Shot:
 def _read_performer(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> Performer:
     if slot.armature is None or slot.armature.name not in scene.objects:
         raise ShotError("the armature is gone from the scene", where=f"performer {slot.name}")
+    keys = key_pose_curves.read_key_poses(slot.armature, scene.kfmocap.frame_start, scene.kfmocap.length)
+    resting = unknown_bones.resting_bones(slot.armature, keys)
     return Performer(
-        slot.name,
-        body_armature.body_from_armature(slot.armature),
-        key_pose_curves.read_key_poses(slot.armature, scene.kfmocap.frame_start, scene.kfmocap.length),
-        slot.person or None,
+        slot.name, body_armature.body_from_armature(slot.armature), keys, slot.person or None, unknown=resting
     )
 
 

@@ -65,6 +65,7 @@ class Result:
         self.visible = tuple(np.ones(count) for count in counts)
         self.residual = tuple(np.linspace(0, 0.1, shot.length) for _ in shot.performers)
         self.deviation = tuple(np.zeros(count[1:]) for count in counts)
+        self.unknown = tuple(() for _ in shot.performers)
         self.pictures = None
         self.footage_offset = 0.0
         self.observed = ShotKeypoints()
@@ -242,8 +243,8 @@ BAD_INPUT = [
     ("broken TOML", "[shot]", "[shot", ["shot.toml", "TOML", "line"]),
     ("missing calibration", '"calibration.toml"', '"no.toml"', ["[calibration] file", "no.toml"]),
     ("missing landmarks", '"landmarks.trc"', '"no.trc"', ["[[performer]] 1 landmarks", "no.trc"]),
-    ("missing landmark", '"landmarks.trc"', '"kneeless.trc"', ["kneeless.trc", "'RKnee'", "missing"]),
-    ("NaN landmark", '"landmarks.trc"', '"holes.trc"', ["holes.trc", "'LElbow'", "key frame 5"]),
+    ("too few landmarks", '"landmarks.trc"', '"legs.trc"', ["legs.trc", "only 3 of the main joints", "key frame 0"]),
+    ("NaN landmarks", '"landmarks.trc"', '"holes.trc"', ["holes.trc", "only 2 of the main joints", "key frame 5"]),
 ]
 
 
@@ -254,10 +255,11 @@ def test_bad_input_is_one_line_and_changes_nothing(
     (folder / "broken.mp4").write_bytes(b"\0\0\0\x18ftypmp42" + bytes(200))
     cv2.imwrite(str(folder / "small.png"), np.zeros((10, 20, 3), np.uint8))
     landmarks = read_trc(folder / "landmarks.trc")
-    keep = [i for i, name in enumerate(landmarks.names) if name != "RKnee"]
+    keep = [i for i, name in enumerate(landmarks.names) if name in ("RHip", "RKnee", "RAnkle", "RHeel", "Nose")]
     names = [landmarks.names[i] for i in keep]
-    write_trc(folder / "kneeless.trc", names, landmarks.points_world[:, keep], 30)
-    landmarks.points_world[5, landmarks.names.index("LElbow")] = np.nan
+    write_trc(folder / "legs.trc", names, landmarks.points_world[:, keep], 30)
+    hidden = [i for i, name in enumerate(landmarks.names) if name not in ("LElbow", "RWrist", "Nose", "Head", "LHand")]
+    landmarks.points_world[5, hidden] = np.nan
     write_trc(folder / "holes.trc", landmarks.names, landmarks.points_world, 30)
     (folder / "shot.toml").write_text(SHOT.replace(old, new, 1))
     assert_refused(folder, capsys, track(folder), *words)

@@ -85,7 +85,11 @@ def deviations(given: Shot, error: float = 0.01) -> tuple[np.ndarray, ...]:
 
 
 def track_result(
-    given: Shot, motions: Sequence[Motion], visible: tuple[np.ndarray, ...] | None = None, footage_offset: float = 0.0
+    given: Shot,
+    motions: Sequence[Motion],
+    visible: tuple[np.ndarray, ...] | None = None,
+    footage_offset: float = 0.0,
+    unknown: tuple[tuple[str, ...], ...] | None = None,
 ) -> SimpleNamespace:
     """What of a tracker's result goes into a scene."""
     return SimpleNamespace(
@@ -94,6 +98,7 @@ def track_result(
         deviation=deviations(given),
         seconds={"solve": 1.0},
         footage_offset=footage_offset,
+        unknown=tuple(() for _ in given.performers) if unknown is None else unknown,
     )
 
 

@@ -66,13 +66,14 @@ def keypoints_of(
 
 
 def write_openpose(folder: Path, camera: Camera, people: Sequence[Array], noise: float = 0.0, first: int = 0) -> None:
-    """Write what a detector would of people whose keypoints are at points (F, L, 3): a file a frame."""
+    """Write what a detector would of people whose keypoints are at points (F, L, 3), NaN if not found."""
     folder.mkdir(parents=True)
     rng = np.random.default_rng(int(camera.name[-2:]))
     for f in range(len(people[0])):
         bodies = []
         for points in people:
-            pixels = dict(zip(NAMES, camera.project(points[f], f) + rng.normal(0, noise, (len(NAMES), 2)), strict=True))
+            places = camera.project(points[f], f) + rng.normal(0, noise, (len(NAMES), 2))
+            pixels = {n: place for n, place in zip(NAMES, places, strict=True) if np.isfinite(place).all()}
             values = [v for n in BODY_25 for v in ((*pixels[n].tolist(), 0.9) if n in pixels else (0.0, 0.0, 0.0))]
             bodies.append({"person_id": [-1], "pose_keypoints_2d": values})
         document = {"version": 1.3, "people": bodies}

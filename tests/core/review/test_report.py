@@ -51,6 +51,7 @@ def tracked() -> tuple[Shot, type]:
         seconds = {"footage": 1.0, "solve": 3.0}
         camera_frames = 8
         footage_offset = 0.0
+        unknown = ((),)
         segments = (Segment(0, 23, 3, (5.0, 2.0, 1.5)),)
 
     deviation = np.full((F, len(body)), 0.004) * np.sin(np.pi * np.arange(F) / (F - 1))[:, None]

@@ -1,0 +1,106 @@
+"""Parts of a body that nothing shows: people who are not wholly in the picture.
+
+A part is shown by landmarks on it or beyond it. A landmark at a joint lies on the part that the joint ends: an ankle
+shows the shin, not the foot. The last part of a limb is left to the pictures where the joint that it begins at is
+shown, as most detectors say nothing of hands and feet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .body import Body
+
+NO_SIZE = 2e-3
+"""Half the size of the solid of a part that is not to be seen, metres."""
+
+
+def unknown_parts(body: Body, shown: Collection[str]) -> tuple[str, ...]:
+    """Return the names of the parts that landmarks do not show, in the body's order; see the module.
+
+    Parameters
+    ----------
+    body : Body
+    shown : collection of str
+        Landmarks whose places are known on some frame at least. Without any of the body's, no part is called unknown.
+    """
+    joints = {body.landmarks[name][0] for name in shown if name in body.landmarks}
+    hidden = unshown_parts(body, shown)
+    left_to_pictures = {
+        part
+        for part, parent in enumerate(body.parents)
+        if part in joints and part not in body.parents and parent >= 0 and body.names[parent] not in hidden
+    }
+    return tuple(name for name in hidden if body.index(name) not in left_to_pictures)
+
+
+def unshown_parts(body: Body, shown: Collection[str]) -> tuple[str, ...]:
+    """Return the names of all parts that landmarks do not show, the last ones of limbs as well."""
+    carrying = {_carrier(body, name) for name in shown if name in body.landmarks}
+    if not carrying:
+        return ()
+    known = body.ancestry[sorted(carrying)].any(axis=0)
+    known[_leading_parts(body, carrying, known)] = False
+    return tuple(name for name, is_known in zip(body.names, known, strict=True) if not is_known)
+
+
+def resting_parts(body: Body, unknown: Collection[str]) -> list[int]:
+    """Return the parts that keep their rest orientation to their parents: the unknown ones but the root and, if the
+    root is unknown, the first known part, whose own turn cannot be told from the root's.
+    """
+    hidden = [name in unknown for name in body.names]
+    return [p for p, parent in enumerate(body.parents) if parent >= 0 and (hidden[p] or hidden[parent])]
+
+
+def without_hidden_solids(body: Body, unknown: Collection[str]) -> Body:
+    """Return the body with its unknown parts too small to be seen, so that pictures say nothing of them.
+
+    Those that lead from the root to the first known part keep their size: they move with it.
+    """
+    hidden = np.array([name in unknown for name in body.names])
+    parts = [
+        replace(part, vertices=NO_SIZE * part.vertices / np.abs(part.vertices).max())
+        if hidden[body.ancestry[:, i]].all()
+        else part
+        for i, part in enumerate(body.parts)
+    ]
+    return replace(body, parts=tuple(parts)) if hidden.any() else body
+
+
+def known_landmarks(body: Body, unknown: Collection[str]) -> list[str]:
+    """Return the landmarks of a body whose places do not depend on unknown parts, in their order."""
+    return [name for name in body.landmarks if body.names[_carrier(body, name)] not in unknown]
+
+
+def unknown_reach(body: Body, unknown: Collection[str]) -> dict[int, float]:
+    """Return how far the tips of unknown parts are from the nearest known joint, metres, by part: what their places may
+    be wrong by. Parts that lead from the root to the known ones are left out.
+    """
+    hidden, reach = np.array([name in unknown for name in body.names]), dict[int, float]()
+    for i, part in enumerate(body.parts):
+        if hidden[body.ancestry[:, i]].all():
+            own = float(np.linalg.norm(part.tail_world - part.head_world))
+            reach[i] = own + reach.get(part.parent, 0.0)
+    return reach
+
+
+def _carrier(body: Body, name: str) -> int:
+    """The part whose place and turn put a landmark where it is: at a joint, the part that the joint ends."""
+    part, point = body.landmarks[name]
+    return part if point.any() or body.parents[part] < 0 else body.parents[part]
+
+
+def _leading_parts(body: Body, carrying: Collection[int], known: NDArray[np.bool_]) -> list[int]:
+    """The parts from the root on that carry nothing shown but by way of a single child."""
+    part, found = 0, []
+    while part not in carrying:
+        branches = [child for child, parent in enumerate(body.parents) if parent == part and known[child]]
+        if len(branches) != 1:
+            break
+        found.append(part)
+        part = branches[0]
+    return found
