@@ -56,8 +56,8 @@ def closed_form_pose(body: Body, names: Sequence[str], points_world: Array, fps:
     if not set(TRUNK) <= set(known):
         return None
     hips, shoulders = (0.5 * (known["L" + joint] + known["R" + joint]) for joint in ("Hip", "Shoulder"))
-    pelvis = _frames(shoulders - hips, known["LHip"] - known["RHip"])
-    chest = _frames(shoulders - hips, known["LShoulder"] - known["RShoulder"])
+    pelvis = along_and_across(shoulders - hips, known["LHip"] - known["RHip"])
+    chest = along_and_across(shoulders - hips, known["LShoulder"] - known["RShoulder"])
     spine = pelvis @ rotations.exp(0.5 * rotations.log(np.swapaxes(pelvis, -1, -2) @ chest))
     world = {body.index("pelvis"): pelvis, body.index("spine"): spine, body.index("chest"): chest}
     R = np.empty((len(hips), len(body), 3, 3))
@@ -70,14 +70,16 @@ def closed_form_pose(body: Body, names: Sequence[str], points_world: Array, fps:
                     continue
                 a, b, c = (known.get(side + str(joint)) for joint in joints)
                 if a is not None and b is not None and c is not None:
-                    first, second = _limb(R[:, i], b - a, c - b, sign=float(sign), farthest=float(farthest), fps=fps)
+                    first, second = limb_orientations(
+                        R[:, i], b - a, c - b, sign=float(sign), farthest=float(farthest), fps=fps
+                    )
                     R[:, i], world[body.index(f"{lower}.{side}")] = first, second
                 elif a is not None and b is not None:
                     R[:, i] = _swung(R[:, i], b - a)
         if body.names[i][:5] == "foot.":
             toe, ankle = (f"{body.names[i][5]}{joint}" for joint in ("BigToe", "Ankle"))
             if {toe, ankle} <= set(known):
-                R[:, i] = _frames(known[toe] - known[ankle], R[:, i, :, 0])
+                R[:, i] = along_and_across(known[toe] - known[ankle], R[:, i, :, 0])
     Q = np.empty_like(R)
     for i, parent in enumerate(body.parents):
         rest = body.R_parent_rest[i] if parent < 0 else R[:, parent] @ body.R_parent_rest[i]
@@ -108,7 +110,7 @@ def closed_form_limb(
     upper, lower = parts
     middle, end = (_filled(points_world[:, k]) for k in range(2))
     rest = R[:, body.parents[upper]] @ body.R_parent_rest[upper]
-    first, second = _limb(rest, middle - T[:, upper], end - middle, sign=sign, farthest=farthest, fps=fps)
+    first, second = limb_orientations(rest, middle - T[:, upper], end - middle, sign=sign, farthest=farthest, fps=fps)
     Q[:, upper] = np.swapaxes(rest, -1, -2) @ first
     Q[:, lower] = np.swapaxes(first @ body.R_parent_rest[lower], -1, -2) @ second
     return rotations.orthonormal(Q)
@@ -154,7 +156,7 @@ def _filled(points: Array) -> Array:
     return np.stack([np.interp(frames, frames[known], points[known, k]) for k in range(3)], axis=-1)
 
 
-def _frames(along: Array, across: Array) -> Array:
+def along_and_across(along: Array, across: Array) -> Array:
     """Rotations whose y axis is `along` and whose x axis is as near `across` as can be, shape (F, 3, 3)."""
     y = along / np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-9)
     x = across - np.sum(across * y, axis=-1, keepdims=True) * y
@@ -162,7 +164,7 @@ def _frames(along: Array, across: Array) -> Array:
     return np.stack([x, y, np.cross(x, y)], axis=-1)
 
 
-def _limb(
+def limb_orientations(
     rest: Array, upper: Array, lower: Array, *, sign: float, farthest: float, fps: float | None
 ) -> tuple[Array, Array]:
     """World rotations of both parts of a limb; one that is straight is twisted as its neighbours, or least."""
@@ -177,7 +179,7 @@ def _limb(
     else:
         across = gaussian_filter1d(hinge * bend * likely, TWIST_TIME * fps, axis=0, mode="nearest")
         across = across + LEAST_EVIDENCE * least
-    return _frames(a, across), _frames(b, across)
+    return along_and_across(a, across), along_and_across(b, across)
 
 
 def _swung(rest: Array, along: Array) -> Array:

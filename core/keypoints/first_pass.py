@@ -7,10 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body import Body
+from ..body import Body, human
 from ..body.inverse_kinematics import estimate_height
-from ..body.motion import Motion
-from ..body.unknown_parts import resting_parts
 from ..errors import KeypointError
 from ..numerics.arrays import Array
 from ..shot.keypose_spline import spline
@@ -19,8 +17,10 @@ from .body_measures import BodyMeasures
 from .first_pose import posed_start, posing_frames
 from .keypoint_factor import Keypoints
 from .keypoint_fit import CONTINUED, KeypointFit, fit_motion
+from .lifting import likely_height, lone_view
 from .limb_safeguard import repose_lost_limbs
-from .seen_landmarks import unseen_parts
+from .seen_landmarks import resting_degrees, with_resting
+from .single_view import corrected_fit, lifted_fit
 from .view_agreement import ViewAgreement
 
 
@@ -61,11 +61,13 @@ def first_pass(
     agreement = ViewAgreement.of(keypoints, fps)
     if len(posing_frames(agreement.keypoints, agreement.points_world, fps)):
         start = posed_start(body, agreement.keypoints, agreement.points_world, fps)
-        if starts:
-            start = start.moved(np.where(fixed, start.difference(starts[0]), 0.0))
-        else:
-            start = _with_resting(start, fixed)
+        start = start.moved(np.where(fixed, start.difference(starts[0]), 0.0)) if starts else with_resting(start, fixed)
         starts.append(start)
+    view = lone_view(body, keypoints)
+    if view is not None and held is None:
+        return lifted_fit(body, keypoints, view, fixed=fixed, precision=precision, fps=fps)
+    if view is not None and keys is not None and len(keys.proposals()):
+        return corrected_fit(body, starts[0], keypoints, view, fixed=fixed, precision=precision, fps=fps)
     if not starts:
         todo = "give key poses, or keypoints of two views or more"
         raise KeypointError("no two views agree on a pose of the body", todo=todo)
@@ -88,7 +90,9 @@ def first_pass(
 def scaled_first_pass(
     keypoints: Keypoints, *, fps: float, precision: Array, correlated: float, height: float | None = None
 ) -> KeypointFit:
-    """Fit a motion and the body's measures to keypoints of two views or more.
+    """Fit a motion and the body's measures to keypoints.
+
+    Where a single view has any, the body is an average one of its height, and depths follow from the bones' lengths.
 
     Parameters
     ----------
@@ -100,7 +104,7 @@ def scaled_first_pass(
     correlated : float
         See `fit_motion`.
     height : float, optional
-        Of the body, metres; by default estimated from the keypoints.
+        Of the body, metres; by default estimated from the keypoints, or with a single view from feet on the floor.
 
     Raises
     ------
@@ -110,13 +114,16 @@ def scaled_first_pass(
     agreement = ViewAgreement.of(keypoints, fps)
     points = agreement.points_world
     if not len(posing_frames(agreement.keypoints, points, fps)):
-        raise KeypointError("no two views agree on a pose of the body", todo="give key poses, or more views")
+        view = lone_view(human(), keypoints)
+        if view is None:
+            raise KeypointError("no two views agree on a pose of the body", todo="give key poses, or more views")
+        body = human(likely_height(keypoints.of_views([view]), fps) if height is None else height)
+        fixed = resting_degrees(body, keypoints)
+        return lifted_fit(body, keypoints, view, fixed=fixed, precision=precision, fps=fps)
     measures = BodyMeasures.average(estimate_height(keypoints.names, points) if height is None else height)
     body = measures.body()
-    fixed = np.zeros((len(keypoints), body.dof), bool)
-    unknown = unseen_parts(body, agreement.keypoints)
-    fixed[:, 3:] = np.repeat(np.isin(np.arange(len(body)), resting_parts(body, unknown)), 3)
-    start = _with_resting(posed_start(body, agreement.keypoints, points, fps), fixed)
+    fixed = resting_degrees(body, agreement.keypoints)
+    start = with_resting(posed_start(body, agreement.keypoints, points, fps), fixed)
     fit = fit_motion(
         body,
         agreement.keypoints,
@@ -128,12 +135,6 @@ def scaled_first_pass(
         agreement=agreement,
     )
     return _with_lost_limbs_found(fit, agreement, fixed=fixed, precision=precision, correlated=correlated)
-
-
-def _with_resting(motion: Motion, fixed: NDArray[np.bool_]) -> Motion:
-    """A motion whose parts that are held on all frames rest."""
-    held = fixed[:, 3:].reshape(len(fixed), -1, 3).all(axis=(0, 2))
-    return Motion(motion.translations, np.where(held[:, None, None], np.eye(3), motion.rotations))
 
 
 def _with_lost_limbs_found(

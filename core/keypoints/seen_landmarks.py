@@ -8,9 +8,9 @@ import numpy as np
 
 from ..body import Body
 from ..body.motion import Motion
-from ..body.unknown_parts import unknown_parts
+from ..body.unknown_parts import resting_parts, unknown_parts
 from ..numerics import rotations
-from ..numerics.arrays import Array
+from ..numerics.arrays import Array, Bools
 from .keypoint_factor import Keypoints, Places
 
 SURE = 0.3
@@ -58,3 +58,16 @@ def usual_turns(motion: Motion, precision: Array) -> Array:
     """Return the mean rotations (P, 3, 3) of parts over the frames on which they are not out of sight."""
     weight = (precision == 0).astype(float)
     return rotations.orthonormal(np.einsum("fp,fpab->pab", weight, motion.rotations))
+
+
+def resting_degrees(body: Body, keypoints: Keypoints) -> Bools:
+    """Return the degrees of freedom of parts that rest, as no keypoint shows them, shape (F, D)."""
+    resting = np.zeros(1 + len(body), bool)
+    resting[[1 + part for part in resting_parts(body, unseen_parts(body, keypoints))]] = True
+    return np.tile(np.repeat(resting, 3), (len(keypoints), 1))
+
+
+def with_resting(motion: Motion, fixed: Bools) -> Motion:
+    """Return a motion whose parts that are held on all frames rest."""
+    held = fixed[:, 3:].reshape(len(fixed), -1, 3).all(axis=(0, 2))
+    return Motion(motion.translations, np.where(held[:, None, None], np.eye(3), motion.rotations))

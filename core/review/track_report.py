@@ -76,6 +76,7 @@ def report(
             _performer(shot, p, visible, residual, unknown)
             | _expected_errors(shot, p, deviation, unknown)
             | (_observed(shot, result.observed.performers[i]) if result.observed.performers else {})
+            | {"lifted": bool(result.observed.performers) and result.observed.performers[i].is_lifted}
             for i, (p, visible, residual, deviation, unknown) in enumerate(
                 zip(shot.performers, result.visible, result.residual, result.deviation, result.unknown, strict=True)
             )
@@ -214,6 +215,11 @@ def report_lines(values: Mapping[str, Any]) -> list[str]:
     for performer in values["performers"]:
         if identity := performer.get("identity", {}).get("text"):
             lines.append(f"{performer['name']}: {identity}")
+        if performer["lifted"]:
+            lines.append(
+                f"{performer['name']}: one camera alone shows it: depths are judged by the lengths of the bones, and "
+                "may be decimetres off; key poses correct them"
+            )
         if unknown := ", ".join(performer["unknown"]):
             lines.append(f"{performer['name']}: unknown, as no key pose, keypoint or camera shows them: {unknown}")
         counts = [f"{part} {sum(b + 1 - a for a, b in spans)}" for part, spans in performer["unseen"].items()]

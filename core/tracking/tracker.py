@@ -30,7 +30,7 @@ from ..runtime.threads import one_blas_thread, worker_count
 from ..runtime.timing import Seconds
 from ..shot.footage import PICTURE_SIZE, Album, check_view, working_factor
 from ..shot.keypose_spline import spline
-from ..shot.shot import Performer, Shot, fixed_degrees
+from ..shot.shot import KeyPoses, Performer, Shot, fixed_degrees
 from .appearance import frames_with_foreground, grey_frames
 from .reader import SegmentReader
 from .segment_stages import (
@@ -52,6 +52,10 @@ from .uncertainty import joint_deviations
 
 Observer = Callable[[Segment, int, Sequence[Motion]], None]
 
+LIFTED_ERROR = 0.15
+"""Usual error of joints whose depth follows from the lengths of bones in a single view, metres."""
+LIFTED_WITHIN = 0.5
+"""Nearer than this to a key pose of the whole body it is less, seconds."""
 SOLVING = 0.7
 """Share of the work on a segment that is done before it is refined."""
 
@@ -275,9 +279,18 @@ def _with_unknown_parts(tracked: TrackResult, shot: Shot, observed: ShotKeypoint
         unknown.append(_unknown_parts(performer, visible, observed, i))
         for part, reach in unknown_reach(body, unknown[-1]).items():
             deviation[:, part] = reach
+        if observed.performers and observed.performers[i].is_lifted:
+            away = frames_to_key_poses(performer.key_poses, shot.length) / (LIFTED_WITHIN * shot.fps)
+            deviation = np.hypot(deviation, LIFTED_ERROR * np.minimum(away, 1.0)[:, None])
         seen.append(visible)
         deviations.append(deviation)
     return replace(tracked, unknown=tuple(unknown), visible=tuple(seen), deviation=tuple(deviations))
+
+
+def frames_to_key_poses(keys: KeyPoses, length: int) -> Array:
+    """Return how many frames each frame (F,) is away from a key pose of the whole body; infinite without any."""
+    away = np.abs(np.arange(length)[:, None] - keys.full()[None])
+    return np.asarray(away.min(axis=1, initial=np.inf) if away.size else np.full(length, np.inf))
 
 
 def _unknown_parts(performer: Performer, visible: Array, observed: ShotKeypoints, number: int) -> tuple[str, ...]:

@@ -14,6 +14,7 @@ from kfmocap import kfmocap_addon
 from kfmocap.core.body import Body, human, part_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
+from kfmocap.core.keypoints.observations import ShotKeypoints
 from kfmocap.core.numerics import rotations
 from kfmocap.core.runtime.progress import Progress, report_progress
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot, View
@@ -98,6 +99,7 @@ def track_result(
         deviation=deviations(given),
         seconds={"solve": 1.0},
         footage_offset=footage_offset,
+        observed=ShotKeypoints(),
         unknown=tuple(() for _ in given.performers) if unknown is None else unknown,
     )
 

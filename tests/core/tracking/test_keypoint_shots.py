@@ -199,9 +199,16 @@ def test_listed_frames_are_posed_by_keypoints_where_there_are_no_landmarks(tmp_p
     assert joint_errors(performer.body, performer.key_poses.poses, human(), truth).mean() < 0.03
 
 
-def test_one_view_is_too_little_to_propose_from(tmp_path: Path) -> None:
-    with pytest.raises(KFMocapError, match=r"shot\.toml.*performer 'man': no two views agree"):
-        load_shot(written(tmp_path, 'keyframes = "auto"'), views=["cam01"])
+def test_one_view_proposes_what_is_likeliest_and_says_so(tmp_path: Path) -> None:
+    shot = load_shot(written(tmp_path, 'keyframes = "auto"\nheight = 1.75'), views=["cam01"])
+    (performer,) = shot.performers
+    assert len(performer.key_poses.frames) and not performer.key_poses.fixed.any()
+    result = track(shot)
+    assert joint_errors(performer.body, result.motions[0], human(), people(1)[0]).mean() < 0.2
+    values = report(shot, result)
+    assert values["performers"][0]["lifted"]
+    assert min(values["performers"][0]["expected_error"]) > 100  # mm
+    assert any(line.startswith("man: one camera alone") for line in report_lines(values))
 
 
 def test_fewer_people_than_performers_are_named(tmp_path: Path) -> None:

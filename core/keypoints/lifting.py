@@ -1,0 +1,364 @@
+"""Poses from the keypoints of a single view: how far each joint is, by the lengths of the bones.
+
+A bone of known length whose ends are seen on two rays has its second joint at one of two depths, nearer or farther than
+the first. Which of them is a path through the frames (Viterbi): of the trunk first, whose states are the sides of the
+hips, the shoulders and the lean, then of every limb, whose states are those of its two bones. It costs what a person
+hardly does: to leave joint limits, to lean, to look away from the nose, to go through the floor, and to leap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from ..body import Body, human, landmark_positions
+from ..body.motion import Motion
+from ..numerics import rotations
+from ..numerics.arrays import Array, Ints
+from .closed_form import LIMBS, TRUNK, along_and_across, limb_orientations
+from .keypoint_factor import LIFTED_DEVIATION, USUAL_DEVIATION, Keypoints
+from .view_agreement import ViewAgreement, interpolated, without_midpoints
+
+LEANING = 0.5
+"""Usual angle between the trunk and the vertical, radians."""
+TWISTED = 0.4
+"""Usual turn of the shoulders against the hips, radians."""
+NOSE_DEVIATION = 0.08
+"""Usual distance of the nose from where a head that looks ahead has it, metres."""
+LIMIT_DEVIATION = 0.2
+"""How far a joint may be beyond its limits, radians: depths are rough."""
+POSTURE_DEVIATION = 1.5
+"""Usual departure of a joint from rest, radians."""
+SPEED = 2.0
+"""Usual speed of a joint against the trunk, metres per second."""
+ROUGH = 0.06
+"""Usual error of a lifted joint, metres: of a bone seen at nearly its full length a little noise makes much depth."""
+LEAP = 16.0
+"""No change between two frames costs more than this, in variances."""
+DEPTH_TIME = 0.3
+"""Time over which the person's distance is a running median, seconds."""
+FORESHORTENED = 0.2
+"""Share of the bones that may be taken for longer than they are when the distance is judged."""
+FLOOR_DEVIATION = 0.05
+"""How far feet may be below the floor, metres."""
+FLOOR_AGREES = 0.15
+"""Feet are taken to be on the floor, z = 0, where the distance that follows from that differs from that by the bones by
+less than this share."""
+LEAST_DEPTH = 0.1
+"""Points nearer to the imagined view than this are left out, metres."""
+AVERAGE_HEIGHT = 1.7
+"""Of a person of whom nothing is known, metres."""
+HEIGHTS = (1.4, 2.05)
+"""Heights, metres, beyond which it is likelier that the floor is elsewhere than at z = 0."""
+_NEVER = 1e6
+_ASIDE = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+SOLE = 0.08
+"""Height of an ankle above the floor, metres."""
+_BONES = (
+    *((side + a, side + b) for a, b in (("Shoulder", "Elbow"), ("Elbow", "Wrist")) for side in "LR"),
+    *((side + a, side + b) for a, b in (("Hip", "Knee"), ("Knee", "Ankle")) for side in "LR"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """Rays of one view to F frames' keypoints, all known.
+
+    Attributes
+    ----------
+    centre : ndarray, shape (F, 3)
+        Of the camera, in the world.
+    directions : mapping of str to ndarray, shape (F, 3)
+        By keypoint, in the world, of depth one: a point is at centre + depth * direction.
+    """
+
+    centre: Array
+    directions: Mapping[str, Array]
+
+    @classmethod
+    def of(cls, keypoints: Keypoints) -> Rays:
+        """The rays of the first view's keypoints, on straight lines between the frames on which they are found."""
+        R, t = keypoints.R_cam_world[0], keypoints.t_cam_world[0]
+        directions = {}
+        for i, name in enumerate(keypoints.names):
+            found = np.where(keypoints.confidence[0, :, i, None] > 0, keypoints.rays[0, :, i], np.nan)
+            if np.isfinite(found).any():
+                ray = interpolated(np.column_stack([found, np.ones(len(found))]))
+                directions[name] = np.einsum("fba,fb->fa", R, ray)
+        return cls(-np.einsum("fba,fb->fa", R, t), directions)
+
+    def at(self, name: str, depth: Array) -> Array:
+        """Points at depths (..., F), shape (..., F, 3)."""
+        return self.centre + depth[..., None] * self.directions[name]
+
+    def depths_from(self, start: Array, name: str, length: float) -> Array:
+        """The nearer and the farther depth at which a keypoint is that far from points (..., F, 3), (2, ..., F); the
+        nearest point of the ray where none is.
+        """
+        d = self.directions[name]
+        along, square = np.sum(d * (start - self.centre), axis=-1), np.sum(d * d, axis=-1)
+        gap = np.sum((start - self.centre) ** 2, axis=-1) - length**2
+        root = np.sqrt(np.maximum(along**2 - square * gap, 0.0))
+        return np.stack([along - root, along + root]) / square
+
+
+def lone_view(body: Body, keypoints: Keypoints) -> int | None:
+    """Return the only view that has keypoints, if it shows the hips and the shoulders of the default body."""
+    views = np.flatnonzero(keypoints.confidence.any(axis=(1, 2)))
+    found = {name for i, name in enumerate(keypoints.names) if keypoints.confidence[:, :, i].any()}
+    return int(views[0]) if len(views) == 1 and set(TRUNK) <= found and "spine" in body.names else None
+
+
+def lifted_points(body: Body, keypoints: Keypoints, fps: float, *, mirrored: bool = False) -> tuple[Array, float]:
+    """Find points in the world for the keypoints of the first view.
+
+    Parameters
+    ----------
+    body : Body
+        The default body, of the person's height.
+    keypoints : Keypoints
+    fps : float
+    mirrored : bool
+        With the trunk turned to the other side of the picture's plane than is likeliest.
+
+    Returns
+    -------
+    points_world : ndarray, shape (F, L, 3)
+        NaN for keypoints that are not lifted, such as those of the face.
+    cost : float
+        Of the paths, in variances.
+    """
+    rays = Rays.of(keypoints)
+    places = _rest_places(body)
+    root = _root_depth(rays, places, fps)
+    ratio = _floor_ratio(rays, root)
+    standing = abs(np.log(ratio)) < FLOOR_AGREES
+    root = root * (ratio if standing else 1.0)
+    points, total = _trunk_points(rays, places, root, fps, mirrored=mirrored)
+    hips, shoulders = (0.5 * (points["L" + joint] + points["R" + joint]) for joint in ("Hip", "Shoulder"))
+    pelvis = along_and_across(shoulders - hips, points["LHip"] - points["RHip"])
+    chest = along_and_across(shoulders - hips, points["LShoulder"] - points["RShoulder"])
+    for upper, lower, *joints in _limb_joints():
+        trunk = chest if upper == "upper_arm" else pelvis
+        for side in "LR":
+            if all(side + joint in rays.directions for joint in joints):
+                limb = Limb.of(body, (f"{upper}.{side}", f"{lower}.{side}"), [side + joint for joint in joints])
+                found, cost = _limb_points(rays, limb, trunk, points[limb.joints[0]], fps=fps, standing=standing)
+                points, total = points | found, total + cost
+    out = np.full((len(keypoints), len(keypoints.names), 3), np.nan)
+    for name, place in points.items():
+        out[:, keypoints.names.index(name)] = place
+    return out, total
+
+
+def _rest_places(body: Body) -> dict[str, Array]:
+    """The landmarks of a body at rest, by name."""
+    rest, names = Motion(np.zeros((1, 3)), np.tile(np.eye(3), (1, len(body), 1, 1))), list(body.landmarks)
+    return dict(zip(names, landmark_positions(body, rest, names)[0], strict=True))
+
+
+def _limb_joints() -> list[tuple[str, str, str, str, str]]:
+    return [(upper, lower, a, b, c) for upper, lower, a, b, c, _, _ in LIMBS]
+
+
+def _root_depth(rays: Rays, places: Mapping[str, Array], fps: float) -> Array:
+    """Depth of the hips' middle, (F,): bones cannot be longer than they are, and some are seen at their full length."""
+    bones = [bone for bone in _BONES if set(bone) <= set(rays.directions)]
+    seen = [np.linalg.norm(rays.directions[a] - rays.directions[b], axis=-1) for a, b in bones]
+    lengths = [float(np.linalg.norm(places[a] - places[b])) for a, b in bones]
+    hips, shoulders = (
+        0.5 * (rays.directions["L" + joint] + rays.directions["R" + joint]) for joint in ("Hip", "Shoulder")
+    )
+    seen.append(np.linalg.norm(hips - shoulders, axis=-1))
+    lengths.append(_torso_length(places))
+    farthest = np.array(lengths)[:, None] / np.maximum(seen, 1e-6)
+    depth = np.quantile(farthest, FORESHORTENED, axis=0)
+    depth = median_filter(depth, max(1, round(DEPTH_TIME * fps)), mode="nearest")
+    return depth
+
+
+def _torso_length(places: Mapping[str, Array]) -> float:
+    hips, shoulders = (0.5 * (places["L" + joint] + places["R" + joint]) for joint in ("Hip", "Shoulder"))
+    return float(np.linalg.norm(hips - shoulders))
+
+
+def _floor_ratio(rays: Rays, depth: Array) -> float:
+    """By how much feet that stand on the floor are farther away than depths (F,) say."""
+    standing = np.full(depth.shape, np.inf)
+    for name in ("LAnkle", "RAnkle"):
+        if name in rays.directions:
+            falling = -rays.directions[name][:, 2]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                reached = np.where(falling > 1e-3, (rays.centre[:, 2] - SOLE) / falling, np.inf)
+            standing = np.where(reached > 0, np.minimum(standing, reached), standing)  # a raised foot is nearer
+    if not np.isfinite(standing).any():
+        return np.inf
+    return float(np.median(standing[np.isfinite(standing)] / depth[np.isfinite(standing)]))
+
+
+def _trunk_points(
+    rays: Rays, places: Mapping[str, Array], root: Array, fps: float, *, mirrored: bool
+) -> tuple[dict[str, Array], float]:
+    """The hips and shoulders on the likeliest path, by name, shape (F, 3) each, and the path's cost."""
+    middles = {
+        joint: Rays(rays.centre, {joint: 0.5 * (rays.directions["L" + joint] + rays.directions["R" + joint])})
+        for joint in ("Hip", "Shoulder")
+    }
+    hips = middles["Hip"].at("Hip", root)
+    tops = middles["Shoulder"].at("Shoulder", middles["Shoulder"].depths_from(hips, "Shoulder", _torso_length(places)))
+    states = list(product(range(2), repeat=3))  # the lean, the sides of the hips and of the shoulders
+    found: dict[str, list[Array]] = {name: [] for name in TRUNK}
+    for lean, turned, twisted in states:
+        for joint, middle, side in (("Hip", hips, turned), ("Shoulder", tops[lean], twisted)):
+            half = 0.5 * float(np.linalg.norm(places["L" + joint] - places["R" + joint]))
+            left, right = (rays.depths_from(middle, s + joint, half) for s in "LR")
+            found["L" + joint].append(rays.at("L" + joint, left[side]))
+            found["R" + joint].append(rays.at("R" + joint, right[1 - side]))
+    points = {name: np.stack(options) for name, options in found.items()}  # (8, F, 3)
+    up = 0.5 * (points["LShoulder"] + points["RShoulder"] - points["LHip"] - points["RHip"])
+    chest = along_and_across(up, points["LShoulder"] - points["RShoulder"])
+    pelvis = along_and_across(up, points["LHip"] - points["RHip"])
+    cost = (np.arccos(np.clip(chest[..., 2, 1], -1, 1)) / LEANING) ** 2
+    twist = np.linalg.norm(rotations.log(np.swapaxes(pelvis, -1, -2) @ chest), axis=-1)
+    cost = cost + (twist / TWISTED) ** 2
+    if "Nose" in rays.directions:
+        top = 0.5 * (places["LShoulder"] + places["RShoulder"])
+        ahead = (places["Nose"] - top)[[0, 2, 1]] * [1, 1, -1]  # the rest pose faces -Y
+        nose = 0.5 * (points["LShoulder"] + points["RShoulder"]) + chest @ ahead
+        cost = cost + np.minimum((_distance(rays, "Nose", nose) / NOSE_DEVIATION) ** 2, LEAP)
+    moving = np.concatenate([points["LShoulder"] - points["RShoulder"], points["LHip"] - points["RHip"], up], axis=-1)
+    path, total = _cheapest_path(cost, moving, fps)
+    if mirrored:
+        sides = np.array([state[2] for state in states])
+        path, total = _cheapest_path(np.where(sides[:, None] == sides[path], _NEVER, cost), moving, fps)
+    return {name: options[path, np.arange(len(path))] for name, options in points.items()}, total
+
+
+def _distance(rays: Rays, name: str, points: Array) -> Array:
+    """Distance of points (..., F, 3) from the rays of a keypoint, metres."""
+    d, gap = rays.directions[name], points - rays.centre
+    depth = np.sum(d * gap, axis=-1) / np.sum(d * d, axis=-1)
+    return np.asarray(np.linalg.norm(gap - depth[..., None] * d, axis=-1))
+
+
+@dataclass(frozen=True, eq=False)
+class Limb:
+    """Two parts of a body, and the joints between which they are.
+
+    Attributes
+    ----------
+    body : Body
+    parts : tuple of int
+    joints : list of str
+        Shoulder, elbow and wrist, or hip, knee and ankle.
+    """
+
+    body: Body
+    parts: tuple[int, int]
+    joints: list[str]
+
+    @classmethod
+    def of(cls, body: Body, names: tuple[str, str], joints: list[str]) -> Limb:
+        """The limb of two parts by their names."""
+        return cls(body, (body.index(names[0]), body.index(names[1])), joints)
+
+    def lengths(self) -> list[float]:
+        """Of both parts, metres."""
+        parts = (self.body.parts[part] for part in self.parts)
+        return [float(np.linalg.norm(part.tail_world - part.head_world)) for part in parts]
+
+    def turns(self, trunk: Array, upper: Array, lower: Array) -> list[Array]:
+        """Rotation vectors of both parts that point along directions, from a trunk's orientations (F, 3, 3)."""
+        name = self.body.names[self.parts[0]]
+        sign, farthest = next((float(s), float(f)) for part, *_, s, f in LIMBS if name.startswith(part))
+        R0_upper, R0_lower = (self.body.R_parent_rest[part] for part in self.parts)
+        rest = np.broadcast_to(trunk @ R0_upper, (*upper.shape, 3))
+        first, second = limb_orientations(rest, upper, lower, sign=sign, farthest=farthest, fps=None)
+        return [
+            rotations.log(np.swapaxes(rest, -1, -2) @ first),
+            rotations.log(np.swapaxes(first @ R0_lower, -1, -2) @ second),
+        ]
+
+
+def _limb_points(
+    rays: Rays, limb: Limb, trunk: Array, start: Array, *, fps: float, standing: bool
+) -> tuple[dict[str, Array], float]:
+    """The middle and the end of a limb that begins at points (F, 3), on the likeliest path, by name, and its cost."""
+    _, middle, last = limb.joints
+    lengths = limb.lengths()
+    bent = rays.at(middle, rays.depths_from(start, middle, lengths[0]))  # (2, F, 3)
+    ends = rays.at(last, rays.depths_from(bent, last, lengths[1]))  # (2, 2, F, 3)
+    middles, ends = np.repeat(bent, 2, axis=0), np.swapaxes(ends, 0, 1).reshape(4, *start.shape)
+    cost = np.zeros(ends.shape[:2])
+    for part, turns in zip(limb.parts, limb.turns(trunk, middles - start, ends - middles), strict=True):
+        low, high = limb.body.limits[part].T
+        cost += np.sum(((turns - np.clip(turns, low, high)) / LIMIT_DEVIATION) ** 2, axis=-1)
+        cost += np.sum((turns / POSTURE_DEVIATION) ** 2, axis=-1)
+    if standing:
+        cost += (np.minimum(ends[..., 2], 0.0) / FLOOR_DEVIATION) ** 2
+    path, total = _cheapest_path(cost, np.concatenate([middles - start, ends - start], axis=-1), fps)
+    chosen = path, np.arange(len(path))
+    return {middle: middles[chosen], last: ends[chosen]}, total
+
+
+def _cheapest_path(cost: Array, moving: Array, fps: float) -> tuple[Ints, float]:
+    """The states (F,) that cost least in all, and that cost (Viterbi).
+
+    Parameters
+    ----------
+    cost : ndarray, shape (S, F)
+        Of the states.
+    moving : ndarray, shape (S, F, K)
+        What should not leap from one frame to the next, metres.
+    fps : float
+    """
+    variance = (SPEED / fps) ** 2 + ROUGH**2
+    total, before = cost[:, 0], np.zeros(cost.shape, np.int64)
+    for f in range(1, cost.shape[1]):
+        leaps = np.sum((moving[:, None, f] - moving[None, :, f - 1]) ** 2, axis=-1) / variance
+        ways = total + np.minimum(leaps, LEAP)
+        before[:, f] = ways.argmin(axis=1)
+        total = ways.min(axis=1) + cost[:, f]
+    path = np.empty(cost.shape[1], np.int64)
+    path[-1] = total.argmin()
+    for f in range(cost.shape[1] - 1, 0, -1):
+        path[f - 1] = before[path[f], f]
+    return path, float(total.min())
+
+
+def likely_height(keypoints: Keypoints, fps: float) -> float:
+    """Return the height of a person who stands on the floor, z = 0, if that is a person's, else an average one."""
+    body = human(AVERAGE_HEIGHT)
+    rays, places = Rays.of(keypoints), _rest_places(body)
+    height = AVERAGE_HEIGHT * _floor_ratio(rays, _root_depth(rays, places, fps))
+    return height if HEIGHTS[0] < height < HEIGHTS[1] else AVERAGE_HEIGHT
+
+
+def with_imagined_view(keypoints: Keypoints, points_world: Array, fps: float) -> ViewAgreement:
+    """Return one view's keypoints beside those of an imagined view of points (F, L, 3), from the side.
+
+    The points' depths are held by it, roughly: a fit to the one view alone would bring the person nearer, where errors
+    are smaller, and turn the limbs away.
+    """
+    R, t = keypoints.R_cam_world[0], keypoints.t_cam_world[0]
+    trunk = [i for i, name in enumerate(keypoints.names) if name in TRUNK]
+    middle = np.einsum("fab,fb->fa", R, points_world[:, trunk].mean(axis=1)) + t
+    distance = np.linalg.norm(middle, axis=-1, keepdims=True)
+    R_side, t_side = _ASIDE @ R, (t - middle) @ _ASIDE.T + distance * [0.0, 0.0, 1.0]
+    x = np.einsum("fab,flb->fla", R_side, points_world) + t_side[:, None]
+    with np.errstate(invalid="ignore"):
+        known = x[..., 2] > LEAST_DEPTH
+    both = Keypoints(
+        keypoints.names,
+        np.stack([keypoints.rays[0], np.where(known[..., None], x[..., :2] / x[..., 2:], np.nan)]),
+        np.stack([keypoints.confidence[0], keypoints.confidence[0] * known]),
+        np.stack([R, R_side]),
+        np.stack([t, t_side]),
+    )
+    own = without_midpoints(both)
+    deviation = np.outer([USUAL_DEVIATION, LIFTED_DEVIATION], np.ones(len(own.names)))
+    return ViewAgreement(own, np.zeros(own.confidence.shape, bool), points_world, own.confidence, deviation, fps)

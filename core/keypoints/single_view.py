@@ -1,0 +1,96 @@
+"""A motion from the keypoints of a single view, without key poses: several hypotheses of the depths, and a choice."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body import Body, part_poses
+from ..body.motion import Motion
+from ..numerics.arrays import Array, Bools
+from .first_pose import posed_start
+from .keypoint_factor import USUAL_DEVIATION, Keypoints, Places
+from .keypoint_fit import KeypointFit, fit_motion
+from .lifting import lifted_points, with_imagined_view
+from .seen_landmarks import with_resting
+from .view_agreement import ViewAgreement, without_midpoints
+
+
+def lifted_fit(
+    body: Body, keypoints: Keypoints, view: int, *, fixed: Bools, precision: Array, fps: float
+) -> KeypointFit:
+    """Fit a body's motion to the keypoints of one view, with depths by the lengths of the bones.
+
+    Of two hypotheses, the likeliest path and one whose trunk is turned to the other side of the picture's plane, the
+    one counts whose limbs and trunk together cost less.
+
+    Parameters
+    ----------
+    body : Body
+        The default body, of the person's height.
+    keypoints : Keypoints
+    view : int
+        The view that has some.
+    fixed : ndarray of bool, shape (F, D)
+    precision : ndarray, shape (D,)
+        See `fit_motion`.
+    fps : float
+    """
+    own = without_midpoints(keypoints.of_views([view]))
+    hypotheses = [lifted_points(body, own, fps, mirrored=mirrored) for mirrored in (False, True)]
+    points, _ = min(hypotheses, key=lambda one: one[1])
+    agreement = with_imagined_view(own, points, fps)
+    start = with_resting(posed_start(body, agreement.keypoints, points, fps), fixed)
+    return _fitted(body, start, keypoints, view, agreement, fixed=fixed, precision=precision)
+
+
+def corrected_fit(
+    body: Body, start: Motion, keypoints: Keypoints, view: int, *, fixed: Bools, precision: Array, fps: float
+) -> KeypointFit:
+    """Fit a body's motion to the keypoints of one view, with depths as they are at the start.
+
+    Parameters are those of `lifted_fit`.
+    """
+    own = without_midpoints(keypoints.of_views([view]))
+    points = Places.on(body, own.names).world(part_poses(body, start))
+    agreement = with_imagined_view(own, points, fps)
+    return _fitted(body, start, keypoints, view, agreement, fixed=fixed, precision=precision)
+
+
+def _fitted(
+    body: Body,
+    start: Motion,
+    keypoints: Keypoints,
+    view: int,
+    agreement: ViewAgreement,
+    *,
+    fixed: Bools,
+    precision: Array,
+) -> KeypointFit:
+    fit = fit_motion(body, agreement.keypoints, start, fixed=fixed, precision=precision, agreement=agreement)
+    return _as_of_all_views(fit, keypoints, view, agreement.fps)
+
+
+def _as_of_all_views(fit: KeypointFit, keypoints: Keypoints, view: int, fps: float) -> KeypointFit:
+    """A fit to one view, and one that was imagined beside it, as one to all views, of which others show nothing."""
+
+    def spread(values: NDArray[Any]) -> NDArray[Any]:
+        everywhere = np.zeros((len(keypoints.confidence), *values.shape[1:]), values.dtype)
+        everywhere[view] = values[0]
+        return everywhere
+
+    rays = keypoints.rays.copy()
+    rays[view] = fit.keypoints.rays[0]
+    points = fit.places.world(part_poses(fit.body, fit.motion))
+    return replace(
+        fit,
+        keypoints=replace(keypoints, rays=rays, confidence=spread(fit.keypoints.confidence)),
+        changed=spread(fit.changed),
+        deviation=np.full((len(rays), len(keypoints.names)), USUAL_DEVIATION),
+        weights=spread(fit.weights),
+        agreed=None,
+        aside=with_imagined_view(fit.keypoints.of_views([0]), points, fps).keypoints.of_views([1]),
+    )

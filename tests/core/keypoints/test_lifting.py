@@ -1,0 +1,104 @@
+"""A motion from the keypoints of one camera, without key poses: depths by the lengths of the bones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from keypoint_shots import NAMES, cameras, joint_errors, keypoints_of, seen_places, strolling
+from kfmocap.core.body import human, landmark_positions, part_poses
+from kfmocap.core.body.motion import Motion
+from kfmocap.core.errors import KeypointError
+from kfmocap.core.keypoints.first_pass import first_pass, scaled_first_pass
+from kfmocap.core.keypoints.keypoint_factor import KeypointFactor, Keypoints
+from kfmocap.core.keypoints.lifting import Rays, likely_height, lone_view, with_imagined_view
+from kfmocap.core.shot.acceleration_prior import acceleration_precision
+from kfmocap.core.shot.shot import KeyPoses, Settings
+
+FPS, FRAMES = 30.0, 36
+BODY = human(1.8)
+TRUTH = strolling(BODY, FRAMES)
+PRECISION = acceleration_precision(BODY, FPS, Settings())
+
+
+def seen_by(view: int, noise: float = 0.01) -> Keypoints:
+    return keypoints_of(cameras(4)[view : view + 1], seen_places(BODY, TRUTH), noise=noise, seed=view)
+
+
+def below_the_hips(body: object, motion: Motion) -> np.ndarray:
+    """The main joints against the hips' middle: the pose alone."""
+    names = [n for n in NAMES if n[1:] in ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle")]
+    points = landmark_positions(body, motion, names)
+    return points - points[:, [names.index("LHip"), names.index("RHip")]].mean(axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize("view", range(4))
+def test_one_camera_shows_the_pose_and_roughly_the_place(view: int) -> None:
+    """From the front, the sides and the back: which way the person looks is found as well."""
+    fit = scaled_first_pass(seen_by(view), fps=FPS, precision=PRECISION, correlated=9.0, height=1.8)
+    assert joint_errors(fit.body, fit.motion, BODY, TRUTH).mean() < 0.3
+    pose = np.linalg.norm(below_the_hips(fit.body, fit.motion) - below_the_hips(BODY, TRUTH), axis=-1)
+    assert pose.mean() < 0.12
+    assert fit.aside is not None and fit.agreed is None
+
+
+def test_a_joint_is_at_one_of_two_depths_at_which_its_bone_has_its_length() -> None:
+    rays = Rays.of(seen_by(0, noise=0.0))
+    points = dict(zip(NAMES, np.moveaxis(seen_places(BODY, TRUTH), 1, 0), strict=True))
+    length = float(np.linalg.norm(points["LKnee"] - points["LHip"], axis=-1).mean())
+    near, far = (rays.at("LKnee", depth) for depth in rays.depths_from(points["LHip"], "LKnee", length))
+    for found in (near, far):
+        np.testing.assert_allclose(np.linalg.norm(found - points["LHip"], axis=-1), length, atol=1e-6)
+    nearest = np.minimum(*(np.linalg.norm(found - points["LKnee"], axis=-1) for found in (near, far)))
+    np.testing.assert_allclose(nearest, 0.0, atol=1e-4)
+
+
+def test_feet_on_the_floor_tell_the_height_unless_that_is_nobodys() -> None:
+    seen = seen_by(0)
+    assert likely_height(seen, FPS) == pytest.approx(1.8, abs=0.12)
+    raised = replace(seen, t_cam_world=seen.t_cam_world - seen.R_cam_world @ np.array([0.0, 0.0, 2.0]))
+    assert likely_height(raised, FPS) == 1.7  # the floor would be two metres below the feet
+
+
+def test_a_true_key_pose_corrects_the_proposals_around_it() -> None:
+    """The animator keys the middle frame; a proposal stays on each side."""
+    seen = seen_by(1)
+    fit = scaled_first_pass(seen, fps=FPS, precision=PRECISION, correlated=9.0, height=1.8)
+    frames = np.array([4, 32])
+    keys = KeyPoses.proposed(frames, fit.motion[frames]).joined(KeyPoses.whole([18], TRUTH[[18]]))
+    fixed = np.zeros((FRAMES, BODY.dof), bool)
+    fixed[18] = True
+    corrected = first_pass(BODY, keys, seen, fixed=fixed, precision=PRECISION, fps=FPS, correlated=9.0)
+    before, after = (joint_errors(one.body, one.motion, BODY, TRUTH) for one in (fit, corrected))
+    assert after[18].max() < 1e-9
+    assert after[14:23].mean() < 0.7 * before[14:23].mean()
+
+
+def test_views_without_keypoints_do_not_count() -> None:
+    seen = keypoints_of(cameras(3), seen_places(BODY, TRUTH), noise=0.01)
+    seen.confidence[[0, 2]] = 0.0
+    assert lone_view(BODY, seen) == 1
+    fit = scaled_first_pass(seen, fps=FPS, precision=PRECISION, correlated=9.0, height=1.8)
+    assert fit.weights.shape == seen.confidence.shape and not fit.weights[[0, 2]].any()
+    seen.confidence[:, :, [NAMES.index("LHip"), NAMES.index("RHip"), NAMES.index("LShoulder")]] = 0.0
+    with pytest.raises(KeypointError, match="no two views agree"):
+        scaled_first_pass(seen, fps=FPS, precision=PRECISION, correlated=9.0, height=1.8)
+
+
+def test_the_imagined_view_holds_the_depths() -> None:
+    """It pulls back a person that is moved along the camera's axis, which the camera itself hardly does."""
+    seen = seen_by(0)
+    fit = scaled_first_pass(seen, fps=FPS, precision=PRECISION, correlated=9.0, height=1.8)
+    away = cameras(1)[0].pose(0)[0][2]
+    moved = Motion(fit.motion.translations + 0.3 * away, fit.motion.rotations)
+    factor = KeypointFactor(fit.keypoints, fit.places, 9.0, aside=fit.aside)
+    pulls = [
+        float((one.blocks(fit.body, part_poses(fit.body, moved), 1.0).gradient[:, :3] @ away).mean())
+        for one in (factor, replace(factor, aside=None))
+    ]
+    assert pulls[0] > 0 and pulls[0] > 2 * abs(pulls[1])
+    assert len(factor[3:9].aside) == 6
+    points = seen_places(BODY, TRUTH)
+    both = with_imagined_view(seen, points, FPS)
+    assert np.nanmax(np.abs(both.keypoints.of_views([1]).residuals(points))) < 1e-9
