@@ -77,6 +77,14 @@ class SegmentEvidence:
     sampling: Sampling
     seconds: dict[str, float]
 
+    def pixel_share(self, correlation_length: float) -> Array:
+        """What a pixel counts if those within a square of that side, metres, count as one together, shape (V,).
+
+        Sums over pixels times this depend neither on the size of the footage nor on the stride.
+        """
+        density = np.maximum(np.median(self.gradients.density, axis=1), 1.0)
+        return np.asarray(self.sampling.stride**2 / (density * correlation_length**2))
+
     def without(self, hidden: NDArray[np.bool_]) -> SegmentEvidence:
         """The evidence less the rows of parts where they are hidden (F, P), equation (38)."""
         seen, pairs = ~hidden, ~(hidden[:-1] | hidden[1:])

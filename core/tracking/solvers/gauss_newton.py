@@ -400,5 +400,4 @@ def predicted_accelerations(motions: Sequence[Motion], hidden: Sequence[NDArray[
 def view_precision(evidence: SegmentEvidence, settings: Settings) -> Array:
     """Inverse variance of a residual of each view, with the pixels that repeat one another counted once, shape (V,)."""
     noise = np.maximum(np.median(evidence.gradients.noise, axis=1), 1e-3)
-    density = np.maximum(np.median(evidence.gradients.density, axis=1), 1.0)
-    return np.asarray(evidence.sampling.stride**2 / (noise**2 * density * settings.correlation_length**2))
+    return np.asarray(evidence.pixel_share(settings.correlation_length) / noise**2)

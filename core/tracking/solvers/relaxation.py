@@ -3,8 +3,14 @@
 Unknown are the motion parameters x_j between frames j - 1 and j: the root's translation S_j in the world and each
 part's turn Q_j about its own axes. An initial solution follows the gradients alone, frame after frame; sweeps of
 equation (30) then solve one frame after the other for x_j, with the terminal terms (A.1) to (A.4) and the smoothness
-terms (A.5) and (A.6). Grey levels count 0 to 1. Parts that no view sees are predicted in the initial solution, and have
-no gradients in the sweeps, equation (38).
+terms (A.5) and (A.6). Parts that no view sees are predicted in the initial solution, and have no gradients in the
+sweeps, equation (38).
+
+The weights lambda, nu and smoothness weigh grey levels, summed over pixels, against radians and metres. The paper found
+its numbers by trial on its own footage, and tells neither the scale of its grey levels nor how many pixels it took. So
+that the numbers mean the same on all footage, pixels within a square of `Settings.correlation_length` on the body,
+which say nearly the same, count as one together: then the sums depend neither on the resolution, nor on the stride, nor
+on the distance. Grey levels count 0 to 1, turns radians, lengths metres.
 
 With u = 1/n of equation (27), the sweeps come to rest where equation (21) is least for lambda / n and nu / n. The
 axis vector (A.2) is the sine of a turn, so the terminal constraint is met in the limit of small turns only; the last
@@ -105,7 +111,7 @@ def relaxed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
             evidence = evidence.without(np.concatenate(hidden_parts(problem, evidence.share), axis=1))
         count = min(RELINEARISE, settings.sweeps - sweep)
         with seconds.measure("solve"):
-            rows = _rows_of_steps(problem, measured.instants, evidence)
+            rows = rows_of_steps(problem, measured.instants, evidence)
             motions = [
                 relax(motion, keyed, fixed, own, count)
                 for motion, keyed, fixed, own in zip(motions, start, problem.fixed, rows, strict=True)
@@ -199,11 +205,12 @@ def _moved_by_gradients(
     here, seen = list(motions), ~np.concatenate(gone)
     for sampling in INITIAL:
         measured = workspace.measure(pair, here, sampling)
-        sums = measured.evidence.gradients
+        sums, count = measured.evidence.gradients, _pixel_counts(pair, measured.evidence)
         systems = [BandedBlocks.zeros(2, body.dof) for body in pair.bodies]
         for instants in measured.instants:
             (R, T), views = instants.poses, list(instants.views)
-            H, g = sums.H[views].sum(axis=0) * seen[:, None, None], sums.g[views].sum(axis=0) * seen[:, None]
+            H = (count[views] * sums.H[views]).sum(axis=0) * seen[:, None, None]
+            g = (count[views, ..., 0] * sums.g[views]).sum(axis=0) * seen[:, None]
             for i, (body, span) in enumerate(zip(pair.bodies, pair.spans(), strict=True)):
                 blocks = joint_blocks(body, (R[:, span], T[:, span]), H[:, span], g[:, span], 0.0)
                 systems[i] += instants.on_frames(i, blocks)
@@ -223,22 +230,29 @@ def _advanced(poses: Motion, step: Array) -> Motion:
     return poses.moved(np.stack([np.zeros_like(step), step]))
 
 
-def _rows_of_steps(
+def rows_of_steps(
     problem: SegmentProblem, instants: Sequence[Instants], evidence: SegmentEvidence
 ) -> list[tuple[Array, Array]]:
     """A_t and b_t of every performer, summed over the views of all instants; see `spatio_temporal`."""
     n = problem.length - 1
     A = [np.zeros((n, body.dof, body.dof)) for body in problem.bodies]
     b = [np.zeros((n, body.dof)) for body in problem.bodies]
+    count = _pixel_counts(problem, evidence)
     for group in instants:
         (R, T), views = group.poses, list(group.views)
-        H, g = evidence.gradients.H[views].sum(axis=0), evidence.gradients.g[views].sum(axis=0)
+        H = (count[views] * evidence.gradients.H[views]).sum(axis=0)
+        g = (count[views, ..., 0] * evidence.gradients.g[views]).sum(axis=0)
         for i, (body, span) in enumerate(zip(problem.bodies, problem.spans(), strict=True)):
             poses = R[:, span], T[:, span]
             own = spatio_temporal(body, poses, H[:, span], g[:, span], group.motions[i])
             A[i] += shared_out(own[0], group.delay)
             b[i] += shared_out(own[1], group.delay)
     return list(zip(A, b, strict=True))
+
+
+def _pixel_counts(problem: SegmentProblem, evidence: SegmentEvidence) -> Array:
+    """What a pixel of each view counts, shape (V, 1, 1, 1, 1); see the module's docstring."""
+    return evidence.pixel_share(problem.settings.correlation_length)[:, None, None, None, None]
 
 
 def shared_out(rows: Array, delay: float) -> Array:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kfmocap.core.body.motion import Motion, stacked
+from kfmocap.core.evidence.accumulate import Sampling
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.shot import Settings
@@ -24,6 +25,7 @@ from kfmocap.core.tracking.solvers.relaxation import (
     predicted_step,
     relax,
     relaxed,
+    rows_of_steps,
 )
 from made_evidence import AlteredWorkspace, with_share
 from synthetic import at_rest, ends_held, figure, look_at, numeric_jacobian, picture, poses_of, random_motion, swing
@@ -261,6 +263,22 @@ def test_it_does_not_matter_where_the_world_is() -> None:
     there = relax(moved, moved, ends_held(BODY, n + 1), (A, b), 50)
     np.testing.assert_allclose(there.translations - shift, here.translations, atol=1e-9)
     np.testing.assert_allclose(there.rotations, here.rotations, atol=1e-9)
+
+
+def test_weights_mean_the_same_at_every_resolution_and_stride() -> None:
+    """The same scene in pictures of half and full size, by every pixel or every second one, gives the same rows."""
+    motion = random_motion(BODY, 2, turn=0.02, shift=0.01)
+    traces = []
+    for scale, stride in ((1, 1), (2, 1), (2, 2)):
+        camera = look_at("front", (0.3, -3.0, 1.4), (0, 0, 1.1), (160 * scale, 120 * scale), 150 * scale)
+        poses = poses_of([BODY], [motion])
+        grey = np.stack([picture([BODY], poses, f, camera) for f in range(len(motion))])
+        fixed = (ends_held(BODY, len(motion)),)
+        problem = SegmentProblem((ViewFrames(camera, grey, 0),), (BODY,), 0, 30.0, fixed)
+        measured = Workspace().measure(problem, [motion], Sampling(1.5 * scale, 1.0, stride))
+        [(A, _)] = rows_of_steps(problem, measured.instants, measured.evidence)
+        traces.append(np.trace(A, axis1=1, axis2=2))
+    np.testing.assert_allclose(traces[1:], [traces[0]] * 2, rtol=0.2)
 
 
 def turning(frames: int) -> Motion:
