@@ -175,9 +175,12 @@ def written(folder: Path, keys: str, count: int = 2) -> Path:
 
 
 def test_key_poses_are_proposed_from_keypoints_alone(tmp_path: Path) -> None:
-    """Body and poses are those of the person; what is proposed holds nothing. Landmarks are not even looked at."""
-    path = written(tmp_path, 'keyframes = "auto"\nlandmarks = "there is no such file.trc"')
-    shot = load_shot(path)
+    """Body and poses are those of the person; what is proposed holds nothing. Landmarks are not even looked at.
+
+    The argument "auto" overrides the file, which asks for the same in the test of the report.
+    """
+    path = written(tmp_path, 'keyframes = [0, 23]\nlandmarks = "there is no such file.trc"')
+    shot = load_shot(path, keyframes="auto")
     (performer,) = shot.performers
     keys = performer.key_poses
     assert len(keys.frames) and not keys.fixed.any()
@@ -185,11 +188,6 @@ def test_key_poses_are_proposed_from_keypoints_alone(tmp_path: Path) -> None:
     truth = people(1)[0]
     assert joint_errors(performer.body, keys.poses, human(), truth[keys.frames]).mean() < 0.03
     assert segments(shot) == [(0, FRAMES - 1)]
-
-
-def test_the_argument_auto_overrides_the_file(tmp_path: Path) -> None:
-    path = written(tmp_path, "keyframes = [0, 23]\nlandmarks = 'none.trc'")
-    assert not load_shot(path, keyframes="auto").performers[0].key_poses.fixed.any()
 
 
 def test_listed_frames_are_posed_by_keypoints_where_there_are_no_landmarks(tmp_path: Path) -> None:
@@ -217,13 +215,12 @@ def test_fewer_people_than_performers_are_named(tmp_path: Path) -> None:
         load_shot(path)
 
 
-def test_broken_files_are_refused_or_skipped_as_the_shot_says(tmp_path: Path) -> None:
+def test_broken_files_are_refused_unless_the_shot_says_otherwise(tmp_path: Path) -> None:
+    """They are skipped in the test of the report."""
     path = written(tmp_path, 'keyframes = "auto"')
     (tmp_path / "pose" / "cam02" / "cam02_000007.json").write_text("{")
     with pytest.raises(KFMocapError, match=r"camera 'cam02': .*cam02_000007\.json: is not a JSON file"):
         load_shot(path)
-    path.write_text(path.read_text() + '\n[track]\nbroken_keypoints = "skip"\n')
-    assert len(load_shot(path).performers[0].key_poses.frames)
 
 
 def test_the_tracker_follows_keypoints_where_pictures_say_nothing(tmp_path: Path) -> None:
@@ -278,7 +275,7 @@ def test_the_report_tells_what_keypoints_did(tmp_path: Path) -> None:
 
 def test_proposals_beside_the_animators_key_poses_leave_these_as_they_are(tmp_path: Path) -> None:
     motion = strolling(human(), 60)
-    shot = replace(shot_with(tmp_path, [motion], [0, 30]), frames=(0, 59))
+    shot = replace(shot_with(tmp_path, [motion], [0, 30], views=2), frames=(0, 59))
     keys = selected(shot, keyframes="auto").performers[0].key_poses
     assert keys.full().tolist() == [0, 30]
     assert (keys.poses[[0, int(np.flatnonzero(keys.frames == 30)[0])]].rotations == motion[[0, 30]].rotations).all()
