@@ -47,6 +47,9 @@ NU = 20.0
 """Weight of the root's terminal constraint."""
 SMOOTHNESS = 1.0
 """Weight of the smoothness of every motion parameter."""
+DAMPING = 0.01
+"""Of the initial solution's steps: a hundredth of what the sweeps' smoothness weighs, so that what pixels measure moves
+freely, and a direction that none of them measures does not move."""
 RELINEARISE = 10
 """Sweeps between two measurements of the gradients around the current motion."""
 STRIDE = 2
@@ -215,7 +218,7 @@ def _moved_by_gradients(
                 blocks = joint_blocks(body, (R[:, span], T[:, span]), H[:, span], g[:, span], 0.0)
                 systems[i] += instants.on_frames(i, blocks)
         for i, (body, blocks) in enumerate(zip(pair.bodies, systems, strict=True)):
-            A = blocks.diagonal[1] + SMOOTHNESS * np.eye(body.dof)
+            A = blocks.diagonal[1] + DAMPING * np.eye(body.dof)
             here[i] = _advanced(here[i], np.linalg.solve(A, -blocks.gradient[1]))
     return here
 

@@ -1,0 +1,357 @@
+"""Break each term of the papers in a copy of the program, and see that the test fails that watches over it.
+
+    .venv/bin/python tools/break_terms.py [--only "(27)"]
+
+The terms are those of docs/papers.md. The exit code is 1 if a broken term is not noticed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+RELAXATION = "core/tracking/solvers/relaxation.py"
+PREDICTION = "core/tracking/prediction.py"
+KINEMATICS = "core/body/kinematics.py"
+GRADIENTS = "core/evidence/gradients.py"
+SWEEPS = "tests/core/tracking/test_relaxation.py"
+SERIES = "tests/core/tracking/test_prediction.py"
+BODY = "tests/core/body/test_body.py"
+IMAGES = "tests/core/evidence/test_gradients.py"
+HIDDEN = "tests/core/evidence/test_occlusion.py"
+
+
+@dataclass(frozen=True)
+class Term:
+    """A term and a way to break it.
+
+    Attributes
+    ----------
+    item : str
+        What the papers call it, as in the first column of docs/papers.md.
+    file : str
+    right, wrong : str
+        A piece of the file that is there once, and what it is replaced by.
+    test : str
+        The test that then fails: its file and its name.
+    """
+
+    item: str
+    file: str
+    right: str
+    wrong: str
+    test: str
+
+
+TERMS = (
+    Term(
+        "(1)",
+        "core/cameras/camera.py",
+        "x = (points @ R.T + t)",
+        "x = (points @ R.T - t)",
+        "tests/core/cameras/test_cameras.py::test_projection_is_the_formula",
+    ),
+    Term(
+        "(2), (9)",
+        GRADIENTS,
+        "mz = -(mx * x + my * y) / z",
+        "mz = (mx * x + my * y) / z",
+        f"{IMAGES}::test_standing_still_before_a_flash_the_sums_are_the_derivatives",
+    ),
+    Term(
+        "(3)",
+        KINEMATICS,
+        "T[:, p] + R[:, p] @ body.offsets[i]",
+        "T[:, p] - R[:, p] @ body.offsets[i]",
+        f"{BODY}::test_forward_kinematics_is_the_product_along_the_chain",
+    ),
+    Term(
+        "(5)",
+        RELAXATION,
+        "np.swapaxes(Q[:-1], -1, -2) @ Q[1:]",
+        "Q[1:] @ np.swapaxes(Q[:-1], -1, -2)",
+        f"{SWEEPS}::test_steps_accumulate_to_the_motion_they_are_of",
+    ),
+    Term(
+        "(6)",
+        RELAXATION,
+        "turned.append(turned[-1] @ Q)",
+        "turned.append(Q @ turned[-1])",
+        f"{SWEEPS}::test_steps_accumulate_to_the_motion_they_are_of",
+    ),
+    Term(
+        "(7)",
+        RELAXATION,
+        "np.cumsum(self.shifts, axis=0)",
+        "self.shifts",
+        f"{SWEEPS}::test_steps_accumulate_to_the_motion_they_are_of",
+    ),
+    Term(
+        "(8)",
+        GRADIENTS,
+        "residual = there[0] - here[0]",
+        "residual = here[0] - there[0]",
+        f"{IMAGES}::test_standing_still_before_a_flash_the_sums_are_the_derivatives",
+    ),
+    Term(
+        "(10), (11)",
+        KINEMATICS,
+        "J[:, below, :3, columns] = moments[:, None, k]",
+        "J[:, below, :3, columns] = -moments[:, None, k]",
+        f"{BODY}::test_twist_jacobian_is_the_derivative_of_the_part_poses",
+    ),
+    Term(
+        "(12)",
+        RELAXATION,
+        "np.linalg.solve(A, -blocks.gradient[1])",
+        "np.linalg.solve(A, blocks.gradient[1])",
+        f"{SWEEPS}::test_gradients_alone_follow_an_arm_that_is_seen",
+    ),
+    Term(
+        "(13) to (18)",
+        KINEMATICS,
+        "R[:, i] = R[:, p] @ (",
+        "R[:, i] = (",
+        f"{BODY}::test_forward_kinematics_is_the_product_along_the_chain",
+    ),
+    Term(
+        "(14), (19)",
+        RELAXATION,
+        "T_last - motion.translations[0] - x[:, :3].sum(axis=0)",
+        "T_last - motion.translations[0] + x[:, :3].sum(axis=0)",
+        f"{SWEEPS}::test_of_translations_alone_it_finds_the_minimum_of_the_energy_as_a_dense_solve_does",
+    ),
+    Term(
+        "(20)",
+        RELAXATION,
+        "ends = x[max(j - 1, 0)] + x[min(j + 1, n - 1)]",
+        "ends = 2 * x[j]",
+        f"{SWEEPS}::test_a_sweep_over_turns_is_equation_30_with_the_papers_weights",
+    ),
+    Term(
+        "(21)",
+        RELAXATION,
+        "SMOOTHNESS * ends / 2)",
+        "SMOOTHNESS * ends)",
+        f"{SWEEPS}::test_of_translations_alone_it_finds_the_minimum_of_the_energy_as_a_dense_solve_does",
+    ),
+    Term(
+        "(22), (23)",
+        RELAXATION,
+        "before = before @ rotations.exp(new[3:].reshape(-1, 3))",
+        "before = before @ Q[j]",
+        f"{SWEEPS}::test_a_sweep_goes_frame_after_frame_and_each_sees_what_the_one_before_has_become",
+    ),
+    Term(
+        "(24) to (26)",
+        RELAXATION,
+        "P = np.swapaxes(before, -1, -2) @ R_last @ np.swapaxes(after[j], -1, -2)",
+        "P = np.swapaxes(after[j], -1, -2) @ R_last @ np.swapaxes(before, -1, -2)",
+        f"{SWEEPS}::test_a_sweep_over_turns_is_equation_30_with_the_papers_weights",
+    ),
+    Term(
+        "(27)",
+        RELAXATION,
+        "x_e = u * (x_e - x[j]) + x[j]",
+        "x_e = 1.0 * x_e",
+        f"{SWEEPS}::test_one_sweep_takes_a_part_of_the_error_and_never_all_of_it_in_one_frame",
+    ),
+    Term(
+        "(28)",
+        RELAXATION,
+        "u = 1.0 / n",
+        "u = 0.5 / n",
+        f"{SWEEPS}::test_a_sweep_over_turns_is_equation_30_with_the_papers_weights",
+    ),
+    Term(
+        "(29), (30)",
+        RELAXATION,
+        "new = inverse[j] @ (b[j] + weight * x_e",
+        "new = inverse[j] @ (b[j] + x_e",
+        f"{SWEEPS}::test_a_sweep_over_turns_is_equation_30_with_the_papers_weights",
+    ),
+    Term(
+        "λ = 10",
+        RELAXATION,
+        "LAMBDA = 10.0",
+        "LAMBDA = 11.0",
+        f"{SWEEPS}::test_a_sweep_over_turns_is_equation_30_with_the_papers_weights",
+    ),
+    Term(
+        "ν = 20",
+        RELAXATION,
+        "NU = 20.0",
+        "NU = 21.0",
+        f"{SWEEPS}::test_a_sweep_over_turns_is_equation_30_with_the_papers_weights",
+    ),
+    Term(
+        "smoothness 1",
+        RELAXATION,
+        "SMOOTHNESS = 1.0",
+        "SMOOTHNESS = 1.1",
+        f"{SWEEPS}::test_a_sweep_over_turns_is_equation_30_with_the_papers_weights",
+    ),
+    Term(
+        "units of the weights",
+        "core/evidence/accumulate.py",
+        "return np.asarray(self.sampling.stride**2 / (density * correlation_length**2))",
+        "return np.asarray(1 / (density * correlation_length**2))",
+        f"{SWEEPS}::test_weights_mean_the_same_at_every_resolution_and_stride",
+    ),
+    Term(
+        "(31)",
+        PREDICTION,
+        "a - reflection * a[::-1]",
+        "a + reflection * a[::-1]",
+        f"{SERIES}::test_levinson_solves_the_toeplitz_equations",
+    ),
+    Term(
+        "(32) to (37)",
+        PREDICTION,
+        "kalman.F = np.eye(h, k=-1)",
+        "kalman.F = np.eye(h)",
+        f"{SERIES}::test_prediction_is_the_recursion_of_the_model_and_its_variance",
+    ),
+    Term(
+        "section 5.3",
+        "core/evidence/occlusion.py",
+        "hidden = share < OCCLUDED_BELOW",
+        "hidden = share > OCCLUDED_BELOW",
+        f"{HIDDEN}::test_a_part_is_unseen_where_every_view_has_lost_it",
+    ),
+    Term(
+        "figure 1",
+        "core/evidence/occlusion.py",
+        "hidden | (predicted < OCCLUDED_BELOW)",
+        "hidden & (predicted < OCCLUDED_BELOW)",
+        f"{HIDDEN}::test_a_part_is_occluded_in_its_current_or_its_predicted_pose",
+    ),
+    Term(
+        "section 5.4, figure 2",
+        RELAXATION,
+        "here = _moved_by_gradients(pair, here, gone, workspace)",
+        "here = _moved_by_gradients(pair, here, [np.zeros_like(g) for g in gone], workspace)",
+        f"{SWEEPS}::test_a_hidden_parts_pixels_move_nothing_in_the_initial_solution",
+    ),
+    Term(
+        "(38)",
+        "core/evidence/accumulate.py",
+        "~hidden, ~(hidden[:-1] | hidden[1:])",
+        "~hidden, ~(hidden[:-1] & ~hidden[1:])",
+        f"{SWEEPS}::test_pixels_of_hidden_parts_do_not_count_in_the_sweeps",
+    ),
+    Term(
+        "(A.1), (A.2)",
+        RELAXATION,
+        "return 0.5 * np.stack(",
+        "return 0.25 * np.stack(",
+        f"{SWEEPS}::test_axis_vector_is_that_of_the_odd_half",
+    ),
+    Term(
+        "(A.3), (A.4)",
+        RELAXATION,
+        "np.concatenate([T_error + x[j, :3]",
+        "np.concatenate([T_error - x[j, :3]",
+        f"{SWEEPS}::test_of_translations_alone_it_finds_the_minimum_of_the_energy_as_a_dense_solve_does",
+    ),
+    Term(
+        "(A.5), (A.6)",
+        RELAXATION,
+        "x[max(j - 1, 0)]",
+        "x[j - 1]",
+        f"{SWEEPS}::test_of_translations_alone_it_finds_the_minimum_of_the_energy_as_a_dense_solve_does",
+    ),
+    Term(
+        "appendix 4",
+        PREDICTION,
+        "kalman.Q = model.variance * G @ G.T",
+        "kalman.Q = 0.5 * model.variance * G @ G.T",
+        f"{SERIES}::test_prediction_is_the_recursion_of_the_model_and_its_variance",
+    ),
+    Term(
+        "observation noise",
+        PREDICTION,
+        "kalman.R *= model.noise",
+        "kalman.R *= 1e-9 * model.noise",
+        f"{SERIES}::test_noise_that_is_observed_is_not_foretold",
+    ),
+    Term(
+        "paper 2, (1)",
+        "core/calibration/camera_rig.py",
+        "half = self.length / 2 * self.direction",
+        "half = self.length * self.direction",
+        "tests/core/calibration/test_bundle.py::test_the_wand_keeps_its_length_exactly",
+    ),
+    Term(
+        "paper 2, section 3.1, Levenberg-Marquardt",
+        "core/calibration/bundle_residuals.py",
+        "(uv - seen.uv) * np.where(reached",
+        "(seen.uv - uv) * np.where(reached",
+        "tests/core/calibration/test_bundle.py::test_derivatives_agree_with_finite_differences",
+    ),
+    Term(
+        "paper 2, section 3.1, colours",
+        "core/capture/colours.py",
+        "spans = [(first, last)] if first <= last else [(first, 360.0), (0.0, last)]",
+        "spans = [(first, last)]",
+        "tests/core/capture/test_colours.py::test_a_range_of_hue_goes_through_red",
+    ),
+    Term(
+        "paper 2, (2) to (4)",
+        KINEMATICS,
+        "R[:, i] = body.R_parent_rest[i] @ motion.rotations[:, i]",
+        "R[:, i] = motion.rotations[:, i] @ body.R_parent_rest[i]",
+        f"{BODY}::test_forward_kinematics_is_the_product_along_the_chain",
+    ),
+)
+
+
+def broken_copy(term: Term, folder: Path) -> None:
+    """Copy the files that git knows of, and break a term in the copy."""
+    names = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True, text=True).stdout
+    for name in filter(None, names.split("\0")):
+        target = folder / "kfmocap" / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if (ROOT / name).is_file() and not name.startswith("docs/"):
+            shutil.copy(ROOT / name, target)
+    file = folder / "kfmocap" / term.file
+    file.write_text(file.read_text(encoding="utf-8").replace(term.right, term.wrong), encoding="utf-8")
+
+
+def is_noticed(term: Term) -> bool:
+    """Whether the test of a term fails when the term is broken."""
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        broken_copy(term, folder)
+        environment = os.environ | {"PYTHONPATH": str(folder)}
+        command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", term.test]
+        ran = subprocess.run(
+            command, cwd=folder / "kfmocap", env=environment, capture_output=True, text=True, check=False
+        )
+        return ran.returncode == 1 and "AssertionError" in ran.stdout
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Break the terms one after the other; returns the exit code."""
+    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    arguments.add_argument("--only", default="", metavar="TEXT", help="terms whose names contain this")
+    chosen = [term for term in TERMS if arguments.parse_args(argv).only in term.item]
+    missed = 0
+    for term in chosen:
+        noticed = is_noticed(term)
+        missed += not noticed
+        print(f"{'noticed' if noticed else 'NOT NOTICED':12}{term.item:24}{term.test.rpartition('::')[2]}", flush=True)
+    print(f"{len(chosen) - missed} of {len(chosen)} broken terms are noticed")
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
