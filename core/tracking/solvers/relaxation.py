@@ -47,9 +47,9 @@ NU = 20.0
 """Weight of the root's terminal constraint."""
 SMOOTHNESS = 1.0
 """Weight of the smoothness of every motion parameter."""
-DAMPING = 0.01
-"""Of the initial solution's steps: a hundredth of what the sweeps' smoothness weighs, so that what pixels measure moves
-freely, and a direction that none of them measures does not move."""
+DAMPING = 0.1
+"""Of the initial solution's steps, so that a direction that no pixel measures does not move: the variance of a patch's
+grey level, about 0.02 of the scale, over that of a step, about 0.06 radians."""
 RELINEARISE = 10
 """Sweeps between two measurements of the gradients around the current motion."""
 STRIDE = 2
