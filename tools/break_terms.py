@@ -336,7 +336,7 @@ def is_noticed(term: Term) -> bool:
         ran = subprocess.run(
             command, cwd=folder / "kfmocap", env=environment, capture_output=True, text=True, check=False
         )
-        return ran.returncode == 1 and "AssertionError" in ran.stdout
+        return ran.returncode == 1 and f"FAILED {term.test}" in ran.stdout
 
 
 def main(argv: Sequence[str] | None = None) -> int:
