@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..body.kinematics import Poses
 from ..numerics.arrays import Array
+from ..shot.continuity import single_frames
 from .contours import OutlineSums, outline_sums
 from .foreground import log_ratio
 from .gradients import GradientSums, brightness_constancy
@@ -178,6 +179,28 @@ class _Run:
     share: Array
     seconds: dict[str, float]
 
+    def of_whole_frames(self, view: ViewFrames, first: int) -> _Run:
+        """The evidence less that of frames that do not fit their neighbours; the first is shot frame `first`."""
+        if view.torn is None or not view.torn.any():
+            return self
+        start, count = first - view.first, len(self.share)
+        pairs = 1.0 - view.torn[start : start + count - 1]
+        frames = 1.0 - single_frames(view.torn)[start : start + count]
+        g, o = self.gradients, self.outlines
+        return replace(
+            self,
+            gradients=replace(
+                g,
+                H=g.H * pairs[:, None, None, None],
+                g=g.g * pairs[:, None, None],
+                energy=g.energy * pairs,
+                weight=g.weight * pairs,
+                count=g.count * pairs,
+            ),
+            outlines=OutlineSums(o.H * frames[:, None, None, None], o.g * frames[:, None, None], o.energy * frames),
+            explained=self.explained * frames,
+        )
+
 
 def _run(
     view: ViewFrames,
@@ -234,4 +257,4 @@ def _run(
         "gradients": summed - drawn,
         "outlines": time.perf_counter() - summed,
     }
-    return _Run(gradients, outlines, explained, areas, labels.share, seconds)
+    return _Run(gradients, outlines, explained, areas, labels.share, seconds).of_whole_frames(view, first)

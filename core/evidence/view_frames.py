@@ -131,6 +131,8 @@ class ViewFrames:
         How far the foreground images show the body beyond its edge, pixels.
     delay : float
         How much later than the shot's frames these were taken, frames; see `core.body.time_shift`.
+    torn : ndarray of bool, shape (N - 1,), optional
+        Which pairs of frames do not fit together, and say nothing; see `core.shot.continuity`.
     """
 
     camera: Camera
@@ -139,6 +141,7 @@ class ViewFrames:
     foreground: NDArray[np.uint8] | None = None
     halo: float = 0.0
     delay: float = 0.0
+    torn: NDArray[np.bool_] | None = None
 
     def foreground_at(self, first: int, count: int) -> NDArray[np.uint8]:
         """The foreground images of consecutive shot frames, shape (M, count, h, w)."""

@@ -14,6 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from ..evidence.occlusion import OCCLUDED_BELOW, intervals, occluded, unseen
+from ..shot.footage import container_rate
 from ..shot.shot import Performer, Shot
 from ..tracking.uncertainty import expected_errors
 from .suggestions import suggest_keys_beside_hidden, suggest_keys_by_error
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from ..tracking.track_result import TrackResult
 
 WORST_FRAMES = 10
+_RATE_TOLERANCE = 5e-4  # 29.97 and 30 frames per second differ by twice as much
 
 
 def report(
@@ -90,6 +92,8 @@ def report(
                 "offset": view.offset,
                 "fields": view.fields,
                 "keypoints": str(view.keypoints) if view.keypoints else None,
+                "footage_fps": container_rate(view),
+                "torn": [shot.frames[0] + frame for frame in result.torn[v]] if result.torn else [],
                 "skipped": list(result.observed.skipped[v]) if result.observed.skipped else [],
                 "fits": [_camera_fit(fit) for fit in fits if fit.camera == view.camera.name],
                 "refined": None if refined is None else _refined_camera(refined.views[v]),
@@ -212,6 +216,7 @@ def report_lines(values: Mapping[str, Any]) -> list[str]:
     off = [fit["summary"] for view in values["views"] for fit in view["fits"] if fit["off"]]
     if off:
         lines += [*off, "refine the cameras: kfmocap track --refine, or Refine Cameras in Blender"]
+    lines += _footage_lines(values)
     for performer in values["performers"]:
         if identity := performer.get("identity", {}).get("text"):
             lines.append(f"{performer['name']}: {identity}")
@@ -238,6 +243,24 @@ def report_lines(values: Mapping[str, Any]) -> list[str]:
         if suggested:
             lines.append(f"{performer['name']}: key poses would help at {', '.join(suggested)}")
     return lines
+
+
+def _footage_lines(values: Mapping[str, Any]) -> list[str]:
+    """What is wrong with the footage of the views."""
+    lines = []
+    for view in values["views"]:
+        rate = view["footage_fps"]
+        if rate and abs(rate - values["fps"]) > _RATE_TOLERANCE * rate:
+            lines.append(f"{view['camera']}: its footage has {rate:g} frames per second, the shot {values['fps']:g}")
+        if view["torn"]:
+            lines.append(f"{view['camera']}: {torn_text(view['torn'])}")
+    return lines
+
+
+def torn_text(frames: Sequence[int]) -> str:
+    """Say which frames of a view do not continue from the one before."""
+    shown = ", ".join(map(str, frames[:WORST_FRAMES])) + (", ..." if len(frames) > WORST_FRAMES else "")
+    return f"damaged, repeated or missing pictures, which were given no weight: on or before frames {shown}"
 
 
 def _versions() -> dict[str, str]:

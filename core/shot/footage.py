@@ -78,6 +78,14 @@ def probe(path: Path | str) -> Footage:
         return Footage(path, size, int(video.get(cv2.CAP_PROP_FRAME_COUNT)), video.get(cv2.CAP_PROP_FPS))
 
 
+def container_rate(view: View) -> float:
+    """Return the rate of a view's frames, or fields, that its file states, per second; 0 where it states none."""
+    try:
+        return round(probe(view.footage).fps * _per_file_frame(view), 3)
+    except FootageError:
+        return 0.0
+
+
 def is_interlaced(view: View) -> bool:
     """Whether a view's footage frames are fields, two to a frame of the file."""
     return view.fields in _FIRST_PARITY

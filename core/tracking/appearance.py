@@ -32,7 +32,7 @@ FARTHEST = 1.0
 def grey_frames(frames: ColourFrames) -> ViewFrames:
     """The grey levels of frames, for solvers that look at gradients alone."""
     grey = np.stack([cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) for image in frames.colour])
-    return ViewFrames(frames.camera, grey, frames.first, delay=frames.delay)
+    return ViewFrames(frames.camera, grey, frames.first, delay=frames.delay, torn=frames.torn)
 
 
 def frames_with_foreground(

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from ..cameras.camera import Camera
 from ..errors import CancelledError
+from ..numerics.arrays import Array, Bools
+from ..shot.continuity import AROUND, block_change, small, torn_pairs
 from ..shot.footage import Album, footage_delay, frames_at, working_factor
 from ..shot.shot import Shot, View
 from .segments import Segment
@@ -31,12 +33,15 @@ class ColourFrames:
         Shot frame of the first of them.
     delay : float
         How much later than the shot's frames these were taken, frames.
+    torn : ndarray of bool, shape (N - 1,), optional
+        Which pairs of frames do not fit together; see `core.shot.continuity`.
     """
 
     camera: Camera
     colour: Image
     first: int
     delay: float
+    torn: Bools | None = None
 
 
 class SegmentReader:
@@ -58,7 +63,11 @@ class SegmentReader:
         self._delay = footage_delay(view)
         self._stream = frames_at(view, range(shot.frames[0], shot.frames[1] + 1), factor, grey=False, album=album)
         self._stopped = stopped
-        self._last: list[Image] = []
+        self._length = shot.length
+        self._ahead: list[Image] = []
+        self._read = 0
+        self._small: Array | None = None
+        self._changes: list[NDArray[np.float16]] = []
 
     def read(self, segment: Segment) -> ColourFrames:
         """Read a segment that begins on the frame where the one before it ended.
@@ -70,10 +79,26 @@ class SegmentReader:
         CancelledError
         """
         first, last = segment
-        frames = self._last
-        while len(frames) < last + 1 - first:
+        while self._read < min(last + 1 + AROUND, self._length):
             if self._stopped.is_set():
                 raise CancelledError
-            frames.append(next(self._stream))
-        self._last = frames[-1:]
-        return ColourFrames(self._camera, np.stack(frames), first, self._delay)
+            self._take(next(self._stream))
+        count = last + 1 - first
+        frames = np.stack(self._ahead[:count])
+        self._ahead = self._ahead[count - 1 :]
+        return ColourFrames(self._camera, frames, first, self._delay, self._torn(first, last))
+
+    def _take(self, image: Image) -> None:
+        """Take the next frame, and see how much it differs from the one before."""
+        grey = small(image)
+        if self._small is not None:
+            self._changes.append(block_change(self._small, grey).astype(np.float16))
+        self._small = grey
+        self._ahead.append(image)
+        self._read += 1
+
+    def _torn(self, first: int, last: int) -> Bools:
+        """Which pairs of a segment's frames are torn."""
+        start = max(first - AROUND, 0)
+        torn = torn_pairs([change.astype(float) for change in self._changes[start : last + AROUND]])
+        return torn[first - start : last - start]

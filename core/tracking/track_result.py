@@ -62,6 +62,8 @@ class TrackResult:
         Per performer: the parts that no key pose, keypoint or picture shows on any frame; they rest.
     footage_offset : float
         How much later than on their frames the key poses are shown, frames; see `core.shot.shot.Settings`.
+    torn : tuple of tuple of int
+        Per view: shot frames whose picture does not continue from the one before; see `core.shot.continuity`.
     """
 
     motions: tuple[Motion, ...]
@@ -75,3 +77,4 @@ class TrackResult:
     pictures: tuple[dict[int, NDArray[np.uint8]], ...] = ()
     observed: ShotKeypoints = field(default_factory=ShotKeypoints)
     footage_offset: float = 0.0
+    torn: tuple[tuple[int, ...], ...] = ()

@@ -103,6 +103,7 @@ def track(
     motions = [own.motion for own in observed.performers]
     state = TrackState(tuple(motions or (spline(p.key_poses, shot.length) for p in shot.performers)), around)
     done: list[_Judged] = []
+    torn: list[list[int]] = [[] for _ in shot.views]
 
     def finish(solved: SegmentState, workspace: Workspace, state: TrackState) -> TrackState:
         segment = solved.data.segment
@@ -117,6 +118,8 @@ def track(
 
     waiting: tuple[SegmentState, Workspace] | None = None
     for segment, views in _footage_by_segment(shot, solver, albums, state.motions, seconds):
+        for frames, view in zip(torn, views, strict=True):
+            frames += (segment[0] + 1 + np.flatnonzero(view.torn)).tolist() if view.torn is not None else []
         with seconds.measure("appearance"):
             data = segment_data(shot, segment, views, state, observed)
         work = SOLVING if is_refined(shot, solver, segment, state) else 1.0
@@ -139,6 +142,7 @@ def track(
         seconds=seconds,
         pictures=tuple({f - shot.frames[0]: image for f, image in albums[v].pictures.items()} for v in views_as_given),
         observed=observed.of_views(views_as_given),
+        torn=tuple(tuple(torn[v]) for v in views_as_given),
     )
 
 

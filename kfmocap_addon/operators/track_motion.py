@@ -60,6 +60,7 @@ class Tracking(Conditional, JobOperator):
     def finish(self, _context: bpy.types.Context, tracked: CheckedTrack) -> None:
         """Write the tracked motion into the scene, and which cameras do not fit."""
         from ...core.errors import ShotError
+        from ...core.review.track_report import torn_text
         from ..scene_io import tracked_segments, view_cameras
 
         name, shot, parts = self._asked
@@ -71,6 +72,10 @@ class Tracking(Conditional, JobOperator):
         if tracked.fits is not None:
             for line in view_cameras.show_fits(scene.kfmocap.views, tracked.fits):
                 self.report({"WARNING"}, f"{line}. Refine Cameras may help")
+        for v, view in enumerate(shot.views):
+            pieces = [(part.first, r.torn[v]) for part, r in zip(parts, results, strict=True) if r.torn]
+            if torn := sorted({scene.kfmocap.frame_start + first + f for first, frames in pieces for f in frames}):
+                self.report({"WARNING"}, f"{view.camera.name}: {torn_text(torn)}")
         frames = sum(part.last + 1 - part.first for part in parts)
         seconds = sum(sum(result.seconds.values()) for result in results)
         self.report({"INFO"}, f"Tracked {frames} frames in {seconds:.1f} s")

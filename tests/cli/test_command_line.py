@@ -68,6 +68,7 @@ class Result:
         self.unknown = tuple(() for _ in shot.performers)
         self.pictures = None
         self.footage_offset = 0.0
+        self.torn = ()
         self.observed = ShotKeypoints()
 
 

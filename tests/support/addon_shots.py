@@ -100,6 +100,7 @@ def track_result(
         seconds={"solve": 1.0},
         footage_offset=footage_offset,
         observed=ShotKeypoints(),
+        torn=(),
         unknown=tuple(() for _ in given.performers) if unknown is None else unknown,
     )
 

@@ -253,6 +253,16 @@ def evidence_of(
     return accumulate_evidence(views, Geometry.of([BODY]), poses, Sampling(1.0, tolerance, stride), first=0)
 
 
+def test_pictures_that_do_not_follow_on_say_nothing() -> None:
+    motion, views = two_frames()
+    whole = evidence_of(views, motion)
+    torn = evidence_of([replace(views[0], torn=np.array([True])), views[1]], motion)
+    assert whole.gradients.H[0].any()
+    for name in ("H", "g", "energy", "weight", "count"):
+        assert not getattr(torn.gradients, name)[0].any()
+        np.testing.assert_array_equal(getattr(torn.gradients, name)[1], getattr(whole.gradients, name)[1])
+
+
 def test_evidence_pulls_a_wrong_pose_back() -> None:
     """One step of least squares on rendered pictures takes most of a small error away."""
     motion, views = two_frames()

@@ -52,6 +52,7 @@ def tracked() -> tuple[Shot, type]:
         camera_frames = 8
         footage_offset = 0.0
         unknown = ((),)
+        torn = ()
         segments = (Segment(0, 23, 3, (5.0, 2.0, 1.5)),)
 
     deviation = np.full((F, len(body)), 0.004) * np.sin(np.pi * np.arange(F) / (F - 1))[:, None]
@@ -143,3 +144,14 @@ def test_joint_error_leaves_out_key_frames_and_what_is_no_joint() -> None:
 def test_nothing_to_compare_is_an_error() -> None:
     with pytest.raises(LandmarkError, match="share no joint"):
         joint_error(landmarks(["Nose"], np.zeros((3, 1, 3))), landmarks(["Nose"], np.zeros((3, 1, 3))), [])
+
+
+def test_what_is_wrong_with_the_footage_is_told(
+    tracked: tuple[Shot, type], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shot, result = tracked
+    result.torn = ((), (3, 4))
+    monkeypatch.setattr("kfmocap.core.review.track_report.container_rate", lambda view: 29.97)
+    lines = report_lines(report(shot, result()))
+    assert "cam01: its footage has 29.97 frames per second, the shot 25" in lines
+    assert [line for line in lines if "on or before frames 103, 104" in line and line.startswith("cam02: damaged")]

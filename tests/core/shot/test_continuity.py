@@ -1,0 +1,59 @@
+"""Damaged, repeated and missing frames are told from what moves."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from kfmocap.core.shot.continuity import block_change, single_frames, small, torn_pairs
+
+FRAMES = 16
+
+
+def film(speed: float = 4.0, moved: int = 0) -> np.ndarray:
+    """A textured figure that walks past a textured wall before a noisy camera, `moved` frames missing at the middle."""
+    chance = np.random.default_rng(1)
+    wall = np.kron(chance.uniform(60, 180, (23, 40)), np.ones((8, 8)))
+    figure = np.kron(chance.uniform(20, 230, (12, 4)), np.ones((10, 10)))
+    out = []
+    for f in range(FRAMES):
+        picture = wall.copy()
+        left = round(40 + speed * (f + moved * (f >= FRAMES // 2)))
+        picture[30:150, left : left + 40] = figure
+        out.append(picture + chance.normal(0, 2, picture.shape))
+    return np.clip(out, 0, 255).astype(np.uint8)
+
+
+def torn(frames: np.ndarray) -> np.ndarray:
+    blocks = [small(frame) for frame in frames]
+    return torn_pairs([block_change(a, b) for a, b in pairwise(blocks)])
+
+
+@pytest.mark.parametrize("speed", [0, 1, 4, 9, 15])
+def test_whole_footage_is_not_torn(speed: float) -> None:
+    assert not torn(film(speed)).any()
+
+
+def test_a_frame_with_broken_blocks_fits_neither_neighbour() -> None:
+    frames = film()
+    frames[7, 64:112, 160:320] = np.kron(np.random.default_rng(2).integers(0, 255, (3, 10)), np.ones((16, 16)))
+    found = torn(frames)
+    assert np.flatnonzero(found).tolist() == [6, 7]
+    assert np.flatnonzero(single_frames(found)).tolist() == [7]
+
+
+def test_damage_that_lasts_is_torn_where_it_begins_and_ends() -> None:
+    frames = film()
+    frames[6:11, 64:112, 160:300] = 128
+    assert np.flatnonzero(torn(frames)).tolist() == [5, 10]
+
+
+def test_a_repeated_frame_has_no_weight() -> None:
+    frames = film()
+    frames[8] = frames[7]
+    assert np.flatnonzero(single_frames(torn(frames))).tolist() == [8]
+
+
+def test_missing_frames_are_torn() -> None:
+    assert np.flatnonzero(torn(film(3.0, moved=25))).tolist() == [FRAMES // 2 - 1]
