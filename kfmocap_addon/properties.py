@@ -257,6 +257,12 @@ class KFMocapRetarget(bpy.types.PropertyGroup):
     target: bpy.props.PointerProperty(
         type=bpy.types.Object, poll=_is_armature, name="Character", description="Armature that is to move"
     )
+    source: bpy.props.PointerProperty(
+        type=bpy.types.Object,
+        poll=_is_armature,
+        name="Motion From",
+        description="Armature whose motion is sent, over the frames of the scene. Empty: the performer",
+    )
     preset: bpy.props.EnumProperty(
         items=[
             ("auto", "Automatic", "The preset that knows most of its bones, else their names, else their places"),

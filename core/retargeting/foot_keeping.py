@@ -16,13 +16,14 @@ from ..body.foot_plants import find_plants, runs
 from ..numerics.arrays import Array, Bools
 from .control_rig import ControlRig, RigPoses
 from .limb_goals import LimbGoal, limb_controls
-from .rest_alignment import alignments
+from .rest_alignment import alignments, facing, foot_way
 from .roles import SIDES, BoneMap
 from .skeleton_motion import RestSkeleton, SkeletonMotion
 from .transfer import Placement, leg_length
 
 HEEL, BALL = 0, 1
 _HEEL_BACK = 0.3  # of the way from ankle to ball over the ground, where nothing shows the heel
+_FOOT = 0.17  # legs: from the ankle to the ball, where nothing shows it
 _SAME_FOOT = 0.03  # feet whose lengths are in proportion to the legs to this are taken to be exactly so
 _FADE = 0.25  # seconds in which a correction fades
 _BRIDGE = 1.0  # seconds: over shorter swings it goes over into the next plant's
@@ -63,10 +64,14 @@ def foot_paths(source: SkeletonMotion, of_source: BoneMap, deviation: Array | No
     leg = leg_length(source.rest, of_source)
     found = []
     for side in SIDES:
-        offsets = sole_offsets(source.rest, of_source, side)
-        if offsets is None:
+        if f"foot.{side}" not in of_source.bones:
             continue
         [ankle] = source.rest.indices(of_source.bones[f"foot.{side}"])
+        offsets = sole_offsets(source.rest, of_source, side)
+        if offsets is None:
+            forward = _FOOT * leg * (facing(source.rest, of_source) @ [0.0, -1.0, 0.0])
+            down = np.array([0.0, 0.0, source.rest.ground - source.rest.heads[ankle, 2]])
+            offsets = np.stack([down - _HEEL_BACK * forward, down + forward])
         points = source.positions[:, None, ankle] + np.einsum("fij,cj->fci", source.turns[:, ankle], offsets)
         doubt = None if deviation is None else np.repeat(deviation[:, ankle, None], 2, axis=1)
         plants = find_plants(points, source.fps, leg, doubt)
@@ -76,19 +81,10 @@ def foot_paths(source: SkeletonMotion, of_source: BoneMap, deviation: Array | No
 
 def sole_offsets(rest: RestSkeleton, bones: BoneMap, side: str) -> Array | None:
     """Heel and ball on the ground from the ankle, at rest, shape (2, 3); None where the foot does not show them."""
-    role, toe = f"foot.{side}", f"toe.{side}"
-    if role not in bones.bones:
+    ahead = foot_way(rest, bones, side)
+    if ahead is None:
         return None
-    [j] = rest.indices(bones.bones[role])
-    end = rest.heads[rest.indices(bones.bones[toe])[0]] if toe in bones.bones else rest.tails[j]
-    below = [k for k, p in enumerate(rest.parents) if p == j]
-    if np.isnan(end).any():
-        if not below:
-            return None
-        end = rest.heads[below].mean(axis=0)
-    ahead = (end - rest.heads[j]) * [1.0, 1.0, 0.0]
-    if not np.linalg.norm(ahead) > 1e-9:
-        return None
+    [j] = rest.indices(bones.bones[f"foot.{side}"])
     down = np.array([0.0, 0.0, rest.ground - rest.heads[j, 2]])
     return np.stack([down - _HEEL_BACK * ahead, down + ahead])
 

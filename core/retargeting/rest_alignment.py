@@ -165,12 +165,25 @@ def _finger(source: Rig, target: Rig, role: str, above: Array) -> list[Array]:
 
 def _foot(source: Rig, target: Rig, role: str, F: Array) -> Array:
     """Toes to where the source's point, about the vertical; toes follow the foot."""
-    foot = role.replace("toe", "foot")
-    ways = []
-    for rest, bones in (source, target):
-        way = direction(rest, bones, foot) * [1.0, 1.0, 0.0] if foot in bones.bones else np.zeros(3)
-        length = float(np.linalg.norm(way))
-        if length < 0.3:  # the foot points down: its way in the plane says nothing
-            return F
-        ways.append(way / length)
-    return _aligned(F, ways[1], ways[0])
+    side = role.partition(".")[2]
+    of_source, of_target = (foot_way(*rig, side) for rig in (source, target))
+    if of_source is None or of_target is None:
+        return F
+    return _aligned(F, of_target / np.linalg.norm(of_target), of_source / np.linalg.norm(of_source))
+
+
+def foot_way(rest: RestSkeleton, bones: BoneMap, side: str) -> Array | None:
+    """The way over the ground from the ankle to the ball of a foot at rest, shape (3,).
+
+    None where the foot does not show it: it points down, or its tail is arbitrary, as those of last bones in FBX files.
+    """
+    if f"foot.{side}" not in bones.bones:
+        return None
+    [j] = rest.indices(bones.bones[f"foot.{side}"])
+    toe = bones.bones.get(f"toe.{side}")
+    way = (_end(rest, j) if toe is None else rest.heads[rest.indices(toe)[0]]) - rest.heads[j]
+    length, flat = float(np.linalg.norm(way)), way * [1.0, 1.0, 0.0]
+    forward = facing(rest, bones) @ [0.0, -1.0, 0.0]
+    [shin] = rest.indices(bones.bones[f"shin.{side}"])
+    shown = flat @ forward > 0.5 * np.linalg.norm(flat) and np.linalg.norm(flat) > 0.3 * length
+    return np.asarray(flat) if shown and length < np.linalg.norm(rest.heads[shin] - rest.heads[j]) else None

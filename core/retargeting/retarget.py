@@ -20,8 +20,8 @@ from .skeleton_motion import RestSkeleton, SkeletonMotion
 from .transfer import Placement, RetargetOptions, leg_length, place, transfer
 
 DEFAULTS = RetargetOptions()
-_STANDING = (-0.05, 0.13)
-"""In legs: how far the lowest point of the feet may be from height zero for that to be the ground at rest."""
+_STANDING = (0.01, 0.22)
+"""In legs: how high the ankles may be above the origin for that to be the ground at rest."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +89,10 @@ def grounded(rest: RestSkeleton, bones: BoneMap, origin: float = 0.0) -> RestSke
     ankles = [name for side in SIDES for role in ("foot", "toe") for name in bones.bones.get(f"{role}.{side}", ())]
     feet = rest.indices(ankles or [name for side in SIDES for name in bones.bones[f"shin.{side}"]])
     low = float(np.nanmin(np.concatenate([rest.heads[feet, 2], rest.tails[feet, 2]])))
-    leg = leg_length(replace(rest, ground=low), bones)
-    stands = _STANDING[0] * leg <= low - origin <= _STANDING[1] * leg
+    # Tails of last bones are arbitrary in some files: the ankles tell whether the skeleton stands on its origin.
+    high = float(rest.heads[feet[0], 2])
+    leg = leg_length(replace(rest, ground=high), bones)
+    stands = bool(ankles) and _STANDING[0] * leg <= high - origin <= _STANDING[1] * leg
     return replace(rest, ground=origin if stands else low)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import bpy
@@ -14,36 +15,47 @@ if TYPE_CHECKING:
     from ..retargeting.send import SendOptions
 
 
+def has_source(context: bpy.types.Context) -> str:
+    """There is a motion to send: another armature's, or a performer's."""
+    return "" if context.scene.kfmocap.retarget.source is not None else has_performer(context)
+
+
 def has_target(context: bpy.types.Context) -> str:
-    """A character is chosen that is no performer itself."""
-    target = context.scene.kfmocap.retarget.target
+    """A character is chosen that is not the source itself."""
+    settings = context.scene.kfmocap.retarget
+    target = settings.target
     if target is None:
         return "Choose the character's armature first"
-    if target == active_performer.chosen(context).armature:
-        return "The character is the performer itself: choose another armature"
+    if target == (settings.source or active_performer.chosen(context).armature):
+        return "The character moves already: choose another armature"
     return "The character is in edit mode: leave it first" if target.mode == "EDIT" else ""
 
 
 class SendToRig(Conditional, bpy.types.Operator):
-    """Put the performer's motion on the chosen character, as a new action on its rig's controls. The action that it has
-    now stays in the file"""
+    """Put the performer's motion, or another armature's, on the chosen character, as a new action on its rig's
+    controls. The action that it has now stays in the file"""
 
     bl_idname = "kfmocap.send_to_rig"
     bl_label = "Send to Rig"
     bl_options = {"REGISTER", "UNDO"}
-    conditions = (has_performer, has_target)
+    conditions = (has_source, has_target)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ..retargeting import performer_motion, send
+        from ..retargeting import send, source_motion
         from ..retargeting.overrides import editable
 
         with reported(self) as outcome:
             slot, scene = active_performer.chosen(context), context.scene
-            settings = scene.kfmocap.retarget
-            motion = performer_motion.motion_of_performer(scene, slot)
+            settings, first = scene.kfmocap.retarget, scene.kfmocap.frame_start
             options = _options(settings)
+            if settings.source is None:
+                motion = source_motion.motion_of_performer(scene, slot)
+            else:
+                first = scene.frame_start
+                motion, bones = source_motion.motion_of_armature(scene, settings.source, (first, scene.frame_end))
+                options = replace(options, source_bones=bones)
             target = editable(settings.target, scene)
-            report = send.send_to_rig(scene, motion, target, scene.kfmocap.frame_start, options)
+            report = send.send_to_rig(scene, motion, target, first, options)
             settings.target = target
             _show(self, settings, report["error"])
             for text in report["warnings"]:

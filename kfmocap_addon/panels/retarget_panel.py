@@ -35,6 +35,7 @@ class RetargetPanel(Section, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout, settings = self.layout, context.scene.kfmocap.retarget
         layout.use_property_split, layout.use_property_decorate = True, False
+        layout.prop(settings, "source")
         layout.prop(settings, "target")
         layout.prop(settings, "preset")
         layout.operator(SendToRig.bl_idname, icon="ARMATURE_DATA")

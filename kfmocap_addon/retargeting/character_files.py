@@ -34,11 +34,12 @@ def retarget_file(request: RetargetRequest) -> dict[str, Any]:
     """
     if not bpy.app.background:
         raise OutputError("a batch would close the open file", todo="run it in background, or use Send to Rig")
+    of_source = None if request.source_map is None else read_map(request.source_map)
     source = motion_of_bvh(read_bvh(request.motion), request.motion.stem)
     options = SendOptions(
         request.preset,
         None if request.bone_map is None else read_map(request.bone_map),
-        None if request.source_map is None else read_map(request.source_map),
+        of_source,
         RetargetOptions(request.root, request.feet, request.hands, request.scale),
         CurveOptions(request.layer, float(np.radians(request.angle)), request.distance / 1000),
     )

@@ -134,7 +134,7 @@ def send_to_rig(
     ):
         reading = read_rig(armature, used)
         rig = reading.rig
-        shown = [_shown(armature, preset.follows, name) for name in rig.rest.names]
+        shown = [shown_bone(armature, preset.follows, name) for name in rig.rest.names]
         standing = world_matrices(armature, shown)
         result = retarget(source, of_source, rig, options.retarget)
         channels = control_channels(armature, rig, result.poses, ik_roles(rig, preset))
@@ -165,7 +165,8 @@ def _used(bones: BoneMap, of_source: BoneMap, options: RetargetOptions) -> BoneM
     return BoneMap({role: names for role, names in bones.bones.items() if role in told}, bones.preset, bones.found_by)
 
 
-def _shown(armature: bpy.types.Object, follows: Mapping[str, str], name: str) -> str:
+def shown_bone(armature: bpy.types.Object, follows: Mapping[str, str], name: str) -> str:
+    """Return the bone that shows what a control has done: itself, but for those that a preset names."""
     other = follows.get(name, name)
     return other if other in armature.pose.bones else name
 

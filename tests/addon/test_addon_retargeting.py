@@ -20,6 +20,7 @@ from kfmocap.kfmocap_addon.properties import KFMocapRetarget  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.overrides import editable  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.rig_curves import CurveOptions  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.send import SendOptions, find_target, send_to_rig  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.source_motion import motion_of_armature  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import body_armature, motion_curves, scene  # noqa: E402
 from made_rigs import made_rig, moved_body, wild_motion  # noqa: E402
 from mathutils import Matrix, Vector  # noqa: E402
@@ -64,10 +65,10 @@ LIMBS = ["upper_arm", "forearm", "hand", "thigh", "shin", "foot"]
 JOINTS = [f"{limb}.{side}" for side in "LR" for limb in LIMBS]
 
 
-def joint_errors(armature, report, given):
+def joint_errors(armature, report, given, frames=FRAMES):
     """Largest distance of a limb's joint from the source's, metres; arms from the shoulder, since spines differ."""
     names = [report["target"]["bones"][role][0] for role in JOINTS]
-    own, shown = given.positions[:, given.rest.indices(JOINTS)], shown_joints(armature, names)
+    own, shown = given.positions[:, given.rest.indices(JOINTS)], shown_joints(armature, names, frames)
     for joints in (own, shown):
         for arm in (slice(0, 3), slice(6, 9)):
             joints[:, arm] -= joints[:, arm][:, :1]
@@ -276,3 +277,22 @@ def test_a_character_in_an_excluded_collection_moves(blender):  # noqa: F811
     report = send_to_rig(bpy.context.scene, given, armature, 1)
     layer.exclude = False
     assert joint_errors(armature, report, given) < 1e-4
+
+
+def test_motion_comes_from_any_armature(blender):  # noqa: F811
+    """From the body to a Mixamo character, and from there to an Unreal one."""
+    first, second = built("mixamo", np.radians(45)), built("unreal", name="other")
+    given = source()
+    send_to_rig(bpy.context.scene, given, first, 1)
+    motion, bones = motion_of_armature(bpy.context.scene, first, (1, FRAMES))
+    report = send_to_rig(bpy.context.scene, motion, second, 1, SendOptions(source_bones=bones))
+    assert joint_errors(second, report, given) < 1e-4
+
+
+def test_the_operator_sends_another_armatures_motion(tracked):
+    settings = bpy.context.scene.kfmocap.retarget
+    assert bpy.ops.kfmocap.send_to_rig() == {"FINISHED"}
+    settings.source, settings.target = tracked, built("unreal", name="other")
+    bpy.context.scene.frame_end = 3
+    assert bpy.ops.kfmocap.send_to_rig() == {"FINISHED"}
+    assert settings.target.animation_data.action is not None

@@ -1,0 +1,82 @@
+"""The motion of a tracked performer, or of any other armature, as retargeting reads it."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ...core.errors import ShotError
+from ...core.numerics import rotations
+from ...core.retargeting.bone_matching import preset_of
+from ...core.retargeting.roles import BoneMap
+from ...core.retargeting.skeleton_motion import RestSkeleton, SkeletonMotion, motion_of_body
+from ..scene_io import body_armature, fcurves, motion_curves
+from .rig_error import world_matrices
+from .rig_reading import rest_skeleton, world_frame
+from .send import shown_bone, target_bones
+
+
+def motion_of_performer(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> SkeletonMotion:
+    """Return what the curves of a performer show on the frames of the shot.
+
+    Raises
+    ------
+    ShotError
+        The performer has no keys, or the shot no frames.
+    """
+    where = f"performer {slot.name}"
+    if fcurves.find_channelbag(slot.armature) is None:
+        raise ShotError("there is no motion yet", where=where, todo="track first")
+    properties = scene.kfmocap
+    if properties.length < 1:
+        raise ShotError("the shot has no frames", where="Frames", todo="put the last frame after the first")
+    body = body_armature.body_from_armature(slot.armature)
+    motion = motion_curves.read_motion(slot.armature, properties.frame_start, properties.length)
+    return motion_of_body(body, motion, slot.name, scene.render.fps / scene.render.fps_base)
+
+
+def motion_of_armature(
+    scene: bpy.types.Scene, armature: bpy.types.Object, frames: tuple[int, int], bones: BoneMap | None = None
+) -> tuple[SkeletonMotion, BoneMap]:
+    """Return what the bones of an armature do, as Blender shows it, and their roles.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+        The one that shows the armature.
+    armature : bpy.types.Object
+    frames : tuple of int
+        First and last scene frame.
+    bones : BoneMap, optional
+        By default found.
+
+    Raises
+    ------
+    BodyError
+        It is no human's.
+    ShotError
+        There are no frames.
+    """
+    first, last = frames
+    if last < first:
+        raise ShotError(f"the last frame ({last}) is before the first ({first})", where="Frames")
+    bones = bones or target_bones(armature)
+    names = bones.names()
+    follows = preset_of(bones).follows
+    shown = [shown_bone(armature, follows, name) for name in names]
+    whole = rest_skeleton(armature)
+    own, others = whole.indices(names), whole.indices(shown)
+    matrix, scale = world_frame(armature)
+    local = np.array([armature.data.bones[name].matrix_local for name in shown]).reshape(-1, 4, 4)
+    R_rest = rotations.orthonormal(matrix[:3, :3] / scale @ local[:, :3, :3])
+    turns = np.empty((last - first + 1, len(names), 3, 3))
+    places = np.empty(turns.shape[:3])
+    now = scene.frame_current
+    for f in range(len(turns)):
+        scene.frame_set(first + f)
+        R, T = world_matrices(armature, shown)
+        turns[f] = R @ np.swapaxes(R_rest, -1, -2)
+        places[f] = T + np.einsum("bij,bj->bi", turns[f], whole.heads[own] - whole.heads[others])
+    scene.frame_set(now)
+    rest = RestSkeleton(tuple(names), (-1,) * len(names), whole.heads[own], whole.tails[own])
+    return SkeletonMotion(armature.name, rest, turns, places, scene.render.fps / scene.render.fps_base), bones
