@@ -163,3 +163,18 @@ def test_a_given_height_is_taken() -> None:
     targets = landmark_positions(BODY, exercise(BODY, 2), TRACKED)
     widths = [np.ptp(fit_body(TRACKED, targets, h, rounds=1).parts[0].vertices[:, 0]) for h in (1.6, 2.0)]
     assert widths[1] / widths[0] == pytest.approx(2.0 / 1.6, rel=1e-6)
+
+
+def test_feet_without_toes_point_where_the_legs_do() -> None:
+    """Their ankles are as at rest, and their turn is the legs', however these are lifted and bent."""
+    truth = exercise(BODY, 10, seed=4)
+    feet = [BODY.index(f"foot.{side}") for side in "LR"]
+    truth.rotations[:, feet] = np.eye(3)
+    names = [name for name in TRACKED if not name.endswith(("BigToe", "Heel"))]
+    found = fit_poses(BODY, names, landmark_positions(BODY, truth, names))
+    np.testing.assert_allclose(found.rotations[:, feet], truth.rotations[:, feet], atol=1e-6)
+    for side in "LR":
+        ends = [side + "Ankle", side + "BigToe"]
+        pointing = [np.diff(landmark_positions(BODY, motion, ends), axis=1)[:, 0] for motion in (found, truth)]
+        along = [v / np.linalg.norm(v, axis=1, keepdims=True) for v in pointing]
+        assert np.degrees(np.arccos(np.clip(np.sum(along[0] * along[1], axis=1), -1, 1))).max() < 45

@@ -237,3 +237,19 @@ def test_legs_out_of_sight_do_not_go_on_turning() -> None:
     assert errors.mean() < 0.15  # 0.21 where they do go on
     usual = np.linalg.norm(rotations.log(fit.motion.rotations[:, body.index("shin.L")]), axis=-1)
     assert usual.max() < 1.2  # they are bent by 0.1 to 0.7 radians
+
+
+def test_feet_of_a_detector_without_toes_point_where_the_legs_do() -> None:
+    body = human(1.8)
+    motion = strolling(body, 30)
+    seen = keypoints_of(cameras(3), seen_places(body, motion), noise=0.01)
+    seen.confidence[:, :, [i for i, name in enumerate(NAMES) if name[1:] in ("BigToe", "Heel")]] = 0.0
+    fit = scaled_first_pass(seen, fps=FPS, precision=precision(body), correlated=9.0)
+    for side in "LR":
+        names = [side + "Ankle", side + "BigToe"]
+        found, true = (
+            np.diff(landmark_positions(one, moved, names), axis=1)[:, 0]
+            for one, moved in ((fit.body, fit.motion), (body, motion))
+        )
+        cosine = np.sum(found * true, axis=-1) / np.linalg.norm(found, axis=-1) / np.linalg.norm(true, axis=-1)
+        assert np.degrees(np.arccos(cosine)).max() < 20
