@@ -47,9 +47,9 @@ NU = 20.0
 """Weight of the root's terminal constraint."""
 SMOOTHNESS = 1.0
 """Weight of the smoothness of every motion parameter."""
-DAMPING = 0.1
+DAMPING = 0.01
 """Of the initial solution's steps, so that a direction that no pixel measures does not move: the variance of a patch's
-grey level, about 0.02 of the scale, over that of a step, about 0.06 radians."""
+grey level, about 0.01 of the scale, over that of a step, about 0.1 radians."""
 RELINEARISE = 10
 """Sweeps between two measurements of the gradients around the current motion."""
 STRIDE = 2
