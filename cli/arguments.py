@@ -38,7 +38,7 @@ def _add_track(command: argparse.ArgumentParser) -> None:
 
 def _add_batch(command: argparse.ArgumentParser) -> None:
     command.add_argument("shots", nargs="+", metavar="SHOT.toml", help="shot files, or patterns such as shots/*.toml")
-    command.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder for a folder of each shot")
+    command.add_argument("--out", required=True, type=_path, metavar="DIR", help="folder for a folder of each shot")
     command.add_argument("--jobs", type=int, metavar="N", help="track N shots at a time (default: half the cores)")
     part = command.add_mutually_exclusive_group()
     part.add_argument("--task", type=int, metavar="N", help="track shot N alone, from 0, as one task of a render farm")
@@ -71,16 +71,16 @@ def _add_demo(command: argparse.ArgumentParser) -> None:
 
 
 def _add_retarget(command: argparse.ArgumentParser) -> None:
-    command.add_argument("motions", nargs="+", type=Path, metavar="MOTION.bvh", help="motion files")
-    command.add_argument("--to", required=True, type=Path, metavar="CHARACTER.blend", help="file with the character")
+    command.add_argument("motions", nargs="+", type=_path, metavar="MOTION.bvh", help="motion files")
+    command.add_argument("--to", required=True, type=_path, metavar="CHARACTER.blend", help="file with the character")
     command.add_argument("--armature", metavar="NAME", help="its armature (default: the only one that can be meant)")
     command.add_argument("--preset", metavar="NAME", help="kind of rig, such as rigify, mixamo (default: by its bones)")
     command.add_argument(
-        "--out", required=True, type=Path, metavar="MOVED.blend", help="file to write; for several motions a folder"
+        "--out", required=True, type=_path, metavar="MOVED.blend", help="file to write; for several motions a folder"
     )
-    command.add_argument("--bone-map", type=Path, metavar="FILE.json", help="bone map of the character")
-    command.add_argument("--source-map", type=Path, metavar="FILE.json", help="bone map of the motion files")
-    command.add_argument("--save-map", type=Path, metavar="FILE.json", help="also write the bone map that was used")
+    command.add_argument("--bone-map", type=_path, metavar="FILE.json", help="bone map of the character")
+    command.add_argument("--source-map", type=_path, metavar="FILE.json", help="bone map of the motion files")
+    command.add_argument("--save-map", type=_path, metavar="FILE.json", help="also write the bone map that was used")
     command.add_argument("--root", default="world", metavar="NAME", help="world, in-place or root-bone")
     command.add_argument("--feet", default="keep", metavar="NAME", help="keep, clean or off")
     command.add_argument("--hands", action="store_true", help="keep hands where they stand still")
@@ -97,12 +97,12 @@ def _add_retarget(command: argparse.ArgumentParser) -> None:
 
 
 def _add_bench(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--out", type=Path, metavar="DIR", help="also write bench.md and bench.json there")
+    command.add_argument("--out", type=_path, metavar="DIR", help="also write bench.md and bench.json there")
     command.add_argument("--shot", metavar="NAME", help="measure one example or shot only, such as beam or walk")
     command.add_argument("--quick", action="store_true", help="measure a few rows only")
     command.add_argument("--repeat", type=int, default=1, metavar="N", help="times are medians of N runs (default: 1)")
     command.add_argument("--shots", action="store_true", help="measure the set of shots that judges the tracker")
-    command.add_argument("--data", type=Path, metavar="DIR", help="with --shots: folder of further shots with truth")
+    command.add_argument("--data", type=_path, metavar="DIR", help="with --shots: folder of further shots with truth")
     command.add_argument(
         "--set",
         action="append",

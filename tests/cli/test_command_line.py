@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from kfmocap.__main__ import main
 from kfmocap.cli import example_footage, progress_bar, track_command
+from kfmocap.cli.arguments import parser
 from kfmocap.core.body import human, landmark_positions
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
@@ -321,6 +322,12 @@ def test_an_empty_path_is_an_error(arguments: list[str], capsys: pytest.CaptureF
         main(arguments)
     assert ended.value.code == 2
     assert "the path is empty" in capsys.readouterr().err
+
+
+def test_no_argument_takes_an_empty_path() -> None:
+    """An empty one, as an unset variable of a shell leaves it, would be the working folder."""
+    commands = next(action for action in parser()._actions if action.dest == "command").choices
+    assert [f"{name} {a.dest}" for name, one in commands.items() for a in one._actions if a.type is Path] == []
 
 
 @pytest.mark.parametrize("taken", ["tiny.trc", "report.json"])
