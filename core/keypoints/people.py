@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, pairwise
+from itertools import pairwise
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -81,12 +81,12 @@ def find_people(
         Those whom two views show for `LEAST` seconds.
     """
     scene = _Scene.of(founds, empty)
-    rays = [scene.directions(track) for track in tracks]
+    rays, together = [scene.directions(track) for track in tracks], _overlapping(tracks)
     seeds = sorted(
         (
-            (score, a, b)
-            for a, b in combinations(range(len(tracks)), 2)
-            if tracks[a].view != tracks[b].view and (score := _score(scene, tracks, rays, (a, b))) > LEAST * fps
+            (score, int(a), int(b))
+            for a, b in np.argwhere(np.triu(together))
+            if (score := _score(scene, tracks, rays, (a, b), np.flatnonzero(together[a] & together[b]))) > LEAST * fps
         ),
         reverse=True,
     )
@@ -195,8 +195,17 @@ class _Scene:
         return float(_median(np.where(x[:, 2] > 0, away, np.nan)))
 
 
-def _score(scene: _Scene, tracks: Sequence[Track], rays: Sequence[Array], pair: tuple[int, int]) -> float:
-    """How many frames, and views besides, confirm that two tracks of different views show one person."""
+def _overlapping(tracks: Sequence[Track]) -> Bools:
+    """Which tracks are of different views and have frames in common, or may have, shape (n, n)."""
+    ends = np.array([(t.view, t.frames[0], t.frames[-1]) for t in tracks]).reshape(-1, 3)
+    views, first, last = (column[:, None] for column in ends.T)
+    return np.asarray((views != views.T) & (first <= last.T) & (last >= first.T))
+
+
+def _score(scene: _Scene, tracks: Sequence[Track], rays: Sequence[Array], pair: tuple[int, int], others: Ints) -> float:
+    """How many frames, and views besides, confirm that two tracks of different views show one person; `others` are
+    those of other views at that time.
+    """
     first, second = tracks[pair[0]], tracks[pair[1]]
     frames, rows_a, rows_b = np.intersect1d(first.frames, second.frames, assume_unique=True, return_indices=True)
     if not len(frames):
@@ -211,9 +220,8 @@ def _score(scene: _Scene, tracks: Sequence[Track], rays: Sequence[Array], pair: 
     if not agreed.any():
         return 0.0
     best: dict[int, Array] = {}
-    for k, other in enumerate(tracks):
-        if other.view in (first.view, second.view):
-            continue
+    for k in others:
+        other = tracks[k]
         shared, here, there = np.intersect1d(frames, other.frames, assume_unique=True, return_indices=True)
         if len(shared):
             from_camera = points[here] - scene.origins(other.view, shared)[:, None]
