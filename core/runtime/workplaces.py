@@ -86,6 +86,11 @@ def remove_leftovers(folder: Path) -> None:
             if entry.name.startswith(PREFIX) and entry.is_dir(follow_symlinks=False):
                 with suppress(OSError), held_signals():
                     _remove_leftover(Path(entry.path))
+        for entry in os.scandir(folder):
+            # Files beside the workplace that they are named after: some have to be written where they will be.
+            ours = entry.name.startswith(PREFIX) and entry.is_file(follow_symlinks=False)
+            if ours and not Path(entry.path).with_suffix("").exists():
+                Path(entry.path).unlink()
 
 
 def _remove_leftover(place: Path) -> None:

@@ -103,6 +103,10 @@ def show_scene_of(armature: bpy.types.Object) -> bpy.types.Scene:
 def save_copy(path: Path) -> None:
     """Save the open file under another name, whole or not at all; paths in it stay right."""
     with writing(path) as target:
-        bpy.ops.wm.save_as_mainfile(
-            filepath=str(target.resolve()), copy=True, check_existing=False, relative_remap=True
-        )
+        # Blender turns relative paths to where it saves: that has to be the folder that the file will be in.
+        beside = path.resolve().with_name(f"{target.parents[1].name}{path.suffix}")
+        try:
+            bpy.ops.wm.save_as_mainfile(filepath=str(beside), copy=True, check_existing=False, relative_remap=True)
+            os.replace(beside, target)
+        finally:
+            beside.unlink(missing_ok=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from kfmocap.core.retargeting.bone_presets import PRESETS  # noqa: E402
 from kfmocap.core.retargeting.retarget import prepared  # noqa: E402
 from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
 from kfmocap.kfmocap_addon.properties import KFMocapRetarget  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.character_files import save_copy  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.overrides import editable  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.rig_curves import CurveOptions  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.send import SendOptions, find_target, send_to_rig  # noqa: E402
@@ -296,3 +298,15 @@ def test_the_operator_sends_another_armatures_motion(tracked):
     bpy.context.scene.frame_end = 3
     assert bpy.ops.kfmocap.send_to_rig() == {"FINISHED"}
     assert settings.target.animation_data.action is not None
+
+
+def test_relative_paths_of_a_character_still_lead_where_they_led(blender, tmp_path):  # noqa: F811
+    (tmp_path / "deep").mkdir()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "character.blend"))
+    bpy.data.images.new("skin", 4, 4).filepath = "//skin.png"
+    bpy.data.images["skin"].source = "FILE"
+    bpy.data.images["skin"].use_fake_user = True
+    save_copy(tmp_path / "deep" / "moved.blend")
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "deep" / "moved.blend"))
+    assert Path(bpy.path.abspath(bpy.data.images["skin"].filepath)).resolve() == tmp_path / "skin.png"
+    assert [file.name for file in (tmp_path / "deep").iterdir()] == ["moved.blend"]

@@ -243,3 +243,14 @@ def test_a_file_that_cannot_be_written_whole_replaces_nothing(tmp_path: Path) ->
     assert "File too large" in run.stderr
     assert set(contents(tmp_path / "out").values()) == {"old"}
     assert not leftovers(tmp_path)
+
+
+def test_files_beside_a_workplace_that_is_gone_are_removed(tmp_path: Path) -> None:
+    (tmp_path / ".kfmocap-gone.blend").touch()
+    with replacing(tmp_path / "a.blend") as temporary:
+        beside = tmp_path / f"{temporary.parents[1].name}.blend"
+        beside.touch()
+        check_writable(tmp_path / "out")
+        assert beside.exists()
+        temporary.touch()
+    assert not (tmp_path / ".kfmocap-gone.blend").exists()
