@@ -148,7 +148,7 @@ TERMS = (
         RELAXATION,
         "before = before @ rotations.exp(new[3:].reshape(-1, 3))",
         "before = before @ Q[j]",
-        f"{SWEEPS}::test_a_sweep_goes_frame_after_frame_and_each_sees_what_the_one_before_has_become",
+        f"{SWEEPS}::test_a_sweep_over_turns_is_equation_30_with_the_papers_weights",
     ),
     Term(
         "(24) to (26)",
