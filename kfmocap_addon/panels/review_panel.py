@@ -4,7 +4,7 @@ import bpy
 
 from ..operators.go_to_frame import GoToFrame
 from ..operators.show_misfit import HideResidual, ShowResidual
-from ..scene_io import bone_visibility, unknown_bones
+from ..scene_io import bone_visibility
 from .section import Section
 
 
@@ -33,6 +33,8 @@ class ReviewPanel(Section, bpy.types.Panel):
 
 
 def _draw_hidden(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup) -> None:
+    from ..scene_io import unknown_bones  # it loads SciPy, which Blender's start shall not
+
     unknown = unknown_bones.unknown_bones(slot.armature)
     if unknown:
         column.label(text=f"{slot.name}: nothing shows", icon="QUESTION")
