@@ -47,11 +47,14 @@ NOISE = 1.5
 """Standard deviation of the sensor noise, grey levels of 255."""
 
 
-VGA_CAMERAS = (
-    camera_looking_at("cam01", (-2.7, -2.9, 1.9), (0.1, 0.0, 0.75), 610.0, (-0.16, 0.04, 0.0, 0.0), (640, 480)),
-    camera_looking_at("cam02", (2.9, -2.7, 1.7), (-0.1, 0.1, 0.8), 640.0, (-0.10, 0.0, 0.0, 0.0), (640, 480)),
-    camera_looking_at("cam03", (2.7, 2.8, 2.1), (0.0, -0.1, 0.75), 575.0, (-0.19, 0.05, 0.0, 0.0), (640, 480)),
-    camera_looking_at("cam04", (-2.8, 2.7, 1.8), (0.0, 0.1, 0.8), 600.0, (0.05, 0.0, 0.0, 0.0), (640, 480)),
+VGA_CAMERAS = tuple(
+    camera_looking_at(name, place, at, focal, distortions=(*lens, 0.0, 0.0), size=(640, 480))
+    for name, place, at, focal, lens in (
+        ("cam01", (-2.7, -2.9, 1.9), (0.1, 0.0, 0.75), 610.0, (-0.16, 0.04)),
+        ("cam02", (2.9, -2.7, 1.7), (-0.1, 0.1, 0.8), 640.0, (-0.10, 0.0)),
+        ("cam03", (2.7, 2.8, 2.1), (0.0, -0.1, 0.75), 575.0, (-0.19, 0.05)),
+        ("cam04", (-2.8, 2.7, 1.8), (0.0, 0.1, 0.8), 600.0, (0.05, 0.0)),
+    )
 )
 """Video cameras of the nineties, some four metres from the centre of the room."""
 
