@@ -2,7 +2,8 @@
 
 A colour filter finds blobs; rays from a blob's middle then cross its edge, where ball and background mix in linear
 light. The place of the edge on every ray follows from how much of each is there, however the ball is shaded, and an
-ellipse through these places is the ball's outline. What is no ellipse is no ball.
+ellipse through these places is the ball's outline. What is no ellipse is no ball. Balls that are too small for that are
+measured in `core.calibration.small_balls`.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from ..capture.colours import Colour, to_hsv
 from ..numerics.arrays import Array
+from .small_balls import LARGEST_SMALL, SmallBalls, find_small_balls, without_rod
 
 Image = NDArray[Any]
 
@@ -120,14 +122,28 @@ class Picture:
 
 def find_balls(picture: Picture, colour: Colour) -> Balls:
     """All balls of a colour in a picture, the largest first."""
-    image = picture.even
-    mask = cv2.morphologyEx(colour.mask(picture.hsv), cv2.MORPH_OPEN, _SPECKS)
+    image, coloured = picture.even, colour.mask(picture.hsv)
+    mask = cv2.morphologyEx(coloured, cv2.MORPH_OPEN, _SPECKS)
     outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     blobs = sorted(filter(_is_compact, outlines), key=len, reverse=True)[:_MOST_BLOBS]
     balls = Balls.joined([_ellipse_of(cv2.convexHull(blob)) for blob in blobs])
     balls = balls[2 * balls.semi_axes[:, 0] < _LARGEST_SHARE * image.shape[0]]
     balls, good = _refined(image, balls, np.zeros((len(balls), _RAYS), bool), _SEARCHED)
-    return balls[good]
+    balls = balls[good & ~_is_small(balls)]
+    small = find_small_balls(_LIGHT[image], coloured)
+    tiny = Balls(small.centres, small.shapes, small.sigma)
+    return Balls.joined([balls, tiny[_is_small(tiny) & ~_within_others(tiny, balls)]])
+
+
+def _is_small(balls: Balls) -> NDArray[np.bool_]:
+    """Which balls are measured by their colour's centroid: they are too small for an outline."""
+    return np.asarray(balls.semi_axes[:, 1] < LARGEST_SMALL)
+
+
+def _within_others(balls: Balls, others: Balls) -> NDArray[np.bool_]:
+    """Which balls are parts of others."""
+    apart = np.linalg.norm(balls.centres[:, None] - others.centres, axis=-1)
+    return np.asarray((apart < others.semi_axes[:, 0] + 1).any(axis=1))
 
 
 def without_rods(
@@ -152,10 +168,30 @@ def without_rods(
     """
     ways = ends - balls.centres[:, None]
     ways = ways / np.maximum(np.linalg.norm(ways, axis=-1, keepdims=True), 1e-9)
+    small = _is_small(balls)
+    balls = _small_without_rods(picture, balls, small, ways, still=still)
+    if small.all():
+        return balls, small
     spokes = _CIRCLE @ balls.shapes
     spokes /= np.linalg.norm(spokes, axis=-1, keepdims=True)
     hidden = (spokes @ np.swapaxes(ways, 1, 2) > _HOLD).any(axis=-1)
-    return _refined(picture.even, balls, hidden, _MEASURED, _CIRCLE_TERMS if still else _ELLIPSE_TERMS)
+    measured, good = _refined(picture.even, balls, hidden, _MEASURED, _CIRCLE_TERMS if still else _ELLIPSE_TERMS)
+    kept = [np.where(small.reshape(-1, *[1] * (x.ndim - 1)), x, y) for x, y in _columns(balls, measured)]
+    return Balls(*kept), small | good
+
+
+def _small_without_rods(picture: Picture, balls: Balls, small: NDArray[np.bool_], ways: Array, *, still: bool) -> Balls:
+    """The small balls measured without what rods hide, where enough is left of them."""
+    if not small.any():
+        return balls
+    light, own = _LIGHT[picture.even], SmallBalls(balls.centres, balls.shapes, balls.sigma)
+    columns = [own.centres.copy(), own.shapes.copy(), own.sigma.copy()]
+    for k in np.flatnonzero(small):
+        measured = without_rod(light, own, int(k), ways[k], still=still)
+        if measured is not None:
+            for column, value in zip(columns, measured, strict=True):
+                column[k] = value
+    return Balls(*columns)
 
 
 def _is_compact(outline: Image) -> bool:

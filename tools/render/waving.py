@@ -129,7 +129,7 @@ class WandTake:
         things: list[Ball | Rod] = [
             Ball(first, radius, paint[0]),
             Ball(second, radius, paint[-1]),
-            Rod(first + 0.9 * radius * along, second - 0.9 * radius * along, 0.009, PAINT["wood"]),
+            Rod(first + 0.9 * radius * along, second - 0.9 * radius * along, 0.24 * radius, PAINT["wood"]),
         ]
         return things + (self._passing(seconds[:, None]) if self.distractors else [])
 
@@ -168,7 +168,7 @@ class WandTake:
         things: list[Ball | Rod] = [Ball(ball[None], radius, PAINT["red"]) for ball in p]
         for a, b in ((0, 1), (1, 2), (0, 3)):
             trim = 0.9 * radius * (p[b] - p[a]) / np.linalg.norm(p[b] - p[a])
-            things.append(Rod((p[a] + trim)[None], (p[b] - trim)[None], 0.01, PAINT["wood"]))
+            things.append(Rod((p[a] + trim)[None], (p[b] - trim)[None], 0.27 * radius, PAINT["wood"]))
         if self.distractors:
             things += [
                 Ball(_at(-0.9, 0.5, 0.0), self.diameter / 2, PAINT["red"]),
