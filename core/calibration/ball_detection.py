@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..capture.colours import Colour, to_hsv
 from ..numerics.arrays import Array
-from .small_balls import LARGEST_SMALL, SmallBalls, find_small_balls, without_rod
+from .small_balls import LARGEST_SMALL, find_small_balls, without_rod
 
 Image = NDArray[Any]
 
@@ -130,7 +130,7 @@ def find_balls(picture: Picture, colour: Colour) -> Balls:
     balls = balls[2 * balls.semi_axes[:, 0] < _LARGEST_SHARE * image.shape[0]]
     balls, good = _refined(image, balls, np.zeros((len(balls), _RAYS), bool), _SEARCHED)
     balls = balls[good & ~_is_small(balls)]
-    small = find_small_balls(_LIGHT[image], coloured)
+    small = find_small_balls(image, _LIGHT, (coloured, colour.paler().mask(picture.hsv)))
     tiny = Balls(small.centres, small.shapes, small.sigma)
     return Balls.joined([balls, tiny[_is_small(tiny) & ~_within_others(tiny, balls)]])
 
@@ -184,10 +184,10 @@ def _small_without_rods(picture: Picture, balls: Balls, small: NDArray[np.bool_]
     """The small balls measured without what rods hide, where enough is left of them."""
     if not small.any():
         return balls
-    light, own = _LIGHT[picture.even], SmallBalls(balls.centres, balls.shapes, balls.sigma)
-    columns = [own.centres.copy(), own.shapes.copy(), own.sigma.copy()]
+    columns = [balls.centres.copy(), balls.shapes.copy(), balls.sigma.copy()]
     for k in np.flatnonzero(small):
-        measured = without_rod(light, own, int(k), ways[k], still=still)
+        own = balls.centres[k], balls.shapes[k]
+        measured = without_rod(picture.even, _LIGHT, own, ways[k], still=still)
         if measured is not None:
             for column, value in zip(columns, measured, strict=True):
                 column[k] = value

@@ -26,7 +26,7 @@ _FEWEST, _MOST_PIXELS = 3, 80
 _LONGEST_SIDE = 22  # of a blob's box, pixels: a small ball that moves
 _MARGIN = 5  # pixels of background around a blob
 _CORE = 0.25  # share of a blob's pixels that are the ball's colour alone
-_DARK = 0.5  # light of a pixel, as a share of ball or background, below which its colour is not trusted
+_DARK = 0.25  # light of a pixel, as a share of ball or background, below which its colour is not trusted
 _NOISE_SHARE = 0.1  # share of the ball's colour that background has by chance
 _RIM = 2.0  # how far blur carries the ball's colour beyond the pixels that are more the ball's than not
 _BLUR = 1.3  # standard deviation of lens, sensor, colour subsampling and smoothing together, pixels
@@ -36,13 +36,14 @@ _HIDDEN = 0.5  # cosine of the angle from a rod within which a ball may be hidde
 _FEWEST_PIXELS = 8
 _SHARE_NOISE = 0.06
 _FIT_ROUNDS = 6
+_MOST_BLOBS = 400
 _SAME = 2.0  # pixels within which two blobs are one
 _SPECKS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 _ROUNDS = 4
 _FLOOR = 0.12  # standard deviation of a still ball's centroid, pixels
 _BLUR_SHARE = 0.35  # of how much longer than wide the ball is
 _LONGEST = 3.0  # length over width: a blur of twice the diameter
-_LEAST_CONTRAST = 0.02  # squared sine of the angle between the colours of ball and background
+_LEAST_CONTRAST = 0.08  # squared sine of the angle between the colours of ball and background
 _LEAST_RADIUS = 1.0
 _CROWDED = 0.35  # share of a blob's colour that may lie around it
 
@@ -66,20 +67,24 @@ class SmallBalls:
     sigma: Array
 
 
-def find_small_balls(light: Image, mask: Image) -> SmallBalls:
+def find_small_balls(image: Image, light: Array, masks: Sequence[Image]) -> SmallBalls:
     """Measure the small blobs of a colour.
 
     Parameters
     ----------
-    light : ndarray, shape (h, w, 3)
-        Linear light.
-    mask : ndarray of uint8, shape (h, w)
-        Where the picture has the colour.
+    image : ndarray of uint8, shape (h, w, 3)
+    light : ndarray, shape (256,)
+        Linear light of its levels.
+    masks : sequence of ndarray of uint8, shape (h, w)
+        Where the picture has the colour, by one or several ranges.
     """
     found: list[tuple[Array, Array, float]] = []
     # Opened, the mask lets go of specks of its colour that touch a ball.
-    for blobs in (mask, cv2.morphologyEx(mask, cv2.MORPH_OPEN, _SPECKS)):
+    candidates = [(mask, blobs) for mask in masks for blobs in (mask, cv2.morphologyEx(mask, cv2.MORPH_OPEN, _SPECKS))]
+    for mask, blobs in candidates:
         count, labels, stats, _ = cv2.connectedComponentsWithStats(blobs, connectivity=8)
+        if count > _MOST_BLOBS:  # the colour of the room rather than the ball's
+            continue
         for k in range(1, count):
             left, top, width, height, area = stats[k]
             if not (_FEWEST <= area <= _MOST_PIXELS and max(width, height) <= _LONGEST_SIDE):
@@ -87,7 +92,7 @@ def find_small_balls(light: Image, mask: Image) -> SmallBalls:
             window = _window(mask.shape, (left, top, width, height))
             if window is None:
                 continue
-            measured = _measured(light[window].astype(float), labels[window] == k, mask[window] > 0)
+            measured = _measured(light[image[window]], labels[window] == k, mask[window] > 0)
             if measured is None:
                 continue
             centre = measured[0] + [window[1].start, window[0].start]
@@ -115,6 +120,8 @@ def _measured(light: Array, blob: Bools, coloured: Bools) -> tuple[Array, Array,
     v, u = np.indices(blob.shape)
     places = np.stack([u, v], axis=-1).astype(float)
     core = _core(share, blob)
+    if core[[0, -1]].any() or core[:, [0, -1]].any():
+        return None  # a part of something larger
     centre = places[core].mean(axis=0)
     reach = np.linalg.norm(places[core] - centre, axis=1).max() + _RIM
     near = core
@@ -175,7 +182,7 @@ def _share_of_ball(light: Array, blob: Bools, coloured: Bools) -> Array | None:
 
 
 def without_rod(
-    light: Image, ball: SmallBalls, k: int, ways: Array, *, still: bool
+    image: Image, light: Array, ball: tuple[Array, Array], ways: Array, *, still: bool
 ) -> tuple[Array, Array, float] | None:
     """Measure a small ball again by what rods cannot hide of it.
 
@@ -184,11 +191,11 @@ def without_rod(
 
     Parameters
     ----------
-    light : ndarray, shape (h, w, 3)
-        Linear light.
-    ball : SmallBalls
-    k : int
-        Which of them.
+    image : ndarray of uint8, shape (h, w, 3)
+    light : ndarray, shape (256,)
+        Linear light of its levels.
+    ball : tuple of ndarray, shapes (2,) and (2, 2)
+        Centre and shape before, see `SmallBalls`.
     ways : ndarray, shape (m, 2)
         Unit vectors from its middle along the rods; NaN for none.
     still : bool
@@ -199,14 +206,14 @@ def without_rod(
     tuple of ndarray, shapes (2,) and (2, 2), and float, or None
         Centre, shape and standard deviation; None where too little is left of the ball.
     """
-    centre, shape = ball.centres[k], ball.shapes[k]
+    centre, shape = ball
     values, vectors = np.linalg.eigh(shape)
     radius, path = float(values[0]), 0.0 if still else 2 * float(values[1] - values[0])
     half = int(np.ceil(values[1] + _RIM)) + _MARGIN
     u0, v0 = (round(float(x)) - half for x in centre)
-    if u0 < 0 or v0 < 0 or u0 + 2 * half >= light.shape[1] or v0 + 2 * half >= light.shape[0]:
+    if u0 < 0 or v0 < 0 or u0 + 2 * half >= image.shape[1] or v0 + 2 * half >= image.shape[0]:
         return None
-    window = light[v0 : v0 + 2 * half + 1, u0 : u0 + 2 * half + 1].astype(float)
+    window = light[image[v0 : v0 + 2 * half + 1, u0 : u0 + 2 * half + 1]]
     v, u = np.indices(window.shape[:2])
     places = np.stack([u + u0, v + v0], axis=-1).astype(float)
     blob = np.linalg.norm(places - centre, axis=-1) < max(radius, 1.5)

@@ -123,7 +123,8 @@ def find_all(videos: CaptureVideos, progress: Progress | None = None) -> VideoMa
     count = len(videos.views)
     for k, view in enumerate(videos.views):
         part = share(progress, k / count, (k + 1) / count)
-        footage, before = probe(view.wand), probe(view.lframe)
+        footage = probe(view.wand)
+        before = footage if view.lframe is None else probe(view.lframe)
         if footage.size != before.size:
             sizes = " and ".join(f"{f.size[0]}x{f.size[1]}" for f in (before, footage))
             raise CalibrationError(f"the videos of L-frame and wand are {sizes}", where=f"camera {view.camera}")
@@ -142,14 +143,24 @@ def find_lframe(
     CalibrationError
         They cannot be found or told apart; names the video.
     """
+    if view.lframe is None:
+        nothing = np.zeros((0, LFRAME_BALLS))
+        return SeenBalls(Markers(np.zeros(0, np.int64), np.zeros((0, LFRAME_BALLS, 2)), nothing), nothing)
     report_progress(progress, f"{view.camera}: L-frame", 0.0)
-    images = [Picture.of(image) for image in _spread_out(view.lframe)]
-    balls = standing([find_balls(picture, videos.lframe_colour) for picture in images])
+    frames = _spread_out(view.lframe)
+    images = [Picture.of(image) for image in frames]
     known = view.focal if view.matrix is None else float(view.matrix[0, 0])
     focals = [known] if known else [share * max(size) for share in FOCALS]
     frame = LFrameModel(videos.lframe_points, videos.lframe_diameter, (np.array(size) - 1) / 2, focals)
     where = f"{view.lframe} (camera {view.camera})"
-    four = balls[identified(balls, frame, where)]
+    balls = standing([find_balls(picture, videos.lframe_colour) for picture in images])
+    try:
+        four = balls[identified(balls, frame, where)]
+    except CalibrationError:
+        # Small balls drown in the noise of single frames, not in that of all of them together.
+        images = [Picture.of(np.mean(frames, axis=0).round().astype(np.uint8))]
+        balls = standing([find_balls(images[0], videos.lframe_colour)])
+        four = balls[identified(balls, frame, where)]
     four = _without_arms(images, _as_spheres(four, size))
     markers = Markers(np.zeros(1, np.int64), four.centres[None], four.sigma[None])
     return SeenBalls(markers, four.semi_axes[None, :, 1])

@@ -11,10 +11,13 @@ from .colours import Colour
 
 @dataclass(frozen=True, eq=False)
 class CaptureVideoView:
-    """One camera's videos; see `CaptureView` for what may be known of it."""
+    """One camera's videos; see `CaptureView` for what may be known of it.
+
+    Some may lack a video of the L-frame: where they are follows from the wand.
+    """
 
     camera: str
-    lframe: Path
+    lframe: Path | None
     wand: Path
     offset: float | None = None
     focal: float | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 import cv2
@@ -22,6 +22,10 @@ _NAMED_SATURATION = (0.5, 1.0)
 _PICKED_WIDTH = 18.0
 _STEPS = 255.0
 _WHOLE_HUE = (0.0, 360.0)
+
+
+PALER = 0.5
+"""Share of its saturation that the colour of a thing of few pixels may have."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +65,10 @@ class Colour:
             for low, high in spans
         ]
         return np.asarray(masks[0] if len(masks) == 1 else cv2.bitwise_or(*masks))
+
+    def paler(self) -> Colour:
+        """Return the same colour mixed with a grey background, as of a thing of few pixels."""
+        return replace(self, saturation=(PALER * self.saturation[0], self.saturation[1]), value=(0.0, self.value[1]))
 
     def table(self) -> dict[str, list[float]]:
         """As `parsed` takes it, and a TOML or JSON file holds it."""

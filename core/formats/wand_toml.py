@@ -13,6 +13,7 @@ from ..capture.capture_videos import CaptureVideos, CaptureVideoView
 from ..capture.colours import Colour, parsed
 from ..errors import CalibrationError, ShotError
 from ..numerics.arrays import Array
+from .dltdv_points import ORIGINS, from_bottom, is_dltdv_file, read_dltdv_points
 from .marker_points import TAKES, read_marker_points
 from .reading import BEYOND, first_repeated, reading
 from .toml_tables import Table, read_toml
@@ -38,7 +39,8 @@ def load_wand(path: Path | str) -> CaptureVideos | Capture:
         length = _positive(wand, "length")
         views = _views(document, path)
         if "points" in document:
-            return _capture(Table(document.value("points"), f"{path} [points]", ("file",)), points, length, views, path)
+            table = Table(document.value("points"), f"{path} [points]", ("file", "lframe", "origin"))
+            return _capture(table, points, length, views, path)
         return CaptureVideos(
             points,
             parsed(lframe.value("colour"), f"{lframe.where} colour"),
@@ -70,9 +72,8 @@ def _views(document: Table, path: Path) -> list[Table]:
 
 
 def _film_view(view: Table, folder: Path) -> CaptureVideoView:
-    return CaptureVideoView(
-        view.text("camera"), view.path("lframe", folder), view.path("wand", folder), *_known_beforehand(view)
-    )
+    lframe = view.path("lframe", folder) if "lframe" in view else None
+    return CaptureVideoView(view.text("camera"), lframe, view.path("wand", folder), *_known_beforehand(view))
 
 
 def _known_beforehand(view: Table) -> tuple[float | None, float | None, Array | None, Array | None]:
@@ -100,7 +101,8 @@ def _colours(wand: Table) -> tuple[Colour, ...]:
 def _capture(table: Table, points: Array, length: float, views: list[Table], path: Path) -> Capture:
     """Points of a file, by the views that are to be used."""
     file = table.path("file", path.parent)
-    found = read_marker_points(file)
+    digitised = is_dltdv_file(file)
+    found = _digitised(table, path.parent) if digitised else read_marker_points(file)
     cameras = sorted({camera for camera, _ in found})
     out = []
     for view in views:
@@ -112,8 +114,24 @@ def _capture(table: Table, points: Array, length: float, views: list[Table], pat
             raise view.error("size", "must be two whole numbers of pixels")
         fps = _positive(view, "fps") if "fps" in view else None
         lframe, wand = (found.get((name, take), _nothing(balls)) for take, balls in TAKES.items())
-        out.append(CaptureView(name, (int(size[0]), int(size[1])), fps, lframe, wand, *_known_beforehand(view)))
+        if digitised and table.value("origin", ORIGINS[0]) == ORIGINS[1]:
+            lframe, wand = from_bottom(lframe, int(size[1])), from_bottom(wand, int(size[1]))
+        known = _known_beforehand(view)
+        if digitised and known[0] is None:
+            known = (0.0, *known[1:])  # a row of such a file is the same instant in all cameras
+        out.append(CaptureView(name, (int(size[0]), int(size[1])), fps, lframe, wand, *known))
     return Capture(points, length, tuple(out))
+
+
+def _digitised(table: Table, folder: Path) -> dict[tuple[str, str], Markers]:
+    """The points of DLTdv's files by camera and take."""
+    if table.value("origin", ORIGINS[0]) not in ORIGINS:
+        raise table.error("origin", f"must be {' or '.join(ORIGINS)}")
+    found = {(camera, "wand"): m for camera, m in read_dltdv_points(table.path("file", folder), WAND_BALLS).items()}
+    if "lframe" in table:
+        lframe = read_dltdv_points(table.path("lframe", folder), LFRAME_BALLS)
+        found |= {(camera, "lframe"): markers for camera, markers in lframe.items()}
+    return found
 
 
 def _nothing(balls: int) -> Markers:

@@ -169,7 +169,7 @@ def _film_view(view: KFMocapCaptureView) -> "CaptureVideoView":
 
     return CaptureVideoView(
         view.name,
-        video_of(view, "lframe"),
+        video_of(view, "lframe") if view.lframe else None,
         video_of(view, "wand"),
         offset=round(view.offset, 5) if view.knows_offset else None,
         focal=view.focal or None,
@@ -201,7 +201,8 @@ def show_film(capture: KFMocapCapture, film: "CaptureVideos") -> None:
     capture.views.clear()
     for view in film.views:
         item = capture.views.add()
-        item.name, item.lframe, item.wand = view.camera, str(view.lframe), str(view.wand)
+        item.name, item.wand = view.camera, str(view.wand)
+        item.lframe = "" if view.lframe is None else str(view.lframe)
         item.knows_offset, item.offset = view.offset is not None, view.offset or 0.0
         item.focal = view.focal or 0.0
 

@@ -57,6 +57,44 @@ def test_balls_are_found_to_a_tenth_of_a_pixel(canvas):
     assert np.median(errors) < 0.1 and np.max(errors) < 0.3
 
 
+@pytest.mark.parametrize("colour", ["red", "green", "blue"])
+def test_a_ball_of_four_to_six_pixels_is_measured_by_its_colour(canvas, colour):
+    """Less exactly than a large one, and it says so. A book beside it may pass for a ball that moved fast, no more."""
+    errors, sigmas = [], []
+    for seed in range(6):
+        rng = np.random.default_rng([seed, 5])
+        place = np.array([rng.uniform(-0.6, 0.6), rng.uniform(-0.4, 0.4), rng.uniform(0.8, 1.4)])
+        book = Rod(place[None] + [0.3, 0, 0], place[None] + [0.3, 0, 0.18], 0.015, PAINT[colour])
+        balls = found(
+            seen_by(canvas, [Ball(place[None], rng.uniform(0.012, 0.018), PAINT[colour]), book], seed), colour
+        )
+        ball = nearest(balls, CAMERA.project(place))
+        errors.append(ball.centres[0] - CAMERA.project(place))
+        sigmas.append(ball.sigma[0])
+        aside = np.linalg.norm(balls.centres - CAMERA.project(place), axis=1) > 5
+        assert (balls.sigma[aside] > 5 * ball.sigma[0]).all()
+    assert np.sqrt(np.mean(np.square(errors))) < 0.3 and np.abs(errors).max() < 0.8
+    assert min(sigmas) > 0.1
+
+
+def test_a_rod_hardly_shifts_a_small_ball(canvas):
+    before, after = [], []
+    for k in range(8):
+        angle = 2 * np.pi * k / 8
+        centre = np.array([0.1, 0.0, 1.0])
+        other = centre + [0.35 * np.cos(angle), -0.3, 0.35 * np.sin(angle)]
+        along = (other - centre) / np.linalg.norm(other - centre)
+        rod = Rod((centre + 0.0155 * along)[None], other[None], 0.006, PAINT["cloth"])
+        image = seen_by(canvas, [Ball(centre[None], 0.017, PAINT["green"]), rod], k)
+        ball = nearest(found(image, "green"), CAMERA.project(centre))
+        again, good = without_rods(Picture.of(image), ball, CAMERA.project(other)[None, None])
+        assert good.all()
+        before.append(ball.centres[0] - CAMERA.project(centre))
+        after.append(again.centres[0] - CAMERA.project(centre))
+    assert np.sqrt(np.mean(np.square(after))) < 0.3
+    assert np.sqrt(np.mean(np.square(after))) < np.sqrt(np.mean(np.square(before)))
+
+
 @pytest.mark.parametrize("distortions", [(0.0, 0.0, 0.0, 0.0), (-0.25, 0.08, 0.002, -0.001)])
 def test_the_middle_of_a_ball_is_not_the_centre_of_its_outline(distortions):
     camera = replace(CAMERA, distortions=np.array(distortions))

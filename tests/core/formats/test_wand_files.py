@@ -210,3 +210,71 @@ def test_a_take_of_other_cameras_is_refused(take: Path) -> None:
     elsewhere = {camera.name: other for camera, other in zip(CAMERAS, ring(3, 9)[::-1], strict=True)}
     with pytest.raises(CaptureError, match="no-solution"):
         synchronise(given, elsewhere)
+
+
+def digitised(folder: Path, given: Capture, origin: str) -> Path:
+    """The same capture as DLTdv writes it: one file of the wand, one of the L-frame, the first pixel 1."""
+    names = [f"pt{p + 1}_cam{c + 1}_{axis}" for p in range(4) for c in range(len(given.views)) for axis in "XY"]
+    for take in ("lframe", "wand"):
+        balls = getattr(given.views[0], take).points.shape[1]
+        rows = [",".join(names[: 2 * balls * len(given.views)])]
+        for frame in range(max(int(getattr(view, take).frames[-1]) for view in given.views) + 1):
+            cells = []
+            for ball in range(balls):
+                for view in given.views:
+                    markers = getattr(view, take)
+                    row = np.flatnonzero(markers.frames == frame)
+                    u, v = markers.points[row[0], ball] if len(row) else (np.nan, np.nan)
+                    cells += [u + 1, v + 1 if origin == "top-left" else view.size[1] - v]
+            rows.append(",".join("NaN" if np.isnan(x) else repr(float(x)) for x in cells))
+        (folder / f"{take}_xypts.csv").write_text("\n".join(rows) + "\n")
+    views = "".join(f'[[view]]\ncamera = "cam{c + 1}"\nsize = [1920, 1080]\n' for c in range(len(given.views)))
+    points = f'[points]\nfile = "wand_xypts.csv"\nlframe = "lframe_xypts.csv"\norigin = "{origin}"\n'
+    path = folder / "wand.toml"
+    path.write_text(HEAD.format(lframe="", wand="") + views + points)
+    return path
+
+
+@pytest.mark.parametrize("origin", ["top-left", "bottom-left"])
+def test_points_of_dltdv_and_easywand_are_read(tmp_path: Path, origin: str) -> None:
+    """In either of their two ways of counting rows of pixels."""
+    given = capture(CAMERAS, [scattered(40)] * 3)
+    back = load_wand(digitised(tmp_path, given, origin))
+    assert isinstance(back, Capture)
+    for one, other in zip(given.views, back.views, strict=True):
+        assert other.offset == 0
+        for take in ("lframe", "wand"):
+            first, second = getattr(one, take), getattr(other, take)
+            seen = first.seen.any(axis=1)
+            np.testing.assert_array_equal(first.frames[seen], second.frames)
+            np.testing.assert_allclose(first.points[seen], second.points, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("pt2_cam2_Y", "pt3_cam2_Y", r"wand_xypts\.csv: the column 'pt2_cam2_Y' is missing"),
+        ("NaN", "far", r"wand_xypts\.csv line \d+: 'far' is not a number"),
+    ],
+)
+def test_mistakes_in_dltdv_files_are_named(tmp_path: Path, old: str, new: str, message: str) -> None:
+    path = digitised(tmp_path, capture(CAMERAS, [scattered(40)] * 3), "top-left")
+    points = tmp_path / "wand_xypts.csv"
+    points.write_text((points.read_text() + "NaN\n").replace(old, new, 1))
+    with pytest.raises(CalibrationError, match=message):
+        load_wand(path)
+    path.write_text(path.read_text().replace('"top-left"', '"middle"'))
+    points.write_text(points.read_text().replace(new, old, 1))
+    with pytest.raises(CalibrationError, match="origin: must be top-left or bottom-left"):
+        load_wand(path)
+
+
+def test_a_view_may_lack_its_video_of_the_lframe(tmp_path: Path) -> None:
+    path = tmp_path / "wand.toml"
+    head = HEAD.format(lframe='colour = "red"', wand='colours = ["green", "blue"]')
+    path.write_text(
+        head + '[[view]]\ncamera = "a"\nwand = "a.avi"\n[[view]]\ncamera = "b"\nwand = "b.avi"\nlframe = "l.avi"\n'
+    )
+    back = load_wand(path)
+    assert isinstance(back, CaptureVideos)
+    assert back.views[0].lframe is None and back.views[1].lframe == tmp_path / "l.avi"

@@ -1,0 +1,103 @@
+"""Point files of DLTdv and easyWand (xypts.csv): points digitised by hand or by their trackers.
+
+Columns are pt1_cam1_X, pt1_cam1_Y, pt1_cam2_X ..., a row per frame, NaN or empty where a point was not digitised. The
+first pixel is 1. DLTdv8 and easyWand count rows of pixels from the top, DLTdv5 and Argus from the bottom.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ..capture.capture import Markers
+from ..errors import CalibrationError
+from ..numerics.arrays import Array
+
+DIGITISED_SIGMA = 0.7
+"""Standard deviation of a digitised coordinate, pixels."""
+ORIGINS = ("top-left", "bottom-left")
+_COLUMN = re.compile(r"pt(\d+)_cam(\d+)_([XY])", re.IGNORECASE)
+
+
+def is_dltdv_file(path: Path) -> bool:
+    """Whether a CSV file's first line names points as DLTdv does."""
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            return _COLUMN.match(file.readline().strip().strip('"')) is not None
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+def read_dltdv_points(path: Path, count: int) -> dict[str, Markers]:
+    """Read the first points of a file by camera, named cam1, cam2 ..., in pixels from the bottom or top as they stand.
+
+    Parameters
+    ----------
+    path : Path
+    count : int
+        How many points there must be: 2 of a wand, 4 of an L-frame. Further points are left out.
+
+    Raises
+    ------
+    CalibrationError
+        The file cannot be read, or lacks a column; names the file, and the line where there is one.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            rows = [row for row in csv.reader(file, skipinitialspace=True) if any(cell.strip() for cell in row)]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise CalibrationError(f"the points cannot be read: {reason}", where=str(path)) from error
+    columns = _columns(rows[0] if rows else [], path)
+    cameras = sorted({camera for _, camera, _ in columns})
+    found = {}
+    for camera in cameras:
+        points: Array = np.full((len(rows) - 1, count, 2), np.nan)
+        for point in range(count):
+            for axis in range(2):
+                column = columns.get((point + 1, camera, axis))
+                if column is None:
+                    name = f"pt{point + 1}_cam{camera}_{'XY'[axis]}"
+                    raise CalibrationError(f"the column '{name}' is missing", where=str(path))
+                points[:, point, axis] = [_number(row, column, f"{path} line {i}") for i, row in enumerate(rows[1:], 2)]
+        found[f"cam{camera}"] = _markers(np.asarray(points - 1.0))
+    return found
+
+
+def from_bottom(markers: Markers, height: int) -> Markers:
+    """Return points of a file that counts pixels from the bottom of a picture of some height, from its top."""
+    points = markers.points.copy()
+    points[..., 1] = height - 1 - points[..., 1]
+    return Markers(markers.frames, points, markers.sigma)
+
+
+def _columns(header: list[str], path: Path) -> Mapping[tuple[int, int, int], int]:
+    """Where the coordinate of a point in a camera is, by point, camera and axis."""
+    found = {}
+    for k, name in enumerate(header):
+        match = _COLUMN.fullmatch(name.strip())
+        if match is not None:
+            found[int(match[1]), int(match[2]), "XY".index(match[3].upper())] = k
+    if not found:
+        raise CalibrationError("no column is called pt1_cam1_X", where=str(path))
+    return found
+
+
+def _number(row: list[str], column: int, where: str) -> float:
+    text = row[column].strip() if column < len(row) else ""
+    try:
+        return float(text) if text else np.nan
+    except ValueError as error:
+        raise CalibrationError(f"'{text}' is not a number", where=where) from error
+
+
+def _markers(points: Array) -> Markers:
+    """The points of the frames that show any; half a point is none."""
+    points = np.where(np.isfinite(points).all(axis=-1, keepdims=True), points, np.nan)
+    frames = np.flatnonzero(np.isfinite(points).any(axis=(1, 2)))
+    sigma = np.where(np.isfinite(points[frames, :, 0]), DIGITISED_SIGMA, np.nan)
+    return Markers(frames.astype(np.int64), points[frames], sigma)
