@@ -43,7 +43,7 @@ _ROUNDS = 4
 _FLOOR = 0.12  # standard deviation of a still ball's centroid, pixels
 _BLUR_SHARE = 0.35  # of how much longer than wide the ball is
 _LONGEST = 3.0  # length over width: a blur of twice the diameter
-_LEAST_CONTRAST = 0.08  # squared sine of the angle between the colours of ball and background
+_LEAST_CONTRAST = 0.04  # squared sine of the angle between the colours of ball and background
 _LEAST_RADIUS = 1.0
 _CROWDED = 0.35  # share of a blob's colour that may lie around it
 
