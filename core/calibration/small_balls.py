@@ -20,7 +20,7 @@ from ..numerics.arrays import Array, Bools
 
 Image = NDArray[Any]
 
-LARGEST_SMALL = 3.5
+LARGEST_SMALL = 3.0
 """Radius from which on a ball has an outline to measure, pixels."""
 _FEWEST, _MOST_PIXELS = 3, 80
 _LONGEST_SIDE = 22  # of a blob's box, pixels: a small ball that moves
