@@ -35,7 +35,7 @@ def replacing(path: Path) -> Iterator[Path]:
     OutputError
         The folder or the file cannot be written.
     """
-    with together() as outputs:
+    with _reported(path), together() as outputs:
         yield outputs.file(path)
 
 
@@ -55,7 +55,7 @@ def staged(folder: Path, names: Sequence[str] = ()) -> Iterator[Path]:
     OutputError
         `folder` cannot be written, or a folder has the name of a file: raised before the block begins.
     """
-    with together() as outputs:
+    with _reported(folder), together() as outputs:
         yield outputs.folder(folder, names)
 
 

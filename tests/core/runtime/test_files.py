@@ -240,7 +240,8 @@ def test_a_file_that_cannot_be_written_whole_replaces_nothing(tmp_path: Path) ->
     )
     run = subprocess.run([sys.executable, "-c", code, tmp_path / "out"], capture_output=True, text=True)
     assert run.returncode == 1
-    assert "File too large" in run.stderr
+    assert "out: cannot be written: File too large" in run.stderr
+    assert "Traceback" not in run.stderr
     assert set(contents(tmp_path / "out").values()) == {"old"}
     assert not leftovers(tmp_path)
 
