@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..numerics.arrays import Array
+from ..numerics.arrays import Array, Bools
 from ..numerics.banded import BandedFactor
 from ..numerics.banded_blocks import BandedBlocks
 from .body import Body
@@ -60,6 +60,16 @@ class AccelerationVariances:
         """The same on all of `count` frames."""
         return cls(typical, np.repeat(typical[None], count, axis=0))
 
+    def with_given(self, given: AccelerationVariances, groups: Bools) -> AccelerationVariances:
+        """Those of some groups, bool (G,), replaced by others."""
+        return AccelerationVariances(
+            np.where(groups, given.typical, self.typical), np.where(groups, given.local, self.local)
+        )
+
+    def deviations(self, fps: float) -> Array:
+        """Typical accelerations, shape (G,): of the root's place in m/s^2, of joints in rad/s^2."""
+        return np.asarray(np.sqrt(self.typical) * fps**2)
+
     def precision(self, mobility: Array) -> Array:
         """Inverse variance of every degree of freedom, shape (N, D); `mobility` as in `axis_mobility`."""
         return precision_of(self.local, mobility)
@@ -80,7 +90,7 @@ def axis_mobility(body: Body) -> Array:
 
 
 def updated_variances(
-    before: AccelerationVariances, squares: Array, uncertain: Array, axes: Array
+    before: AccelerationVariances, squares: Array, uncertain: Array, axes: Array, *, bursts: bool = True
 ) -> AccelerationVariances:
     """The next estimate.
 
@@ -93,6 +103,8 @@ def updated_variances(
         posterior variances.
     axes : ndarray, shape (G,)
         How many of a group's axes are free.
+    bursts : bool
+        Whether frames differ in their variances.
     """
     gamma = np.clip(axes - uncertain / before.local, 0, axes)
     total = (squares * before.typical / before.local).sum(axis=0)
@@ -106,6 +118,8 @@ def updated_variances(
             pool = 1 / float(np.mean((POOLED + known[joints]) / (POOLED * pool + total[joints])))
         typical[1:] = (POOLED * pool + total[1:]) / (POOLED + known[1:])
     typical = np.maximum(typical, _LEAST_VARIANCE)
+    if not bursts:
+        return AccelerationVariances.constant(typical, len(squares))
     return AccelerationVariances(typical, (TAILS * typical + squares) / (TAILS + gamma))
 
 
@@ -119,6 +133,8 @@ def estimate_variances(
     start: int = 0,
     expected: Array | None = None,
     rounds: int = 1,
+    bursts: bool = True,
+    given: Bools | None = None,
 ) -> AccelerationVariances:
     """Estimate how smooth a motion is from what is seen of it.
 
@@ -139,6 +155,11 @@ def estimate_variances(
         Accelerations that are predicted, see `smoothness`.
     rounds : int
         Times that the estimate is repeated on the same evidence.
+    bursts : bool
+        Whether frames differ in their variances. Far from the solution they should not: a limb that is taken for
+        another would pass for one that jumps at a key pose.
+    given : ndarray of bool, shape (G,), optional
+        Groups whose variances are not estimated.
     """
     axes = (~fixed.all(axis=0)).reshape(-1, 3).sum(axis=1).astype(float)
     if len(known) < 3 or fixed.all():
@@ -158,7 +179,8 @@ def estimate_variances(
         squares, left = (
             (values / mobility**2).reshape(len(solved), -1, 3).sum(axis=2) for values in (solved**2, uncertain)
         )
-        before = updated_variances(before, squares, left, axes)
+        found = updated_variances(before, squares, left, axes, bursts=bursts)
+        before = found if given is None else found.with_given(before, given)
     return before
 
 

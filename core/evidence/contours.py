@@ -33,6 +33,9 @@ EDGE_DEVIATION = 1.0
 """How far an edge in the foreground image is from that of the body, pixels."""
 BISQUARE = 4.0
 """Standard deviations at which an outline has nothing more to say (Tukey's bisquare)."""
+KEY_PIECE = 0.25
+"""Length of a piece of outline that counts as one measurement where the model itself is fitted to key frames, metres.
+It is longer than in tracking: on a few frames the model is wrong in the same way."""
 _FARTHEST = 0.75  # share of a line's half length: an edge found beyond is the line's end
 
 

@@ -17,6 +17,7 @@ from ..body.kinematics import scene_poses
 from ..body.motion import Motion
 from ..numerics.arrays import Array, Bools
 from ..numerics.least_squares import GAUSS_NEWTON, StoppingRule, minimise
+from .contours import KEY_PIECE
 from .label_images import Geometry
 from .part_shapes import ShapeEquations, compose, shape_equations
 from .view_frames import ViewFrames
@@ -53,7 +54,6 @@ def key_frame_offset(
     first: int,
     keys: Sequence[int],
     known: Bools,
-    correlation: float,
 ) -> Offset:
     """Measure the offset on key frames, together with the shape of the parts.
 
@@ -72,8 +72,6 @@ def key_frame_offset(
         Of the F, those on which a performer has a key pose of the whole body.
     known : ndarray of bool, shape (K, M)
         Which of the M performers have.
-    correlation : float
-        How long a piece of outline counts as one, metres.
     """
     if len(motions[0]) < 4 or not views or not len(keys):
         return Offset()
@@ -109,7 +107,7 @@ def key_frame_offset(
         variance = result.linearised().factor().covariance()[-1, -1]
     except np.linalg.LinAlgError:  # nothing moves, or no outline shows it
         return Offset()
-    return Offset(result.state.offset, float(1 / (variance * correlation)))
+    return Offset(result.state.offset, float(1 / (variance * KEY_PIECE)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -243,7 +243,7 @@ def _equations(
     ends = np.cumsum([0] + [len(estimate.body) for estimate in estimates])
     spans = [slice(a, b) for a, b in pairwise(ends.tolist())]
     parts = [_prior(estimate) for estimate in estimates]
-    precision = stage.precision(shot.settings.outline_correlation)
+    precision = stage.precision()
     held = []
     for view, seen in zip(shot.views, views, strict=True):
         poses, camera = _scene_poses(estimates, seen.delay), seen.camera(view.camera)

@@ -155,7 +155,7 @@ def refine_cameras(
     start = _start(shot, shown, frames)
 
     def linearise(state: CameraState, stage: RefinementStage) -> CameraEquations:
-        return camera_equations(state, stage, shown, shot.settings.outline_correlation)
+        return camera_equations(state, stage, shown)
 
     def largest_shift(before: CameraState, after: CameraState) -> float:
         return max(_shift(before, after, view, v) / view.factor for v, view in enumerate(shown))

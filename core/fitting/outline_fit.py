@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..body.kinematics import Poses
 from ..cameras.camera import Camera
-from ..evidence.contours import Lines, outline_lines
+from ..evidence.contours import KEY_PIECE, Lines, outline_lines
 from ..evidence.foreground import foreground_images
 from ..evidence.label_images import Geometry, render_labels
 from ..evidence.part_shapes import shape_columns, stretched
@@ -50,9 +50,9 @@ class RefinementStage:
     iterations: int
     excess: float = 0.0
 
-    def precision(self, correlation: float) -> float:
-        """Return the factor of squared distances of outlines, a piece of which counts as one, in metres."""
-        return 1 / (correlation * self.tolerance**2)
+    def precision(self) -> float:
+        """Return the factor of squared distances of outlines, pieces of which count as one; see `KEY_PIECE`."""
+        return 1 / (KEY_PIECE * self.tolerance**2)
 
 
 State = TypeVar("State")

@@ -160,9 +160,7 @@ class CameraEquations(DenseEquations):
     cost_at: Callable[[CameraState], float]
 
 
-def camera_equations(
-    state: CameraState, stage: RefinementStage, views: Sequence[KeyFrameView], correlation: float
-) -> CameraEquations:
+def camera_equations(state: CameraState, stage: RefinementStage, views: Sequence[KeyFrameView]) -> CameraEquations:
     """Sum the outlines of all views and key frames.
 
     Parameters
@@ -170,10 +168,8 @@ def camera_equations(
     state : CameraState
     stage : RefinementStage
     views : sequence of KeyFrameView
-    correlation : float
-        How long a piece of outline counts as one, metres.
     """
-    n, precision = len(state.change), stage.precision(correlation)
+    n, precision = len(state.change), stage.precision()
     H, g, clearness = np.zeros((n, n)), np.zeros(n), np.zeros(len(views))
     held = []
     for v, view in enumerate(views):

@@ -76,6 +76,7 @@ def report(
         "footage_offset": round(result.footage_offset, 3),
         "performers": [
             _performer(shot, p, visible, residual, unknown)
+            | _accelerations(p, [segment.accelerations[i] for segment in result.segments if segment.accelerations])
             | _expected_errors(shot, p, deviation, unknown)
             | (_observed(shot, result.observed.performers[i]) if result.observed.performers else {})
             | {"lifted": bool(result.observed.performers) and result.observed.performers[i].is_lifted}
@@ -197,6 +198,15 @@ def _refined_camera(found: RefinedCamera) -> dict[str, Any]:
     return {"shift": round(found.shift, 1), "deviation": deviation, "lost": found.lost}
 
 
+def _accelerations(performer: Performer, found: list[NDArray[np.float64]]) -> dict[str, Any]:
+    """The accelerations found on the segments: their medians."""
+    if not found:
+        return {}
+    root, *joints = np.median(found, axis=0)
+    turns = {part.name: round(float(value), 1) for part, value in zip(performer.body.parts, joints, strict=True)}
+    return {"accelerations": {"root": round(float(root), 2), "joints": turns}}
+
+
 def _spans(names: list[str], hidden: NDArray[np.bool_], first: int) -> dict[str, list[list[int]]]:
     """Intervals of the parts that are hidden on some frames (F, P); the shot's frame 0 is frame `first`."""
     spans = {name: intervals(hidden[:, p], first) for p, name in enumerate(names)}
@@ -230,6 +240,12 @@ def report_lines(values: Mapping[str, Any]) -> list[str]:
         counts = [f"{part} {sum(b + 1 - a for a, b in spans)}" for part, spans in performer["unseen"].items()]
         if counts:
             lines.append(f"{performer['name']}: frames on which no camera sees a part: {', '.join(counts)}")
+        if found := performer.get("accelerations"):
+            slow, *_, fast = sorted(found["joints"].items(), key=lambda item: item[1])
+            lines.append(
+                f"{performer['name']}: typical accelerations found: root {found['root']:.1f} m/s^2, joints "
+                f"{slow[1]:.0f} ({slow[0]}) to {fast[1]:.0f} rad/s^2 ({fast[0]})"
+            )
         helpful = [
             f"{key['frame']} ({' '.join(key['parts'])} some {key['expected_error']:.0f} mm)"
             for key in performer["helpful_keyframes"]

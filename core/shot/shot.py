@@ -175,14 +175,15 @@ class Settings:
         as one.
     outline_correlation : float
         The same along the body's outline: how long a piece of it counts as one, metres.
-    joint_acceleration : float
-        Typical angular acceleration of a joint that turns freely, rad/s^2.
-    root_acceleration : float
-        Typical acceleration of the root, m/s^2.
+    joint_acceleration : float, optional
+        Typical angular acceleration of a joint that turns freely, rad/s^2. None has it estimated, or takes
+        what is usual; the relaxation does not need it.
+    root_acceleration : float, optional
+        Typical acceleration of the root, m/s^2; None as above.
     estimate_smoothness : bool
-        Estimate the accelerations from the shot, joint by joint and frame by frame (`core.body.smoothness_estimate`);
-        the typical ones are then where the estimation begins. Where there are keypoints it is always done. Gauss-Newton
-        only.
+        Estimate the accelerations that are not given from the shot, joint by joint and frame by frame
+        (`core.body.smoothness_estimate`). If not, they are those of `core.shot.acceleration_prior`, except where
+        keypoints show them.
     prediction : bool
         Predict the motion of parts that no camera sees from the frames on which they are seen.
     keypoint_correlation : float
@@ -201,8 +202,8 @@ class Settings:
     working_size: int = 480
     correlation_length: float = 0.2
     outline_correlation: float = 0.25
-    joint_acceleration: float = 30.0
-    root_acceleration: float = 2.0
+    joint_acceleration: float | None = None
+    root_acceleration: float | None = None
     estimate_smoothness: bool = False
     prediction: bool = True
     keypoint_correlation: float = 0.3
@@ -225,7 +226,9 @@ class Settings:
             raise ShotError(f"it is {self.threads!r}", where="[track] threads", todo="give 1 or more")
         for item in fields(self):
             value = getattr(self, item.name)
-            if item.type in ("int", "float") and not (
+            if value is None and item.name in ("joint_acceleration", "root_acceleration"):
+                continue
+            if (item.type in ("int", "float") or item.name.endswith("_acceleration")) and not (
                 isinstance(value, (int, float)) and np.isfinite(value) and value > 0
             ):
                 raise ShotError(f"it is {value!r}", where=f"[track] {item.name}", todo="give a positive number")

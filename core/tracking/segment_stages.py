@@ -211,7 +211,6 @@ def measured_offset(shot: Shot, data: SegmentData, state: TrackState) -> Offset 
         first=first,
         keys=(keyed.frames - first).tolist(),
         known=keyed.posed,
-        correlation=shot.settings.outline_correlation,
     )
 
 

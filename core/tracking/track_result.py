@@ -26,6 +26,9 @@ class SegmentResult:
         Cost before each iteration and at the end, see `SegmentSolution`.
     factors : tuple of BandedFactor
         Per performer, see `SegmentSolution`: the covariance of every pose.
+    accelerations : tuple of ndarray, shape (G,)
+        Per performer: typical accelerations that were found, of the root's place in m/s^2 and of every part's joint in
+        rad/s^2. Empty where they were not estimated.
     """
 
     first: int
@@ -33,6 +36,7 @@ class SegmentResult:
     iterations: int
     energy: tuple[float, ...]
     factors: tuple[BandedFactor, ...]
+    accelerations: tuple[Array, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

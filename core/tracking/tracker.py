@@ -244,7 +244,8 @@ def _judged(solved: SegmentState, threads: int) -> _Judged:
     """A solved segment with the uncertainty of its joints."""
     solution = solved.solution
     energy = sum((earlier.energy for earlier in (*solved.earlier, solution)), ())
-    result = SegmentResult(*solved.data.segment, solved.iterations, energy, solution.factors)
+    found = tuple(variances.deviations(solved.problem.fps) for variances in solution.variances)
+    result = SegmentResult(*solved.data.segment, solved.iterations, energy, solution.factors, found)
     deviations = joint_deviations(solved.problem, solution, threads)
     return _Judged(result, solution.share, solution.residual, deviations)
 

@@ -23,8 +23,11 @@ from .solvers.measurement import MeasuredMotion, hidden_parts, poses_by_delay, v
 from .solvers.problem import SegmentProblem, SegmentSolution
 from .solvers.smoothness_factor import SegmentSmoothness
 
-ALIKE = 100.0
-"""Lines across the outlines, over the frames, that err alike: they count as one."""
+ALIKE = 25.0
+"""Length of outline, over the frames, that errs alike, metres: it counts as one measurement."""
+DISTANT = 0.2
+"""Residuals of pixels closer together than this on the body, metres, count as one measurement. It is more than in
+tracking: errors that stay do not mislead the motion much, but make its place less certain."""
 MISPLACED = 2.0
 """Error of a joint per gap between the outlines: what is misplaced are a few limbs, the gap is the whole outline's."""
 
@@ -80,7 +83,9 @@ def pose_covariances(
 ) -> list[Array]:
     """Covariances of every performer's poses, (F, D, D), in the order of the degrees of freedom; see the module."""
     settings = problem.settings
-    softened = replace(settings, outline_correlation=ALIKE * settings.outline_correlation)
+    softened = replace(
+        settings, outline_correlation=ALIKE, correlation_length=max(DISTANT, settings.correlation_length)
+    )
     hidden = hidden_parts(problem, measured.evidence.share) if settings.prediction else []
     systems = normal_equations(replace(problem, settings=softened), measured, hidden, (), smooth=smoothness)
     return [BandedFactor(s, fixed).covariances() for s, fixed in zip(systems, problem.fixed, strict=True)]

@@ -270,7 +270,7 @@ def approach(
                     hidden = hidden_parts(seen, measured.evidence.share)
                     expected = predicted_accelerations(motions, hidden)
                 images = evidence_equations(seen, measured, hidden)
-                smooth = smooth.estimated(seen, motions, images, expected, rounds=ROUNDS)
+                smooth = smooth.estimated(seen, motions, images, expected, rounds=ROUNDS, bursts=False)
                 systems = with_smoothness(seen, motions, images, smooth, expected)
                 factors = [BandedFactor(n, fixed) for n, fixed in zip(systems, problem.fixed, strict=True)]
                 steps = [limited(-pace * f.solve(n.gradient)) for f, n in zip(factors, systems, strict=True)]

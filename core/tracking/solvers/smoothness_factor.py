@@ -12,6 +12,7 @@ from ...body.smoothness import smoothness
 from ...body.smoothness_estimate import AccelerationVariances, axis_mobility, estimate_variances
 from ...numerics.arrays import Array
 from ...numerics.banded_blocks import BandedBlocks
+from ...shot.acceleration_prior import given_groups
 from .problem import SegmentProblem
 
 
@@ -48,6 +49,7 @@ class SegmentSmoothness:
         expected: Sequence[Array] = (),
         *,
         rounds: int = 1,
+        bursts: bool = True,
     ) -> SegmentSmoothness:
         """The next estimate, if there is one.
 
@@ -62,6 +64,8 @@ class SegmentSmoothness:
             Accelerations that cost nothing.
         rounds : int
             Times that it is repeated.
+        bursts : bool
+            Whether frames differ, see `estimate_variances`.
         """
         found = []
         for i, before in enumerate(self.variances):
@@ -79,6 +83,8 @@ class SegmentSmoothness:
                     start=start,
                     expected=_among_known(problem, expected[i], start, len(known)) if expected else None,
                     rounds=rounds,
+                    bursts=bursts,
+                    given=given_groups(problem.bodies[i], problem.settings),
                 )
             )
         return SegmentSmoothness(tuple(found))

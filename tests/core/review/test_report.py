@@ -26,6 +26,7 @@ class Segment:
     last: int
     iterations: int
     energy: tuple[float, ...]
+    accelerations: tuple[np.ndarray, ...] = ()
 
 
 @pytest.fixture
@@ -121,6 +122,18 @@ def test_footage_out_of_step_is_told_unless_it_was_given(tracked: tuple[Shot, ty
     assert values["footage_offset"] == 0.38
     assert any("0.38 frames later" in line for line in report_lines(values))
     assert not any("frames later" in line for line in report_lines(report(shot.with_footage_offset(0.38), result)))
+
+
+def test_the_report_has_the_accelerations_that_were_found(tracked: tuple[Shot, type]) -> None:
+    shot, result = tracked
+    assert "accelerations" not in report(shot, result)["performers"][0]
+    found = np.full(1 + len(shot.performers[0].body), 20.0)
+    found[0], found[1 + shot.performers[0].body.index("forearm.R")] = 1.5, 60.0
+    result.segments = (Segment(0, 23, 3, (5.0, 2.0, 1.5), (found,)),)
+    values = report(shot, result)
+    accelerations = values["performers"][0]["accelerations"]
+    assert accelerations["root"] == 1.5 and accelerations["joints"]["forearm.R"] == 60.0
+    assert any("root 1.5 m/s^2" in line and "60 rad/s^2 (forearm.R)" in line for line in report_lines(values))
 
 
 def landmarks(names: list[str], points: np.ndarray) -> Landmarks:

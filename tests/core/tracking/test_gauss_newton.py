@@ -16,7 +16,7 @@ from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.banded import BandedFactor
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
-from kfmocap.core.shot.acceleration_prior import acceleration_precision
+from kfmocap.core.shot.acceleration_prior import USUAL_JOINT, USUAL_ROOT, acceleration_precision
 from kfmocap.core.shot.shot import Settings
 from kfmocap.core.tracking.solvers import gauss_newton
 from kfmocap.core.tracking.solvers.measurement import MeasuredMotion, Workspace, hidden_parts
@@ -144,8 +144,8 @@ def test_precision_of_acceleration_is_per_frame_squared() -> None:
     """Twice the frames a second: a quarter of the acceleration a frame, sixteen times the precision."""
     slow, fast = (acceleration_precision(BODY, fps, SETTINGS) for fps in (30, 60))
     np.testing.assert_allclose(fast, 16 * slow)
-    assert slow[0] == pytest.approx((900 / SETTINGS.root_acceleration) ** 2)
-    assert slow[3] == pytest.approx((900 / SETTINGS.joint_acceleration) ** 2)
+    assert slow[0] == pytest.approx((900 / USUAL_ROOT) ** 2)
+    assert slow[3] == pytest.approx((900 / USUAL_JOINT) ** 2)
 
 
 def test_residuals_of_frames_are_those_of_the_pairs_on_both_sides() -> None:

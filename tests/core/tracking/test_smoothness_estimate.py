@@ -17,7 +17,7 @@ from kfmocap.core.body.smoothness_estimate import (
 )
 from kfmocap.core.numerics.banded import BandedFactor
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
-from kfmocap.core.shot.acceleration_prior import usual_variances, variances_from_key_poses
+from kfmocap.core.shot.acceleration_prior import given_groups, usual_variances, variances_from_key_poses
 from kfmocap.core.shot.keypose_spline import spline
 from kfmocap.core.shot.shot import KeyPoses, Settings
 
@@ -135,6 +135,32 @@ def test_variances_of_accelerations_are_those_of_the_dense_inverse() -> None:
         J[:, k] = ((ahead - back) / (2 * h)).ravel()
     expected = np.diag(J @ C.reshape(F * D, F * D) @ J.T).reshape(F - 2, D)
     np.testing.assert_allclose(SecondDifferences.of(motion).variances(factor.covariance_band()), expected, rtol=1e-5)
+
+
+def test_accelerations_that_the_settings_give_are_not_estimated() -> None:
+    truth, fixed = walk(60, 0.006 * FREE), np.zeros((60, BODY.dof), bool)
+    settings = Settings(joint_acceleration=45.0)
+    begin = AccelerationVariances.constant(usual_variances(BODY, 30.0, settings), 58)
+    evidence, given = observed_blocks(truth, truth, 0.01), given_groups(BODY, settings)
+    spread = estimate_variances(truth, evidence, fixed, FREE, begin, rounds=3, given=given)
+    assert spread.deviations(30.0)[1:] == pytest.approx(45.0)
+    assert np.ptp(spread.local[:, 1:]) == 0
+    assert spread.deviations(30.0)[0] != pytest.approx(begin.deviations(30.0)[0], rel=0.1)
+    keys = KeyPoses.whole(np.array([0, 20, 40]), truth[[0, 20, 40]])
+    suggested = variances_from_key_poses(BODY, keys, 30.0, settings)
+    np.testing.assert_array_equal(suggested[1:], begin.typical[1:])
+    assert suggested[0] != begin.typical[0]
+
+
+def test_without_bursts_a_limb_that_jumps_is_as_smooth_as_on_other_frames() -> None:
+    deviation = np.repeat(0.001 * FREE[None], 58, axis=0)
+    deviation[18:22, 6:9] *= 60
+    truth, fixed = walk(60, deviation), np.zeros((60, BODY.dof), bool)
+    evidence = observed_blocks(truth, truth, 0.003)
+    begin = AccelerationVariances.constant(np.full(BODY.dof // 3, 4e-6), 58)
+    for bursts in (False, True):
+        spread = estimate_variances(truth, evidence, fixed, FREE, begin, rounds=10, bursts=bursts)
+        assert (spread.local[18:22, 2].mean() > 20 * spread.local[40, 2]) == bursts
 
 
 def test_the_spline_stays_where_nothing_is_free() -> None:
