@@ -1,5 +1,7 @@
 """Export: the performers' motion as BVH and FBX."""
 
+import shutil
+import sys
 from pathlib import Path
 
 import bpy
@@ -93,6 +95,9 @@ class OpenExportFolder(Conditional, bpy.types.Operator):
         folder = Path(context.scene.kfmocap.export.written.splitlines()[0]).parent
         if not folder.is_dir():
             self.report({"ERROR"}, f"{folder} is gone: export again")
+            return {"CANCELLED"}
+        if sys.platform.startswith("linux") and shutil.which("xdg-open") is None:
+            self.report({"ERROR"}, f"This system has no xdg-open to show a folder with: the files are in {folder}")
             return {"CANCELLED"}
         bpy.ops.wm.path_open(filepath=str(folder))
         return {"FINISHED"}

@@ -14,8 +14,8 @@ from scipy.spatial import QhullError
 
 from ...core.body.silhouette import Solid
 from ...core.numerics.arrays import Array
-from ..scene_io import part_meshes
-from ..scene_io.sides import Colour, colour_of
+from ..scene_io import bone_confidence, part_meshes
+from ..scene_io.sides import Colour
 
 HIDDEN = (0.6, 0.6, 0.6, 0.55)
 _WIDTH = 1.6  # pixels
@@ -31,19 +31,19 @@ def draw_outlines() -> None:
     eye = np.array(matrix.translation) + (0.0 if context.region_data.is_perspective else _FAR) * toward
     faces: list[Array] = []
     lines: dict[Colour, list[Array]] = {}
-    for name, solid, pose in posed_solids(context.scene, context.evaluated_depsgraph_get()):
+    for colour, solid, pose in posed_solids(context.scene, context.evaluated_depsgraph_get()):
         world = solid.vertices @ pose[:3, :3].T + pose[:3, 3]
         faces.append(world[solid.triangles].reshape(-1, 3))
         local = (eye - pose[:3, 3]) @ np.linalg.inv(pose[:3, :3]).T
         corners = world[solid.silhouette(local)].reshape(-1, 3)
-        lines.setdefault(colour_of(name), []).append(corners + _NEARER * (eye - corners))
+        lines.setdefault(colour, []).append(corners + _NEARER * (eye - corners))
     if faces:
         coloured = {colour: np.concatenate(parts) for colour, parts in lines.items()}
         _draw(np.concatenate(faces), coloured, (context.region.width, context.region.height))
 
 
-def posed_solids(scene: bpy.types.Scene, graph: bpy.types.Depsgraph) -> Iterator[tuple[str, Solid, Array]]:
-    """The bones' names, convex parts and matrices (4, 4) in the world of all performers, as they are evaluated."""
+def posed_solids(scene: bpy.types.Scene, graph: bpy.types.Depsgraph) -> Iterator[tuple[Colour, Solid, Array]]:
+    """Colours, convex parts and matrices (4, 4) in the world of all performers' bones, as they are evaluated."""
     for slot in scene.kfmocap.performers:
         if slot.armature is None or slot.armature.name not in scene.objects or not slot.armature.visible_get():
             continue
@@ -53,7 +53,8 @@ def posed_solids(scene: bpy.types.Scene, graph: bpy.types.Depsgraph) -> Iterator
                 solid = _solid(vertices.tobytes())
             except QhullError:
                 continue  # it is being edited
-            yield name, solid, np.array(posed.matrix_world @ posed.pose.bones[name].matrix)
+            bone = posed.pose.bones[name]
+            yield bone_confidence.outline_colour(scene, bone), solid, np.array(posed.matrix_world @ bone.matrix)
 
 
 @lru_cache(maxsize=256)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ...core.review.suggestions import suggest_keys_by_error
 from . import body_armature, bone_visibility, fcurves, key_pose_curves, unknown_bones
+from .sides import Colour, colour_of
 
 ERROR = "kfmocap_error"
 """Custom property of a pose bone: how far its tip may be from its true place, mm."""
@@ -87,6 +88,13 @@ def show_colours(scene: bpy.types.Scene) -> None:
                 _drive(part, "color", bone, limit)
                 if limit is None:
                     part.color = WHITE
+
+
+def outline_colour(scene: bpy.types.Scene, posed: bpy.types.PoseBone) -> Colour:
+    """The colour of an evaluated bone's part as an outline: of its expected error, where that is shown, or its side."""
+    if scene.kfmocap.show_confidence and posed.color.palette == "CUSTOM":
+        return (*posed.color.custom.normal, 1.0)
+    return colour_of(posed.name)
 
 
 def _replace(armature: bpy.types.Object, frames: NDArray[np.int64], errors: NDArray[np.float64] | None) -> None:

@@ -14,6 +14,7 @@ from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.tracking.uncertainty import expected_errors  # noqa: E402
 from kfmocap.kfmocap_addon.overlays import misfit_backgrounds  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import bone_confidence, bone_visibility, fcurves, key_pose_curves, scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.sides import colour_of  # noqa: E402
 
 pytestmark = pytest.mark.blender
 
@@ -93,6 +94,7 @@ def test_the_most_helpful_frame_is_listed_first_with_its_parts(built):
 
 def test_parts_are_green_where_they_are_sure_and_red_from_the_limit_on(built):
     made, armature, _ = built
+    made.kfmocap.display = "SOLID"
     made.kfmocap.confidence_limit = 60.0
     assert colour(armature, START + 15) == [1, 1, 1, 1]
     made.kfmocap.show_confidence = True
@@ -107,6 +109,7 @@ def test_parts_are_green_where_they_are_sure_and_red_from_the_limit_on(built):
 
 def test_what_no_camera_sees_is_blue(built):
     made, armature, original = built
+    made.kfmocap.display = "SOLID"
     made.kfmocap.show_confidence = True
     share = sights(original)[0]
     share[:, 10, HAND] = 0
@@ -122,11 +125,25 @@ def bone_colour(armature, bone: str = "hand.L") -> list[float]:
 
 def test_bones_have_the_colours_of_their_parts(built):
     made, armature, _ = built
+    made.kfmocap.display = "SOLID"
     made.kfmocap.show_confidence = True
     for frame in (5, 11, 15):
         np.testing.assert_allclose(colour(armature, START + frame)[:3], bone_colour(armature), atol=0.01)
     made.kfmocap.show_confidence = False
     assert armature.pose.bones["hand.L"].color.palette == "DEFAULT"
+
+
+def test_outlines_have_the_colours_of_errors_where_these_are_shown_and_of_sides_elsewhere(built):
+    made, armature, _ = built
+    assert made.kfmocap.display == "OUTLINE"
+    posed = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    assert bone_confidence.outline_colour(made, posed.pose.bones["hand.L"]) == colour_of("hand.L")
+    made.kfmocap.show_confidence = True
+    made.frame_set(START + 5)
+    posed = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    np.testing.assert_allclose(
+        bone_confidence.outline_colour(made, posed.pose.bones["hand.L"]), [0, 1, 0.1, 1], atol=0.01
+    )
 
 
 def test_a_bone_that_the_animator_coloured_keeps_its_colour(built):

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import render_footage
 from conftest import ROOT
-from kfmocap.benchmarks import experiments, experiments_runs
+from kfmocap.benchmarks import experiments, experiments_runs, footage_renderer
 from kfmocap.benchmarks.experiments import EXPERIMENTS
 from kfmocap.benchmarks.experiments_pictures import Panels, part_of, stacked_rows, write_jpeg
 from kfmocap.benchmarks.experiments_runs import (
@@ -261,7 +261,7 @@ def test_a_page_gets_the_new_table_in_the_place_of_the_old(tmp_path: Path) -> No
 def test_footage_that_cannot_be_rendered_is_an_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(experiments, "ROOT", tmp_path)
+    monkeypatch.setattr(footage_renderer, "ROOT", tmp_path)
     monkeypatch.setattr(experiments, "CACHE", tmp_path / "cache")
     assert experiments.main(["walk", "--out", str(tmp_path / "out")]) == 1
     assert "the renderer is not installed" in capsys.readouterr().err
