@@ -18,6 +18,10 @@ from .view_frames import ViewFrames, views_with_foreground
 
 NEAR = 0.2
 """How far from the model uncovered foreground counts as the performer's, metres."""
+FAR = 0.4
+"""How far from the model a limb that it has elsewhere is looked for, metres."""
+BESIDE = 0.04
+"""How far from the model foreground is no longer the clothes or the hair of what is there, metres."""
 SURE = 2.0
 """Log likelihood ratio at which a pixel counts as foreground in full."""
 _STRIDE = 4
@@ -58,27 +62,71 @@ def uncovered_gaps(
     -------
     ndarray, shape (N, F)
     """
-    frames = len(next(iter(poses.values()))[0])
-    shown = views_with_foreground(views)
-    if not shown:
-        return np.zeros((len(spans), frames))
-    with ThreadPoolExecutor(threads) as pool:
-        gaps_of = partial(_view_gaps, geometry=geometry, first=first, spans=spans)
-        found = np.stack(list(pool.map(lambda view: gaps_of(view, poses=poses[view.delay]), shown)))
+    found = [gaps for gaps, _ in _of_views(views, geometry, poses, first=first, spans=spans, threads=threads)]
+    if not found:
+        return np.zeros((len(spans), len(next(iter(poses.values()))[0])))
     gaps = np.nansum(found, axis=0) / np.maximum(np.isfinite(found).sum(axis=0), 1)
-    for row, keys in zip(gaps, known, strict=True):
-        if len(keys):
-            row -= np.interp(np.arange(frames), keys, row[keys])
-    return np.asarray(np.maximum(gaps, 0.0))
+    return np.maximum(_beyond_known(gaps, known), 0.0)
 
 
-def _view_gaps(view: ViewFrames, geometry: Geometry, poses: Poses, first: int, spans: Sequence[slice]) -> Array:
-    """One view's gaps (N, F), metres; NaN where it does not see a performer."""
+def uncovered_areas(
+    views: Sequence[ViewFrames],
+    geometry: Geometry,
+    poses: Mapping[float, Poses],
+    *,
+    first: int,
+    spans: Sequence[slice],
+    known: Sequence[NDArray[np.intp]],
+    threads: int = 1,
+) -> Array:
+    """How much foreground lies beside the performers, from `BESIDE` to `FAR` from the model, square metres at their
+    distance; less what there is of it on the frames whose poses are known.
+
+    Parameters are those of `uncovered_gaps`.
+
+    Returns
+    -------
+    ndarray, shape (V, N, F)
+        Of the views with foreground images.
+    """
+    found = [areas for _, areas in _of_views(views, geometry, poses, first=first, spans=spans, threads=threads)]
+    areas = [_beyond_known(view, known) for view in found]
+    return np.stack(areas) if areas else np.zeros((0, len(spans), len(next(iter(poses.values()))[0])))
+
+
+def _beyond_known(rows: Array, known: Sequence[NDArray[np.intp]]) -> Array:
+    """Rows (N, F) of the performers less what they are between their known frames."""
+    usual = [
+        np.interp(np.arange(len(row)), keys, row[keys]) if len(keys) else np.zeros(len(row))
+        for row, keys in zip(rows, known, strict=True)
+    ]
+    return np.asarray(rows - usual)
+
+
+def _of_views(
+    views: Sequence[ViewFrames],
+    geometry: Geometry,
+    poses: Mapping[float, Poses],
+    *,
+    first: int,
+    spans: Sequence[slice],
+    threads: int,
+) -> list[tuple[Array, Array]]:
+    """Gaps and areas of every view with foreground images, see `_view_misfit`."""
+    misfit_of = partial(_view_misfit, geometry=geometry, first=first, spans=spans)
+    with ThreadPoolExecutor(threads) as pool:
+        return list(pool.map(lambda view: misfit_of(view, poses=poses[view.delay]), views_with_foreground(views)))
+
+
+def _view_misfit(
+    view: ViewFrames, geometry: Geometry, poses: Poses, first: int, spans: Sequence[slice]
+) -> tuple[Array, Array]:
+    """One view's gaps (N, F), metres, NaN where it does not see a performer, and areas (N, F), square metres."""
     R, T = poses
     labels = render_labels(geometry, view.camera.subsampled(_STRIDE), first, R, T)
     scale = view.pixels_per_metre(T.mean(axis=(0, 1)), first) / _STRIDE
     left, top, right, bottom = labels.box()
-    margin = int(np.ceil(NEAR * scale)) + 1
+    margin = int(np.ceil(FAR * scale)) + 1
     window = (
         slice(None),
         slice(max(top - margin, 0), bottom + margin),
@@ -86,7 +134,7 @@ def _view_gaps(view: ViewFrames, geometry: Geometry, poses: Poses, first: int, s
     )
     part = labels.part[window]
     foreground = view.foreground_at(first, len(T))[..., ::_STRIDE, ::_STRIDE]
-    gaps = np.full((len(spans), len(T)), np.nan)
+    gaps, areas = np.full((len(spans), len(T)), np.nan), np.zeros((len(spans), len(T)))
     for n, span in enumerate(spans):
         ratio = log_ratio(foreground[n][window])
         shown = np.where(part < 0, np.clip(ratio / SURE, 0, 1), np.float32(0))
@@ -95,4 +143,5 @@ def _view_gaps(view: ViewFrames, geometry: Geometry, poses: Poses, first: int, s
             beyond = cv2.distanceTransform((~models[f]).astype(np.uint8), cv2.DIST_L2, 3)
             outline = np.count_nonzero((beyond > 0) & (beyond < 1.2))
             gaps[n, f] = float(shown[f][beyond < NEAR * scale].sum()) / max(outline, 1) / scale
-    return gaps
+            areas[n, f] = float(shown[f][(beyond > BESIDE * scale) & (beyond < FAR * scale)].sum()) / scale**2
+    return gaps, areas

@@ -244,7 +244,12 @@ def _samples(geometry: Geometry, parts: Sequence[int], rng: Generator) -> tuple[
     """
     vertices = [geometry.vertices[geometry.spans[part]] for part in parts]
     points = [rng.dirichlet(np.full(len(v), 0.3), _POINTS) @ v for v in vertices]
-    return np.array(points), np.array([ConvexHull(v).area / 4 for v in vertices])
+    return np.array(points), shown_areas(geometry, parts)
+
+
+def shown_areas(geometry: Geometry, parts: Sequence[int]) -> Array:
+    """The areas that parts show on the average, square metres: by Cauchy's formula a quarter of their surfaces."""
+    return np.array([ConvexHull(geometry.vertices[geometry.spans[part]]).area / 4 for part in parts])
 
 
 def _covered(limb: _Limb, uncovered: Sequence[_ViewRatios], drawn: Array) -> Array:

@@ -14,12 +14,13 @@ import numpy as np
 
 from ...body.motion import Motion
 from ...evidence.accumulate import Sampling
+from ...evidence.misfit import uncovered_areas
 from ...evidence.occlusion import LONG, intervals
 from ...evidence.view_frames import views_with_foreground
 from ...runtime.timing import Seconds
 from .gauss_newton import REACH, ROUGH_STEP, DescentStage, SegmentNoise, approach, descend
-from .limb_search import found_limbs, limbs, pairs, untangled_limbs
-from .measurement import Workspace, hidden_parts, keypoint_agreement
+from .limb_search import found_limbs, limbs, pairs, shown_areas, untangled_limbs
+from .measurement import Workspace, hidden_parts, keypoint_agreement, poses_by_delay, view_instants
 from .problem import SegmentProblem, SegmentSolution
 from .sequential_start import blended, excerpt, follow
 
@@ -27,6 +28,8 @@ EXPLAINED = 0.8
 """Share of what the key poses explain of their images that a solution should explain of every other frame's."""
 SHOWN = 0.5
 """Share of a performer that others must leave in sight for what it explains to raise a doubt."""
+LIMB_SHARE = 0.5
+"""Share of the smallest limb that foreground beside a performer must have to be a limb that the solution lost."""
 CONFIRMED = 0.9
 """Share of the keypoints' agreement with the first pass that clears a solution of doubt."""
 SETTLING = (
@@ -85,7 +88,8 @@ def in_doubt(problem: SegmentProblem, start: Sequence[Motion], solution: Segment
     """Whether other starts are worth trying for the performer that is sought: the images disagree with the solution,
     and no keypoints confirm it, or limbs are out of all views' sight for long.
     """
-    return (doubtful(problem, solution) and not confirmed(problem, start, solution)) or concealed(problem, solution)
+    missed = doubtful(problem, solution) or limb_uncovered(problem, solution)
+    return (missed and not confirmed(problem, start, solution)) or concealed(problem, solution)
 
 
 def best_of_own_starts(
@@ -157,6 +161,32 @@ def _doubted(problem: SegmentProblem, solution: SegmentSolution, performer: int)
         return False  # nothing tells what is to be expected
     expected = seen * np.interp(np.arange(problem.length), shown, explained[shown] / seen[shown])
     return bool((explained < EXPLAINED * expected)[seen > SHOWN].any())
+
+
+def limb_uncovered(problem: SegmentProblem, solution: SegmentSolution) -> bool:
+    """Whether some view shows half a limb, or more, where a solution has nobody, for longer than prediction bridges.
+
+    A lost arm is too small a part of the performer to raise a doubt by what all of the body covers.
+    """
+    if not views_with_foreground(problem.views) or any(len(problem.whole_keys(i)) < 2 for i in problem.sought):
+        return False
+    geometry, spans = problem.geometry(), problem.spans()
+    areas = uncovered_areas(
+        problem.views,
+        geometry,
+        poses_by_delay(problem, view_instants(problem, solution.motions)),
+        first=problem.first,
+        spans=spans,
+        known=[problem.whole_keys(i) for i in range(len(problem.bodies))],
+    )
+    for i in problem.sought:
+        sizes = [
+            shown_areas(geometry, [spans[i].start + part for part in chain]).sum() for chain in limbs(problem.bodies[i])
+        ]
+        beside = areas[:, i] > LIMB_SHARE * min(sizes, default=np.inf)
+        if any(last + 1 - first >= LONG for row in beside for first, last in intervals(row)):
+            return True
+    return False
 
 
 def concealed(problem: SegmentProblem, solution: SegmentSolution) -> bool:

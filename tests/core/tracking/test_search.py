@@ -11,6 +11,7 @@ from kfmocap.core.body import human
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence.accumulate import Sampling
 from kfmocap.core.evidence.occlusion import LONG
+from kfmocap.core.numerics import rotations
 from kfmocap.core.tracking.solvers import multi_start
 from kfmocap.core.tracking.solvers.limb_search import pairs
 from kfmocap.core.tracking.solvers.measurement import Workspace
@@ -53,6 +54,21 @@ def test_a_body_that_covers_background_is_doubted() -> None:
     beside = np.zeros((5, BODY.dof))
     beside[2, 0] = 0.35
     assert multi_start.doubtful(problem, explained(problem, truth.moved(beside)))
+
+
+@pytest.mark.parametrize(("wrong", "expected"), [(0, False), (LONG - 1, False), (LONG, True)])
+def test_a_view_that_shows_a_limb_where_the_solution_has_none_for_long_calls_for_a_search(
+    wrong: int, expected: bool
+) -> None:
+    rest = at_rest(HUMAN, LENGTH)
+    raised = rest.rotations.copy()
+    raised[:, HUMAN.index("upper_arm.L")] = rotations.exp(np.array([0.0, 0.0, 1.2]))
+    truth = Motion(rest.translations, raised)
+    lowered = truth.rotations.copy()
+    lowered[1 : 1 + wrong] = rest.rotations[1 : 1 + wrong]
+    problem = SegmentProblem(coloured(HUMAN, truth, CAMERAS), (HUMAN,), 0, FPS, (ends_held(HUMAN, LENGTH),))
+    found = explained(problem, Motion(rest.translations, lowered))
+    assert multi_start.limb_uncovered(problem, found) == expected
 
 
 def test_whether_a_solution_is_doubted_goes_by_the_key_poses() -> None:
