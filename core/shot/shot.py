@@ -158,6 +158,12 @@ class PerformerRequest:
         return Performer(self.name, body, KeyPoses.proposed([], nowhere), self.person)
 
 
+ONE_VIEW, SEVERAL_VIEWS = (0.2, 0.25), (0.1, 0.1)
+"""Correlation lengths of pixels and of outlines, metres: with several views the width of a limb."""
+_NOT_NUMBERS = ("solver", "broken_keypoints", "estimate_smoothness", "prediction", "footage_offset", "threads")
+_LEFT_TO_THE_SHOT = ("correlation_length", "outline_correlation", "joint_acceleration", "root_acceleration")
+
+
 @dataclass(frozen=True)
 class Settings:
     """Settings of the tracker. The defaults serve every shot; see each field for its unit.
@@ -170,20 +176,19 @@ class Settings:
         Sweeps of the relaxation.
     working_size : int
         The longer side of the reduced frames that are worked on is at most about this, pixels.
-    correlation_length : float
+    correlation_length : float, optional
         How far apart, on the body, residuals say different things, metres: pixels within a square of that side count
-        as one.
-    outline_correlation : float
-        The same along the body's outline: how long a piece of it counts as one, metres.
+        as one. None: see `for_views`.
+    outline_correlation : float, optional
+        The same along the body's outline: how long a piece of it counts as one, metres; None as above.
     joint_acceleration : float, optional
-        Typical angular acceleration of a joint that turns freely, rad/s^2. None has it estimated, or takes
-        what is usual; the relaxation does not need it.
+        Typical angular acceleration of a joint that turns freely, rad/s^2. None estimates it from the shot, joint by
+        joint and frame by frame (`core.body.smoothness_estimate`); the relaxation does not need it.
     root_acceleration : float, optional
         Typical acceleration of the root, m/s^2; None as above.
-    estimate_smoothness : bool
-        Estimate the accelerations that are not given from the shot, joint by joint and frame by frame
-        (`core.body.smoothness_estimate`). If not, they are those of `core.shot.acceleration_prior`, except where
-        keypoints show them.
+    estimate_smoothness : bool, optional
+        Estimate the accelerations that are not given. If not, they are those of `core.shot.acceleration_prior`, except
+        where keypoints show them. None: see `for_views`.
     prediction : bool
         Predict the motion of parts that no camera sees from the frames on which they are seen.
     keypoint_correlation : float
@@ -200,11 +205,11 @@ class Settings:
     solver: str = "gauss-newton"
     sweeps: int = 500
     working_size: int = 480
-    correlation_length: float = 0.2
-    outline_correlation: float = 0.25
+    correlation_length: float | None = None
+    outline_correlation: float | None = None
     joint_acceleration: float | None = None
     root_acceleration: float | None = None
-    estimate_smoothness: bool = False
+    estimate_smoothness: bool | None = None
     prediction: bool = True
     keypoint_correlation: float = 0.3
     broken_keypoints: str = "refuse"
@@ -226,12 +231,31 @@ class Settings:
             raise ShotError(f"it is {self.threads!r}", where="[track] threads", todo="give 1 or more")
         for item in fields(self):
             value = getattr(self, item.name)
-            if value is None and item.name in ("joint_acceleration", "root_acceleration"):
+            if item.name in _NOT_NUMBERS or (value is None and item.name in _LEFT_TO_THE_SHOT):
                 continue
-            if (item.type in ("int", "float") or item.name.endswith("_acceleration")) and not (
-                isinstance(value, (int, float)) and np.isfinite(value) and value > 0
-            ):
+            if not (isinstance(value, (int, float)) and np.isfinite(value) and value > 0):
                 raise ShotError(f"it is {value!r}", where=f"[track] {item.name}", todo="give a positive number")
+
+    @property
+    def lengths(self) -> tuple[float, float]:
+        """The correlation lengths of pixels and of outlines, metres, as given or as for one view."""
+        pixels, outlines = ONE_VIEW
+        return self.correlation_length or pixels, self.outline_correlation or outlines
+
+    def for_views(self, count: int) -> Settings:
+        """Return the settings with what is not given filled in for a shot of some views.
+
+        In one view, errors that do not change with time, of the model's shape and of the calibration, look like
+        motion: its pixels count for less, and the accelerations are the usual ones. The relaxation keeps to that, too.
+        """
+        several = count > 1 and self.solver == "gauss-newton"
+        pixels, outlines = SEVERAL_VIEWS if several else ONE_VIEW
+        return replace(
+            self,
+            correlation_length=self.correlation_length or pixels,
+            outline_correlation=self.outline_correlation or outlines,
+            estimate_smoothness=several if self.estimate_smoothness is None else self.estimate_smoothness,
+        )
 
 
 @dataclass(frozen=True, eq=False)

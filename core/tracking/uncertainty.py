@@ -83,9 +83,7 @@ def pose_covariances(
 ) -> list[Array]:
     """Covariances of every performer's poses, (F, D, D), in the order of the degrees of freedom; see the module."""
     settings = problem.settings
-    softened = replace(
-        settings, outline_correlation=ALIKE, correlation_length=max(DISTANT, settings.correlation_length)
-    )
+    softened = replace(settings, outline_correlation=ALIKE, correlation_length=max(DISTANT, settings.lengths[0]))
     hidden = hidden_parts(problem, measured.evidence.share) if settings.prediction else []
     systems = normal_equations(replace(problem, settings=softened), measured, hidden, (), smooth=smoothness)
     return [BandedFactor(s, fixed).covariances() for s, fixed in zip(systems, problem.fixed, strict=True)]

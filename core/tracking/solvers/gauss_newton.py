@@ -347,7 +347,7 @@ def evidence_equations(
     precision = view_precision(evidence, problem.settings)
     tolerance = evidence.sampling.tolerance
     # Lines that reach farther than the error find other limbs' outlines: far from the solution they count for little.
-    outlines = 1 / (problem.settings.outline_correlation * tolerance**2)
+    outlines = 1 / (problem.settings.lengths[1] * tolerance**2)
     systems = [BandedBlocks.zeros(problem.length, body.dof) for body in problem.bodies]
     for instants in measured.instants:
         own_systems = _image_systems(problem, instants, evidence, (precision, outlines), noise)
@@ -400,4 +400,4 @@ def predicted_accelerations(motions: Sequence[Motion], hidden: Sequence[NDArray[
 def view_precision(evidence: SegmentEvidence, settings: Settings) -> Array:
     """Inverse variance of a residual of each view, with the pixels that repeat one another counted once, shape (V,)."""
     noise = np.maximum(np.median(evidence.gradients.noise, axis=1), 1e-3)
-    return np.asarray(evidence.pixel_share(settings.correlation_length) / noise**2)
+    return np.asarray(evidence.pixel_share(settings.lengths[0]) / noise**2)

@@ -255,7 +255,7 @@ def rows_of_steps(
 
 def _pixel_counts(problem: SegmentProblem, evidence: SegmentEvidence) -> Array:
     """What a pixel of each view counts, shape (V, 1, 1, 1, 1); see the module's docstring."""
-    return evidence.pixel_share(problem.settings.correlation_length)[:, None, None, None, None]
+    return evidence.pixel_share(problem.settings.lengths[0])[:, None, None, None, None]
 
 
 def shared_out(rows: Array, delay: float) -> Array:
