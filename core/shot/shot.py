@@ -178,7 +178,7 @@ class Settings:
         The longer side of the reduced frames that are worked on is at most about this, pixels.
     correlation_length : float, optional
         How far apart, on the body, residuals say different things, metres: pixels within a square of that side count
-        as one. None: see `for_views`.
+        as one. None: see `for_shot`.
     outline_correlation : float, optional
         The same along the body's outline: how long a piece of it counts as one, metres; None as above.
     joint_acceleration : float, optional
@@ -188,7 +188,7 @@ class Settings:
         Typical acceleration of the root, m/s^2; None as above.
     estimate_smoothness : bool, optional
         Estimate the accelerations that are not given. If not, they are those of `core.shot.acceleration_prior`, except
-        where keypoints show them. None: see `for_views`.
+        where keypoints show them. None: see `for_shot`.
     prediction : bool
         Predict the motion of parts that no camera sees from the frames on which they are seen.
     keypoint_correlation : float
@@ -242,19 +242,20 @@ class Settings:
         pixels, outlines = ONE_VIEW
         return self.correlation_length or pixels, self.outline_correlation or outlines
 
-    def for_views(self, count: int) -> Settings:
-        """Return the settings with what is not given filled in for a shot of some views.
+    def for_shot(self, views: int, key_frames: int) -> Settings:
+        """Return the settings with what is not given filled in for a shot of some views and key frames.
 
         In one view, errors that do not change with time, of the model's shape and of the calibration, look like
-        motion: its pixels count for less, and the accelerations are the usual ones. The relaxation keeps to that, too.
+        motion; two key poses say nothing of accelerations, from which an estimate could begin. There pixels count for
+        less, and the accelerations are the usual ones. The relaxation keeps to that, too.
         """
-        several = count > 1 and self.solver == "gauss-newton"
-        pixels, outlines = SEVERAL_VIEWS if several else ONE_VIEW
+        told = views > 1 and key_frames > 2 and self.solver == "gauss-newton"
+        pixels, outlines = SEVERAL_VIEWS if told else ONE_VIEW
         return replace(
             self,
             correlation_length=self.correlation_length or pixels,
             outline_correlation=self.outline_correlation or outlines,
-            estimate_smoothness=several if self.estimate_smoothness is None else self.estimate_smoothness,
+            estimate_smoothness=told if self.estimate_smoothness is None else self.estimate_smoothness,
         )
 
 
@@ -279,6 +280,11 @@ class Shot:
     def length(self) -> int:
         """Number of frames."""
         return self.frames[1] - self.frames[0] + 1
+
+    def with_settings_filled(self) -> Shot:
+        """Return the shot with the settings that are not given filled in, see `Settings.for_shot`."""
+        key_frames = min((len(p.key_poses.frames) for p in self.performers), default=0)
+        return replace(self, settings=self.settings.for_shot(len(self.views), key_frames))
 
     def with_footage_offset(self, found: float | None) -> Shot:
         """Return the shot with the offset of all footage that was found, if any, unless its settings give one."""

@@ -82,6 +82,7 @@ def track_excerpts(shot: Shot, excerpts: Sequence[Excerpt], progress: Progress |
     KFMocapError
         See `tracking.track`.
     """
+    shot = shot.with_settings_filled()  # by the whole shot, also for a part of it
     ends = np.cumsum([0] + [part.last - part.first for part in excerpts])
     ends = ends / max(1, ends[-1])
     results = []

@@ -147,7 +147,7 @@ def _typical_variances(shot: Shot, observed: ShotKeypoints) -> tuple[Array, ...]
     """
     if observed.performers:
         return tuple(own.typical_variances for own in observed.performers)
-    if not shot.settings.for_views(len(shot.views)).estimate_smoothness:
+    if not shot.settings.estimate_smoothness:
         return None
     return tuple(variances_from_key_poses(p.body, p.key_poses, shot.fps, shot.settings) for p in shot.performers)
 
@@ -166,7 +166,7 @@ def segment_problem(shot: Shot, data: SegmentData, state: TrackState) -> Segment
         data.shape,
         data.keypoints,
         state.footage_offset(shot),
-        shot.settings.for_views(len(shot.views)),
+        shot.settings,
         typical_variances=data.typical_variances,
     )
 
