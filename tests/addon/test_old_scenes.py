@@ -40,7 +40,7 @@ def tracked_frames(armature) -> set[int]:
 def test_the_saved_shot_is_that_of_the_shot_file(opened) -> None:
     read, original = scene.shot_from_scene(opened), load_shot(WALK / "shot.toml")
     assert (read.name, read.fps, read.frames) == (original.name, original.fps, original.frames)
-    usual = {"joint_acceleration": 30.0, "root_acceleration": 2.0, "estimate_smoothness": False}
+    usual = {"joint_acceleration": 30.0, "root_acceleration": 2.0}
     lengths = {"correlation_length": 0.2, "outline_correlation": 0.25}
     # What was the default then was saved with the scene, and holds.
     assert read.settings == replace(original.settings, **usual, **lengths)
