@@ -249,13 +249,13 @@ class Settings:
         motion; two key poses say nothing of accelerations, from which an estimate could begin. There pixels count for
         less, and the accelerations are the usual ones. The relaxation keeps to that, too.
         """
-        told = views > 1 and key_frames > 2 and self.solver == "gauss-newton"
-        pixels, outlines = SEVERAL_VIEWS if told else ONE_VIEW
+        can_estimate = views > 1 and key_frames > 2 and self.solver == "gauss-newton"
+        pixels, outlines = SEVERAL_VIEWS if can_estimate else ONE_VIEW
         return replace(
             self,
             correlation_length=self.correlation_length or pixels,
             outline_correlation=self.outline_correlation or outlines,
-            estimate_smoothness=told if self.estimate_smoothness is None else self.estimate_smoothness,
+            estimate_smoothness=can_estimate if self.estimate_smoothness is None else self.estimate_smoothness,
         )
 
 

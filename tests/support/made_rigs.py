@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from kfmocap.core.body import Body, human, part_poses
+from kfmocap.core.body import Body, human
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
 from kfmocap.core.retargeting.bone_matching import by_preset
@@ -13,7 +13,7 @@ from kfmocap.core.retargeting.bone_presets import PRESETS
 from kfmocap.core.retargeting.control_rig import ControlRig, RigPoses
 from kfmocap.core.retargeting.retarget import grounded
 from kfmocap.core.retargeting.roles import PARENTS, BoneMap, parent_role
-from kfmocap.core.retargeting.skeleton_motion import RestSkeleton, SkeletonMotion
+from kfmocap.core.retargeting.skeleton_motion import RestSkeleton, SkeletonMotion, motion_of_body
 
 JOINTS = {"pelvis": "hips", "spine": "spine", "chest": "spine", "head": "head"}
 LONGER_LEGS = {"thigh": 1.2 * 0.245 * 1.75, "shin": 1.2 * 0.246 * 1.75}
@@ -90,15 +90,7 @@ def _ends(role: str, base: str, side: str, at: Mapping[str, np.ndarray]) -> tupl
 
 def moved_body(body: Body, motion: Motion, fps: float = 30.0) -> SkeletonMotion:
     """A motion of a body as what retargeting reads."""
-    R, T = part_poses(body, motion)
-    rest_R = np.stack([part.R_world_rest for part in body.parts])
-    rest = RestSkeleton(
-        tuple(body.names),
-        tuple(body.parents),
-        np.stack([part.head_world for part in body.parts]),
-        np.stack([part.tail_world for part in body.parts]),
-    )
-    return SkeletonMotion("man", rest, R @ np.swapaxes(rest_R, -1, -2), T, fps)
+    return motion_of_body(body, motion, "man", fps)
 
 
 def moved_rig(rig: ControlRig, poses: RigPoses, fps: float = 30.0) -> SkeletonMotion:
