@@ -15,6 +15,29 @@ if TYPE_CHECKING:
     from .retarget_command import RetargetRequest
 
 
+@dataclass(frozen=True)
+class OutputRequest:
+    """How the files that Blender writes of a tracked shot are to be.
+
+    Attributes
+    ----------
+    folder : Path
+        The folder to write into.
+    home : Path
+        The folder that the files are moved to afterwards; footage near it is referred to by a relative path.
+    open_scene : bool
+        The shot is the open scene's: shot.blend is a copy of the open file with the motion. Otherwise a new scene is
+        built.
+    leave_out_unknown : bool
+        BVH and FBX have no bones of parts that nothing has shown.
+    """
+
+    folder: Path
+    home: Path
+    open_scene: bool = False
+    leave_out_unknown: bool = False
+
+
 class BlenderSession(Protocol):
     """Blender as the commands use it."""
 
@@ -27,32 +50,8 @@ class BlenderSession(Protocol):
             The scene shows none, or it cannot be tracked.
         """
 
-    def write_outputs(
-        self,
-        shot: Shot,
-        result: TrackResult,
-        folder: Path,
-        *,
-        home: Path,
-        open_scene: bool,
-        leave_out_unknown: bool = False,
-    ) -> list[Path]:
+    def write_outputs(self, shot: Shot, result: TrackResult, request: OutputRequest) -> list[Path]:
         """Write the BVH and FBX files and shot.blend; returns the files written.
-
-        Parameters
-        ----------
-        shot : Shot
-        result : TrackResult
-            The result of tracking that shot.
-        folder : Path
-            The folder to write into.
-        home : Path
-            The folder that the files are moved to afterwards; footage near it is referred to by a relative path.
-        open_scene : bool
-            The shot is the open scene's: shot.blend is a copy of the open file with the motion. Otherwise a new
-            scene is built.
-        leave_out_unknown : bool
-            BVH and FBX have no bones of parts that nothing has shown.
 
         Raises
         ------

@@ -30,7 +30,7 @@ from ..core.tracking.track_result import TrackResult
 from ..core.tracking.tracker import track
 from .printed import print_outcome
 from .progress_bar import progress_bar
-from .services import BlenderSession, Services
+from .services import BlenderSession, OutputRequest, Services
 
 REFINING = 0.2
 """Share of the work that is refining the cameras, where that is asked for."""
@@ -130,9 +130,7 @@ def run_track(
             write_contact_sheet(stage / "overlay.png", sheet)
         if blender is not None:
             with times.measure("Blender"):
-                blender.write_outputs(
-                    shot, result, stage, home=out_dir, open_scene=open_scene, leave_out_unknown=leave_out_unknown
-                )
+                blender.write_outputs(shot, result, OutputRequest(stage, out_dir, open_scene, leave_out_unknown))
         if refined is not None:
             save_cameras(stage / REFINED, refined.cameras)
         write_json(stage / "report.json", report(shot, result, times, fits=fits, refined=refined))

@@ -16,6 +16,7 @@ from . import registration
 
 if TYPE_CHECKING:
     from ..cli.retarget_command import RetargetRequest
+    from ..cli.services import OutputRequest
     from ..core.shot.shot import Shot
     from ..core.tracking.track_result import TrackResult
 
@@ -39,23 +40,18 @@ class BatchSession:
         with registration.registered():
             return scene.shot_from_scene(bpy.context.scene)
 
-    def write_outputs(
-        self,
-        shot: Shot,
-        result: TrackResult,
-        folder: Path,
-        *,
-        home: Path,
-        open_scene: bool,
-        leave_out_unknown: bool = False,
-    ) -> list[Path]:
+    def write_outputs(self, shot: Shot, result: TrackResult, request: OutputRequest) -> list[Path]:
         """Write the BVH and FBX files and shot.blend; returns the files written."""
         from .export import blender_outputs
 
-        scene = bpy.context.scene if open_scene else None
         with registration.registered():
             return blender_outputs.write_blender_outputs(
-                shot, result, folder, scene, home=home, leave_out_unknown=leave_out_unknown
+                shot,
+                result,
+                request.folder,
+                bpy.context.scene if request.open_scene else None,
+                home=request.home,
+                leave_out_unknown=request.leave_out_unknown,
             )
 
     def retarget(self, request: RetargetRequest) -> dict[str, Any]:

@@ -116,21 +116,19 @@ class CameraEstimate:
 
 
 @dataclass(frozen=True)
-class CameraDoubt:
-    """How far a camera is off by the keypoints that it shares with others.
+class PictureShift:
+    """How far a camera's picture is off.
 
     Attributes
     ----------
-    view : int
     shift : float
-        How far its picture of the joints must move to agree, root mean square, pixels.
+        How far its picture of the performers' joints must move to fit, root mean square, pixels.
     deviation : float
         Standard deviation of that, pixels.
     limit : float
-        Shifts up to this are the keypoints' own errors, pixels.
+        Shifts up to this are no sign of a wrong camera, pixels.
     """
 
-    view: int
     shift: float
     deviation: float
     limit: float
@@ -268,7 +266,7 @@ def _picture(system: _ReducedSystem, view: int) -> Array:
     return np.asarray(np.einsum("nki,nkj->ij", rows, rows) / max(len(rows), 1))
 
 
-def _doubt(system: _ReducedSystem, estimate: CameraEstimate, free: Sequence[int], view: int) -> CameraDoubt:
+def _shift(system: _ReducedSystem, estimate: CameraEstimate, free: Sequence[int], view: int) -> PictureShift:
     """How far a free camera is off, and how far the keypoints' errors alone could move it."""
     columns, prior = _columns(free), _prior(len(estimate.change))
     H, g = system.H[:, columns][:, :, columns], system.g[:, columns]
@@ -287,12 +285,11 @@ def _doubt(system: _ReducedSystem, estimate: CameraEstimate, free: Sequence[int]
     sizes = [system.size[system.seen], system.size[view][system.seen[view]]]
     error = np.sqrt(2) / RAYLEIGH_MEDIAN * max(float(np.median(found)) for found in sizes if len(found))
     change = estimate.change[view]
-    return CameraDoubt(
-        view, float(np.sqrt(change @ picture @ change)), variance**0.5, float(np.sqrt(chance + error**2))
-    )
+    shift = float(np.sqrt(change @ picture @ change))
+    return PictureShift(shift, variance**0.5, limit=float(np.sqrt(chance + error**2)))
 
 
-def contradictions(shared: SharedKeypoints) -> tuple[list[CameraDoubt], CameraEstimate]:
+def contradictions(shared: SharedKeypoints) -> tuple[dict[int, PictureShift], CameraEstimate]:
     """Find the cameras that contradict the others, one after the other.
 
     Every camera alone is moved to agree with the others; the one with which all agree best is off if that moves its
@@ -300,7 +297,7 @@ def contradictions(shared: SharedKeypoints) -> tuple[list[CameraDoubt], CameraEs
 
     Returns
     -------
-    doubts : list of CameraDoubt
+    shifts : dict of int to PictureShift
         Of the views that could be compared, in their order; none where these are fewer than three. Of two cameras
         nothing tells which is off, nor hardly by how much.
     CameraEstimate
@@ -308,28 +305,29 @@ def contradictions(shared: SharedKeypoints) -> tuple[list[CameraDoubt], CameraEs
     """
     able = [v for v, count in enumerate(shared.kinds_seen()) if count >= LEAST_KINDS]
     estimate = CameraEstimate(np.zeros((len(shared.focal), CAMERA)), np.nan_to_num(shared.points_world))
-    doubts: dict[int, CameraDoubt] = {}
+    shifts: dict[int, PictureShift] = {}
     if len(able) < 3:
-        return [], estimate
+        return {}, estimate
     estimate, start = _fitted(shared, estimate, [])
     scale = np.nanmedian(start.size[start.seen]) / RAYLEIGH_MEDIAN
     off: list[int] = []
     # Two cameras at least must stay: one alone says nothing about the size of things.
     while len(off) < len(able) - 2:
-        best: tuple[float, CameraDoubt, CameraEstimate] | None = None
+        best: tuple[float, int, PictureShift, CameraEstimate] | None = None
         for view in able:
             if view in off:
                 continue
             moved, system = _fitted(shared, estimate, [*off, view])
-            found = _doubt(system, moved, [*off, view], view)
+            found = _shift(system, moved, [*off, view], view)
             if not off or found.off:
-                doubts[view] = found
+                shifts[view] = found
             cost = float(np.nansum(GemanMcClure(GROSS).cost((system.size / scale) ** 2)))
             if best is None or cost < best[0]:
-                best = cost, found, moved
-        if best is None or not best[1].off:
+                best = cost, view, found, moved
+        if best is None or not best[2].off:
             break
-        off, estimate = [*off, best[1].view], best[2]
-        doubts[best[1].view] = best[1]
-    fits = {view: replace(doubt, limit=max(doubt.limit, doubt.shift)) for view, doubt in doubts.items()}
-    return [doubts[view] if view in off else fits[view] for view in sorted(doubts)], estimate
+        _, view, shifts[view], estimate = best
+        off.append(view)
+    for view in shifts.keys() - set(off):
+        shifts[view] = replace(shifts[view], limit=max(shifts[view].limit, shifts[view].shift))
+    return dict(sorted(shifts.items())), estimate

@@ -28,7 +28,7 @@ from ..tracking.segments import whole_keys
 from ..tracking.track_result import TrackResult
 from .camera_refinement import RefinedCamera, Refinement, refine_cameras
 from .key_frame_views import pictured_key_frames, read_key_frames
-from .keypoint_cameras import CameraDoubt, CameraEstimate, SharedKeypoints, contradictions
+from .keypoint_cameras import CameraEstimate, PictureShift, SharedKeypoints, contradictions
 from .outline_fit import RefinementStage
 
 CHECKED_KEYS = 8
@@ -38,7 +38,7 @@ CHECK_STAGES = (RefinementStage(0.25, 4.0, 4), RefinementStage(0.10, 1.0, 4))
 
 
 @dataclass(frozen=True)
-class CameraFit:
+class CameraFit(PictureShift):
     """How well a camera fits the others or the key poses.
 
     Attributes
@@ -46,24 +46,10 @@ class CameraFit:
     camera : str
     by : str
         "keypoints" or "key poses": what it was compared with.
-    shift : float
-        How far its picture of the performers' joints must move to fit, root mean square, pixels.
-    deviation : float
-        Standard deviation of that, pixels.
-    limit : float
-        Shifts up to this are no sign of a wrong camera, pixels.
     """
 
     camera: str
     by: Literal["keypoints", "key poses"]
-    shift: float
-    deviation: float
-    limit: float
-
-    @property
-    def off(self) -> bool:
-        """Whether the camera does not fit."""
-        return self.shift > self.limit
 
     @property
     def brief(self) -> str:
@@ -90,9 +76,9 @@ def fit_by_keypoints(shot: Shot, performers: Sequence[Keypoints]) -> tuple[Camer
     tuple of CameraFit
         Of views that share enough keypoints with two others at least.
     """
-    doubts, _ = _compared(shot, performers)
+    shifts, _ = _compared(shot, performers)
     names = [view.camera.name for view in shot.views]
-    return tuple(CameraFit(names[d.view], "keypoints", d.shift, d.deviation, d.limit) for d in doubts)
+    return tuple(CameraFit(s.shift, s.deviation, s.limit, names[v], "keypoints") for v, s in shifts.items())
 
 
 @one_blas_thread()
@@ -134,7 +120,7 @@ def fit_by_key_poses(
     except CalibrationError:  # no view shows the performers clearly: nothing can be said
         return ()
     return tuple(
-        CameraFit(one.camera.name, "key poses", one.shift, one.deviation, one.limit)
+        CameraFit(one.shift, one.deviation, one.limit, one.camera.name, "key poses")
         for one in found.views
         if not one.lost
     )
@@ -224,21 +210,20 @@ def _by_keypoints(shot: Shot) -> Refinement | None:
     """The cameras that contradict the others moved; None where nothing can be compared."""
     if sum(view.keypoints is not None for view in shot.views) < 3:
         return None
-    doubts, estimate = _compared(shot, performer_keypoints(shot, read_shot_keypoints(shot)))
-    if not doubts:
+    shifts, estimate = _compared(shot, performer_keypoints(shot, read_shot_keypoints(shot)))
+    if not shifts:
         return None
     moved = estimate.cameras([view.camera for view in shot.views])
-    by_view = {doubt.view: doubt for doubt in doubts}
     found = []
     for v, view in enumerate(shot.views):
-        doubt = by_view.get(v, CameraDoubt(v, 0.0, np.inf, np.inf))
-        camera, shift = (moved[v], doubt.shift) if doubt.off else (view.camera, 0.0)
+        own = shifts.get(v, PictureShift(0.0, np.inf, np.inf))
+        camera, shift = (moved[v], own.shift) if own.off else (view.camera, 0.0)
         unknown = (np.nan, np.nan, np.nan)
-        found.append(RefinedCamera(camera, shift, doubt.deviation, *unknown, clearness=1.0, limit=doubt.limit))
+        found.append(RefinedCamera(camera, shift, own.deviation, *unknown, clearness=1.0, limit=own.limit))
     return Refinement(tuple(found), np.zeros(0, dtype=np.int64))
 
 
-def _compared(shot: Shot, performers: Sequence[Keypoints]) -> tuple[list[CameraDoubt], CameraEstimate]:
+def _compared(shot: Shot, performers: Sequence[Keypoints]) -> tuple[dict[int, PictureShift], CameraEstimate]:
     """What the keypoints say of the cameras."""
     own = [without_midpoints(keypoints) for keypoints in performers]
     cameras = [view.camera for view in shot.views]

@@ -85,13 +85,10 @@ def assign_detections(
 
     Parameters
     ----------
-    founds : sequence of ViewDetections
-        Per view.
-    empty : Keypoints
-        On F frames, without a keypoint: the names and the cameras.
+    founds, empty, fps
+        See `core.keypoints.people.find_people`.
     wanted : sequence of Wanted
         Per performer.
-    fps : float
 
     Returns
     -------

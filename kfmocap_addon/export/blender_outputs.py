@@ -47,7 +47,6 @@ def write_blender_outputs(
         without a user.
     home : path, optional
         Folder that the files will be moved to: footage near it is named relative to it. By default `out_dir`.
-
     leave_out_unknown : bool
         BVH and FBX have no bones of parts that nothing has shown.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-_SIDES = {"L": ("_l", "Left"), "R": ("_r", "Right")}
+from ...core.retargeting import bone_presets
 
 
 @dataclass(frozen=True)
@@ -31,59 +31,17 @@ class Preset:
     node: str | None = None
 
 
-def _with_sides(middle: Mapping[str, str], limbs: Mapping[str, str]) -> dict[str, str]:
-    """Names of the bones in the middle, and of those on both sides: {side} and {Side} stand for the program's words."""
-    names = dict(middle)
-    for letter, (side, word) in _SIDES.items():
-        names |= {f"{ours}.{letter}": theirs.format(side=side, Side=word) for ours, theirs in limbs.items()}
-    return names
+def _names(program: str, *, chest: str) -> dict[str, str]:
+    """Return a program's names of our bones; `chest` is the bone of its spine that ours is."""
+    theirs = bone_presets.PRESETS[program].bones
+    ours = bone_presets.PRESETS["kfmocap"].bones
+    pairs = (zip(bones, theirs.get(role, ()), strict=False) for role, bones in ours.items())
+    return {our: their for role in pairs for our, their in role} | {"chest": chest}
 
 
-_UNREAL = _with_sides(
-    {"pelvis": "pelvis", "spine": "spine_01", "chest": "spine_03", "neck": "neck_01", "head": "head"},
-    {
-        "shoulder": "clavicle{side}",
-        "upper_arm": "upperarm{side}",
-        "forearm": "lowerarm{side}",
-        "hand": "hand{side}",
-        "thigh": "thigh{side}",
-        "shin": "calf{side}",
-        "foot": "foot{side}",
-        "toe": "ball{side}",
-    },
-)
-_UNITY = _with_sides(
-    {"pelvis": "Hips", "spine": "Spine", "chest": "Chest", "neck": "Neck", "head": "Head"},
-    {
-        "shoulder": "{Side}Shoulder",
-        "upper_arm": "{Side}UpperArm",
-        "forearm": "{Side}LowerArm",
-        "hand": "{Side}Hand",
-        "thigh": "{Side}UpperLeg",
-        "shin": "{Side}LowerLeg",
-        "foot": "{Side}Foot",
-        "toe": "{Side}Toes",
-    },
-)
-_MIXAMO = _with_sides(
-    {
-        "pelvis": "mixamorig:Hips",
-        "spine": "mixamorig:Spine",
-        "chest": "mixamorig:Spine2",
-        "neck": "mixamorig:Neck",
-        "head": "mixamorig:Head",
-    },
-    {
-        "shoulder": "mixamorig:{Side}Shoulder",
-        "upper_arm": "mixamorig:{Side}Arm",
-        "forearm": "mixamorig:{Side}ForeArm",
-        "hand": "mixamorig:{Side}Hand",
-        "thigh": "mixamorig:{Side}UpLeg",
-        "shin": "mixamorig:{Side}Leg",
-        "foot": "mixamorig:{Side}Foot",
-        "toe": "mixamorig:{Side}ToeBase",
-    },
-)
+_UNREAL = _names("unreal", chest="spine_03")
+_UNITY = _names("unity", chest="Chest")
+_MIXAMO = _names("mixamo", chest="mixamorig:Spine2")
 PRESETS = {
     "BLENDER": Preset("Blender", "The bones' own names, metres"),
     "UNREAL": Preset("Unreal", "Names of Unreal's mannequin, centimetres, armature named root", 100, _UNREAL, "root"),

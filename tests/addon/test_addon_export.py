@@ -15,6 +15,7 @@ bpy = pytest.importorskip("bpy")
 
 from addon_shots import blender, joint_error, motion, shot, track_result  # noqa: E402, F401
 from kfmocap import kfmocap_addon  # noqa: E402
+from kfmocap.cli.services import OutputRequest  # noqa: E402
 from kfmocap.core.body import human, part_poses  # noqa: E402
 from kfmocap.core.body.motion import Motion  # noqa: E402
 from kfmocap.core.errors import OutputError, ShotError  # noqa: E402
@@ -39,7 +40,7 @@ def result_of(original):
 
 def write_outputs(original, folder: Path, home: Path | None = None) -> list[Path]:
     """As the command line does it, where no add-on is switched on."""
-    return BatchSession().write_outputs(original, result_of(original), folder, home=home or folder, open_scene=False)
+    return BatchSession().write_outputs(original, result_of(original), OutputRequest(folder, home or folder))
 
 
 def empty_file():

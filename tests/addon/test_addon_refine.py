@@ -169,7 +169,7 @@ def test_the_tool_moves_fixed_and_moving_cameras(blender, tmp_path, refiner):  #
 def test_a_camera_that_does_not_fit_is_shown_until_it_is_refined(blender, tmp_path, refiner):  # noqa: F811
     scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
     views = bpy.context.scene.kfmocap.views
-    fits = [CameraFit("cam01", "key poses", 14.6, 2.0, 5.0), CameraFit("cam02", "key poses", 1.0, 2.0, 5.0)]
+    fits = [CameraFit(14.6, 2.0, 5.0, "cam01", "key poses"), CameraFit(1.0, 2.0, 5.0, "cam02", "key poses")]
     assert view_cameras.show_fits(views, fits) == [fits[0].summary]
     assert [view.misfit for view in views] == ["15 px off the key poses", ""]
     bpy.ops.kfmocap.refine_cameras()

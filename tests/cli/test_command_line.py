@@ -142,7 +142,7 @@ def test_the_report_is_json_with_times_and_versions(folder: Path) -> None:
 def test_cameras_that_do_not_fit_are_told_and_reported(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fits = (CameraFit("cam01", "keypoints", 3.0, 1.0, 5.0), CameraFit("cam01", "key poses", 12.4, 2.0, 5.0))
+    fits = (CameraFit(3.0, 1.0, 5.0, "cam01", "keypoints"), CameraFit(12.4, 2.0, 5.0, "cam01", "key poses"))
     monkeypatch.setattr(track_command, "camera_fits", lambda *_: fits)
     assert track(folder) == 0
     assert capsys.readouterr().err.splitlines()[:2] == [

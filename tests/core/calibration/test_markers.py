@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import cv2
@@ -73,14 +74,19 @@ def test_a_ball_of_four_to_six_pixels_is_measured_by_its_colour(canvas, colour):
     assert min(sigmas) > 0.1
 
 
-def test_a_rod_hardly_shifts_a_small_ball(canvas):
-    before, after = [], []
-    for k in range(8):
-        angle = 2 * np.pi * k / 8
-        centre = np.array([0.1, 0.0, 1.0])
+def rods_about(
+    centre: np.ndarray, count: int, start: float, radius: float, paint: str
+) -> Iterator[tuple[Rod, np.ndarray]]:
+    """Rods that come to a ball from all around, beginning so far from its centre, and where they end."""
+    for angle in 2 * np.pi * np.arange(count) / count:
         other = centre + [0.35 * np.cos(angle), -0.3, 0.35 * np.sin(angle)]
         along = (other - centre) / np.linalg.norm(other - centre)
-        rod = Rod((centre + 0.0155 * along)[None], other[None], 0.006, PAINT["cloth"])
+        yield Rod((centre + start * along)[None], other[None], radius, PAINT[paint]), other
+
+
+def test_a_rod_hardly_shifts_a_small_ball(canvas):
+    before, after, centre = [], [], np.array([0.1, 0.0, 1.0])
+    for k, (rod, other) in enumerate(rods_about(centre, 8, 0.0155, 0.006, "cloth")):
         image = seen_by(canvas, [Ball(centre[None], 0.017, PAINT["green"]), rod], k)
         ball = nearest(found(image, "green"), CAMERA.project(centre))
         again, good = without_rods(Picture.of(image), ball, CAMERA.project(other)[None, None])
@@ -119,13 +125,8 @@ def test_motion_blur_is_weighted_down_and_its_middle_taken(canvas):
 
 
 def test_what_a_rod_hides_does_not_shift_the_ball(canvas):
-    before, after = [], []
-    for k in range(12):
-        angle = 2 * np.pi * k / 12
-        centre = np.array([0.1, 0.0, 1.0])
-        other = centre + [0.35 * np.cos(angle), -0.3, 0.35 * np.sin(angle)]
-        along = (other - centre) / np.linalg.norm(other - centre)
-        rod = Rod((centre + 0.06 * along)[None], other[None], 0.022, PAINT["skin"])
+    before, after, centre = [], [], np.array([0.1, 0.0, 1.0])
+    for k, (rod, other) in enumerate(rods_about(centre, 12, 0.06, 0.022, "skin")):
         image = seen_by(canvas, [Ball(centre[None], 0.065, PAINT["green"]), rod], k)
         ball = found(image, "green")[:1]
         again, good = without_rods(Picture.of(image), ball, CAMERA.project(other)[None, None])

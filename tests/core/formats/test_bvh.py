@@ -106,13 +106,14 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 def test_key_poses_go_through_our_own_exporter(tmp_path: Path) -> None:
     pytest.importorskip("bpy")
     import addon_shots
+    from kfmocap.cli.services import OutputRequest
     from kfmocap.kfmocap_addon.batch import BatchSession
 
     shot = addon_shots.shot(tmp_path)
     (performer,) = shot.performers
     motion = addon_shots.motion(shot.length)
     result = addon_shots.track_result(shot, [motion])
-    BatchSession().write_outputs(shot, result, tmp_path, home=tmp_path, open_scene=False)
+    BatchSession().write_outputs(shot, result, OutputRequest(tmp_path, tmp_path))
     skeleton = read_bvh(tmp_path / "walk.bvh")
     body = body_of_bvh(skeleton, 1.7)
     keys = performer.key_poses.frames

@@ -26,30 +26,13 @@ HIPS = ("Hip", "LHip", "RHip")
 LEG_PARTS = [f"{part}.{side}" for side in "LR" for part in ("thigh", "shin", "foot")]
 BODY = human(1.8)
 TRUTH = strolling(BODY, FRAMES)
-SHOT = """
-[shot]
-name = "waist"
-fps = 30.0
-frames = [0, 17]
+VIEW = '[[view]]\ncamera = "{0}"\nfootage = "{0}_%04d.png"\nkeypoints = "pose/{0}"\n\n'
+SHOT = f"""calibration.file = "calibration.toml"
+shot = {{name = "waist", fps = 30.0, frames = [0, 17]}}
 
-[calibration]
-file = "calibration.toml"
-
-[[view]]
-camera = "cam01"
-footage = "cam01_%04d.png"
-keypoints = "pose/cam01"
-
-[[view]]
-camera = "cam02"
-footage = "cam02_%04d.png"
-keypoints = "pose/cam02"
-
-[[performer]]
+{VIEW.format("cam01")}{VIEW.format("cam02")}[[performer]]
 name = "man"
 """
-
-
 WAIST_UP = 120
 """Height of a picture that ends below the belt, pixels."""
 
