@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from ..numerics.arrays import Bools
 from .bundle import adjust, covariance
@@ -41,10 +41,10 @@ def select_lens_unknowns(
         block = spread[c * CAMERA_DOF :, c * CAMERA_DOF :][:CAMERA_DOF, :CAMERA_DOF]
         if every[c, K2] and not free[c, K2]:
             k2 = rig.distortions[c, 1] - scene.rig.distortions[c, 1]
-            out[c, K2] = k2**2 > chi2.isf(_CHANCE, 1) * block[K2, K2] and block[K2, K2] < K2_SIGMA**2
+            out[c, K2] = k2**2 > chdtri(1, _CHANCE) * block[K2, K2] and block[K2, K2] < K2_SIGMA**2
         if every[c, 7] and not free[c, 7]:
             shift = rig.centre[c] - lens.centre
             own = block[CENTRE, CENTRE]
             sure = np.sqrt(np.linalg.eigvalsh(own)[-1]) < CENTRE_SIGMA * lens.size[0]
-            out[c, CENTRE] = bool(shift @ np.linalg.solve(own, shift) > chi2.isf(_CHANCE, 2) and sure)
+            out[c, CENTRE] = bool(shift @ np.linalg.solve(own, shift) > chdtri(2, _CHANCE) and sure)
     return out

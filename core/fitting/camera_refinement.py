@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
-from scipy.stats import f as f_distribution
+from scipy.special import chdtri, fdtri
 
 from ..body.time_shift import poses_after
 from ..cameras.camera import Camera
@@ -227,8 +226,8 @@ def chance_quantile(shares: Array, samples: int | None = None) -> float:
     """
     degrees = max(float(shares.sum()) ** 2 / max(float((shares**2).sum()), 1e-300), 1.0)
     if samples is None:
-        return float(chi2.ppf(1 - CHANCE, degrees)) / degrees
-    return float(f_distribution.ppf(1 - CHANCE, degrees, samples - 1))
+        return float(chdtri(degrees, CHANCE)) / degrees
+    return float(fdtri(degrees, samples - 1, 1 - CHANCE))
 
 
 def _picture_rows(camera: Camera, points_world: Array) -> Array:

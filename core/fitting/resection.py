@@ -9,6 +9,7 @@ the unknowns.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -27,6 +28,7 @@ from ..evidence.part_shapes import SHIFT, STRETCH, stretched
 from ..numerics import rotations
 from ..numerics.arrays import Array
 from ..numerics.normal_equations import DenseEquations
+from ..runtime.threads import worker_count
 from .key_frame_views import KeyFrameView
 from .outline_fit import RefinementStage, key_outlines, outline_products
 
@@ -172,12 +174,19 @@ def camera_equations(state: CameraState, stage: RefinementStage, views: Sequence
     n, precision = len(state.change), stage.precision()
     H, g, clearness = np.zeros((n, n)), np.zeros(n), np.zeros(len(views))
     held = []
-    for v, view in enumerate(views):
-        camera, (R, T) = view.camera(state.cameras[v]), scene_poses(state.bodies, state.motions[view.delay])
-        lines = key_outlines(view.rectified(state.cameras[v]), camera, state.geometry, (R, T), stage)
+
+    def seen(v: int) -> tuple[Camera, Poses, Lines, Array]:
+        view = views[v]
+        camera, poses = view.camera(state.cameras[v]), scene_poses(state.bodies, state.motions[view.delay])
+        lines = key_outlines(view.rectified(state.cameras[v]), camera, state.geometry, poses, stage)
+        return camera, poses, lines, outline_products(lines, camera, poses)
+
+    with ThreadPoolExecutor(worker_count()) as pool:
+        found = list(pool.map(seen, range(len(views))))
+    for v, (camera, (R, T), lines, products) in enumerate(found):
         clearness[v] = _clearness(lines, camera)
         held.append(HeldOutlines.at(lines, camera, (R, T), precision))
-        sums = precision * outline_products(lines, camera, (R, T))
+        sums = precision * products
         for body, span, pose in zip(state.bodies, state.spans(), state.pose_columns(), strict=True):
             B = _jacobian(body, camera, (R[:, span], T[:, span]))
             B_t, own = np.swapaxes(B, -1, -2), sums[:, span]

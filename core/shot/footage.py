@@ -80,8 +80,11 @@ def probe(path: Path | str) -> Footage:
 
 def container_rate(view: View) -> float:
     """Return the rate of a view's frames, or fields, that its file states, per second; 0 where it states none."""
+    if image_files(view.footage) is not None:
+        return 0.0
     try:
-        return round(probe(view.footage).fps * _per_file_frame(view), 3)
+        with _opened(view.footage) as video:
+            return round(video.get(cv2.CAP_PROP_FPS) * _per_file_frame(view), 3)
     except FootageError:
         return 0.0
 
@@ -200,10 +203,11 @@ def frames_at(
     """
     camera = view.camera.reduced(factor)
     maps = camera.rectify_maps()
+    near = None if album is None else view.camera.reduced(album.factor)
+    near_maps = None if near is None else near.rectify_maps()
     for frame, decoded in zip(frames, _decoded(view, [footage_index(view, f) for f in frames]), strict=True):
-        if album is not None and frame in album.frames:
-            near = view.camera.reduced(album.factor)
-            album.pictures[frame] = _prepared(decoded, near.size, near.rectify_maps(), grey=False)
+        if album is not None and near is not None and frame in album.frames:
+            album.pictures[frame] = _prepared(decoded, near.size, near_maps, grey=False)
         yield _prepared(decoded, camera.size, maps, grey)
 
 
@@ -258,8 +262,10 @@ def _prepared(
         image = _reduced(image, stored)
     if turn:
         image = cv2.rotate(image, _ROTATIONS[turn])
+    if maps is None:
+        return image.copy() if image is decoded.image else image
     # A black border would be an edge that moves with nothing.
-    return image if maps is None else cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
 def _reduced(image: Image, size: tuple[int, int]) -> Image:
@@ -330,7 +336,10 @@ def _decoded(view: View, indices: Sequence[int]) -> Iterator[_Decoded]:
 
 
 def _stored(path: Path, numbers: Sequence[int], size: tuple[int, int]) -> Iterator[_Decoded]:
-    """The frames of a file of those increasing numbers; `size` is that of the frames as they are to be seen."""
+    """The frames of a file of those increasing numbers; `size` is that of the frames as they are to be seen.
+
+    The image of a video's frame holds until the next one is asked for.
+    """
     images = image_files(path)
     if images is not None:
         for number in numbers:
@@ -338,11 +347,13 @@ def _stored(path: Path, numbers: Sequence[int], size: tuple[int, int]) -> Iterat
         return
     with _opened(path) as video:
         turn, position = _quarter_turns(video), 0
+        frame: Image | None = None
         for number in numbers:
             # Seeking is not exact in every container: go through the frames.
             while position < number and video.grab():
                 position += 1
-            read, frame = video.read() if position == number else (False, None)
+            # Into the memory of the frame before: asking the system for some megabytes takes as long as decoding.
+            read, frame = video.read(frame) if position == number else (False, None)
             if not read or frame is None:
                 raise FootageError(f"the footage ends or breaks at frame {position} of the file", where=str(path))
             position += 1

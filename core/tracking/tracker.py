@@ -159,8 +159,9 @@ def _check(shot: Shot) -> None:
     for performer in shot.performers:
         if not len(performer.key_poses.frames):
             raise ShotError("there is no key pose", where=f"performer {performer.name}", todo="set one to begin with")
-    for view in shot.views:
-        check_view(view, shot.frames[0], shot.length)
+    with ThreadPoolExecutor(worker_count(shot.settings.threads)) as pool:
+        for checked in [pool.submit(check_view, view, shot.frames[0], shot.length) for view in shot.views]:
+            checked.result()
 
 
 def _first_pass(shot: Shot, solver: Solver, seconds: Seconds, progress: Progress | None) -> ShotKeypoints:
