@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from types import MappingProxyType
 
 import bpy
 import numpy as np
@@ -31,9 +32,19 @@ KEY_TYPE = np.dtype(
 )
 
 
+_FIELDS = tuple((name, KEY_TYPE[name].base, KEY_TYPE[name].shape) for name in KEY_TYPE.names or ())
+_ENUMS = MappingProxyType(
+    {
+        item.identifier: MappingProxyType({choice.identifier: choice.value for choice in item.enum_items})
+        for item in bpy.types.Keyframe.bl_rna.properties
+        if item.type == "ENUM"
+    }
+)
+
+
 def enum_value(field: str, name: str) -> int:
     """Number of an enum item of a key's property, as `foreach_set` takes it."""
-    return bpy.types.Keyframe.bl_rna.properties[field].enum_items[name].value
+    return _ENUMS[field][name]
 
 
 def ensure_action(owner: bpy.types.Object, name: str) -> bpy.types.Action:
@@ -100,10 +111,12 @@ def get_keys(curve: bpy.types.FCurve) -> Keys:
     """All keys of an F-curve."""
     points = curve.keyframe_points
     keys = np.zeros(len(points), KEY_TYPE)
-    for field in KEY_TYPE.names or ():
-        column = np.empty(keys[field].size, KEY_TYPE[field].base)
-        points.foreach_get(field, column)
-        keys[field] = column.reshape(keys[field].shape)
+    if not len(points):
+        return keys
+    for field, base, shape in _FIELDS:
+        column = np.empty((len(points), *shape), base)
+        points.foreach_get(field, column.ravel())
+        keys[field] = column
     return keys
 
 
@@ -127,8 +140,12 @@ def set_keys(curve: bpy.types.FCurve, groups: Sequence[Keys]) -> None:
 
 def _restore_handles(curve: bpy.types.FCurve, keys: Keys) -> None:
     """Handles that somebody placed by hand stay to the last bit: Blender's update rounds them anew."""
-    updated = get_keys(curve)
+    points = curve.keyframe_points
     for side in ("handle_left", "handle_right"):
-        placed = np.isin(keys[f"{side}_type"], [enum_value(f"{side}_type", n) for n in ("FREE", "ALIGNED")])
-        updated[side][placed] = keys[side][placed]
-        curve.keyframe_points.foreach_set(side, updated[side].ravel())
+        types = keys[f"{side}_type"]
+        placed = (types == enum_value(f"{side}_type", "FREE")) | (types == enum_value(f"{side}_type", "ALIGNED"))
+        if placed.any():
+            updated = np.empty((len(points), 2), np.float32)
+            points.foreach_get(side, updated.ravel())
+            updated[placed] = keys[side][placed]
+            points.foreach_set(side, updated.ravel())

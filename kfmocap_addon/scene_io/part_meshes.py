@@ -8,13 +8,14 @@ import bmesh
 import bpy
 import numpy as np
 from mathutils import Matrix
-from scipy.spatial import ConvexHull, QhullError
 
 from ...core.body import Part
 from ...core.errors import BodyError
 from ...core.numerics.arrays import Array
 
 _FLAT = np.radians(20)
+_THIN = 1e-6
+"""Thickness, as a share of the length, that roundings of a plane's vertices in single precision can reach."""
 
 
 def build_mesh(part: Part, armature: bpy.types.Object, collection: bpy.types.Collection) -> None:
@@ -69,14 +70,18 @@ def check_part(child: bpy.types.Object) -> None:
 
 def check_solid(vertices: Array, armature: bpy.types.Object, bone: bpy.types.Bone) -> None:
     """Raise a BodyError where vertices (V, 3) on a bone enclose no volume."""
-    try:
-        ConvexHull(vertices)
-    except (QhullError, ValueError) as error:
+    if len(vertices) < 4 or not np.isfinite(vertices).all() or _thickness(vertices) < _THIN:
         raise BodyError(
             "the mesh on the bone is flat: it encloses no volume",
             where=f"armature {armature.name}, bone {bone.name}",
             todo="give it four corners at least that are not in one plane",
-        ) from error
+        )
+
+
+def _thickness(vertices: Array) -> float:
+    """Extent of vertices (V, 3) along their least axis over that along their greatest."""
+    extents = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
+    return float(extents[2] / max(extents[0], np.finfo(float).tiny))
 
 
 def mirror_part(child: bpy.types.Object) -> None:

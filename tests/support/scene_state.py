@@ -28,11 +28,13 @@ def state() -> dict[str, Any]:
 
 def differences(a: Any, b: Any, where: str = "") -> list[str]:
     """Where two states differ."""
+    if a == b:
+        return []
     if isinstance(a, dict) and isinstance(b, dict):
         return [d for k in {**a, **b} for d in differences(a.get(k, "nothing"), b.get(k, "nothing"), f"{where}/{k}")]
     if isinstance(a, tuple) and isinstance(b, tuple) and len(a) == len(b):
         return [d for i, (x, y) in enumerate(zip(a, b, strict=True)) for d in differences(x, y, f"{where}[{i}]")]
-    return [] if a == b else [f"{where}: {str(a)[:200]} != {str(b)[:200]}"]
+    return [f"{where}: {str(a)[:200]} != {str(b)[:200]}"]
 
 
 def _scene(scene: bpy.types.Scene) -> tuple[Any, ...]:
