@@ -33,6 +33,7 @@ def _add_track(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--leave-out-unknown", action="store_true", help="write no landmarks and bones of parts that nothing shows"
     )
+    command.add_argument("--resume", action="store_true", help="go on from the segments that an ended run had finished")
     _add_tracking(command)
 
 

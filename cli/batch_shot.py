@@ -16,7 +16,7 @@ from ..core.review.track_report import report_lines
 from ..core.runtime.files import write_json
 from ..core.runtime.progress import Progress
 from ..core.runtime.timing import Seconds
-from ..core.shot.image_sequences import image_files
+from ..core.shot.fingerprint import file_bytes
 from ..core.shot.shot_spec import ShotSpec
 from ..core.tracking.prepare import load_shot
 from .services import BlenderSession
@@ -25,7 +25,6 @@ from .track_command import run_track
 DONE, REFUSED, FAILED = "done", "bad input", "failed"
 STATUS = "status"
 """The folder, among those of the results, that holds what came of every shot."""
-_HEAD = 65536
 
 
 @dataclass(frozen=True)
@@ -106,7 +105,7 @@ def track_shot(path: Path, out: Path, options: BatchOptions, progress: Progress)
     if shot.settings.threads is None:
         shot = replace(shot, settings=replace(shot.settings, threads=options.threads))
     blender = None if options.load_blender is None else options.load_blender()
-    run_track(shot, out, blender=blender, progress=progress, seconds=seconds)
+    run_track(shot, out, blender=blender, progress=progress, seconds=seconds, resume=True)
     report = json.loads((out / "report.json").read_text(encoding="utf-8"))
     errors = [error for performer in report["performers"] for error in performer["expected_error"] if error is not None]
     return {
@@ -128,9 +127,9 @@ def shot_digest(path: Path, options: BatchOptions) -> str:
     """
     spec = read_shot_spec(path)
     sha = hashlib.sha256(repr((options.solver, options.load_blender is None, _version())).encode())
-    for file in (path, *_files(spec)):
-        sha.update(file.name.encode())
-        sha.update(_content(file))
+    for named in (path, *_files(spec)):
+        for piece in file_bytes(named):
+            sha.update(piece)
     return sha.hexdigest()
 
 
@@ -142,26 +141,7 @@ def _version() -> str:
 
 
 def _files(spec: ShotSpec) -> Iterator[Path]:
-    """The files that a shot names; those of a folder or an image sequence one by one."""
-    named = [spec.calibration]
-    named += [file for view in spec.views for file in (view.footage, view.keypoints) if file is not None]
-    named += [file for person in spec.performers for file in (person.landmarks, person.keyposes) if file is not None]
-    for path in named:
-        images = image_files(path)
-        if images is not None:
-            yield from (images[number] for number in sorted(images))
-        elif path.is_dir():
-            yield from (file for file in sorted(path.rglob("*")) if file.is_file())
-        else:
-            yield path
-
-
-def _content(file: Path) -> bytes:
-    """What counts of a file's content; nothing of one that cannot be read: tracking the shot says so."""
-    try:
-        with file.open("rb") as stream:
-            head, size = stream.read(_HEAD), file.stat().st_size
-            stream.seek(max(_HEAD, size - _HEAD))
-            return head + stream.read() + str(size).encode()
-    except OSError:
-        return b""
+    """The files, folders and image sequences that a shot names."""
+    yield spec.calibration
+    yield from (file for view in spec.views for file in (view.footage, view.keypoints) if file is not None)
+    yield from (file for one in spec.performers for file in (one.landmarks, one.keyposes) if file is not None)

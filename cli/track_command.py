@@ -24,6 +24,7 @@ from ..core.runtime.progress import Progress, share
 from ..core.runtime.timing import Seconds
 from ..core.shot.shot import Shot
 from ..core.shot.shot_spec import result_names
+from ..core.tracking.journal import journal_beside
 from ..core.tracking.prepare import load_shot
 from ..core.tracking.selection import selected
 from ..core.tracking.track_result import TrackResult
@@ -59,6 +60,7 @@ def run(args: argparse.Namespace, services: Services) -> int:
             open_scene=args.shot is None,
             refined=refined,
             leave_out_unknown=args.leave_out_unknown,
+            resume=args.resume,
         )
     with results_are_written():
         print_outcome(files, report_lines(json.loads((args.out / "report.json").read_text(encoding="utf-8"))))
@@ -75,6 +77,7 @@ def run_track(
     open_scene: bool = False,
     refined: Refinement | None = None,
     leave_out_unknown: bool = False,
+    resume: bool = False,
 ) -> list[Path]:
     """Track a shot; write NAME.trc, overlay.png and report.json, and with Blender NAME.bvh, NAME.fbx and shot.blend.
 
@@ -94,6 +97,8 @@ def run_track(
         How the shot's cameras were refined: they are written as well, as refined.toml.
     leave_out_unknown : bool
         The files have no landmarks and bones of parts that nothing shows.
+    resume : bool
+        Go on from the segments that a run had finished which was ended; see `core.tracking.journal`.
 
     Returns
     -------
@@ -116,9 +121,11 @@ def run_track(
     scene = () if blender is None else ("shot.blend",)
     names = [f"{name}{ending}" for name in motions for ending in endings]
     cameras = () if refined is None else (REFINED,)
-    with staged(out_dir, [*names, *scene, *cameras, "overlay.png", "report.json"]) as stage:
+    results = [*names, *scene, *cameras, "overlay.png", "report.json"]
+    with journal_beside(out_dir, resume=resume) as journal, staged(out_dir, results) as stage:
         shown = sheet_frames(shot)
-        result = track(shot, share(progress, 0.0, 0.9), pictures=sorted({*shown, *checked_frames(shot)}))
+        pictures = sorted({*shown, *checked_frames(shot)})
+        result = track(shot, share(progress, 0.0, 0.9), pictures=pictures, journal=journal)
         times = Seconds(seconds or {})
         with times.measure("camera check"):
             fits = camera_fits(shot, result)

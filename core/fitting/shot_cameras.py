@@ -23,6 +23,7 @@ from ..keypoints.view_agreement import without_midpoints
 from ..runtime.progress import Progress, share
 from ..runtime.threads import one_blas_thread
 from ..shot.shot import Shot
+from ..tracking.journal import Journal
 from ..tracking.retracking import Excerpt, track_excerpts
 from ..tracking.segments import whole_keys
 from ..tracking.track_result import TrackResult
@@ -158,7 +159,9 @@ class CheckedTrack:
     fits: tuple[CameraFit, ...] | None
 
 
-def track_and_check(shot: Shot, excerpts: Sequence[Excerpt], progress: Progress | None = None) -> CheckedTrack:
+def track_and_check(
+    shot: Shot, excerpts: Sequence[Excerpt], progress: Progress | None = None, *, journal: Journal | None = None
+) -> CheckedTrack:
     """Track excerpts of a shot, and compare its cameras where that is all of it.
 
     Raises
@@ -167,7 +170,7 @@ def track_and_check(shot: Shot, excerpts: Sequence[Excerpt], progress: Progress 
         See `core.tracking.tracker.track`.
     """
     whole = len(excerpts) == 1 and (excerpts[0].first, excerpts[0].last) == (0, shot.length - 1)
-    results = track_excerpts(shot, excerpts, share(progress, 0.0, 0.9) if whole else progress)
+    results = track_excerpts(shot, excerpts, share(progress, 0.0, 0.9) if whole else progress, journal=journal)
     if not whole:
         return CheckedTrack(results, None)
     return CheckedTrack(results, camera_fits(shot, results[0], share(progress, 0.9, 1.0)))

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import PurePath
-from typing import Any
 
 import numpy as np
 
 from ..runtime.progress import Progress, share
+from ..shot.fingerprint import value_bytes
 from ..shot.shot import KeyPoses, Performer, Shot
+from .journal import Journal
 from .segment_stages import Around
 from .segments import Segment
 from .track_result import TrackResult
@@ -63,7 +63,9 @@ def joined(segments: Sequence[Segment]) -> list[Segment]:
     return runs
 
 
-def track_excerpts(shot: Shot, excerpts: Sequence[Excerpt], progress: Progress | None = None) -> list[TrackResult]:
+def track_excerpts(
+    shot: Shot, excerpts: Sequence[Excerpt], progress: Progress | None = None, *, journal: Journal | None = None
+) -> list[TrackResult]:
     """Track excerpts of a shot; what it costs is theirs alone.
 
     Parameters
@@ -71,6 +73,8 @@ def track_excerpts(shot: Shot, excerpts: Sequence[Excerpt], progress: Progress |
     shot : Shot
     excerpts : sequence of Excerpt
     progress : callable, optional
+    journal : Journal, optional
+        See `tracking.track`.
 
     Returns
     -------
@@ -88,7 +92,7 @@ def track_excerpts(shot: Shot, excerpts: Sequence[Excerpt], progress: Progress |
     results = []
     for part, (begin, end) in zip(excerpts, pairwise(ends), strict=True):
         asked = shot.between(part.first, part.last).with_footage_offset(part.footage_offset)
-        results.append(track(asked, share(progress, float(begin), float(end)), around=part.around))
+        results.append(track(asked, share(progress, float(begin), float(end)), around=part.around, journal=journal))
     return results
 
 
@@ -100,7 +104,7 @@ def digest(shot: Shot, segment: Segment) -> str:
     part = shot.between(*segment)
     asked = replace(part, name="", performers=tuple(_asked(performer) for performer in part.performers))
     sha = hashlib.sha256()
-    for piece in _pieces(asked):
+    for piece in value_bytes(asked):
         sha.update(piece)
     return sha.hexdigest()
 
@@ -112,22 +116,3 @@ def _asked(performer: Performer) -> Performer:
     T, Q = keys.poses.translations, keys.poses.rotations
     poses = replace(keys.poses, translations=np.where(keys.fixed[:, :3], T, 0), rotations=np.where(turned, Q, 0))
     return replace(performer, name="", key_poses=KeyPoses(keys.frames, poses, keys.fixed))
-
-
-def _pieces(value: Any) -> Iterable[bytes]:
-    """A value as bytes, piece by piece."""
-    if is_dataclass(value):
-        for item in (item for item in fields(value) if item.compare):
-            yield item.name.encode()
-            yield from _pieces(getattr(value, item.name))
-    elif isinstance(value, np.ndarray):
-        yield f"{value.dtype}{value.shape}".encode()
-        yield np.ascontiguousarray(value).tobytes()
-    elif isinstance(value, dict):
-        yield from _pieces(tuple(value.items()))
-    elif isinstance(value, (tuple, list)):
-        for item in value:
-            yield from _pieces(item)
-        yield b";"
-    else:
-        yield repr(value.name if isinstance(value, PurePath) else value).encode()

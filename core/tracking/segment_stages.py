@@ -51,10 +51,10 @@ class TrackState:
     solved: int = 0
     offsets: tuple[Offset, ...] = ()
 
-    def with_solution(self, segment: Segment, solution: SegmentSolution) -> TrackState:
+    def with_solution(self, segment: Segment, solved: Sequence[Motion]) -> TrackState:
         """The state once a segment is solved, or solved better."""
         first, last = segment
-        motions = tuple(m.replaced(first, new) for m, new in zip(self.motions, solution.motions, strict=True))
+        motions = tuple(m.replaced(first, new) for m, new in zip(self.motions, solved, strict=True))
         return replace(self, motions=motions, solved=max(self.solved, last + 1))
 
     def with_offset(self, measured: Offset | None) -> TrackState:

@@ -25,7 +25,8 @@ class SegmentResult:
     energy : tuple of float
         Cost before each iteration and at the end, see `SegmentSolution`.
     factors : tuple of BandedFactor
-        Per performer, see `SegmentSolution`: the covariance of every pose.
+        Per performer, see `SegmentSolution`: the covariance of every pose. Empty where an earlier run had finished the
+        segment, see `core.tracking.journal`.
     accelerations : tuple of ndarray, shape (G,)
         Per performer: typical accelerations that were found, of the root's place in m/s^2 and of every part's joint in
         rad/s^2. Empty where they were not estimated.

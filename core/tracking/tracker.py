@@ -8,7 +8,7 @@ are held at most.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import count, pairwise, zip_longest
@@ -20,6 +20,7 @@ from ..body.motion import Motion
 from ..body.unknown_parts import unknown_reach, unshown_parts, without_hidden_solids
 from ..errors import ShotError
 from ..evidence.occlusion import unseen
+from ..evidence.time_offset import Offset
 from ..evidence.view_frames import ViewFrames
 from ..formats.keypoint_files import read_shot_keypoints
 from ..keypoints.observations import ShotKeypoints, fit_keypoints
@@ -32,6 +33,7 @@ from ..shot.footage import PICTURE_SIZE, Album, check_view, working_factor
 from ..shot.keypose_spline import spline
 from ..shot.shot import KeyPoses, Performer, Shot, fixed_degrees
 from .appearance import frames_with_foreground, grey_frames
+from .journal import FinishedSegment, Journal, KeptSegments
 from .reader import SegmentReader
 from .segment_stages import (
     Around,
@@ -67,6 +69,8 @@ def track(
     observe: Observer | None = None,
     pictures: Sequence[int] = (),
     around: Around = (None, None),
+    *,
+    journal: Journal | None = None,
 ) -> TrackResult:
     """Track every performer of a shot.
 
@@ -82,6 +86,8 @@ def track(
     around : tuple of (tuple of Motion or None), optional
         Where the shot is an excerpt of a longer one: every performer's pose on the frame before its first and on the
         one after its last, where they are known. They are held, and the motion passes smoothly from and to them.
+    journal : Journal, optional
+        Where finished segments are kept, and taken from if an earlier run has finished them: the result is the same.
 
     Raises
     ------
@@ -103,38 +109,51 @@ def track(
     observed = _first_pass(shot, solver, seconds, progress)
     motions = [own.motion for own in observed.performers]
     state = TrackState(tuple(motions or (spline(p.key_poses, shot.length) for p in shot.performers)), around)
-    done: list[_Judged] = []
+    done: list[FinishedSegment] = []
+    finished = KeptSegments.of(journal, shot, around)
     torn: list[list[int]] = [[] for _ in shot.views]
 
-    def finish(solved: SegmentState, workspace: Workspace, state: TrackState) -> TrackState:
-        segment = solved.data.segment
+    def finish(solved: _Solved | FinishedSegment, state: TrackState) -> TrackState:
+        if isinstance(solved, FinishedSegment):
+            done.append(solved)
+            return state.with_solution(solved.segment, solved.motions)
+        segment, ended, workspace = solved.state.data.segment, solved.state, solved.workspace
         if is_refined(shot, solver, segment, state):
-            on_step = report.part(segment, 1 - SOLVING, solved.iterations)
-            solved = refine_segment(shot, solver, solved, state, replace(workspace, on_step=on_step))
-            seconds.add(solved.solution.seconds)
-            state = state.with_solution(segment, solved.solution)
+            on_step = report.part(segment, 1 - SOLVING, ended.iterations)
+            ended = refine_segment(shot, solver, ended, state, replace(workspace, on_step=on_step))
+            seconds.add(ended.solution.seconds)
+            state = state.with_solution(segment, ended.solution.motions)
         with seconds.measure("uncertainty"):
-            done.append(_judged(solved, workspace.threads))
+            done.append(_finished(solved, ended))
+        finished.write(done[-1])
         return state
 
-    waiting: tuple[SegmentState, Workspace] | None = None
-    for segment, views in _footage_by_segment(shot, solver, albums, state.motions, seconds):
-        for frames, view in zip(torn, views, strict=True):
-            frames += (segment[0] + 1 + np.flatnonzero(view.torn)).tolist() if view.torn is not None else []
+    def solve(segment: Segment, views: tuple[ViewFrames, ...]) -> _Solved:
         with seconds.measure("appearance"):
             data = segment_data(shot, segment, views, state, observed)
         work = SOLVING if is_refined(shot, solver, segment, state) else 1.0
         workspace = Workspace(worker_count(shot.settings.threads), on_step=report.part(segment, work))
         solved = solve_segment(shot, solver, data, state, workspace)
         seconds.add(solved.solution.seconds)
-        state = state.with_solution(segment, solved.solution)
         with seconds.measure("appearance"):
-            state = state.with_offset(measured_offset(shot, data, state))
+            offset = measured_offset(shot, data, state.with_solution(segment, solved.solution.motions))
+        return _Solved(solved, workspace, offset)
+
+    waiting: _Solved | FinishedSegment | None = None
+    for segment, views in _footage_by_segment(
+        shot, solver, albums, state.motions, seconds=seconds, known=finished.known
+    ):
+        for frames, view in zip(torn, views, strict=True):
+            frames += (segment[0] + 1 + np.flatnonzero(view.torn)).tolist() if view.torn is not None else []
+        if segment in finished.known:
+            report.part(segment, 1.0)
+        solved = finished.known[segment] if segment in finished.known else solve(segment, views)
+        state = state.with_solution(segment, solved.first_motions).with_offset(solved.offset)
         if waiting is not None:
-            state = finish(*waiting, state)
-        waiting = solved, workspace
+            state = finish(waiting, state)
+        waiting = solved
     if waiting is not None:
-        state = finish(*waiting, state)
+        state = finish(waiting, state)
     report_progress(progress, "tracking", 1.0)
     views_as_given = [order.index(v) for v in range(len(order))]
     tracked = _with_unknown_parts(_track_result(shot, state, done, views_as_given), shot, observed)
@@ -176,12 +195,18 @@ def _first_pass(shot: Shot, solver: Solver, seconds: Seconds, progress: Progress
 
 
 def _footage_by_segment(
-    shot: Shot, solver: Solver, albums: Sequence[Album], start: Sequence[Motion], seconds: Seconds
+    shot: Shot,
+    solver: Solver,
+    albums: Sequence[Album],
+    start: Sequence[Motion],
+    *,
+    seconds: Seconds,
+    known: Container[Segment],
 ) -> Iterator[tuple[Segment, tuple[ViewFrames, ...]]]:
     """Every segment with its frames, decoded once and in order; the next one is read meanwhile.
 
     Foreground images are made with the key poses as they are at the start: they do not depend on when a segment is
-    read.
+    read. Segments whose solution is known come without.
     """
     stopped, chosen = Event(), segments(shot)
     readers = [SegmentReader(shot, view, album, stopped) for view, album in zip(shot.views, albums, strict=True)]
@@ -189,7 +214,7 @@ def _footage_by_segment(
 
     def prepared(reader: SegmentReader, segment: Segment) -> ViewFrames:
         frames = reader.read(segment)
-        if not solver.uses_foreground:
+        if not solver.uses_foreground or segment in known:
             return grey_frames(frames)
         keys = posed_frames(shot, *segment)
         return frames_with_foreground(frames, bodies, start, keys, footage_offset=offset, fps=shot.fps)
@@ -233,42 +258,47 @@ class _Report:
 
 
 @dataclass(frozen=True, eq=False)
-class _Judged:
-    """What is kept of a segment once it is done: its footage and evidence are not."""
+class _Solved:
+    """A segment that is solved and waits for what follows it; with the offset of the footage that it shows."""
 
-    result: SegmentResult
-    share: Array
-    residual: Array
-    deviations: list[Array]
+    state: SegmentState
+    workspace: Workspace
+    offset: Offset | None
 
-
-def _judged(solved: SegmentState, threads: int) -> _Judged:
-    """A solved segment with the uncertainty of its joints."""
-    solution = solved.solution
-    energy = sum((earlier.energy for earlier in (*solved.earlier, solution)), ())
-    found = tuple(variances.deviations(solved.problem.fps) for variances in solution.variances)
-    result = SegmentResult(*solved.data.segment, solved.iterations, energy, solution.factors, found)
-    deviations = joint_deviations(solved.problem, solution, threads)
-    return _Judged(result, solution.share, solution.residual, deviations)
+    @property
+    def first_motions(self) -> tuple[Motion, ...]:
+        """The motions as they were solved."""
+        return self.state.solution.motions
 
 
-def _track_result(shot: Shot, state: TrackState, done: Sequence[_Judged], views: list[int]) -> TrackResult:
+def _finished(solved: _Solved, ended: SegmentState) -> FinishedSegment:
+    """What is kept of a segment that was solved, and is at its end now, with the uncertainty of its joints."""
+    solution = ended.solution
+    energy = sum((earlier.energy for earlier in (*ended.earlier, solution)), ())
+    found = tuple(variances.deviations(ended.problem.fps) for variances in solution.variances)
+    result = SegmentResult(*ended.data.segment, ended.iterations, energy, solution.factors, found)
+    deviations = tuple(joint_deviations(ended.problem, solution, solved.workspace.threads))
+    seen = solution.share, solution.residual, deviations
+    return FinishedSegment(result, solved.first_motions, solution.motions, solved.offset, *seen)
+
+
+def _track_result(shot: Shot, state: TrackState, done: Sequence[FinishedSegment], views: list[int]) -> TrackResult:
     """The result of all segments together, with the views in that order."""
     performers = shot.performers
     share = np.ones((len(shot.views), shot.length, sum(len(p.body) for p in performers)))
     residual = np.zeros(shot.length)
     deviations = [np.zeros((shot.length, len(p.body))) for p in performers]
-    for judged in done:
-        frames = slice(judged.result.first, judged.result.last + 1)
-        share[:, frames], residual[frames] = judged.share, judged.residual
-        for mine, new in zip(deviations, judged.deviations, strict=True):
+    for one in done:
+        frames = slice(one.result.first, one.result.last + 1)
+        share[:, frames], residual[frames] = one.share, one.residual
+        for mine, new in zip(deviations, one.deviations, strict=True):
             mine[frames] = new
     ends = np.cumsum([0] + [len(performer.body) for performer in performers])
     return TrackResult(
         tuple(_with_keys(m, p) for m, p in zip(state.motions, performers, strict=True)),
         {},
         len(shot.views) * shot.length,
-        tuple(judged.result for judged in done),
+        tuple(one.result for one in done),
         tuple(share[views, :, a:b] for a, b in pairwise(ends)),
         tuple(residual for _ in performers),
         tuple(deviations),

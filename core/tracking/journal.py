@@ -1,0 +1,265 @@
+"""The journal of a run: its finished segments as files, from which a run that was ended is taken up again.
+
+A file is a checksum and NumPy's arrays. The checksum is of the arrays and of all that they depend on: the shot, its
+files and the program. A file that is damaged, or belongs to another shot, is as good as none.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+import re
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body.motion import Motion
+from ..errors import CancelledError
+from ..evidence.time_offset import Offset
+from ..numerics.arrays import Array
+from ..runtime.interrupts import WRITTEN
+from ..shot.fingerprint import file_bytes, value_bytes
+from ..shot.shot import Shot
+from .segments import Segment, segments
+from .track_result import SegmentResult
+
+UNFINISHED = ".unfinished"
+"""A journal's folder has the name of the results' folder and this ending."""
+SPARE = 20
+"""A file is written only where there is room for so many of its size: the results need room as well."""
+_FILE = re.compile(r"[0-9a-f]{16}_\d+_\d+\.segment(\.new)?")
+_CHECKSUM = hashlib.sha256().digest_size
+
+
+@dataclass(frozen=True, eq=False)
+class FinishedSegment:
+    """What is kept of a segment once it is done: its footage and evidence are not.
+
+    Attributes
+    ----------
+    result : SegmentResult
+    first_motions : tuple of Motion
+        Per performer: as they were before the segment was refined. The next segment was solved from these.
+    motions : tuple of Motion
+        Per performer: as they are in the end.
+    offset : Offset or None
+        Of the footage, as this segment shows it.
+    share : ndarray, shape (V, F, P)
+        Visible share of the parts of all performers.
+    residual : ndarray, shape (F,)
+    deviations : tuple of ndarray, shape (F, P)
+        Per performer.
+    """
+
+    result: SegmentResult
+    first_motions: tuple[Motion, ...]
+    motions: tuple[Motion, ...]
+    offset: Offset | None
+    share: Array
+    residual: Array
+    deviations: tuple[Array, ...]
+
+    @property
+    def segment(self) -> Segment:
+        """First and last shot frame."""
+        return self.result.first, self.result.last
+
+
+class Journal:
+    """Where a run keeps its finished segments.
+
+    What cannot be written there is left out: a journal never keeps a run from its results.
+
+    Parameters
+    ----------
+    folder : Path
+        Made, for its user alone, with the first segment that is kept.
+    resume : bool
+        Segments that an earlier run finished are taken from there.
+
+    Attributes
+    ----------
+    taken, kept : list of Segment
+        The segments that were taken from there in this run, and those that were written.
+    """
+
+    def __init__(self, folder: Path, *, resume: bool = False) -> None:
+        self.folder, self.resume = folder, resume
+        self.taken: list[Segment] = []
+        self.kept: list[Segment] = []
+
+    def read(self, key: str, segment: Segment) -> FinishedSegment | None:
+        """Read a segment that an earlier run has finished; `key` is from `run_key`."""
+        if not self.resume or not _is_own(self.folder):
+            return None
+        with suppress(Exception):  # of another version of the program, or damaged: it is tracked again
+            found = _of_bytes((self.folder / _name(key, segment)).read_bytes(), key, segment)
+            self.taken.append(segment)
+            return found
+        return None
+
+    def write(self, key: str, finished: FinishedSegment) -> None:
+        """Keep a segment."""
+        with suppress(OSError):
+            data = _bytes_of(finished, key)
+            self.folder.mkdir(mode=0o700, exist_ok=True)
+            if not _is_own(self.folder) or shutil.disk_usage(self.folder).free < SPARE * len(data):
+                return
+            file = self.folder / _name(key, finished.segment)
+            new = file.with_suffix(".segment.new")
+            new.write_bytes(data)
+            os.replace(new, file)
+            self.kept.append(finished.segment)
+
+    def discard(self) -> None:
+        """Remove what was kept."""
+        with suppress(OSError):
+            if _is_own(self.folder):
+                for entry in list(os.scandir(self.folder)):
+                    if _FILE.fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
+                        os.unlink(entry.path)
+                self.folder.rmdir()
+
+
+@dataclass(frozen=True)
+class KeptSegments:
+    """The segments of one shot in a journal, or nowhere.
+
+    Attributes
+    ----------
+    journal : Journal or None
+    key : str
+        See `run_key`.
+    known : dict of Segment to FinishedSegment
+        Those that an earlier run has finished.
+    """
+
+    journal: Journal | None
+    key: str
+    known: dict[Segment, FinishedSegment]
+
+    @classmethod
+    def of(cls, journal: Journal | None, shot: Shot, around: Sequence[tuple[Motion, ...] | None]) -> KeptSegments:
+        """Read what a journal has of a shot with the poses that are known around it."""
+        if journal is None:
+            return cls(None, "", {})
+        key = run_key(shot, around)
+        found = {segment: journal.read(key, segment) for segment in segments(shot)}
+        return cls(journal, key, {segment: one for segment, one in found.items() if one is not None})
+
+    def write(self, finished: FinishedSegment) -> None:
+        """Keep one more."""
+        if self.journal is not None:
+            self.journal.write(self.key, finished)
+
+
+@contextmanager
+def journal_beside(folder: Path, *, resume: bool) -> Iterator[Journal]:
+    """Give the journal of a run whose results go into a folder; it is removed when the block ends well.
+
+    It stays where the block fails. Where the run is interrupted it stays if the run was to be resumed, so that it can
+    be again; else nothing is left behind.
+    """
+    whole = folder.absolute()
+    journal = Journal(whole.with_name(whole.name + UNFINISHED) if whole.name else whole, resume=resume)
+    if not resume:
+        journal.discard()
+    try:
+        yield journal
+    except (KeyboardInterrupt, CancelledError) as interrupt:
+        if not resume or WRITTEN in getattr(interrupt, "__notes__", ()):
+            journal.discard()
+        elif count := len(journal.taken) + len(journal.kept):
+            interrupt.add_note(f"{count} finished segments are kept; --resume goes on from there")
+        raise
+    journal.discard()
+
+
+def run_key(shot: Shot, around: Sequence[tuple[Motion, ...] | None]) -> str:
+    """A text that changes with anything that the result of tracking a shot depends on: the shot, with the poses that
+    are known around it, the content of its files, and the program.
+    """
+    sha = hashlib.sha256()
+    for piece in value_bytes((shot, tuple(around))):
+        sha.update(piece)
+    core = Path(__file__).parents[1]
+    named = [file for view in shot.views for file in (view.footage, view.keypoints) if file is not None]
+    for path in (*sorted(core.rglob("*.py")), *named):
+        for piece in file_bytes(path):
+            sha.update(piece)
+    return sha.hexdigest()
+
+
+def _name(key: str, segment: Segment) -> str:
+    return f"{key[:16]}_{segment[0]}_{segment[1]}.segment"
+
+
+def _is_own(folder: Path) -> bool:
+    """Whether a path is a folder of this user, not somebody's link to another place."""
+    if folder.is_symlink() or not folder.is_dir():
+        return False
+    return not hasattr(os, "getuid") or folder.stat().st_uid == os.getuid()
+
+
+def _checksum(key: str, data: bytes) -> bytes:
+    return hashlib.sha256(key.encode() + data).digest()
+
+
+def _bytes_of(finished: FinishedSegment, key: str) -> bytes:
+    result, offset = finished.result, finished.offset
+    arrays: dict[str, NDArray[np.generic]] = {
+        "counts": np.array([result.first, result.last, result.iterations, len(finished.motions)]),
+        "energy": np.array(result.energy, float),
+        "offset": np.array([] if offset is None else [offset.value, offset.precision], float),
+        "share": finished.share,
+        "residual": finished.residual,
+    }
+    for i, (before, motion) in enumerate(zip(finished.first_motions, finished.motions, strict=True)):
+        arrays |= {f"first translations {i}": before.translations, f"first rotations {i}": before.rotations}
+        arrays |= {f"translations {i}": motion.translations, f"rotations {i}": motion.rotations}
+        arrays[f"deviations {i}"] = finished.deviations[i]
+        if result.accelerations:
+            arrays[f"accelerations {i}"] = result.accelerations[i]
+    stream = io.BytesIO()
+    np.savez(stream, **arrays)
+    return _checksum(key, stream.getvalue()) + stream.getvalue()
+
+
+def _of_bytes(data: bytes, key: str, segment: Segment) -> FinishedSegment:
+    """Read a segment back.
+
+    Raises
+    ------
+    ValueError
+        It is not what was written with this key.
+    """
+    if data[:_CHECKSUM] != _checksum(key, data[_CHECKSUM:]):
+        raise ValueError(f"segment {segment} is not what was written")
+    with np.load(io.BytesIO(data[_CHECKSUM:]), allow_pickle=False) as file:
+        arrays: Mapping[str, Array] = dict(file)
+    first, last, iterations, count = arrays["counts"].tolist()
+    if (first, last) != segment:
+        raise ValueError(f"it is segment {first, last}")
+
+    def each(name: str) -> tuple[Array, ...]:
+        return tuple(arrays[f"{name} {i}"] for i in range(count) if f"{name} {i}" in arrays)
+
+    def motions(prefix: str = "") -> tuple[Motion, ...]:
+        return tuple(map(Motion, each(f"{prefix}translations"), each(f"{prefix}rotations")))
+
+    energy = tuple(arrays["energy"].tolist())
+    return FinishedSegment(
+        SegmentResult(first, last, iterations, energy, (), each("accelerations")),
+        motions("first "),
+        motions(),
+        Offset(*arrays["offset"].tolist()) if arrays["offset"].size else None,
+        arrays["share"],
+        arrays["residual"],
+        each("deviations"),
+    )
