@@ -18,6 +18,7 @@ from ..core.runtime.progress import Progress
 from ..core.runtime.timing import Seconds
 from ..core.shot.fingerprint import file_bytes
 from ..core.shot.shot_spec import ShotSpec
+from ..core.tracking.journal import journal_beside
 from ..core.tracking.prepare import load_shot
 from .services import BlenderSession
 from .track_command import run_track
@@ -105,7 +106,8 @@ def track_shot(path: Path, out: Path, options: BatchOptions, progress: Progress)
     if shot.settings.threads is None:
         shot = replace(shot, settings=replace(shot.settings, threads=options.threads))
     blender = None if options.load_blender is None else options.load_blender()
-    run_track(shot, out, blender=blender, progress=progress, seconds=seconds, resume=True)
+    with journal_beside(out, resume=True) as journal:
+        run_track(shot, out, blender=blender, progress=progress, seconds=seconds, journal=journal)
     report = json.loads((out / "report.json").read_text(encoding="utf-8"))
     errors = [error for performer in report["performers"] for error in performer["expected_error"] if error is not None]
     return {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal
@@ -24,7 +25,7 @@ from ..core.runtime.progress import Progress, share
 from ..core.runtime.timing import Seconds
 from ..core.shot.shot import Shot
 from ..core.shot.shot_spec import result_names
-from ..core.tracking.journal import journal_beside
+from ..core.tracking.journal import Journal, journal_beside
 from ..core.tracking.prepare import load_shot
 from ..core.tracking.selection import selected
 from ..core.tracking.track_result import TrackResult
@@ -46,7 +47,7 @@ def run(args: argparse.Namespace, services: Services) -> int:
     with seconds.measure("shot"):
         shot = _shot(args, services)
     refined = None
-    with progress_bar() as progress:
+    with journal_beside(args.out, resume=args.resume) as journal, progress_bar() as progress:
         if args.refine:
             with seconds.measure("refining cameras"):
                 refined = refine_shot_cameras(shot, share(progress, 0.0, REFINING))
@@ -60,9 +61,12 @@ def run(args: argparse.Namespace, services: Services) -> int:
             open_scene=args.shot is None,
             refined=refined,
             leave_out_unknown=args.leave_out_unknown,
-            resume=args.resume,
+            journal=journal,
         )
     with results_are_written():
+        if args.resume:
+            count = len(journal.taken) or "no"
+            print(f"kfmocap: {count} finished segments were taken from a run that was ended", file=sys.stderr)
         print_outcome(files, report_lines(json.loads((args.out / "report.json").read_text(encoding="utf-8"))))
     return 0
 
@@ -77,7 +81,7 @@ def run_track(
     open_scene: bool = False,
     refined: Refinement | None = None,
     leave_out_unknown: bool = False,
-    resume: bool = False,
+    journal: Journal | None = None,
 ) -> list[Path]:
     """Track a shot; write NAME.trc, overlay.png and report.json, and with Blender NAME.bvh, NAME.fbx and shot.blend.
 
@@ -97,8 +101,8 @@ def run_track(
         How the shot's cameras were refined: they are written as well, as refined.toml.
     leave_out_unknown : bool
         The files have no landmarks and bones of parts that nothing shows.
-    resume : bool
-        Go on from the segments that a run had finished which was ended; see `core.tracking.journal`.
+    journal : Journal, optional
+        Where finished segments are kept, and taken from; see `core.tracking.journal`.
 
     Returns
     -------
@@ -121,8 +125,7 @@ def run_track(
     scene = () if blender is None else ("shot.blend",)
     names = [f"{name}{ending}" for name in motions for ending in endings]
     cameras = () if refined is None else (REFINED,)
-    results = [*names, *scene, *cameras, "overlay.png", "report.json"]
-    with journal_beside(out_dir, resume=resume) as journal, staged(out_dir, results) as stage:
+    with staged(out_dir, [*names, *scene, *cameras, "overlay.png", "report.json"]) as stage:
         shown = sheet_frames(shot)
         pictures = sorted({*shown, *checked_frames(shot)})
         result = track(shot, share(progress, 0.0, 0.9), pictures=pictures, journal=journal)

@@ -146,7 +146,7 @@ def track(
         for frames, view in zip(torn, views, strict=True):
             frames += (segment[0] + 1 + np.flatnonzero(view.torn)).tolist() if view.torn is not None else []
         if segment in finished.known:
-            report.part(segment, 1.0)
+            report.part(segment, 1.0)  # counts as done
         solved = finished.known[segment] if segment in finished.known else solve(segment, views)
         state = state.with_solution(segment, solved.first_motions).with_offset(solved.offset)
         if waiting is not None:

@@ -91,7 +91,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "shot.toml").write_text(SHOT)
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "notes.txt").write_text("mine")
-    monkeypatch.setattr(track_command, "track", lambda shot, progress=None, pictures=(): Result(shot))
+    monkeypatch.setattr(track_command, "track", lambda shot, progress=None, pictures=(), journal=None: Result(shot))
     return tmp_path
 
 
@@ -161,7 +161,7 @@ def test_refining_first_tracks_with_the_refined_cameras_and_writes_them(
         camera = adjusted(shot.views[0].camera, STEP)
         return Refinement((RefinedCamera(camera, 7.5, 2.0, 0, 0, 0, clearness=1.0),), np.array([0]))
 
-    def tracked(shot, progress=None, pictures=()):
+    def tracked(shot, progress=None, pictures=(), journal=None):
         seen.append(shot.views[0].camera)
         return Result(shot)
 
@@ -183,7 +183,7 @@ def test_refining_first_tracks_with_the_refined_cameras_and_writes_them(
 def test_what_no_camera_saw_is_told_beside_the_list_of_files(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def half_blind(shot, progress=None, pictures=()):
+    def half_blind(shot, progress=None, pictures=(), journal=None):
         result = Result(shot)
         result.visible[0][:, 1:3, shot.performers[0].body.index("hand.L")] = 0.1
         return result
@@ -364,7 +364,7 @@ def test_an_interrupt_after_the_results_says_so(
 
 
 def broken(error: BaseException):
-    def fail(shot, progress=None, pictures=()):
+    def fail(shot, progress=None, pictures=(), journal=None):
         raise error
 
     return fail

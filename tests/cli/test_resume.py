@@ -1,0 +1,62 @@
+"""A run that is killed, and taken up with --resume, ends with the files of a run in one go."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from kfmocap.__main__ import main
+from kfmocap.core.tracking.journal import UNFINISHED
+from short_walk import short_walk
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="processes are killed by signals")
+LIMIT = 120.0
+
+
+def arguments(folder: Path, out: str) -> list[str]:
+    return ["track", str(folder / "walk" / "shot.toml"), "--out", str(folder / out), "--no-blender", "--views", "cam01"]
+
+
+def ended(folder: Path, number: int, *more: str) -> tuple[int, str]:
+    """Start a run and end it once it has finished a segment."""
+    before, until = finished(folder), time.monotonic() + LIMIT
+    process = subprocess.Popen(
+        [sys.executable, "-m", "kfmocap", *arguments(folder, "out"), *more], stderr=subprocess.PIPE, text=True
+    )
+    while finished(folder) == before and time.monotonic() < until:
+        time.sleep(0.01)
+    process.send_signal(number)
+    message = process.communicate()[1]
+    return process.returncode, message
+
+
+def finished(folder: Path) -> int:
+    return len(list(folder.glob(f"out{UNFINISHED}/*.segment")))
+
+
+def results(folder: Path) -> dict[str, object]:
+    """The files, without the times of the run."""
+    found: dict[str, object] = {file.name: file.read_bytes() for file in folder.iterdir()}
+    report = json.loads(found["report.json"])
+    return found | {"report.json": {k: v for k, v in report.items() if "second" not in k}}
+
+
+def test_a_killed_run_is_taken_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    shot = short_walk(tmp_path / "walk", 7) / "shot.toml"
+    shot.write_text(shot.read_text().replace("[0, 3, 6]", "[0, 2, 4, 6]") + "\n[track]\nworking_size = 120\n")
+    assert main(arguments(tmp_path, "whole")) == 0
+    assert ended(tmp_path, signal.SIGKILL) == (-signal.SIGKILL, "")
+    assert not (tmp_path / "out").exists()
+    code, message = ended(tmp_path, signal.SIGTERM, "--resume")
+    assert code == 143
+    assert "segments are kept; --resume goes on from there" in message
+    assert main([*arguments(tmp_path, "out"), "--resume"]) == 0
+    assert "finished segments were taken from a run that was ended" in capsys.readouterr().err
+    assert results(tmp_path / "out") == results(tmp_path / "whole")
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["out", "walk", "whole"]
