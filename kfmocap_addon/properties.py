@@ -1,8 +1,11 @@
 """What a scene knows of its shot beyond Blender's own data."""
 
+from collections.abc import Callable
+
 import bpy
 
 from .export.presets import PRESETS
+from .scene_io.sides import PERFORMERS
 
 
 def _is_camera(_self: bpy.types.PropertyGroup, candidate: bpy.types.Object) -> bool:
@@ -44,6 +47,60 @@ def _show_model(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> N
     from .scene_io import part_meshes
 
     part_meshes.show_parts(self.id_data)
+
+
+def _show_performer(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
+    """The trunk's bones have the performer's colour."""
+    from .scene_io import body_armature
+
+    if self.armature is not None:
+        body_armature.show_colour(self.armature, self.colour)
+
+
+def _height(self: bpy.types.PropertyGroup) -> float:
+    from .scene_io import performer_size
+
+    return performer_size.height(self.armature) if self.armature is not None else 0.0
+
+
+def _set_height(self: bpy.types.PropertyGroup, value: float) -> None:
+    from .scene_io import performer_size
+
+    _reshape(self, lambda: performer_size.set_height(self.armature, value))
+
+
+def _measure(name: str, label: str, what: str) -> object:
+    """A measure of the body as a field, which is read from the armature and changes it."""
+
+    def get(self: bpy.types.PropertyGroup) -> float:
+        from .scene_io import performer_size
+
+        return performer_size.measure(self.armature, name) if self.armature is not None else 0.0
+
+    def put(self: bpy.types.PropertyGroup, value: float) -> None:
+        from .scene_io import performer_size
+
+        _reshape(self, lambda: performer_size.set_measure(self.armature, name, value))
+
+    description = f"{what}, metres; key poses stay as they are"
+    return bpy.props.FloatProperty(
+        get=get, set=put, min=0.01, soft_max=1.0, unit="LENGTH", precision=3, name=label, description=description
+    )
+
+
+def _reshape(slot: bpy.types.PropertyGroup, change: Callable[[], None]) -> None:
+    """Change a performer's body; what stands in the way is said beside the mouse."""
+    from ..core.errors import KFMocapError
+
+    try:
+        if slot.armature is not None:
+            change()
+    except KFMocapError as error:
+        text = str(error)
+        if not bpy.app.background:
+            bpy.context.window_manager.popup_menu(
+                lambda menu, _context: menu.layout.label(text=text), title="KF Mocap", icon="ERROR"
+            )
 
 
 class KFMocapView(bpy.types.PropertyGroup):
@@ -97,6 +154,9 @@ class KFMocapView(bpy.types.PropertyGroup):
         description="The camera's place and lens are known. Tick this after placing the camera by hand",
     )
 
+    missing: bpy.props.BoolProperty(
+        name="Missing", description="The footage was not where the file says when that was opened"
+    )
     misfit: bpy.props.StringProperty(
         name="Misfit", description="How far the camera is off the key poses or the other cameras; empty where it fits"
     )
@@ -189,6 +249,37 @@ class KFMocapPerformer(bpy.types.PropertyGroup):
         name="Found", description="Which person the performer was found to be when keypoints were used last"
     )
     found_person: bpy.props.IntProperty(name="Found Person", description="The number of that person; 0 for none")
+    colour: bpy.props.FloatVectorProperty(
+        size=3,
+        subtype="COLOR_GAMMA",
+        min=0.0,
+        max=1.0,
+        default=PERFORMERS[0],
+        update=_show_performer,
+        name="Colour",
+        description="Of the outlines and bones of head and trunk; those of the limbs have their sides' colours",
+    )
+    height: bpy.props.FloatProperty(
+        get=_height,
+        set=_set_height,
+        min=0.3,
+        max=3.0,
+        unit="LENGTH",
+        precision=3,
+        name="Height",
+        description="From the soles to the top of the head, metres; all lengths and widths change with it, key poses "
+        "stay as they are",
+    )
+    shoulder_width: _measure("shoulder_width", "Shoulder Width", "Between the centres of the shoulder joints")
+    hip_width: _measure("hip_width", "Hip Width", "Between the centres of the hip joints")
+    torso: _measure("torso", "Torso", "From the pelvis to the base of the neck")
+    head: _measure("head", "Head", "From the base of the neck to the top of the head")
+    upper_arm: _measure("upper_arm", "Upper Arm", "From the centre of the shoulder joint to the elbow")
+    forearm: _measure("forearm", "Forearm", "From the elbow to the wrist")
+    hand: _measure("hand", "Hand", "From the wrist to the finger tips")
+    thigh: _measure("thigh", "Thigh", "From the centre of the hip joint to the knee")
+    shin: _measure("shin", "Shin", "From the knee to the ankle")
+    foot: _measure("foot", "Foot", "From the ankle to the big toe")
     suggestions: bpy.props.CollectionProperty(type=KFMocapSuggestion)
     helpful: bpy.props.CollectionProperty(type=KFMocapHelpfulKey)
     marks: bpy.props.CollectionProperty(type=KFMocapMark)

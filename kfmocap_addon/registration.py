@@ -18,6 +18,7 @@ from .operators import (
     calibrate_cameras,
     camera_files,
     capture_views,
+    choose_performer,
     copy_pose,
     drop_files,
     edit_body,
@@ -32,6 +33,7 @@ from .operators import (
     pick_colour,
     place_joints,
     pose_from_files,
+    recover,
     refine_cameras,
     retarget_bones,
     send_to_rig,
@@ -41,12 +43,13 @@ from .operators import (
     track_motion,
 )
 from .panels import key_list
-from .scene_io import capture_scene
+from .scene_io import capture_scene, missing_footage
 
 OPERATORS = (
     load_shot,
     add_footage,
     drop_files,
+    recover,
     look_through,
     edit_body,
     fit_body,
@@ -57,6 +60,7 @@ OPERATORS = (
     nudge_pose,
     pose_from_files,
     exchange_people,
+    choose_performer,
     go_to_frame,
     job_operator,
     track_motion,
@@ -89,6 +93,7 @@ def register() -> None:
     for menu, entry in MENUS:
         getattr(bpy.types, menu).append(entry)
     key_list.register()
+    missing_footage.register()
     keymap.register()
     _drawings.append(bpy.types.SpaceView3D.draw_handler_add(_draw_outlines, (), "WINDOW", "POST_VIEW"))
     _drawings.append(bpy.types.SpaceView3D.draw_handler_add(_draw_marks, (), "WINDOW", "POST_PIXEL"))
@@ -99,6 +104,7 @@ def unregister() -> None:
     for menu, entry in MENUS:
         getattr(bpy.types, menu).remove(entry)
     keymap.unregister()
+    missing_footage.unregister()
     key_list.unregister()
     while _drawings:
         bpy.types.SpaceView3D.draw_handler_remove(_drawings.pop(), "WINDOW")

@@ -112,18 +112,23 @@ class UseSceneCameras(Conditional, bpy.types.Operator):
 
 
 class RemoveView(Conditional, bpy.types.Operator):
-    """Take the view that is looked through out of the shot, with its camera. The file stays where it is"""
+    """Take this view out of the shot, with its camera. The file stays where it is"""
 
     bl_idname = "kfmocap.remove_view"
     bl_label = "Remove View"
     conditions = (has_views,)
 
+    view: bpy.props.IntProperty(
+        default=-1, min=-1, name="View", description="Number of the view, from 0; -1: the one that is looked through"
+    )
+
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..scene_io import added_views
 
-        index = context.scene.kfmocap.shown_view
-        if index < 0:
-            self.report({"ERROR"}, "Look through the view first")
+        shot = context.scene.kfmocap
+        index = self.view if self.view >= 0 else shot.shown_view
+        if not 0 <= index < len(shot.views):
+            self.report({"ERROR"}, "Look through the view first" if self.view < 0 else f"There is no view {index}")
             return {"CANCELLED"}
         added_views.remove_view(context.scene, index)
         return {"FINISHED"}

@@ -62,7 +62,22 @@ def has_shot(context: bpy.types.Context) -> str:
     unknown = next((view.name for view in shot.views if not view.is_calibrated), None)
     if unknown is not None:
         return f"The camera of {unknown} is not calibrated: use Import Calibration"
-    return "" if shot.performers else "There is nobody to track yet: use Add Body"
+    if not shot.performers:
+        return "There is nobody to track yet: use Add Body"
+    gone = next((slot.name for slot in shot.performers if not active_performer.is_present(context.scene, slot)), None)
+    return "" if gone is None else f"The body of {gone} is gone from the scene: bring it back under Body, or remove it"
+
+
+def has_footage(context: bpy.types.Context) -> str:
+    """Every view has its footage, which was there when the file was opened."""
+    for view in context.scene.kfmocap.views:
+        if view.camera is None or view.camera.name not in context.scene.objects:
+            return f"The camera of {view.name} is gone from the scene: remove the view, and add its footage anew"
+        if view.missing:
+            return f"The footage of {view.name} is missing: use Relink"
+        if not any(behind.source == "MOVIE_CLIP" and behind.clip for behind in view.camera.data.background_images):
+            return f"The camera of {view.name} has no footage behind it: remove the view, and add its footage anew"
+    return ""
 
 
 def has_performer(context: bpy.types.Context) -> str:

@@ -116,7 +116,8 @@ class UseArmature(Conditional, bpy.types.Operator):
 
 
 class RemovePerformer(bpy.types.Operator):
-    """Take this performer out of the shot. The armature and its keys stay in the scene"""
+    """Take this performer out of the shot. The armature and its keys stay in the scene; where the armature was deleted,
+    the parts that it has left behind go, too"""
 
     bl_idname = "kfmocap.remove_performer"
     bl_label = "Remove Performer"
@@ -125,11 +126,12 @@ class RemovePerformer(bpy.types.Operator):
     performer: bpy.props.IntProperty(min=0, name="Performer", description="Number of the performer, from 0")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        performers = context.scene.kfmocap.performers
-        if self.performer >= len(performers):
+        from ..scene_io import performers
+
+        if self.performer >= len(context.scene.kfmocap.performers):
             self.report({"ERROR"}, f"The shot has no performer {self.performer}")
             return {"CANCELLED"}
-        performers.remove(self.performer)
+        performers.remove(context.scene, self.performer)
         return {"FINISHED"}
 
 

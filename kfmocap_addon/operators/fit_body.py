@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ...core.runtime.job import Work
-from .conditions import Conditional, has_shot
+from .conditions import Conditional, has_footage, has_shot
 from .job_operator import JobOperator
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ class FitBody(Conditional, JobOperator, bpy.types.Operator):
 
     bl_idname = "kfmocap.fit_body"
     bl_label = "Fit Body"
-    conditions = (has_shot,)
+    conditions = (has_shot, has_footage)
 
     adjust_poses: bpy.props.BoolProperty(
         name="Adjust Key Poses",

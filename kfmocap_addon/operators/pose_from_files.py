@@ -11,7 +11,7 @@ from bpy_extras.io_utils import ImportHelper
 
 from ...core.runtime.job import Work
 from ..scene_io import active_performer
-from .conditions import Conditional, has_performer, has_shot
+from .conditions import Conditional, has_footage, has_performer, has_shot
 from .job_operator import JobOperator
 from .reporting import progress_shown, reported
 
@@ -53,7 +53,7 @@ def _has_keypoints(context: bpy.types.Context) -> str:
 class _FromKeypoints(Conditional):
     """Tools that need a view with keypoints."""
 
-    conditions = (has_shot, has_performer, _has_keypoints)
+    conditions = (has_shot, has_footage, has_performer, _has_keypoints)
 
 
 class MarkKeypoints(_FromKeypoints, bpy.types.Operator):

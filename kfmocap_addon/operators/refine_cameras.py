@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ...core.runtime.job import Work
-from .conditions import Conditional, has_shot
+from .conditions import Conditional, has_footage, has_shot
 from .job_operator import JobOperator
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ class RefineCameras(Conditional, JobOperator, bpy.types.Operator):
 
     bl_idname = "kfmocap.refine_cameras"
     bl_label = "Refine Cameras"
-    conditions = (has_shot,)
+    conditions = (has_shot, has_footage)
 
     def prepare(self, context: bpy.types.Context) -> Work:
         from ...core.fitting.shot_cameras import refine_shot_cameras

@@ -2,7 +2,7 @@
 
 import bpy
 
-from .conditions import Conditional, has_shot
+from .conditions import Conditional, has_footage, has_shot
 from .reporting import reported
 
 
@@ -16,7 +16,7 @@ class ShowResidual(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.show_residual"
     bl_label = "Show Residual"
-    conditions = (has_shot, _looks_through_view)
+    conditions = (has_shot, has_footage, _looks_through_view)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..overlays import misfit_backgrounds

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ...core.runtime.job import Work
-from .conditions import Condition, Conditional, has_shot
+from .conditions import Condition, Conditional, has_footage, has_shot
 from .job_operator import JobOperator
 from .reporting import reported
 
@@ -35,7 +35,7 @@ class Tracking(Conditional, JobOperator):
         Which segments: EVERYWHERE, or relative to the current frame HERE, FORWARD or BACKWARD.
     """
 
-    conditions: tuple[Condition, ...] = (has_shot, _has_key_poses)
+    conditions: tuple[Condition, ...] = (has_shot, has_footage, _has_key_poses)
     side = "EVERYWHERE"
 
     def segments(self, scene: bpy.types.Scene, shot: Shot) -> Sequence[Segment]:

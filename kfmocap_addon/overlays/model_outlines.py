@@ -54,7 +54,7 @@ def posed_solids(scene: bpy.types.Scene, graph: bpy.types.Depsgraph) -> Iterator
             except QhullError:
                 continue  # it is being edited
             bone = posed.pose.bones[name]
-            yield bone_confidence.outline_colour(scene, bone), solid, np.array(posed.matrix_world @ bone.matrix)
+            yield bone_confidence.outline_colour(scene, slot, bone), solid, np.array(posed.matrix_world @ bone.matrix)
 
 
 @lru_cache(maxsize=256)

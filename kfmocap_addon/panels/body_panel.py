@@ -2,9 +2,15 @@
 
 import bpy
 
-from ..operators.edit_body import AddBody, EditPart, FinishPart, RemovePerformer, UseArmature, edited_part
+from ..operators.edit_body import LENGTHS, AddBody, EditPart, FinishPart, RemovePerformer, UseArmature, edited_part
 from ..operators.fit_body import FitBody
+from ..operators.recover import RestoreBody
+from ..scene_io import active_performer
+from . import performer_rows
 from .section import Section
+
+_MEASURES = (*LENGTHS[:-1], "foot")
+"""Properties of a performer; of the foot its bone's length, which unlike what a tape shows can be changed by itself."""
 
 
 class BodyPanel(Section, bpy.types.Panel):
@@ -17,23 +23,67 @@ class BodyPanel(Section, bpy.types.Panel):
             layout.label(text="No performer yet", icon="INFO")
         column = layout.column(align=True)
         for index, performer in enumerate(performers):
-            row = column.row(align=True)
-            row.prop(performer, "name", text="")
-            row.prop(performer, "armature", text="")
-            row.operator(RemovePerformer.bl_idname, text="", icon="REMOVE").performer = index
+            _draw_performer(column.row(align=True), context, performer, index)
         column = layout.column(align=True)
         column.operator_context = "INVOKE_DEFAULT"
         column.operator(AddBody.bl_idname, text="Add Body", icon="OUTLINER_OB_ARMATURE")
         column.operator(UseArmature.bl_idname, icon="ARMATURE_DATA")
-        if not performers:
+        slot = active_performer.chosen(context)
+        if slot is None:
             return
-        row = layout.row(align=True)
-        row.operator(FitBody.bl_idname, icon="MOD_SIMPLEDEFORM").adjust_poses = False
-        row.operator(FitBody.bl_idname, text="With Poses").adjust_poses = True
+        column = layout.column()
+        column.use_property_split, column.use_property_decorate = True, False
+        column.enabled = slot.armature.mode != "EDIT"
+        column.prop(slot, "height")
+        column = layout.column(align=True)
+        column.operator(FitBody.bl_idname, icon="MOD_SIMPLEDEFORM").adjust_poses = False
+        column.operator(FitBody.bl_idname, text="Fit Body and Key Poses").adjust_poses = True
         if edited_part(context) is None:
             layout.operator(EditPart.bl_idname, icon="EDITMODE_HLT")
         else:
             layout.operator(FinishPart.bl_idname, icon="CHECKMARK")
 
 
-CLASSES = (BodyPanel,)
+def _draw_performer(
+    row: bpy.types.UILayout, context: bpy.types.Context, slot: bpy.types.PropertyGroup, index: int
+) -> None:
+    """Name, colour and armature of a performer; where the armature was deleted, the way to have it back."""
+    if len(context.scene.kfmocap.performers) > 1 and active_performer.is_present(context.scene, slot):
+        performer_rows.draw_choice(row, context, slot, "")
+    row.prop(slot, "name", text="")
+    if active_performer.is_present(context.scene, slot):
+        row.prop(slot, "armature", text="")
+        colour = row.row(align=True)
+        colour.ui_units_x = 1.2
+        colour.prop(slot, "colour", text="")
+    elif slot.armature is not None:
+        row.label(text="deleted", icon="ERROR")
+        row.operator(RestoreBody.bl_idname).performer = index
+    else:
+        row.label(text="its body is gone", icon="ERROR")
+    row.operator(RemovePerformer.bl_idname, text="", icon="REMOVE").performer = index
+
+
+class ProportionsPanel(Section, bpy.types.Panel):
+    bl_idname = "KFMOCAP_PT_proportions"
+    bl_label = "Proportions"
+    bl_parent_id = BodyPanel.bl_idname
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return active_performer.chosen(context) is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, slot = self.layout, active_performer.chosen(context)
+        layout.use_property_split, layout.use_property_decorate = True, False
+        known = [name for name in _MEASURES if getattr(slot, name)]
+        if not known:
+            layout.label(text="Its bones are not those of a body of ours", icon="INFO")
+        column = layout.column(align=True)
+        column.enabled = slot.armature.mode != "EDIT"
+        for name in known:
+            column.prop(slot, name)
+
+
+CLASSES = (BodyPanel, ProportionsPanel)

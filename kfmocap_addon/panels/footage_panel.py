@@ -5,6 +5,7 @@ import bpy
 from ..operators.add_footage import AddFootage, ImportCalibration, RemoveView, UseSceneCameras
 from ..operators.load_shot import LoadShot
 from ..operators.look_through import LookThrough, QuadView, StepView
+from ..operators.recover import RelinkFootage
 from ..operators.refine_cameras import RefineCameras
 from .section import Section
 
@@ -28,6 +29,13 @@ class FootagePanel(Section, bpy.types.Panel):
             column = layout.column(align=True)
             column.operator(ImportCalibration.bl_idname, icon="IMPORT")
             column.operator(UseSceneCameras.bl_idname, icon="CAMERA_DATA")
+        lost = [view.name for view in shot.views if view.missing]
+        if lost:
+            column = layout.column(align=True)
+            for name in lost:
+                column.label(text=f"{name}: its footage is missing", icon="ERROR")
+            column.operator(RelinkFootage.bl_idname, icon="FILE_REFRESH")
+        _draw_lost_cameras(layout, context.scene)
         off = [f"{view.name}: {view.misfit}" for view in shot.views if view.misfit]
         if off:
             column = layout.column(align=True)
@@ -39,6 +47,15 @@ class FootagePanel(Section, bpy.types.Panel):
         column.prop(shot, "shot", text="Name")
         column.prop(shot, "scene_first")
         column.prop(shot, "scene_last")
+
+
+def _draw_lost_cameras(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
+    """Views whose camera was deleted can only be removed."""
+    for index, view in enumerate(scene.kfmocap.views):
+        if view.camera is None or view.camera.name not in scene.objects:
+            row = layout.row(align=True)
+            row.label(text=f"{view.name}: its camera is gone", icon="ERROR")
+            row.operator(RemoveView.bl_idname, icon="REMOVE").view = index
 
 
 class LookPanel(Section, bpy.types.Panel):

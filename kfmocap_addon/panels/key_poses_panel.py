@@ -10,7 +10,7 @@ from ..operators.place_joints import ClearMarks, PlaceJoints
 from ..operators.pose_from_files import ImportKeypoints, MarkKeypoints, PoseFromKeypoints, PoseFromLandmarks
 from ..operators.set_key_pose import AcceptProposals, RemoveKeyPose, SetKeyPose
 from ..scene_io import active_performer
-from . import key_list
+from . import key_list, performer_rows
 from .section import Section
 
 _COLUMNS = 6
@@ -23,14 +23,11 @@ class KeyPosesPanel(Section, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout, properties = self.layout, context.scene.kfmocap
         slot = active_performer.chosen(context)
-        rows = key_list.CACHE.entries(slot.armature) if slot is not None else None
         if slot is None:
             layout.label(text="No performer to pose yet", icon="INFO")
         else:
-            if len(properties.performers) > 1:
-                layout.label(text=f"Posing {slot.name}", icon="ARMATURE_DATA")
-                layout.prop_search(properties, "performer", properties, "performers", text="")
-            _draw_advice(layout, context.scene, rows)
+            performer_rows.draw_title(layout, context, slot)
+            _draw_advice(layout, context.scene, key_list.CACHE.entries(slot.armature))
         column = layout.column(align=True)
         row = column.row(align=True)
         row.operator(PlaceJoints.bl_idname, icon="OUTLINER_OB_ARMATURE")
@@ -39,8 +36,11 @@ class KeyPosesPanel(Section, bpy.types.Panel):
         row = column.row(align=True)
         row.operator(SetKeyPose.bl_idname, icon="KEY_HLT")
         row.operator(RemoveKeyPose.bl_idname, text="", icon="KEY_DEHLT")
-        if slot is not None:
-            _draw_rows(layout, context.scene.frame_current, rows or ())
+        for each in performer_rows.in_order(context):
+            if each != slot:
+                performer_rows.draw_title(layout, context, each)
+            rows = key_list.CACHE.entries(each.armature) or ()
+            _draw_rows(layout, context.scene.frame_current, rows, accepts=each == slot)
 
 
 class PoseToolsPanel(Section, bpy.types.Panel):
@@ -133,16 +133,17 @@ def _draw_advice(
             column.operator(GoToFrame.bl_idname, text=f"To Frame {far}", icon="FF").frame = far
 
 
-def _draw_rows(layout: bpy.types.UILayout, frame: int, rows: tuple[key_list.KeyPoseEntry, ...]) -> None:
-    """A button for every key pose: a click goes there."""
-    if rows:
-        layout.label(text="Frames with a key pose")
+def _draw_rows(
+    layout: bpy.types.UILayout, frame: int, rows: tuple[key_list.KeyPoseEntry, ...], accepts: bool = True
+) -> None:
+    """A button for every key pose of a performer: a click goes there. Proposals of the chosen one can be accepted."""
+    layout.label(text="Frames with a key pose" if rows else "No key pose yet")
     grid = layout.grid_flow(row_major=True, columns=_COLUMNS, even_columns=True, align=True)
     for row in rows:
         icon = "QUESTION" if row.proposed else "BONE_DATA" if row.bones else "NONE"
         button = grid.operator(GoToFrame.bl_idname, text=str(row.frame), icon=icon, depress=row.frame == frame)
         button.frame, button.reason = row.frame, row.description
-    if any(row.proposed for row in rows):
+    if accepts and any(row.proposed for row in rows):
         accept = layout.row(align=True)
         accept.operator(AcceptProposals.bl_idname, icon="CHECKMARK").every = False
         accept.operator(AcceptProposals.bl_idname, text="All").every = True

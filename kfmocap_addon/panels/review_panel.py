@@ -5,6 +5,7 @@ import bpy
 from ..operators.go_to_frame import GoToFrame
 from ..operators.show_misfit import HideResidual, ShowResidual
 from ..scene_io import bone_visibility
+from . import performer_rows
 from .section import Section
 
 
@@ -14,7 +15,7 @@ class ReviewPanel(Section, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, properties = self.layout, context.scene.kfmocap
-        tracked = [slot for slot in properties.performers if bone_visibility.is_tracked(slot.armature)]
+        tracked = [s for s in performer_rows.in_order(context) if bone_visibility.is_tracked(s.armature)]
         if not tracked:
             layout.label(text="Not tracked yet", icon="INFO")
             layout.operator("kfmocap.track", icon="TRACKING_FORWARDS")
@@ -26,6 +27,7 @@ class ReviewPanel(Section, bpy.types.Panel):
         row.operator(ShowResidual.bl_idname, icon="IMAGE_BACKGROUND")
         row.operator(HideResidual.bl_idname, text="", icon="X")
         for slot in tracked:
+            performer_rows.draw_title(layout, context, slot)
             column = layout.column(align=True)
             _draw_hidden(column, slot)
             _draw_helpful(column, slot)

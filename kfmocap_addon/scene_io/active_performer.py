@@ -12,12 +12,17 @@ def chosen(context: bpy.types.Context) -> bpy.types.PropertyGroup | None:
     the first. None where no performer has an armature in the scene.
     """
     properties = context.scene.kfmocap
-    slots = [s for s in properties.performers if s.armature is not None and s.armature.name in context.scene.objects]
+    slots = [slot for slot in properties.performers if is_present(context.scene, slot)]
     active = context.view_layer.objects.active if context.view_layer is not None else None
     for slot in slots:
         if active is not None and slot.armature in (active, active.parent):
             return slot
     return next((slot for slot in slots if slot.name == properties.performer), slots[0] if slots else None)
+
+
+def is_present(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> bool:
+    """Whether a performer's armature is in the scene: users may delete it."""
+    return slot.armature is not None and slot.armature.name in scene.objects
 
 
 def chosen_bones(context: bpy.types.Context, armature: bpy.types.Object) -> set[str] | None:

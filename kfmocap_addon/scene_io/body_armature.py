@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -69,6 +69,13 @@ def _sort_by_side(armature: bpy.types.Object) -> None:
         colour = bone.color.custom
         colour.normal = colour_of(bone.name)[:3]
         colour.select, colour.active = (1.0, 1.0, 1.0), (0.8, 1.0, 1.0)
+
+
+def show_colour(armature: bpy.types.Object, colour: Sequence[float]) -> None:
+    """Give the bones of the middle a performer's colour, where they have one of their own."""
+    for bone in armature.data.bones:
+        if bone.color.palette == "CUSTOM" and not side_of(bone.name):
+            bone.color.custom.normal = colour
 
 
 @contextmanager

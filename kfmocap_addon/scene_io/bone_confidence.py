@@ -90,11 +90,13 @@ def show_colours(scene: bpy.types.Scene) -> None:
                     part.color = WHITE
 
 
-def outline_colour(scene: bpy.types.Scene, posed: bpy.types.PoseBone) -> Colour:
-    """The colour of an evaluated bone's part as an outline: of its expected error, where that is shown, or its side."""
+def outline_colour(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, posed: bpy.types.PoseBone) -> Colour:
+    """The colour of an evaluated bone's part as an outline: of its expected error, where that is shown, else its side's
+    or in the middle the performer's.
+    """
     if scene.kfmocap.show_confidence and posed.color.palette == "CUSTOM":
         return (*posed.color.custom.normal, 1.0)
-    return colour_of(posed.name)
+    return colour_of(posed.name, slot.colour)
 
 
 def _replace(armature: bpy.types.Object, frames: NDArray[np.int64], errors: NDArray[np.float64] | None) -> None:

@@ -110,15 +110,22 @@ def show_parts(scene: bpy.types.Scene) -> None:
     """Draw the parts of all performers as the scene says: as wire, solid, or not, where outlines are drawn instead."""
     display = scene.kfmocap.display
     for slot in scene.kfmocap.performers:
-        for child in _meshes(slot.armature) if slot.armature is not None else ():
+        for child in parts_of(slot.armature) if slot.armature is not None else ():
             if child.hide_select:  # it is not being edited
                 child.hide_viewport = display in ("OUTLINE", "NONE")
                 child.display_type = "SOLID" if display == "SOLID" else "WIRE"
                 child.color = (1.0, 1.0, 1.0, 1.0)
 
 
-def _meshes(armature: bpy.types.Object) -> list[bpy.types.Object]:
+def parts_of(armature: bpy.types.Object) -> list[bpy.types.Object]:
+    """All meshes that an armature's bones carry."""
     return [c for c in armature.children if c.type == "MESH" and c.parent_type == "BONE"]
+
+
+def orphans(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """Parts in a scene whose armature is no more: they hang on a bone of nothing, and cannot be clicked on."""
+    meshes = [o for o in scene.objects if o.type == "MESH" and o.hide_select]
+    return [mesh for mesh in meshes if mesh.parent is None and mesh.parent_bone]
 
 
 def meshes_on(armature: bpy.types.Object, bone: str) -> list[bpy.types.Object]:
@@ -129,7 +136,7 @@ def meshes_on(armature: bpy.types.Object, bone: str) -> list[bpy.types.Object]:
 def meshes_by_bone(armature: bpy.types.Object) -> dict[str, list[bpy.types.Object]]:
     """All of them at once: an object's children are looked for among all objects of the file."""
     found: dict[str, list[bpy.types.Object]] = {}
-    for child in _meshes(armature):
+    for child in parts_of(armature):
         found.setdefault(child.parent_bone, []).append(child)
     return found
 

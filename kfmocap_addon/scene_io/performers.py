@@ -22,6 +22,31 @@ def add_performer(
     return take_armature(current, armature)
 
 
+def restore(current: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> None:
+    """Bring a performer's armature and its parts back into the scene that they were deleted from."""
+    home = scene.ensure_collection(current, "Performers")
+    for owner in (slot.armature, *part_meshes.parts_of(slot.armature)):
+        if owner.name not in current.objects:
+            home.objects.link(owner)
+    part_meshes.show_parts(current)
+
+
+def remove(current: bpy.types.Scene, number: int) -> None:
+    """Take a performer out of the shot; where its armature was deleted, with the parts that this has left behind."""
+    slots = current.kfmocap.performers
+    armature = slots[number].armature
+    is_gone = armature is None or armature.name not in current.objects
+    slots.remove(number)
+    left = part_meshes.orphans(current) if armature is None else part_meshes.parts_of(armature)
+    for part in left if is_gone else ():
+        mesh = part.data
+        bpy.data.objects.remove(part)
+        if mesh.users == 0:
+            bpy.data.meshes.remove(mesh)
+    if is_gone and armature is not None and armature.users == 0:
+        bpy.data.objects.remove(armature)
+
+
 def take_armature(current: bpy.types.Scene, armature: bpy.types.Object) -> bpy.types.Object:
     """Make an armature whose bones carry meshes a performer of the scene's shot.
 
@@ -35,8 +60,7 @@ def take_armature(current: bpy.types.Scene, armature: bpy.types.Object) -> bpy.t
     body_armature.body_from_armature(armature)
     for bone in body_armature.body_bones(armature):
         armature.pose.bones[bone.name].rotation_mode = "QUATERNION"
-    slot = current.kfmocap.performers.add()
-    slot.name, slot.armature = scene.free_name(armature.name, current.kfmocap.performers), armature
+    scene.add_slot(current, scene.free_name(armature.name, current.kfmocap.performers), armature)
     if not current.kfmocap.shot:
         current.kfmocap.shot = "shot"
     part_meshes.show_parts(current)

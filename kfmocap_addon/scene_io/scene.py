@@ -28,6 +28,7 @@ from . import (
     unknown_bones,
     view_cameras,
 )
+from .sides import PERFORMERS
 
 FRAME_START = 1
 """Scene frame of shot frame 0 in the scenes that we build, as Blender's own scenes start."""
@@ -64,9 +65,9 @@ def build_scene(
     _build_views(scene, shot, clips)
     bodies = ensure_collection(scene, "Performers")
     for performer in shot.performers:
-        slot = scene.kfmocap.performers.add()
-        slot.name, slot.person = performer.name, performer.person or 0
-        slot.armature = body_armature.build_armature(performer.body, performer.name, bodies)
+        armature = body_armature.build_armature(performer.body, performer.name, bodies)
+        slot = add_slot(scene, performer.name, armature)
+        slot.person = performer.person or 0
         unknown_bones.mark_resting(slot.armature, performer.unknown)
         key_pose_curves.write_key_poses(slot.armature, performer.key_poses, FRAME_START)
         if len(proposed := performer.key_poses.proposals()):
@@ -76,6 +77,17 @@ def build_scene(
     if motions is not None:
         write_motions(scene, motions)
     return scene
+
+
+def add_slot(scene: bpy.types.Scene, name: str, armature: bpy.types.Object) -> bpy.types.PropertyGroup:
+    """Make an armature a performer of that name, in a colour that no other performer has if there is one left."""
+    slots = scene.kfmocap.performers
+    taken = {tuple(round(value, 3) for value in slot.colour) for slot in slots}
+    free = [colour for colour in PERFORMERS if colour not in taken]
+    slot = slots.add()
+    slot.name, slot.armature = name, armature
+    slot.colour = free[0] if free else PERFORMERS[(len(slots) - 1) % len(PERFORMERS)]
+    return slot
 
 
 def write_motions(scene: bpy.types.Scene, motions: Sequence[Motion], shot: Shot | None = None, first: int = 0) -> None:

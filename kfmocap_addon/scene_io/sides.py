@@ -1,6 +1,8 @@
-"""The two sides of a body and their colours: the performer's left is blue, the right orange, the middle green."""
+"""The two sides of a body and their colours: the left is blue, the right orange, the middle the performer's own."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 Colour = tuple[float, float, float, float]
 
@@ -11,6 +13,16 @@ SIDES: dict[str, tuple[str, Colour]] = {
 }
 """Label and colour (red, green, blue, opacity) by the letter of a side."""
 
+PERFORMERS: tuple[tuple[float, float, float], ...] = (
+    (0.75, 1.0, 0.4),
+    (1.0, 0.5, 0.95),
+    (1.0, 0.9, 0.25),
+    (0.45, 1.0, 0.95),
+    (0.8, 0.7, 1.0),
+    (1.0, 1.0, 1.0),
+)
+"""Colours of the middle of one performer after the other, unlike those of the sides."""
+
 
 def side_of(name: str) -> str:
     """The letter of the side that a landmark ("LWrist") or a bone ("hand.L") is on; empty for the middle."""
@@ -18,6 +30,7 @@ def side_of(name: str) -> str:
     return letter if letter in SIDES else ""
 
 
-def colour_of(name: str) -> Colour:
-    """The colour of a landmark's or a bone's side."""
-    return SIDES[side_of(name)][1]
+def colour_of(name: str, middle: Sequence[float] = PERFORMERS[0]) -> Colour:
+    """The colour of a landmark's or a bone's side; that of the middle is the performer's own."""
+    side = side_of(name)
+    return SIDES[side][1] if side else (middle[0], middle[1], middle[2], 1.0)

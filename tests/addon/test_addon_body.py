@@ -13,8 +13,10 @@ bpy = pytest.importorskip("bpy")
 from addon_shots import blender, joint_error, motion, shot  # noqa: E402, F401
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.body.motion import Motion  # noqa: E402
+from kfmocap.core.body.proportions import measured  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.shot.shot import KeyPoses  # noqa: E402
+from kfmocap.kfmocap_addon.operators.edit_body import LENGTHS  # noqa: E402
 from kfmocap.kfmocap_addon.operators.fit_body import FitBody  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import body_armature, key_pose_curves, scene  # noqa: E402
 from mathutils import Matrix  # noqa: E402
@@ -182,3 +184,39 @@ def test_the_model_is_drawn_as_asked(armature):
         assert {c.hide_viewport for c in armature.children} == {hidden}
         assert {c.display_type for c in armature.children} == {kind}
         assert len(body_armature.body_from_armature(armature)) == 16
+
+
+def test_height_is_a_field_that_scales_the_body_and_leaves_it_on_its_feet(armature):
+    slot = bpy.context.scene.kfmocap.performers[0]
+    sole = min(float(np.min(part.vertices @ part.R_world_rest[2] + part.head_world[2])) for part in parts_of(armature))
+    tall, girth = slot.height, np.ptp(of(armature, "thigh.L").vertices, axis=0)
+    assert tall == pytest.approx(1.8, abs=0.03)
+    slot.height = 1.2
+    bpy.context.view_layer.update()
+    assert slot.height == pytest.approx(1.2, abs=1e-5)
+    found = [float(np.min(part.vertices @ part.R_world_rest[2] + part.head_world[2])) for part in parts_of(armature)]
+    assert min(found) == pytest.approx(sole, abs=1e-4)
+    np.testing.assert_allclose(np.ptp(of(armature, "thigh.L").vertices, axis=0), girth * 1.2 / tall, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("upper_arm", 0.25), ("shoulder_width", 0.5), ("torso", 0.6), ("foot", 0.3)]
+)
+def test_a_proportion_is_a_field_that_changes_nothing_else(armature, name, value):
+    slot = bpy.context.scene.kfmocap.performers[0]
+    others = [*LENGTHS[:-1], "foot"]
+    before = {other: getattr(slot, other) for other in others}
+    assert before[name] == pytest.approx(measures_of(human(1.8), name), abs=1e-5)
+    setattr(slot, name, value)
+    after = {other: getattr(slot, other) for other in others}
+    assert after == pytest.approx(before | {name: value}, abs=1e-5)
+
+
+def measures_of(body, name):
+    ends = {part.name: (part.head_world, part.tail_world) for part in body.parts}
+    return measured(ends, name)
+
+
+def parts_of(armature):
+    bpy.context.view_layer.update()
+    return body_armature.body_from_armature(armature).parts

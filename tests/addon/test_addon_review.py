@@ -137,12 +137,15 @@ def test_outlines_have_the_colours_of_errors_where_these_are_shown_and_of_sides_
     made, armature, _ = built
     assert made.kfmocap.display == "OUTLINE"
     posed = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
-    assert bone_confidence.outline_colour(made, posed.pose.bones["hand.L"]) == colour_of("hand.L")
+    slot = made.kfmocap.performers[0]
+    slot.colour = (1.0, 0.0, 1.0)
+    assert bone_confidence.outline_colour(made, slot, posed.pose.bones["hand.L"]) == colour_of("hand.L")
+    assert bone_confidence.outline_colour(made, slot, posed.pose.bones["head"]) == (1.0, 0.0, 1.0, 1.0)
     made.kfmocap.show_confidence = True
     made.frame_set(START + 5)
     posed = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
     np.testing.assert_allclose(
-        bone_confidence.outline_colour(made, posed.pose.bones["hand.L"]), [0, 1, 0.1, 1], atol=0.01
+        bone_confidence.outline_colour(made, slot, posed.pose.bones["hand.L"]), [0, 1, 0.1, 1], atol=0.01
     )
 
 

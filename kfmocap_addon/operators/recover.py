@@ -1,0 +1,72 @@
+"""What went missing comes back: footage that was moved, bodies that were deleted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+from bpy_extras.io_utils import ImportHelper
+
+from ..scene_io import active_performer
+from .add_footage import IMAGES, VIDEOS, globbed
+from .conditions import Conditional
+from .reporting import reported
+
+
+def _misses_footage(context: bpy.types.Context) -> str:
+    return "" if any(view.missing for view in context.scene.kfmocap.views) else "No footage is missing"
+
+
+class RelinkFootage(Conditional, bpy.types.Operator, ImportHelper):
+    """Find footage that was moved: choose the folder where it is now. All that is missing is looked for there and in
+    the folders below, by the names of its files. Where one view alone misses its footage, any video can be chosen"""
+
+    bl_idname = "kfmocap.relink_footage"
+    bl_label = "Relink"
+    conditions = (_misses_footage,)
+
+    filepath: bpy.props.StringProperty(
+        subtype="FILE_PATH", name="Folder", description="Where the footage is now", options={"SKIP_SAVE"}
+    )
+    filter_glob: bpy.props.StringProperty(default=globbed(f"{VIDEOS};{IMAGES}"), options={"HIDDEN"})
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..scene_io import missing_footage
+
+        with reported(self) as outcome:
+            found, missing = missing_footage.relink(context.scene, Path(bpy.path.abspath(self.filepath)))
+            if missing:
+                self.report({"WARNING"}, f"Still missing: the footage of {', '.join(missing)}")
+            self.report({"INFO"}, f"Found the footage of {', '.join(found)}")
+        return outcome.value
+
+
+def _has_lost_body(context: bpy.types.Context) -> str:
+    slots = context.scene.kfmocap.performers
+    lost = [
+        slot for slot in slots if slot.armature is not None and not active_performer.is_present(context.scene, slot)
+    ]
+    return "" if lost else "No body was deleted that could be brought back"
+
+
+class RestoreBody(Conditional, bpy.types.Operator):
+    """Bring back a performer's armature that was deleted from the scene, with its keys"""
+
+    bl_idname = "kfmocap.restore_body"
+    bl_label = "Bring Back"
+    conditions = (_has_lost_body,)
+
+    performer: bpy.props.IntProperty(min=0, name="Performer", description="Number of the performer, from 0")
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..scene_io import performers
+
+        slots = context.scene.kfmocap.performers
+        if self.performer >= len(slots) or slots[self.performer].armature is None:
+            self.report({"ERROR"}, f"Performer {self.performer} has no armature that could be brought back")
+            return {"CANCELLED"}
+        performers.restore(context.scene, slots[self.performer])
+        return {"FINISHED"}
+
+
+CLASSES = (RelinkFootage, RestoreBody)

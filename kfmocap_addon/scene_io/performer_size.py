@@ -1,0 +1,62 @@
+"""Height and proportions of a performer's body in a scene, to be read and changed."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ...core.body import proportions
+from ...core.errors import BodyError
+from . import body_armature, part_meshes
+
+
+def height(armature: bpy.types.Object) -> float:
+    """How tall a body stands at rest, from the lowest to the highest vertex of its parts, metres."""
+    low, high = _vertical_extent(armature)
+    return high - low
+
+
+def set_height(armature: bpy.types.Object, value: float) -> None:
+    """Make a body that tall, all of it larger or smaller alike; its keys stay as they are.
+
+    A body without keys goes on standing where it stands: its soles stay at their height.
+
+    Raises
+    ------
+    BodyError
+        It is no body, or has no height.
+    """
+    low, high = _vertical_extent(armature)
+    if not high > low or not value > 0:
+        raise BodyError("the body has no height", where=f"armature {armature.name}")
+    body_armature.reshape(
+        armature, proportions.scaled(body_armature.body_from_armature(armature), value / (high - low))
+    )
+    if armature.animation_data is None or armature.animation_data.action is None:
+        armature.location.z += low - _vertical_extent(armature)[0]
+
+
+def measure(armature: bpy.types.Object, name: str) -> float:
+    """Take a measure of a body, see `core.body.proportions`, metres; 0 where its bones are not the default body's."""
+    ends = {bone.name: (tuple(bone.head_local), tuple(bone.tail_local)) for bone in armature.data.bones}
+    return proportions.measured(ends, name) or 0.0
+
+
+def set_measure(armature: bpy.types.Object, name: str, value: float) -> None:
+    """Give a body another measure, on both sides; its keys stay as they are.
+
+    Raises
+    ------
+    BodyError
+        It is no body, or has no such measure.
+    """
+    body_armature.reshape(armature, proportions.with_measure(body_armature.body_from_armature(armature), name, value))
+
+
+def _vertical_extent(armature: bpy.types.Object) -> tuple[float, float]:
+    """Lowest and highest vertex of the parts at rest, metres above the armature's origin."""
+    heights = [0.0]
+    for name, vertices in part_meshes.part_clouds(armature).items():
+        bone = armature.data.bones[name]
+        heights += (vertices @ body_armature.rest_rotation(bone)[2] + bone.head_local.z).tolist()
+    return float(np.min(heights[1:] or heights)), float(np.max(heights[1:] or heights))

@@ -1,0 +1,124 @@
+"""What went missing is said, can be had back, and no button stays enabled that cannot work."""
+
+from __future__ import annotations
+
+import shutil
+
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from addon_shots import blender, shot, tracker  # noqa: E402, F401
+from kfmocap.kfmocap_addon.scene_io import footage_background  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import scene as scenes  # noqa: E402
+from scene_state import differences, state  # noqa: E402
+
+pytestmark = pytest.mark.blender
+
+NEED_FOOTAGE = ("track", "track_changes", "fit_body", "refine_cameras", "show_residual")
+NEED_BODIES = (*NEED_FOOTAGE, "clear_between", "export")
+
+
+@pytest.fixture
+def moved(blender, tmp_path):  # noqa: F811
+    """A saved scene of two performers that is opened after its footage was moved, and the folder it is in now."""
+    scenes.build_scene(shot(tmp_path, ("man", "woman")), scene=bpy.context.scene)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    now = tmp_path / "elsewhere" / "takes"
+    now.mkdir(parents=True)
+    for name in ("cam01.mp4", "cam02.mp4"):
+        shutil.move(tmp_path / name, now / name)
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
+    return now
+
+
+def enabled(tools):
+    return [name for name in tools if getattr(bpy.ops.kfmocap, name).poll()]
+
+
+def test_footage_that_was_moved_is_found_again_in_a_folder_above(moved, tracker):  # noqa: F811
+    views = bpy.context.scene.kfmocap.views
+    assert [view.missing for view in views] == [True, True]
+    assert enabled(NEED_FOOTAGE) == [] and bpy.ops.kfmocap.export.poll()
+    assert bpy.ops.kfmocap.relink_footage(filepath=f"{moved.parent}/") == {"FINISHED"}
+    assert [footage_background.footage_path(view) for view in views] == [moved / "cam01.mp4", moved / "cam02.mp4"]
+    assert not bpy.ops.kfmocap.relink_footage.poll()
+    assert bpy.ops.kfmocap.track() == {"FINISHED"}
+
+
+def test_of_several_files_of_a_name_that_in_the_folder_of_that_name_is_taken(moved):
+    (other := moved.parent / "other").mkdir()
+    (right := moved.parent / moved.parents[1].name).mkdir()
+    for folder in (other, right):
+        shutil.copy(moved / "cam01.mp4", folder)
+    (moved / "cam01.mp4").unlink()
+    bpy.ops.kfmocap.relink_footage(filepath=f"{moved.parent}/")
+    assert footage_background.footage_path(bpy.context.scene.kfmocap.views[0]) == right / "cam01.mp4"
+
+
+def test_where_one_view_misses_its_footage_any_file_can_be_chosen(moved):
+    shutil.copy(moved / "cam02.mp4", moved.parents[1])
+    (moved / "cam01.mp4").rename(moved / "renamed.mp4")
+    assert bpy.ops.kfmocap.relink_footage(filepath=str(moved / "renamed.mp4")) == {"FINISHED"}
+    assert footage_background.footage_path(bpy.context.scene.kfmocap.views[0]) == moved / "renamed.mp4"
+
+
+def test_a_folder_without_the_footage_changes_nothing(moved, tmp_path):
+    (tmp_path / "empty").mkdir()
+    before = state()
+    with pytest.raises(RuntimeError, match=r"none of the missing footage is here: cam01\.mp4, cam02\.mp4"):
+        bpy.ops.kfmocap.relink_footage(filepath=str(tmp_path / "empty"))
+    assert not differences(state(), before)
+
+
+@pytest.fixture
+def two(blender, tmp_path):  # noqa: F811
+    made = scenes.build_scene(shot(tmp_path, ("man", "woman")), scene=bpy.context.scene)
+    made.frame_set(made.frame_current)  # the poses are shown
+    return made
+
+
+def delete(armature):
+    """As X does."""
+    bpy.ops.object.select_all(action="DESELECT")
+    armature.select_set(True)
+    bpy.context.view_layer.objects.active = armature
+    assert bpy.ops.object.delete() == {"FINISHED"}
+
+
+def parts(name):
+    return [thing for thing in bpy.context.scene.objects if thing.name.startswith(f"{name} ")]
+
+
+def test_a_deleted_body_disables_what_cannot_work_and_is_brought_back_whole(two, tracker):  # noqa: F811
+    before = state()
+    delete(two.kfmocap.performers["woman"].armature)
+    assert enabled(NEED_BODIES) == [] and bpy.ops.kfmocap.place_joints.poll()
+    assert bpy.ops.kfmocap.restore_body(performer=1) == {"FINISHED"}
+    bpy.context.view_layer.update()
+    assert not differences(state(), before)
+    assert bpy.ops.kfmocap.track() == {"FINISHED"}
+    assert not bpy.ops.kfmocap.restore_body.poll()
+
+
+@pytest.mark.parametrize("how", ["by X", "by a script"])
+def test_a_deleted_body_is_removed_with_its_parts(two, how):
+    woman = two.kfmocap.performers["woman"].armature
+    assert len(parts("woman")) == len(parts("man")) > 10
+    delete(woman) if how == "by X" else bpy.data.objects.remove(woman)
+    assert bpy.ops.kfmocap.remove_performer(performer=1) == {"FINISHED"}
+    assert not parts("woman") and len(parts("man")) > 10
+    assert [slot.name for slot in two.kfmocap.performers] == ["man"]
+    assert "woman" not in bpy.data.objects
+
+
+def test_a_performer_that_is_removed_leaves_its_armature(two):
+    bpy.ops.kfmocap.remove_performer(performer=1)
+    assert "woman" in two.objects and parts("woman")
+
+
+def test_a_view_whose_camera_was_deleted_can_be_removed(two, tracker):  # noqa: F811
+    bpy.data.objects.remove(two.kfmocap.views[1].camera)
+    assert enabled(NEED_FOOTAGE) == []
+    assert bpy.ops.kfmocap.remove_view(view=1) == {"FINISHED"}
+    assert bpy.ops.kfmocap.track() == {"FINISHED"}
