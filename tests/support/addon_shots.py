@@ -111,7 +111,9 @@ def tracker(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     """Stands in for the tracker: gives the true motion of every performer, or the error that a test sets instead."""
     stand_in = SimpleNamespace(shots=[], error=None, footage_offset=0.0)
 
-    def track(given: Shot, progress: Progress | None = None, around: Around = (None, None)) -> SimpleNamespace:
+    def track(
+        given: Shot, progress: Progress | None = None, around: Around = (None, None), **_more: object
+    ) -> SimpleNamespace:
         stand_in.shots.append(given)
         stand_in.around = around
         report_progress(progress, "tracking", 0.5)
