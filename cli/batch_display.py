@@ -12,7 +12,7 @@ from .batch_shot import DONE, ShotOutcome
 
 _REDRAW_SECONDS = 0.2
 _STEP = 0.1
-"""Without a terminal, progress is told in steps of this share."""
+"""Without a terminal, progress is printed in steps of this share."""
 
 
 class BatchDisplay:

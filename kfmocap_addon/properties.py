@@ -395,7 +395,7 @@ class KFMocapRetarget(bpy.types.PropertyGroup):
     layer: bpy.props.BoolProperty(
         name="As Layer", description="Keep the character's present action below, as a strip of the NLA"
     )
-    sparse: bpy.props.BoolProperty(name="Fewer Keys", description="Leave out keys that smooth curves tell anyway")
+    sparse: bpy.props.BoolProperty(name="Fewer Keys", description="Leave out keys that smooth curves make unnecessary")
     angle: bpy.props.FloatProperty(
         default=0.00872665,
         min=0.0,

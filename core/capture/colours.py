@@ -144,7 +144,7 @@ def _range(pair: object, where: str, most: float) -> Range:
 
 
 def learned(image: Image, point: ArrayLike, tolerance: float = 15.0) -> Colour:
-    """The colour of a ball that somebody clicked on: its hue, as saturated and as light as its parts are.
+    """The colour of a ball that was clicked on: its hue, as saturated and as light as its parts are.
 
     Parameters
     ----------

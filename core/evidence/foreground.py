@@ -58,7 +58,7 @@ class KnownPixels:
         pixels_per_metre: float,
         sure: Mapping[int, Bools] | None = None,
     ) -> KnownPixels:
-        """What masks of all performers tell, who are not told apart; see `foreground_images`."""
+        """What masks of all performers together show; see `foreground_images`."""
         return cls(
             ({f: within(mask) for f, mask in (sure or masks).items()},),
             {f: beyond(mask, MARGIN * pixels_per_metre) for f, mask in masks.items()},

@@ -44,7 +44,7 @@ from .outline_fit import OutlineProblem, RefinementStage, coarse_to_fine, key_ou
 GROWTH = 0.08
 """Usual departure of a performer's size from the body's, as a share."""
 LENGTH = 0.08
-"""Usual departure of a part's length from what the size tells, as a share; of widths see `evidence.shape.STRETCH`."""
+"""Usual departure of a part's length from what the size suggests, a share; of widths see `evidence.shape.STRETCH`."""
 SIDES_STRETCH, SIDES_SHIFT = 0.02, 0.004
 """Usual difference between the sides of a body, as a share and in metres."""
 POSED_ROOT, POSED_JOINT = 0.03, 0.08

@@ -1,6 +1,6 @@
 """Cameras refined from the performer: moved until the outlines of the key poses lie on those of the footage.
 
-On the frames with a key pose it is known how the body stands, so its outline in a picture tells where the camera is.
+On the frames with a key pose it is known how the body stands, so its outline in a picture shows where the camera is.
 Unknown beside the cameras are the shapes of the parts and small errors of the key poses, which all views share: what
 every camera sees alike is not taken for an error of each. Coarse to fine, by Gauss-Newton over all of them at once;
 the colours of performers and background are learned anew on the way. See `core.fitting.resection`.
@@ -125,7 +125,7 @@ def refine_cameras(
 ) -> Refinement:
     """Refine the pose and the focal length of every camera of a shot from its key poses of the whole body.
 
-    The key poses tell where the world is: they stay as they are. A moving camera is moved and turned alike on all
+    The key poses define the world: they stay as they are. A moving camera is moved and turned alike on all
     frames, in its own axes.
 
     Parameters

@@ -299,7 +299,7 @@ def contradictions(shared: SharedKeypoints) -> tuple[dict[int, PictureShift], Ca
     -------
     shifts : dict of int to PictureShift
         Of the views that could be compared, in their order; none where these are fewer than three. Of two cameras
-        nothing tells which is off, nor hardly by how much.
+        nothing shows which is off, nor by how much.
     CameraEstimate
         With the cameras that are off moved.
     """

@@ -214,7 +214,7 @@ def _columns(camera: Columns, shape: Columns, pose: Columns) -> Columns:
 
 
 def _clearness(lines: Lines, camera: Camera) -> float:
-    """What outlines tell over what sharp edges in their places would."""
+    """The information in outlines as a share of that of sharp edges in their places."""
     model = MODEL_DEVIATION * camera.matrix[[0, 1], [0, 1]].mean() / lines.points_cam[:, 2]
     sharp = lines.length / (model**2 + EDGE_DEVIATION**2)
     return float((lines.weight * lines.length).sum() / sharp.sum()) if len(sharp) else 0.0

@@ -1,6 +1,6 @@
 """Whether a shot's cameras fit one another and the key poses, and what to do where they do not.
 
-Two kinds of evidence tell. Where three views or more share 2D keypoints, each camera is compared with the others
+There are two kinds of evidence. Where three views or more share 2D keypoints, each camera is compared with the others
 (`core.fitting.keypoint_cameras`). On frames with a key pose of the whole body, each camera's picture of the performers'
 outlines is compared with the model's (`core.fitting.camera_refinement`). What a camera is allowed comes from the shot:
 by how much the keypoints scatter, and how exactly the outlines show where a camera is.

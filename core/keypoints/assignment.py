@@ -189,7 +189,7 @@ def _by_key_poses(
 
 
 def _doubled(owned: Sequence[Track], track: Track) -> bool:
-    """Whether somebody is seen twice at a time in a view if that track is his."""
+    """Whether this person would be seen twice at a time in a view with that track."""
     return any(own.view == track.view and np.intersect1d(own.frames, track.frames).size for own in owned)
 
 

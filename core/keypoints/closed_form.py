@@ -117,7 +117,7 @@ def closed_form_limb(
 
 
 def _with_trunk(body: Body, known: dict[str, Array]) -> dict[str, Array]:
-    """Points by name with the hips below the shoulders, or the shoulders above the hips, of somebody upright where only
+    """Points by name with the hips below the shoulders, or the shoulders above the hips, of someone upright where only
     the others are known.
     """
     up = np.array([0.0, 0.0, 1.0])

@@ -96,7 +96,7 @@ def _plain(name: str) -> str:
 
 
 def roles_by_name(rest: RestSkeleton) -> BoneMap:
-    """Return the roles that the words in the bones' names tell, the topmost bone of each."""
+    """Return the roles that the words in the bones' names suggest, the topmost bone of each."""
     bones: dict[str, list[str]] = {}
     for name in rest.names:
         side, word = _side_and_word(name)

@@ -17,7 +17,7 @@ _MINIMUM = 0.08  # of the height: shorter segments are no thigh, shin, upper arm
 def roles_by_place(rest: RestSkeleton) -> dict[str, tuple[str, ...]]:
     """Return bones by role, of a symmetrical skeleton that stands upright; nothing where it is not a human's.
 
-    The side that faces left is told from the direction of the feet.
+    The side that faces left is found from the direction of the feet.
     """
     points = np.where(np.isnan(rest.tails), rest.heads, rest.tails)
     height = float(max(rest.heads[:, 2].max(), points[:, 2].max()) - min(rest.heads[:, 2].min(), points[:, 2].min()))

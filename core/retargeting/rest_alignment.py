@@ -116,7 +116,7 @@ Rig = tuple[RestSkeleton, BoneMap]
 
 
 def _hand(source: Rig, target: Rig, role: str, above: Array) -> Array:
-    """Along the hand where both tails can be believed, the palms' normals where both have fingers."""
+    """Along the hand where both tails are reliable, the palms' normals where both have fingers."""
     side = role.partition(".")[2]
     palms = [_palm(*rig, side) for rig in (source, target)]
     if palms[0] is not None and palms[1] is not None:

@@ -89,7 +89,7 @@ def grounded(rest: RestSkeleton, bones: BoneMap, origin: float = 0.0) -> RestSke
     ankles = [name for side in SIDES for role in ("foot", "toe") for name in bones.bones.get(f"{role}.{side}", ())]
     feet = rest.indices(ankles or [name for side in SIDES for name in bones.bones[f"shin.{side}"]])
     low = float(np.nanmin(np.concatenate([rest.heads[feet, 2], rest.tails[feet, 2]])))
-    # Tails of last bones are arbitrary in some files: the ankles tell whether the skeleton stands on its origin.
+    # Tails of last bones are arbitrary in some files: the ankles show whether the skeleton stands on its origin.
     high = float(rest.heads[feet[0], 2])
     leg = leg_length(replace(rest, ground=high), bones)
     stands = bool(ankles) and _STANDING[0] * leg <= high - origin <= _STANDING[1] * leg

@@ -1,1 +1,1 @@
-"""Review: how far a tracked motion is to be trusted, and where one more key pose would help most."""
+"""Review: how far a tracked motion can be relied on, and where one more key pose would help most."""

@@ -305,7 +305,7 @@ def _is_exchanged(place: Path, folder: Path, others: Sequence[str]) -> bool:
         for name in linked:
             (results / name).unlink()
         return False
-    for entry in os.scandir(results):  # what somebody else wrote meanwhile
+    for entry in os.scandir(results):  # what another process wrote meanwhile
         if not (folder / entry.name).exists():
             os.rename(entry.path, folder / entry.name)
     return True

@@ -18,7 +18,7 @@ WRITTEN = "the results had been written"
 class Interruptions:
     """While a command runs, signals that ask it to end raise KeyboardInterrupt, so that it tidies up.
 
-    Signals that somebody else handles or ignores, as nohup does, are left alone; so are all of them outside the main
+    Signals that other code handles or ignores, as nohup does, are left alone; so are all of them outside the main
     thread, where Python cannot handle them.
 
     Attributes

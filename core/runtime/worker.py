@@ -1,4 +1,4 @@
-"""The other end of `job.Job`: a process of its own that does one piece of work and tells how far it is.
+"""The other end of `job.Job`: a process of its own that does one piece of work and reports how far it is.
 
 It is run as a script. What comes in and goes out are pickles; see `job.Job`.
 """

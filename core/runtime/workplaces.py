@@ -101,7 +101,7 @@ def _remove_leftover(place: Path) -> None:
         return
     with (place / _LOCK).open("r+b") as lock:
         if not _is_locked_now(lock):
-            return  # somebody works there
+            return  # another process works there
         if (place / MOVING).is_file():
             _finish_moving(place)
         if sys.platform == "win32":

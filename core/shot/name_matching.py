@@ -81,7 +81,7 @@ def _number(name: str) -> int | None:
 
 
 def footage_of(files: Iterable[Path]) -> list[Path]:
-    """Footage among files that somebody chose: videos as they are, numbered images as one pattern per sequence.
+    """Footage among the files chosen: videos as they are, numbered images as one pattern per sequence.
 
     See `core.shot.image_sequences.image_files` for patterns. The order is that of the names.
     """

@@ -104,7 +104,7 @@ def propose(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, seen: Keypoin
 def attach_keypoints(scene: bpy.types.Scene, paths: Sequence[Path]) -> dict[str, int]:
     """Give views a detector's keypoints, by the view's name in the path; how many people were found in each.
 
-    A single file or folder whose name tells no view is that of the view that the scene looks through.
+    A single file or folder without the name of a view belongs to the view that the scene looks through.
 
     Raises
     ------
@@ -159,7 +159,7 @@ def landmark_poses(
     Raises
     ------
     KFMocapError
-        The file cannot be read, or does not tell a pose on one of the frames.
+        The file cannot be read, or gives no pose on one of the frames.
     """
     body = body_armature.body_from_armature(slot.armature)
     landmarks = landmarks_of(body, read_landmarks(path, up), str(path))
@@ -225,4 +225,6 @@ def _view_of(scene: bpy.types.Scene, source: Path, alone: bool) -> bpy.types.Pro
     if alone and shown >= 0:
         return slots[shown]
     known = ", ".join(slot.name for slot in slots)
-    raise KeypointError("its name tells no view", where=str(source), todo=f"name it by its view: {known}")
+    raise KeypointError(
+        "its name does not say which view it belongs to", where=str(source), todo=f"name it by its view: {known}"
+    )

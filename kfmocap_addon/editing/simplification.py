@@ -96,7 +96,7 @@ def simplify(
 
 
 def thin_out_curves(curves: Sequence[bpy.types.FCurve], tolerance: float, *, turns: bool) -> None:
-    """Take out keys of curves that belong together, all of them, wherever the others tell as much.
+    """Take out keys of curves that belong together, all of them, wherever the others describe the curve as well.
 
     Parameters
     ----------

@@ -46,7 +46,7 @@ class ExportCameras(bpy.types.Operator):
         subtype="FILE_PATH",
         name="Calibration",
         default="calibration.toml",
-        description="Its ending tells the kind: .toml, .qca.txt of Qualisys, .yml or .json of OpenCV",
+        description="Its extension says which kind: .toml, .qca.txt of Qualisys, .yml or .json of OpenCV",
     )
     filter_glob: bpy.props.StringProperty(default=globbed(CALIBRATIONS), options={"HIDDEN"})
 

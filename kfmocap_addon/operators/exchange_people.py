@@ -30,8 +30,8 @@ class ExchangePeople(Conditional, bpy.types.Operator):
             self.report({"ERROR"}, f"'{self.other}' is no other performer")
             return {"CANCELLED"}
         identities.exchange_people(context.scene, slots[number], slots[other])
-        told = ", ".join(f"{slots[i].name} is person {slots[i].person}" for i in (number, other))
-        self.report({"INFO"}, f"{told}: pose or track them anew")
+        changed = ", ".join(f"{slots[i].name} is person {slots[i].person}" for i in (number, other))
+        self.report({"INFO"}, f"{changed}: pose or track them anew")
         return {"FINISHED"}
 
 

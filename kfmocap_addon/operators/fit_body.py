@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 class FitBody(Conditional, JobOperator, bpy.types.Operator):
     """Make the parts as long and as wide as the performers in the footage, from the frames on which you posed the whole
-    body: three or more in different postures are best. 2D keypoints tell lengths more exactly. Esc cancels"""
+    body: three or more in different postures are best. 2D keypoints give lengths more exactly. Esc cancels"""
 
     bl_idname = "kfmocap.fit_body"
     bl_label = "Fit Body"

@@ -71,7 +71,7 @@ def _has_camera(context: bpy.types.Context) -> str:
 
 class NudgeDepth(PosingOperator, bpy.types.Operator):
     """Move the body nearer to the camera that the scene looks through, or farther, so that it is seen where it was, and
-    key it: what one camera does not tell is corrected so"""
+    key it: this corrects what one camera does not show"""
 
     bl_idname = "kfmocap.nudge_depth"
     bl_label = "Nudge Depth"

@@ -309,7 +309,7 @@ class PlacingTool(Conditional):
 
 class PlaceJoints(PlacingTool, bpy.types.Operator):
     """Pose the body by clicking joints in the footage, in one camera or several: it follows with every click. Two
-    cameras tell where a joint is; with one its depth stays as in the pose that is shown. Enter keys the pose. With
+    cameras give the place of a joint; with one its depth stays as in the pose that is shown. Enter keys the pose. With
     bones selected in pose mode, these alone are posed and keyed"""
 
     bl_idname = "kfmocap.place_joints"

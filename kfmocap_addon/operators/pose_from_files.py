@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 class ImportKeypoints(Conditional, bpy.types.Operator, ImportHelper):
     """Give the views 2D keypoints of a detector: JSON of OpenPose, COCO, RTMPose and MMPose, AlphaPose, MediaPipe or
-    YOLO, a file for each view or a folder with a file for each picture. The view's name in the file's or the folder's
-    name tells whose they are; else they are of the view that the scene looks through"""
+    YOLO, a file for each view or a folder with a file for each picture. They go to the view whose name is in the file's
+    or folder's, else to the view that the scene looks through"""
 
     bl_idname = "kfmocap.import_keypoints"
     bl_label = "Import Keypoints"

@@ -39,7 +39,7 @@ def show(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, frame: int) -> M
 
 
 def hide(scene: bpy.types.Scene) -> int:
-    """Take all residuals away; tells how many there were."""
+    """Remove all residuals; returns how many there were."""
     gone = 0
     for slot in scene.kfmocap.views:
         image = slot.residual

@@ -159,10 +159,10 @@ def send_to_rig(
 
 def _used(bones: BoneMap, of_source: BoneMap, options: RetargetOptions) -> BoneMap:
     """The roles that the source has something to say about; all other bones stay as they are posed."""
-    told = set(of_source.bones) - {"root"}
-    told |= {"neck"} if "head" in told else set()
-    told |= {"root"} if options.root == "root-bone" else set()
-    return BoneMap({role: names for role, names in bones.bones.items() if role in told}, bones.preset, bones.found_by)
+    moving = set(of_source.bones) - {"root"}
+    moving |= {"neck"} if "head" in moving else set()
+    moving |= {"root"} if options.root == "root-bone" else set()
+    return BoneMap({role: names for role, names in bones.bones.items() if role in moving}, bones.preset, bones.found_by)
 
 
 def shown_bone(armature: bpy.types.Object, follows: Mapping[str, str], name: str) -> str:

@@ -183,7 +183,7 @@ def use_scene_cameras(current: bpy.types.Scene, names: Sequence[str] | None = No
 
 
 def _spare_cameras(current: bpy.types.Scene) -> list[bpy.types.Object]:
-    """Camera objects that are no views and that somebody calibrated: those of ours, else all with footage behind them.
+    """Calibrated camera objects that are no views: those of ours, else all with footage behind them.
 
     A camera of the scene that Blender starts with has neither.
     """

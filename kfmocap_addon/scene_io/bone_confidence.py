@@ -59,7 +59,7 @@ def forget(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, frames: Sequen
 
 
 def read_confidence(armature: bpy.types.Object, frame_start: int, length: int) -> NDArray[np.float64]:
-    """Expected errors of the parts on scene frames from `frame_start` on, (F, P), metres; zero where none is told."""
+    """Expected errors of the parts on scene frames from `frame_start` on, (F, P), metres; zero where there is none."""
     bag, bones = fcurves.find_channelbag(armature), body_armature.body_bones(armature)
     errors = np.zeros((length, len(bones)))
     for rank, bone in enumerate(bones):

@@ -139,7 +139,7 @@ def set_keys(curve: bpy.types.FCurve, groups: Sequence[Keys]) -> None:
 
 
 def _restore_handles(curve: bpy.types.FCurve, keys: Keys) -> None:
-    """Handles that somebody placed by hand stay to the last bit: Blender's update rounds them anew."""
+    """Handles placed by hand stay to the last bit: Blender's update rounds them anew."""
     points = curve.keyframe_points
     for side in ("handle_left", "handle_right"):
         types = keys[f"{side}_type"]

@@ -109,7 +109,7 @@ def shot_from_scene(scene: bpy.types.Scene, footage: bool = True) -> Shot:
     ----------
     scene : bpy.types.Scene
     footage : bool
-        Read the views. Without any, the shot still tells where the key poses are.
+        Read the views. Without any, the shot still has the key poses.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """What the tracker wrote: kept in the action, so that an animator's edit of a tracked key is recognised.
 
-Blender keeps the type GENERATED when a key is inserted over one or when one is dragged: only its value tells.
+Blender keeps the type GENERATED when a key is inserted over one or when one is dragged: only its value shows it.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ terms (A.5) and (A.6). Parts that no view sees are predicted in the initial solu
 sweeps, equation (38).
 
 The weights lambda, nu and smoothness weigh grey levels, summed over pixels, against radians and metres. The paper found
-its numbers by trial on its own footage, and tells neither the scale of its grey levels nor how many pixels it took. So
+its numbers by trial on its own footage, and states neither the scale of its grey levels nor how many pixels it took. So
 that the numbers mean the same on all footage, pixels within a square of `Settings.correlation_length` on the body,
 which say nearly the same, count as one together: then the sums depend neither on the resolution, nor on the stride, nor
 on the distance. Grey levels count 0 to 1, turns radians, lengths metres.
