@@ -2,23 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
-import pickle
-import subprocess
-import sys
 import threading
 import time
-from collections.abc import Callable
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from ..errors import CancelledError, KFMocapError, WorkerEndedError
+from ..errors import CancelledError
+from .worker_process import Work, WorkerProcess
 
-if TYPE_CHECKING:
-    from .progress import Progress
-
-Work = Callable[["Progress"], Any]
-"""A function of a module, or a `functools.partial` of one: it and its result are pickled between the processes."""
 _ESTIMATE_FROM = 0.02
 """Share of the work that must be done before the time that it took says how long the rest will take."""
 
@@ -36,35 +26,21 @@ class Job:
         self.state = ("", 0.0)
         self._begun = time.monotonic()
         self._cancelled = False
-        self._outcome: tuple[str, Any] | None = None
-        head = sys.path, __package__.rsplit(".", 2)[0], str(Path(__file__).parents[2])
-        sent = pickle.dumps(head) + pickle.dumps(work)
-        flags = getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0) | getattr(subprocess, "CREATE_NO_WINDOW", 0)
-        try:
-            self._process = subprocess.Popen(
-                [sys.executable, str(Path(__file__).with_name("worker.py"))],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                creationflags=flags,
-            )
-        except OSError as error:
-            what = f"Python cannot be started: {error.strerror}"
-            raise KFMocapError(what, where=str(sys.executable), todo="install the program again") from error
-        self._thread = threading.Thread(target=self._listen, args=(sent,), daemon=True)
+        self._outcome: Any = None
+        self._error: Exception | None = None
+        self._process = WorkerProcess()
+        self._thread = threading.Thread(target=self._wait_for, args=(work,), daemon=True)
         self._thread.start()
 
-    def _listen(self, sent: bytes) -> None:
-        with contextlib.suppress(OSError, EOFError, pickle.UnpicklingError), self._process as process:
-            assert process.stdin is not None and process.stdout is not None
-            # It stays open: the worker ends when it is closed, as it is when this process ends, however that happens.
-            process.stdin.write(sent)
-            process.stdin.flush()
-            kind = "progress"
-            while kind == "progress":
-                kind, value = pickle.load(process.stdout)
-                if kind == "progress":
-                    self.state = value
-            self._outcome = kind, value
+    def _wait_for(self, work: Work) -> None:
+        try:
+            self._outcome = self._process.call(work, self._tell)
+        except Exception as error:
+            self._error = error
+        self._process.close()
+
+    def _tell(self, state: tuple[str, float]) -> None:
+        self.state = state
 
     def cancel(self) -> None:
         """Stop the work: its process ends at once."""
@@ -74,16 +50,12 @@ class Job:
     def end(self, grace: float = 5.0) -> None:
         """Stop the work and let its process tidy up, for some seconds at most."""
         self._cancelled = True
-        self._process.terminate()
-        try:
-            self._process.wait(grace)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
+        self._process.end(grace)
 
     @property
     def process_id(self) -> int:
         """Of the process that works."""
-        return self._process.pid
+        return self._process.id
 
     @property
     def done(self) -> bool:
@@ -102,12 +74,9 @@ class Job:
         """Return what the work returned; raises what it raised, or CancelledError where it was cancelled."""
         if self._cancelled:
             raise CancelledError
-        if self._outcome is None:
-            raise WorkerEndedError(self._process.wait())
-        kind, value = self._outcome
-        if kind == "error":
-            raise value
-        return value
+        if self._error is not None:
+            raise self._error
+        return self._outcome
 
 
 def duration(seconds: float) -> str:

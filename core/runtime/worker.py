@@ -1,13 +1,13 @@
-"""The other end of `job.Job`: a process of its own that does one piece of work and reports how far it is.
+"""The other end of `worker_process.WorkerProcess`: a process of its own that does one piece of work after the other.
 
-It is run as a script. What comes in and goes out are pickles; see `job.Job`.
+It is run as a script. What comes in and goes out are pickles; see `worker_process.WorkerProcess`.
 """
 
 import _thread
-import contextlib
 import importlib.util
 import os
 import pickle
+import queue
 import signal
 import sys
 import threading
@@ -20,31 +20,45 @@ NICENESS = 5
 """Where that is known, the program that is waiting goes first."""
 GRACE = 1.0
 """Seconds that the work has to tidy up when nobody waits for it any more."""
+LENGTH_BYTES = 8
+"""Before everything that is sent to this process: how many bytes it is, the lowest first."""
 
 
 def main() -> None:
-    """Read the work from standard input, do it, and write its progress and result to standard output."""
-    incoming, outgoing = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
+    """Take work from standard input until that is closed; write its progress and result to standard output."""
+    outgoing = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what libraries print is not part of the protocol
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes of a terminal: one of them decides
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     if hasattr(os, "nice"):
         os.nice(NICENESS)
+    sent: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+    working = threading.Event()
+    threading.Thread(target=_receive, args=(sent, working), daemon=True).start()
 
     def tell(*message: object) -> bool:
-        outgoing.write(pickle.dumps(message))
+        outgoing.write(pickle.dumps(message, pickle.HIGHEST_PROTOCOL))
         outgoing.flush()
         return True
 
     try:
-        search, package, folder = pickle.load(incoming)
+        if (head := sent.get()) is None:
+            return
+        search, package, folder = pickle.loads(head)
         sys.path[:] = search
         load(package, Path(folder))
-        work, done = pickle.load(incoming), threading.Event()
-        threading.Thread(target=_end_with_parent, args=(done,), daemon=True).start()
-        result = work(lambda what, fraction: tell("progress", (what, fraction)))
-        done.set()
-        tell("result", result)
+        while (data := sent.get()) is not None:
+            working.set()
+            try:
+                result = pickle.loads(data)(lambda what, fraction: tell("progress", (what, fraction)))
+            except BrokenPipeError:
+                raise
+            except Exception as error:
+                error.add_note(traceback.format_exc())
+                tell("error", error)
+            else:
+                tell("result", result)
+            working.clear()
     except (BrokenPipeError, KeyboardInterrupt):
         os._exit(1)  # nobody listens any more
     except Exception as error:
@@ -52,15 +66,30 @@ def main() -> None:
         tell("error", error)
 
 
-def _end_with_parent(done: threading.Event) -> None:
-    """End this process when the program that waits for it has ended: its end of the pipe was closed with it."""
-    with contextlib.suppress(OSError):
-        os.read(0, 1)  # not through sys.stdin, whose lock would be held when Python ends
-    if done.is_set():
-        return
-    _thread.interrupt_main(signal.SIGTERM)  # to tidy up
+def _receive(sent: "queue.SimpleQueue[bytes | None]", working: threading.Event) -> None:
+    """Pass on what comes in, and end this process when its sender has ended: its end of the pipe was closed with it."""
+    while (length := _read(LENGTH_BYTES)) and (data := _read(int.from_bytes(length, "little"))):
+        sent.put(data)
+    sent.put(None)
+    if working.is_set():
+        _thread.interrupt_main(signal.SIGTERM)  # to tidy up
     time.sleep(GRACE)
     os._exit(1)
+
+
+def _read(count: int) -> bytes:
+    """So many bytes of the standard input; none where it is closed."""
+    pieces = []
+    while count > 0:
+        try:
+            piece = os.read(0, count)  # not through sys.stdin, whose lock would be held when Python ends
+        except OSError:
+            piece = b""
+        if not piece:
+            return b""
+        pieces.append(piece)
+        count -= len(piece)
+    return b"".join(pieces)
 
 
 def load(package: str, folder: Path) -> None:

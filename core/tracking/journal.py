@@ -45,7 +45,7 @@ class FinishedSegment:
     ----------
     result : SegmentResult
     first_motions : tuple of Motion
-        Per performer: as they were before the segment was refined. The next segment was solved from these.
+        Per performer: as they were before the segment was refined. Those beside it were refined with these.
     motions : tuple of Motion
         Per performer: as they are in the end.
     offset : Offset or None
@@ -255,7 +255,7 @@ def _of_bytes(data: bytes, key: str, segment: Segment) -> FinishedSegment:
 
     energy = tuple(arrays["energy"].tolist())
     return FinishedSegment(
-        SegmentResult(first, last, iterations, energy, (), each("accelerations")),
+        SegmentResult(first, last, iterations, energy, each("accelerations")),
         motions("first "),
         motions(),
         Offset(*arrays["offset"].tolist()) if arrays["offset"].size else None,

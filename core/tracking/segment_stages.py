@@ -181,20 +181,20 @@ def is_refined(shot: Shot, solver: Solver, segment: Segment, state: TrackState) 
 def solve_segment(
     shot: Shot, solver: Solver, data: SegmentData, state: TrackState, workspace: Workspace
 ) -> SegmentState:
-    """Solve a segment that follows what is solved already."""
+    """Solve a segment between what is known beside it."""
     problem = segment_problem(shot, data, state)
     return SegmentState(data, problem, solver.solve(problem, _on(data.segment, state.motions), workspace))
 
 
 def refine_segment(
-    shot: Shot, solver: Solver, solved: SegmentState, state: TrackState, workspace: Workspace
+    shot: Shot, solver: Solver, data: SegmentData, solved: SegmentSolution, state: TrackState, *, workspace: Workspace
 ) -> SegmentState:
     """Solve a segment once more, now that the motion on both sides is known."""
-    problem = segment_problem(shot, solved.data, state)
-    if found := solved.solution.variances:
+    problem = segment_problem(shot, data, state)
+    if found := solved.variances:
         problem = replace(problem, typical_variances=tuple(own.typical for own in found))
-    refined = solver.refine(problem, _on(solved.data.segment, state.motions), workspace)
-    return SegmentState(solved.data, problem, refined, (*solved.earlier, solved.solution))
+    refined = solver.refine(problem, _on(data.segment, state.motions), workspace)
+    return SegmentState(data, problem, refined, (solved,))
 
 
 def measured_offset(shot: Shot, data: SegmentData, state: TrackState) -> Offset | None:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from ..body.motion import Motion
 from ..keypoints.observations import ShotKeypoints
 from ..numerics.arrays import Array
-from ..numerics.banded import BandedFactor
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,9 +23,6 @@ class SegmentResult:
     iterations : int
     energy : tuple of float
         Cost before each iteration and at the end, see `SegmentSolution`.
-    factors : tuple of BandedFactor
-        Per performer, see `SegmentSolution`: the covariance of every pose. Empty where an earlier run had finished the
-        segment, see `core.tracking.journal`.
     accelerations : tuple of ndarray, shape (G,)
         Per performer: typical accelerations that were found, of the root's place in m/s^2 and of every part's joint in
         rad/s^2. Empty where they were not estimated.
@@ -36,7 +32,6 @@ class SegmentResult:
     last: int
     iterations: int
     energy: tuple[float, ...]
-    factors: tuple[BandedFactor, ...]
     accelerations: tuple[Array, ...] = ()
 
 

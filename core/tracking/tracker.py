@@ -2,25 +2,28 @@
 
     read -> foreground -> part shapes -> solve -> time offset -> refine -> uncertainty -> result
 
-While a segment is solved the next one is read, and a segment is refined when the one after it is solved: three of them
-are held at most.
+While segments are solved the next one is read, and a segment is refined when the one after it is solved; see
+`core.tracking.schedule`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterator, Sequence
+import tempfile
+import time
+from collections.abc import Container, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
-from itertools import count, pairwise, zip_longest
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from itertools import pairwise, zip_longest
+from pathlib import Path
 from threading import Event
 
 import numpy as np
 
 from ..body.motion import Motion
 from ..body.unknown_parts import unknown_reach, unshown_parts, without_hidden_solids
-from ..errors import ShotError
+from ..errors import OutputError, ShotError
 from ..evidence.occlusion import unseen
-from ..evidence.time_offset import Offset
 from ..evidence.view_frames import ViewFrames
 from ..formats.keypoint_files import read_shot_keypoints
 from ..keypoints.observations import ShotKeypoints, fit_keypoints
@@ -29,37 +32,28 @@ from ..numerics.arrays import Array
 from ..runtime.progress import Progress, report_progress
 from ..runtime.threads import one_blas_thread, worker_count
 from ..runtime.timing import Seconds
+from ..runtime.worker_pool import WorkerPool
+from ..runtime.workplaces import RESULTS, workplace
 from ..shot.footage import PICTURE_SIZE, Album, check_view, working_factor
 from ..shot.keypose_spline import spline
 from ..shot.shot import KeyPoses, Performer, Shot, fixed_degrees
 from .appearance import frames_with_foreground, grey_frames
 from .journal import FinishedSegment, Journal, KeptSegments
 from .reader import SegmentReader
-from .segment_stages import (
-    Around,
-    SegmentState,
-    TrackState,
-    is_refined,
-    measured_offset,
-    refine_segment,
-    segment_data,
-    solve_segment,
-)
+from .schedule import Observer, SegmentSchedule
+from .segment_stages import Around, TrackState
+from .segment_tasks import StoredView
 from .segments import Segment, posed_frames, segments
-from .solvers.measurement import StepCallback, Workspace
 from .solvers.protocol import Solver
 from .solvers.registry import solver_named
-from .track_result import SegmentResult, TrackResult
-from .uncertainty import joint_deviations
-
-Observer = Callable[[Segment, int, Sequence[Motion]], None]
+from .track_result import TrackResult
 
 LIFTED_ERROR = 0.15
 """Usual error of joints whose depth follows from the lengths of bones in a single view, metres."""
 LIFTED_WITHIN = 0.5
 """Nearer than this to a key pose of the whole body it is less, seconds."""
-SOLVING = 0.7
-"""Share of the work on a segment that is done before it is refined."""
+WORTH_PROCESSES = 200
+"""Frames, of all views and performers together, from which on segments are solved in processes of their own."""
 
 
 @one_blas_thread()
@@ -105,55 +99,38 @@ def track(
     shot = shot.with_settings_filled()
     kept = frozenset(shot.frames[0] + frame for frame in pictures)
     albums = [Album(kept, working_factor(view, PICTURE_SIZE)) for view in shot.views]
-    solver, seconds, report = solver_named(shot.settings.solver), Seconds(), _Report(shot, progress, observe)
+    solver, seconds = solver_named(shot.settings.solver), Seconds()
     observed = _first_pass(shot, solver, seconds, progress)
     motions = [own.motion for own in observed.performers]
-    state = TrackState(tuple(motions or (spline(p.key_poses, shot.length) for p in shot.performers)), around)
-    done: list[FinishedSegment] = []
+    begin = TrackState(tuple(motions or (spline(p.key_poses, shot.length) for p in shot.performers)), around)
     finished = KeptSegments.of(journal, shot, around)
     torn: list[list[int]] = [[] for _ in shot.views]
-
-    def finish(solved: _Solved | FinishedSegment, state: TrackState) -> TrackState:
-        if isinstance(solved, FinishedSegment):
-            done.append(solved)
-            return state.with_solution(solved.segment, solved.motions)
-        segment, ended, workspace = solved.state.data.segment, solved.state, solved.workspace
-        if is_refined(shot, solver, segment, state):
-            on_step = report.part(segment, 1 - SOLVING, ended.iterations)
-            ended = refine_segment(shot, solver, ended, state, replace(workspace, on_step=on_step))
-            seconds.add(ended.solution.seconds)
-            state = state.with_solution(segment, ended.solution.motions)
-        with seconds.measure("uncertainty"):
-            done.append(_finished(solved, ended))
-        finished.write(done[-1])
-        return state
-
-    def solve(segment: Segment, views: tuple[ViewFrames, ...]) -> _Solved:
-        with seconds.measure("appearance"):
-            data = segment_data(shot, segment, views, state, observed)
-        work = SOLVING if is_refined(shot, solver, segment, state) else 1.0
-        workspace = Workspace(worker_count(shot.settings.threads), on_step=report.part(segment, work))
-        solved = solve_segment(shot, solver, data, state, workspace)
-        seconds.add(solved.solution.seconds)
-        with seconds.measure("appearance"):
-            offset = measured_offset(shot, data, state.with_solution(segment, solved.solution.motions))
-        return _Solved(solved, workspace, offset)
-
-    waiting: _Solved | FinishedSegment | None = None
-    for segment, views in _footage_by_segment(
-        shot, solver, albums, state.motions, seconds=seconds, known=finished.known
-    ):
-        for frames, view in zip(torn, views, strict=True):
-            frames += (segment[0] + 1 + np.flatnonzero(view.torn)).tolist() if view.torn is not None else []
-        if segment in finished.known:
-            report.part(segment, 1.0)  # counts as done
-        solved = finished.known[segment] if segment in finished.known else solve(segment, views)
-        state = state.with_solution(segment, solved.first_motions).with_offset(solved.offset)
-        if waiting is not None:
-            state = finish(waiting, state)
-        waiting = solved
-    if waiting is not None:
-        state = finish(waiting, state)
+    threads = worker_count(shot.settings.threads)
+    workers = 1 if observe is not None else _workers(shot, threads)
+    with ExitStack() as stack:
+        pool = stack.enter_context(WorkerPool(workers))
+        folder = None if workers == 1 else stack.enter_context(_picture_folder())
+        schedule = SegmentSchedule(
+            shot,
+            begin,
+            observed,
+            pool,
+            finished=finished,
+            threads=max(1, threads // workers),
+            progress=progress,
+            observe=observe,
+        )
+        started = time.perf_counter()
+        for segment, views in _footage_by_segment(
+            shot, solver, albums, begin.motions, seconds=seconds, known=finished.known, folder=folder
+        ):
+            for frames, view in zip(torn, views, strict=True):
+                pairs = view.frames.torn if isinstance(view, StoredView) else view.torn
+                frames += (segment[0] + 1 + np.flatnonzero(pairs)).tolist() if pairs is not None else []
+            schedule.add(views)
+        state, done = schedule.finish()
+        passed = time.perf_counter() - started - seconds["footage"]
+    seconds.add(_side_by_side(schedule.seconds, passed))
     report_progress(progress, "tracking", 1.0)
     views_as_given = [order.index(v) for v in range(len(order))]
     tracked = _with_unknown_parts(_track_result(shot, state, done, views_as_given), shot, observed)
@@ -202,27 +179,30 @@ def _footage_by_segment(
     *,
     seconds: Seconds,
     known: Container[Segment],
-) -> Iterator[tuple[Segment, tuple[ViewFrames, ...]]]:
+    folder: Path | None,
+) -> Iterator[tuple[Segment, tuple[ViewFrames | StoredView, ...]]]:
     """Every segment with its frames, decoded once and in order; the next one is read meanwhile.
 
     Foreground images are made with the key poses as they are at the start: they do not depend on when a segment is
-    read. Segments whose solution is known come without.
+    read. Segments whose solution is known come without. With a folder, pictures are written to files in it.
     """
     stopped, chosen = Event(), segments(shot)
     readers = [SegmentReader(shot, view, album, stopped) for view, album in zip(shot.views, albums, strict=True)]
     bodies, offset = [performer.body for performer in shot.performers], shot.settings.footage_offset or 0.0
 
-    def prepared(reader: SegmentReader, segment: Segment) -> ViewFrames:
-        frames = reader.read(segment)
-        if not solver.uses_foreground or segment in known:
-            return grey_frames(frames)
-        keys = posed_frames(shot, *segment)
-        return frames_with_foreground(frames, bodies, start, keys, footage_offset=offset, fps=shot.fps)
+    def prepared(number: int, segment: Segment) -> ViewFrames | StoredView:
+        frames = readers[number].read(segment)
+        if solver.uses_foreground and segment not in known:
+            keys = posed_frames(shot, *segment)
+            view = frames_with_foreground(frames, bodies, start, keys, footage_offset=offset, fps=shot.fps)
+        else:
+            view = grey_frames(frames)
+        return view if folder is None else StoredView.write(view, folder, f"{segment[0]}_{number}")
 
     with ThreadPoolExecutor(worker_count(shot.settings.threads)) as pool:
 
-        def submitted(segment: Segment) -> list[Future[ViewFrames]]:
-            return [pool.submit(prepared, reader, segment) for reader in readers]
+        def submitted(segment: Segment) -> list[Future[ViewFrames | StoredView]]:
+            return [pool.submit(prepared, number, segment) for number in range(len(readers))]
 
         coming = submitted(chosen[0])
         try:
@@ -236,50 +216,33 @@ def _footage_by_segment(
             stopped.set()
 
 
-class _Report:
-    """Reports progress over the segments of a shot, each iteration to the observer."""
-
-    def __init__(self, shot: Shot, progress: Progress | None, observe: Observer | None) -> None:
-        self._last, self._progress, self._observe = shot.length - 1, progress, observe
-        self._done = 0.0
-
-    def part(self, segment: Segment, work: float, iterations: int = 0) -> StepCallback:
-        """The callback for a share of the work on a segment, after that many iterations."""
-        begin, share = self._done, work * (segment[1] - segment[0]) / self._last
-        self._done += share
-        number = count(iterations)
-
-        def on_step(done: float, motions: Sequence[Motion]) -> None:
-            report_progress(self._progress, "tracking", min(begin + done * share, 1.0))
-            if self._observe is not None:
-                self._observe(segment, next(number), motions)
-
-        return on_step
+def _workers(shot: Shot, threads: int) -> int:
+    """How many segments are worked on at a time: a process takes as long to start as a small shot to solve."""
+    work = shot.length * len(shot.views) * len(shot.performers)
+    return min(threads, len(segments(shot))) if work >= WORTH_PROCESSES else 1
 
 
-@dataclass(frozen=True, eq=False)
-class _Solved:
-    """A segment that is solved and waits for what follows it; with the offset of the footage that it shows."""
+@contextmanager
+def _picture_folder() -> Iterator[Path]:
+    """A folder for pictures that several processes look at.
 
-    state: SegmentState
-    workspace: Workspace
-    offset: Offset | None
+    Raises
+    ------
+    OutputError
+        The disk has no room for them.
+    """
+    folder = Path(tempfile.gettempdir())
+    try:
+        with workplace(folder) as place:
+            yield place / RESULTS
+    except OSError as error:
+        raise OutputError(f"the frames cannot be kept: {error.strerror or error}", where=str(folder)) from error
 
-    @property
-    def first_motions(self) -> tuple[Motion, ...]:
-        """The motions as they were solved."""
-        return self.state.solution.motions
 
-
-def _finished(solved: _Solved, ended: SegmentState) -> FinishedSegment:
-    """What is kept of a segment that was solved, and is at its end now, with the uncertainty of its joints."""
-    solution = ended.solution
-    energy = sum((earlier.energy for earlier in (*ended.earlier, solution)), ())
-    found = tuple(variances.deviations(ended.problem.fps) for variances in solution.variances)
-    result = SegmentResult(*ended.data.segment, ended.iterations, energy, solution.factors, found)
-    deviations = tuple(joint_deviations(ended.problem, solution, solved.workspace.threads))
-    seen = solution.share, solution.residual, deviations
-    return FinishedSegment(result, solved.first_motions, solution.motions, solved.offset, *seen)
+def _side_by_side(seconds: Seconds, passed: float) -> dict[str, float]:
+    """Seconds by stage that several processes spent, so that together they are no more than the time that passed."""
+    share = min(1.0, passed / max(sum(seconds.values()), 1e-9))
+    return {stage: share * spent for stage, spent in seconds.items()}
 
 
 def _track_result(shot: Shot, state: TrackState, done: Sequence[FinishedSegment], views: list[int]) -> TrackResult:

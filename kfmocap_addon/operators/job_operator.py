@@ -7,7 +7,8 @@ from typing import Any
 
 import bpy
 
-from ...core.runtime.job import Job, Work
+from ...core.runtime.job import Job
+from ...core.runtime.worker_process import Work
 from ..viewports import viewport
 from .mixin import OperatorMixin
 from .reporting import progress_shown, reported

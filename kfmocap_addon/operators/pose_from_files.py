@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
-from ...core.runtime.job import Work
+from ...core.runtime.worker_process import Work
 from ..scene_io import active_performer
 from .conditions import Conditional, has_footage, has_performer, has_shot
 from .job_operator import JobOperator

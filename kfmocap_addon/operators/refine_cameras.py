@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ...core.runtime.job import Work
+from ...core.runtime.worker_process import Work
 from .conditions import Conditional, has_footage, has_shot
 from .job_operator import JobOperator
 

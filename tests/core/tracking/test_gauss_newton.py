@@ -342,6 +342,22 @@ def test_what_is_returned_was_measured_at_the_motions_that_are_returned() -> Non
     assert found.energy[-1] == pytest.approx(system.energy)
 
 
+def test_the_covariance_of_every_pose_can_be_had() -> None:
+    F = 9
+    truth = swing(BODY, F, 0.2)
+    problem = SegmentProblem(coloured(BODY, truth, CAMERAS), (BODY,), 0, FPS, (ends_held(BODY, F),))
+    [factor] = gauss_newton.descend(problem, [truth], Workspace()).factors
+    assert not factor.covariance(0).any() and not factor.covariance(F - 1).any()
+    deviations = []
+    for f in range(1, F - 1):
+        C = factor.covariance(f)
+        assert C.shape == (D, D)
+        np.testing.assert_allclose(C, C.T, atol=1e-9 * np.abs(C).max())
+        assert np.linalg.eigvalsh(C).min() > 0
+        deviations.append(np.sqrt(np.diag(C)).mean())
+    assert max(deviations) > deviations[0] and max(deviations) > deviations[-1]  # surest beside the key poses
+
+
 def test_a_step_of_the_last_stage_that_raises_the_cost_is_refused() -> None:
     """Whether steps go four times too far or the wrong way: they are shortened until they gain, or not taken."""
     truth = swing(BODY, 6, 0.2)

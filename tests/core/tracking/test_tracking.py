@@ -253,20 +253,6 @@ def test_every_iteration_can_be_watched(views: list[View]) -> None:
         assert [n for s, n in seen if s == stretch] == list(range(segment.iterations))
 
 
-def test_the_covariance_of_every_pose_can_be_had(views: list[View]) -> None:
-    segment = track(shot(views)).segments[0]
-    factor = segment.factors[0]
-    assert not factor.covariance(0).any() and not factor.covariance(LENGTH - 1).any()
-    deviations = []
-    for f in range(1, LENGTH - 1):
-        C = factor.covariance(f)
-        assert C.shape == (BODY.dof, BODY.dof)
-        np.testing.assert_allclose(C, C.T, atol=1e-9 * np.abs(C).max())
-        assert np.linalg.eigvalsh(C).min() > 0
-        deviations.append(np.sqrt(np.diag(C)).mean())
-    assert max(deviations) > deviations[0] and max(deviations) > deviations[-1]  # surest beside the key poses
-
-
 def keyed(*frames: Sequence[int], length: int = 21, partial: Sequence[int] = ()) -> Shot:
     """Performers with key poses at those frames; `partial` are frames where they fix the root alone."""
     truth = at_rest(BODY, length)

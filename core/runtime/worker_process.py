@@ -1,0 +1,117 @@
+"""A process that works for the program, one piece of work after the other, and ends with it."""
+
+from __future__ import annotations
+
+import contextlib
+import pickle
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import KFMocapError, WorkerEndedError
+from .worker import LENGTH_BYTES
+
+if TYPE_CHECKING:
+    from .progress import Progress
+
+Work = Callable[["Progress"], Any]
+"""A function of a module, or a `functools.partial` of one: it and its result are pickled between the processes."""
+
+
+class WorkerProcess:
+    """A process to work in.
+
+    Raises
+    ------
+    KFMocapError
+        Python cannot be started.
+    """
+
+    def __init__(self) -> None:
+        flags = getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0) | getattr(subprocess, "CREATE_NO_WINDOW", 0)
+        try:
+            self._process = subprocess.Popen(
+                [sys.executable, str(Path(__file__).with_name("worker.py"))],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                creationflags=flags,
+            )
+        except OSError as error:
+            what = f"Python cannot be started: {error.strerror}"
+            raise KFMocapError(what, where=str(sys.executable), todo="install the program again") from error
+        self._greeted = False
+
+    @property
+    def id(self) -> int:
+        """Of the process."""
+        return self._process.pid
+
+    def call(self, work: Work, progress: Callable[[tuple[str, float]], object] | None = None) -> Any:
+        """Have a piece of work done, and wait for it.
+
+        Parameters
+        ----------
+        work : callable
+        progress : callable, optional
+            Called with what is being done and the share of it that is done.
+
+        Raises
+        ------
+        WorkerEndedError
+            The process ended before the work was done.
+        Exception
+            Whatever the work raised.
+        """
+        try:
+            if not self._greeted:
+                self._send((sys.path, __package__.rsplit(".", 2)[0], str(Path(__file__).parents[2])))
+                self._greeted = True
+            self._send(work)
+        except OSError as error:
+            raise WorkerEndedError(self._process.wait()) from error
+        kind, value = self._next()
+        while kind == "progress":
+            if progress is not None:
+                progress(value)
+            kind, value = self._next()
+        if kind == "error":
+            raise value
+        return value
+
+    def _next(self) -> tuple[str, Any]:
+        """What the process tells next: of what kind it is, and what it is."""
+        assert self._process.stdout is not None
+        try:
+            kind, value = pickle.load(self._process.stdout)
+        except (OSError, EOFError, pickle.UnpicklingError) as error:
+            raise WorkerEndedError(self._process.wait()) from error
+        return kind, value
+
+    def _send(self, value: object) -> None:
+        assert self._process.stdin is not None
+        data = pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
+        # It stays open: the worker ends when it is closed, as it is when this process ends, however that happens.
+        self._process.stdin.write(len(data).to_bytes(LENGTH_BYTES, "little") + data)
+        self._process.stdin.flush()
+
+    def kill(self) -> None:
+        """End it at once."""
+        self._process.kill()
+
+    def end(self, grace: float = 5.0) -> None:
+        """Let it tidy up, for some seconds at most."""
+        self._process.terminate()
+        try:
+            self._process.wait(grace)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+
+    def close(self) -> None:
+        """Tell it that there is no more work."""
+        for pipe in (self._process.stdin, self._process.stdout):
+            assert pipe is not None
+            with contextlib.suppress(OSError):
+                pipe.close()
+        self._process.wait()

@@ -1,0 +1,219 @@
+"""What is done with a segment, as work for `core.runtime.worker_pool`: from values to values that can be pickled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..body.motion import Motion
+from ..evidence.time_offset import Offset
+from ..evidence.view_frames import ViewFrames
+from ..keypoints.observations import ShotKeypoints
+from ..runtime.progress import Progress, report_progress
+from ..runtime.shared_arrays import SharedArray
+from ..runtime.threads import one_blas_thread
+from ..runtime.timing import Seconds
+from ..shot.shot import Shot
+from .journal import FinishedSegment
+from .segment_stages import (
+    SegmentData,
+    SegmentState,
+    TrackState,
+    is_refined,
+    measured_offset,
+    refine_segment,
+    segment_data,
+    solve_segment,
+)
+from .segments import Segment
+from .solvers.measurement import StepCallback, Workspace
+from .solvers.problem import SegmentSolution
+from .solvers.registry import solver_named
+from .track_result import SegmentResult
+from .uncertainty import joint_deviations
+
+Watcher = Callable[[int, Sequence[Motion]], None]
+"""Called with the number of an iteration and the motions before it."""
+
+
+@dataclass(frozen=True)
+class StoredView:
+    """A view's frames whose pictures are in files.
+
+    Attributes
+    ----------
+    frames : ViewFrames
+        Without pictures.
+    grey : SharedArray
+    foreground : SharedArray, optional
+    """
+
+    frames: ViewFrames
+    grey: SharedArray
+    foreground: SharedArray | None
+
+    @classmethod
+    def write(cls, view: ViewFrames, folder: Path, name: str) -> StoredView:
+        """Write a view's pictures to files in a folder.
+
+        Raises
+        ------
+        OSError
+        """
+        grey = SharedArray.write(folder / f"{name}_grey.npy", view.grey)
+        foreground = None
+        if view.foreground is not None:
+            foreground = SharedArray.write(folder / f"{name}_foreground.npy", view.foreground)
+        return cls(replace(view, grey=np.zeros((0, 0, 0), np.uint8), foreground=None), grey, foreground)
+
+    def opened(self) -> ViewFrames:
+        """The view with its pictures."""
+        foreground = None if self.foreground is None else self.foreground.array()
+        return replace(self.frames, grey=self.grey.array(), foreground=foreground)
+
+    def remove(self) -> None:
+        """Remove the files."""
+        for pictures in (self.grey, self.foreground):
+            if pictures is not None:
+                pictures.remove()
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentTask:
+    """A segment to solve or to refine.
+
+    Attributes
+    ----------
+    shot : Shot
+    segment : tuple of int
+    views : tuple of ViewFrames or StoredView
+    state : TrackState
+        What is known of the shot when the work begins.
+    threads : int
+    """
+
+    shot: Shot
+    segment: Segment
+    views: tuple[ViewFrames | StoredView, ...]
+    state: TrackState
+    threads: int
+
+    def opened(self) -> tuple[ViewFrames, ...]:
+        """The views with their pictures."""
+        return tuple(view.opened() if isinstance(view, StoredView) else view for view in self.views)
+
+
+@dataclass(frozen=True, eq=False)
+class RefinedSegment:
+    """A segment that is done.
+
+    Attributes
+    ----------
+    finished : FinishedSegment
+    seconds : dict
+        Time spent, by stage.
+    """
+
+    finished: FinishedSegment
+    seconds: dict[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedSegment:
+    """A segment that is solved by itself.
+
+    Attributes
+    ----------
+    data : SegmentData
+        Without views.
+    solution : SegmentSolution
+        Without evidence and factors.
+    offset : Offset or None
+        Of the footage, as it was measured here.
+    seconds : dict
+        Time spent, by stage.
+    finished : FinishedSegment, optional
+        Where it is not refined.
+    """
+
+    data: SegmentData
+    solution: SegmentSolution
+    offset: Offset | None
+    seconds: dict[str, float]
+    finished: FinishedSegment | None = None
+
+
+@one_blas_thread()
+def solve_task(
+    task: SegmentTask, observed: ShotKeypoints, progress: Progress | None = None, watch: Watcher | None = None
+) -> SolvedSegment:
+    """Solve a segment.
+
+    Parameters
+    ----------
+    task : SegmentTask
+    observed : ShotKeypoints
+    progress, watch : callable, optional
+    """
+    shot, segment, state, seconds = task.shot, task.segment, task.state, Seconds()
+    solver = solver_named(shot.settings.solver)
+    with seconds.measure("appearance"):
+        data = segment_data(shot, segment, task.opened(), state, observed)
+    solved = solve_segment(shot, solver, data, state, Workspace(task.threads, on_step=_steps(progress, watch)))
+    seconds.add(solved.solution.seconds)
+    state = state.with_solution(segment, solved.solution.motions)
+    with seconds.measure("appearance"):
+        offset = measured_offset(shot, data, state)
+    finished = None
+    if not is_refined(shot, solver, segment, state.with_offset(offset)):
+        finished = _finished(solved, solved.solution.motions, offset, seconds, task.threads)
+    slim = replace(solved.solution, evidence=None, factors=())
+    return SolvedSegment(replace(data, views=()), slim, offset, dict(seconds), finished)
+
+
+@one_blas_thread()
+def refine_task(
+    task: SegmentTask, solved: SolvedSegment, progress: Progress | None = None, watch: Watcher | None = None
+) -> RefinedSegment:
+    """Refine a segment that is solved, now that the motion beside it is known; parameters as of `solve_task`."""
+    shot, seconds = task.shot, Seconds()
+    data = replace(solved.data, views=task.opened())
+    workspace = Workspace(task.threads, on_step=_steps(progress, watch, solved.solution.iterations))
+    refined = refine_segment(
+        shot, solver_named(shot.settings.solver), data, solved.solution, task.state, workspace=workspace
+    )
+    seconds.add(refined.solution.seconds)
+    finished = _finished(refined, solved.solution.motions, solved.offset, seconds, task.threads)
+    return RefinedSegment(finished, dict(seconds))
+
+
+def _steps(progress: Progress | None, watch: Watcher | None, before: int = 0) -> StepCallback:
+    """The solver's callback that reports progress and has iterations watched, after some that came before."""
+    number = before
+
+    def on_step(done: float, motions: Sequence[Motion]) -> None:
+        nonlocal number
+        report_progress(progress, "tracking", done)
+        if watch is not None:
+            watch(number, motions)
+        number += 1
+
+    return on_step
+
+
+def _finished(
+    ended: SegmentState, first_motions: tuple[Motion, ...], offset: Offset | None, seconds: Seconds, threads: int
+) -> FinishedSegment:
+    """What is kept of a segment that is at its end, with the uncertainty of its joints, which takes time as well."""
+    solution = ended.solution
+    energy = sum((earlier.energy for earlier in (*ended.earlier, solution)), ())
+    found = tuple(variances.deviations(ended.problem.fps) for variances in solution.variances)
+    result = SegmentResult(*ended.data.segment, ended.iterations, energy, found)
+    with seconds.measure("uncertainty"):
+        deviations = tuple(joint_deviations(ended.problem, solution, threads))
+    return FinishedSegment(
+        result, first_motions, solution.motions, offset, solution.share, solution.residual, deviations
+    )

@@ -1,0 +1,45 @@
+"""Work is done side by side, in this process and others; where one of these dies, that is said."""
+
+from __future__ import annotations
+
+import os
+import time
+from functools import partial
+
+import job_functions
+import pytest
+from kfmocap.core.errors import CaptureError, WorkerEndedError
+from kfmocap.core.runtime.worker_pool import WorkerPool
+
+
+def unheard(_: float) -> None:
+    """Progress that nobody looks at."""
+
+
+def test_a_pool_works_in_as_many_processes_as_it_has_workers() -> None:
+    with WorkerPool(2) as pool:
+        found = [pool.submit(job_functions.process_id, unheard) for _ in range(4)]
+        processes = {future.result() for future in found}
+    assert len(processes) == 2 and os.getpid() in processes
+
+
+def test_a_single_worker_is_this_process() -> None:
+    with WorkerPool(1) as pool:
+        assert pool.submit(job_functions.process_id, unheard).result() == os.getpid()
+
+
+def test_a_worker_that_is_killed_ends_all_work_with_a_message() -> None:
+    begun = time.monotonic()
+    with pytest.raises(WorkerEndedError, match="exit code 3"), WorkerPool(2) as pool:
+        for future in [pool.submit(partial(job_functions.killed_elsewhere, os.getpid()), unheard) for _ in range(2)]:
+            future.result()
+    assert time.monotonic() < begun + 20
+
+
+def test_an_error_of_the_work_comes_as_it_was_and_the_worker_lives() -> None:
+    with WorkerPool(2) as pool:
+        failing = [pool.submit(job_functions.failing, unheard) for _ in range(2)]
+        for future in failing:
+            with pytest.raises(CaptureError, match="it lies in a plane"):
+                future.result()
+        assert pool.submit(job_functions.process_id, unheard).result() > 0
