@@ -6,13 +6,14 @@ import argparse
 import json
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 from ..core.body import landmark_positions
 from ..core.body.unknown_parts import known_landmarks
 from ..core.cameras.camera import Camera
-from ..core.errors import ShotError
+from ..core.errors import ShotError, located
 from ..core.fitting.camera_refinement import Refinement
 from ..core.fitting.shot_cameras import camera_fits, checked_frames, refine_shot_cameras
 from ..core.formats.toml_cameras import save_cameras
@@ -153,10 +154,15 @@ def _shot(args: argparse.Namespace, services: Services, cameras: Mapping[str, Ca
     views = None if args.views is None else [name for name in args.views.split(",") if name]
     keyframes = _keyframes(args.keyframes)
     if args.shot is not None:
-        return load_shot(args.shot, views=views, keyframes=keyframes, solver=args.solver, cameras=cameras)
-    if not services.in_blender:
+        shot = load_shot(args.shot, views=views, keyframes=keyframes, solver=args.solver, cameras=cameras)
+    elif services.in_blender:
+        shot = selected(services.blender().read_shot(), views, keyframes, args.solver)
+    else:
         raise ShotError("no shot file is named", where="kfmocap track", todo="kfmocap track SHOT.toml --out DIR")
-    return selected(services.blender().read_shot(), views, keyframes, args.solver)
+    if args.threads is None:
+        return shot
+    with located("--threads"):
+        return replace(shot, settings=replace(shot.settings, threads=args.threads))
 
 
 def _keyframes(text: str | None) -> list[int] | Literal["auto"] | None:
