@@ -392,6 +392,11 @@ class KFMocapRetarget(bpy.types.PropertyGroup):
         description="How feet are kept where they stood",
     )
     hands: bpy.props.BoolProperty(name="Keep Hands", description="Hands that stand still in the world stay there")
+    live: bpy.props.BoolProperty(
+        name="Live",
+        description="The character follows by constraints, so that every change of the motion shows at once. Feet are "
+        "not kept; send again without this to get keys",
+    )
     layer: bpy.props.BoolProperty(
         name="As Layer", description="Keep the character's present action below, as a strip of the NLA"
     )

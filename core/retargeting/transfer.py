@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -138,11 +137,11 @@ def transfer(
     turns = np.broadcast_to(np.eye(3), (F, len(rig.rest.names), 3, 3)).copy()
     driven = np.zeros(len(rig.rest.names), bool)
     for role, alignment in A.items():
-        for k, D in enumerate(_source_turns(source, of_source, role, len(alignment))):
+        for k, blend in enumerate(source_blends(source.rest, of_source, role, len(alignment))):
             b = rig.index(role, k)
-            turns[:, b], driven[b] = D @ alignment[k], True
+            turns[:, b], driven[b] = blend.of(source.turns) @ alignment[k], True
     hips = rig.index("hips")
-    centre = placement.moved(_hip_path(source, of_source))
+    centre = placement.moved(hip_path(source, of_source))
     if root == "in-place":
         centre[:, :2] = centre[0, :2]
     tops = {}
@@ -157,31 +156,56 @@ def transfer(
     return carried(rig, turns, driven, tops)
 
 
-def _hip_path(source: SkeletonMotion, of_source: BoneMap) -> Array:
+def hip_path(source: SkeletonMotion, of_source: BoneMap) -> Array:
     """The middle between the source's hip joints, carried by its hips, shape (F, 3)."""
     [j] = source.rest.indices(of_source.bones["hips"])
     offset = hip_centre(source.rest, of_source) - source.rest.heads[j]
     return np.asarray(source.positions[:, j] + source.turns[:, j] @ offset)
 
 
-def _source_turns(source: SkeletonMotion, of_source: BoneMap, role: str, count: int) -> list[Array]:
-    """Rotations (F, 3, 3) of the source for each of `count` bones of a role; none where it says nothing."""
+@dataclass(frozen=True)
+class BoneBlend:
+    """A rotation between those of two bones.
+
+    Attributes
+    ----------
+    low, high : int
+        The bones.
+    share : float
+        How far it is on the way from one to the other, 0 to 1.
+    """
+
+    low: int
+    high: int
+    share: float = 0.0
+
+    def of(self, turns: Array) -> Array:
+        """The rotation (F, 3, 3) among those of all bones (F, J, 3, 3)."""
+        low = turns[:, self.low]
+        if self.low == self.high:
+            return low
+        step = rotations.log(np.swapaxes(low, -1, -2) @ turns[:, self.high])
+        return np.asarray(low @ rotations.exp(self.share * step))
+
+
+def source_blends(rest: RestSkeleton, of_source: BoneMap, role: str, count: int) -> list[BoneBlend]:
+    """Which bones of a source turn each of `count` bones of a role; none where it says nothing of them."""
     if role == "root":
         return []
-    chain = [source.turns[:, j] for j in source.rest.indices(of_source.bones.get(role, ()))]
+    chain = rest.indices(of_source.bones.get(role, ()))
     if role not in ("spine", "neck"):
-        return chain[:count]
-    below = source.rest.indices(of_source.bones[parent_role(role, of_source.bones)])[-1]
+        return [BoneBlend(j, j) for j in chain[:count]]
     head = of_source.bones.get("head")
-    if role == "neck" and not chain and head is None:
+    if not chain and (role == "spine" or head is None):
         return []
-    if role == "spine" and not chain:
-        return []
-    end = source.turns[:, source.rest.indices(head)[0]] if head is not None else None
-    return resampled_chain(source.turns[:, below], chain, end, count)
+    bones = {-1: rest.indices(of_source.bones[parent_role(role, of_source.bones)])[-1], **dict(enumerate(chain))}
+    if head is not None:
+        bones[len(chain)] = rest.indices(head)[0]
+    blends = chain_blends(len(chain), count, has_end=head is not None)
+    return [BoneBlend(bones[blend.low], bones[blend.high], blend.share) for blend in blends]
 
 
-def resampled_chain(before: Array, chain: Sequence[Array], after: Array | None, count: int) -> list[Array]:
+def chain_blends(chain: int, count: int, *, has_end: bool) -> list[BoneBlend]:
     """Rotations of a chain of another number of bones.
 
     Bones of the shorter chain have one partner each in the longer one, first and last among them; between partners the
@@ -189,27 +213,27 @@ def resampled_chain(before: Array, chain: Sequence[Array], after: Array | None, 
 
     Parameters
     ----------
-    before, after : ndarray, shape (F, 3, 3)
-        Rotations of the bones below the chain and above it.
-    chain : sequence of ndarray, shape (F, 3, 3)
-    count : int
-        Number of bones wanted.
+    chain, count : int
+        Number of bones of the chain that is known, and of the one wanted.
+    has_end : bool
+        A bone that follows on the chain takes part.
+
+    Returns
+    -------
+    list of BoneBlend
+        Of the known chain's bones by their places in it: -1 is the bone below it, `chain` the one that follows.
     """
-    if len(chain) >= count:
-        return [chain[i] for i in _partners(count, len(chain))]
-    known = dict(zip(_partners(len(chain), count), chain, strict=True))
-    known.setdefault(-1, before)
-    if after is not None:
-        known.setdefault(count, after)
+    if chain >= count:
+        return [BoneBlend(i, i) for i in _partners(count, chain)]
+    known = {place: i for i, place in enumerate(_partners(chain, count))}
+    known.setdefault(-1, -1)
+    if has_end:
+        known.setdefault(count, chain)
     found = []
     for i in range(count):
         low = max(k for k in known if k <= i)
         high = min((k for k in known if k >= i), default=low)
-        if high == low:
-            found.append(known[low])
-            continue
-        step = rotations.log(np.swapaxes(known[low], -1, -2) @ known[high])
-        found.append(known[low] @ rotations.exp((i - low) / (high - low) * step))
+        found.append(BoneBlend(known[low], known[high], 0.0 if high == low else (i - low) / (high - low)))
     return found
 
 

@@ -20,6 +20,17 @@ def has_source(context: bpy.types.Context) -> str:
     return "" if context.scene.kfmocap.retarget.source is not None else has_performer(context)
 
 
+def is_followed_live(context: bpy.types.Context) -> str:
+    """A character is chosen that follows a motion live."""
+    target = context.scene.kfmocap.retarget.target
+    if target is not None:
+        from ..retargeting.live import is_following  # it loads NumPy, which Blender's start shall not
+
+        if is_following(target):
+            return ""
+    return "The character does not follow a motion live"
+
+
 def has_target(context: bpy.types.Context) -> str:
     """A character is chosen that is not the source itself."""
     settings = context.scene.kfmocap.retarget
@@ -42,6 +53,7 @@ class SendToRig(Conditional, bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..retargeting import send, source_motion
+        from ..retargeting.live import LiveSource
         from ..retargeting.overrides import editable
 
         with reported(self) as outcome:
@@ -50,16 +62,35 @@ class SendToRig(Conditional, bpy.types.Operator):
             options = _options(settings)
             if settings.source is None:
                 motion = source_motion.motion_of_performer(scene, slot)
+                live = LiveSource(slot.armature, {})
             else:
                 first = scene.frame_start
                 motion, bones = source_motion.motion_of_armature(scene, settings.source, (first, scene.frame_end))
                 options = replace(options, source_bones=bones)
+                live = LiveSource(settings.source, source_motion.shown_bones(settings.source, bones))
+            if settings.live:
+                options = replace(options, live=live)
             target = editable(settings.target, scene)
             report = send.send_to_rig(scene, motion, target, first, options)
             settings.target = target
             _show(self, settings, report["error"])
             for text in report["warnings"]:
                 self.report({"WARNING"}, text)
+        return outcome.value
+
+
+class StopFollowing(Conditional, bpy.types.Operator):
+    """The character no longer follows the motion live: its constraints and settings are as they were before"""
+
+    bl_idname = "kfmocap.stop_following"
+    bl_label = "Stop Following"
+    conditions = (is_followed_live,)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..retargeting import live
+
+        with reported(self) as outcome:
+            live.stop_following(context.scene.kfmocap.retarget.target)
         return outcome.value
 
 
@@ -89,4 +120,4 @@ def _show(operator: bpy.types.Operator, settings: bpy.types.PropertyGroup, error
     operator.report({"INFO"}, f"{settings.target.name} moves; its bones are at most {worst:.2f} degrees off")
 
 
-CLASSES = (SendToRig,)
+CLASSES = (SendToRig, StopFollowing)

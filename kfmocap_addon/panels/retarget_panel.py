@@ -3,7 +3,7 @@
 import bpy
 
 from ..operators.retarget_bones import FindBones, ForgetBones, LoadBoneMap, SaveBoneMap
-from ..operators.send_to_rig import SendToRig
+from ..operators.send_to_rig import SendToRig, StopFollowing
 from .section import Section
 
 
@@ -38,15 +38,20 @@ class RetargetPanel(Section, bpy.types.Panel):
         layout.prop(settings, "source")
         layout.prop(settings, "target")
         layout.prop(settings, "preset")
-        layout.operator(SendToRig.bl_idname, icon="ARMATURE_DATA")
+        row = layout.row(align=True)
+        row.operator(SendToRig.bl_idname, icon="ARMATURE_DATA")
+        row.operator(StopFollowing.bl_idname, text="", icon="UNLINKED")
+        layout.prop(settings, "live")
         layout.prop(settings, "root")
-        layout.prop(settings, "feet")
-        layout.prop(settings, "hands")
-        layout.prop(settings, "layer")
-        layout.prop(settings, "sparse")
+        keys = layout.column()
+        keys.active = not settings.live
+        keys.prop(settings, "feet")
+        keys.prop(settings, "hands")
+        keys.prop(settings, "layer")
+        keys.prop(settings, "sparse")
         if settings.sparse:
-            layout.prop(settings, "angle")
-            layout.prop(settings, "distance")
+            keys.prop(settings, "angle")
+            keys.prop(settings, "distance")
         row = layout.row(align=True)
         row.operator(FindBones.bl_idname, icon="VIEWZOOM")
         row.operator(LoadBoneMap.bl_idname, text="", icon="FILE_FOLDER")

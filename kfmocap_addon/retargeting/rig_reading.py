@@ -226,10 +226,10 @@ def _nearest(follows: Bools, depth: Ints) -> int:
 
 
 @contextmanager
-def without_holds(armature: bpy.types.Object, controls: Sequence[str]) -> Iterator[list[tuple[str, str]]]:
+def without_holds(armature: bpy.types.Object, controls: Sequence[str]) -> Iterator[dict[tuple[str, str], float]]:
     """Take the influence of constraints that pose controls in their owner's stead; after an error they have it again.
 
-    Gives those that had some, as bone and constraint. Inverse kinematics acts from the bone that ends its chain, which
+    Gives what they had, by bone and constraint. Inverse kinematics acts from the bone that ends its chain, which
     may be below the controls.
     """
     before = {}
@@ -245,20 +245,28 @@ def without_holds(armature: bpy.types.Object, controls: Sequence[str]) -> Iterat
                 constraint.influence = 0.0
     update()
     try:
-        yield list(before)
+        yield before
     except BaseException:
-        for (name, held_by), influence in before.items():
-            armature.pose.bones[name].constraints[held_by].influence = influence
+        restore_holds(armature, before)
         raise
+
+
+def restore_holds(armature: bpy.types.Object, before: Mapping[tuple[str, str], float]) -> None:
+    """Give constraints the influence that they had, by bone and constraint, where they are still there."""
+    for (name, held_by), influence in before.items():
+        bone: Any = armature.pose.bones.get(name)
+        constraint = None if bone is None else bone.constraints.get(held_by)
+        if constraint is not None:
+            constraint.influence = influence
 
 
 @contextmanager
 def with_settings(
     armature: bpy.types.Object, settings: Mapping[str, Mapping[str, float]]
-) -> Iterator[list[tuple[str, str]]]:
+) -> Iterator[dict[tuple[str, str], Any]]:
     """Set custom properties of bones, where there are such; after an error they are what they were.
 
-    Gives those that were set, as bone and property.
+    Gives what they were, by bone and property.
     """
     before: dict[tuple[str, str], Any] = {}
     for name, values in settings.items():
@@ -270,10 +278,16 @@ def with_settings(
     armature.update_tag()
     update()
     try:
-        yield list(before)
+        yield before
     except BaseException:
-        for (name, key), value in before.items():
-            restored: Any = armature.pose.bones[name]
-            restored[key] = value
-        armature.update_tag()
+        restore_settings(armature, before)
         raise
+
+
+def restore_settings(armature: bpy.types.Object, before: Mapping[tuple[str, str], Any]) -> None:
+    """Set custom properties to what they were, by bone and property."""
+    for (name, key), value in before.items():
+        bone: Any = armature.pose.bones.get(name)
+        if bone is not None:
+            bone[key] = value
+    armature.update_tag()

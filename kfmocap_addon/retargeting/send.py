@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import bpy
@@ -18,6 +18,7 @@ from ...core.retargeting.roles import BoneMap
 from ...core.retargeting.skeleton_motion import SkeletonMotion
 from ...core.retargeting.transfer import RetargetOptions
 from .ik_controls import ik_channels, ik_roles
+from .live import LiveSource, follow, refuse_inverse_kinematics, remember, stop_following
 from .rig_curves import ControlChannel, CurveOptions, rotation_channel, write_channels
 from .rig_error import measured_errors, world_matrices
 from .rig_reading import at_rest, read_rig, rest_skeleton, with_settings, without_holds
@@ -37,6 +38,9 @@ class SendOptions:
         Bone maps of the target and of the source; by default they are found.
     retarget : RetargetOptions
     curves : CurveOptions
+    live : LiveSource, optional
+        The character follows this armature by constraints, instead of getting keys: joint angles and the way of the
+        hips, without keeping feet and hands.
     """
 
     preset: str | None = None
@@ -44,6 +48,7 @@ class SendOptions:
     source_bones: BoneMap | None = None
     retarget: RetargetOptions = field(default_factory=RetargetOptions)
     curves: CurveOptions = field(default_factory=CurveOptions)
+    live: LiveSource | None = None
 
 
 def target_bones(armature: bpy.types.Object, preset: str | None = None) -> BoneMap:
@@ -99,7 +104,7 @@ def send_to_rig(
     frame_start: int,
     options: SendOptions = SendOptions(),
 ) -> dict[str, Any]:
-    """Put a motion on an armature as a new action; returns a report of plain values.
+    """Put a motion on an armature, as a new action or live; returns a report of plain values.
 
     Parameters
     ----------
@@ -107,6 +112,7 @@ def send_to_rig(
         The one that shows the armature.
     source : SkeletonMotion
     armature : bpy.types.Object
+        If it follows a source live, it stops to.
     frame_start : int
         Scene frame of the first pose.
     options : SendOptions
@@ -117,12 +123,19 @@ def send_to_rig(
         The source or the armature is no human's, or cannot do what is asked for; names the bone.
     """
     started = time.perf_counter()
+    given = source
     source, of_source = prepared(source, options.source_bones)
     where = f"armature {armature.name}"
     bones = options.bones or target_bones(armature, options.preset)
     bones.checked([bone.name for bone in armature.data.bones], where)
     preset = preset_of(bones)
-    used = _used(bones, of_source, options.retarget)
+    asked = options.retarget
+    if options.live is not None:
+        _refuse_lying(given, source)
+        refuse_inverse_kinematics(bones.preset, preset.ik)
+        asked = replace(asked, feet="off", hands=False)
+    stop_following(armature)
+    used = _used(bones, of_source, asked)
     names = used.names()
     frames = frame_start + np.arange(len(source))
     ik = [name for limb in preset.ik for name in (limb.control, limb.pole) if name in armature.pose.bones]
@@ -136,12 +149,18 @@ def send_to_rig(
         rig = reading.rig
         shown = [shown_bone(armature, preset.follows, name) for name in rig.rest.names]
         standing = world_matrices(armature, shown)
-        result = retarget(source, of_source, rig, options.retarget)
+        result = retarget(source, of_source, rig, asked)
         channels = control_channels(armature, rig, result.poses, ik_roles(rig, preset))
         channels += ik_channels(armature, rig, result.poses, preset)
-    channels += [_setting_channel(armature, *setting) for setting in settings]
-    channels += [_hold_channel(*hold) for hold in holds]
-    keys = write_channels(armature, channels, frames, f"{armature.name} {source.name}", options.curves)
+    if options.live is not None:
+        link = (source, of_source, options.live)
+        follow(scene, armature, rig, link, placement=result.placement, root=asked.root)
+        remember(armature, holds, settings)
+        keys = 0
+    else:
+        channels += [_setting_channel(armature, *setting) for setting in settings]
+        channels += [_hold_channel(*hold) for hold in holds]
+        keys = write_channels(armature, channels, frames, f"{armature.name} {source.name}", options.curves)
     sample = np.unique(np.linspace(0, len(frames) - 1, _SAMPLE).astype(int))
     errors = measured_errors(
         scene, armature, rig, result.poses, shown=shown, at_rest=standing, frames=frames, sample=sample
@@ -149,12 +168,23 @@ def send_to_rig(
     report = _report(source, of_source, armature, bones=bones, rig=rig, result=result)
     report["error"] = errors
     report["keys"], report["frames"] = keys, [int(frames[0]), int(frames[-1])]
+    where_held = "now" if options.live is not None else "in the new action"
     report["warnings"] = [
-        *(f"bone {name}: its constraint '{hold}' has no influence in the new action" for name, hold in holds),
+        *(f"bone {name}: its constraint '{hold}' has no influence {where_held}" for name, hold in holds),
         *_warnings(reading.unsteady, errors),
     ]
     report["seconds"] = round(time.perf_counter() - started, 3)
     return report
+
+
+def _refuse_lying(given: SkeletonMotion, upright: SkeletonMotion) -> None:
+    """Raise a BodyError where the source had to be turned upright: the character would follow it as it lies."""
+    if not np.array_equal(given.rest.heads, upright.rest.heads):
+        raise BodyError(
+            "it does not stand upright at rest: it cannot be followed live",
+            where=given.name,
+            todo="apply its rotation (Ctrl A), or send keys",
+        )
 
 
 def _used(bones: BoneMap, of_source: BoneMap, options: RetargetOptions) -> BoneMap:

@@ -35,6 +35,12 @@ def motion_of_performer(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -
     return motion_of_body(body, motion, slot.name, scene.render.fps / scene.render.fps_base)
 
 
+def shown_bones(armature: bpy.types.Object, bones: BoneMap) -> dict[str, str]:
+    """Return the bone that shows what each bone of a map does, by its name."""
+    follows = preset_of(bones).follows
+    return {name: shown_bone(armature, follows, name) for name in bones.names()}
+
+
 def motion_of_armature(
     scene: bpy.types.Scene, armature: bpy.types.Object, frames: tuple[int, int], bones: BoneMap | None = None
 ) -> tuple[SkeletonMotion, BoneMap]:
@@ -62,8 +68,7 @@ def motion_of_armature(
         raise ShotError(f"the last frame ({last}) is before the first ({first})", where="Frames")
     bones = bones or target_bones(armature)
     names = bones.names()
-    follows = preset_of(bones).follows
-    shown = [shown_bone(armature, follows, name) for name in names]
+    shown = list(shown_bones(armature, bones).values())
     whole = rest_skeleton(armature)
     own, others = whole.indices(names), whole.indices(shown)
     matrix, scale = world_frame(armature)

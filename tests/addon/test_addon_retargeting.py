@@ -24,6 +24,7 @@ from kfmocap.kfmocap_addon.retargeting.rig_curves import CurveOptions  # noqa: E
 from kfmocap.kfmocap_addon.retargeting.send import SendOptions, find_target, send_to_rig  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.source_motion import motion_of_armature  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import body_armature, motion_curves, scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.body_armature import edit_bones  # noqa: E402
 from made_rigs import made_rig, moved_body, wild_motion  # noqa: E402
 from mathutils import Matrix, Vector  # noqa: E402
 
@@ -310,3 +311,29 @@ def test_relative_paths_of_a_character_still_lead_where_they_led(blender, tmp_pa
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "deep" / "moved.blend"))
     assert Path(bpy.path.abspath(bpy.data.images["skin"].filepath)).resolve() == tmp_path / "skin.png"
     assert [file.name for file in (tmp_path / "deep").iterdir()] == ["moved.blend"]
+
+
+@pytest.mark.parametrize("root", ["world", "in-place", "root-bone"])
+def test_a_character_that_follows_live_does_what_keys_would_make_it_do(tracked, root):
+    """Also after the performer was posed anew; and it is as it was when it stops."""
+    settings = bpy.context.scene.kfmocap.retarget
+    hero = settings.target = built("unreal", np.radians(45), "walker")
+    with edit_bones(hero) as bones:
+        ground = bones.new("root")
+        ground.head, ground.tail = (0, 0.1, 0), (0, 0.3, 0)
+        bones["pelvis"].parent = ground
+    settings.root, settings.feet, settings.live = root, "off", True
+    names = [bone.name for bone in hero.pose.bones]
+    assert bpy.ops.kfmocap.send_to_rig() == {"FINISHED"}
+    assert hero.animation_data is None or hero.animation_data.action is None
+    assert max(error.distance for error in settings.errors) < 0.1
+    performer = bpy.context.scene.kfmocap.performers[0].armature
+    motion_curves.write_motion(performer, wild_motion(12, seed=1), 1)
+    followed = shown_joints(hero, names)
+    settings.live = False
+    assert bpy.ops.kfmocap.send_to_rig() == {"FINISHED"}
+    assert not any(bone.constraints for bone in hero.pose.bones)
+    assert not any(o.name.startswith("KF Mocap Live") for o in bpy.data.objects)
+    keyed = shown_joints(hero, names)
+    keyed[..., :2] += (followed[0] - keyed[0])[names.index("pelvis"), :2]  # now over another first pose
+    assert np.abs(followed - keyed).max() < 1e-4

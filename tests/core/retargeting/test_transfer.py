@@ -12,7 +12,7 @@ from kfmocap.core.numerics import rotations
 from kfmocap.core.retargeting.bone_presets import PRESETS
 from kfmocap.core.retargeting.control_rig import local_places, local_turns
 from kfmocap.core.retargeting.retarget import prepared, retarget
-from kfmocap.core.retargeting.transfer import RetargetOptions, resampled_chain
+from kfmocap.core.retargeting.transfer import RetargetOptions, chain_blends
 from made_rigs import LONGER_LEGS, SHORTER_ARMS, made_rig, moved_body, moved_rig, wild_motion
 from render.motions import MOTIONS
 
@@ -151,5 +151,7 @@ def test_a_motion_in_centimetres_with_y_up_is_the_same(walking, other):
 def test_a_spine_brought_to_more_bones_and_back_is_what_it_was(few, many):
     dice = np.random.default_rng(few)
     before, *chain = rotations.exp(dice.normal(0, 0.4, (few + 1, 4, 3)))
-    longer = resampled_chain(before, chain, None, many)
-    assert np.abs(np.array(resampled_chain(before, longer, None, few)) - np.array(chain)).max() < 1e-9
+    there, back = chain_blends(few, many, has_end=False), chain_blends(many, few, has_end=False)
+    longer = [blend.of(np.stack([*chain, before], axis=1)) for blend in there]  # -1 is the bone below the chain
+    again = [blend.of(np.stack([*longer, before], axis=1)) for blend in back]
+    assert np.abs(np.array(again) - np.array(chain)).max() < 1e-9
