@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ...core.runtime.worker_process import Work
+from ..scene_io import unfinished_tracking
 from .conditions import Condition, Conditional, has_footage, has_shot
 from .job_operator import JobOperator
 from .reporting import reported
@@ -33,10 +34,13 @@ class Tracking(Conditional, JobOperator):
     ----------
     side : str
         Which segments: EVERYWHERE, or relative to the current frame HERE, FORWARD or BACKWARD.
+    resume : bool
+        Segments that an ended tracking has finished are taken from there.
     """
 
     conditions: tuple[Condition, ...] = (has_shot, has_footage, _has_key_poses)
     side = "EVERYWHERE"
+    resume = False
 
     def segments(self, scene: bpy.types.Scene, shot: Shot) -> Sequence[Segment]:
         """Choose the segments of the scene's shot to track."""
@@ -55,7 +59,8 @@ class Tracking(Conditional, JobOperator):
             raise ShotError("there is nothing to track", where=self.bl_label)
         parts = tracked_segments.excerpts(context.scene, shot, chosen)
         self._asked = context.scene.name, shot, parts
-        return partial(track_and_check, shot, parts)
+        journal = unfinished_tracking.begun(context.scene, chosen, resume=self.resume)
+        return partial(track_and_check, shot, parts, journal=journal)
 
     def finish(self, _context: bpy.types.Context, tracked: CheckedTrack) -> None:
         """Write the tracked motion into the scene, and which cameras do not fit."""
@@ -69,6 +74,7 @@ class Tracking(Conditional, JobOperator):
             raise ShotError("the scene is gone", where=f"scene {name}")
         results = tracked.results
         tracked_segments.write(scene, shot, parts, results)
+        unfinished_tracking.discard(scene)
         if tracked.fits is not None:
             for line in view_cameras.show_fits(scene.kfmocap.views, tracked.fits):
                 self.report({"WARNING"}, f"{line}. Refine Cameras may help")
@@ -105,6 +111,27 @@ class TrackChanges(Tracking, bpy.types.Operator):
         if not found:
             raise ShotError("nothing has changed since it was tracked", todo="use Track All to track it again anyway")
         return found
+
+
+def _was_ended(context: bpy.types.Context) -> str:
+    return "" if unfinished_tracking.segment_count(context.scene) else "No tracking of this scene was ended"
+
+
+class ContinueTracking(Tracking, bpy.types.Operator):
+    """Go on with the tracking that was ended, by Esc or with Blender: segments that it had finished are not tracked
+    again. What has changed since is tracked anew. Esc cancels"""
+
+    bl_idname = "kfmocap.continue_tracking"
+    bl_label = "Continue Tracking"
+    conditions = (*Tracking.conditions, _was_ended)
+    resume = True
+
+    def segments(self, scene: bpy.types.Scene, shot: Shot) -> Sequence[Segment]:
+        """Choose the segments that were asked for then, as far as there still are such."""
+        from ...core.tracking.segments import segments
+
+        asked = unfinished_tracking.asked_segments(scene)
+        return [segment for segment in segments(shot) if segment in asked] or segments(shot)
 
 
 def _frame_is_in_shot(first: int = 0, last: int = 0) -> Condition:
@@ -200,4 +227,4 @@ def _shot_frame(scene: bpy.types.Scene) -> int:
     return scene.frame_current - scene.kfmocap.frame_start
 
 
-CLASSES = (TrackAll, TrackChanges, TrackHere, TrackForward, TrackBackward, ClearBetween)
+CLASSES = (TrackAll, TrackChanges, ContinueTracking, TrackHere, TrackForward, TrackBackward, ClearBetween)

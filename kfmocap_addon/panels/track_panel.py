@@ -3,7 +3,16 @@
 import bpy
 
 from ..operators.job_operator import draw_progress, running_job
-from ..operators.track_motion import ClearBetween, TrackAll, TrackBackward, TrackChanges, TrackForward, TrackHere
+from ..operators.track_motion import (
+    ClearBetween,
+    ContinueTracking,
+    TrackAll,
+    TrackBackward,
+    TrackChanges,
+    TrackForward,
+    TrackHere,
+)
+from ..scene_io import unfinished_tracking
 from .section import Section
 
 
@@ -22,6 +31,9 @@ class TrackPanel(Section, bpy.types.Panel):
         column = layout.column(align=True)
         column.operator(TrackAll.bl_idname, icon="SEQUENCE")
         column.operator(TrackChanges.bl_idname, icon="FILE_REFRESH")
+        if count := unfinished_tracking.segment_count(context.scene):
+            text = f"Continue ({count} segment{'s' if count > 1 else ''} finished)"
+            column.operator(ContinueTracking.bl_idname, text=text, icon="RECOVER_LAST")
         row = layout.row(align=True)
         row.operator(TrackBackward.bl_idname, text="Backward", icon="TRACKING_BACKWARDS")
         row.operator(TrackHere.bl_idname, text="Here", icon="ARROW_LEFTRIGHT")

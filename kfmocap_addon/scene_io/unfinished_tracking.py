@@ -1,0 +1,71 @@
+"""What a tracking leaves that was ended, by Esc or with Blender: its finished segments, in the add-on's own folder."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import bpy
+
+if TYPE_CHECKING:
+    from ...core.tracking.journal import Journal
+    from ...core.tracking.segments import Segment
+
+_ASKED = "asked.json"
+_ENDING = ".segment"
+
+
+def segment_count(scene: bpy.types.Scene) -> int:
+    """How many segments an ended tracking of a scene has finished."""
+    with suppress(OSError):
+        return sum(entry.name.endswith(_ENDING) for entry in os.scandir(_folder(scene)))
+    return 0
+
+
+def begun(scene: bpy.types.Scene, asked: Sequence[Segment], *, resume: bool) -> Journal:
+    """Give the journal of a tracking that begins, and remember which segments it is asked for."""
+    from ...core.tracking.journal import Journal
+
+    if not resume:
+        discard(scene)
+    folder = _folder(scene)
+    with suppress(OSError):
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        (folder / _ASKED).write_text(json.dumps(list(asked)), encoding="utf-8")
+    return Journal(folder, resume=resume)
+
+
+def asked_segments(scene: bpy.types.Scene) -> set[Segment]:
+    """Which segments the tracking was asked for that was ended; none where that is not known."""
+    with suppress(OSError, ValueError, TypeError, RecursionError):
+        return {(first, last) for first, last in json.loads((_folder(scene) / _ASKED).read_text(encoding="utf-8"))}
+    return set()
+
+
+def discard(scene: bpy.types.Scene) -> None:
+    """Forget the tracking that was ended, or is done."""
+    from ...core.tracking.journal import Journal
+
+    folder = _folder(scene)
+    with suppress(OSError):
+        (folder / _ASKED).unlink(missing_ok=True)
+    Journal(folder).discard()
+
+
+def _folder(scene: bpy.types.Scene) -> Path:
+    """A folder for each scene of each file: Blender keeps the file's name in what it saves by itself."""
+    name = hashlib.sha256(f"{bpy.data.filepath}\n{scene.name}".encode()).hexdigest()[:16]
+    return Path(_own_folder(), "unfinished", name)
+
+
+def _own_folder() -> str:
+    package = __package__.rpartition(".kfmocap_addon")[0]
+    try:
+        return str(bpy.utils.extension_path_user(package))
+    except ValueError:  # not installed as an extension
+        return str(bpy.utils.user_resource("DATAFILES", path="kfmocap"))
