@@ -106,6 +106,7 @@ def unregister() -> None:
     keymap.unregister()
     missing_footage.unregister()
     key_list.unregister()
+    job_operator.unregister()
     while _drawings:
         bpy.types.SpaceView3D.draw_handler_remove(_drawings.pop(), "WINDOW")
     del bpy.types.Scene.kfmocap_capture

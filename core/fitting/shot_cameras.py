@@ -22,6 +22,7 @@ from ..keypoints.observations import correlated_frames, performer_keypoints
 from ..keypoints.view_agreement import without_midpoints
 from ..runtime.progress import Progress, share
 from ..runtime.threads import one_blas_thread
+from ..runtime.worker_memory import WorkerMemory
 from ..shot.shot import Shot
 from ..tracking.journal import Journal
 from ..tracking.retracking import Excerpt, track_excerpts
@@ -160,9 +161,14 @@ class CheckedTrack:
 
 
 def track_and_check(
-    shot: Shot, excerpts: Sequence[Excerpt], progress: Progress | None = None, *, journal: Journal | None = None
+    shot: Shot,
+    excerpts: Sequence[Excerpt],
+    progress: Progress | None = None,
+    *,
+    journal: Journal | None = None,
+    memory: WorkerMemory | None = None,
 ) -> CheckedTrack:
-    """Track excerpts of a shot, and compare its cameras where that is all of it.
+    """Track excerpts of a shot, and compare its cameras where that is all of it; parameters as of `track_excerpts`.
 
     Raises
     ------
@@ -170,7 +176,8 @@ def track_and_check(
         See `core.tracking.tracker.track`.
     """
     whole = len(excerpts) == 1 and (excerpts[0].first, excerpts[0].last) == (0, shot.length - 1)
-    results = track_excerpts(shot, excerpts, share(progress, 0.0, 0.9) if whole else progress, journal=journal)
+    told = share(progress, 0.0, 0.9) if whole else progress
+    results = track_excerpts(shot, excerpts, told, journal=journal, memory=memory)
     if not whole:
         return CheckedTrack(results, None)
     return CheckedTrack(results, camera_fits(shot, results[0], share(progress, 0.9, 1.0)))

@@ -20,15 +20,21 @@ class Job:
     ----------
     state : tuple of str and float
         What is being done, and the share of the work that is done.
+
+    Parameters
+    ----------
+    work : callable
+    worker : WorkerProcess, optional
+        A process that waits for work; it goes on waiting afterwards. By default one is started, and ends with the job.
     """
 
-    def __init__(self, work: Work) -> None:
+    def __init__(self, work: Work, worker: WorkerProcess | None = None) -> None:
         self.state = ("", 0.0)
         self._begun = time.monotonic()
         self._cancelled = False
         self._outcome: Any = None
         self._error: Exception | None = None
-        self._process = WorkerProcess()
+        self._process, self._keeps = worker or WorkerProcess(), worker is not None
         self._thread = threading.Thread(target=self._wait_for, args=(work,), daemon=True)
         self._thread.start()
 
@@ -37,7 +43,8 @@ class Job:
             self._outcome = self._process.call(work, self._tell)
         except Exception as error:
             self._error = error
-        self._process.close()
+        if not self._keeps:
+            self._process.close()
 
     def _tell(self, state: tuple[str, float]) -> None:
         self.state = state

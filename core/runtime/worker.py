@@ -4,6 +4,7 @@ It is run as a script. What comes in and goes out are pickles; see `worker_proce
 """
 
 import _thread
+import importlib
 import importlib.util
 import os
 import pickle
@@ -13,6 +14,7 @@ import sys
 import threading
 import time
 import traceback
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 
@@ -47,10 +49,15 @@ def main() -> None:
         search, package, folder = pickle.loads(head)
         sys.path[:] = search
         load(package, Path(folder))
+        kept = importlib.import_module(f"{package}.core.runtime.worker_memory")
+        memory = kept.WorkerMemory()
         while (data := sent.get()) is not None:
             working.set()
             try:
-                result = pickle.loads(data)(lambda what, fraction: tell("progress", (what, fraction)))
+                work = pickle.loads(data)
+                if isinstance(work, kept.Remembering):
+                    work = partial(work.work, memory=memory)
+                result = work(lambda what, fraction: tell("progress", (what, fraction)))
             except BrokenPipeError:
                 raise
             except Exception as error:

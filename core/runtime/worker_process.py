@@ -44,6 +44,11 @@ class WorkerProcess:
         self._greeted = False
 
     @property
+    def alive(self) -> bool:
+        """Whether the process has not ended."""
+        return self._process.poll() is None
+
+    @property
     def id(self) -> int:
         """Of the process."""
         return self._process.pid

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+from collections.abc import Iterator
 from dataclasses import dataclass
 from threading import Event
 
@@ -11,8 +13,10 @@ from numpy.typing import NDArray
 from ..cameras.camera import Camera
 from ..errors import CancelledError
 from ..numerics.arrays import Array, Bools
+from ..runtime.worker_memory import WorkerMemory
 from ..shot.continuity import AROUND, block_change, small, torn_pairs
 from ..shot.footage import Album, footage_delay, frames_at, working_factor
+from ..shot.image_sequences import image_files
 from ..shot.shot import Shot, View
 from .segments import Segment
 
@@ -55,13 +59,17 @@ class SegmentReader:
         Pictures that are kept on the way.
     stopped : threading.Event
         Once it is set, reading ends with a CancelledError.
+    memory : WorkerMemory, optional
+        Keeps frames for the next job; those that it has are not decoded.
     """
 
-    def __init__(self, shot: Shot, view: View, album: Album, stopped: Event) -> None:
+    def __init__(
+        self, shot: Shot, view: View, album: Album, stopped: Event, *, memory: WorkerMemory | None = None
+    ) -> None:
         factor = working_factor(view, shot.settings.working_size)
         self._camera = view.camera.reduced(factor).rectified()
         self._delay = footage_delay(view)
-        self._stream = frames_at(view, range(shot.frames[0], shot.frames[1] + 1), factor, grey=False, album=album)
+        self._stream = _frames(view, range(shot.frames[0], shot.frames[1] + 1), factor, album, memory)
         self._stopped = stopped
         self._length = shot.length
         self._ahead: list[Image] = []
@@ -102,3 +110,29 @@ class SegmentReader:
         start = max(first - AROUND, 0)
         torn = torn_pairs([change.astype(float) for change in self._changes[start : last + AROUND]])
         return torn[first - start : last - start]
+
+
+def _frames(view: View, frames: range, factor: float, album: Album, memory: WorkerMemory | None) -> Iterator[Image]:
+    """Frames of a view in colour, decoded where they are not kept."""
+    if memory is None:
+        yield from frames_at(view, frames, factor, grey=False, album=album)
+        return
+    made_of = _made_of(view, factor)
+    # Held from the beginning: what is kept for others meanwhile must not drive out a frame that is counted upon.
+    kept = {f: image for f in frames if f not in album.frames and (image := memory.picture((made_of, f))) is not None}
+    decoded = frames_at(view, [f for f in frames if f not in kept], factor, grey=False, album=album)
+    for f in frames:
+        image = kept.pop(f, None)
+        if image is None:
+            image = next(decoded)
+            memory.keep((made_of, f), image)
+        yield image
+
+
+def _made_of(view: View, factor: float) -> bytes:
+    """All that a view's reduced frames depend on, frame by frame: the files as they are now, and how they are read."""
+    files = sorted((image_files(view.footage) or {0: view.footage}).values())
+    states = [(str(file), file.stat().st_mtime_ns, file.stat().st_size) for file in files]
+    camera = view.camera
+    lens = camera.size, camera.matrix, camera.distortions, camera.fisheye
+    return pickle.dumps((states, lens, view.offset, view.fields, factor))

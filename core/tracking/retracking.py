@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..runtime.progress import Progress, share
+from ..runtime.worker_memory import WorkerMemory
 from ..shot.fingerprint import value_bytes
 from ..shot.shot import KeyPoses, Performer, Shot
 from .journal import Journal
@@ -64,7 +65,12 @@ def joined(segments: Sequence[Segment]) -> list[Segment]:
 
 
 def track_excerpts(
-    shot: Shot, excerpts: Sequence[Excerpt], progress: Progress | None = None, *, journal: Journal | None = None
+    shot: Shot,
+    excerpts: Sequence[Excerpt],
+    progress: Progress | None = None,
+    *,
+    journal: Journal | None = None,
+    memory: WorkerMemory | None = None,
 ) -> list[TrackResult]:
     """Track excerpts of a shot; what it costs is theirs alone.
 
@@ -74,6 +80,7 @@ def track_excerpts(
     excerpts : sequence of Excerpt
     progress : callable, optional
     journal : Journal, optional
+    memory : WorkerMemory, optional
         See `tracking.track`.
 
     Returns
@@ -92,7 +99,8 @@ def track_excerpts(
     results = []
     for part, (begin, end) in zip(excerpts, pairwise(ends), strict=True):
         asked = shot.between(part.first, part.last).with_footage_offset(part.footage_offset)
-        results.append(track(asked, share(progress, float(begin), float(end)), around=part.around, journal=journal))
+        told = share(progress, float(begin), float(end))
+        results.append(track(asked, told, around=part.around, journal=journal, memory=memory))
     return results
 
 

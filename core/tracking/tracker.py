@@ -32,6 +32,7 @@ from ..numerics.arrays import Array
 from ..runtime.progress import Progress, report_progress
 from ..runtime.threads import one_blas_thread, worker_count
 from ..runtime.timing import Seconds
+from ..runtime.worker_memory import WorkerMemory
 from ..runtime.worker_pool import WorkerPool
 from ..runtime.workplaces import RESULTS, workplace
 from ..shot.footage import PICTURE_SIZE, Album, check_view, working_factor
@@ -65,6 +66,7 @@ def track(
     around: Around = (None, None),
     *,
     journal: Journal | None = None,
+    memory: WorkerMemory | None = None,
 ) -> TrackResult:
     """Track every performer of a shot.
 
@@ -82,6 +84,8 @@ def track(
         one after its last, where they are known. They are held, and the motion passes smoothly from and to them.
     journal : Journal, optional
         Where finished segments are kept, and taken from if an earlier run has finished them: the result is the same.
+    memory : WorkerMemory, optional
+        Keeps frames and processes for the next shot that is tracked, which is often the same with one key pose changed.
 
     Raises
     ------
@@ -108,7 +112,7 @@ def track(
     threads = worker_count(shot.settings.threads)
     workers = 1 if observe is not None else _workers(shot, threads)
     with ExitStack() as stack:
-        pool = stack.enter_context(WorkerPool(workers))
+        pool = stack.enter_context(WorkerPool(workers) if memory is None else memory.pool(workers))
         folder = None if workers == 1 else stack.enter_context(_picture_folder())
         schedule = SegmentSchedule(
             shot,
@@ -122,7 +126,7 @@ def track(
         )
         started = time.perf_counter()
         for segment, views in _footage_by_segment(
-            shot, solver, albums, begin.motions, seconds=seconds, known=finished.known, folder=folder
+            shot, solver, albums, begin.motions, seconds=seconds, known=finished.known, folder=folder, memory=memory
         ):
             for frames, view in zip(torn, views, strict=True):
                 pairs = view.frames.torn if isinstance(view, StoredView) else view.torn
@@ -180,6 +184,7 @@ def _footage_by_segment(
     seconds: Seconds,
     known: Container[Segment],
     folder: Path | None,
+    memory: WorkerMemory | None,
 ) -> Iterator[tuple[Segment, tuple[ViewFrames | StoredView, ...]]]:
     """Every segment with its frames, decoded once and in order; the next one is read meanwhile.
 
@@ -187,7 +192,9 @@ def _footage_by_segment(
     read. Segments whose solution is known come without. With a folder, pictures are written to files in it.
     """
     stopped, chosen = Event(), segments(shot)
-    readers = [SegmentReader(shot, view, album, stopped) for view, album in zip(shot.views, albums, strict=True)]
+    readers = [
+        SegmentReader(shot, view, album, stopped, memory=memory) for view, album in zip(shot.views, albums, strict=True)
+    ]
     bodies, offset = [performer.body for performer in shot.performers], shot.settings.footage_offset or 0.0
 
     def prepared(number: int, segment: Segment) -> ViewFrames | StoredView:

@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 
 from ...core.runtime.job import Job
-from ...core.runtime.worker_process import Work
+from ...core.runtime.worker_process import Work, WorkerProcess
 from ..viewports import viewport
 from .mixin import OperatorMixin
 from .reporting import progress_shown, reported
@@ -20,6 +20,9 @@ _LOOKS |= {f"NUMPAD_{key}" for key in (*range(10), "PERIOD", "PLUS", "MINUS")}
 _FRAMES = {"LEFT_ARROW", "RIGHT_ARROW"}
 _SCRUBBED = 24  # height of the bar with the frames at the top of a timeline, in units of the interface
 _PASSES = {"MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "WINDOW_DEACTIVATE"}
+
+
+_waiting: list[WorkerProcess] = []
 
 
 class JobOperator(OperatorMixin):
@@ -51,7 +54,9 @@ class JobOperator(OperatorMixin):
             return {"CANCELLED"}
         self._status = ""
         with reported(self) as outcome:
-            self.job = Job(self.prepare(context))
+            work = self.prepare(context)
+            self._worker = _waiting_worker()
+            self.job = Job(work, self._worker)
         if outcome.value != {"FINISHED"}:
             return outcome.value
         self._timer = context.window_manager.event_timer_add(_INTERVAL, window=context.window)
@@ -80,6 +85,8 @@ class JobOperator(OperatorMixin):
                 _redraw_sidebars(context.window)
             return {"PASS_THROUGH"}
         self._end(context)
+        if self._worker.alive:
+            _waiting.append(self._worker)
         with reported(self) as outcome:
             self.finish(context, self.job.result())
         return outcome.value
@@ -102,6 +109,22 @@ def _redraw_sidebars(window: bpy.types.Window) -> None:
         for region in area.regions:
             if area.type == "VIEW_3D" and region.type == "UI":
                 region.tag_redraw()
+
+
+def _waiting_worker() -> WorkerProcess:
+    """The process that did the last job, which need not be started and knows its footage; else a new one."""
+    while _waiting:
+        worker = _waiting.pop()
+        if worker.alive:
+            return worker
+        worker.close()
+    return WorkerProcess()
+
+
+def unregister() -> None:
+    """End the process that waits for the next job."""
+    while _waiting:
+        _waiting.pop().close()
 
 
 def running_job(window: bpy.types.Window | None) -> Job | None:

@@ -50,6 +50,7 @@ class Tracking(Conditional, JobOperator):
         """Read the shot and choose what to track."""
         from ...core.errors import ShotError
         from ...core.fitting.shot_cameras import track_and_check
+        from ...core.runtime.worker_memory import Remembering
         from ..scene_io import scene as scenes
         from ..scene_io import tracked_segments
 
@@ -60,7 +61,7 @@ class Tracking(Conditional, JobOperator):
         parts = tracked_segments.excerpts(context.scene, shot, chosen)
         self._asked = context.scene.name, shot, parts
         journal = unfinished_tracking.begun(context.scene, chosen, resume=self.resume)
-        return partial(track_and_check, shot, parts, journal=journal)
+        return Remembering(partial(track_and_check, shot, parts, journal=journal))
 
     def finish(self, _context: bpy.types.Context, tracked: CheckedTrack) -> None:
         """Write the tracked motion into the scene, and which cameras do not fit."""

@@ -371,12 +371,24 @@ def test_work_that_dies_is_reported(monkeypatch):
 def test_what_is_tracked_beside_blender_is_what_is_tracked_in_it(tmp_path):
     views = film(tmp_path, [figure()], [swing(figure(), 6)], [look_at("front", (0.5, -2.8, 1.5))])
     given = shot_of(views, [figure()], [swing(figure(), 6)], (0, 5))
-    job_operator = Job(partial(track_excerpts, given, [Excerpt(0, 5)]))
+    job = Job(partial(track_excerpts, given, [Excerpt(0, 5)]))
     [here] = track_excerpts(given, [Excerpt(0, 5)])
-    job_operator._thread.join(60)
-    [there] = job_operator.result()
+    job._thread.join(60)
+    [there] = job.result()
     assert np.array_equal(here.motions[0].rotations, there.motions[0].rotations)
     assert np.array_equal(here.motions[0].translations, there.motions[0].translations)
+
+
+def test_the_next_job_runs_in_the_process_of_the_last(monkeypatch):
+    def process():
+        tool, context = started(job_functions.process_id, monkeypatch)
+        assert ended(tool, context) == {"FINISHED"}
+        return tool.finished[0]
+
+    first = process()
+    assert process() == first
+    job_operator.unregister()
+    assert process() != first
 
 
 def test_nothing_but_looking_reaches_blender_while_a_job_runs(monkeypatch, tmp_path):

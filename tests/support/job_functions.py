@@ -7,7 +7,9 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 from kfmocap.core.errors import CaptureError
+from kfmocap.core.runtime.worker_memory import WorkerMemory
 
 Progress = Callable[[str, float], bool]
 
@@ -65,3 +67,13 @@ def process_id(progress: Progress) -> int:
     """Tells where it is done, after a while."""
     time.sleep(0.2)
     return os.getpid()
+
+
+def counted(progress: Progress, memory: WorkerMemory | None = None) -> int:
+    """How often it was called where one memory was kept."""
+    count = 1
+    while memory is not None and memory.picture(count) is not None:
+        count += 1
+    if memory is not None:
+        memory.keep(count, np.zeros(1, np.uint8))
+    return count

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from kfmocap.core.body.motion import Motion
-from kfmocap.core.shot.shot import Shot
-from kfmocap.core.tracking import tracker
+from kfmocap.core.runtime.worker_memory import WorkerMemory
+from kfmocap.core.shot.image_sequences import image_files
+from kfmocap.core.shot.shot import Shot, View
+from kfmocap.core.tracking import reader, tracker
+from kfmocap.core.tracking.retracking import Excerpt, track_excerpts
 from kfmocap.core.tracking.track_result import TrackResult
 from synthetic import figure, film, look_at, shot_of, swing
 
@@ -43,3 +50,40 @@ def test_one_and_two_processes_find_the_same_motion_to_the_last_bit(
     assert alone.footage_offset == together.footage_offset
     assert [s.energy for s in alone.segments] == [s.energy for s in together.segments]
     assert not list(tmp_path.iterdir())  # the frames that the processes shared are gone
+
+
+def test_a_correction_solves_the_two_segments_beside_it_and_decodes_nothing(
+    filmed: Shot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    memory, decoded = WorkerMemory(), []
+    frames_at = reader.frames_at
+
+    def counted(view: View, frames: Sequence[int], *rest: Any, **options: Any) -> Iterator[np.ndarray]:
+        for frame, image in zip(frames, frames_at(view, frames, *rest, **options), strict=True):
+            decoded.append(frame)
+            yield image
+
+    monkeypatch.setattr(reader, "frames_at", counted)
+    whole = tracker.track(filmed, memory=memory)
+    assert len(decoded) == 2 * LENGTH
+    decoded.clear()
+    excerpt = Excerpt(0, 8, (None, (whole.motions[0][[9]],)), whole.footage_offset)
+    performer = filmed.performers[0]
+    step = np.zeros((4, BODY.dof))
+    step[1, :3] = 0.01
+    keys = replace(performer.key_poses, poses=performer.key_poses.poses.moved(step))
+    corrected = replace(filmed, performers=(replace(performer, key_poses=keys),))
+    [warm] = track_excerpts(corrected, [excerpt], memory=memory)
+    assert not decoded and [(s.first, s.last) for s in warm.segments] == [(0, 4), (4, 8)]
+    [cold] = track_excerpts(corrected, [excerpt])
+    assert decoded and same(warm.motions[0], cold.motions[0])
+
+
+def test_frames_of_footage_that_has_changed_are_decoded_anew(filmed: Shot, tmp_path: Path) -> None:
+    file = tmp_path / filmed.views[0].footage.name
+    shutil.copytree(filmed.views[0].footage.parent, tmp_path, dirs_exist_ok=True)
+    view = replace(filmed.views[0], footage=file)
+    before = reader._made_of(view, 1.0)
+    assert before == reader._made_of(view, 1.0)
+    os.utime(next(iter((image_files(file) or {0: file}).values())), (1, 1))
+    assert before != reader._made_of(view, 1.0)

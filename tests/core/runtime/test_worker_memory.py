@@ -1,0 +1,39 @@
+"""What a worker keeps between jobs: within bounds, and only for work that asks for it."""
+
+from __future__ import annotations
+
+import job_functions
+import numpy as np
+from kfmocap.core.runtime.job import Job
+from kfmocap.core.runtime.worker_memory import Remembering, WorkerMemory
+from kfmocap.core.runtime.worker_process import WorkerProcess
+
+
+def test_the_pictures_that_were_not_used_for_longest_go_first() -> None:
+    memory = WorkerMemory(limit=30)
+    for key in "abc":
+        memory.keep(key, np.zeros(10, np.uint8))
+    assert memory.picture("a") is not None
+    memory.keep("d", np.zeros(10, np.uint8))
+    assert memory.picture("b") is None and all(memory.picture(key) is not None for key in "acd")
+
+
+def test_a_picture_larger_than_all_that_is_kept_is_not_kept() -> None:
+    memory = WorkerMemory(limit=30)
+    memory.keep("a", np.zeros(10, np.uint8))
+    memory.keep("b", np.zeros(31, np.uint8))
+    assert memory.picture("b") is None and memory.picture("a") is not None
+
+
+def test_a_worker_remembers_from_one_job_to_the_next() -> None:
+    worker = WorkerProcess()
+    try:
+        found = []
+        for _ in range(2):
+            job = Job(Remembering(job_functions.counted), worker)
+            job._thread.join(30)
+            found.append(job.result())
+    finally:
+        worker.close()
+    assert found == [1, 2]
+    assert Remembering(job_functions.counted)(lambda *_: True) == 1  # where there is no worker
