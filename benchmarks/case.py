@@ -37,10 +37,10 @@ class Reference:
         found = Landmarks(names, landmark_positions(body, motion, names), self.fps)
         return joint_error(found, self.landmarks, self.performer.key_poses.full().tolist())
 
-    def cover(self, motion: Motion, deviation: NDArray[np.float64]) -> float:
+    def cover(self, motion: Motion, interval: NDArray[np.float64]) -> float:
         """Share of the joints within the 90 % interval of their expected error."""
         keys = self.performer.key_poses.full().tolist()
-        return interval_cover(self.performer.body, motion, deviation, self.landmarks, keys)
+        return interval_cover(self.performer.body, motion, interval, self.landmarks, keys)
 
 
 class Watch:
@@ -87,7 +87,7 @@ def measure(case: dict[str, Any], folder: Path) -> dict[str, Any]:
         "fps": shot.fps,
         "score": asdict(reference.score(result.motions[0])),
         "triangulated": triangulated and triangulated.mean,
-        "cover": reference.cover(result.motions[0], result.deviation[0]),
+        "cover": reference.cover(result.motions[0], result.errors[0].interval),
         "spline": reference.score(spline(reference.performer.key_poses, shot.length)).mean,
         "blender": _blender_error(shot, reference),
         "way": [reference.score(m).mean for m in watch.way(result.motions[0])] if watch else None,

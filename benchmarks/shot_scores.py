@@ -23,9 +23,6 @@ CUTOFF = 6.0
 """Of the low-pass filter on triangulated keypoints, Hz: what users of such pipelines choose for the whole body."""
 TIPS = {"Elbow": "upper_arm", "Wrist": "forearm", "Knee": "thigh", "Ankle": "shin"}
 """Joints that are the tip of a part."""
-NINETY_PERCENT = 1.4436
-"""A normal error, alike in all directions, is within this many of its root mean square length in 90 % of cases:
-sqrt(chi2.ppf(0.9, 3) / 3)."""
 
 
 def triangulated_error(shot: Shot, truth: Landmarks) -> Score | None:
@@ -51,19 +48,19 @@ def low_passed(points: Array, fps: float) -> Array:
     return np.asarray(sosfiltfilt(sections, out, axis=0, padlen=ends))
 
 
-def interval_cover(body: Body, motion: Motion, deviation: Array, truth: Landmarks, keys: Sequence[int]) -> float:
+def interval_cover(body: Body, motion: Motion, interval: Array, truth: Landmarks, keys: Sequence[int]) -> float:
     """Share of the joints that lie within the 90 % interval of their expected error, on frames without a key pose.
 
     Parameters
     ----------
-    deviation : ndarray, shape (F, P)
-        Expected distance of every part's tip from its true place, metres.
+    interval : ndarray, shape (F, P)
+        The distance from every part's tip that its true place is said to be within in 90 % of cases, metres.
     """
     rows = np.setdiff1d(np.arange(min(len(motion), len(truth))), keys)
     named = {f"{side}{joint}": f"{part}.{side}" for joint, part in TIPS.items() for side in "LR"}
     names = [name for name in named if name in truth.names]
     found = landmark_positions(body, motion, names)[rows]
     true = truth.points_world[rows][:, [truth.names.index(name) for name in names]]
-    expected = deviation[rows][:, [body.index(named[name]) for name in names]]
+    said = interval[rows][:, [body.index(named[name]) for name in names]]
     error = np.linalg.norm(found - true, axis=-1)
-    return float(np.mean(error[np.isfinite(error)] <= NINETY_PERCENT * expected[np.isfinite(error)]))
+    return float(np.mean(error[np.isfinite(error)] <= said[np.isfinite(error)]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import partial
 
 import cv2
@@ -23,8 +24,43 @@ FAR = 0.4
 BESIDE = 0.04
 """How far from the model foreground is no longer the clothes or the hair of what is there, metres."""
 SURE = 2.0
-"""Log likelihood ratio at which a pixel counts as foreground in full."""
+"""Log likelihood ratio at which a pixel counts as foreground, or as background, in full."""
+INSIDE = 0.02
+"""How far within the model's outline a pixel must lie to say what a part is on, metres: the model is not that exact."""
 _STRIDE = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Misfit:
+    """Where performers and the foreground of V views do not agree, on F frames.
+
+    Attributes
+    ----------
+    gaps : ndarray, shape (V, N, F)
+        Uncovered foreground near each of N performers over the length of the model's outline, metres; NaN where the
+        view does not see the performer.
+    areas : ndarray, shape (V, N, F)
+        Foreground beside the performers, from `BESIDE` to `FAR` from the model, square metres at their distance.
+    visible : ndarray, shape (V, F, P)
+        Visible area of each part, but for a margin along the model's outline, square metres.
+    background : ndarray, shape (V, F, P)
+        The share of that area that shows background, 0 to 1.
+    """
+
+    gaps: Array
+    areas: Array
+    visible: Array
+    background: Array
+
+    def mean_gaps(self, known: Sequence[NDArray[np.intp]]) -> Array:
+        """How far the performers' outlines lie outside of the model's, on average over the views, metres, (N, F); less
+        what it is between the frames whose poses are known, of each performer.
+        """
+        if not len(self.gaps):
+            return np.zeros(self.gaps.shape[1:])
+        seen = np.isfinite(self.gaps)
+        gaps = np.where(seen, self.gaps, 0.0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
+        return np.maximum(_beyond_known(gaps, known), 0.0)
 
 
 def uncovered_gaps(
@@ -62,11 +98,7 @@ def uncovered_gaps(
     -------
     ndarray, shape (N, F)
     """
-    found = [gaps for gaps, _ in _of_views(views, geometry, poses, first=first, spans=spans, threads=threads)]
-    if not found:
-        return np.zeros((len(spans), len(next(iter(poses.values()))[0])))
-    gaps = np.nansum(found, axis=0) / np.maximum(np.isfinite(found).sum(axis=0), 1)
-    return np.maximum(_beyond_known(gaps, known), 0.0)
+    return measured_misfit(views, geometry, poses, first=first, spans=spans, threads=threads).mean_gaps(known)
 
 
 def uncovered_areas(
@@ -89,9 +121,8 @@ def uncovered_areas(
     ndarray, shape (V, N, F)
         Of the views with foreground images.
     """
-    found = [areas for _, areas in _of_views(views, geometry, poses, first=first, spans=spans, threads=threads)]
-    areas = [_beyond_known(view, known) for view in found]
-    return np.stack(areas) if areas else np.zeros((0, len(spans), len(next(iter(poses.values()))[0])))
+    areas = measured_misfit(views, geometry, poses, first=first, spans=spans, threads=threads).areas
+    return np.stack([_beyond_known(view, known) for view in areas]) if len(areas) else areas
 
 
 def _beyond_known(rows: Array, known: Sequence[NDArray[np.intp]]) -> Array:
@@ -103,26 +134,35 @@ def _beyond_known(rows: Array, known: Sequence[NDArray[np.intp]]) -> Array:
     return np.asarray(rows - usual)
 
 
-def _of_views(
+def measured_misfit(
     views: Sequence[ViewFrames],
     geometry: Geometry,
     poses: Mapping[float, Poses],
     *,
     first: int,
     spans: Sequence[slice],
-    threads: int,
-) -> list[tuple[Array, Array]]:
-    """Gaps and areas of every view with foreground images, see `_view_misfit`."""
+    threads: int = 1,
+) -> Misfit:
+    """Compare performers with the foreground images of the views that have any.
+
+    Parameters are those of `uncovered_gaps`.
+    """
     misfit_of = partial(_view_misfit, geometry=geometry, first=first, spans=spans)
     with ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(lambda view: misfit_of(view, poses=poses[view.delay]), views_with_foreground(views)))
+        found = list(pool.map(lambda view: misfit_of(view, poses=poses[view.delay]), views_with_foreground(views)))
+    F, P = next(iter(poses.values()))[1].shape[:2]
+    shapes = [(len(spans), F), (len(spans), F), (F, P), (F, P)]
+    return Misfit(
+        *(np.stack([own[k] for own in found]) if found else np.zeros((0, *shape)) for k, shape in enumerate(shapes))
+    )
 
 
 def _view_misfit(
     view: ViewFrames, geometry: Geometry, poses: Poses, first: int, spans: Sequence[slice]
-) -> tuple[Array, Array]:
-    """One view's gaps (N, F), metres, NaN where it does not see a performer, and areas (N, F), square metres."""
+) -> tuple[Array, Array, Array, Array]:
+    """One view's gaps, areas, visible areas and shares of background, see `Misfit`."""
     R, T = poses
+    P = T.shape[1]
     labels = render_labels(geometry, view.camera.subsampled(_STRIDE), first, R, T)
     scale = view.pixels_per_metre(T.mean(axis=(0, 1)), first) / _STRIDE
     left, top, right, bottom = labels.box()
@@ -135,6 +175,7 @@ def _view_misfit(
     part = labels.part[window]
     foreground = view.foreground_at(first, len(T))[..., ::_STRIDE, ::_STRIDE]
     gaps, areas = np.full((len(spans), len(T)), np.nan), np.zeros((len(spans), len(T)))
+    visible, background = np.zeros((2, len(T), P))
     for n, span in enumerate(spans):
         ratio = log_ratio(foreground[n][window])
         shown = np.where(part < 0, np.clip(ratio / SURE, 0, 1), np.float32(0))
@@ -144,4 +185,8 @@ def _view_misfit(
             outline = np.count_nonzero((beyond > 0) & (beyond < 1.2))
             gaps[n, f] = float(shown[f][beyond < NEAR * scale].sum()) / max(outline, 1) / scale
             areas[n, f] = float(shown[f][(beyond > BESIDE * scale) & (beyond < FAR * scale)].sum()) / scale**2
-    return gaps, areas
+            within = cv2.distanceTransform(models[f].astype(np.uint8), cv2.DIST_L2, 3) > max(INSIDE * scale, 1.0)
+            whose = part[f][within]
+            visible[f] += np.bincount(whose, minlength=P) / scale**2
+            background[f] += np.bincount(whose, np.clip(-ratio[f][within] / SURE, 0, 1), P) / scale**2
+    return gaps, areas, visible, background / np.maximum(visible, 1e-12)

@@ -106,7 +106,7 @@ def suggest_keys_by_error(
     Parameters
     ----------
     deviation : ndarray, shape (F, P)
-        Expected error of every part, metres; see `core.tracking.uncertainty.joint_deviations`.
+        Expected error of every part, metres; see `core.tracking.uncertainty.JointErrors`.
     keys : KeyPoses
     parents : sequence of int
         Of the body's parts.

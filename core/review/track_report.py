@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..evidence.occlusion import OCCLUDED_BELOW, intervals, occluded, unseen
 from ..shot.footage import container_rate
 from ..shot.shot import Performer, Shot
-from ..tracking.uncertainty import expected_errors
+from ..tracking.uncertainty import expected_errors, joint_parts
 from .suggestions import suggest_keys_beside_hidden, suggest_keys_by_error
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from ..fitting.shot_cameras import CameraFit
     from ..keypoints.observations import PerformerKeypoints
     from ..tracking.track_result import TrackResult
+    from ..tracking.uncertainty import JointErrors
 
 WORST_FRAMES = 10
 _RATE_TOLERANCE = 5e-4  # 29.97 and 30 frames per second differ by twice as much
@@ -77,11 +78,11 @@ def report(
         "performers": [
             _performer(shot, p, visible, residual, unknown)
             | _accelerations(p, [segment.accelerations[i] for segment in result.segments if segment.accelerations])
-            | _expected_errors(shot, p, deviation, unknown)
+            | _expected_errors(shot, p, errors, unknown)
             | (_observed(shot, result.observed.performers[i]) if result.observed.performers else {})
             | {"lifted": bool(result.observed.performers) and result.observed.performers[i].is_lifted}
-            for i, (p, visible, residual, deviation, unknown) in enumerate(
-                zip(shot.performers, result.visible, result.residual, result.deviation, result.unknown, strict=True)
+            for i, (p, visible, residual, errors, unknown) in enumerate(
+                zip(shot.performers, result.visible, result.residual, result.errors, result.unknown, strict=True)
             )
         ],
         "settings": dataclasses.asdict(shot.settings),
@@ -139,14 +140,19 @@ def _performer(
     }
 
 
-def _expected_errors(
-    shot: Shot, performer: Performer, deviation: NDArray[np.float64], unknown: Sequence[str]
-) -> dict[str, Any]:
-    """Expected errors of the joints, and the key frames that would help, in millimetres."""
+def _expected_errors(shot: Shot, performer: Performer, errors: JointErrors, unknown: Sequence[str]) -> dict[str, Any]:
+    """Expected errors of the joints, where parts may be lost, and the key frames that would help, in millimetres."""
     first, names, parents = shot.frames[0], performer.body.names, performer.body.parents
     left_out = [names.index(name) for name in unknown]
+    joints = joint_parts(parents, left_out)
+    mean, interval = (expected_errors(values, parents, left_out) for values in (errors.deviation, errors.interval))
     return {
-        "expected_error": [round(1000 * float(value), 1) for value in expected_errors(deviation, parents, left_out)],
+        "expected_error": [round(1000 * float(value), 1) for value in mean],
+        "expected_error_90": [round(1000 * float(value), 1) for value in interval],
+        "joint_errors_90": {
+            names[part]: [round(1000 * float(value), 1) for value in errors.interval[:, part]] for part in joints
+        },
+        "may_be_lost": _spans(names, errors.maybe_lost(), first),
         "helpful_keyframes": [
             {
                 "frame": first + key.frame,
@@ -154,7 +160,7 @@ def _expected_errors(
                 "gain": round(1000 * key.gain, 2),
                 "parts": [names[part] for part in key.parts],
             }
-            for key in suggest_keys_by_error(deviation, performer.key_poses, parents, left_out)
+            for key in suggest_keys_by_error(errors.deviation, performer.key_poses, parents, left_out)
         ],
     }
 
@@ -228,36 +234,46 @@ def report_lines(values: Mapping[str, Any]) -> list[str]:
         lines += [*off, "refine the cameras: kfmocap track --refine, or Refine Cameras in Blender"]
     lines += _footage_lines(values)
     for performer in values["performers"]:
-        if identity := performer.get("identity", {}).get("text"):
-            lines.append(f"{performer['name']}: {identity}")
-        if performer["lifted"]:
-            lines.append(
-                f"{performer['name']}: one camera alone shows it: depths are judged by the lengths of the bones, and "
-                "may be decimetres off; key poses correct them"
-            )
-        if unknown := ", ".join(performer["unknown"]):
-            lines.append(f"{performer['name']}: unknown, as no key pose, keypoint or camera shows them: {unknown}")
-        counts = [f"{part} {sum(b + 1 - a for a, b in spans)}" for part, spans in performer["unseen"].items()]
-        if counts:
-            lines.append(f"{performer['name']}: frames on which no camera sees a part: {', '.join(counts)}")
-        if found := performer.get("accelerations"):
-            slow, *_, fast = sorted(found["joints"].items(), key=lambda item: item[1])
-            lines.append(
-                f"{performer['name']}: typical accelerations found: root {found['root']:.1f} m/s^2, joints "
-                f"{slow[1]:.0f} ({slow[0]}) to {fast[1]:.0f} rad/s^2 ({fast[0]})"
-            )
-        helpful = [
-            f"{key['frame']} ({' '.join(key['parts'])} some {key['expected_error']:.0f} mm)"
-            for key in performer["helpful_keyframes"]
-        ]
-        if helpful:
-            lines.append(f"{performer['name']}: where one more key pose would help most: {', '.join(helpful)}")
-        suggested = [
-            f"{s['frame']} ({' '.join(s['parts'])} hidden {s['hidden'][0]}-{s['hidden'][1]})"
-            for s in performer["suggested_keyframes"]
-        ]
-        if suggested:
-            lines.append(f"{performer['name']}: key poses would help at {', '.join(suggested)}")
+        lines += [f"{performer['name']}: {line}" for line in _performer_lines(performer)]
+    return lines
+
+
+def _performer_lines(performer: Mapping[str, Any]) -> list[str]:
+    """What the report says of a performer."""
+    lines = []
+    if identity := performer.get("identity", {}).get("text"):
+        lines.append(identity)
+    if performer["lifted"]:
+        lines.append(
+            "one camera alone shows it: depths are judged by the lengths of the bones, and may be decimetres off; key "
+            "poses correct them"
+        )
+    if unknown := ", ".join(performer["unknown"]):
+        lines.append(f"unknown, as no key pose, keypoint or camera shows them: {unknown}")
+    counts = [f"{part} {sum(b + 1 - a for a, b in spans)}" for part, spans in performer["unseen"].items()]
+    if counts:
+        lines.append(f"frames on which no camera sees a part: {', '.join(counts)}")
+    if found := performer.get("accelerations"):
+        slow, *_, fast = sorted(found["joints"].items(), key=lambda item: item[1])
+        lines.append(
+            f"typical accelerations found: root {found['root']:.1f} m/s^2, joints {slow[1]:.0f} ({slow[0]}) to "
+            f"{fast[1]:.0f} rad/s^2 ({fast[0]})"
+        )
+    lost = [f"{part} {', '.join(f'{a}-{b}' for a, b in spans)}" for part, spans in performer["may_be_lost"].items()]
+    if lost:
+        lines.append(f"may be lost, as the footage shows background where they are: {'; '.join(lost)}")
+    helpful = [
+        f"{key['frame']} ({' '.join(key['parts'])} some {key['expected_error']:.0f} mm)"
+        for key in performer["helpful_keyframes"]
+    ]
+    if helpful:
+        lines.append(f"where one more key pose would help most: {', '.join(helpful)}")
+    suggested = [
+        f"{s['frame']} ({' '.join(s['parts'])} hidden {s['hidden'][0]}-{s['hidden'][1]})"
+        for s in performer["suggested_keyframes"]
+    ]
+    if suggested:
+        lines.append(f"key poses would help at {', '.join(suggested)}")
     return lines
 
 

@@ -107,6 +107,9 @@ class Performer:
         poses say, or the order of the performers.
     unknown : tuple of str
         Parts of the body that neither landmarks nor keypoints show on any frame: they rest.
+    joint_deviation : ndarray, shape (P,), optional
+        How far the tips of the parts lie from the landmarks that the key poses were made of, metres; None where nothing
+        was measured.
     """
 
     name: str
@@ -114,6 +117,7 @@ class Performer:
     key_poses: KeyPoses
     person: int | None = None
     unknown: tuple[str, ...] = ()
+    joint_deviation: NDArray[np.float64] | None = field(default=None, compare=False)
 
 
 def fixed_degrees(performer: Performer, first: int, last: int) -> NDArray[np.bool_]:

@@ -13,7 +13,7 @@ import re
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +28,7 @@ from ..shot.fingerprint import file_bytes, value_bytes
 from ..shot.shot import Shot
 from .segments import Segment, segments
 from .track_result import SegmentResult
+from .uncertainty import SegmentDoubt
 
 UNFINISHED = ".unfinished"
 """A journal's folder has the name of the results' folder and this ending."""
@@ -53,7 +54,7 @@ class FinishedSegment:
     share : ndarray, shape (V, F, P)
         Visible share of the parts of all performers.
     residual : ndarray, shape (F,)
-    deviations : tuple of ndarray, shape (F, P)
+    doubts : tuple of SegmentDoubt
         Per performer.
     """
 
@@ -63,7 +64,7 @@ class FinishedSegment:
     offset: Offset | None
     share: Array
     residual: Array
-    deviations: tuple[Array, ...]
+    doubts: tuple[SegmentDoubt, ...]
 
     @property
     def segment(self) -> Segment:
@@ -223,7 +224,7 @@ def _bytes_of(finished: FinishedSegment, key: str) -> bytes:
     for i, (before, motion) in enumerate(zip(finished.first_motions, finished.motions, strict=True)):
         arrays |= {f"first translations {i}": before.translations, f"first rotations {i}": before.rotations}
         arrays |= {f"translations {i}": motion.translations, f"rotations {i}": motion.rotations}
-        arrays[f"deviations {i}"] = finished.deviations[i]
+        arrays |= {f"doubt {f.name} {i}": np.asarray(getattr(finished.doubts[i], f.name)) for f in fields(SegmentDoubt)}
         if result.accelerations:
             arrays[f"accelerations {i}"] = result.accelerations[i]
     stream = io.BytesIO()
@@ -261,5 +262,5 @@ def _of_bytes(data: bytes, key: str, segment: Segment) -> FinishedSegment:
         Offset(*arrays["offset"].tolist()) if arrays["offset"].size else None,
         arrays["share"],
         arrays["residual"],
-        each("deviations"),
+        tuple(map(SegmentDoubt, *(each(f"doubt {f.name}") for f in fields(SegmentDoubt)))),
     )

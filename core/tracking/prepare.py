@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..body import Body
 from ..body.inverse_kinematics import fit_body, fit_poses
+from ..body.tip_landmarks import tip_misfits
 from ..body.unknown_parts import resting_parts, unknown_parts
 from ..cameras.camera import Camera
 from ..errors import LandmarkError, ShotError, located
@@ -177,7 +178,8 @@ def _posed_by_landmarks(spec: PerformerSpec, file: Path, keys: NDArray[np.int64]
     free = np.zeros((len(keys), len(body)), bool)  # what other key poses show, but not this one
     for row, shown in zip(free, known, strict=True):
         row[sorted(set(resting_parts(body, _unknown_parts(body, names, shown))) - resting)] = True
-    return Performer(spec.name, body, KeyPoses.whole(keys - first, poses).without_parts(free), spec.person, unknown)
+    posed = KeyPoses.whole(keys - first, poses).without_parts(free)
+    return Performer(spec.name, body, posed, spec.person, unknown, tip_misfits(body, names, points, poses))
 
 
 def _unknown_parts(body: Body, names: Sequence[str], shown: NDArray[np.bool_]) -> tuple[str, ...]:

@@ -33,7 +33,7 @@ from .solvers.measurement import StepCallback, Workspace
 from .solvers.problem import SegmentSolution
 from .solvers.registry import solver_named
 from .track_result import SegmentResult
-from .uncertainty import joint_deviations
+from .uncertainty import segment_doubts
 
 Watcher = Callable[[int, Sequence[Motion]], None]
 """Called with the number of an iteration and the motions before it."""
@@ -213,7 +213,5 @@ def _finished(
     found = tuple(variances.deviations(ended.problem.fps) for variances in solution.variances)
     result = SegmentResult(*ended.data.segment, ended.iterations, energy, found)
     with seconds.measure("uncertainty"):
-        deviations = tuple(joint_deviations(ended.problem, solution, threads))
-    return FinishedSegment(
-        result, first_motions, solution.motions, offset, solution.share, solution.residual, deviations
-    )
+        doubts = tuple(segment_doubts(ended.problem, solution, threads))
+    return FinishedSegment(result, first_motions, solution.motions, offset, solution.share, solution.residual, doubts)

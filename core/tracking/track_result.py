@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..body.motion import Motion
 from ..keypoints.observations import ShotKeypoints
 from ..numerics.arrays import Array
+from .uncertainty import JointErrors
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +53,8 @@ class TrackResult:
         Per performer: visible share of each part's projected area, 0 to 1.
     residual : tuple of ndarray, shape (F,)
         Per performer: root mean square grey-level difference between neighbouring frames, 0 to 1.
-    deviation : tuple of ndarray, shape (F, P)
-        Per performer: how far every part's tip may be from its true place, metres; see `core.review`.
+    errors : tuple of JointErrors
+        Per performer: how far every part's tip may be from its true place, and where it may be lost.
     pictures : tuple of dict of int to ndarray of uint8, shape (h, w, 3)
         Per view: the pictures that were asked for, by shot frame; rectified; blue, green, red.
     observed : ShotKeypoints
@@ -72,9 +73,14 @@ class TrackResult:
     segments: tuple[SegmentResult, ...]
     visible: tuple[Array, ...]
     residual: tuple[Array, ...]
-    deviation: tuple[Array, ...]
+    errors: tuple[JointErrors, ...]
     unknown: tuple[tuple[str, ...], ...]
     pictures: tuple[dict[int, NDArray[np.uint8]], ...] = ()
     observed: ShotKeypoints = field(default_factory=ShotKeypoints)
     footage_offset: float = 0.0
     torn: tuple[tuple[int, ...], ...] = ()
+
+    @property
+    def deviation(self) -> tuple[Array, ...]:
+        """Expected distance of every part's tip from its true place, metres: per performer, shape (F, P)."""
+        return tuple(own.deviation for own in self.errors)

@@ -37,8 +37,9 @@ from ..runtime.worker_pool import WorkerPool
 from ..runtime.workplaces import RESULTS, workplace
 from ..shot.footage import PICTURE_SIZE, Album, check_view, working_factor
 from ..shot.keypose_spline import spline
-from ..shot.shot import KeyPoses, Performer, Shot, fixed_degrees
+from ..shot.shot import Performer, Shot, fixed_degrees
 from .appearance import frames_with_foreground, grey_frames
+from .body_doubt import body_covariances
 from .journal import FinishedSegment, Journal, KeptSegments
 from .reader import SegmentReader
 from .schedule import Observer, SegmentSchedule
@@ -48,11 +49,8 @@ from .segments import Segment, posed_frames, segments
 from .solvers.protocol import Solver
 from .solvers.registry import solver_named
 from .track_result import TrackResult
+from .uncertainty import joint_errors
 
-LIFTED_ERROR = 0.15
-"""Usual error of joints whose depth follows from the lengths of bones in a single view, metres."""
-LIFTED_WITHIN = 0.5
-"""Nearer than this to a key pose of the whole body it is less, seconds."""
 WORTH_PROCESSES = 200
 """Frames, of all views and performers together, from which on segments are solved in processes of their own."""
 
@@ -137,7 +135,7 @@ def track(
     seconds.add(_side_by_side(schedule.seconds, passed))
     report_progress(progress, "tracking", 1.0)
     views_as_given = [order.index(v) for v in range(len(order))]
-    tracked = _with_unknown_parts(_track_result(shot, state, done, views_as_given), shot, observed)
+    tracked = _with_unknown_parts(_track_result(shot, state, done, observed, views_as_given), shot, observed)
     return replace(
         tracked,
         seconds=seconds,
@@ -252,17 +250,21 @@ def _side_by_side(seconds: Seconds, passed: float) -> dict[str, float]:
     return {stage: share * spent for stage, spent in seconds.items()}
 
 
-def _track_result(shot: Shot, state: TrackState, done: Sequence[FinishedSegment], views: list[int]) -> TrackResult:
+def _track_result(
+    shot: Shot, state: TrackState, done: Sequence[FinishedSegment], observed: ShotKeypoints, views: list[int]
+) -> TrackResult:
     """The result of all segments together, with the views in that order."""
     performers = shot.performers
     share = np.ones((len(shot.views), shot.length, sum(len(p.body) for p in performers)))
     residual = np.zeros(shot.length)
-    deviations = [np.zeros((shot.length, len(p.body))) for p in performers]
     for one in done:
         frames = slice(one.result.first, one.result.last + 1)
         share[:, frames], residual[frames] = one.share, one.residual
-        for mine, new in zip(deviations, one.deviations, strict=True):
-            mine[frames] = new
+    errors = []
+    for i, (performer, motion) in enumerate(zip(performers, state.motions, strict=True)):
+        own = observed.performers[i] if observed.performers else None
+        beside = body_covariances(performer, motion, shot.fps, own)
+        errors.append(joint_errors(performer.body, [one.doubts[i] for one in done], beside))
     ends = np.cumsum([0] + [len(performer.body) for performer in performers])
     return TrackResult(
         tuple(_with_keys(m, p) for m, p in zip(state.motions, performers, strict=True)),
@@ -271,7 +273,7 @@ def _track_result(shot: Shot, state: TrackState, done: Sequence[FinishedSegment]
         tuple(one.result for one in done),
         tuple(share[views, :, a:b] for a, b in pairwise(ends)),
         tuple(residual for _ in performers),
-        tuple(deviations),
+        tuple(errors),
         tuple(performer.unknown for performer in performers),
         footage_offset=state.footage_offset(shot),
     )
@@ -279,25 +281,14 @@ def _track_result(shot: Shot, state: TrackState, done: Sequence[FinishedSegment]
 
 def _with_unknown_parts(tracked: TrackResult, shot: Shot, observed: ShotKeypoints) -> TrackResult:
     """The result with what is unknown in it: no view sees it, and it may be anywhere in reach."""
-    unknown, seen, deviations = [], [], []
+    unknown, seen, errors = [], [], []
     for i, performer in enumerate(shot.performers):
-        body, visible, deviation = performer.body, tracked.visible[i].copy(), tracked.deviation[i].copy()
-        visible[..., np.isin(body.names, performer.unknown)] = 0.0
+        visible = tracked.visible[i].copy()
+        visible[..., np.isin(performer.body.names, performer.unknown)] = 0.0
         unknown.append(_unknown_parts(performer, visible, observed, i))
-        for part, reach in unknown_reach(body, unknown[-1]).items():
-            deviation[:, part] = reach
-        if observed.performers and observed.performers[i].is_lifted:
-            away = frames_to_key_poses(performer.key_poses, shot.length) / (LIFTED_WITHIN * shot.fps)
-            deviation = np.hypot(deviation, LIFTED_ERROR * np.minimum(away, 1.0)[:, None])
         seen.append(visible)
-        deviations.append(deviation)
-    return replace(tracked, unknown=tuple(unknown), visible=tuple(seen), deviation=tuple(deviations))
-
-
-def frames_to_key_poses(keys: KeyPoses, length: int) -> Array:
-    """Return how many frames each frame (F,) is away from a key pose of the whole body; infinite without any."""
-    away = np.abs(np.arange(length)[:, None] - keys.full()[None])
-    return np.asarray(away.min(axis=1, initial=np.inf) if away.size else np.full(length, np.inf))
+        errors.append(tracked.errors[i].with_reach(unknown_reach(performer.body, unknown[-1])))
+    return replace(tracked, unknown=tuple(unknown), visible=tuple(seen), errors=tuple(errors))
 
 
 def _unknown_parts(performer: Performer, visible: Array, observed: ShotKeypoints, number: int) -> tuple[str, ...]:

@@ -1,41 +1,104 @@
 """Uncertainty: how far every joint may be from where the tracker has it.
 
-The covariance of the poses is the inverse of the solver's normal matrix. Two things that the solver's model of the
-errors leaves out are put in here: that outlines err alike on all frames, as the model's shape is wrong in one way, and
-that a solution may be the wrong one, which shows as foreground left uncovered.
+Three things make it up. The covariance of the poses is the inverse of the solver's normal matrix, times a ratio that
+the shot itself shows for every part: how far key poses are missed that were not used (`core.tracking.held_out_keys`).
+What no footage can show is added: how well the body stands for the performer (`core.tracking.body_doubt`). And the
+solution may be the wrong one: foreground that is left uncovered, and limbs that cover background
+(`core.tracking.lost_limbs`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..body import Body, part_poses
-from ..body.kinematics import point_jacobian
-from ..body.motion import Motion
-from ..evidence.misfit import uncovered_gaps
-from ..numerics.arrays import Array
+from ..body import Body
+from ..evidence.misfit import measured_misfit
+from ..numerics.arrays import Array, Bools
 from ..numerics.banded import BandedFactor
-from .solvers.gauss_newton import normal_equations
+from ..numerics.error_lengths import length_quantile
+from .held_out_keys import covariance_ratios, missed_key_poses
+from .joint_covariances import tip_covariances, tip_jacobian
+from .lost_limbs import limb_reach, lost_probabilities
+from .solvers.gauss_newton import evidence_equations
 from .solvers.measurement import MeasuredMotion, hidden_parts, poses_by_delay, view_instants
 from .solvers.problem import SegmentProblem, SegmentSolution
 from .solvers.smoothness_factor import SegmentSmoothness
 
-ALIKE = 25.0
-"""Length of outline, over the frames, that errs alike, metres: it counts as one measurement."""
-DISTANT = 0.2
-"""Residuals of pixels closer together than this on the body, metres, count as one measurement. It is more than in
-tracking: errors that stay do not mislead the motion much, but make its place less certain."""
 MISPLACED = 2.0
 """Error of a joint per gap between the outlines: what is misplaced are a few limbs, the gap is the whole outline's."""
+INTERVAL = 0.9
+"""Share of the errors that the interval holds."""
+MAYBE = 0.5
+"""Probability from which a part is said to be lost, perhaps."""
+TAILS = 8.0
+"""Degrees of freedom of the errors' t distribution: the ratio that the key poses show is one of all frames, and the
+errors of some are larger."""
 
 
-def joint_deviations(problem: SegmentProblem, solution: SegmentSolution, threads: int = 1) -> list[Array]:
-    """Expected distance of every part's tip from its true place, metres: per performer, shape (F, P).
+@dataclass(frozen=True, eq=False)
+class SegmentDoubt:
+    """What a segment's solution leaves uncertain of one performer.
 
-    Where the poses are held it is zero.
+    Attributes
+    ----------
+    first : int
+        Shot frame of the first of the F frames.
+    held : ndarray of bool, shape (F,)
+        Frames with a key pose of the whole body.
+    covariances : ndarray, shape (F, P, 3, 3)
+        Of the places of all tips, as the solver expects them, metres squared.
+    misses : ndarray, shape (K, P)
+        How far key poses were missed that were not used, see `core.tracking.held_out_keys`.
+    gaps : ndarray, shape (F,)
+        How far the performer's outlines lie outside of the model's, metres.
+    lost : ndarray, shape (F, P)
+        Probability that a part is lost.
+    """
+
+    first: int
+    held: Bools
+    covariances: Array
+    misses: Array
+    gaps: Array
+    lost: Array
+
+
+@dataclass(frozen=True, eq=False)
+class JointErrors:
+    """Expected errors of the places of all parts' tips on F frames; zero where a key pose holds the whole body.
+
+    Attributes
+    ----------
+    deviation : ndarray, shape (F, P)
+        Expected distance from the true place, metres.
+    interval : ndarray, shape (F, P)
+        The distance that the true one is within in 90 % of cases, metres.
+    lost : ndarray, shape (F, P)
+        Probability that the part is not on what it is taken for.
+    """
+
+    deviation: Array
+    interval: Array
+    lost: Array
+
+    def with_reach(self, reach: Mapping[int, float]) -> JointErrors:
+        """The errors with those of unknown parts, which may be anywhere within their reach, metres by part."""
+        parts, far = list(reach), list(reach.values())
+        found = [values.copy() for values in (self.deviation, self.interval, self.lost)]
+        for values, value in zip(found, (far, far, 0.0), strict=True):
+            values[:, parts] = value
+        return JointErrors(*found)
+
+    def maybe_lost(self) -> Bools:
+        """Where a part may be lost, shape (F, P)."""
+        return np.asarray(self.lost >= MAYBE)
+
+
+def segment_doubts(problem: SegmentProblem, solution: SegmentSolution, threads: int = 1) -> list[SegmentDoubt]:
+    """What a segment's solution leaves uncertain, per performer.
 
     Parameters
     ----------
@@ -45,23 +108,64 @@ def joint_deviations(problem: SegmentProblem, solution: SegmentSolution, threads
     threads : int
     """
     assert solution.evidence is not None
-    motions = solution.motions
+    motions, spans = solution.motions, problem.spans()
     measured = MeasuredMotion(motions, view_instants(problem, motions), solution.evidence)
-    covariances = pose_covariances(problem, measured, SegmentSmoothness(solution.variances))
-    gaps = uncovered_gaps(
-        problem.views,
-        problem.geometry(),
-        poses_by_delay(problem, measured.instants),
-        first=problem.first,
-        spans=problem.spans(),
-        known=[problem.whole_keys(i) for i in range(len(problem.bodies))],
-        threads=threads,
+    hidden = hidden_parts(problem, solution.evidence.share) if problem.settings.prediction else []
+    images = evidence_equations(problem, measured, hidden)
+    smooth = SegmentSmoothness(solution.variances)
+    keys = [problem.whole_keys(i) for i in range(len(problem.bodies))]
+    poses = poses_by_delay(problem, measured.instants)
+    misfit = measured_misfit(
+        problem.views, problem.geometry(), poses, first=problem.first, spans=spans, threads=threads
     )
-    deviations = []
-    for i, (body, motion) in enumerate(zip(problem.bodies, motions, strict=True)):
-        misplaced = MISPLACED * gaps[i] * ~problem.fixed[i].all(axis=1)
-        deviations.append(np.hypot(tip_deviations(body, motion, covariances[i]), misplaced[:, None]))
-    return deviations
+    gaps = misfit.mean_gaps(keys)
+    doubts = []
+    for i, (body, motion, fixed) in enumerate(zip(problem.bodies, motions, problem.fixed, strict=True)):
+        factor = BandedFactor(images[i] + smooth.blocks(problem, i, motion), fixed)
+        held = fixed[:, 3:].reshape(len(fixed), -1, 3).all(axis=2) & fixed.all(axis=1)[:, None]
+        doubts.append(
+            SegmentDoubt(
+                problem.first,
+                fixed.all(axis=1),
+                tip_covariances(tip_jacobian(body, motion), factor.covariances()),
+                missed_key_poses(problem, solution, images, i),
+                gaps[i],
+                lost_probabilities(body, misfit, spans[i], held=held, keys=keys[i]),
+            )
+        )
+    return doubts
+
+
+def joint_errors(body: Body, doubts: Sequence[SegmentDoubt], beside: Array) -> JointErrors:
+    """The errors of one performer over a whole shot.
+
+    Parameters
+    ----------
+    body : Body
+    doubts : sequence of SegmentDoubt
+        Of all segments: together they are F frames.
+    beside : ndarray, shape (F, P, 3, 3)
+        Covariances of what the footage cannot show, metres squared: how far the joints of the body, as it was fitted,
+        lie from the performer's.
+    """
+    F, P = beside.shape[:2]
+    ratios = covariance_ratios(np.concatenate([doubt.misses for doubt in doubts]), joint_parts(body.parents))
+    covariances, lost, held = beside.copy(), np.zeros((F, P)), np.zeros(F, bool)
+    for doubt in doubts:
+        frames = slice(int(doubt.first), int(doubt.first) + len(doubt.held))
+        found = doubt.covariances * ratios[:, None, None]
+        found += ((MISPLACED * doubt.gaps) ** 2 / 3)[:, None, None, None] * np.eye(3)
+        covariances[frames] = beside[frames] + found
+        lost[frames], held[frames] = doubt.lost, doubt.held
+    covariances[held] = 0.0
+    lost[held] = 0.0
+    reach = np.broadcast_to(limb_reach(body), lost.shape)
+    near = np.sqrt(np.maximum(np.trace(covariances, axis1=2, axis2=3), 0.0))
+    return JointErrors(
+        (1 - lost) * near + lost * reach,
+        length_quantile(covariances, INTERVAL, tails=TAILS, gross=lost, gross_length=reach),
+        lost,
+    )
 
 
 def expected_errors(deviation: Array, parents: Sequence[int], unknown: Sequence[int] = ()) -> Array:
@@ -76,24 +180,3 @@ def expected_errors(deviation: Array, parents: Sequence[int], unknown: Sequence[
 def joint_parts(parents: Sequence[int], unknown: Sequence[int] = ()) -> list[int]:
     """Parts that others begin at, without unknown ones; all of them where there is one alone."""
     return sorted({parent for parent in parents if parent >= 0} - set(unknown)) or [0]
-
-
-def pose_covariances(
-    problem: SegmentProblem, measured: MeasuredMotion, smoothness: SegmentSmoothness | None = None
-) -> list[Array]:
-    """Covariances of every performer's poses, (F, D, D), in the order of the degrees of freedom; see the module."""
-    settings = problem.settings
-    softened = replace(settings, outline_correlation=ALIKE, correlation_length=max(DISTANT, settings.lengths[0]))
-    hidden = hidden_parts(problem, measured.evidence.share) if settings.prediction else []
-    systems = normal_equations(replace(problem, settings=softened), measured, hidden, (), smooth=smoothness)
-    return [BandedFactor(s, fixed).covariances() for s, fixed in zip(systems, problem.fixed, strict=True)]
-
-
-def tip_deviations(body: Body, motion: Motion, covariances: Array) -> Array:
-    """Standard deviation of the place of every part's tip, (F, P), metres, of covariances of the poses (F, D, D)."""
-    R, T = part_poses(body, motion)
-    tips = np.array([[0.0, np.linalg.norm(part.tail_world - part.head_world), 0.0] for part in body.parts])
-    points = np.einsum("fpab,pb->fpa", R, tips) + T
-    J = point_jacobian(body, R, T, np.arange(len(body)), points)
-    J_C = (J.reshape(len(J), -1, body.dof) @ covariances).reshape(J.shape)
-    return np.asarray(np.sqrt(np.maximum((J * J_C).sum(axis=(2, 3)), 0)))

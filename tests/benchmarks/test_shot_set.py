@@ -10,7 +10,7 @@ import pytest
 from kfmocap.__main__ import main
 from kfmocap.benchmarks import bench, shot_set
 from kfmocap.benchmarks.rows import Case
-from kfmocap.benchmarks.shot_scores import NINETY_PERCENT, interval_cover, low_passed
+from kfmocap.benchmarks.shot_scores import interval_cover, low_passed
 from kfmocap.benchmarks.shot_set import DECIDING, MADE, REPORTING, JudgedShot, judged_shots
 from kfmocap.core.body import human, landmark_positions
 from kfmocap.core.body.motion import Motion
@@ -145,12 +145,11 @@ def test_the_filter_passes_slow_movement_closes_gaps_and_stops_jitter() -> None:
 
 
 def test_nine_tenths_of_errors_as_large_as_expected_are_covered() -> None:
-    assert pytest.approx(np.sqrt(chi2.ppf(0.9, 3) / 3), abs=1e-4) == NINETY_PERCENT
     body, F, rng = human(solid=False), 400, np.random.default_rng(0)
     motion = Motion(np.tile(body.offsets[0], (F, 1)), np.tile(np.eye(3), (F, len(body), 1, 1)))
     names = tuple(body.landmarks)
     places = landmark_positions(body, motion, list(names))
-    deviation = np.full((F, len(body)), 0.02)
+    interval = np.full((F, len(body)), 0.02 * np.sqrt(chi2.ppf(0.9, 3) / 3))
     truth = Landmarks(names, places + rng.normal(0, 0.02 / np.sqrt(3), places.shape), 30.0)
-    assert interval_cover(body, motion, deviation, truth, [0]) == pytest.approx(0.9, abs=0.02)
-    assert interval_cover(body, motion, 3 * deviation, truth, [0]) > 0.99
+    assert interval_cover(body, motion, interval, truth, [0]) == pytest.approx(0.9, abs=0.02)
+    assert interval_cover(body, motion, 3 * interval, truth, [0]) > 0.99

@@ -25,6 +25,7 @@ from kfmocap.core.formats import load_cameras, read_trc, save_cameras, write_trc
 from kfmocap.core.keypoints.observations import ShotKeypoints
 from kfmocap.core.numerics import rotations
 from kfmocap.core.review.suggestions import KeySuggestion
+from kfmocap.core.tracking.uncertainty import JointErrors
 
 SIZE = (96, 72)
 FRAMES = 6
@@ -65,7 +66,7 @@ class Result:
         self.segments = ()
         self.visible = tuple(np.ones(count) for count in counts)
         self.residual = tuple(np.linspace(0, 0.1, shot.length) for _ in shot.performers)
-        self.deviation = tuple(np.zeros(count[1:]) for count in counts)
+        self.errors = tuple(JointErrors(*np.zeros((3, *count[1:]))) for count in counts)
         self.unknown = tuple(() for _ in shot.performers)
         self.pictures = None
         self.footage_offset = 0.0

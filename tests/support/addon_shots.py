@@ -20,6 +20,7 @@ from kfmocap.core.runtime.progress import Progress, report_progress
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot, View
 from kfmocap.core.tracking import retracking
 from kfmocap.core.tracking.segment_stages import Around
+from kfmocap.core.tracking.uncertainty import JointErrors
 from kfmocap.kfmocap_addon.scene_io import fcurves
 
 SIZE = (320, 240)
@@ -97,6 +98,7 @@ def track_result(
         motions=tuple(motions),
         visible=sights(given) if visible is None else visible,
         deviation=deviations(given),
+        errors=tuple(JointErrors(error, 1.5 * error, np.zeros_like(error)) for error in deviations(given)),
         seconds={"solve": 1.0},
         footage_offset=footage_offset,
         observed=ShotKeypoints(),

@@ -18,6 +18,7 @@ from kfmocap.core.review.scoring import joint_error
 from kfmocap.core.review.track_report import report, report_lines
 from kfmocap.core.runtime.files import write_json
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot, View
+from kfmocap.core.tracking.uncertainty import JointErrors
 
 
 @dataclass
@@ -58,7 +59,10 @@ def tracked() -> tuple[Shot, type]:
 
     deviation = np.full((F, len(body)), 0.004) * np.sin(np.pi * np.arange(F) / (F - 1))[:, None]
     deviation[13:18, body.index("forearm.L")] = 0.2
-    Result.visible, Result.residual, Result.deviation = (visible,), (values,), (deviation,)
+    lost = np.zeros_like(deviation)
+    lost[14:17, body.index("forearm.L")] = 0.8
+    Result.visible, Result.residual = (visible,), (values,)
+    Result.errors = (JointErrors(deviation, 1.5 * deviation, lost),)
     return Shot("jump", 25.0, (100, 123), views, (performer,)), Result
 
 
@@ -97,6 +101,9 @@ def test_the_report_has_how_far_off_the_parts_may_be_and_where_one_more_key_pose
     tracked: tuple[Shot, type],
 ) -> None:
     (man,) = report(*tracked)["performers"]
+    assert man["expected_error_90"] == pytest.approx(1.5 * np.array(man["expected_error"]), abs=0.13)
+    assert man["joint_errors_90"]["forearm.L"][15] == 300.0 and "hand.L" not in man["joint_errors_90"]
+    assert man["may_be_lost"] == {"forearm.L": [[114, 116]]}
     assert len(man["expected_error"]) == 24 and man["expected_error"][0] == man["expected_error"][-1] == 0
     first, *others = man["helpful_keyframes"]
     assert 114 <= first["frame"] <= 116 and first["parts"] == ["forearm.L"]
@@ -106,12 +113,14 @@ def test_the_report_has_how_far_off_the_parts_may_be_and_where_one_more_key_pose
 
 def test_blind_spots_are_told_in_a_line_each(tracked: tuple[Shot, type]) -> None:
     shot, result = tracked
-    unseen, helpful, suggested = report_lines(report(shot, result))
+    unseen, lost, helpful, suggested = report_lines(report(shot, result))
+    assert lost == "man: may be lost, as the footage shows background where they are: forearm.L 114-116"
     assert unseen == "man: frames on which no camera sees a part: shin.L 1, hand.R 7"
     assert suggested == "man: key poses would help at 107 (hand.R hidden 108-114), 115 (hand.R hidden 108-114)"
     assert helpful.startswith("man: where one more key pose would help most: ") and "(forearm.L some" in helpful
     result.visible = tuple(np.ones_like(visible) for visible in result.visible)
-    result.deviation = tuple(np.zeros_like(deviation) for deviation in result.deviation)
+    nothing = np.zeros_like(result.errors[0].lost)
+    result.errors = (JointErrors(nothing, nothing, nothing),)
     assert not report_lines(report(shot, result))
 
 

@@ -1,0 +1,112 @@
+"""Key poses predicted without themselves: what the shot's own errors are against those that the solver expects.
+
+A key pose at the end of a segment is let go, and the segment solved for it from the evidence and the key pose at the
+other end. How far the prediction misses it, against the covariance that the solver has of it, tells by how much that
+covariance is wrong: noise that goes on for longer than the solver assumes, clothes, cameras that do not fit. Nothing
+need be known of the causes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..body import Body
+from ..numerics.arrays import Array
+from ..numerics.banded import BandedFactor
+from ..numerics.banded_blocks import BandedBlocks
+from .joint_covariances import tip_covariances, tip_jacobian
+from .solvers.gauss_newton import OVERRELAXATION
+from .solvers.problem import SegmentProblem, SegmentSolution
+from .solvers.smoothness_factor import SegmentSmoothness
+
+USUAL_RATIO = 3.0
+"""Squared errors against those that the solver expects, where no key pose tells."""
+KNOWN_RATIO = 6.0
+"""What `USUAL_RATIO` counts, in squared errors along an axis."""
+ALIKE = 4.0
+"""Parts of a body miss a key pose together: so many count as one for the body's ratio."""
+OWN_RATIO = 6.0
+"""Squared errors along an axis that a part must have shown to count as much as all of the body."""
+
+
+def missed_key_poses(
+    problem: SegmentProblem,
+    solution: SegmentSolution,
+    images: Sequence[BandedBlocks],
+    performer: int,
+) -> Array:
+    """Predict a performer's key poses of a segment that hold the whole body, one at a time.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+    solution : SegmentSolution
+    images : sequence of BandedBlocks
+        Normal equations of all evidence at the solution, without smoothness, per performer.
+    performer : int
+        Index of the performer.
+
+    Returns
+    -------
+    ndarray, shape (K, P)
+        How far each key pose was missed: squared distance of every part's tip in units of its expected covariance,
+        summed over the three axes.
+    """
+    body, motion = problem.bodies[performer], solution.motions[performer]
+    found = []
+    for frame in problem.whole_keys(performer).tolist():
+        free, smooth = _without_key(problem, solution, performer, frame)
+        if free.fixed[performer].all():
+            continue
+        system = images[performer] + smooth.blocks(free, performer, motion)
+        factor = BandedFactor(system, free.fixed[performer])
+        # A single step goes as much too short here as in solving.
+        step = -OVERRELAXATION * factor.solve(system.gradient)[frame]
+        found.append(_miss(body, tip_jacobian(body, motion[[frame]])[0], step, factor.covariance(frame)))
+    return np.array(found).reshape(-1, len(body))
+
+
+def covariance_ratios(misses: Array, joints: Sequence[int]) -> Array:
+    """By what factor covariances of a performer's parts are to be multiplied, shape (P,).
+
+    It is the mean of what is known of the part, of the body, and of shots in general, each counted by how much is
+    known.
+
+    Parameters
+    ----------
+    misses : ndarray, shape (K, P)
+        See `missed_key_poses`.
+    joints : sequence of int
+        Parts whose tips are joints: they stand for the body.
+    """
+    total, each = misses.sum(axis=0), 3.0 * len(misses)
+    body = KNOWN_RATIO * USUAL_RATIO + total[list(joints)].sum() / ALIKE
+    body /= KNOWN_RATIO + each * len(joints) / ALIKE
+    return np.asarray((OWN_RATIO * body + total) / (OWN_RATIO + each))
+
+
+def _without_key(
+    problem: SegmentProblem, solution: SegmentSolution, performer: int, frame: int
+) -> tuple[SegmentProblem, SegmentSmoothness]:
+    """The problem with the performer's pose on a frame free, and its smoothness.
+
+    What is known beyond an end is not used: it was found from that end.
+    """
+    fixed, variances = problem.fixed[performer].copy(), solution.variances
+    fixed[frame] = problem.fixed[performer].all(axis=0)
+    free = replace(problem, fixed=tuple(fixed if i == performer else f for i, f in enumerate(problem.fixed)))
+    if frame == 0 and free.before is not None:
+        free, variances = replace(free, before=None), tuple(replace(v, local=v.local[1:]) for v in variances)
+    if frame == problem.length - 1 and free.after is not None:
+        free, variances = replace(free, after=None), tuple(replace(v, local=v.local[:-1]) for v in variances)
+    return free, SegmentSmoothness(variances)
+
+
+def _miss(body: Body, jacobian: Array, step: Array, covariance: Array) -> Array:
+    apart = jacobian @ step
+    expected = tip_covariances(jacobian[None], covariance[None])[0]
+    # Directions in which a tip cannot move say nothing.
+    return np.asarray(np.einsum("pa,pab,pb->p", apart, np.linalg.pinv(expected, 1e-6, hermitian=True), apart))

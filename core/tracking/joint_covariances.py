@@ -1,0 +1,25 @@
+"""From covariances of poses to those of the places of joints."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..body import Body, part_poses
+from ..body.kinematics import point_jacobian
+from ..body.motion import Motion
+from ..numerics.arrays import Array
+
+
+def tip_jacobian(body: Body, motion: Motion) -> Array:
+    """Derivatives of the places of all parts' tips by the degrees of freedom, shape (F, P, 3, D)."""
+    R, T = part_poses(body, motion)
+    tips = np.array([[0.0, np.linalg.norm(part.tail_world - part.head_world), 0.0] for part in body.parts])
+    points = np.einsum("fpab,pb->fpa", R, tips) + T
+    return point_jacobian(body, R, T, np.arange(len(body)), points)
+
+
+def tip_covariances(jacobian: Array, covariances: Array) -> Array:
+    """Covariances of the tips' places, (F, P, 3, 3), metres squared, of `tip_jacobian` and the poses' (F, D, D)."""
+    shape = jacobian.shape
+    rows = (jacobian.reshape(len(jacobian), -1, shape[-1]) @ covariances).reshape(shape)
+    return np.asarray(rows @ np.swapaxes(jacobian, -1, -2))

@@ -1,0 +1,117 @@
+"""Limbs that may be lost: the probability that a part is not on what it is taken for.
+
+Where a part is right, the pixels that it covers look like the performer, as they do on the key frames. Where it is
+lost, it covers background in some views; in others it may lie on the rest of the body, and nothing shows. A limb that
+is lost stays so for a while: two states, found and lost, follow one another in a hidden Markov chain, and the chain's
+probabilities are those given all frames.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import betaln, expit
+
+from ..body import Body
+from ..evidence.misfit import Misfit
+from ..numerics.arrays import Array, Bools, Ints
+from .solvers.limb_search import limbs
+
+LOSING, FINDING = 0.002, 0.1
+"""Probabilities that a part that was found is lost on the next frame, and that a lost one is found again."""
+PIECE = 0.05
+"""Side of a square on the body whose pixels count as one, as they are taken for background together, metres."""
+TOGETHER = 2.0
+"""Frames that say the same."""
+USUAL_BACKGROUND = 0.05
+"""Share of a part's pixels that is taken for background though the part is right, where no frame tells: as one piece
+would."""
+LEAST_USUAL = 0.02
+"""No part looks wholly like the performer, or wholly like background, on all frames."""
+STEADINESS = 20.0
+"""How little that share changes: as if so many pieces had been seen."""
+SHOWN = 0.5
+"""Probability that a view shows that a part is lost: it may lie before or behind the rest of the body."""
+
+
+def lost_probabilities(body: Body, misfit: Misfit, span: slice, *, held: Bools, keys: Ints) -> Array:
+    """How likely each part of a performer is not where it is taken to be, shape (F, P).
+
+    Parts of the trunk are not asked; a part of a limb is lost with the one that it hangs on.
+
+    Parameters
+    ----------
+    body : Body
+    misfit : Misfit
+    span : slice
+        The performer's parts in it.
+    held : ndarray of bool, shape (F, P)
+        Where key poses hold a part.
+    keys : ndarray of int, shape (K,)
+        Frames with a key pose of the whole body: they show which share of each part looks like background anyway.
+        Without any that is the median over the frames.
+    """
+    visible, background = misfit.visible[..., span], misfit.background[..., span]
+    pieces = visible / PIECE**2
+    usual = _usual_background(background, pieces, keys)
+    doubt = _log_odds(background, pieces, usual).sum(axis=0) / TOGETHER
+    lost = np.zeros(held.shape)
+    for chain in limbs(body):
+        sure = np.ones(len(lost))
+        for part in chain:
+            sure = sure * (1 - _chain_probabilities(np.where(held[:, part], -np.inf, doubt[:, part])))
+            lost[:, part] = 1 - sure
+    return lost
+
+
+def limb_reach(body: Body) -> Array:
+    """How far the tip of each part of a limb is from where the limb begins, metres, shape (P,); 0 for the trunk."""
+    lengths = np.array([float(np.linalg.norm(part.tail_world - part.head_world)) for part in body.parts])
+    reach = np.zeros(len(body))
+    for chain in limbs(body):
+        reach[chain] = np.cumsum(lengths[chain])
+    return reach
+
+
+def _usual_background(background: Array, pieces: Array, keys: Ints) -> Array:
+    """What share of each part looks like background where it is right, of every view and frame, (V, F, P)."""
+    if not len(keys):
+        usual = np.where(pieces > 0, background, np.nan)
+        seen = (pieces > 0).any(axis=1, keepdims=True)
+        with np.errstate(all="ignore"):
+            usual = np.nanmedian(np.where(seen, usual, 0.0), axis=1, keepdims=True)
+        return np.broadcast_to(np.maximum(usual, USUAL_BACKGROUND), background.shape)
+    known = (USUAL_BACKGROUND + background[:, keys] * pieces[:, keys]) / (1 + pieces[:, keys])
+    frames = np.arange(background.shape[1])
+    after = np.clip(np.searchsorted(keys, frames), 1, max(len(keys) - 1, 1))
+    a, b = after - 1, np.minimum(after, len(keys) - 1)
+    share = np.clip((frames - keys[a]) / np.maximum(keys[b] - keys[a], 1), 0, 1)[:, None]
+    return np.asarray(known[:, a] * (1 - share) + known[:, b] * share)
+
+
+def _log_odds(background: Array, pieces: Array, usual: Array) -> Array:
+    """Log of how much likelier each share of background is for a part that is lost than for one that is right."""
+    hits, usual = background * pieces, np.clip(usual, LEAST_USUAL, 1 - LEAST_USUAL)
+    a, b = usual * STEADINESS, (1 - usual) * STEADINESS
+    right = betaln(hits + a, pieces - hits + b) - betaln(a, b)
+    lost = betaln(hits + 1, pieces - hits + 1)
+    return np.asarray(np.logaddexp(np.log(1 - SHOWN), np.log(SHOWN) + lost - right))
+
+
+def _chain_probabilities(log_odds: Array) -> Array:
+    """Probability of the lost state on each of F frames given all of them.
+
+    Worked out in logarithms of odds, forwards and backwards.
+    """
+    F = len(log_odds)
+    forward, backward = np.empty(F), np.zeros(F)
+    forward[0] = np.log(LOSING / FINDING) + log_odds[0]
+    for f in range(1, F):
+        before = expit(forward[f - 1])
+        lost = before * (1 - FINDING) + (1 - before) * LOSING
+        forward[f] = np.log(lost / (1 - lost)) + log_odds[f]
+    for f in range(F - 2, -1, -1):
+        odds = log_odds[f + 1] + backward[f + 1]
+        if_lost = np.logaddexp(np.log(1 - FINDING) + odds, np.log(FINDING))
+        if_found = np.logaddexp(np.log(LOSING) + odds, np.log(1 - LOSING))
+        backward[f] = if_lost - if_found
+    return np.asarray(expit(forward + backward))

@@ -1,0 +1,115 @@
+"""Expected errors: intervals that hold what they say, and limbs that are called lost where they are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from kfmocap.core.body.motion import Motion
+from kfmocap.core.evidence.label_images import Geometry
+from kfmocap.core.evidence.misfit import Misfit, measured_misfit
+from kfmocap.core.evidence.view_frames import ViewFrames
+from kfmocap.core.numerics.rotations import exp
+from kfmocap.core.tracking.held_out_keys import covariance_ratios
+from kfmocap.core.tracking.lost_limbs import limb_reach, lost_probabilities
+from kfmocap.core.tracking.uncertainty import MAYBE, TAILS, SegmentDoubt, joint_errors, joint_parts
+from synthetic import at_rest, figure, look_at, poses_of, silhouette
+
+Array = np.ndarray
+BODY = figure()
+P = len(BODY)
+FRAMES, LOST = 24, slice(8, 18)
+ARM = [BODY.index("upper_arm.L"), BODY.index("forearm.L")]
+CAMERAS = (look_at("front", (0.3, -2.4, 1.4)), look_at("side", (-2.2, -1.2, 1.5)))
+
+
+def doubt(first: int, covariances: Array, misses: Array) -> SegmentDoubt:
+    held = np.zeros(len(covariances), bool)
+    held[[0, -1]] = True
+    return SegmentDoubt(first, held, covariances, misses, np.zeros(len(held)), np.zeros(covariances.shape[:2]))
+
+
+def test_errors_larger_than_the_solver_expects_are_covered_as_key_poses_show_them() -> None:
+    """Two segments of a linear problem with nine times the variance that its solver assumes, more on some frames."""
+    rng, F, keys = np.random.default_rng(0), 400, 24
+    A = rng.normal(0, 0.01, (F, P, 3, 3))
+    covariances = A @ np.swapaxes(A, -1, -2)
+    wrong = 9.0
+    misses = wrong * rng.chisquare(3, (keys, P))
+    halves = [
+        doubt(0, covariances[: F // 2], misses[: keys // 2]),
+        doubt(F // 2, covariances[F // 2 :], misses[keys // 2 :]),
+    ]
+    found = joint_errors(BODY, halves, np.zeros((F, P, 3, 3)))
+    spread = np.sqrt(wrong / (rng.chisquare(TAILS, (F, P)) / TAILS))
+    errors = spread * np.linalg.norm((A @ rng.normal(size=(F, P, 3, 1)))[..., 0], axis=-1)
+    rows = np.setdiff1d(np.arange(F), [0, F // 2 - 1, F // 2, F - 1])
+    assert np.mean(errors[rows] <= found.interval[rows]) == pytest.approx(0.9, abs=0.025)
+    assert not found.interval[[0, F - 1]].any() and not found.deviation[[0, F - 1]].any()
+
+
+def test_a_part_that_misses_key_poses_by_more_than_the_others_has_the_larger_ratio() -> None:
+    misses = np.full((6, P), 3.0)
+    misses[:, 1] = 60.0
+    ratios = covariance_ratios(misses, joint_parts(BODY.parents))
+    assert ratios[1] > 2 * np.delete(ratios, 1).max()
+    usual = covariance_ratios(np.zeros((0, P)), joint_parts(BODY.parents))
+    assert (usual == usual[0]).all() and usual[0] > 1
+
+
+def test_what_no_footage_shows_is_in_the_errors_of_all_frames_but_the_key_poses() -> None:
+    covariances = np.tile(1e-12 * np.eye(3), (5, P, 1, 1))
+    found = joint_errors(BODY, [doubt(0, covariances, np.zeros((0, P)))], np.tile(1e-4 * np.eye(3) / 3, (5, P, 1, 1)))
+    np.testing.assert_allclose(found.deviation[1:-1], 0.01, rtol=1e-3)
+
+
+def arm_turned_away() -> Motion:
+    motion = at_rest(BODY, FRAMES)
+    Q = motion.rotations.copy()
+    Q[LOST, ARM[0]] = Q[LOST, ARM[0]] @ exp(np.array([0.0, 0.0, 1.2]))
+    return Motion(motion.translations, Q)
+
+
+def misfit_of(found: Motion, cameras: tuple = CAMERAS) -> Misfit:
+    poses = poses_of([BODY], [at_rest(BODY)])
+    views = []
+    for camera in cameras:
+        seen = np.stack([silhouette([BODY], poses, 0, camera, samples=2)] * FRAMES)
+        views.append(ViewFrames(camera, np.zeros_like(seen), 0, foreground=seen[None]))
+    at = {0.0: poses_of([BODY], [found])}
+    return measured_misfit(views, Geometry.of([BODY]), at, first=0, spans=[slice(0, P)])
+
+
+def lost_in(misfit: Misfit, held: Array | None = None) -> Array:
+    held = np.zeros((FRAMES, P), bool) if held is None else held
+    held[[0, -1]] = True
+    return lost_probabilities(BODY, misfit, slice(0, P), held=held, keys=np.array([0, FRAMES - 1]))
+
+
+def test_an_arm_that_lies_on_background_may_be_lost_on_these_frames_and_no_other_part_ever() -> None:
+    """Where it is lost and found again is known to two frames."""
+    said = lost_in(misfit_of(arm_turned_away())) >= MAYBE
+    assert said[LOST, ARM[0]].all() and said[LOST, ARM[1]].all()
+    assert not said[: LOST.start - 2].any() and not said[LOST.stop + 2 :].any()
+    assert not np.delete(said, ARM, axis=1).any()
+
+
+def test_a_lost_arm_is_expected_to_be_off_by_its_length_not_by_millimetres() -> None:
+    lost, covariances = lost_in(misfit_of(arm_turned_away())), np.tile(1e-6 * np.eye(3), (FRAMES, P, 1, 1))
+    held = np.zeros(FRAMES, bool)
+    held[[0, -1]] = True
+    doubts = [SegmentDoubt(0, held, covariances, np.zeros((0, P)), np.zeros(FRAMES), lost)]
+    found = joint_errors(BODY, doubts, np.zeros((FRAMES, P, 3, 3)))
+    middle = (LOST.start + LOST.stop) // 2
+    assert found.deviation[middle, ARM[1]] > 0.9 * limb_reach(BODY)[ARM[1]] > 0.3
+    assert np.delete(found.deviation, ARM, axis=1).max() < 0.02 and found.deviation[[0, -1]].max() == 0
+
+
+def test_a_motion_that_is_right_has_no_lost_part_and_neither_has_one_that_key_poses_hold() -> None:
+    assert lost_in(misfit_of(at_rest(BODY, FRAMES))).max() < 0.1
+    held = np.zeros((FRAMES, P), bool)
+    held[:, ARM] = True
+    assert not lost_in(misfit_of(arm_turned_away()), held)[:, ARM].any()
+
+
+def test_without_foreground_images_nothing_is_called_lost() -> None:
+    assert lost_in(misfit_of(arm_turned_away(), cameras=())).max() < MAYBE
