@@ -25,7 +25,8 @@ from ..runtime.threads import one_blas_thread
 from ..runtime.worker_memory import WorkerMemory
 from ..shot.shot import Shot
 from ..tracking.journal import Journal
-from ..tracking.retracking import Excerpt, track_excerpts
+from ..tracking.retracking import Excerpt, glance, track_excerpts
+from ..tracking.schedule import SegmentShown
 from ..tracking.segments import whole_keys
 from ..tracking.track_result import TrackResult
 from .camera_refinement import RefinedCamera, Refinement, refine_cameras
@@ -167,8 +168,12 @@ def track_and_check(
     *,
     journal: Journal | None = None,
     memory: WorkerMemory | None = None,
+    show: SegmentShown | None = None,
+    looking_at: int = 0,
 ) -> CheckedTrack:
     """Track excerpts of a shot, and compare its cameras where that is all of it; parameters as of `track_excerpts`.
+
+    What is shown begins with the segment of the shot frame that somebody is looking at.
 
     Raises
     ------
@@ -177,7 +182,9 @@ def track_and_check(
     """
     whole = len(excerpts) == 1 and (excerpts[0].first, excerpts[0].last) == (0, shot.length - 1)
     told = share(progress, 0.0, 0.9) if whole else progress
-    results = track_excerpts(shot, excerpts, told, journal=journal, memory=memory)
+    if show is not None:
+        glance(shot, excerpts, looking_at, show, progress=progress, memory=memory)
+    results = track_excerpts(shot, excerpts, told, journal=journal, memory=memory, show=show)
     if not whole:
         return CheckedTrack(results, None)
     return CheckedTrack(results, camera_fits(shot, results[0], share(progress, 0.9, 1.0)))

@@ -32,6 +32,8 @@ class Job:
         self.state = ("", 0.0)
         self._begun = time.monotonic()
         self._cancelled = False
+        self._shown: dict[Any, Any] = {}
+        self._lock = threading.Lock()
         self._outcome: Any = None
         self._error: Exception | None = None
         self._process, self._keeps = worker or WorkerProcess(), worker is not None
@@ -40,7 +42,7 @@ class Job:
 
     def _wait_for(self, work: Work) -> None:
         try:
-            self._outcome = self._process.call(work, self._tell)
+            self._outcome = self._process.call(work, self._tell, self._show)
         except Exception as error:
             self._error = error
         if not self._keeps:
@@ -48,6 +50,16 @@ class Job:
 
     def _tell(self, state: tuple[str, float]) -> None:
         self.state = state
+
+    def _show(self, key: Any, value: Any) -> None:
+        with self._lock:
+            self._shown[key] = value
+
+    def take_shown(self) -> dict[Any, Any]:
+        """Return the interim results, by their keys, that were handed out since the last time."""
+        with self._lock:
+            shown, self._shown = self._shown, {}
+        return shown
 
     def cancel(self) -> None:
         """Stop the work: its process ends at once."""

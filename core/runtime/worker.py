@@ -38,9 +38,13 @@ def main() -> None:
     working = threading.Event()
     threading.Thread(target=_receive, args=(sent, working), daemon=True).start()
 
+    lock = threading.Lock()
+
     def tell(*message: object) -> bool:
-        outgoing.write(pickle.dumps(message, pickle.HIGHEST_PROTOCOL))
-        outgoing.flush()
+        data = pickle.dumps(message, pickle.HIGHEST_PROTOCOL)
+        with lock:
+            outgoing.write(data)
+            outgoing.flush()
         return True
 
     try:
@@ -56,7 +60,8 @@ def main() -> None:
             try:
                 work = pickle.loads(data)
                 if isinstance(work, kept.Remembering):
-                    work = partial(work.work, memory=memory)
+                    shown = {"show": lambda key, value: tell("shown", (key, value))} if work.shows else {}
+                    work = partial(work.work, memory=memory, **shown)
                 result = work(lambda what, fraction: tell("progress", (what, fraction)))
             except BrokenPipeError:
                 raise

@@ -90,9 +90,12 @@ class Remembering:
     ----------
     work : callable
         Called with progress and `memory`, a WorkerMemory.
+    shows : bool
+        It hands out interim results: it is also called with `show`, see `worker_process.Show`.
     """
 
     work: Callable[..., Any]
+    shows: bool = False
 
     def __call__(self, progress: Progress) -> Any:
         """Do the work where nothing is kept."""

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 Work = Callable[["Progress"], Any]
 """A function of a module, or a `functools.partial` of one: it and its result are pickled between the processes."""
+Show = Callable[[Any, Any], None]
+"""show(key, value) hands out an interim result; it takes the place of an earlier one of that key."""
 
 
 class WorkerProcess:
@@ -53,7 +55,12 @@ class WorkerProcess:
         """Of the process."""
         return self._process.pid
 
-    def call(self, work: Work, progress: Callable[[tuple[str, float]], object] | None = None) -> Any:
+    def call(
+        self,
+        work: Work,
+        progress: Callable[[tuple[str, float]], object] | None = None,
+        show: Show | None = None,
+    ) -> Any:
         """Have a piece of work done, and wait for it.
 
         Parameters
@@ -61,6 +68,8 @@ class WorkerProcess:
         work : callable
         progress : callable, optional
             Called with what is being done and the share of it that is done.
+        show : callable, optional
+            Called with interim results, where the work hands out some.
 
         Raises
         ------
@@ -77,9 +86,11 @@ class WorkerProcess:
         except OSError as error:
             raise WorkerEndedError(self._process.wait()) from error
         kind, value = self._next()
-        while kind == "progress":
-            if progress is not None:
+        while kind in ("progress", "shown"):
+            if kind == "progress" and progress is not None:
                 progress(value)
+            elif kind == "shown" and show is not None:
+                show(*value)
             kind, value = self._next()
         if kind == "error":
             raise value

@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
-from ..runtime.progress import Progress, share
+from ..body.motion import Motion
+from ..errors import KFMocapError
+from ..runtime.progress import Progress, report_progress, share
 from ..runtime.worker_memory import WorkerMemory
 from ..shot.fingerprint import value_bytes
 from ..shot.shot import KeyPoses, Performer, Shot
 from .journal import Journal
 from .segment_stages import Around
-from .segments import Segment
+from .schedule import SegmentShown
+from .segments import Segment, segments
 from .track_result import TrackResult
 from .tracker import track
+
+GLANCED = 4
+"""Iterations of a segment that are shown before tracking begins elsewhere: the first shows the initial solution."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +79,7 @@ def track_excerpts(
     *,
     journal: Journal | None = None,
     memory: WorkerMemory | None = None,
+    show: SegmentShown | None = None,
 ) -> list[TrackResult]:
     """Track excerpts of a shot; what it costs is theirs alone.
 
@@ -81,7 +90,8 @@ def track_excerpts(
     progress : callable, optional
     journal : Journal, optional
     memory : WorkerMemory, optional
-        See `tracking.track`.
+    show : callable, optional
+        See `tracking.track`; segments are shown in frames of the shot.
 
     Returns
     -------
@@ -100,8 +110,48 @@ def track_excerpts(
     for part, (begin, end) in zip(excerpts, pairwise(ends), strict=True):
         asked = shot.between(part.first, part.last).with_footage_offset(part.footage_offset)
         told = share(progress, float(begin), float(end))
-        results.append(track(asked, told, around=part.around, journal=journal, memory=memory))
+        shown = None if show is None else partial(_show_in_shot, show, part.first)
+        results.append(track(asked, told, around=part.around, journal=journal, memory=memory, show=shown))
     return results
+
+
+def glance(
+    shot: Shot,
+    excerpts: Sequence[Excerpt],
+    frame: int,
+    show: SegmentShown,
+    *,
+    progress: Progress | None = None,
+    memory: WorkerMemory | None = None,
+) -> None:
+    """Show a coarse solution of the segment that a shot frame lies in, unless that is tracked first anyway.
+
+    It is no part of the result, which does not depend on where somebody is looking. Errors are those of the tracking
+    that follows, and left to it.
+    """
+    chosen = [(part, s) for part in excerpts for s in segments(shot) if part.first <= s[0] and s[1] <= part.last]
+    number = next((i for i, (_, (first, last)) in enumerate(chosen) if first <= frame <= last), 0)
+    if number == 0:
+        return
+    part, (first, last) = chosen[number]
+    seen: list[int] = []
+
+    def observed(segment: Segment, iteration: int, motions: Sequence[Motion]) -> None:
+        _show_in_shot(show, first, segment, tuple(motions))
+        seen.append(iteration)
+
+    def looked(_what: str, _fraction: float) -> bool:
+        report_progress(progress, "looking ahead", 0.0)
+        return len(seen) < GLANCED
+
+    asked = shot.with_settings_filled().between(first, last).with_footage_offset(part.footage_offset)
+    with contextlib.suppress(KFMocapError):  # it is cancelled, or the tracking that follows says what is wrong
+        track(asked, looked, observed, memory=memory)
+
+
+def _show_in_shot(show: SegmentShown, start: int, segment: Segment, motions: tuple[Motion, ...]) -> None:
+    """Show a segment of an excerpt that starts at a shot frame."""
+    show((start + segment[0], start + segment[1]), motions)
 
 
 def digest(shot: Shot, segment: Segment) -> str:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from functools import partial
 from threading import Lock
+from typing import Any
 
 from ..body.motion import Motion
 from ..evidence.view_frames import ViewFrames
@@ -25,6 +26,8 @@ from .segment_tasks import RefinedSegment, SegmentTask, SolvedSegment, StoredVie
 from .segments import Segment, segments, whole_keys
 
 Observer = Callable[[Segment, int, Sequence[Motion]], None]
+SegmentShown = Callable[[Segment, tuple[Motion, ...]], None]
+"""Called with a segment and the motions of its frames as soon as it is solved, and once more when it is refined."""
 SOLVING = 0.7
 """Share of the work on a segment that is done before it is refined."""
 
@@ -46,6 +49,8 @@ class SegmentSchedule:
     progress : callable, optional
     observe : callable, optional
         See `tracker.track`; with a single worker alone.
+    show : callable, optional
+        See `SegmentShown`; called in the threads of the pool.
 
     Attributes
     ----------
@@ -66,10 +71,11 @@ class SegmentSchedule:
         threads: int,
         progress: Progress | None = None,
         observe: Observer | None = None,
+        show: SegmentShown | None = None,
     ) -> None:
         self.state, self.seconds = begin, Seconds()
         self._begin, self._shot, self._observed, self._pool, self._threads = begin, shot, observed, pool, threads
-        self._segments, self._observe, self._kept = segments(shot), observe, finished
+        self._segments, self._observe, self._show, self._kept = segments(shot), observe, show, finished
         self._report = _Report(shot, progress)
         whole = set(whole_keys(shot, 0, shot.length - 1).tolist())
         self._goes_on = [k > 0 and first not in whole for k, (first, _) in enumerate(self._segments)]
@@ -87,10 +93,14 @@ class SegmentSchedule:
         if (known := self._kept.known.get(self._segments[k])) is not None:
             self._report.part(self._segments[k], 1.0)(1.0)
             self._solving.append(known)
+            if self._show is not None:
+                self._show(known.segment, known.motions)
         else:
             state = self.state if self._goes_on[k] else self._begin
             work = partial(solve_task, self._task(k, state), self._observed, watch=self._watcher(k))
-            self._solving.append(self._pool.submit(work, self._report.part(self._segments[k], SOLVING)))
+            solving: Future[SolvedSegment] = self._pool.submit(work, self._report.part(self._segments[k], SOLVING))
+            solving.add_done_callback(lambda done: self._show_motions(done, k, lambda s: s.solution.motions))
+            self._solving.append(solving)
         if self._pool.workers == 1:
             self._collect(k + 1)
 
@@ -108,6 +118,11 @@ class SegmentSchedule:
 
     def _watcher(self, k: int) -> Watcher | None:
         return None if self._observe is None else partial(self._observe, self._segments[k])
+
+    def _show_motions(self, done: Future[Any], k: int, motions: Callable[[Any], tuple[Motion, ...]]) -> None:
+        """Hand out the motions of a segment that is done; what went wrong with it is raised elsewhere."""
+        if self._show is not None and not done.cancelled() and done.exception() is None:
+            self._show(self._segments[k], motions(done.result()))
 
     def _collect(self, count: int) -> None:
         """Wait until so many segments are solved; each is refined once the one after it is."""
@@ -138,7 +153,11 @@ class SegmentSchedule:
                 self._finish(k)
                 state = state.with_solution(self._segments[k - 1], self._done[k - 1].motions)
             work = partial(refine_task, self._task(k, state), solved, watch=self._watcher(k))
-            self._refining.append(self._pool.submit(work, self._report.part(self._segments[k], 1 - SOLVING)))
+            refining: Future[RefinedSegment] = self._pool.submit(
+                work, self._report.part(self._segments[k], 1 - SOLVING)
+            )
+            refining.add_done_callback(lambda done: self._show_motions(done, k, lambda r: r.finished.motions))
+            self._refining.append(refining)
         self._finish(k - 2 * self._pool.workers)
 
     def _finish(self, count: int) -> None:

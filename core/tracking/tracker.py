@@ -42,7 +42,7 @@ from .appearance import frames_with_foreground, grey_frames
 from .body_doubt import body_covariances
 from .journal import FinishedSegment, Journal, KeptSegments
 from .reader import SegmentReader
-from .schedule import Observer, SegmentSchedule
+from .schedule import Observer, SegmentSchedule, SegmentShown
 from .segment_stages import Around, TrackState
 from .segment_tasks import StoredView
 from .segments import Segment, posed_frames, segments
@@ -65,6 +65,7 @@ def track(
     *,
     journal: Journal | None = None,
     memory: WorkerMemory | None = None,
+    show: SegmentShown | None = None,
 ) -> TrackResult:
     """Track every performer of a shot.
 
@@ -84,6 +85,8 @@ def track(
         Where finished segments are kept, and taken from if an earlier run has finished them: the result is the same.
     memory : WorkerMemory, optional
         Keeps frames and processes for the next shot that is tracked, which is often the same with one key pose changed.
+    show : callable, optional
+        Called with a segment and the motions of its frames as soon as it is solved, and again when it is refined.
 
     Raises
     ------
@@ -121,6 +124,7 @@ def track(
             threads=max(1, threads // workers),
             progress=progress,
             observe=observe,
+            show=show,
         )
         started = time.perf_counter()
         for segment, views in _footage_by_segment(

@@ -30,7 +30,8 @@ class JobOperator(OperatorMixin):
 
     `prepare` reads the scene and `finish` writes into it; both run in Blender's thread. Called with a window the
     operator runs modally; without one, and from scripts, it blocks until the work is done. While it runs modally the
-    3D views can be turned and zoomed and other frames shown; everything else waits.
+    3D views can be turned and zoomed and other frames shown; everything else waits. Work that hands out interim results
+    has them shown by `show`; `hide` takes these away again without a trace, before `finish` is called.
     """
 
     def prepare(self, context: bpy.types.Context) -> Work:
@@ -40,6 +41,12 @@ class JobOperator(OperatorMixin):
     def finish(self, context: bpy.types.Context, result: Any) -> None:
         """Write what the work returned into the scene."""
         raise NotImplementedError
+
+    def show(self, context: bpy.types.Context, shown: dict[Any, Any]) -> None:
+        """Show interim results, by their keys."""
+
+    def hide(self, context: bpy.types.Context) -> None:
+        """Take all that `show` has shown away."""
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         with progress_shown(context) as progress, reported(self) as outcome:
@@ -78,6 +85,8 @@ class JobOperator(OperatorMixin):
 
     def _continued(self, context: bpy.types.Context) -> set[str]:
         if not self.job.done:
+            if shown := self.job.take_shown():
+                self.show(context, shown)
             if (text := self.job.status_text()) != self._status:  # drawing takes its time, too
                 self._status = text
                 context.window_manager.progress_update(self.job.state[1])
@@ -97,6 +106,7 @@ class JobOperator(OperatorMixin):
         self._end(context)
 
     def _end(self, context: bpy.types.Context) -> None:
+        self.hide(context)
         context.window_manager.event_timer_remove(self._timer)
         context.window_manager.progress_end()
         if context.workspace is not None:

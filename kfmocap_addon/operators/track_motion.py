@@ -16,9 +16,11 @@ from .reporting import reported
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from ...core.body.motion import Motion
     from ...core.fitting.shot_cameras import CheckedTrack
     from ...core.shot.shot import Shot
     from ...core.tracking.segments import Segment
+    from ..scene_io.tracking_preview import TrackingPreview
 
 
 def _has_key_poses(context: bpy.types.Context) -> str:
@@ -60,8 +62,25 @@ class Tracking(Conditional, JobOperator):
             raise ShotError("there is nothing to track", where=self.bl_label)
         parts = tracked_segments.excerpts(context.scene, shot, chosen)
         self._asked = context.scene.name, shot, parts
+        self._preview: TrackingPreview | None = None
         journal = unfinished_tracking.begun(context.scene, chosen, resume=self.resume)
-        return Remembering(partial(track_and_check, shot, parts, journal=journal))
+        here = _shot_frame(context.scene)
+        return Remembering(partial(track_and_check, shot, parts, journal=journal, looking_at=here), shows=True)
+
+    def show(self, _context: bpy.types.Context, shown: dict[Segment, tuple[Motion, ...]]) -> None:
+        """Show the frames that are tracked so far."""
+        from ..scene_io.tracking_preview import TrackingPreview
+
+        scene: bpy.types.Scene | None = bpy.data.scenes.get(self._asked[0])
+        if scene is not None:
+            self._preview = self._preview or TrackingPreview(scene)
+            self._preview.show(shown)
+
+    def hide(self, _context: bpy.types.Context) -> None:
+        """Take them away: all of the result is written at once, or nothing."""
+        if self._preview is not None:
+            self._preview.end()
+            self._preview = None
 
     def finish(self, _context: bpy.types.Context, tracked: CheckedTrack) -> None:
         """Write the tracked motion into the scene, and which cameras do not fit."""

@@ -18,10 +18,12 @@ import job_functions  # noqa: E402
 from addon_shots import blender, keys_of, motion, shot, tracker  # noqa: E402, F401
 from kfmocap.core.errors import CancelledError, CaptureError, ShotError  # noqa: E402
 from kfmocap.core.runtime.job import Job, duration  # noqa: E402
+from kfmocap.core.runtime.worker_memory import Remembering  # noqa: E402
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts  # noqa: E402
 from kfmocap.kfmocap_addon.operators import job_operator  # noqa: E402
 from kfmocap.kfmocap_addon.operators.job_operator import JobOperator  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import fcurves, key_pose_curves, motion_curves, scene, tracked_segments  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.tracking_preview import TrackingPreview  # noqa: E402
 from scene_state import differences, state  # noqa: E402
 from synthetic import figure, film, look_at, shot_of, swing  # noqa: E402
 
@@ -389,6 +391,45 @@ def test_the_next_job_runs_in_the_process_of_the_last(monkeypatch):
     assert process() == first
     job_operator.unregister()
     assert process() != first
+
+
+def test_interim_results_come_by_their_keys_each_once(tmp_path):
+    job = Job(Remembering(partial(job_functions.showing, tmp_path / "go"), shows=True))
+    shown = {}
+    deadline = time.monotonic() + 30
+    while shown != {"a": 3, "b": 2} and time.monotonic() < deadline:
+        shown |= job.take_shown()
+        time.sleep(0.01)
+    assert shown == {"a": 3, "b": 2} and job.take_shown() == {}
+    (tmp_path / "go").touch()
+    job._thread.join(30)
+    assert job.result() == "end"
+
+
+@pytest.mark.parametrize("scrubbed", [False, True])
+def test_frames_fill_in_while_they_are_tracked_and_cancelling_leaves_no_trace(built, scrubbed):
+    """Also not of a pose that is not keyed, nor of bones without any key."""
+    bag = fcurves.find_channelbag(armature_of(built))
+    for curve in [curve for curve in bag.fcurves if "hand.R" in curve.data_path]:
+        bag.fcurves.remove(curve)
+    built.frame_set(FRAME + 3)
+    armature_of(built).pose.bones["hand.R"].rotation_quaternion = (0.8, 0.0, 0.6, 0.0)
+    if not scrubbed:
+        armature_of(built).pose.bones["forearm.L"].rotation_quaternion = (0.8, 0.6, 0.0, 0.0)
+    before = state()
+    preview = TrackingPreview(built)
+    truth = motion(12)
+    preview.show({(0, 5): (truth[:6],)})
+    preview.show({(5, 11): (motion(12, 1)[5:],)})
+    assert motion_curves.keyed_frames(armature_of(built), FRAME, 12).all()
+    preview.show({(5, 11): (truth[5:],)})
+    coming = motion_curves.read_motion(armature_of(built), FRAME, 12)
+    np.testing.assert_allclose(coming.rotations[7], truth.rotations[7], atol=1e-5)
+    if scrubbed:
+        built.frame_set(FRAME + 8)
+    preview.end()
+    built.frame_set(FRAME + 3) if scrubbed else bpy.context.view_layer.update()
+    assert not differences(state(), before)
 
 
 def test_nothing_but_looking_reaches_blender_while_a_job_runs(monkeypatch, tmp_path):

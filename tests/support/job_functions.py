@@ -77,3 +77,12 @@ def counted(progress: Progress, memory: WorkerMemory | None = None) -> int:
     if memory is not None:
         memory.keep(count, np.zeros(1, np.uint8))
     return count
+
+
+def showing(file: Path, _progress: Progress, *, memory: WorkerMemory, show: Callable[[object, object], None]) -> str:
+    """Shows interim results of two keys, and ends when a file is there."""
+    for key, value in (("a", 1), ("b", 2), ("a", 3)):
+        show(key, value)
+    while not file.exists():
+        time.sleep(0.01)
+    return "end"

@@ -12,9 +12,10 @@ from kfmocap.core.body import landmark_positions
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.body.smoothness import acceleration
 from kfmocap.core.errors import CancelledError, ShotError
+from kfmocap.core.fitting.shot_cameras import track_and_check
 from kfmocap.core.shot.shot import KeyPoses, Shot, View
 from kfmocap.core.tracking import retracking
-from kfmocap.core.tracking.retracking import Excerpt, digest, joined, track_excerpts
+from kfmocap.core.tracking.retracking import GLANCED, Excerpt, digest, joined, track_excerpts
 from kfmocap.core.tracking.segments import segments
 from kfmocap.core.tracking.track_result import TrackResult
 from kfmocap.core.tracking.tracker import track
@@ -105,6 +106,25 @@ def test_an_excerpt_has_the_segments_of_the_shot(views: list[View]) -> None:
     assert segments(s) == [(0, 3), (3, 7), (7, 10), (10, 15)]
     assert segments(s.between(3, 10)) == [(0, 4), (4, 7)]
     assert segments(s.between(0, 7)) == [(0, 3), (3, 7)]
+
+
+def test_what_is_looked_at_is_shown_first_and_changes_nothing_in_the_result(
+    views: list[View], whole: TrackResult
+) -> None:
+    """Coarse, then segment by segment in their order, the last of each as it is found."""
+    shown: list[tuple[tuple[int, int], Motion]] = []
+    s = shot(views)
+    tracked = track_and_check(
+        s, [Excerpt(0, 15)], show=lambda segment, motions: shown.append((segment, motions[0])), looking_at=12
+    )
+    assert np.array_equal(tracked.results[0].motions[0].rotations, whole.motions[0].rotations)
+    assert [segment for segment, _ in shown[:GLANCED]] == [(10, 15)] * GLANCED
+    solved = list(dict.fromkeys(segment for segment, _ in shown[GLANCED:]))
+    assert solved == [(0, 5), (5, 10), (10, 15)]
+    for first, last in solved:
+        motions = [motion for segment, motion in shown if segment == (first, last)]
+        assert len(motions[0]) == last + 1 - first
+        assert error_mm(motions[-1], whole.motions[0][first : last + 1]) < 2
 
 
 def test_progress_goes_on_from_part_to_part_and_cancels(views: list[View]) -> None:

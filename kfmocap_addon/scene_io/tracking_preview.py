@@ -1,0 +1,89 @@
+"""Motion that is being tracked, shown in a scene while it comes in.
+
+It is written into copies of the performers' actions. The actions themselves are not touched, so that taking the preview
+away leaves the scene as it was.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import bpy
+
+from ...core.body.motion import Motion
+from . import motion_curves, shown_pose
+
+
+@dataclass(frozen=True)
+class _Lent:
+    """An armature that shows a copy of its action, and what it showed before."""
+
+    armature: bpy.types.Object
+    action: bpy.types.Action
+    slot: int
+    copy: bpy.types.Action
+
+
+class TrackingPreview:
+    """Frames of a scene's shot that are tracked so far.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+        Every performer has an action: it has key poses.
+    """
+
+    def __init__(self, scene: bpy.types.Scene) -> None:
+        self._scene, self._frame = scene, scene.frame_current
+        self._armatures = [slot.armature for slot in scene.kfmocap.performers]
+        self._poses = [shown_pose.shown_values(armature) for armature in self._armatures]
+        self._lent = [_lend(armature) for armature in self._armatures]
+        self._is_moved = False
+
+    def show(self, segments: Mapping[tuple[int, int], tuple[Motion, ...]]) -> None:
+        """Show motions of segments, by their first and last shot frames, in place of those shown before."""
+        start = self._scene.kfmocap.frame_start
+        for (first, _), motions in segments.items():
+            for lent, motion in zip(self._lent, motions, strict=True):
+                if lent is not None:
+                    motion_curves.write_motion(lent.armature, motion, start + first)
+        self._is_moved = self._is_moved or self._scene.frame_current != self._frame
+        self._redraw()
+
+    def end(self) -> None:
+        """Show again what was shown before."""
+        with contextlib.suppress(ReferenceError):  # the file was closed, and all of it is gone anyway
+            for lent in self._lent:
+                if lent is not None:
+                    _take_back(lent)
+            self._redraw()
+            for armature, values in zip(self._armatures, self._poses, strict=True):
+                shown_pose.show_values(armature, values)  # of what is not keyed, the animation knows nothing
+            if self._is_moved or self._scene.frame_current != self._frame:
+                self._redraw()
+
+    def _redraw(self) -> None:
+        self._scene.frame_set(self._scene.frame_current, subframe=self._scene.frame_subframe)
+
+
+def _lend(armature: bpy.types.Object) -> _Lent | None:
+    """Give an armature a copy of its action; None where it has none of its own to be exchanged."""
+    data = armature.animation_data
+    if data is None or data.action is None or data.use_tweak_mode:
+        return None
+    action, slot = data.action, list(data.action.slots).index(data.action_slot)
+    copy = action.copy()
+    _assign(data, copy, slot)
+    return _Lent(armature, action, slot, copy)
+
+
+def _take_back(lent: _Lent) -> None:
+    _assign(lent.armature.animation_data, lent.action, lent.slot)
+    bpy.data.actions.remove(lent.copy)
+
+
+def _assign(data: bpy.types.AnimData, action: bpy.types.Action, slot: int) -> None:
+    data.action = action
+    data.action_slot = action.slots[slot]
