@@ -18,8 +18,8 @@ from ..runtime.worker_memory import WorkerMemory
 from ..shot.fingerprint import value_bytes
 from ..shot.shot import KeyPoses, Performer, Shot
 from .journal import Journal
-from .segment_stages import Around
 from .schedule import SegmentShown
+from .segment_stages import Around
 from .segments import Segment, segments
 from .track_result import TrackResult
 from .tracker import track
