@@ -64,6 +64,8 @@ class SegmentEvidence:
         Its visible area, over all views, over that which it would have without the others.
     share : ndarray, shape (V, F, P)
         Visible share of every part, see `LabelImages`.
+    agreeing : ndarray, shape (V, F, P)
+        Share of the pixels that show a part which look like its performer; 1 where none shows it, or nothing tells.
     sampling : Sampling
         How the evidence was taken.
     seconds : dict
@@ -75,6 +77,7 @@ class SegmentEvidence:
     explained: Array
     unhidden: Array
     share: Array
+    agreeing: Array
     sampling: Sampling
     seconds: dict[str, float]
 
@@ -163,6 +166,7 @@ def accumulate_evidence(
         by_frame(attrgetter("explained"), 1),
         np.where(alone > 0, seen / np.maximum(alone, 1), 1.0),
         by_frame(attrgetter("share")),
+        by_frame(attrgetter("agreeing")),
         sampling,
         {stage: sum(run.seconds[stage] for run in done) / min(threads, len(done)) for stage in done[0].seconds},
     )
@@ -177,6 +181,7 @@ class _Run:
     explained: Array
     areas: NDArray[np.int64]
     share: Array
+    agreeing: Array
     seconds: dict[str, float]
 
     def of_whole_frames(self, view: ViewFrames, first: int) -> _Run:
@@ -199,6 +204,7 @@ class _Run:
             ),
             outlines=OutlineSums(o.H * frames[:, None, None, None], o.g * frames[:, None, None], o.energy * frames),
             explained=self.explained * frames,
+            agreeing=np.where(frames[:, None] > 0, self.agreeing, 1.0),
         )
 
 
@@ -237,11 +243,19 @@ def _run(
     outlines = OutlineSums(np.zeros((*T.shape[:2], 6, 6)), np.zeros((*T.shape[:2], 6)), np.zeros(len(T)))
     areas = every.areas()
     explained = np.zeros(areas.shape[1:])
+    agreeing = np.ones(T.shape[:2])
     if foreground is not None:
         frame, u, v = every.places
         whose = geometry.performer[every.part.ravel()[every.index]]
-        shown = stride**2 * log_ratio(foreground[whose, frame, stride * v, stride * u])
-        explained = np.bincount(whose * len(T) + frame, shown, explained.size).astype(float).reshape(explained.shape)
+        ratio = log_ratio(foreground[whose, frame, stride * v, stride * u])
+        explained = (
+            np.bincount(whose * len(T) + frame, stride**2 * ratio, explained.size)
+            .astype(float)
+            .reshape(explained.shape)
+        )
+        count = np.diff(every.ends)
+        unlike = np.bincount(np.repeat(np.arange(len(count)), count), ratio <= 0, len(count))
+        agreeing = np.asarray(1.0 - unlike / np.maximum(count, 1), float).reshape(agreeing.shape)
         outlines = outline_sums(
             view.camera,
             foreground,
@@ -257,4 +271,4 @@ def _run(
         "gradients": summed - drawn,
         "outlines": time.perf_counter() - summed,
     }
-    return _Run(gradients, outlines, explained, areas, labels.share, seconds).of_whole_frames(view, first)
+    return _Run(gradients, outlines, explained, areas, labels.share, agreeing, seconds).of_whole_frames(view, first)

@@ -60,7 +60,7 @@ class Misfit:
             return np.zeros(self.gaps.shape[1:])
         seen = np.isfinite(self.gaps)
         gaps = np.where(seen, self.gaps, 0.0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
-        return np.maximum(_beyond_known(gaps, known), 0.0)
+        return np.maximum(beyond_known(gaps, known), 0.0)
 
 
 def uncovered_gaps(
@@ -122,10 +122,10 @@ def uncovered_areas(
         Of the views with foreground images.
     """
     areas = measured_misfit(views, geometry, poses, first=first, spans=spans, threads=threads).areas
-    return np.stack([_beyond_known(view, known) for view in areas]) if len(areas) else areas
+    return np.stack([beyond_known(view, known) for view in areas]) if len(areas) else areas
 
 
-def _beyond_known(rows: Array, known: Sequence[NDArray[np.intp]]) -> Array:
+def beyond_known(rows: Array, known: Sequence[NDArray[np.intp]]) -> Array:
     """Rows (N, F) of the performers less what they are between their known frames."""
     usual = [
         np.interp(np.arange(len(row)), keys, row[keys]) if len(keys) else np.zeros(len(row))

@@ -25,7 +25,8 @@ def no_evidence(views: int, frames: int, parts: int) -> SegmentEvidence:
     gradients = GradientSums(np.zeros((V, F - 1, P, 12, 12)), np.zeros((V, F - 1, P, 12)), *pairs)
     outlines = OutlineSums(np.zeros((V, F, P, 6, 6)), np.zeros((V, F, P, 6)), np.zeros((V, F)))
     explained, unhidden = np.zeros((V, 1, F)), np.ones((1, F))
-    return SegmentEvidence(gradients, outlines, explained, unhidden, np.ones((V, F, P)), Sampling(1.0, 1.0, 1), {})
+    whole = np.ones((V, F, P))
+    return SegmentEvidence(gradients, outlines, explained, unhidden, whole, whole, Sampling(1.0, 1.0, 1), {})
 
 
 @dataclass(frozen=True, eq=False)

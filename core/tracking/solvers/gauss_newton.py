@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ...body import part_poses
 from ...body.joint_blocks import joint_blocks
 from ...body.motion import Motion
 from ...body.smoothness import acceleration, limited
@@ -35,6 +36,11 @@ SMALL_STEP = 0.007
 """Root mean square of joints' steps, radians (and metres), after which what is left, a third of it, does not count."""
 ROUGH_STEP = 0.025
 """The same where another stage follows, which moves joints more than what is left."""
+UNDER_WAY = 0.02
+"""While a step moves any joint by more than this, metres, a tested stage goes on beyond its iterations: a fast limb is
+still on its way."""
+LONGER = 6
+"""By so many iterations at most."""
 SMALL_GAIN = 1e-6
 """Share of the cost that a step should gain at least to be followed by another."""
 OVERRELAXATION = 1.5
@@ -145,7 +151,7 @@ class _TestedStage:
 
     def minimise(self, start: tuple[Motion, ...]) -> LeastSquaresResult[tuple[Motion, ...], MeasuredEquations]:
         """Descend from the start."""
-        stopping = StoppingRule(self._stage.iterations, SMALL_GAIN, self._stage.small, self._distance)
+        stopping = StoppingRule(self._stage.iterations + LONGER, SMALL_GAIN, self._stage.small, self._distance)
         return minimise(
             start, self._linearise, self._moved, damping=DAMPING, stopping=stopping, on_iteration=self._begin_step
         )
@@ -177,8 +183,17 @@ class _TestedStage:
         self._workspace.report(min(done / self._stage.iterations, 1.0), motions)
 
     def _distance(self, before: tuple[Motion, ...], after: tuple[Motion, ...]) -> float:
-        """Root mean square of the step from some motions to others."""
+        """Root mean square of the step from some motions to others; none once the stage's iterations are over, unless
+        a joint is still under way.
+        """
+        if self.trials >= self._stage.iterations and self._farthest(before, after) < UNDER_WAY:
+            return 0.0
         return _size([before[i].difference(after[i]) for i in self._problem.sought])
+
+    def _farthest(self, before: tuple[Motion, ...], after: tuple[Motion, ...]) -> float:
+        """How far the joint that moves most is between some motions and others, metres."""
+        joints = [[part_poses(self._problem.bodies[i], m[i])[1] for m in (before, after)] for i in self._problem.sought]
+        return max(float(np.linalg.norm(b - a, axis=-1).max()) for a, b in joints)
 
     def _moved(self, motions: tuple[Motion, ...], steps: Sequence[Array]) -> tuple[Motion, ...]:
         return tuple(m.moved(limited(self._pace * step)) for m, step in zip(motions, steps, strict=True))

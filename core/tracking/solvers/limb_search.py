@@ -10,7 +10,7 @@ is a start for the solver.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -36,6 +36,10 @@ SPREADS = (1.0, 0.5, 0.25, 0.12)
 others is in proportion to their range."""
 DRAWS = 80
 """Poses drawn per round; a third and two thirds of the way to each are tried as well."""
+ANYWHERE = 60
+"""Poses per round, the first alone, that may be anywhere within the joints' limits: each the best of `HEAT` by a few
+points."""
+HEAT = 32
 SPEED = 3.0
 """How fast the error of a joint that can turn half a circle usually changes, rad/s: half as fast as the joint turns."""
 PATCH = 0.06
@@ -44,7 +48,7 @@ HELD = 0.1
 """How far a limb that is seen, and covers foreground, may be from where it is, radians."""
 LEAST_HELD = 0.02
 """How much of that holds for a limb that is not seen: poses that the images cannot distinguish stay what they are."""
-LEAST_GAIN = 50.0
+LEAST_GAIN = 100.0
 """By how much a limb's motion has to become likelier to be changed, in natural units."""
 MEETING = 0.05
 """Duration over which the way between two limbs is smoothed, seconds."""
@@ -52,6 +56,7 @@ BESIDE = 0.2
 """How long before and after a meeting their velocities are compared, seconds."""
 _STRIDE = 3
 _POINTS = 16
+_FEW_POINTS = 2
 _AT_A_TIME = 32  # frames
 _LEAST_RANGE = 0.05
 
@@ -211,7 +216,10 @@ def _likeliest(
     for spread in SPREADS:
         offsets = rng.normal(size=(DRAWS, *limb.range.shape)) * spread * limb.range
         offsets = np.concatenate([np.zeros((1, *limb.range.shape)), offsets / 3, 2 * offsets / 3, offsets])
-        drawn = np.where(limb.fixed[:, None], path[:, None], np.clip(path[:, None] + offsets, low, high))
+        drawn = path[:, None] + offsets
+        if not values:
+            drawn = np.concatenate([drawn, _anywhere(limb, uncovered, (low, high), rng)], axis=1)
+        drawn = np.where(limb.fixed[:, None], path[:, None], np.clip(drawn, low, high))
         score = _covered(limb, uncovered, drawn)
         score -= 0.5 * np.einsum("fn,fkna->fk", limb.held, ((drawn - begin[:, None]) / (HELD * limb.range)) ** 2)
         places = ((drawn - begin[:, None]) / cost).reshape(*score.shape, -1)
@@ -226,16 +234,34 @@ def _likeliest(
     return path, values[-1] - values[0]
 
 
+def _anywhere(
+    limb: _Limb, uncovered: Sequence[_ViewRatios], bounds: tuple[Array, Array], rng: Generator
+) -> NDArray[np.float64]:
+    """Poses of the limb (F, `ANYWHERE`, n, 3) drawn between bounds (n, 3), the same on all frames, of which every frame
+    has its own winners: what is far from where the limb begins is hardly met by drawing around it.
+    """
+    drawn = rng.uniform(*bounds, size=(1, ANYWHERE * HEAT, *limb.range.shape))
+    drawn = np.broadcast_to(drawn, (len(limb.held), *drawn.shape[1:]))
+    score = _covered(replace(limb, points=limb.points[:, :_FEW_POINTS]), uncovered, drawn)
+    winner = score.reshape(len(score), ANYWHERE, HEAT).argmax(axis=2) + HEAT * np.arange(ANYWHERE)
+    return np.take_along_axis(drawn, winner[..., None, None], axis=1)
+
+
 def _held(looks: Sequence[_ViewRatios], geometry: Geometry, poses: tuple[Array, Array], parts: list[int]) -> Array:
-    """The share of each part that is seen and on foreground, in the view that shows most of it, (F, n)."""
+    """The share of each part that is seen and on foreground, in the view that shows most of it, (F, n).
+
+    A part that is mostly on the background in another view is not there: it is held the less, the more of it is seen.
+    """
     held = np.zeros((len(poses[0]), len(parts)))
+    free = np.zeros(held.shape)
     for look in looks:
         labels, performer = look.labels(geometry, poses), look.ratio > 0
         for k, part in enumerate(parts):
             seen = labels.part == part
             right = (seen & performer).sum(axis=(1, 2)) / np.maximum(seen.sum(axis=(1, 2)), 1)
             held[:, k] = np.maximum(held[:, k], labels.share[:, part] * right)
-    return held
+            free[:, k] = np.maximum(free[:, k], labels.share[:, part] * np.clip(1 - 2 * right, 0, 1))
+    return held * (1 - free)
 
 
 def _samples(geometry: Geometry, parts: Sequence[int], rng: Generator) -> tuple[Array, Array]:

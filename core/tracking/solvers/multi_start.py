@@ -14,7 +14,7 @@ import numpy as np
 
 from ...body.motion import Motion
 from ...evidence.accumulate import Sampling
-from ...evidence.misfit import uncovered_areas
+from ...evidence.misfit import beyond_known, uncovered_areas
 from ...evidence.occlusion import LONG, intervals
 from ...evidence.view_frames import views_with_foreground
 from ...runtime.timing import Seconds
@@ -30,6 +30,11 @@ SHOWN = 0.5
 """Share of a performer that others must leave in sight for what it explains to raise a doubt."""
 LIMB_SHARE = 0.5
 """Share of the smallest limb that foreground beside a performer must have to be a limb that the solution lost."""
+ASTRAY = 0.2
+"""Share of a limb that a view must see on the background, beyond what it sees there on the key frames, for the limb to
+be lost."""
+BRIEF = 0.1
+"""For how long that much of a limb may lie on the background, seconds: motion blur makes single frames of it."""
 CONFIRMED = 0.9
 """Share of the keypoints' agreement with the first pass that clears a solution of doubt."""
 SETTLING = (
@@ -42,6 +47,8 @@ SETTLED = (DescentStage(Sampling(1.0, 1.0, 3, REACH), 3),)
 EQUAL = 0.005
 """Solutions whose covers of the performers differ by less than this share of them are equals: which of them covers the
 most is chance."""
+LIKELIER = 0.97
+"""Share of an equal's cost below which another one counts, if it covers no less."""
 NEAR = 0.03
 """A solution that covers less than the best by more than this share has no limbs to lend to it."""
 ALIKE = np.radians(8)
@@ -88,7 +95,7 @@ def in_doubt(problem: SegmentProblem, start: Sequence[Motion], solution: Segment
     """Whether other starts are worth trying for the performer that is sought: the images disagree with the solution,
     and no keypoints confirm it, or limbs are out of all views' sight for long.
     """
-    missed = doubtful(problem, solution) or limb_uncovered(problem, solution)
+    missed = doubtful(problem, solution) or limb_astray(problem, solution) or limb_uncovered(problem, solution)
     return (missed and not confirmed(problem, start, solution)) or concealed(problem, solution)
 
 
@@ -163,6 +170,31 @@ def _doubted(problem: SegmentProblem, solution: SegmentSolution, performer: int)
     return bool((explained < EXPLAINED * expected)[seen > SHOWN].any())
 
 
+def limb_astray(problem: SegmentProblem, solution: SegmentSolution) -> bool:
+    """Whether a solution has part of a limb where some view shows the background, more than briefly.
+
+    A limb that follows the images of one view and not those of another is found by this; it covers too little for the
+    whole body's cover to show it. What furniture hides on the key frames as well does not count.
+    """
+    assert solution.evidence is not None
+    if not views_with_foreground(problem.views):
+        return False
+    unlike = solution.evidence.share * (1 - solution.evidence.agreeing)
+    geometry, spans = problem.geometry(), problem.spans()
+    long = max(2, round(BRIEF * problem.fps))
+    for i in problem.sought:
+        keys = problem.whole_keys(i)
+        if len(keys) < 2:
+            continue  # see `doubtful`
+        for chain in limbs(problem.bodies[i]):
+            parts = [spans[i].start + part for part in chain]
+            size = shown_areas(geometry, parts)
+            astray = beyond_known(unlike[..., parts] @ (size / size.sum()), [keys] * len(unlike)) > ASTRAY
+            if any(last + 1 - first >= long for first, last in intervals(astray.any(axis=0))):
+                return True
+    return False
+
+
 def limb_uncovered(problem: SegmentProblem, solution: SegmentSolution) -> bool:
     """Whether some view shows half a limb, or more, where a solution has nobody, for longer than prediction bridges.
 
@@ -221,8 +253,8 @@ def searched(
     Of the solutions only equals of the best are looked around, or all where that is doubtful; they settle first. While
     all are doubtful, limbs are also looked for around a trunk that moves as at the start, which limbs in wrong places
     have not led astray. Poses are drawn by chance: limbs stay where they were when what is found is no better than an
-    equal. At last the solutions exchange limbs, see `recombined`. `look` is how limbs are looked for, by default
-    `look_for_limbs`.
+    equal, unless it covers no less and costs clearly less. At last the solutions exchange limbs, see `recombined`.
+    `look` is how limbs are looked for, by default `look_for_limbs`.
     """
     look = look_for_limbs if look is None else look
     held = replace(problem, fixed=tuple(fixed | (np.arange(fixed.shape[1]) < 6) for fixed in problem.fixed))
@@ -240,8 +272,9 @@ def searched(
             begins.append((start, held))
         elif not begins and len(equals([*settled, *found])) == 1:
             begins.append((best.motions, problem))
-    kept = better(problem, *settled)
-    best = kept if kept in equals([*settled, *found]) else better(problem, *found)
+    kept, new = better(problem, *settled), better(problem, *found)
+    likelier = new.cover >= kept.cover and new.energy[-1] < LIKELIER * kept.energy[-1]
+    best = kept if kept in equals([*settled, *found]) and not likelier else new
     return recombined(problem, best, [*settled, *found], exchanging)
 
 

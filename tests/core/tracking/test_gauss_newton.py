@@ -22,7 +22,7 @@ from kfmocap.core.tracking.solvers import gauss_newton
 from kfmocap.core.tracking.solvers.measurement import MeasuredMotion, Workspace, hidden_parts
 from kfmocap.core.tracking.solvers.problem import SegmentProblem, frame_residual
 from kfmocap.core.tracking.solvers.smoothness_factor import SegmentSmoothness
-from made_evidence import AlteredWorkspace, no_evidence, with_share
+from made_evidence import AlteredWorkspace, Landscape, no_evidence, with_share
 from synthetic import at_rest, coloured, dark, ends_held, figure, look_at, picture, poses_of, random_motion, swing
 
 BODY = figure()
@@ -396,6 +396,19 @@ def test_costs_under_one_noise_are_those_of_the_same_problem() -> None:
     )
     assert under_one[0] == pytest.approx(under_own[0])
     assert under_one[1] / under_one[0] > 1.5 * under_own[1] / under_own[0]
+
+
+def test_the_last_stage_goes_on_while_a_joint_is_under_way() -> None:
+    truth = at_rest(BODY, 5)
+    landscape = Landscape(truth=truth, reach=np.pi)
+    problem = SegmentProblem((), (BODY,), 0, FPS, (ends_held(BODY, 5),))
+    turn = np.zeros((5, D))
+    turn[1:-1, 3 * BODY.index("upper_arm.L") + 3] = 1.0
+    once = (replace(CONVERGED[0], iterations=1),)
+    for share, least in ((4.0 * LONGEST_STEP, 4), (0.001, 1)):
+        found = gauss_newton.descend(problem, [truth.moved(share * turn)], landscape, once)
+        assert found.iterations >= least and (least > 1 or found.iterations == 1)
+        assert np.abs(found.motions[0].difference(truth)).max() < 0.05
 
 
 def test_coarse_stages_end_early_and_the_last_looks_at_every_view() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -9,12 +10,22 @@ import pytest
 from kfmocap.core.body import human, landmark_positions, part_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.errors import CancelledError
+from kfmocap.core.evidence.label_images import Geometry
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
-from kfmocap.core.tracking.solvers.limb_search import _best_way, _shares, found_limbs, limbs, pairs, untangled
+from kfmocap.core.tracking.solvers.limb_search import (
+    _best_way,
+    _held,
+    _shares,
+    _ViewRatios,
+    found_limbs,
+    limbs,
+    pairs,
+    untangled,
+)
 from kfmocap.core.tracking.solvers.measurement import Workspace
 from kfmocap.core.tracking.solvers.problem import SegmentProblem
-from synthetic import at_rest, ends_held, figure, look_at, poses_of, silhouette
+from synthetic import at_rest, coloured, ends_held, figure, look_at, poses_of, silhouette
 
 Array = np.ndarray
 BODY = human(1.75)
@@ -114,6 +125,29 @@ def test_an_arm_half_a_metre_away_is_found() -> None:
     (found,) = found_limbs(problem_of(truth, seen(truth)), [lost], seed=0, workspace=Workspace())
     assert error_mm(lost, truth, "LWrist").max() > 400
     assert np.median(error_mm(found, truth, "LWrist")) < 0.4 * np.median(error_mm(lost, truth, "LWrist"))
+
+
+def test_a_limb_that_a_view_sees_on_the_background_is_not_held_by_the_other_views() -> None:
+    truth = walk(3)
+    front = look_at("front", (0.3, -4.0, 1.1), (0, 0, 0.95), size=(120, 160), focal=150.0)
+    views = coloured(BODY, truth, (CAMERA, front))
+    empty = replace(views[1], foreground=np.full_like(views[1].foreground, 4))
+    left = [BODY.index(f"{name}.L") for name in ("upper_arm", "forearm")]
+
+    def held(*views: ViewFrames) -> Array:
+        looks = [_ViewRatios.of(view, problem_of(truth, *views), 0) for view in views]
+        return _held(looks, Geometry.of([BODY]), poses_of([BODY], [truth]), left)
+
+    assert held(views[0]).min() > 0.4 and held(*views).min() > 0.4
+    assert held(views[0], empty).max() < 0.3
+
+
+def test_an_arm_that_points_the_other_way_is_found() -> None:
+    truth = walk(20)
+    lost = turned(truth, "upper_arm.L", -2.2)
+    (found,) = found_limbs(problem_of(truth, seen(truth)), [lost], seed=0, workspace=Workspace())
+    before, after = (np.median(error_mm(motion, truth, "LWrist")) for motion in (lost, found))
+    assert before > 600 and after < 0.4 * before
 
 
 def test_limbs_that_are_seen_where_they_are_stay_there() -> None:

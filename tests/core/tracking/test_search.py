@@ -44,7 +44,7 @@ def explained(problem: SegmentProblem, motion: Motion) -> SegmentSolution:
     """A motion as if it had been found."""
     evidence = Workspace().measure(problem, [motion], Sampling(1.0, 1.0, 2, 0.07)).evidence
     total, none = evidence.explained.sum(axis=0), np.zeros(len(motion))
-    return SegmentSolution((motion,), 1, (0.0,), (), evidence.share, total, evidence.unhidden, none, {})
+    return SegmentSolution((motion,), 1, (0.0,), (), evidence.share, total, evidence.unhidden, none, {}, evidence)
 
 
 def test_a_body_that_covers_background_is_doubted() -> None:
@@ -69,6 +69,23 @@ def test_a_view_that_shows_a_limb_where_the_solution_has_none_for_long_calls_for
     problem = SegmentProblem(coloured(HUMAN, truth, CAMERAS), (HUMAN,), 0, FPS, (ends_held(HUMAN, LENGTH),))
     found = explained(problem, Motion(rest.translations, lowered))
     assert multi_start.limb_uncovered(problem, found) == expected
+
+
+@pytest.mark.parametrize(
+    ("wrong", "hidden", "expected"), [(0, False, False), (2, False, False), (3, False, True), (3, True, False)]
+)
+def test_a_limb_on_the_background_of_one_view_for_more_than_a_moment_calls_for_a_search(
+    wrong: int, hidden: bool, expected: bool
+) -> None:
+    """Unless furniture is before it, which hides it on the key frames as well."""
+    rest = at_rest(HUMAN, LENGTH)
+    turns = rest.rotations.copy()
+    turns[1 : 1 + wrong, HUMAN.index("upper_arm.L")] = rotations.exp(np.array([0.0, 0.0, 1.2]))
+    views = coloured(HUMAN, rest, CAMERAS)
+    if hidden:
+        views = tuple(replace(view, foreground=np.full_like(view.foreground, 4)) for view in views)
+    problem = SegmentProblem(views, (HUMAN,), 0, FPS, (ends_held(HUMAN, LENGTH),))
+    assert multi_start.limb_astray(problem, explained(problem, Motion(rest.translations, turns))) == expected
 
 
 def test_whether_a_solution_is_doubted_goes_by_the_key_poses() -> None:
@@ -164,14 +181,21 @@ class Finding:
         return self.landscape.solution(problem, motion.moved(self.share * motion.difference(TRUTH)))
 
 
-@pytest.mark.parametrize(("gain", "moved"), [(0.5, False), (3, True)])
-def test_limbs_stay_where_they_were_unless_others_cover_more_than_chance_would(gain: float, moved: bool) -> None:
+@pytest.mark.parametrize(("gain", "cheaper", "moved"), [(0.5, False, False), (0.5, True, True), (3, False, True)])
+def test_limbs_stay_where_they_were_unless_others_cover_more_than_chance_would_or_are_likelier(
+    gain: float, cheaper: bool, moved: bool
+) -> None:
     """A landscape so flat that putting the arms right covers the given multiple of what is chance more."""
     parts, whole = len(ARMS), len(HUMAN)
     turn = gain * EQUAL * whole / parts * np.pi * LENGTH / (LENGTH - 2)
     landscape = Landscape(truth=TRUTH, reach=0.0)
     before = landscape.solution(PROBLEM, off(TRUTH, ARMS, turn))
-    found = multi_start.searched(PROBLEM, before.motions, [before], landscape, Finding(landscape, 1.0))
+    find = Finding(landscape, 1.0)
+
+    def look(*given: object) -> SegmentSolution:
+        return replace(find(*given), energy=(0.0 if cheaper else np.inf,))
+
+    found = multi_start.searched(PROBLEM, before.motions, [before], landscape, look)
     assert (error(found) < 0.01 * turn) == moved
 
 
