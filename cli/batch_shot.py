@@ -11,6 +11,8 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
+import numpy as np
+
 from ..core.formats.shot_toml import read_shot_spec
 from ..core.review.track_report import report_lines
 from ..core.runtime.files import write_json
@@ -91,11 +93,26 @@ def outcomes(out: Path) -> list[ShotOutcome]:
     found = []
     for file in sorted((out / STATUS).glob("*.json")):
         try:
-            values = json.loads(file.read_text(encoding="utf-8"))
-            found.append(ShotOutcome(**values | {"warnings": tuple(values["warnings"])}))
-        except (OSError, ValueError, TypeError, KeyError):
+            found.append(_outcome_of(json.loads(file.read_text(encoding="utf-8"))))
+        except (OSError, ValueError, TypeError, KeyError, RecursionError):
             continue
     return found
+
+
+def _outcome_of(values: dict[str, Any]) -> ShotOutcome:
+    """An outcome as it was written.
+
+    Raises
+    ------
+    ValueError, TypeError, KeyError
+        It is not one.
+    """
+    outcome = ShotOutcome(**values | {"warnings": tuple(values["warnings"])})
+    texts = (outcome.name, outcome.file, outcome.state, outcome.digest, outcome.message, *outcome.warnings)
+    numbers = [number for number in (outcome.expected_error, outcome.seconds) if number is not None]
+    if not all(isinstance(text, str) for text in texts) or not np.isfinite(np.array(numbers, float)).all():
+        raise ValueError("a field is not what it should be")
+    return outcome
 
 
 def track_shot(path: Path, out: Path, options: BatchOptions, progress: Progress) -> dict[str, Any]:

@@ -1,9 +1,12 @@
 """End runs of a command at random moments, and see that results are all old or all new and that nothing stays behind.
 
-    PYTHONPATH=.pkg python tools/kill_runs.py --kills 200 track examples/walk/shot.toml --no-blender
+    PYTHONPATH=.pkg python tools/kill_runs.py --kills 200 track examples/walk/shot.toml --out OUT --no-blender
+    PYTHONPATH=.pkg python tools/kill_runs.py --kills 200 calibrate wand.toml --out OUT/cameras.toml --report OUT/report
+    PYTHONPATH=.pkg python tools/kill_runs.py --kills 200 --apart batch shots/*.toml --out OUT --no-blender
 
-Each run is forked from a process that has loaded everything, begins with old results in its folder, and gets SIGKILL,
-SIGTERM or SIGINT. What a SIGKILL leaves must be gone after the next run into the folder.
+OUT in the arguments stands for a folder that is made for each run. Each run is forked from a process that has loaded
+everything, begins with old results in its folder, and gets SIGKILL, SIGTERM or SIGINT. Its processes must be gone in
+two seconds, and what a SIGKILL leaves after the next run into the folder.
 """
 
 from __future__ import annotations
@@ -18,75 +21,121 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from kfmocap.__main__ import main as run_command
-from kfmocap.cli import calibrate_command, track_command  # noqa: F401  loaded once, for all runs
+from kfmocap.cli import batch_command, calibrate_command, track_command  # noqa: F401  loaded once, for all runs
 from kfmocap.core.runtime.files import check_writable
+from kfmocap.core.tracking.journal import UNFINISHED, journal_beside
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 OLD = "old"
+PATIENCE = 2.0
+"""Seconds after which no process of a run may be left."""
 
 
-def run(arguments: Sequence[str], number: int | None = None, after: float = 0.0) -> int:
-    """Run a command in a process of its own, which gets a signal after some seconds; returns its exit code."""
+def run(arguments: Sequence[str], out: Path, number: int | None = None, after: float = 0.0) -> tuple[int, int]:
+    """Run a command in a session of its own, which gets a signal after some seconds.
+
+    Returns
+    -------
+    tuple of int
+        Its exit code, and the session.
+    """
     process = os.fork()
     if process == 0:
+        os.setsid()
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         os.dup2(1, 2)
         code = 1
         try:
-            code = run_command(arguments)
+            code = run_command([argument.replace("OUT", str(out)) for argument in arguments])
         finally:
             os._exit(code)
     if number is not None:
         time.sleep(after)
         os.kill(process, number)  # until it is waited for its id is its own
-    return os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
+    return os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]), process
 
 
-def faults_of(base: Path, names: Sequence[str], number: int) -> tuple[str, list[str]]:
-    """Say which results a run left, and what is wrong with that."""
-    out, faults = base / "out", []
-    if number != signal.SIGKILL and list(base.rglob(".kfmocap-*")):
+def left(session: int) -> int:
+    """How many processes of a session are still there after `PATIENCE`, or sooner when there are none."""
+    until, count = time.monotonic() + PATIENCE, 1
+    while count and time.monotonic() < until:
+        count = 0
+        for stat in Path("/proc").glob("[0-9]*/stat"):
+            with suppress(OSError):  # it ended meanwhile
+                state, _, _, its_session = stat.read_text().rpartition(")")[2].split()[:4]
+                count += int(its_session) == session and state != "Z"
+        time.sleep(0.02 if count else 0)
+    return count
+
+
+def contents(out: Path) -> dict[Path, bytes]:
+    """The results of a run."""
+    return {file.relative_to(out): file.read_bytes() for file in out.rglob("*") if file.is_file()}
+
+
+def faults_of(out: Path, names: Sequence[Path], number: int, *, apart: bool) -> tuple[str, list[str]]:
+    """Say which results a run left, and what is wrong with that.
+
+    With `apart` each folder of results is by itself, and may have a journal from which the next run goes on.
+    """
+    faults = []
+    if number != signal.SIGKILL and list(out.parent.rglob(".kfmocap-*")):
         faults.append("it left temporary files")
-    check_writable(out)
-    if list(base.rglob(".kfmocap-*")):
-        faults.append("temporary files stayed after the next run")
-    kinds = {OLD if (out / name).read_bytes() == OLD.encode() else "new" for name in names}
-    if len(kinds) > 1:
-        faults.append("results are mixed")
-    return "/".join(sorted(kinds)), faults
+    folders = sorted({out / name.parent for name in names})
+    if number != signal.SIGKILL and not apart and list(out.parent.rglob(f"*{UNFINISHED}")):
+        faults.append("it left a journal")
+    for folder in folders:  # as the next run begins and ends
+        check_writable(folder)
+        with journal_beside(folder, resume=apart):
+            pass
+    if stay := [*out.parent.rglob(".kfmocap-*"), *out.parent.rglob(f"*{UNFINISHED}")]:
+        faults.append(f"{', '.join(entry.name for entry in stay)} stayed after the next run")
+    found = contents(out)
+    kinds = {
+        folder: {OLD if found[name] == OLD.encode() else "new" for name in names if out / name.parent == folder}
+        for folder in (folders if apart else [])
+    } or {out: {OLD if found[name] == OLD.encode() else "new" for name in names}}
+    faults += [f"results in {folder.name} are mixed" for folder, kind in kinds.items() if len(kind) > 1]
+    return "/".join(sorted(set().union(*kinds.values()))), faults
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Kill runs, print what came of them; returns 1 if any left what it should not."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kills", type=int, default=10, help="runs that get each of the signals (default: 10)")
-    parser.add_argument("command", nargs=argparse.REMAINDER, help="a command that takes --out DIR, without that")
+    parser.add_argument("--apart", action="store_true", help="each folder of results is by itself, as in a batch")
+    parser.add_argument("--seed", type=int, default=0, help="of the moments (default: 0)")
+    parser.add_argument("command", nargs=argparse.REMAINDER, help="a command that writes into OUT")
     args = parser.parse_args(argv)
-    chance, outcomes, wrong = random.Random(0), Counter(), 0
+    chance, outcomes, wrong = random.Random(args.seed), Counter(), 0
     with tempfile.TemporaryDirectory() as folder:
-        begun = time.monotonic()
-        if run([*args.command, "--out", f"{folder}/first/out"]):
+        begun, first = time.monotonic(), Path(folder, "first", "out")
+        first.mkdir(parents=True)
+        if run(args.command, first)[0]:
             print("the command fails by itself", file=sys.stderr)
             return 1
-        seconds, names = time.monotonic() - begun, sorted(p.name for p in Path(folder, "first", "out").iterdir())
+        seconds, names = time.monotonic() - begun, sorted(contents(first))
         for number in SIGNALS:
             for k in range(args.kills):
-                base = Path(folder, f"{number.name}{k}")
-                (base / "out").mkdir(parents=True)
+                out = Path(folder, f"{number.name}{k}", "out")
                 if k % 2:
-                    (base / "out" / "folder").mkdir()  # files are moved one by one then
+                    (out / "folder").mkdir(parents=True)  # files are moved one by one then
                 for name in names:
-                    (base / "out" / name).write_text(OLD)
-                code = run([*args.command, "--out", str(base / "out")], number, chance.uniform(0, 1.1 * seconds))
-                found, faults = faults_of(base, names, number)
+                    (out / name).parent.mkdir(parents=True, exist_ok=True)
+                    (out / name).write_text(OLD)
+                code, session = run(args.command, out, number, chance.uniform(0, 1.1 * seconds))
+                processes = left(session)
+                found, faults = faults_of(out, names, number, apart=args.apart)
+                faults += [f"{processes} processes live on after {PATIENCE:g} s"] if processes else []
                 outcomes[number.name, code, found] += 1
                 wrong += len(faults)
                 for fault in faults:
-                    print(f"{number.name} {k}: {fault}")
-                shutil.rmtree(base)
+                    print(f"{number.name} {k}: {fault}", flush=True)
+                shutil.rmtree(out.parent)
     for (name, code, found), count in sorted(outcomes.items()):
         print(f"{name}: {count} runs with exit code {code} and {found} results")
     return 1 if wrong else 0

@@ -5,9 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from ..errors import BodyError
 from ..runtime.files import write_json
+from .reading import read_bytes, reading
+
+_LONGEST = 100  # letters of a preset's name
 
 
 def read_bone_map(path: Path) -> tuple[str, dict[str, tuple[str, ...]]]:
@@ -18,12 +22,12 @@ def read_bone_map(path: Path) -> tuple[str, dict[str, tuple[str, ...]]]:
     BodyError
         The file cannot be read or is no bone map; names the file and the field.
     """
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise BodyError(f"the bone map cannot be read: {error.strerror}", where=str(path)) from error
-    except ValueError as error:
-        raise BodyError("is no bone map: it is not JSON", where=str(path)) from error
+    data = read_bytes(path, "the bone map", BodyError)
+    with reading(path, "a bone map", BodyError):
+        return _bones(json.loads(data), path)
+
+
+def _bones(content: Any, path: Path) -> tuple[str, dict[str, tuple[str, ...]]]:
     bones = content.get("bones") if isinstance(content, dict) else None
     if not isinstance(bones, dict):
         raise BodyError("is no bone map: it has no table 'bones'", where=str(path))
@@ -31,10 +35,10 @@ def read_bone_map(path: Path) -> tuple[str, dict[str, tuple[str, ...]]]:
     for role, names in bones.items():
         listed = [names] if isinstance(names, str) else names
         if not isinstance(listed, list) or not all(isinstance(name, str) and name for name in listed):
-            raise BodyError("must be the name of a bone, or a list of them", where=f"{path}, bones.{role}")
+            raise BodyError("must be the name of a bone, or a list of them", where=f"{path}, bones.{role[:40]}")
         if listed:
             found[role] = tuple(listed)
-    return str(content.get("preset", "")), found
+    return str(content.get("preset", ""))[:_LONGEST], found
 
 
 def write_bone_map(path: Path, bones: Mapping[str, Sequence[str]], preset: str = "") -> None:

@@ -16,6 +16,7 @@ import numpy as np
 from ..capture.capture import Markers
 from ..errors import CalibrationError
 from ..numerics.arrays import Array
+from .reading import BEYOND, read_text, reading
 
 DIGITISED_SIGMA = 0.7
 """Standard deviation of a digitised coordinate, pixels."""
@@ -46,13 +47,18 @@ def read_dltdv_points(path: Path, count: int) -> dict[str, Markers]:
     CalibrationError
         The file cannot be read, or lacks a column; names the file, and the line where there is one.
     """
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = [row for row in csv.reader(file, skipinitialspace=True) if any(cell.strip() for cell in row)]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise CalibrationError(f"the points cannot be read: {reason}", where=str(path)) from error
+    text = read_text(path, "the points", CalibrationError)
+    with reading(path, "a file of digitised points", CalibrationError):
+        return _points(text, path, count)
+
+
+def _points(text: str, path: Path, count: int) -> dict[str, Markers]:
+    lines = csv.reader(text.split("\n"), skipinitialspace=True)
+    rows = [row for row in lines if any(cell.strip() for cell in row)]
     columns = _columns(rows[0] if rows else [], path)
+    if len(rows) * len(columns) > len(text):  # every cell but the first follows a comma
+        what = f"{len(columns)} columns and {len(rows) - 1} rows, nearly all of them empty"
+        raise CalibrationError(f"is not a file of digitised points, or not whole: {what}", where=str(path))
     cameras = sorted({camera for _, camera, _ in columns})
     found = {}
     for camera in cameras:
@@ -90,9 +96,12 @@ def _columns(header: list[str], path: Path) -> Mapping[tuple[int, int, int], int
 def _number(row: list[str], column: int, where: str) -> float:
     text = row[column].strip() if column < len(row) else ""
     try:
-        return float(text) if text else np.nan
+        value = float(text) if text else np.nan
     except ValueError as error:
-        raise CalibrationError(f"'{text}' is not a number", where=where) from error
+        raise CalibrationError(f"'{text[:40]}' is not a number", where=where) from error
+    if abs(value) > BEYOND:
+        raise CalibrationError("a coordinate is beyond all measure", where=where)
+    return value
 
 
 def _markers(points: Array) -> Markers:

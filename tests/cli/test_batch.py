@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import os
 import shutil
 import signal
@@ -16,6 +17,7 @@ from kfmocap.cli import batch_command
 from kfmocap.cli.batch_command import BatchShot, chosen_shots, run_batch
 from kfmocap.cli.batch_display import BatchDisplay
 from kfmocap.cli.batch_shot import DONE, FAILED, REFUSED, BatchOptions, ShotOutcome, outcomes, shot_digest
+from kfmocap.cli.batch_summary import write_summary
 from kfmocap.cli.command_line import main
 from kfmocap.core.errors import FootageError, OutputError, ShotError, WorkerEndedError
 from kfmocap.core.runtime.job import Job
@@ -232,3 +234,14 @@ def test_results_are_whole_though_a_process_is_killed(
     assert sorted(file.name for file in (out / "tiny").iterdir()) == ["overlay.png", "report.json", "tiny.trc"]
     assert sorted(file.name for file in out.iterdir()) == ["status", "summary.csv", "summary.html", "tiny"]
     assert "ended from outside" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["[" * 5000, "5", "{}", '{"name": 5}', '{"name": "a", "warnings": [1]}'])
+def test_what_came_of_a_shot_is_left_out_where_it_cannot_be_read(tmp_path: Path, text: str) -> None:
+    ShotOutcome("b", "b.toml", DONE, expected_error=1.0, seconds=2.0, warnings=("a",)).write(tmp_path)
+    good = json.loads((tmp_path / "status" / "b.json").read_text())
+    (tmp_path / "status" / "a.json").write_text(text)
+    for field in good:
+        (tmp_path / "status" / f"{field}.json").write_text(json.dumps(good | {field: [{}]}))
+    assert [outcome.name for outcome in outcomes(tmp_path)] == ["b"]
+    assert write_summary(tmp_path, outcomes(tmp_path))

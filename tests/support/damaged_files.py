@@ -15,9 +15,11 @@ from conftest import ROOT
 from kfmocap.core.body import human, landmark_positions
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
+from kfmocap.core.formats.bone_map_files import read_bone_map
 from kfmocap.core.formats.bvh import read_bvh
 from kfmocap.core.formats.c3d import read_c3d
 from kfmocap.core.formats.calibration_files import export_cameras, load_cameras
+from kfmocap.core.formats.dltdv_points import read_dltdv_points
 from kfmocap.core.formats.file_kind import file_kind
 from kfmocap.core.formats.keypoint_files import read_keypoints
 from kfmocap.core.formats.marker_points import read_marker_points
@@ -55,6 +57,8 @@ POINTS = "camera,take,frame,marker,u,v,sigma\n" + "".join(
     for frame in range(4)
     for marker in range(markers)
 )
+DLTDV = ",".join(f"pt{p}_cam{c}_{a}" for p in (1, 2) for c in (1, 2) for a in "XY") + "\n" + "1.5,2,3,4,5,6,7,NaN\n" * 4
+BONE_MAP = '{"preset": "rigify", "bones": {"hips": "torso", "spine": ["spine_fk", "chest"], "head": "head"}}'
 EASYMOCAP = """%YAML:1.0
 ---
 names:
@@ -135,6 +139,8 @@ def samples(folder: Path) -> dict[str, Sample]:
     found["kind"] = Sample("any.toml", shot, file_kind)
     found["capture"] = Sample("capture.toml", CAPTURE.encode(), load_wand)
     found["points"] = Sample("b.csv", POINTS.encode(), read_marker_points)
+    found["dltdv"] = Sample("xypts.csv", DLTDV.encode(), read_wand_points)
+    found["bone map"] = Sample("map.json", BONE_MAP.encode(), read_bone_map)
     found["trc"] = Sample("b.trc", (folder / "a.trc").read_bytes(), read_trc)
     found["bvh"] = Sample("b.bvh", BVH.encode(), read_bvh)
     c3d = (ROOT / "tests" / "data" / "landmarks" / "three_points.c3d").read_bytes()
@@ -142,6 +148,11 @@ def samples(folder: Path) -> dict[str, Sample]:
     for name, document in keypoint_documents().items():
         found[name] = Sample("pose_12.json", json.dumps(document).encode(), read_view_keypoints)
     return found
+
+
+def read_wand_points(path: Path) -> Any:
+    """Read the points of a wand that were digitised."""
+    return read_dltdv_points(path, 2)
 
 
 def read_view_keypoints(path: Path) -> Any:

@@ -9,10 +9,21 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
-from damaged_files import BVH, EASYMOCAP, POINTS, damaged, keypoint_documents, read_view_keypoints, samples
+from damaged_files import (
+    BVH,
+    DLTDV,
+    EASYMOCAP,
+    POINTS,
+    damaged,
+    keypoint_documents,
+    read_view_keypoints,
+    read_wand_points,
+    samples,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 from kfmocap.core.errors import KeypointError, KFMocapError
+from kfmocap.core.formats.bone_map_files import read_bone_map
 from kfmocap.core.formats.bvh import read_bvh
 from kfmocap.core.formats.calibration_files import load_cameras
 from kfmocap.core.formats.keypoint_files import read_keypoints
@@ -162,6 +173,19 @@ HOSTILE = {
     ),
     "points on frame 1e300": ("a.csv", changed(POINTS, "lframe,0,", "lframe,1e300,"), read_marker_points),
     "points with 60000 columns": ("a.csv", POINTS.replace("\n", ",x" * 60000 + "\n", 1).encode(), read_marker_points),
+    "digitised points of 8000 cameras, 200000 rows": (
+        "a.csv",
+        (
+            ",".join(f"pt{p}_cam{c}_{a}" for c in range(8000) for p in (1, 2) for a in "XY") + "\n" + "1\n" * 200000
+        ).encode(),
+        read_wand_points,
+    ),
+    "digitised points with a camera of 5000 digits": (
+        "a.csv",
+        changed(DLTDV, "pt1_cam1_X", f"pt1_cam{'9' * 5000}_X"),
+        read_wand_points,
+    ),
+    "bone map nested 5000 deep": ("a.json", b'{"bones": ' + b"[" * 5000, read_bone_map),
     "bvh of 10^9 frames without channels": (
         "a.bvh",
         b"HIERARCHY ROOT a { OFFSET 0 0 0 CHANNELS 0 } MOTION Frames: 1000000000 Frame Time: 0.1",
