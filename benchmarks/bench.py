@@ -18,11 +18,12 @@ from typing import Any
 from ..cli.example_footage import example_folder
 from ..cli.services import BenchmarkRequest
 from ..core.errors import FootageError, KFMocapError
-from ..core.runtime.files import check_writable, staged
+from ..core.runtime.files import check_writable, replacing, staged
 from ..core.shot.shot import Settings
 from . import tables
 from .rows import CONVERGENCE, ROWS, Case, cases
 from .shot_set import JudgedShot, judged_shots
+from .speed import measure_speed
 
 _SHOTS = (
     "Mean error of the joints on frames without a key pose, in mm; the worst joint; a spline through the same key "
@@ -66,6 +67,8 @@ def run(request: BenchmarkRequest) -> int:
     changed = changed_settings(request.changed)
     if request.out is not None:
         check_writable(request.out)
+    if request.speed:
+        return _run_speed(request)
     if request.shots:
         judged = judged_shots(request.shot, request.data)
         results = measured(_judging(judged, changed, request.quick), request.repeat)
@@ -77,6 +80,21 @@ def run(request: BenchmarkRequest) -> int:
     if request.out is not None:
         write(request.out, text, results)
     return 0 if results and not any("error" in result for result in results) else 1
+
+
+def _run_speed(request: BenchmarkRequest) -> int:
+    folder = example_folder("beam")
+    if request.out is not None:
+        request.out.mkdir(parents=True, exist_ok=True)
+    measured_rows = measure_speed(
+        folder, repeat=request.repeat, quick=request.quick, out=request.out, against=request.against
+    )
+    text = f"Measured with {machine()}.\n\n{measured_rows}"
+    print(text)
+    if request.out is not None:
+        with replacing(request.out / "speed.md") as file:
+            file.write_text(text + "\n", encoding="utf-8")
+    return 0
 
 
 def known_example(shot: str | None) -> str | None:

@@ -104,6 +104,8 @@ def _add_bench(command: argparse.ArgumentParser) -> None:
     command.add_argument("--quick", action="store_true", help="measure a few rows only")
     command.add_argument("--repeat", type=int, default=1, metavar="N", help="times are medians of N runs (default: 1)")
     command.add_argument("--shots", action="store_true", help="measure the set of shots that judges the tracker")
+    command.add_argument("--speed", action="store_true", help="measure times by frames, cameras and cores instead")
+    command.add_argument("--against", type=_path, metavar="DIR", help="with --speed: another checkout, in turns")
     command.add_argument("--data", type=_path, metavar="DIR", help="with --shots: folder of further shots with truth")
     command.add_argument(
         "--set",

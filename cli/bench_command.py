@@ -1,4 +1,6 @@
-"""`kfmocap bench`: measure the tracker's errors and times on the examples, or its errors on the set of shots."""
+"""`kfmocap bench`: measure the tracker's errors and times on the examples, or its errors on the set of shots,
+or its times alone.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +17,8 @@ def run(args: argparse.Namespace, services: Services) -> int:
     if not args.shots and (args.data is not None or args.set):
         option = "--set" if args.set else "--data"
         raise KFMocapError("it belongs to the set of shots", where=option, todo="give --shots, too")
+    if args.against is not None and not args.speed:
+        raise KFMocapError("it belongs to the times", where="--against", todo="give --speed, too")
     return services.run_benchmark(
         BenchmarkRequest(
             out=args.out,
@@ -24,5 +28,7 @@ def run(args: argparse.Namespace, services: Services) -> int:
             shots=args.shots,
             data=args.data,
             changed=tuple(args.set),
+            speed=args.speed,
+            against=args.against,
         )
     )

@@ -93,6 +93,10 @@ class BenchmarkRequest:
         Folder of further shots of that set.
     changed : tuple of str
         Settings of the tracker, "NAME=VALUE", with which the set is measured once more.
+    speed : bool
+        Times by the number of frames, cameras and cores, instead of the examples.
+    against : Path, optional
+        The folder of another checkout of the program, whose times are measured as well.
     """
 
     out: Path | None = None
@@ -102,6 +106,8 @@ class BenchmarkRequest:
     shots: bool = False
     data: Path | None = None
     changed: tuple[str, ...] = ()
+    speed: bool = False
+    against: Path | None = None
 
 
 def no_blender() -> NoReturn:

@@ -67,23 +67,23 @@ class Chart:
         )
         text(self.picture, title, (left, top - 10))
         for value in ticks(*x):
-            u, v = self._at([value, y[0]])
+            u, v = self.place([value, y[0]])
             cv2.line(self.picture, (u, v), (u, v + 4), INK, 1)
             text(self.picture, f"{value:g}", (u - 8, v + 18))
-        cv2.line(self.picture, self._at([x[0], y[0]]), self._at([x[1], y[0]]), INK, 1)
+        cv2.line(self.picture, self.place([x[0], y[0]]), self.place([x[1], y[0]]), INK, 1)
 
-    def _at(self, point: ArrayLike) -> Any:
+    def place(self, point: ArrayLike) -> Any:
         """The pixel of a point."""
         share = (np.asarray(point, float) - self._low) / (self._high - self._low)
         return (self._corner + share * self._size * [1, -1]).round().astype(np.int32)
 
     def line(self, x: ArrayLike, y: ArrayLike, colour: Colour) -> None:
         """A curve through points."""
-        points = self._at(np.column_stack([x, y]))
+        points = self.place(np.column_stack([x, y]))
         cv2.polylines(self.picture, [points], False, colour, 2, cv2.LINE_AA)
 
     def bars(self, edges: ArrayLike, heights: ArrayLike, colour: Colour) -> None:
         """Bars between edges."""
         e = np.asarray(edges, float)
         for a, b, height in zip(e[:-1], e[1:], np.asarray(heights, float), strict=True):
-            cv2.rectangle(self.picture, self._at([a, 0]), self._at([b, height]), colour, -1)
+            cv2.rectangle(self.picture, self.place([a, 0]), self.place([b, height]), colour, -1)

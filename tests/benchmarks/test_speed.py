@@ -1,0 +1,67 @@
+"""The times that are measured: of the whole command with all of its processes, and of rows that say what they vary."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import pytest
+from kfmocap.benchmarks import speed
+from kfmocap.benchmarks.speed import Cost, SpeedRow
+from kfmocap.core.errors import KFMocapError
+
+STAND_IN = """
+import subprocess, sys
+work = "n = sum(range(6_000_000)); data = bytearray(30_000_000)"
+raise SystemExit(subprocess.run([sys.executable, "-c", work]).returncode if "good" in sys.argv[2] else "it does not go")
+"""
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Path:
+    """A program in whose place another process works."""
+    (tmp_path / "kfmocap").mkdir()
+    (tmp_path / "kfmocap" / "__main__.py").write_text(STAND_IN)
+    return tmp_path
+
+
+def test_what_the_processes_of_a_command_take_counts(program: Path) -> None:
+    folder = program / "good"
+    folder.mkdir()
+    (folder / "shot.toml").write_text("[shot]\n")
+    cost = speed.command_cost(program, folder / "shot.toml", ["cam01"], 3)
+    assert 0.05 < cost.processor < 30 and cost.seconds > 0.05
+    assert "threads = 3" in (folder / "cores3.toml").read_text()
+
+
+def test_a_command_that_fails_is_not_measured(program: Path) -> None:
+    (program / "shot.toml").write_text("[shot]\n")
+    with pytest.raises(KFMocapError, match="it does not go"):
+        speed.command_cost(program, program / "shot.toml", ["cam01"], 1)
+
+
+def test_footage_played_forwards_and_backwards_shows_no_frame_twice_in_a_row() -> None:
+    assert speed.back_and_forth(4, 9).tolist() == [0, 1, 2, 3, 2, 1, 0, 1, 2]
+
+
+def test_frames_cameras_and_cores_are_varied_one_at_a_time() -> None:
+    rows = speed.speed_rows(4, quick=False)
+    assert {row.frames for row in rows if (row.cameras, row.threads) == (4, 4)} == {34, 100, 400, 3000}
+    assert {row.cameras for row in rows if (row.frames, row.threads) == (100, 4)} == {1, 2, 4}
+    assert {row.threads for row in rows if (row.frames, row.cameras) == (400, 4)} == {1, 2, 4}
+    assert len(set(rows)) == len(rows)
+
+
+def test_the_table_says_how_many_times_as_fast_it_is_as_the_other_version() -> None:
+    rows = [SpeedRow(100, 4, 2), SpeedRow(100, 1, 2)]
+    found = [(Cost(4.0, 6.0, 0), Cost(10.0, 12.0, 0)), (Cost(2.0, 3.0, 10**9), Cost(3.0, 4.0, 0))]
+    lines = speed.table(rows, found).splitlines()
+    assert lines[0].split("|")[-2].strip() == "times as fast"
+    assert [cell.strip() for cell in lines[2].split("|")[1:-1]] == ["100", "4", "2", "4.0", "6.0", "100", "-", "2.50"]
+    assert "1000" in lines[3] and "1.50" in lines[3]
+
+
+def test_the_plot_has_a_chart_for_frames_cameras_and_cores(tmp_path: Path) -> None:
+    rows = speed.speed_rows(2, quick=False)
+    speed.write_plot(tmp_path / "speed.png", rows, [Cost(row.frames * 0.1, 1.0, 0) for row in rows])
+    assert cv2.imread(str(tmp_path / "speed.png")).shape[0] > 3 * 200
