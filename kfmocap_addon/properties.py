@@ -210,6 +210,16 @@ class KFMocapMark(bpy.types.PropertyGroup):
     )
 
 
+class KFMocapPlant(bpy.types.PropertyGroup):
+    """Frames on which a point of a sole stands on the ground, or, as the animator's edit, does not; its name is the
+    point's, such as "heel.L".
+    """
+
+    first: bpy.props.IntProperty(name="First", description="First scene frame")
+    last: bpy.props.IntProperty(name="Last", description="Last scene frame")
+    planted: bpy.props.BoolProperty(default=True, name="Planted", description="It stands on the ground")
+
+
 class KFMocapFrames(bpy.types.PropertyGroup):
     """The frames on which key poses are made of keypoints or landmarks."""
 
@@ -283,6 +293,11 @@ class KFMocapPerformer(bpy.types.PropertyGroup):
     suggestions: bpy.props.CollectionProperty(type=KFMocapSuggestion)
     helpful: bpy.props.CollectionProperty(type=KFMocapHelpfulKey)
     marks: bpy.props.CollectionProperty(type=KFMocapMark)
+    plants: bpy.props.CollectionProperty(type=KFMocapPlant)
+    plant_edits: bpy.props.CollectionProperty(type=KFMocapPlant)
+    plants_found: bpy.props.StringProperty(
+        name="Plants Found", description="The points of the feet whose plants were looked for; empty before that"
+    )
 
 
 class KFMocapExport(bpy.types.PropertyGroup):
@@ -481,6 +496,12 @@ class KFMocapScene(bpy.types.PropertyGroup):
     performer: bpy.props.StringProperty(
         name="Performer", description="Who is posed, where no performer's armature is the active object"
     )
+    show_plants: bpy.props.BoolProperty(
+        default=True,
+        name="In Timeline",
+        description="Show in the timeline and the dope sheet when the chosen performer's feet are planted: blue the "
+        "left, orange the right, the heel above the ball",
+    )
     show_marks: bpy.props.BoolProperty(
         default=True, name="Show Marks", description="Show the clicked joints of this frame over the footage"
     )
@@ -545,6 +566,7 @@ CLASSES = (
     KFMocapSuggestion,
     KFMocapHelpfulKey,
     KFMocapMark,
+    KFMocapPlant,
     KFMocapFrames,
     KFMocapPerformer,
     KFMocapSegment,

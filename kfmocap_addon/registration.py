@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import bpy
 
@@ -32,6 +33,7 @@ from .operators import (
     nudge_pose,
     pick_colour,
     place_joints,
+    plants,
     pose_from_files,
     recover,
     refine_cameras,
@@ -65,6 +67,7 @@ OPERATORS = (
     job_operator,
     track_motion,
     show_misfit,
+    plants,
     bake,
     simplify,
     export_motion,
@@ -81,8 +84,8 @@ MENUS = edit_body.MENUS
 """Names of Blender's menus and what is appended to them."""
 
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(CLASSES)
-_drawings: list[object] = []
-"""Blender's handles of the drawing functions, which Blender wants back when they are removed."""
+_drawings: list[tuple[Any, object]] = []
+"""Kinds of editors that are drawn in, with Blender's handles of the drawing functions: to remove these again."""
 
 
 def register() -> None:
@@ -95,8 +98,10 @@ def register() -> None:
     key_list.register()
     missing_footage.register()
     keymap.register()
-    _drawings.append(bpy.types.SpaceView3D.draw_handler_add(_draw_outlines, (), "WINDOW", "POST_VIEW"))
-    _drawings.append(bpy.types.SpaceView3D.draw_handler_add(_draw_marks, (), "WINDOW", "POST_PIXEL"))
+    view, sheet = bpy.types.SpaceView3D, bpy.types.SpaceDopeSheetEditor
+    _drawings.append((view, view.draw_handler_add(_draw_outlines, (), "WINDOW", "POST_VIEW")))
+    _drawings.append((view, view.draw_handler_add(_draw_marks, (), "WINDOW", "POST_PIXEL")))
+    _drawings.append((sheet, sheet.draw_handler_add(_draw_plants, (), "WINDOW", "POST_PIXEL")))
 
 
 def unregister() -> None:
@@ -108,7 +113,8 @@ def unregister() -> None:
     key_list.unregister()
     job_operator.unregister()
     while _drawings:
-        bpy.types.SpaceView3D.draw_handler_remove(_drawings.pop(), "WINDOW")
+        space, handle = _drawings.pop()
+        space.draw_handler_remove(handle, "WINDOW")
     del bpy.types.Scene.kfmocap_capture
     del bpy.types.Scene.kfmocap
     _unregister_classes()
@@ -143,3 +149,10 @@ def _draw_marks() -> None:
     from .overlays import mark_drawing
 
     mark_drawing.draw_marks()
+
+
+def _draw_plants() -> None:
+    if bpy.context.scene.kfmocap.show_plants:
+        from .overlays import plant_bars
+
+        plant_bars.draw_bars()

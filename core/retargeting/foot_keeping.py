@@ -7,6 +7,7 @@ other legs would move it. The correction fades over the frames beside.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,14 +54,23 @@ class FootPath:
     floor: float
 
 
-def foot_paths(source: SkeletonMotion, of_source: BoneMap, deviation: Array | None = None) -> list[FootPath]:
+def foot_paths(
+    source: SkeletonMotion,
+    of_source: BoneMap,
+    deviation: Array | None = None,
+    planted: Mapping[str, Bools] | None = None,
+) -> list[FootPath]:
     """Return the paths of the source's soles, and when they are planted.
 
     Parameters
     ----------
     deviation : ndarray, shape (F, J), optional
         Standard deviation of the place of every bone of the source, in its unit.
+    planted : mapping of str to ndarray of bool, shape (F,), optional
+        When points of the soles are planted, by `core.body.soles.SOLE_POINTS`, where it is known; other points are
+        planted when they seem to be.
     """
+    given = planted or {}
     leg = leg_length(source.rest, of_source)
     found = []
     for side in SIDES:
@@ -75,7 +85,8 @@ def foot_paths(source: SkeletonMotion, of_source: BoneMap, deviation: Array | No
         points = source.positions[:, None, ankle] + np.einsum("fij,cj->fci", source.turns[:, ankle], offsets)
         doubt = None if deviation is None else np.repeat(deviation[:, ankle, None], 2, axis=1)
         plants = find_plants(points, source.fps, leg, doubt)
-        found.append(FootPath(side, points, offsets, plants.planted, plants.floor))
+        columns = [given.get(f"{point}.{side}", plants.planted[:, c]) for c, point in enumerate(("heel", "ball"))]
+        found.append(FootPath(side, points, offsets, np.stack(columns, axis=1), plants.floor))
     return found
 
 

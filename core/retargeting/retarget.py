@@ -10,7 +10,7 @@ import numpy as np
 from ..body.foot_plants import runs
 from ..errors import BodyError
 from ..numerics import rotations
-from ..numerics.arrays import Array
+from ..numerics.arrays import Array, Bools
 from .bone_matching import match_bones
 from .control_rig import ControlRig, RigPoses
 from .foot_keeping import BALL, HEEL, FootPath, foot_goals, foot_paths, hand_goals
@@ -97,7 +97,11 @@ def grounded(rest: RestSkeleton, bones: BoneMap, origin: float = 0.0) -> RestSke
 
 
 def retarget(
-    source: SkeletonMotion, of_source: BoneMap, rig: ControlRig, options: RetargetOptions = DEFAULTS
+    source: SkeletonMotion,
+    of_source: BoneMap,
+    rig: ControlRig,
+    options: RetargetOptions = DEFAULTS,
+    planted: Mapping[str, Bools] | None = None,
 ) -> Retargeted:
     """Bring a motion onto a rig.
 
@@ -108,6 +112,8 @@ def retarget(
     rig : ControlRig
         On its ground.
     options : RetargetOptions
+    planted : mapping of str to ndarray of bool, shape (F,), optional
+        When points of the source's soles are planted, see `foot_paths`.
 
     Raises
     ------
@@ -116,7 +122,7 @@ def retarget(
     """
     placement = place(source, of_source, rig, options.scale)
     by_angles = transfer(source, of_source, rig, placement, options.root)
-    feet = foot_paths(source, of_source)
+    feet = foot_paths(source, of_source, planted=planted)
     poses = by_angles
     goals: list[LimbGoal] = []
     if options.root != "in-place":

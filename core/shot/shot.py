@@ -164,7 +164,15 @@ class PerformerRequest:
 
 ONE_VIEW, SEVERAL_VIEWS = (0.2, 0.25), (0.1, 0.1)
 """Correlation lengths of pixels and of outlines, metres: with several views the width of a limb."""
-_NOT_NUMBERS = ("solver", "broken_keypoints", "estimate_smoothness", "prediction", "footage_offset", "threads")
+_NOT_NUMBERS = (
+    "solver",
+    "broken_keypoints",
+    "estimate_smoothness",
+    "prediction",
+    "plants",
+    "footage_offset",
+    "threads",
+)
 _LEFT_TO_THE_SHOT = ("correlation_length", "outline_correlation", "joint_acceleration", "root_acceleration")
 
 
@@ -195,6 +203,8 @@ class Settings:
         where keypoints show them. None: see `for_shot`.
     prediction : bool
         Predict the motion of parts that no camera sees from the frames on which they are seen.
+    plants : bool
+        Points of the soles that are found to be planted stand still.
     keypoint_correlation : float
         How far apart in time a detector's errors are independent, seconds: keypoints within that time count as one.
     broken_keypoints : str
@@ -215,6 +225,7 @@ class Settings:
     root_acceleration: float | None = None
     estimate_smoothness: bool | None = None
     prediction: bool = True
+    plants: bool = True
     keypoint_correlation: float = 0.3
     broken_keypoints: str = "refuse"
     footage_offset: float | None = None

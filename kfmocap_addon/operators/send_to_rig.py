@@ -52,7 +52,7 @@ class SendToRig(Conditional, bpy.types.Operator):
     conditions = (has_source, has_target)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ..retargeting import send, source_motion
+        from ..retargeting import send, sole_plants, source_motion
         from ..retargeting.live import LiveSource
         from ..retargeting.overrides import editable
 
@@ -63,6 +63,7 @@ class SendToRig(Conditional, bpy.types.Operator):
             if settings.source is None:
                 motion = source_motion.motion_of_performer(scene, slot)
                 live = LiveSource(slot.armature, {})
+                options = replace(options, planted=sole_plants.shown(scene, slot))
             else:
                 first = scene.frame_start
                 motion, bones = source_motion.motion_of_armature(scene, settings.source, (first, scene.frame_end))

@@ -86,6 +86,7 @@ class Tracking(Conditional, JobOperator):
         """Write the tracked motion into the scene, and which cameras do not fit."""
         from ...core.errors import ShotError
         from ...core.review.track_report import torn_text
+        from ..retargeting import sole_plants
         from ..scene_io import tracked_segments, view_cameras
 
         name, shot, parts = self._asked
@@ -94,6 +95,7 @@ class Tracking(Conditional, JobOperator):
             raise ShotError("the scene is gone", where=f"scene {name}")
         results = tracked.results
         tracked_segments.write(scene, shot, parts, results)
+        sole_plants.refresh(scene)
         unfinished_tracking.discard(scene)
         if tracked.fits is not None:
             for line in view_cameras.show_fits(scene.kfmocap.views, tracked.fits):

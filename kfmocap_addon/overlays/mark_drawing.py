@@ -49,6 +49,12 @@ def dot(at: Position, colour: Colour, radius: float = _RADIUS) -> None:
         _drawn("TRI_FAN", _circle(at, size * _scale()), fill)
 
 
+def bar(low: Position, high: Position, colour: Colour) -> None:
+    """A filled rectangle from its lower left to its upper right corner."""
+    corners: list[tuple[float, float]] = [(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])]
+    _drawn("TRI_FAN", corners, colour)
+
+
 def ring(at: Position, colour: Colour, radius: float = _RADIUS) -> None:
     """A circle."""
     lines([*_circle(at, radius * _scale()), _circle(at, radius * _scale())[0]], colour)

@@ -3,8 +3,9 @@
 import bpy
 
 from ..operators.go_to_frame import GoToFrame
+from ..operators.plants import CleanFeet, FindPlants, ForgetPlantEdits, SetPlant
 from ..operators.show_misfit import HideResidual, ShowResidual
-from ..scene_io import bone_visibility
+from ..scene_io import active_performer, bone_visibility
 from . import performer_rows
 from .section import Section
 
@@ -32,6 +33,7 @@ class ReviewPanel(Section, bpy.types.Panel):
             _draw_hidden(column, slot)
             _draw_helpful(column, slot)
             _draw_suggestions(column, slot)
+        _draw_plants(layout.column(align=True), context)
 
 
 def _draw_hidden(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup) -> None:
@@ -74,6 +76,49 @@ def _draw_suggestions(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup)
         button.reason = (
             f"Jump there and pose {suggestion.name}: seen on this frame, but by no camera on frames {first} to {last}"
         )
+
+
+def _draw_plants(column: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """When the feet of the chosen performer are planted: a bar for each point, with buttons to change it."""
+    slot, properties = active_performer.chosen(context), context.scene.kfmocap
+    if slot is None:
+        return
+    row = column.row(align=True)
+    row.label(text=f"{slot.name}: feet on the ground")
+    row.prop(properties, "show_plants", text="", icon="ACTION")
+    row.operator(FindPlants.bl_idname, text="", icon="FILE_REFRESH")
+    if slot.plant_edits:
+        row.operator(ForgetPlantEdits.bl_idname, text="", icon="X")
+    for name in slot.plants_found.split():
+        row = column.row(align=True)
+        place = row.split(factor=0.2, align=True)
+        place.label(text=name)
+        plants = [(plant.first, plant.last) for plant in slot.plants if plant.name == name]
+        _draw_bar(place, plants, (properties.frame_start, properties.frame_start + properties.length - 1))
+        for planted, icon in ((True, "ADD"), (False, "REMOVE")):
+            button = row.operator(SetPlant.bl_idname, text="", icon=icon)
+            button.point, button.planted = name, planted
+    if slot.plants:
+        column.operator(CleanFeet.bl_idname, icon="SNAP_FACE")
+
+
+def _draw_bar(layout: bpy.types.UILayout, plants: list[tuple[int, int]], frames: tuple[int, int]) -> None:
+    """Draw a bar over some frames, with a button for each plant."""
+    at, last = frames[0], frames[1] + 1
+    left = layout.row(align=True)
+    for first, end in plants:
+        for upto, is_plant in ((first, False), (end + 1, True)):
+            if upto <= at or last <= at:
+                continue
+            whole = left.split(factor=min((upto - at) / (last - at), 1.0), align=True)
+            piece, left = whole.row(align=True), whole.row(align=True)
+            if is_plant:
+                button = piece.operator(GoToFrame.bl_idname, text=" ", depress=True)
+                button.frame, button.reason = first, f"Planted from frame {first} to {end}. Jump to its first frame"
+            else:
+                piece.label(text="")
+            at = upto
+    left.label(text="")
 
 
 CLASSES = (ReviewPanel,)

@@ -11,6 +11,7 @@ import bpy
 import numpy as np
 
 from ...core.errors import BodyError
+from ...core.numerics.arrays import Bools
 from ...core.retargeting.bone_matching import described, match_bones, preset_of
 from ...core.retargeting.control_rig import ControlRig, RigPoses, local_places, local_turns
 from ...core.retargeting.retarget import Retargeted, limb_changes, plant_intervals, prepared, retarget
@@ -41,6 +42,8 @@ class SendOptions:
     live : LiveSource, optional
         The character follows this armature by constraints, instead of getting keys: joint angles and the way of the
         hips, without keeping feet and hands.
+    planted : mapping of str to ndarray of bool, shape (F,), optional
+        When points of the source's soles are planted, see `core.retargeting.foot_keeping.foot_paths`.
     """
 
     preset: str | None = None
@@ -49,6 +52,7 @@ class SendOptions:
     retarget: RetargetOptions = field(default_factory=RetargetOptions)
     curves: CurveOptions = field(default_factory=CurveOptions)
     live: LiveSource | None = None
+    planted: Mapping[str, Bools] | None = None
 
 
 def target_bones(armature: bpy.types.Object, preset: str | None = None) -> BoneMap:
@@ -149,7 +153,7 @@ def send_to_rig(
         rig = reading.rig
         shown = [shown_bone(armature, preset.follows, name) for name in rig.rest.names]
         standing = world_matrices(armature, shown)
-        result = retarget(source, of_source, rig, asked)
+        result = retarget(source, of_source, rig, asked, options.planted)
         channels = control_channels(armature, rig, result.poses, ik_roles(rig, preset))
         channels += ik_channels(armature, rig, result.poses, preset)
     if options.live is not None:

@@ -29,6 +29,7 @@ from ...runtime.timing import Seconds
 from ...shot.shot import Settings
 from ..prediction import predict_unseen
 from .measurement import Instants, MeasuredMotion, Workspace, hidden_parts, keypoint_instants
+from .plant_factor import PlantFactor, plants_of, with_plants
 from .problem import SegmentProblem, SegmentSolution, frame_residual
 from .smoothness_factor import SegmentSmoothness
 
@@ -130,8 +131,8 @@ class MeasuredEquations(IndependentEquations):
 class _TestedStage:
     """A stage at whose steps all views are looked at, and each step is tested.
 
-    The noise under which costs are compared, what is expected of parts that are out of sight, and the smoothness, if it
-    is estimated, are those of the start; they stay while steps are tested.
+    The noise under which costs are compared, what is expected of parts that are out of sight, the plants, and the
+    smoothness, if it is estimated, are those of the start; they stay while steps are tested.
     """
 
     def __init__(
@@ -147,6 +148,7 @@ class _TestedStage:
         self._problem, self._stage, self._workspace, self._noise = problem, stage, workspace, noise
         self._hidden: list[NDArray[np.bool_]] | None = None
         self._expected: list[Array] = []
+        self._plants: list[PlantFactor | None] = []
         self._pace = OVERRELAXATION
 
     def minimise(self, start: tuple[Motion, ...]) -> LeastSquaresResult[tuple[Motion, ...], MeasuredEquations]:
@@ -170,10 +172,12 @@ class _TestedStage:
             if self._hidden is None:
                 self._hidden = hidden_parts(problem, evidence.share) if problem.settings.prediction else []
                 self._expected = predicted_accelerations(motions, self._hidden) if self._hidden else []
+                self._plants = plants_of(problem, motions)
             images = evidence_equations(problem, measured, self._hidden, self._noise)
             if begins:
                 self.smooth = self.smooth.estimated(problem, motions, images, self._expected, rounds=ROUNDS)
             systems = with_smoothness(problem, motions, images, self.smooth, self._expected)
+            systems = with_plants(systems, self._plants, problem.bodies, motions)
             parts = [BandedEquations(s, fixed) for s, fixed in zip(systems, problem.fixed, strict=True)]
             return MeasuredEquations(parts, measured)
 

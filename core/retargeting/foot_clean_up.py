@@ -1,0 +1,84 @@
+"""Feet of a tracked motion cleaned up: planted points stand still, key poses stay exactly what they are.
+
+The method is that of `core.retargeting.foot_keeping`, with the body as its own target.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..body.body import Body
+from ..body.kinematics import motion_of_poses
+from ..body.motion import Motion
+from ..errors import BodyError
+from ..numerics.arrays import Array, Bools
+from ..shot.shot import KeyPoses
+from .control_rig import ControlRig
+from .retarget import prepared, retarget
+from .roles import BoneMap
+from .skeleton_motion import motion_of_body
+from .transfer import RetargetOptions
+
+
+def with_clean_feet(
+    body: Body,
+    motion: Motion,
+    fps: float,
+    keys: KeyPoses,
+    planted: Mapping[str, Bools] | None = None,
+    *,
+    of_body: BoneMap | None = None,
+) -> Motion:
+    """Return a motion whose planted feet stand still, flat where heel and ball are planted.
+
+    Parameters
+    ----------
+    body : Body
+        Of a human, whatever its parts are called.
+    motion : Motion
+        F frames.
+    fps : float
+        Frames per second.
+    keys : KeyPoses
+        Their degrees of freedom stay as they are; the frames between take the corrections of key poses off, so that
+        a foot stands where the key poses have it, and goes over from one to the other where these differ.
+    planted : mapping of str to ndarray of bool, shape (F,), optional
+        See `core.retargeting.foot_keeping.foot_paths`.
+    of_body : BoneMap, optional
+        Roles of the parts; by default they are found.
+
+    Raises
+    ------
+    BodyError
+        The body is no human's, or its hips are not its first part.
+    """
+    source, bones = prepared(motion_of_body(body, motion, "body", fps), of_body)
+    R_rest = np.stack([part.R_world_rest for part in body.parts])
+    parents = tuple(body.parents)
+    rig = ControlRig(source.rest, _whole(bones), parents, R_rest, R_rest)
+    poses = retarget(source, bones, rig, RetargetOptions(feet="clean", scale=1.0), planted).poses
+    if rig.index("hips") != 0:
+        raise BodyError("the hips hang on another part", where=f"part {rig.bones.bones['hips'][0]}")
+    driven = poses.driven
+    turns = np.where(driven[:, None, None], poses.turns, source.turns)
+    cleaned = motion_of_poses(body, (turns @ R_rest, poses.places))
+    step = motion.difference(Motion(cleaned.translations, cleaned.rotations))
+    step[:, np.repeat(~np.append(True, driven), 3)] = 0.0
+    return motion.moved(step - _of_keys(step, keys))
+
+
+def _whole(bones: BoneMap) -> BoneMap:
+    return BoneMap({role: names for role, names in bones.bones.items() if role != "root"}, bones.preset)
+
+
+def _of_keys(step: Array, keys: KeyPoses) -> Array:
+    """The corrections (F, D) of key poses, in between going over from one to the next, shape (F, D)."""
+    found = np.zeros_like(step)
+    frames = np.arange(len(step))
+    for d, fixed in enumerate(keys.fixed.T):
+        keyed = np.asarray(keys.frames)[fixed]
+        if len(keyed):
+            found[:, d] = np.interp(frames, keyed, step[keyed, d])
+    return found

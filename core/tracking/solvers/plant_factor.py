@@ -1,0 +1,98 @@
+"""Plants as evidence: while a point of the sole is planted, it stands still.
+
+Residuals are the steps of a planted point from one frame to the next. Which points are planted is found from the motion
+itself; a robust kernel lets go of points that move after all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...body import Body
+from ...body.joint_blocks import joint_blocks
+from ...body.kinematics import Poses, part_poses
+from ...body.motion import Motion
+from ...body.soles import Soles
+from ...numerics import rotations
+from ...numerics.arrays import Bools
+from ...numerics.banded_blocks import BandedBlocks
+from ...numerics.robust_kernels import GemanMcClure
+from .problem import SegmentProblem
+
+SPEED = 0.02
+"""Metres per second: standard deviation along each axis of the speed of a point of the sole that is planted. Shoes
+give way and roll, and a foot is not quite rigid."""
+GROSS = 4.0
+"""Standard deviations at which a step counts for a quarter of one that is right (Geman and McClure's error)."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlantFactor:
+    """The planted points of one performer's soles.
+
+    Attributes
+    ----------
+    soles : Soles
+        C points.
+    steps : ndarray of bool, shape (F - 1, C)
+        Which points are planted on a frame and on the next.
+    deviation : float
+        Of a step along each axis, metres.
+    """
+
+    soles: Soles
+    steps: Bools
+    deviation: float
+
+    @classmethod
+    def found(cls, body: Body, motion: Motion, fps: float) -> PlantFactor | None:
+        """Return the plants of a motion; None where there are none, or the body has no soles."""
+        soles = Soles.of(body)
+        if soles is None or len(motion) < 3:
+            return None
+        planted = soles.planted(part_poses(body, motion), fps)
+        steps = planted[1:] & planted[:-1]
+        return cls(soles, steps, SPEED / fps) if steps.any() else None
+
+    def blocks(self, body: Body, poses: Poses) -> BandedBlocks:
+        """The normal equations around poses (R, T) of F frames."""
+        points = self.soles.world(poses)
+        F, P, C = len(points), len(body), points.shape[1]
+        r = np.diff(points, axis=0) / self.deviation
+        kernel = GemanMcClure(GROSS)
+        squared = np.sum(r**2, axis=-1)
+        weight = np.where(self.steps, kernel.weight(squared), 0.0)
+        rows = np.concatenate([np.broadcast_to(np.eye(3), (F, C, 3, 3)), -rotations.skew(points)], axis=-1)
+        J = np.concatenate([-rows[:-1], rows[1:]], axis=-1) / self.deviation
+        weighted = np.swapaxes(J, -1, -2) * weight[..., None, None]
+        carrier = (self.soles.parts == np.arange(P)[:, None]).astype(float)
+        H = np.einsum("pc,fcab->fpab", carrier, weighted @ J)
+        g = np.einsum("pc,fca->fpa", carrier, (weighted @ r[..., None])[..., 0])
+        energy = float(np.sum(np.where(self.steps, kernel.cost(squared), 0.0)))
+        return joint_blocks(body, poses, H, g, energy)
+
+
+def plants_of(problem: SegmentProblem, motions: Sequence[Motion]) -> list[PlantFactor | None]:
+    """Find the plants of every performer's motion; none where the settings are against it."""
+    if not problem.settings.plants:
+        return [None] * len(motions)
+    return [PlantFactor.found(body, motion, problem.fps) for body, motion in zip(problem.bodies, motions, strict=True)]
+
+
+def with_plants(
+    systems: Sequence[BandedBlocks],
+    plants: Sequence[PlantFactor | None],
+    bodies: Sequence[Body],
+    motions: Sequence[Motion],
+) -> list[BandedBlocks]:
+    """Add the evidence of plants to every performer's normal equations."""
+    return [
+        system if plant is None else system + plant.blocks(body, part_poses(body, motion))
+        for system, plant, body, motion in zip(systems, plants, bodies, motions, strict=True)
+    ]
+
+
+__all__ = ["PlantFactor", "plants_of", "with_plants"]

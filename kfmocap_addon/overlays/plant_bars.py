@@ -1,0 +1,31 @@
+"""Bars in the timeline and the dope sheet: when heel and ball of the chosen performer's feet are planted."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..scene_io import active_performer
+from ..scene_io.sides import colour_of
+from . import mark_drawing
+
+ROWS = ("heel.L", "ball.L", "heel.R", "ball.R")
+"""From above."""
+_HEIGHT, _BELOW = 4, 22
+"""Pixels: of a bar and the gap to the next, and from the lower edge, where the editor has its scroll bar."""
+
+
+def draw_bars() -> None:
+    """Draw a bar for every plant at the lower edge of the editor that is being drawn."""
+    context = bpy.context
+    slot = active_performer.chosen(context)
+    if slot is None:
+        return
+    scale = context.preferences.system.ui_scale
+    to_region = context.region.view2d.view_to_region
+    for plant in slot.plants:
+        row = len(ROWS) - 1 - ROWS.index(plant.name)
+        left, right = (to_region(frame, 0, clip=False)[0] for frame in (plant.first - 0.5, plant.last + 0.5))
+        if right < 0 or left > context.region.width:
+            continue
+        low = scale * (_BELOW + _HEIGHT * row)
+        mark_drawing.bar((left, low), (right, low + scale * (_HEIGHT - 1)), colour_of(plant.name))

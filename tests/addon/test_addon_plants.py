@@ -1,0 +1,82 @@
+"""When feet are planted, in Blender: found, corrected by the animator, used by Send to Rig and by Clean Feet."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from addon_shots import blender, shot  # noqa: E402, F401
+from kfmocap.core.body import human  # noqa: E402
+from kfmocap.core.body.kinematics import part_poses  # noqa: E402
+from kfmocap.core.body.motion import Motion  # noqa: E402
+from kfmocap.core.body.soles import SOLE_POINTS, Soles  # noqa: E402
+from kfmocap.kfmocap_addon.overlays.plant_bars import ROWS  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting import sole_plants  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import body_armature, key_pose_curves, motion_curves, scene  # noqa: E402
+from render.motions import MOTIONS  # noqa: E402
+
+pytestmark = pytest.mark.blender
+
+FRAMES, START = 40, 1
+
+
+@pytest.fixture
+def dancer(blender, tmp_path):  # noqa: F811
+    """A performer who dances, tracked as it were with an error of some millimetres."""
+    scene.build_scene(shot(tmp_path, fps=30.0, frames=FRAMES), scene=bpy.context.scene)
+    slot = bpy.context.scene.kfmocap.performers[0]
+    slot.armature.animation_data.action = None
+    dance = MOTIONS["whirl"](human(1.75), FRAMES, 30.0)
+    error = 0.004 * np.sin(0.7 * np.arange(FRAMES)[:, None] + [0.0, 1.0, 2.0])
+    motion_curves.write_motion(
+        slot.armature, Motion(1.7 / 1.75 * dance.translations + error, dance.rotations), frame_start()
+    )
+    return slot
+
+
+def frame_start():
+    return bpy.context.scene.kfmocap.frame_start
+
+
+def flags_of(slot):
+    return sole_plants.shown(bpy.context.scene, slot)
+
+
+def test_plants_are_found_and_the_animators_corrections_stay(dancer):
+    assert flags_of(dancer) is None
+    assert bpy.ops.kfmocap.find_plants() == {"FINISHED"}
+    found = flags_of(dancer)
+    assert set(found) == set(SOLE_POINTS) == set(ROWS)
+    assert all(0.2 < flags.mean() < 0.95 for flags in found.values())
+    frames = {"first": frame_start() + 3, "last": frame_start() + 20}
+    assert bpy.ops.kfmocap.set_plant("EXEC_DEFAULT", point="heel.L", planted=False, **frames) == {"FINISHED"}
+    assert bpy.ops.kfmocap.set_plant("EXEC_DEFAULT", point="R", planted=True, **frames) == {"FINISHED"}
+    for _ in range(2):
+        edited = flags_of(dancer)
+        assert not edited["heel.L"][3:21].any()
+        assert edited["heel.R"][3:21].all() and edited["ball.R"][3:21].all()
+        assert np.array_equal(edited["ball.L"], found["ball.L"])
+        assert np.array_equal(edited["heel.L"][21:], found["heel.L"][21:])
+        assert bpy.ops.kfmocap.find_plants() == {"FINISHED"}
+    assert bpy.ops.kfmocap.forget_plant_edits() == {"FINISHED"}
+    assert all(np.array_equal(flags_of(dancer)[name], found[name]) for name in found)
+
+
+def test_clean_feet_stand_still_and_the_animators_keys_stay(dancer):
+    armature, start = dancer.armature, frame_start()
+    body = body_armature.body_from_armature(armature)
+    before = motion_curves.read_motion(armature, start, FRAMES)
+    key = key_pose_curves.KeyPoses.whole([0], before[[0]])
+    key_pose_curves.write_key_poses(armature, key, start)
+    assert bpy.ops.kfmocap.find_plants() == {"FINISHED"}
+    planted = np.stack([flags_of(dancer)[name] for name in SOLE_POINTS], axis=1)
+    assert bpy.ops.kfmocap.clean_feet() == {"FINISHED"}
+    after = motion_curves.read_motion(armature, start, FRAMES)
+    soles = Soles.of(body)
+    still = planted[1:] & planted[:-1]
+    steps = [np.linalg.norm(np.diff(soles.world(part_poses(body, m)), axis=0), axis=2) for m in (before, after)]
+    assert np.quantile(steps[1][still], 0.95) < 1e-3 < np.quantile(steps[0][still], 0.5)
+    assert np.array_equal(after.rotations[0], before.rotations[0])
+    assert np.array_equal(after.translations[0], before.translations[0])
