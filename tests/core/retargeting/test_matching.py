@@ -90,7 +90,7 @@ def test_a_bone_map_comes_back_from_its_file(tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("no", "not JSON"), ("{}", "no table 'bones'"), ('{"bones": {"hips": 3}}', "bones.hips: must be the name")],
+    [("no", "not a bone map"), ("{}", "no table 'bones'"), ('{"bones": {"hips": 3}}', "bones.hips: must be the name")],
 )
 def test_a_broken_bone_map_names_the_file_and_the_field(tmp_path, text, message):
     (tmp_path / "map.json").write_text(text)
