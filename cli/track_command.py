@@ -24,6 +24,7 @@ from ..core.runtime.files import check_writable, staged, write_json
 from ..core.runtime.interrupts import results_are_written
 from ..core.runtime.progress import Progress, share
 from ..core.runtime.timing import Seconds
+from ..core.shot.footage_times import footage_rate
 from ..core.shot.shot import Shot
 from ..core.shot.shot_spec import result_names
 from ..core.tracking.journal import Journal, journal_beside
@@ -47,6 +48,10 @@ def run(args: argparse.Namespace, services: Services) -> int:
     seconds = Seconds()
     with seconds.measure("shot"):
         shot = _shot(args, services)
+    for view in shot.views:
+        rate = footage_rate(shot, view)
+        if rate is not None and rate.varies:  # it may not be worth the time then
+            print(f"kfmocap: {view.camera.name}: {rate.text}", file=sys.stderr)
     refined = None
     with journal_beside(args.out, resume=args.resume) as journal, progress_bar() as progress:
         if args.refine:

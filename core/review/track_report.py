@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..evidence.occlusion import OCCLUDED_BELOW, intervals, occluded, unseen
 from ..shot.footage import container_rate
+from ..shot.footage_times import FootageRate
 from ..shot.shot import Performer, Shot
 from ..tracking.uncertainty import expected_errors, joint_parts
 from .suggestions import suggest_keys_beside_hidden, suggest_keys_by_error
@@ -95,6 +96,7 @@ def report(
                 "fields": view.fields,
                 "keypoints": str(view.keypoints) if view.keypoints else None,
                 "footage_fps": container_rate(view),
+                "rate": dataclasses.asdict(rate) if (rate := result.rates[v] if result.rates else None) else None,
                 "torn": [shot.frames[0] + frame for frame in result.torn[v]] if result.torn else [],
                 "skipped": list(result.observed.skipped[v]) if result.observed.skipped else [],
                 "fits": [_camera_fit(fit) for fit in fits if fit.camera == view.camera.name],
@@ -282,7 +284,10 @@ def _footage_lines(values: Mapping[str, Any]) -> list[str]:
     lines = []
     for view in values["views"]:
         rate = view["footage_fps"]
-        if rate and abs(rate - values["fps"]) > _RATE_TOLERANCE * rate:
+        found = FootageRate(**view["rate"]) if view.get("rate") else None
+        if found is not None and found.varies:
+            lines.append(f"{view['camera']}: {found.text}")
+        elif rate and abs(rate - values["fps"]) > _RATE_TOLERANCE * rate:
             lines.append(f"{view['camera']}: its footage has {rate:g} frames per second, the shot {values['fps']:g}")
         if view["torn"]:
             lines.append(f"{view['camera']}: {torn_text(view['torn'])}")

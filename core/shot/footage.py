@@ -84,7 +84,7 @@ def container_rate(view: View) -> float:
         return 0.0
     try:
         with _opened(view.footage) as video:
-            return round(video.get(cv2.CAP_PROP_FPS) * _per_file_frame(view), 3)
+            return round(video.get(cv2.CAP_PROP_FPS) * frames_per_file_frame(view), 3)
     except FootageError:
         return 0.0
 
@@ -123,10 +123,10 @@ def file_index(view: View, frame: int) -> int:
     frame : int
         In the count of the shot's first and last frame.
     """
-    return footage_index(view, frame) // _per_file_frame(view)
+    return footage_index(view, frame) // frames_per_file_frame(view)
 
 
-def _per_file_frame(view: View) -> int:
+def frames_per_file_frame(view: View) -> int:
     """How many of the view's footage frames there are in a frame of its file."""
     return 2 if is_interlaced(view) else 1
 
@@ -153,7 +153,7 @@ def check_view(view: View, first: int, length: int) -> Footage:
 
 def _check_range(view: View, footage: Footage, first: int, length: int) -> None:
     start, end = footage_index(view, first), footage_index(view, first + length - 1)
-    last, offset, each = first + length - 1, view.offset, _per_file_frame(view)
+    last, offset, each = first + length - 1, view.offset, frames_per_file_frame(view)
     unit = "fields" if is_interlaced(view) else "frames"
     asked = f"the shot's frames {first} to {last} with offset {offset:g} are its {unit} {start} to {end}"
     where = f"{view.footage} (camera '{view.camera.name}')"
@@ -327,7 +327,7 @@ def _decodable(path: Path, limit: int) -> int:
 
 def _decoded(view: View, indices: Sequence[int]) -> Iterator[_Decoded]:
     """The footage's frames, or fields, of those increasing indices; each frame of the file is decoded once."""
-    each, first = _per_file_frame(view), _FIRST_PARITY.get(view.fields)
+    each, first = frames_per_file_frame(view), _FIRST_PARITY.get(view.fields)
     shared = [(number, list(same)) for number, same in groupby(indices, lambda index: index // each)]
     stored = _stored(view.footage, [number for number, _ in shared], view.camera.size)
     for decoded, (_, same) in zip(stored, shared, strict=True):

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..body.motion import Motion
 from ..keypoints.observations import ShotKeypoints
 from ..numerics.arrays import Array
+from ..shot.footage_times import FootageRate
 from .uncertainty import JointErrors
 
 
@@ -65,6 +66,8 @@ class TrackResult:
         How much later than on their frames the key poses are shown, frames; see `core.shot.shot.Settings`.
     torn : tuple of tuple of int
         Per view: shot frames whose picture does not continue from the one before; see `core.shot.continuity`.
+    rates : tuple of FootageRate or None
+        Per view: the rate of its frames, where its container tells.
     """
 
     motions: tuple[Motion, ...]
@@ -79,6 +82,7 @@ class TrackResult:
     observed: ShotKeypoints = field(default_factory=ShotKeypoints)
     footage_offset: float = 0.0
     torn: tuple[tuple[int, ...], ...] = ()
+    rates: tuple[FootageRate | None, ...] = ()
 
     @property
     def deviation(self) -> tuple[Array, ...]:

@@ -36,6 +36,7 @@ from ..runtime.worker_memory import WorkerMemory
 from ..runtime.worker_pool import WorkerPool
 from ..runtime.workplaces import RESULTS, workplace
 from ..shot.footage import PICTURE_SIZE, Album, check_view, working_factor
+from ..shot.footage_times import footage_rate
 from ..shot.keypose_spline import spline
 from ..shot.shot import Performer, Shot, fixed_degrees
 from .appearance import frames_with_foreground, grey_frames
@@ -146,6 +147,7 @@ def track(
         pictures=tuple({f - shot.frames[0]: image for f, image in albums[v].pictures.items()} for v in views_as_given),
         observed=observed.of_views(views_as_given),
         torn=tuple(tuple(torn[v]) for v in views_as_given),
+        rates=tuple(footage_rate(shot, shot.views[v]) for v in views_as_given),
     )
 
 

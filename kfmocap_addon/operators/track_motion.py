@@ -104,6 +104,11 @@ class Tracking(Conditional, JobOperator):
             pieces = [(part.first, r.torn[v]) for part, r in zip(parts, results, strict=True) if r.torn]
             if torn := sorted({scene.kfmocap.frame_start + first + f for first, frames in pieces for f in frames}):
                 self.report({"WARNING"}, f"{view.camera.name}: {torn_text(torn)}")
+            varying = [
+                rate.text for rate in (r.rates[v] for r in results if r.rates) if rate is not None and rate.varies
+            ]
+            if varying:
+                self.report({"WARNING"}, f"{view.camera.name}: {varying[0]}")
         frames = sum(part.last + 1 - part.first for part in parts)
         seconds = sum(sum(result.seconds.values()) for result in results)
         self.report({"INFO"}, f"Tracked {frames} frames in {seconds:.1f} s")

@@ -71,6 +71,7 @@ class Result:
         self.pictures = None
         self.footage_offset = 0.0
         self.torn = ()
+        self.rates = ()
         self.observed = ShotKeypoints()
 
 

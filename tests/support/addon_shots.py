@@ -103,6 +103,7 @@ def track_result(
         footage_offset=footage_offset,
         observed=ShotKeypoints(),
         torn=(),
+        rates=(),
         pictures=(),
         unknown=tuple(() for _ in given.performers) if unknown is None else unknown,
     )

@@ -1,0 +1,116 @@
+"""Footage whose frames do not come at a constant rate is found out before anything is decoded."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from kfmocap.core.shot.footage_times import footage_rate, frame_times
+from kfmocap.core.shot.shot import Shot, View
+from synthetic import figure, look_at, shot_of, swing
+
+FRAMES, FPS = 24, 30.0
+BODY = figure()
+TRUTH = swing(BODY, FRAMES)
+CAMERA = look_at("front", (0.5, -2.8, 1.5))
+PATH = (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stts")
+
+
+def boxes(data: bytes, begin: int, end: int) -> Iterator[tuple[int, int, bytes]]:
+    while begin < end:
+        size, name = struct.unpack(">I4s", data[begin : begin + 8])
+        yield begin, size, name
+        begin += size
+
+
+def retimed(data: bytes, durations: Sequence[float]) -> bytes:
+    """An MP4 whose frames last so many times as long, in the box of durations at its end."""
+    places, begin, end = [], 0, len(data)
+    for wanted in PATH:
+        place, size = next((p, n) for p, n, name in boxes(data, begin, end) if name == wanted)
+        places.append(place)
+        begin, end = place + 8, place + size
+    (each,) = struct.unpack(">I", data[places[-1] + 20 : places[-1] + 24])
+    rows = b"".join(struct.pack(">II", 1, round(each * d)) for d in durations)
+    new = struct.pack(">I4sII", 16 + len(rows), b"stts", 0, len(durations)) + rows
+    out = bytearray(data[: places[-1]] + new + data[end:])
+    for place in places[:-1]:
+        (size,) = struct.unpack(">I", out[place : place + 4])
+        out[place : place + 4] = struct.pack(">I", size + len(new) - (end - places[-1]))
+    return bytes(out)
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("film") / "constant.mp4"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), FPS, CAMERA.size)
+    for f in range(FRAMES):
+        writer.write(np.full((*CAMERA.size[::-1], 3), 9 * f, np.uint8))
+    writer.release()
+    return path
+
+
+def shot(path: Path, first: int = 0) -> Shot:
+    made = shot_of([View(CAMERA, path)], [BODY], [TRUTH], (0, FRAMES - 1 - first), fps=FPS)
+    return replace(made, frames=(first, FRAMES - 1))
+
+
+def timed(film: Path, name: str, durations: Sequence[float]) -> Path:
+    path = film.with_name(name)
+    path.write_bytes(retimed(film.read_bytes(), durations))
+    return path
+
+
+def test_times_are_those_of_the_frames(film: Path) -> None:
+    assert frame_times(film, 99) == pytest.approx(np.arange(FRAMES) / FPS, abs=1e-3)
+    assert frame_times(film, 5) == pytest.approx(np.arange(5) / FPS, abs=1e-3)
+    video = cv2.VideoCapture(str(film))
+    decoded = []
+    while video.grab():
+        decoded.append(video.get(cv2.CAP_PROP_POS_MSEC) / 1000)
+    assert frame_times(film, 99) == pytest.approx(np.array(decoded), abs=2e-3)
+
+
+def test_a_constant_rate_is_found_and_jitter_is_none(film: Path) -> None:
+    for name, wobble in (("exact.mp4", 0.0), ("jitter.mp4", 0.2)):
+        durations = 1 + wobble * (-1.0) ** np.arange(FRAMES)
+        rate = footage_rate(shot(film), View(CAMERA, timed(film, name, durations)))
+        assert rate is not None
+        assert rate.rate == pytest.approx(FPS, rel=2e-3)
+        assert not rate.varies
+
+
+def test_a_rate_that_varies_is_said(film: Path) -> None:
+    """Half of the frames last a half longer than the others, as phones film when it gets dark."""
+    path = timed(film, "varies.mp4", [0.8] * 12 + [1.2] * 12)
+    rate = footage_rate(shot(path), View(CAMERA, path))
+    assert rate is not None
+    assert rate.varies
+    assert rate.astray == pytest.approx(1.2, abs=0.1)
+    assert "convert it" in rate.text
+    later = footage_rate(shot(path, 13), View(CAMERA, path))
+    assert later is not None
+    assert not later.varies  # what is not shown does not count
+    assert later.rate == pytest.approx(FPS / 1.2, rel=1e-2)
+
+
+def test_missing_frames_are_a_rate_that_varies(film: Path) -> None:
+    durations = np.full(FRAMES, (FRAMES - 3) / FRAMES)
+    durations[10] = 4.0
+    rate = footage_rate(shot(film), View(CAMERA, timed(film, "gap.mp4", durations)))
+    assert rate is not None
+    assert rate.varies
+    assert rate.frame in (10, 11)
+
+
+def test_nothing_is_said_where_nothing_is_known(film: Path, tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "0.png"), np.zeros((72, 96, 3), np.uint8))
+    broken = tmp_path / "broken.mp4"
+    broken.write_bytes(film.read_bytes()[:300])
+    for path in (tmp_path / "%d.png", tmp_path / "0.png", tmp_path / "none.mp4", broken, tmp_path):
+        assert footage_rate(shot(film), View(CAMERA, path)) is None
