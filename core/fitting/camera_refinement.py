@@ -122,6 +122,7 @@ def refine_cameras(
     *,
     views: Sequence[KeyFrameView] | None = None,
     stages: Sequence[RefinementStage] = STAGES,
+    settled: float = SETTLED,
 ) -> Refinement:
     """Refine the pose and the focal length of every camera of a shot from its key poses of the whole body.
 
@@ -137,6 +138,8 @@ def refine_cameras(
         What the views show of frames with key poses of the whole body; by default of all of these, read from the
         footage.
     stages : sequence of RefinementStage
+    settled : float
+        See `SETTLED`.
 
     Raises
     ------
@@ -160,7 +163,7 @@ def refine_cameras(
         return max(_shift(before, after, view, v) / view.factor for v, view in enumerate(shown))
 
     problem = OutlineProblem(
-        linearise, CameraState.moved, lambda state, equations: equations.cost_at(state), largest_shift, SETTLED
+        linearise, CameraState.moved, lambda state, equations: equations.cost_at(state), largest_shift, settled
     )
     result = coarse_to_fine(start, problem, stages, "refining cameras", progress)
     equations = result.linearised()

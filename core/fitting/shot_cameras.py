@@ -38,6 +38,8 @@ CHECKED_KEYS = 8
 """Key frames that cameras are compared with at most, evenly over the shot."""
 CHECK_STAGES = (RefinementStage(0.25, 4.0, 4), RefinementStage(0.10, 1.0, 4))
 """A camera that fits is soon found to; one that does not need not be put right to be found out."""
+CHECK_SETTLED = 0.25
+"""`SETTLED` of that, pixels of the reduced frames: inexact key poses leave some pixels of the footage to chance."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +121,7 @@ def fit_by_key_poses(
         shot = replace(shot, views=tuple(replace(view, camera=view.camera.rectified()) for view in shot.views))
         views = pictured_key_frames(shot, frames, pictures)
     try:
-        found = refine_cameras(shot, progress, views=views, stages=CHECK_STAGES)
+        found = refine_cameras(shot, progress, views=views, stages=CHECK_STAGES, settled=CHECK_SETTLED)
     except CalibrationError:  # no view shows the performers clearly: nothing can be said
         return ()
     return tuple(

@@ -87,13 +87,16 @@ class SegmentReader:
         CancelledError
         """
         first, last = segment
-        while self._read < min(last + 1 + AROUND, self._length):
-            if self._stopped.is_set():
-                raise CancelledError
-            self._take(next(self._stream))
         count = last + 1 - first
-        frames = np.stack(self._ahead[:count])
-        self._ahead = self._ahead[count - 1 :]
+        while not self._ahead:
+            self._take(next(self._stream))
+        frames = np.empty((count, *self._ahead[0].shape), np.uint8)
+        for k in range(count):  # one by one: a long segment's frames are many, and not to be held twice
+            while self._read < min(first + k + 1 + AROUND, self._length):
+                if self._stopped.is_set():
+                    raise CancelledError
+                self._take(next(self._stream))
+            frames[k] = self._ahead[0] if k == count - 1 else self._ahead.pop(0)
         return ColourFrames(self._camera, frames, first, self._delay, self._torn(first, last))
 
     def _take(self, image: Image) -> None:

@@ -130,7 +130,7 @@ class SolvedSegment:
     data : SegmentData
         Without views.
     solution : SegmentSolution
-        Without evidence and factors.
+        Without evidence.
     offset : Offset or None
         Of the footage, as it was measured here.
     seconds : dict
@@ -170,7 +170,7 @@ def solve_task(
     finished = None
     if not is_refined(shot, solver, segment, state.with_offset(offset)):
         finished = _finished(solved, solved.solution.motions, offset, seconds, task.threads)
-    slim = replace(solved.solution, evidence=None, factors=())
+    slim = replace(solved.solution, evidence=None)
     return SolvedSegment(replace(data, views=()), slim, offset, dict(seconds), finished)
 
 

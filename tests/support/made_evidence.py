@@ -104,6 +104,4 @@ class Landscape(Workspace):
         evidence = self._evidence(problem, scene_poses(problem.bodies, [motion]), Sampling(1.0, 1.0, 1))
         total, none = evidence.explained.sum(axis=0), np.zeros(len(motion))
         energy = float(evidence.outlines.energy.sum())
-        return SegmentSolution(
-            (motion,), 1, (energy,), (), evidence.share, total, evidence.unhidden, none, {}, evidence
-        )
+        return SegmentSolution((motion,), 1, (energy,), evidence.share, total, evidence.unhidden, none, {}, evidence)

@@ -237,14 +237,12 @@ def descend(
     result = stage.minimise(start)
     with stage.seconds.measure("solve"):
         equations = result.linearised()
-        factors = tuple(equations.factor())
     seconds.add(stage.seconds)
     evidence = equations.measured.evidence
     return SegmentSolution(
         result.state,
         len(energies) + stage.trials,
         (*energies, *result.cost_history),
-        factors,
         evidence.share,
         evidence.explained.sum(axis=0),
         evidence.unhidden,

@@ -16,7 +16,6 @@ from ...evidence.label_images import Geometry
 from ...evidence.view_frames import ViewFrames
 from ...keypoints.keypoint_factor import KeypointFactor
 from ...numerics.arrays import Array
-from ...numerics.banded import BandedFactor
 from ...shot.acceleration_prior import usual_variances
 from ...shot.shot import Settings
 
@@ -129,9 +128,6 @@ class SegmentSolution:
     iterations : int
     energy : tuple of float
         Cost before each iteration, and of the motions that are returned; comparable within a stage of the solver.
-    factors : tuple of BandedFactor
-        Per performer: the factor of the normal matrix, whose inverse is the motion's covariance. Empty where the
-        solver has none.
     share : ndarray, shape (V, F, P)
         Visible share of every part.
     explained : ndarray, shape (M, F)
@@ -152,7 +148,6 @@ class SegmentSolution:
     motions: tuple[Motion, ...]
     iterations: int
     energy: tuple[float, ...]
-    factors: tuple[BandedFactor, ...]
     share: Array
     explained: Array
     unhidden: Array

@@ -34,8 +34,6 @@ class Solver:
         It takes foreground images as evidence; they are computed only where it does.
     refines : bool
         `refine` improves a solution when motion is known on both sides of the segment.
-    gives_covariance : bool
-        Its solutions have `factors`, from which covariances of the poses follow.
     """
 
     solve: Solve
@@ -43,4 +41,3 @@ class Solver:
     uses_keypoints: bool
     uses_foreground: bool
     refines: bool
-    gives_covariance: bool

@@ -14,7 +14,6 @@ GAUSS_NEWTON = Solver(
     uses_keypoints=True,
     uses_foreground=True,
     refines=True,
-    gives_covariance=True,
 )
 """Gauss-Newton over all poses of a segment at once, from several starts where the images leave a doubt."""
 RELAXATION = Solver(
@@ -23,7 +22,6 @@ RELAXATION = Solver(
     uses_keypoints=False,
     uses_foreground=False,
     refines=False,
-    gives_covariance=False,
 )
 """The published relaxation, by gradients between neighbouring frames alone. From a start it takes nothing but the key
 poses, nor from motion beside the segment: refining would solve anew."""

@@ -127,7 +127,6 @@ def relaxed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
         held,
         settings.sweeps,
         tuple(energies),
-        (),
         evidence.share,
         evidence.explained.sum(axis=0),
         evidence.unhidden,

@@ -370,7 +370,7 @@ def test_of_two_solutions_the_one_that_meets_keypoints_is_better_and_is_confirme
 
     def solution(found: Motion, explained: float) -> SegmentSolution:
         nothing = np.zeros(0)
-        return SegmentSolution((found,), 1, (), (), nothing, np.full((1, 5), explained), nothing, nothing, {})
+        return SegmentSolution((found,), 1, (), nothing, np.full((1, 5), explained), nothing, nothing, {})
 
     right, wrong = solution(motion, 90.0), solution(astray, 100.0)
     assert better(problem, wrong, right) is right

@@ -96,7 +96,7 @@ class Halfway:
         frames = slice(problem.first, problem.first + problem.length)
         step = 0.5 * start[0].difference(self.truth[frames]) * ~problem.fixed[0]
         share, none = np.ones((1, problem.length, len(BODY))), np.zeros(problem.length)
-        return SegmentSolution((start[0].moved(step),), 1, (0.0,), (), share, none[None], none[None], none, {})
+        return SegmentSolution((start[0].moved(step),), 1, (0.0,), share, none[None], none[None], none, {})
 
 
 def followed(truth: Motion, start: Motion, fixed: Array, backward: bool = False) -> tuple[Motion, Halfway]:

@@ -44,7 +44,7 @@ def explained(problem: SegmentProblem, motion: Motion) -> SegmentSolution:
     """A motion as if it had been found."""
     evidence = Workspace().measure(problem, [motion], Sampling(1.0, 1.0, 2, 0.07)).evidence
     total, none = evidence.explained.sum(axis=0), np.zeros(len(motion))
-    return SegmentSolution((motion,), 1, (0.0,), (), evidence.share, total, evidence.unhidden, none, {}, evidence)
+    return SegmentSolution((motion,), 1, (0.0,), evidence.share, total, evidence.unhidden, none, {}, evidence)
 
 
 def test_a_body_that_covers_background_is_doubted() -> None:
@@ -95,7 +95,7 @@ def test_whether_a_solution_is_doubted_goes_by_the_key_poses() -> None:
 
     def doubted(explained: np.ndarray, fixed: np.ndarray) -> bool:
         problem = SegmentProblem((), (BODY,), 0, FPS, (fixed,))
-        found = SegmentSolution((swing(BODY, 5),), 1, (), (), share, explained[None], unhidden, none, {})
+        found = SegmentSolution((swing(BODY, 5),), 1, (), share, explained[None], unhidden, none, {})
         return multi_start.doubtful(problem, found)
 
     assert not doubted(total, ends_held(BODY, 5))
@@ -112,7 +112,7 @@ def covering(cover: float, share: np.ndarray | None = None) -> SegmentSolution:
     frames = share.shape[1]
     none = np.zeros(frames)
     return SegmentSolution(
-        (at_rest(BODY, frames),), 1, (), (), share, np.full((1, frames), cover), np.ones((1, frames)), none, {}
+        (at_rest(BODY, frames),), 1, (), share, np.full((1, frames), cover), np.ones((1, frames)), none, {}
     )
 
 

@@ -158,7 +158,7 @@ def solution(problem: SegmentProblem, motions: list[Motion]) -> SegmentSolution:
     """Motions as if they had been found."""
     measured = Workspace().measure(problem, motions, Sampling(1.0, 1.0, 2, 0.07)).evidence
     total, none = measured.explained.sum(axis=0), np.zeros(FRAMES)
-    return SegmentSolution(tuple(motions), 1, (0.0,), (), measured.share, total, measured.unhidden, none, {})
+    return SegmentSolution(tuple(motions), 1, (0.0,), measured.share, total, measured.unhidden, none, {})
 
 
 def test_a_performer_is_doubted_by_what_it_explains_itself() -> None:
