@@ -13,12 +13,13 @@ from ..runtime.progress import Progress, share
 from ..shot.footage import probe
 from .calibration_result import CalibrationResult
 from .clocks import Clocks
+from .remeasure import remeasured
 from .resync import known_camera, synchronise
 from .video_markers import find_all, find_wand
 from .wand_calibration import solve_capture
 
-_SEEING = 0.7
-"""Share of the work that is looking for markers."""
+_SEEING, _MEASURED = 0.6, 0.9
+"""Shares of the work after which markers are found, and small ones measured again."""
 
 
 def calibrate(
@@ -26,8 +27,8 @@ def calibrate(
 ) -> CalibrationResult:
     """Find the markers where they were filmed, and solve for the cameras.
 
-    Where the middle of a ball lies within its outline depends on the camera: so what was found is corrected by the
-    first solution, and solved again.
+    The first solution corrects what was found: where the middle of a ball lies within its outline depends on the
+    camera, and small balls are measured again where they are expected. Then the cameras are solved once more.
 
     Parameters
     ----------
@@ -44,9 +45,10 @@ def calibrate(
     if isinstance(source, Capture):
         return solve_capture(source, progress, drift=drift)
     found = find_all(source, share(progress, 0.0, _SEEING))
-    middle = (1 + _SEEING) / 2
+    middle = (_SEEING + _MEASURED) / 2
     first = solve_capture(found.capture(), share(progress, _SEEING, middle), drift=drift)
-    return solve_capture(found.capture(first.cameras), share(progress, middle, 1.0), drift=drift)
+    found = remeasured(found, first, share(progress, middle, _MEASURED))
+    return solve_capture(found.capture(first.cameras), share(progress, _MEASURED, 1.0), drift=drift)
 
 
 def synchronise_take(

@@ -17,11 +17,21 @@ from ..numerics.arrays import Array, Bools
 from ..numerics.least_squares import StoppingRule, minimise
 from ..numerics.normal_equations import SparseEquations, SparseFactor
 from ..numerics.robust_kernels import Cauchy, Quadratic, RobustKernel
-from .bundle_residuals import BundleEvidence, BundleResiduals, Scene, first_camera, linearise, residuals, unknowns
+from .bundle_residuals import (
+    BallObservations,
+    BundleEvidence,
+    BundleResiduals,
+    Scene,
+    first_camera,
+    linearise,
+    residuals,
+    unknowns,
+)
 from .camera_rig import CAMERA_DOF
 
 _RAYLEIGH_MEDIAN = 1.1774
 _LEAST_LEFT = 0.1
+_MOST_ALIKE = 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +139,28 @@ def _normal_equations(found: BundleResiduals, free: Bools, kernel: RobustKernel)
     J = found.jacobian[:, np.flatnonzero(free)]
     rows = sparse.csr_array((J.data * np.repeat(weight, np.diff(J.indptr)), J.indices, J.indptr), J.shape)
     return (rows.T @ J).tocsc(), rows.T @ np.concatenate([found.points.ravel(), found.others])
+
+
+def variance_inflation(seen: BallObservations, residual: Array) -> float:
+    """How many times larger variances are because errors on neighbouring frames are alike.
+
+    The same ball in front of nearly the same background is measured with nearly the same error. With correlation r from
+    frame to frame, n observations count as n (1 - r) / (1 + r), as those of a first-order autoregressive series.
+
+    Parameters
+    ----------
+    seen : BallObservations
+        The wand's, n of them.
+    residual : ndarray, shape (n, 2)
+        In standard deviations.
+    """
+    order = np.lexsort((seen.frame, seen.ball, seen.camera))
+    track, frame, own = 2 * seen.camera[order] + seen.ball[order], seen.frame[order], residual[order]
+    next_frame = (np.diff(track) == 0) & (np.diff(frame) == 1)
+    before, after = own[:-1][next_frame], own[1:][next_frame]
+    scale = float(np.sqrt((before**2).sum() * (after**2).sum()))
+    r = float(np.clip((before * after).sum() / max(scale, 1e-12), 0.0, _MOST_ALIKE))
+    return (1 + r) / (1 - r)
 
 
 def covariance(scene: Scene, evidence: BundleEvidence, free: Bools) -> Array:

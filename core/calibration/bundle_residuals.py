@@ -7,7 +7,7 @@ sees the wand between frames sees an interpolated one, which ties neighbouring f
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -59,6 +59,8 @@ class BallObservations:
         Pixels, distorted.
     sigma : ndarray, shape (n,)
         Pixels.
+    elongation : ndarray, shape (n, 2), optional
+        See `Markers.elongation`.
     """
 
     camera: Ints
@@ -66,6 +68,7 @@ class BallObservations:
     frame: Array
     uv: Array
     sigma: Array
+    elongation: Array | None = None
 
     def __len__(self) -> int:
         return len(self.camera)
@@ -73,11 +76,35 @@ class BallObservations:
     @classmethod
     def joined(cls, parts: Sequence[BallObservations]) -> BallObservations:
         """All of several."""
-        return cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))
+        longer = [np.zeros_like(part.uv) if part.elongation is None else part.elongation for part in parts]
+        columns = zip(*((part.camera, part.ball, part.frame, part.uv, part.sigma) for part in parts), strict=True)
+        camera, ball, frame, uv, sigma = (np.concatenate(column) for column in columns)
+        return cls(camera, ball, frame, uv, sigma, np.concatenate(longer))
 
     def take(self, chosen: NDArray[Any]) -> BallObservations:
         """Some of them."""
-        return BallObservations(*(value[chosen] for value in vars(self).values()))
+        longer = None if self.elongation is None else self.elongation[chosen]
+        camera, ball, frame, uv, sigma = (x[chosen] for x in (self.camera, self.ball, self.frame, self.uv, self.sigma))
+        return BallObservations(camera, ball, frame, uv, sigma, longer)
+
+    def whitened(self, values: Array) -> Array:
+        """Pixels of shape (n, 2, ...) in standard deviations: multiplied by the root of the inverse covariance."""
+        return self._scaled(values, -0.5)
+
+    def in_pixels(self, values: Array) -> Array:
+        """Standard deviations of shape (n, 2, ...) in pixels."""
+        return self._scaled(values, 0.5)
+
+    def _scaled(self, values: Array, power: float) -> Array:
+        column = (slice(None), *(None,) * (values.ndim - 1))
+        scaled = values * (self.sigma ** (2 * power))[column]
+        if self.elongation is None or not self.elongation.any():
+            return np.asarray(scaled)
+        e = np.linalg.norm(self.elongation, axis=1)
+        way = self.elongation / np.maximum(e, 1e-12)[:, None]
+        along = np.einsum("ni,nj,nj...->ni...", way, way, scaled)
+        across, longer = ((1 - e) ** power)[column], ((1 + e) ** power)[column]
+        return np.asarray(across * scaled + (longer - across) * along)
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +209,7 @@ def _known_rows(scene: Scene, evidence: BundleEvidence) -> list[Rows]:
 
 def _weighted(uv: Array, seen: BallObservations, reached: Bools | bool = True) -> Array:
     """Predicted less observed balls, in standard deviations; zero where no frame of the wand is near."""
-    return np.asarray((uv - seen.uv) * np.where(reached, 1 / seen.sigma, 0.0)[:, None])
+    return seen.whitened((uv - seen.uv) * np.broadcast_to(reached, len(uv))[:, None])
 
 
 def _first_lframe(scene: Scene) -> int:
@@ -253,8 +280,9 @@ def _wand_rows(scene: Scene, seen: BallObservations) -> Rows:
     by_direction = np.einsum("nij,nkjl->nikl", by_point @ by_total, tangents(scene.wand.direction)[stencil.nodes])
     by_wand[..., 3:] = by_direction * stencil.weights[:, None, :, None]
     columns = stencil.nodes[..., None] * WAND_DOF + np.arange(WAND_DOF)
-    weight = np.where(stencil.reached, 1 / seen.sigma, 0.0)
-    rows = _rows(scene, c, by_camera, columns.reshape(len(seen), -1), by_wand.reshape(len(seen), 2, -1), weight=weight)
+    by_wand = by_wand.reshape(len(seen), 2, -1) * stencil.reached[:, None, None]
+    by_camera *= stencil.reached[:, None, None]
+    rows = _rows(scene, seen, by_camera, columns.reshape(len(seen), -1), by_wand)
     return _weighted(uv, seen, stencil.reached), rows
 
 
@@ -262,16 +290,14 @@ def _lframe_rows(scene: Scene, seen: BallObservations) -> Rows:
     assert scene.lframe_world is not None
     uv, by_point, by_camera = _projected(scene.rig, seen.camera, scene.lframe_world[seen.ball])
     columns = _first_lframe(scene) + seen.ball[:, None] * 3 + np.arange(3)
-    return _weighted(uv, seen), _rows(scene, seen.camera, by_camera, columns, by_point, weight=1 / seen.sigma)
+    return _weighted(uv, seen), _rows(scene, seen, by_camera, columns, by_point)
 
 
-def _rows(
-    scene: Scene, camera: Ints, by_camera: Array, columns: Ints, by_columns: Array, *, weight: Array
-) -> sparse.csr_array:
-    """Weighted rows of two for each observation: by its camera, and by some further columns."""
-    n = len(camera)
-    values = np.concatenate([by_columns, by_camera], axis=2) * weight[:, None, None]
-    own = first_camera(scene) + camera[:, None] * CAMERA_DOF + np.arange(CAMERA_DOF)
+def _rows(scene: Scene, seen: BallObservations, by_camera: Array, columns: Ints, by_columns: Array) -> sparse.csr_array:
+    """Whitened rows of two for each observation: by its camera, and by some further columns."""
+    n = len(seen)
+    values = seen.whitened(np.concatenate([by_columns, by_camera], axis=2))
+    own = first_camera(scene) + seen.camera[:, None] * CAMERA_DOF + np.arange(CAMERA_DOF)
     at = np.concatenate([columns, own], axis=1)
     index = np.repeat(at[:, None], 2, axis=1)
     kept = values != 0

@@ -1,4 +1,4 @@
-"""How much of a lens the data tell: k2 and the principal point are solved for only where they show."""
+"""Which lens parameters to estimate: k2 and the principal point only where they are significant."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import numpy as np
 from scipy.special import chdtri
 
 from ..numerics.arrays import Bools
-from .bundle import adjust, covariance
+from .bundle import adjust, covariance, variance_inflation
 from .bundle_residuals import BundleEvidence, Scene
 from .camera_rig import CAMERA_DOF, CENTRE, K2
 from .pairwise import Lens
 
 CENTRE_SIGMA = 0.01
-"""Share of the picture's width to within which a principal point must be known to be believed."""
+"""Share of the picture's width to within which a principal point must be determined to be estimated."""
 K2_SIGMA = 0.1
 _CHANCE = 1e-4
 
@@ -35,7 +35,8 @@ def select_lens_unknowns(
         return free
     fit = adjust(scene, evidence, every, tolerance=1e-5, cancel=cancel)
     rig = fit.scene.rig
-    spread = covariance(fit.scene, evidence, fit.free)
+    inflation = variance_inflation(evidence.wand, fit.residual[: len(evidence.wand)])
+    spread = covariance(fit.scene, evidence, fit.free) * inflation
     out = free.copy()
     for c, lens in enumerate(lenses):
         block = spread[c * CAMERA_DOF :, c * CAMERA_DOF :][:CAMERA_DOF, :CAMERA_DOF]

@@ -37,10 +37,12 @@ def resting(markers: Sequence[Markers]) -> BallObservations:
             good = off <= 4 * max(float(np.median(off)), float(np.median(sigma)))
             spread = np.sqrt(np.mean(sigma[good] ** 2))
             lasting = max(1 / np.sqrt(good.sum()), _LASTING)
-            rows.append((v, b, points[good].mean(axis=0), spread * lasting))
+            longer = np.zeros(2) if view.elongation is None else view.elongation[seen, b][0]
+            rows.append((v, b, points[good].mean(axis=0), spread * lasting, longer))
     uv = np.array([row[2] for row in rows]).reshape(-1, 2)
     camera, ball = (np.array([row[k] for row in rows], int) for k in (0, 1))
-    return BallObservations(camera, ball, np.zeros(len(rows)), uv, np.array([row[3] for row in rows], float))
+    sigma, longer = np.array([row[3] for row in rows], float), np.array([row[4] for row in rows]).reshape(-1, 2)
+    return BallObservations(camera, ball, np.zeros(len(rows)), uv, sigma, longer)
 
 
 @dataclass(frozen=True, eq=False)

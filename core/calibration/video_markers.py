@@ -23,7 +23,7 @@ from .lframe_detection import FOCALS, LFrameModel, identified, standing
 from .wand_detection import Pairs, find_pairs, told_apart, wand_path
 
 _LFRAME_PICTURES = 15
-_ARMS = ((0, 1), (1, 2), (0, 3))
+ARMS = ((0, 1), (1, 2), (0, 3))
 _LEAST_SHARE = 0.02
 _USUAL_FOCAL = 1.0  # of the longer side
 
@@ -43,9 +43,9 @@ class SeenBalls:
     radii: Array
 
     def corrected(self, matrix: Array, distortions: Array) -> Markers:
-        """The images of the balls' middles, which are not their outlines' centres; see `sphere.centres_of`."""
+        """The images of the balls' middles, which are not their outlines' centres; see `ball_centres.centres_of`."""
         m = self.markers
-        return Markers(m.frames, centres_of(m.points, self.radii, matrix, distortions), m.sigma)
+        return Markers(m.frames, centres_of(m.points, self.radii, matrix, distortions), m.sigma, m.elongation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +147,7 @@ def find_lframe(
         nothing = np.zeros((0, LFRAME_BALLS))
         return SeenBalls(Markers(np.zeros(0, np.int64), np.zeros((0, LFRAME_BALLS, 2)), nothing), nothing)
     report_progress(progress, f"{view.camera}: L-frame", 0.0)
-    frames = _spread_out(view.lframe)
+    frames = spread_out(view.lframe)
     images = [Picture.of(image) for image in frames]
     known = view.focal if view.matrix is None else float(view.matrix[0, 0])
     focals = [known] if known else [share * max(size) for share in FOCALS]
@@ -170,7 +170,7 @@ def _without_arms(images: Sequence[Picture], four: Balls) -> Balls:
     """The L-frame's balls measured without the parts of their outlines that the arms may hide, where that can be."""
     ends = np.full((LFRAME_BALLS, 2, 2), np.nan)
     for ball in range(LFRAME_BALLS):
-        held = [b if a == ball else a for a, b in _ARMS if ball in (a, b)]
+        held = [b if a == ball else a for a, b in ARMS if ball in (a, b)]
         ends[ball, : len(held)] = four.centres[held]
     seen = [without_rods(picture, four, ends, still=True) for picture in images]
     measured = [standing([balls[[k]][good[[k]]] for balls, good in seen]) for k in range(LFRAME_BALLS)]
@@ -189,7 +189,7 @@ def _as_spheres(balls: Balls, size: tuple[int, int]) -> Balls:
     return replace(balls, shapes=balls.semi_axes[:, 1, None, None] * longer)
 
 
-def _spread_out(path: Path) -> list[NDArray[np.uint8]]:
+def spread_out(path: Path) -> list[NDArray[np.uint8]]:
     """Some frames from all over a video."""
     step = max(1, probe(path).count // _LFRAME_PICTURES)
     return list(islice(islice(pictures(path), 0, None, step), _LFRAME_PICTURES))

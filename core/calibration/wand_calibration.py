@@ -11,7 +11,7 @@ from ..capture.capture import Capture, CaptureView
 from ..numerics.arrays import Array, Bools
 from ..runtime.progress import Progress, report_progress
 from . import diagnosis, lens_selection, lframe
-from .bundle import adjust, covariance
+from .bundle import adjust, covariance, variance_inflation
 from .bundle_residuals import BallObservations, BundleEvidence, Scene
 from .calibration_result import CalibrationResult
 from .camera_rig import DRIFT, OFFSET, Rig, Wand
@@ -171,8 +171,8 @@ def _finished(
     fit = adjust(fit.scene, evidence, free, tolerance=1e-9, cancel=steps.check)
     scene = fit.scene
     assert scene.lframe_world is not None
-    rows = np.concatenate([seen.sigma, resting.sigma])
     noise = _unit_noise(fit.residual[: len(seen)], scene, free)
+    inflation = variance_inflation(seen, fit.residual[: len(seen)])
     steps.next("quality", 0.9)
     held_out = _held_out(scene, evidence, free, steps)
     solution = CalibrationResult(
@@ -182,10 +182,10 @@ def _finished(
         scene.lframe_world,
         seen,
         resting,
-        fit.residual * rows[:, None],
+        BallObservations.joined([seen, resting]).in_pixels(fit.residual),
         used,
         free,
-        covariance(scene, replace(evidence, lframe_sigma=_EXACT), fit.free) * max(noise, 1.0) ** 2,
+        covariance(scene, replace(evidence, lframe_sigma=_EXACT), fit.free) * max(noise, 1.0) ** 2 * inflation,
         noise,
         placement.scale,
         moved,

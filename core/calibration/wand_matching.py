@@ -38,7 +38,8 @@ class Matches:
         """The same for the adjustment."""
         at = markers.frames[self.row].astype(float)
         points, sigma = markers.points[self.row, self.ball], markers.sigma[self.row, self.ball]
-        return BallObservations(np.full(len(at), view), self.end, at, points, sigma)
+        longer = None if markers.elongation is None else markers.elongation[self.row, self.ball]
+        return BallObservations(np.full(len(at), view), self.end, at, points, sigma, longer)
 
 
 def matched(scene: Scene, view: int, markers: Markers, reach: Array) -> Matches:

@@ -26,11 +26,15 @@ class Markers:
         was not found.
     sigma : ndarray, shape (n, m)
         Standard deviation of each coordinate, pixels; NaN where a ball was not found.
+    elongation : ndarray, shape (n, m, 2), optional
+        The direction in which a point is least certain. Its length e, from 0 to 1, says by how much: the variances are
+        sigma^2 (1 + e) along it and sigma^2 (1 - e) across.
     """
 
     frames: NDArray[np.int64]
     points: Array
     sigma: Array
+    elongation: Array | None = None
 
     def __post_init__(self) -> None:
         n = len(self.frames)

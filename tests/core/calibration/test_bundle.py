@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kfmocap.benchmarks.wand_captures import LFRAME, Faults, capture, ring, scattered, waved
-from kfmocap.core.calibration.bundle import adjust, covariance
+from kfmocap.core.calibration.bundle import adjust, covariance, variance_inflation
 from kfmocap.core.calibration.bundle_residuals import BallObservations, BundleEvidence, Scene, linearise, unknowns
 from kfmocap.core.calibration.camera_rig import (
     CAMERA_DOF,
@@ -157,3 +157,28 @@ def test_offsets_and_drifts_run_both_ways() -> None:
     np.testing.assert_allclose(rig.times(camera, frames), times)
     assert rig.moved(np.eye(1, 3 * CAMERA_DOF, OFFSET).reshape(3, -1)).offset[0] == 1
     assert rig.moved(np.eye(1, 3 * CAMERA_DOF, DRIFT).reshape(3, -1)).drift[0] == 1
+
+
+def test_observations_are_weighted_by_their_covariance() -> None:
+    rng = np.random.default_rng(2)
+    way, sigma = np.array([0.48, 0.36]), 0.2  # e = 0.6 along (0.8, 0.6)
+    unit = way / 0.6
+    C = sigma**2 * (0.4 * np.eye(2) + 1.2 * np.outer(unit, unit))
+    zero = np.zeros(1, int)
+    seen = BallObservations(zero, zero, np.zeros(1), np.zeros((1, 2)), np.array([sigma]), way[None])
+    r = rng.normal(size=(1, 2))
+    assert np.sum(seen.whitened(r) ** 2) == pytest.approx(r[0] @ np.linalg.solve(C, r[0]))
+    np.testing.assert_allclose(seen.in_pixels(seen.whitened(r)), r)
+    J = rng.normal(size=(1, 2, 3))
+    np.testing.assert_allclose(seen.whitened(J)[0] @ np.ones(3), seen.whitened(J @ np.ones(3))[0])
+
+
+@pytest.mark.parametrize(("r", "expected"), [(0.0, 1.0), (0.6, 4.0)])
+def test_errors_that_last_from_frame_to_frame_make_results_less_certain(r: float, expected: float) -> None:
+    rng, n = np.random.default_rng(0), 8000
+    error = rng.normal(size=(n, 2))
+    for k in range(1, n):
+        error[k] = r * error[k - 1] + np.sqrt(1 - r**2) * error[k]
+    ones = np.ones(n)
+    seen = BallObservations(ones.astype(int), ones.astype(int), np.arange(n, dtype=float), error, ones)
+    assert variance_inflation(seen, error) == pytest.approx(expected, rel=0.12)

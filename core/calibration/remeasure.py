@@ -1,0 +1,330 @@
+"""Small balls measured again where a first solution expects them.
+
+The first solution says how large every ball is in the picture, where the rods lead, and where the wand is on frames on
+which its balls were too faint to be found without knowing where to look.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from ..capture.capture import LFRAME_BALLS, Markers
+from ..numerics.arrays import Array, Bools
+from ..runtime.progress import Progress, report_progress, share
+from ..shot.footage import pictures
+from .ball_images import BallGuess, BallImage, fit_ball
+from .calibration_result import CalibrationResult
+from .camera_rig import Rig, Wand
+from .video_markers import ARMS, SeenBalls, SeenView, VideoMarkers, spread_out
+from .wand_triangulation import projected
+
+Image = NDArray[Any]
+
+_BRIDGED = 15
+"""Frames without the wand over which its path is interpolated."""
+_LARGEST = 5.0
+"""Radius up to which a ball is measured by its image, pixels: larger ones have an outline that says as much."""
+_ASIDE = 4.0
+"""Pixels that a ball may lie from where it is expected."""
+_EXPLAINED = 0.75
+_LIGHT_RATIO = 3.0
+"""Factor by which a ball's colour may differ from what it usually is in that video, in linear light."""
+_EXPOSURE = 0.5
+"""Share of the time between frames that the shutter is open, before it is known."""
+_EXPOSURE_SIGMA = 0.08  # of a path whose exposure is known, as a share
+_FAST = 3.0  # pixels from frame to frame from which on the blur shows the exposure
+_PLATE_FRAMES, _SAMPLES, _FEWEST = 15, 12, 4
+_SAME_LEVELS = 10.0
+"""Difference of levels below which the picture without the L-frame shows the L-frame."""
+_UNMEASURED = 0.1  # standard deviation of radii where no diameter is given, as a share
+
+
+def remeasured(found: VideoMarkers, solution: CalibrationResult, progress: Progress | None = None) -> VideoMarkers:
+    """Measure the small balls of all videos again, and look for those that were missed.
+
+    Parameters
+    ----------
+    found : VideoMarkers
+    solution : CalibrationResult
+        Solved from these.
+    progress : callable, optional
+
+    Raises
+    ------
+    FootageError
+        A video cannot be read.
+    CancelledError
+        `progress` returned False.
+    """
+    count = len(found.views)
+    views = []
+    for c, view in enumerate(found.views):
+        part = share(progress, c / count, (c + 1) / count)
+        report_progress(part, f"{view.videos.camera}: small balls", 0.0)
+        seen = _View.create(found, solution, c)
+        views.append(seen.measured(part) if seen.is_small else view)
+    return VideoMarkers(found.videos, tuple(views))
+
+
+@dataclass(frozen=True, eq=False)
+class _Expected:
+    """Balls as a solution expects them in a camera's video.
+
+    Attributes
+    ----------
+    centres : ndarray, shape (n, m, 2)
+        Pixels; NaN where nothing is expected.
+    velocities : ndarray, shape (n, m, 2)
+        Pixels per frame.
+    radii : ndarray, shape (n, m)
+        Pixels.
+    places_cam : ndarray, shape (n, m, 3)
+        Metres, in the camera's frame.
+    """
+
+    centres: Array
+    velocities: Array
+    radii: Array
+    places_cam: Array
+
+    @classmethod
+    def of(cls, rig: Rig, c: int, places_world: Array, diameter: float) -> _Expected:
+        """Where a camera sees places (n, m, 3), on every frame of its video."""
+        centres = projected(rig, c, places_world)
+        places_cam = places_world @ rig.R_cam_world[c].T + rig.t_cam_world[c]
+        depth = places_cam[..., 2]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            radii = np.where(depth > diameter, rig.focal[c].mean() * diameter / 2 / depth, np.nan)
+        steps = np.full((len(centres) + 1, *centres.shape[1:]), np.nan)
+        steps[1:-1] = np.diff(centres, axis=0)
+        around = np.stack([steps[:-1], steps[1:]])
+        velocities = np.nan_to_num(around).sum(axis=0) / np.maximum(np.isfinite(around).sum(axis=0), 1)
+        return cls(centres, velocities, radii, places_cam)
+
+    @property
+    def small(self) -> Bools:
+        """Which balls are small, shape (n, m)."""
+        return np.asarray(self.radii < _LARGEST) & np.isfinite(self.centres).all(axis=-1)
+
+    def rods(self, row: int, ball: int, others: Sequence[int]) -> tuple[Array, Array]:
+        """The rods from a ball to others, see `BallGuess.rods` and `BallGuess.starts`."""
+        ways, starts = [], []
+        place = self.places_cam[row, ball]
+        for other in others:
+            across = self.centres[row, other] - self.centres[row, ball]
+            along = self.places_cam[row, other] - place
+            nearer = -float(along @ place) / float(np.linalg.norm(along) * np.linalg.norm(place))
+            apart = float(np.linalg.norm(across))
+            if apart > 2 * self.radii[row, ball]:
+                ways.append(across / apart)
+                starts.append(np.sqrt(1 - nearer**2) if nearer > 0 else 1.0)
+        return np.array(ways).reshape(-1, 2), np.array(starts)
+
+
+def _wand_path(wand: Wand, times: Array) -> Array:
+    """The wand's ends at some times, shape (n, 2, 3); NaN where it was not seen for longer."""
+    ends = np.full((len(times), 2, 3), np.nan)
+    if len(wand) < _FEWEST:
+        return ends
+    after = np.clip(np.searchsorted(wand.frames, times), 1, len(wand) - 1)
+    known = (times >= wand.frames[0]) & (times <= wand.frames[-1])
+    known &= wand.frames[after] - wand.frames[after - 1] <= _BRIDGED
+    middle, direction = (CubicSpline(wand.frames, x)(times[known]) for x in (wand.middle, wand.direction))
+    half = wand.length / 2 * direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    ends[known] = np.stack([middle + half, middle - half], axis=1)
+    return ends
+
+
+def _diameter(found: VideoMarkers, solution: CalibrationResult, given: float | None, *, wand: bool) -> float:
+    """The balls' diameter in metres: as it is given, or by how large they are in the pictures."""
+    if given is not None:
+        return given
+    shares = []
+    for c, view in enumerate(found.views):
+        balls = view.wand if wand else view.lframe
+        times = solution.rig.times(np.full(len(balls.markers), c), balls.markers.frames.astype(float))
+        places = _wand_path(solution.wand, times) if wand else solution.lframe_world[None]
+        expected = _Expected.of(solution.rig, c, np.broadcast_to(places, (len(times), *places.shape[1:])), 1.0)
+        shares.append((balls.radii / expected.radii).ravel())
+    return float(np.nanmedian(np.concatenate(shares)))
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """One camera's videos, what was found in them and what is expected in them."""
+
+    seen: SeenView
+    lframe: _Expected
+    wand: _Expected
+    radius_sigma: tuple[float, float]
+
+    @classmethod
+    def create(cls, found: VideoMarkers, solution: CalibrationResult, c: int) -> _View:
+        videos, view, rig = found.videos, found.views[c], solution.rig
+        given = videos.lframe_diameter, videos.wand_diameter
+        sizes = [_diameter(found, solution, size, wand=bool(k)) for k, size in enumerate(given)]
+        last = view.wand.markers.frames[-1] + 1 if len(view.wand.markers) else 0
+        frames = np.arange(max(view.footage.count, int(last)))
+        ends = _wand_path(solution.wand, rig.times(np.full(len(frames), c), frames.astype(float)))
+        return cls(
+            view,
+            _Expected.of(rig, c, solution.lframe_world[None], sizes[0]),
+            _Expected.of(rig, c, ends, sizes[1]),
+            (_sigma(given[0]), _sigma(given[1])),
+        )
+
+    @property
+    def is_small(self) -> bool:
+        """Whether any of its balls is."""
+        return bool(self.wand.small.any() or (self.lframe.small.any() and len(self.seen.lframe.markers)))
+
+    def measured(self, progress: Progress | None) -> SeenView:
+        """The view with its small balls measured again."""
+        plate, looks = self._learned()
+        lframe = self.seen.lframe if self.seen.videos.lframe is None else self._lframe(plate)
+        return replace(self.seen, lframe=lframe, wand=self._wand(plate, looks, progress))
+
+    def _found(self) -> _Rows:
+        """What was found of the wand before, its ends in the order of those that are expected."""
+        m, shape = self.seen.wand.markers, self.wand.radii.shape
+        rows = _Rows(
+            np.full((*shape, 2), np.nan), np.full(shape, np.nan), np.full(shape, np.nan), np.zeros((*shape, 2))
+        )
+        for frame, points, sigma, radii in zip(m.frames, m.points, m.sigma, self.seen.wand.radii, strict=True):
+            ends = self.wand.centres[frame]
+            apart, crossed = (float(np.nansum((points[order] - ends) ** 2)) for order in ([0, 1], [1, 0]))
+            order = [1, 0] if crossed < apart else [0, 1]
+            rows.points[frame], rows.sigma[frame], rows.radii[frame] = points[order], sigma[order], radii[order]
+        return rows
+
+    def _learned(self) -> tuple[Image, _Looks]:
+        """The picture without the wand, and how its balls look, from some of the frames."""
+        found = self._found()
+        whole = np.flatnonzero(np.isfinite(found.points).all(axis=(1, 2)) & self.wand.small.all(axis=1))
+        sampled = set(whole[np.linspace(0, len(whole) - 1, min(_SAMPLES, len(whole))).astype(int)].tolist())
+        spread = set(np.linspace(0, len(self.wand.radii) - 1, _PLATE_FRAMES).astype(int).tolist())
+        kept = {f: image for f, image in enumerate(pictures(self.seen.videos.wand)) if f in sampled or f in spread}
+        plate = np.median([kept[f] for f in sorted(spread & set(kept))], axis=0)
+        lights: list[list[Array]] = [[], []]
+        shares = []
+        for f in sorted(sampled & set(kept)):
+            for end in range(2):
+                ball = fit_ball(kept[f], plate, self._guess(f, end, found.points[f, end], _Looks()))
+                if ball is None or ball.explained < _EXPLAINED:
+                    continue
+                lights[end].append(np.log(ball.light))
+                speed = float(np.linalg.norm(self.wand.velocities[f, end]))
+                if speed > _FAST:
+                    shares.append(float(np.linalg.norm(ball.path)) / speed)
+        usual = [np.exp(np.median(own, axis=0)) if len(own) >= _FEWEST else None for own in lights]
+        if len(shares) < _FEWEST:
+            return plate, _Looks((usual[0], usual[1]))
+        return plate, _Looks((usual[0], usual[1]), min(float(np.median(shares)), 1.0), _EXPOSURE_SIGMA)
+
+    def _guess(self, frame: int, end: int, centre: Array, looks: _Looks) -> BallGuess:
+        radius = float(self.wand.radii[frame, end])
+        rods, starts = self.wand.rods(frame, end, [1 - end])
+        path = looks.exposure * self.wand.velocities[frame, end]
+        return BallGuess(
+            centre,
+            radius,
+            self.radius_sigma[1],
+            path=path,
+            path_sigma=looks.exposure_sigma,
+            rods=rods,
+            starts=starts,
+            light=looks.lights[end],
+        )
+
+    def _wand(self, plate: Image, looks: _Looks, progress: Progress | None) -> SeenBalls:
+        rows = self._found()
+        aside = np.zeros((2, 2))  # of the ball on the frame before from where it was expected
+        count = len(rows.points)
+        for f, image in enumerate(pictures(self.seen.videos.wand)):
+            if f >= count:
+                break
+            report_progress(progress, f"{self.seen.videos.camera}: small balls", f / count)
+            for end in np.flatnonzero(self.wand.small[f]):
+                ball = self._ball(image, plate, rows.points[f, end], (f, int(end), aside[end]), looks)
+                aside[end] = 0.0 if ball is None else ball.centre - self.wand.centres[f, end]
+                if ball is not None or looks.lights[end] is not None:
+                    rows.put(f, int(end), ball)
+        kept = np.flatnonzero(np.isfinite(rows.sigma).any(axis=1))
+        markers = Markers(kept, rows.points[kept], rows.sigma[kept], rows.elongation[kept])
+        return SeenBalls(markers, rows.radii[kept])
+
+    def _ball(
+        self, image: Image, plate: Image, before: Array, where: tuple[int, int, Array], looks: _Looks
+    ) -> BallImage | None:
+        """One end of the wand on one frame; None where it is not seen."""
+        frame, end, aside = where
+        expected = self.wand.centres[frame, end]
+        usual = looks.lights[end]
+        was_seen = bool(np.linalg.norm(before - expected) < _ASIDE)
+        if usual is None and not was_seen:
+            return None
+        ball = fit_ball(image, plate, self._guess(frame, end, before if was_seen else expected + aside, looks))
+        if ball is None or ball.explained < _EXPLAINED or np.linalg.norm(ball.centre - expected) > _ASIDE:
+            return None
+        if usual is not None and np.abs(np.log(ball.light / usual)).max() > np.log(_LIGHT_RATIO):
+            return None
+        return ball
+
+    def _lframe(self, plate: Image) -> SeenBalls:
+        before, path = self.seen.lframe, self.seen.videos.lframe
+        assert path is not None
+        image = np.mean(spread_out(path), axis=0)
+        m = before.markers
+        rows = _Rows(m.points.copy(), m.sigma.copy(), before.radii.copy(), np.zeros_like(m.points))
+        empty = None if self._stays(image, plate) else plate
+        for k in np.flatnonzero(self.lframe.small[0]):
+            rods, starts = self.lframe.rods(0, k, [b if a == k else a for a, b in ARMS if k in (a, b)])
+            guess = BallGuess(m.points[0, k], float(self.lframe.radii[0, k]), self.radius_sigma[0])
+            ball = fit_ball(image, empty, replace(guess, rods=rods, starts=starts))
+            if ball is not None and ball.explained > _EXPLAINED:
+                rows.put(0, int(k), ball)
+        return SeenBalls(Markers(m.frames, rows.points, rows.sigma, rows.elongation), rows.radii)
+
+    def _stays(self, image: Image, plate: Image) -> bool:
+        """Whether the L-frame also lies there while the wand is waved."""
+        u, v = np.round(self.seen.lframe.markers.points[0]).astype(int).T
+        same = np.abs(image[v, u] - plate[v, u]).max(axis=1) < _SAME_LEVELS
+        return bool(same.sum() > LFRAME_BALLS / 2)
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Balls on frames of a video, NaN where they were not found: as in `Markers`, and radii."""
+
+    points: Array
+    sigma: Array
+    radii: Array
+    elongation: Array
+
+    def put(self, row: int, column: int, ball: BallImage | None) -> None:
+        """A ball as it was measured; None if the model of its image does not explain what is seen there."""
+        if ball is None:
+            self.points[row, column] = self.sigma[row, column] = self.radii[row, column] = np.nan
+            return
+        self.points[row, column], self.elongation[row, column] = ball.centre, ball.elongation
+        self.sigma[row, column], self.radii[row, column] = ball.sigma, ball.radius
+
+
+@dataclass(frozen=True, eq=False)
+class _Looks:
+    """How the wand's balls look in a video: their colours in linear light, and the exposure as a share of a frame."""
+
+    lights: tuple[Array | None, Array | None] = (None, None)
+    exposure: float = _EXPOSURE
+    exposure_sigma: float = 0.3
+
+
+def _sigma(diameter: float | None) -> float:
+    """Standard deviation of expected radii, as a share."""
+    return _UNMEASURED if diameter is None else BallGuess.radius_sigma

@@ -1,0 +1,75 @@
+"""Small balls measured again where a solution expects them, on rendered pictures whose truth is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from kfmocap.core.calibration.camera_rig import Wand, rig_of
+from kfmocap.core.calibration.remeasure import remeasured
+from kfmocap.core.calibration.video_markers import SeenBalls, SeenView, VideoMarkers
+from kfmocap.core.capture.capture import Markers
+from kfmocap.core.formats.wand_toml import load_wand
+from kfmocap.core.shot.footage import probe
+from render.waving import VGA_CAMERAS, vga_take
+from render_wand import write_take
+
+FRAMES = 20
+TAKE = replace(vga_take(), cameras=VGA_CAMERAS[:1], offsets=(0.0,), frames=FRAMES, lframe_frames=3)
+CAMERA = TAKE.cameras[0]
+
+
+@pytest.fixture(scope="module")
+def before(tmp_path_factory: pytest.TempPathFactory) -> VideoMarkers:
+    """As the first look finds them: aside, towards the light, and on every other frame only."""
+    videos = load_wand(write_take(TAKE, tmp_path_factory.mktemp("wand")))
+    found = np.arange(0, FRAMES, 2)
+    wand = TAKE.truth(0)[found] + [0.15, -0.3]
+    lframe = CAMERA.project(TAKE.lframe_points)[None] + [-0.3, -0.4]
+    view = SeenView(
+        videos.views[0],
+        probe(videos.views[0].wand),
+        SeenBalls(Markers(np.zeros(1, int), lframe, np.full((1, 4), 0.15)), np.full((1, 4), 2.4)),
+        SeenBalls(Markers(found, wand, np.full((len(found), 2), 0.2)), np.full((len(found), 2), 1.8)),
+    )
+    return VideoMarkers(videos, (view,))
+
+
+@pytest.fixture(scope="module")
+def again(before: VideoMarkers) -> VideoMarkers:
+    frames = np.arange(0, FRAMES, 2)
+    ends = TAKE.wand(frames / TAKE.fps)
+    across = (ends[:, 0] - ends[:, 1]) / TAKE.length
+    solution = SimpleNamespace(
+        rig=rig_of([CAMERA]), wand=Wand(frames, ends.mean(axis=1), across, TAKE.length), lframe_world=TAKE.lframe_points
+    )
+    return remeasured(before, solution)
+
+
+def test_balls_of_the_wand_are_measured_on_all_frames_to_a_tenth_of_a_pixel_across_the_rod(before, again):
+    markers = again.views[0].wand.corrected(CAMERA.matrix, CAMERA.distortions)
+    truth = TAKE.truth(0)[markers.frames]
+    rod = truth[:, ::-1] - truth
+    rod /= np.linalg.norm(rod, axis=-1, keepdims=True)
+    off = markers.points - truth
+    across = off[..., 1] * rod[..., 0] - off[..., 0] * rod[..., 1]
+    assert len(markers) > 1.6 * len(before.views[0].wand.markers)
+    assert np.sqrt(np.mean(across**2)) < 0.08
+    assert np.sqrt(np.mean(off**2)) < 0.2
+    assert np.abs(off.mean(axis=(0, 1))).max() < 0.12
+
+
+def test_balls_of_the_lframe_are_measured_to_a_quarter_of_a_pixel(again):
+    markers = again.views[0].lframe.corrected(CAMERA.matrix, CAMERA.distortions)
+    np.testing.assert_allclose(markers.points[0], CAMERA.project(TAKE.lframe_points), atol=0.25)
+
+
+def test_large_balls_keep_their_outlines(before):
+    videos = replace(before.videos, wand_diameter=0.3, lframe_diameter=0.3)
+    found = replace(before, videos=videos)
+    frames = np.arange(0, FRAMES, 2)
+    wand = Wand(frames, np.zeros((len(frames), 3)), np.tile([1.0, 0, 0], (len(frames), 1)), 0.5)
+    solution = SimpleNamespace(rig=rig_of([CAMERA]), wand=wand, lframe_world=TAKE.lframe_points)
+    assert remeasured(found, solution).views[0] is found.views[0]
