@@ -31,6 +31,7 @@ from .operators import (
     load_shot,
     look_through,
     nudge_pose,
+    open_section,
     pick_colour,
     place_joints,
     plants,
@@ -44,10 +45,11 @@ from .operators import (
     simplify,
     track_motion,
 )
-from .panels import key_list
+from .panels import guide, key_list
 from .scene_io import capture_scene, missing_footage
 
 OPERATORS = (
+    open_section,
     load_shot,
     add_footage,
     drop_files,
@@ -92,6 +94,7 @@ def register() -> None:
     """Add everything to Blender."""
     _register_classes()
     bpy.types.Scene.kfmocap = bpy.props.PointerProperty(type=properties.KFMocapScene)
+    open_section.register()
     bpy.types.Scene.kfmocap_capture = bpy.props.PointerProperty(type=capture_scene.KFMocapCapture)
     for menu, entry in MENUS:
         getattr(bpy.types, menu).append(entry)
@@ -115,6 +118,8 @@ def unregister() -> None:
     while _drawings:
         space, handle = _drawings.pop()
         space.draw_handler_remove(handle, "WINDOW")
+    guide.unregister()
+    open_section.unregister()
     del bpy.types.Scene.kfmocap_capture
     del bpy.types.Scene.kfmocap
     _unregister_classes()

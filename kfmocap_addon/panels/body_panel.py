@@ -7,7 +7,7 @@ from ..operators.fit_body import FitBody
 from ..operators.recover import RestoreBody
 from ..scene_io import active_performer
 from . import performer_rows
-from .section import Section
+from .section import Section, SectionPart
 
 _MEASURES = (*LENGTHS[:-1], "foot")
 """Properties of a performer; of the foot its bone's length, which unlike what a tape shows can be changed by itself."""
@@ -16,8 +16,9 @@ _MEASURES = (*LENGTHS[:-1], "foot")
 class BodyPanel(Section, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_body"
     bl_label = "Body"
+    section = "body"
 
-    def draw(self, context: bpy.types.Context) -> None:
+    def draw_content(self, context: bpy.types.Context) -> None:
         layout, performers = self.layout, context.scene.kfmocap.performers
         if not performers:
             layout.label(text="No performer yet", icon="INFO")
@@ -64,14 +65,15 @@ def _draw_performer(
     row.operator(RemovePerformer.bl_idname, text="", icon="REMOVE").performer = index
 
 
-class ProportionsPanel(Section, bpy.types.Panel):
+class ProportionsPanel(SectionPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_proportions"
     bl_label = "Proportions"
     bl_parent_id = BodyPanel.bl_idname
     bl_options = {"DEFAULT_CLOSED"}
+    section = "body"
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
+    def is_needed(cls, context: bpy.types.Context) -> bool:
         return active_performer.chosen(context) is not None
 
     def draw(self, context: bpy.types.Context) -> None:

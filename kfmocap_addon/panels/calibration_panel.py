@@ -9,7 +9,8 @@ from ..operators.camera_files import ExportCameras, ImportCameras
 from ..operators.capture_views import AddVideos, LoadCapture, RemoveVideos
 from ..operators.pick_colour import PickColour
 from ..scene_io import capture_scene as captures
-from .section import Section
+from .section import Section, SectionPart
+from .texts import draw_text
 
 
 class CaptureViewList(bpy.types.UIList):
@@ -35,12 +36,12 @@ class CaptureViewList(bpy.types.UIList):
 class CalibrationPanel(Section, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_calibration"
     bl_label = "Calibration"
-    bl_options = {"DEFAULT_CLOSED"}
+    section = "calibration"
 
-    def draw(self, context: bpy.types.Context) -> None:
+    def draw_content(self, context: bpy.types.Context) -> None:
         missing = captures.missing(context.scene.kfmocap_capture)
         if missing:
-            self.layout.label(text=missing, icon="INFO")
+            draw_text(self.layout, context, missing, "INFO")
         column = self.layout.column(align=True)
         if len(context.scene.kfmocap_capture.views) < captures.LEAST_VIEWS:
             column.operator(AddVideos.bl_idname, icon="FILE_MOVIE")
@@ -51,10 +52,11 @@ class CalibrationPanel(Section, bpy.types.Panel):
         row.operator(ExportCameras.bl_idname, text="Export", icon="EXPORT")
 
 
-class CapturePanel(Section, bpy.types.Panel):
+class CapturePanel(SectionPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_capture"
     bl_label = "Videos"
     bl_parent_id = CalibrationPanel.bl_idname
+    section = "calibration"
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, capture = self.layout, context.scene.kfmocap_capture
@@ -69,10 +71,11 @@ class CapturePanel(Section, bpy.types.Panel):
         layout.prop(capture, "report")
 
 
-class BallsPanel(Section, bpy.types.Panel):
+class BallsPanel(SectionPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_balls"
     bl_label = "L-Frame and Wand"
     bl_parent_id = CalibrationPanel.bl_idname
+    section = "calibration"
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, capture = self.layout, context.scene.kfmocap_capture
@@ -80,7 +83,10 @@ class BallsPanel(Section, bpy.types.Panel):
         box = layout.box()
         box.label(text="L-frame: centres of the balls")
         for name in ("corner", "middle", "end", "side"):
-            box.row().prop(capture, name)
+            column = box.column(align=True)
+            column.use_property_split = False
+            column.label(text=capture.bl_rna.properties[name].name)
+            column.row(align=True).prop(capture, name, text="")
         box.prop(capture, "lframe_diameter", text="Ball Diameter")
         _draw_colour(box, capture, "lframe")
         box = layout.box()

@@ -13,8 +13,9 @@ from .section import Section
 class ExportPanel(Section, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_export"
     bl_label = "Export"
+    section = "export"
 
-    def draw(self, context: bpy.types.Context) -> None:
+    def draw_content(self, context: bpy.types.Context) -> None:
         layout, properties = self.layout, context.scene.kfmocap
         settings = properties.export
         layout.use_property_split, layout.use_property_decorate = True, False

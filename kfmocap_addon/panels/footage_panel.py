@@ -7,14 +7,16 @@ from ..operators.load_shot import LoadShot
 from ..operators.look_through import LookThrough, QuadView, StepView
 from ..operators.recover import RelinkFootage
 from ..operators.refine_cameras import RefineCameras
-from .section import Section
+from .section import Section, SectionPart
+from .texts import draw_text
 
 
 class FootagePanel(Section, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_footage"
     bl_label = "Footage and Cameras"
+    section = "footage"
 
-    def draw(self, context: bpy.types.Context) -> None:
+    def draw_content(self, context: bpy.types.Context) -> None:
         layout, shot = self.layout, context.scene.kfmocap
         if not shot.views:
             layout.label(text="No footage yet", icon="INFO")
@@ -40,7 +42,7 @@ class FootagePanel(Section, bpy.types.Panel):
         if off:
             column = layout.column(align=True)
             for text in off:
-                column.label(text=text, icon="ERROR")
+                draw_text(column, context, text, "ERROR")
             column.operator(RefineCameras.bl_idname, icon="CON_CAMERASOLVER")
         layout.use_property_split, layout.use_property_decorate = True, False
         column = layout.column(align=True)
@@ -61,13 +63,13 @@ def _draw_lost_cameras(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> No
 class LookPanel(Section, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_look"
     bl_label = "Look Through"
-    bl_parent_id = FootagePanel.bl_idname
+    section = "look"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         return bool(context.scene.kfmocap.views)
 
-    def draw(self, context: bpy.types.Context) -> None:
+    def draw_content(self, context: bpy.types.Context) -> None:
         layout, shot = self.layout, context.scene.kfmocap
         shown = shot.shown_view
         column = layout.column(align=True)
@@ -82,14 +84,15 @@ class LookPanel(Section, bpy.types.Panel):
         layout.row().prop(shot, "display", expand=True)
 
 
-class ViewPanel(Section, bpy.types.Panel):
+class ViewPanel(SectionPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_view"
     bl_label = "View"
-    bl_parent_id = FootagePanel.bl_idname
+    bl_parent_id = LookPanel.bl_idname
     bl_options = {"DEFAULT_CLOSED"}
+    section = "look"
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
+    def is_needed(cls, context: bpy.types.Context) -> bool:
         return context.scene.kfmocap.shown_view >= 0
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -102,10 +105,11 @@ class ViewPanel(Section, bpy.types.Panel):
         column.prop(view, "fields")
         column.prop(view, "keypoints")
         column.prop(view, "calibrated")
-        if view.is_calibrated:
+        if all(other.is_calibrated for other in shot.views):  # else the section above offers it
             column.operator(ImportCalibration.bl_idname, icon="IMPORT")
         column.operator(RemoveView.bl_idname, icon="REMOVE")
-        layout.operator(RefineCameras.bl_idname, icon="CON_CAMERASOLVER")
+        if not any(other.misfit for other in shot.views):  # else the section above offers it
+            layout.operator(RefineCameras.bl_idname, icon="CON_CAMERASOLVER")
 
 
 CLASSES = (FootagePanel, LookPanel, ViewPanel)

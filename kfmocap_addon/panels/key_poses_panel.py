@@ -11,7 +11,8 @@ from ..operators.pose_from_files import ImportKeypoints, MarkKeypoints, PoseFrom
 from ..operators.set_key_pose import AcceptProposals, RemoveKeyPose, SetKeyPose
 from ..scene_io import active_performer
 from . import key_list, performer_rows
-from .section import Section
+from .section import Section, SectionPart
+from .texts import draw_text
 
 _COLUMNS = 6
 
@@ -19,15 +20,16 @@ _COLUMNS = 6
 class KeyPosesPanel(Section, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_key_poses"
     bl_label = "Key Poses"
+    section = "key_poses"
 
-    def draw(self, context: bpy.types.Context) -> None:
+    def draw_content(self, context: bpy.types.Context) -> None:
         layout, properties = self.layout, context.scene.kfmocap
         slot = active_performer.chosen(context)
         if slot is None:
             layout.label(text="No performer to pose yet", icon="INFO")
         else:
             performer_rows.draw_title(layout, context, slot)
-            _draw_advice(layout, context.scene, key_list.CACHE.entries(slot.armature))
+            _draw_advice(layout, context, key_list.CACHE.entries(slot.armature))
         column = layout.column(align=True)
         row = column.row(align=True)
         row.operator(PlaceJoints.bl_idname, icon="OUTLINER_OB_ARMATURE")
@@ -43,13 +45,14 @@ class KeyPosesPanel(Section, bpy.types.Panel):
             _draw_rows(layout, context.scene.frame_current, rows, accepts=each == slot)
 
 
-class PoseToolsPanel(Section, bpy.types.Panel):
+class PoseToolsPanel(SectionPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_pose_tools"
     bl_label = "From Other Poses"
     bl_parent_id = KeyPosesPanel.bl_idname
+    section = "key_poses"
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
+    def is_needed(cls, context: bpy.types.Context) -> bool:
         return active_performer.chosen(context) is not None
 
     def draw(self, _context: bpy.types.Context) -> None:
@@ -64,28 +67,29 @@ class PoseToolsPanel(Section, bpy.types.Panel):
             if side == "AFTER":
                 row.operator(BreakdownPose.bl_idname)
             row.operator(NudgePose.bl_idname, text="", icon=icon).side = side
-        row = column.row(align=True)
-        row.operator(NudgeDepth.bl_idname, text="Nearer").distance = -0.05
-        row.operator(NudgeDepth.bl_idname, text="Farther").distance = 0.05
+        column.operator(NudgeDepth.bl_idname, text="Closer to the Camera").distance = -0.05
+        column.operator(NudgeDepth.bl_idname, text="Away from the Camera").distance = 0.05
 
 
-class PoseFilesPanel(Section, bpy.types.Panel):
+class PoseFilesPanel(SectionPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_pose_files"
     bl_label = "From Keypoints and Landmarks"
     bl_parent_id = KeyPosesPanel.bl_idname
     bl_options = {"DEFAULT_CLOSED"}
+    section = "key_poses"
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
+    def is_needed(cls, context: bpy.types.Context) -> bool:
         return active_performer.chosen(context) is not None
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, properties = self.layout, context.scene.kfmocap
         known = [view.name for view in properties.views if view.keypoints]
-        layout.label(text=f"Keypoints of {', '.join(known)}" if known else "No view has keypoints yet", icon="INFO")
+        text = f"Keypoints of {', '.join(known)}" if known else "No view has keypoints yet"
+        draw_text(layout, context, text, "INFO")
         layout.operator(ImportKeypoints.bl_idname, icon="IMPORT")
         if len(properties.performers) > 1 and known:
-            _draw_people(layout, properties.performers)
+            _draw_people(layout, context)
         layout.operator(MarkKeypoints.bl_idname, icon="PIVOT_CURSOR")
         frames = layout.column()
         frames.use_property_split, frames.use_property_decorate = True, False
@@ -99,36 +103,32 @@ class PoseFilesPanel(Section, bpy.types.Panel):
         column.operator(PoseFromLandmarks.bl_idname, icon="EMPTY_AXIS")
 
 
-def _draw_people(layout: bpy.types.UILayout, performers: bpy.types.bpy_prop_collection) -> None:
+def _draw_people(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """Which of the people in the keypoints each performer is."""
     column = layout.column(align=True)
-    for slot in performers:
-        row = column.row(align=True)
-        row.label(text=f"{slot.name}: {slot.identity or 'not looked for yet'}")
-        row.prop(slot, "person", text="")
+    for slot in context.scene.kfmocap.performers:
+        draw_text(column, context, f"{slot.name}: {slot.identity or 'not looked for yet'}")
+        column.prop(slot, "person", text=f"{slot.name} is Person")
     column.operator(ExchangePeople.bl_idname, icon="ARROW_LEFTRIGHT")
 
 
 def _draw_advice(
-    layout: bpy.types.UILayout, scene: bpy.types.Scene, rows: tuple[key_list.KeyPoseEntry, ...] | None
+    layout: bpy.types.UILayout, context: bpy.types.Context, rows: tuple[key_list.KeyPoseEntry, ...] | None
 ) -> None:
     """What there is to do next."""
     if rows is None:
         return
     own = [row.frame for row in rows if not row.proposed]
-    column = layout.column(align=True)
+    scene, column = context.scene, layout.column(align=True)
     if not rows:
-        column.label(text="No key pose yet: on the first frame", icon="INFO")
-        column.label(text="Place Joints, or Set Key Pose", icon="BLANK1")
+        draw_text(column, context, "No key pose yet: on the first frame Place Joints, or Set Key Pose", "INFO")
         if scene.frame_current != scene.frame_start:
             column.operator(GoToFrame.bl_idname, text="To the First Frame", icon="REW").frame = scene.frame_start
     elif not own:
-        column.label(text="Proposals only: correct them,", icon="INFO")
-        column.label(text="then Accept, or just track", icon="BLANK1")
+        draw_text(column, context, "Proposals only: correct them, then accept them, or just track", "INFO")
     elif len(own) == 1:
         far = scene.frame_end if own[0] - scene.frame_start < scene.frame_end - own[0] else scene.frame_start
-        column.label(text="One key pose: a second at the", icon="INFO")
-        column.label(text="other end helps the tracker most", icon="BLANK1")
+        draw_text(column, context, "One key pose: a second at the other end helps the tracker most", "INFO")
         if scene.frame_current != far:
             column.operator(GoToFrame.bl_idname, text=f"To Frame {far}", icon="FF").frame = far
 
@@ -146,7 +146,7 @@ def _draw_rows(
     if accepts and any(row.proposed for row in rows):
         accept = layout.row(align=True)
         accept.operator(AcceptProposals.bl_idname, icon="CHECKMARK").every = False
-        accept.operator(AcceptProposals.bl_idname, text="All").every = True
+        accept.operator(AcceptProposals.bl_idname, text="Accept All").every = True
 
 
 CLASSES = (KeyPosesPanel, PoseToolsPanel, PoseFilesPanel)

@@ -13,13 +13,13 @@ from .section import Section
 class ReviewPanel(Section, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_review"
     bl_label = "Review"
+    section = "review"
 
-    def draw(self, context: bpy.types.Context) -> None:
+    def draw_content(self, context: bpy.types.Context) -> None:
         layout, properties = self.layout, context.scene.kfmocap
         tracked = [s for s in performer_rows.in_order(context) if bone_visibility.is_tracked(s.armature)]
         if not tracked:
             layout.label(text="Not tracked yet", icon="INFO")
-            layout.operator("kfmocap.track", icon="TRACKING_FORWARDS")
             return
         row = layout.row(align=True)
         row.prop(properties, "show_confidence", toggle=True, icon="COLOR")

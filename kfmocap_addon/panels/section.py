@@ -1,11 +1,79 @@
-"""What the panels of the sidebar tab have in common."""
+"""What the panels of the sidebar tab have in common: sections with a title, which fold, and parts of them."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import bpy
+
+from ..operators.open_section import OpenSection
 from ..viewports.screens import SIDEBAR_TAB
+from . import guide
+
+# For mypy it is a panel; Blender shall not meet panels that are never registered.
+PanelMixin = bpy.types.Panel if TYPE_CHECKING else object
 
 
-class Section:
+class _OnTab(PanelMixin):
     """Where our panels are."""
 
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = SIDEBAR_TAB
+
+
+class Section(_OnTab):
+    """A section: its title, with a tick where the step is done, and below it what it holds while it is open.
+
+    Blender's own titles cannot be folded by a program, so it draws its own.
+
+    Attributes
+    ----------
+    section : str
+        Name in `guide.SECTIONS`.
+    """
+
+    bl_options = {"HIDE_HEADER"}
+    section = ""
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the title, and what the section holds."""
+        guide.follow(context)
+        is_open = guide.is_open(context, self.section)
+        row = self.layout.row()
+        left = row.row()
+        left.alignment = "LEFT"
+        icon = "DOWNARROW_HLT" if is_open else "RIGHTARROW"
+        left.operator(OpenSection.bl_idname, text=self.bl_label, icon=icon, emboss=False).section = self.section
+        if guide.is_done(context, self.section):
+            right = row.row()
+            right.alignment = "RIGHT"
+            right.label(text="", icon="CHECKMARK")
+        if is_open:
+            self.draw_content(context)
+
+    def draw_content(self, context: bpy.types.Context) -> None:
+        """Draw what the section holds."""
+        raise NotImplementedError
+
+
+class SectionPart(_OnTab):
+    """A part of a section with a title of its own, which is there while the section is open.
+
+    Attributes
+    ----------
+    section : str
+        Name in `guide.SECTIONS`.
+    """
+
+    section = ""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """See whether the section is open, and the part is needed."""
+        return guide.is_open(context, cls.section) and cls.is_needed(context)
+
+    @classmethod
+    def is_needed(cls, _context: bpy.types.Context) -> bool:
+        """See whether there is something for the part to show."""
+        return True

@@ -13,17 +13,18 @@ from ..operators.track_motion import (
     TrackHere,
 )
 from ..scene_io import unfinished_tracking
-from .section import Section
+from .section import Section, SectionPart
+from .texts import draw_text
 
 
 class TrackPanel(Section, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_track"
     bl_label = "Track"
+    section = "track"
 
-    def draw(self, context: bpy.types.Context) -> None:
+    def draw_content(self, context: bpy.types.Context) -> None:
         layout, job = self.layout, running_job(context.window)
         properties = context.scene.kfmocap
-        layout.prop(properties, "solver", text="")
         if job is not None:
             draw_progress(layout, job)
             layout.label(text="Cancel: Esc, or in the status bar", icon="EVENT_ESC")
@@ -34,17 +35,33 @@ class TrackPanel(Section, bpy.types.Panel):
         if count := unfinished_tracking.segment_count(context.scene):
             text = f"Continue ({count} segment{'s' if count > 1 else ''} finished)"
             column.operator(ContinueTracking.bl_idname, text=text, icon="RECOVER_LAST")
-        row = layout.row(align=True)
-        row.operator(TrackBackward.bl_idname, text="Backward", icon="TRACKING_BACKWARDS")
-        row.operator(TrackHere.bl_idname, text="Here", icon="ARROW_LEFTRIGHT")
-        row.operator(TrackForward.bl_idname, text="Forward", icon="TRACKING_FORWARDS")
-        row = layout.row(align=True)
-        row.label(text="Clear", icon="TRACKING_CLEAR_FORWARDS")
-        row.operator(ClearBetween.bl_idname, text="Here").where = "HERE"
-        row.operator(ClearBetween.bl_idname, text="All").where = "EVERYWHERE"
+        column = layout.column(align=True)
+        column.operator(TrackHere.bl_idname, text="Track Around This Frame", icon="ARROW_LEFTRIGHT")
+        row = column.row(align=True)
+        row.operator(TrackBackward.bl_idname, text="To the Start", icon="TRACKING_BACKWARDS")
+        row.operator(TrackForward.bl_idname, text="To the End", icon="TRACKING_FORWARDS")
+        column = layout.column(align=True)
+        column.operator(
+            ClearBetween.bl_idname, text="Clear Around This Frame", icon="TRACKING_CLEAR_FORWARDS"
+        ).where = "HERE"
+        column.operator(ClearBetween.bl_idname, text="Clear All Tracked Frames").where = "EVERYWHERE"
         if properties.footage_offset:
             when = "late" if properties.footage_offset < 0 else "early"
-            layout.label(text=f"Key poses {abs(properties.footage_offset):.2f} frames {when}", icon="TIME")
+            text = f"Key poses are {abs(properties.footage_offset):.2f} frames {when} to the footage"
+            draw_text(layout, context, text, "TIME")
 
 
-CLASSES = (TrackPanel,)
+class SolverPanel(SectionPart, bpy.types.Panel):
+    bl_idname = "KFMOCAP_PT_solver"
+    bl_label = "Advanced"
+    bl_parent_id = TrackPanel.bl_idname
+    bl_options = {"DEFAULT_CLOSED"}
+    section = "track"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.use_property_split, layout.use_property_decorate = True, False
+        layout.prop(context.scene.kfmocap, "solver")
+
+
+CLASSES = (TrackPanel, SolverPanel)

@@ -168,7 +168,7 @@ class Layout:
 def drawn(frame):
     bpy.context.scene.frame_set(frame)
     layout = Layout()
-    panels.review_panel.ReviewPanel.draw(SimpleNamespace(layout=layout), bpy.context)
+    panels.review_panel.ReviewPanel.draw_content(SimpleNamespace(layout=layout), bpy.context)
     return layout
 
 

@@ -72,7 +72,7 @@ class Layout:
 
 def offered() -> list[str]:
     layout = Layout()
-    track_panel.TrackPanel.draw(SimpleNamespace(layout=layout), bpy.context)
+    track_panel.TrackPanel.draw_content(SimpleNamespace(layout=layout), bpy.context)
     return [text for text in layout.texts if "Continue" in text]
 
 

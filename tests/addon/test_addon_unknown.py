@@ -57,7 +57,7 @@ def test_the_panel_and_the_colours_tell_it(blender, tmp_path):  # noqa: F811
         separator=lambda: None,
     )
     layout.column = layout.row = lambda align=False: layout
-    panels.review_panel.ReviewPanel.draw(SimpleNamespace(layout=layout), bpy.context)
+    panels.review_panel.ReviewPanel.draw_content(SimpleNamespace(layout=layout), bpy.context)
     assert labels[:5] == ["man: nothing shows", "thigh.L", "shin.L", "foot.L", "foot.R"]
     assert labels[5] == "man: every other part is seen"
     built.kfmocap.show_confidence = True

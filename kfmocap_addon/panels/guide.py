@@ -1,0 +1,79 @@
+"""The guide through the sections: when a step is done its section folds, and that of the next step opens."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..operators.open_section import sections_of
+from ..scene_io import active_performer, bone_visibility
+from ..viewports import viewport
+from . import key_list
+
+STEPS = ("footage", "body", "key_poses", "track", "review")
+"""Sections of the steps, in their order."""
+LEAST_KEYS = 2
+"""Key poses of each performer: one at either end is enough for a start."""
+
+
+def is_open(context: bpy.types.Context, section: str) -> bool:
+    """Whether a section shows what it holds."""
+    return section in sections_of(context).shown
+
+
+def is_done(context: bpy.types.Context, section: str) -> bool:
+    """Whether the step of a section is done."""
+    if section == "export":
+        return bool(context.scene.kfmocap.export.written)
+    step = current_step(context)
+    return step is not None and section in STEPS[: STEPS.index(step)]
+
+
+def current_step(context: bpy.types.Context) -> str | None:
+    """The section of the first step that is not done; None while that is being looked up."""
+    shot = context.scene.kfmocap
+    if not shot.views or any(view.missing or not view.is_calibrated for view in shot.views):
+        return "footage"
+    if not shot.performers or not all(active_performer.is_present(context.scene, slot) for slot in shot.performers):
+        return "body"
+    keys = [key_list.CACHE.entries(slot.armature) for slot in shot.performers]
+    if any(entries is None for entries in keys):
+        return None
+    if any(len(entries) < LEAST_KEYS for entries in keys if entries is not None):
+        return "key_poses"
+    return "review" if all(bone_visibility.is_tracked(slot.armature) for slot in shot.performers) else "track"
+
+
+def follow(context: bpy.types.Context) -> None:
+    """See to it that the section of the current step opens when that has changed; panels cannot change it themselves
+    while they are drawn.
+    """
+    step = current_step(context)
+    if step is None or bpy.app.background or step == sections_of(context).step:
+        return
+    if not bpy.app.timers.is_registered(_take_step):
+        bpy.app.timers.register(_take_step, first_interval=0.0)
+
+
+def _take_step() -> None:
+    context = bpy.context
+    step = current_step(context)
+    if step is not None:
+        take_step(context, step)
+        viewport.redraw(context)
+
+
+def take_step(context: bpy.types.Context, step: str) -> None:
+    """Open the section of a step; those of the steps that are done fold if it is a step ahead."""
+    guided = sections_of(context)
+    before = STEPS.index(guided.step) if guided.step in STEPS else -1
+    if before == STEPS.index(step):
+        return
+    folded = STEPS[: STEPS.index(step)] if STEPS.index(step) > before else ()
+    guided.shown = (guided.shown - set(folded)) | {step} | ({"look"} if step != "footage" else set())
+    guided.step = step
+
+
+def unregister() -> None:
+    """Forget what is to be opened."""
+    if bpy.app.timers.is_registered(_take_step):
+        bpy.app.timers.unregister(_take_step)

@@ -1,0 +1,42 @@
+"""Texts of any length in panels: broken into lines, not cut off."""
+
+from __future__ import annotations
+
+import blf
+import bpy
+
+_BESIDE = 70  # of a line's width: what panels and icons take, in units of the interface
+_USUAL = 230  # width of a sidebar where there is none to ask
+
+
+def draw_text(layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE") -> None:
+    """Draw a text in as many lines as the sidebar's width asks for; the icon is before the first."""
+    column = layout.column(align=True)
+    column.scale_y = 0.85
+    for number, line in enumerate(lines(text, _width(context))):
+        column.label(text=line, icon=icon if number == 0 else "BLANK1" if icon != "NONE" else "NONE")
+
+
+def lines(text: str, width: float) -> list[str]:
+    """Break a text between its words so that each line is that wide at most, pixels; a longer word has its own."""
+    found = [""]
+    for word in text.split():
+        longer = f"{found[-1]} {word}".strip()
+        if found[-1] and _drawn_width(longer) > width:
+            found.append(word)
+        else:
+            found[-1] = longer
+    return found
+
+
+def _drawn_width(text: str) -> float:
+    size = bpy.context.preferences.ui_styles[0].widget.points * (bpy.context.preferences.system.ui_scale or 1.0)
+    blf.size(0, size)
+    return blf.dimensions(0, text)[0]
+
+
+def _width(context: bpy.types.Context) -> float:
+    region = context.region
+    scale = context.preferences.system.ui_scale or 1.0
+    wide = region.width if region is not None and region.type == "UI" else _USUAL * scale
+    return max(wide - _BESIDE * scale, 0.4 * wide)

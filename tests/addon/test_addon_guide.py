@@ -1,0 +1,117 @@
+"""The sections of the sidebar follow the work: what is done folds, what is next opens, and long texts are not cut."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from addon_shots import blender, shot, tracker  # noqa: E402, F401
+from kfmocap.kfmocap_addon import panels  # noqa: E402
+from kfmocap.kfmocap_addon.operators.open_section import SECTIONS, sections_of  # noqa: E402
+from kfmocap.kfmocap_addon.panels import guide, key_list, texts  # noqa: E402
+from kfmocap.kfmocap_addon.panels.section import Section  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import motion_curves  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import scene as scenes  # noqa: E402
+
+pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
+
+
+def step():
+    """The step that the guide is at, once keys are looked up."""
+    key_list.CACHE.outdate()
+    key_list.CACHE.look_up()
+    found = guide.current_step(bpy.context)
+    guide.take_step(bpy.context, found)
+    return found
+
+
+def shown():
+    return set(sections_of(bpy.context).shown)
+
+
+def test_every_section_has_a_panel_with_its_title():
+    classes = [cls for module in panels.SECTIONS for cls in module.CLASSES if issubclass(cls, Section)]
+    assert sorted((cls.section, cls.bl_label) for cls in classes) == sorted((name, title) for name, title, _ in SECTIONS)
+
+
+def test_what_is_done_folds_and_the_next_step_opens(tmp_path, tracker):  # noqa: F811
+    assert step() == "footage" and shown() == {"footage"}
+    built = scenes.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    slot, armature = built.kfmocap.performers[0], built.kfmocap.performers[0].armature
+    slot.armature = None
+    assert step() == "body" and shown() == {"body", "look"}
+    slot.armature = armature
+    motion_curves.clear_motion(armature, range(100))
+    action = armature.animation_data.action
+    armature.animation_data.action = None
+    assert step() == "key_poses" and shown() == {"key_poses", "look"}
+    armature.animation_data.action = action
+    assert step() == "track" and shown() == {"track", "look"}
+    bpy.ops.kfmocap.track()
+    assert step() == "review" and shown() == {"review", "look"}
+    assert [name for name, _, _ in SECTIONS if guide.is_done(bpy.context, name)] == ["footage", "body", "key_poses", "track"]
+
+
+def test_what_the_user_opens_stays_until_the_next_step(tmp_path):
+    scenes.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    assert step() == "track"
+    bpy.ops.kfmocap.open_section(section="footage")
+    bpy.ops.kfmocap.open_section(section="track")
+    assert step() == "track" and shown() == {"footage", "look"}
+    bpy.context.scene.kfmocap.views[0].missing = True
+    assert step() == "footage" and shown() == {"footage", "look"}
+    bpy.context.scene.kfmocap.views[0].missing = False
+    assert step() == "track" and shown() == {"track", "look"}
+
+
+def test_a_title_clicked_with_ctrl_opens_its_section_and_folds_all_others():
+    bpy.ops.kfmocap.open_section(section="body")
+    assert shown() == {"footage", "body"}
+    bpy.ops.kfmocap.open_section(section="export", alone=True)
+    assert shown() == {"export"}
+    bpy.ops.kfmocap.open_section(section="export")
+    assert shown() == set()
+
+
+class Layout(SimpleNamespace):
+    """Notes the tools that have a button, in whatever row."""
+
+    def __getattr__(self, name: str):
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return lambda *_args, **_more: self if name in ("row", "column", "box", "split", "grid_flow") else None
+
+    def operator(self, name: str, **_more: object) -> SimpleNamespace:
+        self.tools.append(name)
+        return SimpleNamespace()
+
+
+@pytest.mark.parametrize("misfit", ["", "12 px off the key poses"])
+def test_no_tool_has_two_buttons_of_the_same_meaning(tmp_path, tracker, misfit):  # noqa: F811
+    built = scenes.build_scene(shot(tmp_path, ("man", "woman")), scene=bpy.context.scene)
+    bpy.ops.kfmocap.track()
+    built.kfmocap.views[0].misfit = misfit
+    key_list.CACHE.look_up()
+    layout = Layout(tools=[])
+    for module in panels.SECTIONS:
+        for cls in module.CLASSES:
+            if issubclass(cls, bpy.types.Panel) and (not hasattr(cls, "poll") or cls.poll(bpy.context) or True):
+                drawn = cls.draw_content if issubclass(cls, Section) else cls.draw
+                drawn(SimpleNamespace(layout=layout), bpy.context)
+    several = {"go_to_frame", "choose_performer", "look_through", "step_view", "fit_body", "clear_between", "pick_colour"}
+    several |= {"remove_performer", "paste_pose", "nudge_pose", "nudge_depth", "add_videos"}
+    names = [name.removeprefix("kfmocap.") for name in layout.tools]
+    assert len(names) > 40
+    assert not {name for name in names if names.count(name) > 1} - several
+
+
+def test_long_texts_are_broken_between_words(monkeypatch):
+    monkeypatch.setattr(texts, "_drawn_width", lambda text: 8.0 * len(text))
+    text = "One key pose: a second at the other end helps the tracker most"
+    broken = texts.lines(text, 200)
+    assert " ".join(broken) == text and len(broken) == 3
+    assert all(8 * len(line) <= 200 for line in broken)
+    assert texts.lines("unbreakable", 10) == ["unbreakable"]
