@@ -40,7 +40,9 @@ def _beam_folder() -> Path:
     """Give the beam example together with its footage, kept in the user's cache."""
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "kfmocap" / "beam"
     cache.mkdir(parents=True, exist_ok=True)
-    sums = dict(line.split()[::-1] for line in (_EXAMPLES / "beam" / "SHA256SUMS").read_text().splitlines())
+    sums = dict(
+        line.split()[::-1] for line in (_EXAMPLES / "beam" / "SHA256SUMS").read_text(encoding="utf-8").splitlines()
+    )
     if not all(_intact(cache / name, digest) for name, digest in sums.items()):
         _fetch(cache, sums)
     for file in (_EXAMPLES / "beam").iterdir():

@@ -8,10 +8,12 @@ from . import (
     key_poses_panel,
     retarget_panel,
     review_panel,
+    section,
     track_panel,
 )
 
 SECTIONS = (
+    section,
     footage_panel,
     calibration_panel,
     body_panel,

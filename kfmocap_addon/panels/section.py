@@ -22,10 +22,20 @@ class _OnTab(PanelMixin):
     bl_category = SIDEBAR_TAB
 
 
+class SectionsPanel(_OnTab, bpy.types.Panel):
+    bl_idname = "KFMOCAP_PT_sections"
+    bl_label = SIDEBAR_TAB
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw nothing but what the sections draw."""
+        guide.follow(context)
+
+
 class Section(_OnTab):
     """A section: its title, with a tick where the step is done, and below it what it holds while it is open.
 
-    Blender's own titles cannot be folded by a program, so it draws its own.
+    Blender's own titles cannot be folded by a program, so it draws its own. Panels without one of Blender's would put
+    the tab before Blender's own tabs: all sections are in a panel that has one.
 
     Attributes
     ----------
@@ -34,11 +44,11 @@ class Section(_OnTab):
     """
 
     bl_options = {"HIDE_HEADER"}
+    bl_parent_id = SectionsPanel.bl_idname
     section = ""
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the title, and what the section holds."""
-        guide.follow(context)
         is_open = guide.is_open(context, self.section)
         row = self.layout.row()
         left = row.row()
@@ -77,3 +87,6 @@ class SectionPart(_OnTab):
     def is_needed(cls, _context: bpy.types.Context) -> bool:
         """See whether there is something for the part to show."""
         return True
+
+
+CLASSES = (SectionsPanel,)

@@ -34,7 +34,9 @@ def shown():
 
 def test_every_section_has_a_panel_with_its_title():
     classes = [cls for module in panels.SECTIONS for cls in module.CLASSES if issubclass(cls, Section)]
-    assert sorted((cls.section, cls.bl_label) for cls in classes) == sorted((name, title) for name, title, _ in SECTIONS)
+    assert sorted((cls.section, cls.bl_label) for cls in classes) == sorted(
+        (name, title) for name, title, _ in SECTIONS
+    )
 
 
 def test_what_is_done_folds_and_the_next_step_opens(tmp_path, tracker):  # noqa: F811
@@ -52,7 +54,12 @@ def test_what_is_done_folds_and_the_next_step_opens(tmp_path, tracker):  # noqa:
     assert step() == "track" and shown() == {"track", "look"}
     bpy.ops.kfmocap.track()
     assert step() == "review" and shown() == {"review", "look"}
-    assert [name for name, _, _ in SECTIONS if guide.is_done(bpy.context, name)] == ["footage", "body", "key_poses", "track"]
+    assert [name for name, _, _ in SECTIONS if guide.is_done(bpy.context, name)] == [
+        "footage",
+        "body",
+        "key_poses",
+        "track",
+    ]
 
 
 def test_what_the_user_opens_stays_until_the_next_step(tmp_path):
@@ -101,7 +108,15 @@ def test_no_tool_has_two_buttons_of_the_same_meaning(tmp_path, tracker, misfit):
             if issubclass(cls, bpy.types.Panel) and (not hasattr(cls, "poll") or cls.poll(bpy.context) or True):
                 drawn = cls.draw_content if issubclass(cls, Section) else cls.draw
                 drawn(SimpleNamespace(layout=layout), bpy.context)
-    several = {"go_to_frame", "choose_performer", "look_through", "step_view", "fit_body", "clear_between", "pick_colour"}
+    several = {
+        "go_to_frame",
+        "choose_performer",
+        "look_through",
+        "step_view",
+        "fit_body",
+        "clear_between",
+        "pick_colour",
+    }
     several |= {"remove_performer", "paste_pose", "nudge_pose", "nudge_depth", "add_videos"}
     names = [name.removeprefix("kfmocap.") for name in layout.tools]
     assert len(names) > 40
