@@ -320,6 +320,10 @@ class KFMocapExport(bpy.types.PropertyGroup):
     glb: bpy.props.BoolProperty(
         name="glTF", description="Skeleton and motion for the web and game engines, Y up (.glb)"
     )
+    vrma: bpy.props.BoolProperty(
+        name="VRM", description="VRM animation, which any VRM character plays: humans only, in metres (.vrma)"
+    )
+    usdc: bpy.props.BoolProperty(name="USD", description="Skeleton and motion as USD, Y up (.usdc)")
     use_range: bpy.props.BoolProperty(name="Frame Range", description="Export some frames alone, not the whole shot")
     first: bpy.props.IntProperty(default=1, name="First", description="First scene frame to export")
     last: bpy.props.IntProperty(default=250, name="Last", description="Last scene frame to export, inclusive")

@@ -103,10 +103,14 @@ def motion_of_body(body: Body, motion: Motion, name: str, fps: float) -> Skeleto
     """Return the motion of a tracked body."""
     R, T = part_poses(body, motion)
     rest_R = np.stack([part.R_world_rest for part in body.parts])
-    rest = RestSkeleton(
+    return SkeletonMotion(name, rest_of_body(body), R @ np.swapaxes(rest_R, -1, -2), T, fps)
+
+
+def rest_of_body(body: Body) -> RestSkeleton:
+    """Return the parts of a body as bones at rest."""
+    return RestSkeleton(
         tuple(body.names),
         tuple(body.parents),
         np.stack([part.head_world for part in body.parts]),
         np.stack([part.tail_world for part in body.parts]),
     )
-    return SkeletonMotion(name, rest, R @ np.swapaxes(rest_R, -1, -2), T, fps)

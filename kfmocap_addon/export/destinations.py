@@ -8,7 +8,7 @@ import bpy
 
 from ...core.shot.shot_spec import result_names
 
-SUFFIXES = ("bvh", "fbx", "glb")
+SUFFIXES = ("bvh", "fbx", "glb", "vrma", "usdc")
 """Endings of the files that the panel offers, each named as its setting."""
 
 

@@ -1,4 +1,4 @@
-"""BVH, FBX and glTF through Blender's exporters.
+"""BVH, FBX, glTF, VRM animation and USD through Blender's exporters.
 
 All are Y up, facing +Z in rest: what other programs expect of them, and what Blender's importers take by default.
 Unit and names are those of a preset. Joints alone are written, no meshes.
@@ -11,7 +11,7 @@ import io
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import bpy
@@ -24,7 +24,7 @@ from ...core.numerics.resampling import sample_times, slerped
 from ...core.runtime.files import replacing
 from ..scene_io import body_armature, fcurves, unknown_bones
 from ..scene_io.scene import set_rate
-from . import destinations
+from . import destinations, vrm_animation
 from .presets import PRESETS
 from .whole_files import check_whole
 
@@ -50,6 +50,8 @@ class ExportOptions:
         The performers move through the world; else they stay over their first place, and only rise and sink.
     leave_out_unknown : bool
         Without the bones of parts that nothing has shown, but for those that others hang on.
+    vrma, usd : bool
+        VRM animation, and USD in binary (.usdc).
     """
 
     preset: str = "BLENDER"
@@ -60,6 +62,8 @@ class ExportOptions:
     root_motion: bool = True
     glb: bool = False
     leave_out_unknown: bool = False
+    vrma: bool = False
+    usd: bool = False
 
 
 def export_performers(
@@ -79,6 +83,7 @@ def export_performers(
     performers = scene.kfmocap.performers
     writers = [(".bvh", export_bvh)] * options.bvh + [(".fbx", export_fbx)] * options.fbx
     writers += [(".glb", export_glb)] * options.glb
+    writers += [(".vrma", export_vrma)] * options.vrma + [(".usdc", export_usd)] * options.usd
     paths = []
     for slot, stem in zip(performers, destinations.stems(scene, name), strict=True):
         if slot.armature is None:
@@ -155,18 +160,78 @@ def export_glb(
     """
     with writing(path) as target, _stage(armature, scene, Matrix.Identity(4), options) as stage:
         stage.objects[0].scale = (1 / PRESETS[options.preset].scale,) * 3
-        bpy.ops.export_scene.gltf(
+        _write_glb(target)
+
+
+def export_vrma(
+    path: Path, armature: bpy.types.Object, scene: bpy.types.Scene, options: ExportOptions = ExportOptions()
+) -> None:
+    """Write an armature's motion as VRM animation: glTF that says which node is which bone of a humanoid.
+
+    It is in metres, and its bones have VRM's names, whatever the preset.
+
+    Raises
+    ------
+    BodyError
+        The armature is no human's, or lacks a bone that VRM requires; names it.
+    OutputError
+        If the file cannot be written.
+    """
+    bones = vrm_animation.humanoid_bones(armature)
+    plain = replace(options, preset="BLENDER")
+    with writing(path) as target:
+        whole = target.with_suffix(".glb")
+        try:
+            with _stage(armature, scene, Matrix.Identity(4), plain):
+                _write_glb(whole)
+            target.write_bytes(vrm_animation.as_vrm_animation(whole.read_bytes(), bones))
+        finally:
+            whole.unlink(missing_ok=True)
+
+
+def _write_glb(target: Path) -> None:
+    """Write the stage's armature as glTF in one file."""
+    bpy.ops.export_scene.gltf(
+        filepath=str(target),
+        export_format="GLB",
+        use_active_scene=True,
+        use_selection=True,
+        export_yup=True,
+        export_animations=True,
+        export_animation_mode="ACTIVE_ACTIONS",
+        export_force_sampling=True,
+        export_frame_range=False,
+        export_optimize_animation_size=False,
+        export_leaf_bone=False,
+    )
+
+
+def export_usd(
+    path: Path, armature: bpy.types.Object, scene: bpy.types.Scene, options: ExportOptions = ExportOptions()
+) -> None:
+    """Write an armature's motion as USD: a skeleton and its animation, Y up.
+
+    The world is in metres; where a preset has another unit, the skeleton is scaled.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    with writing(path) as target, _stage(armature, scene, Matrix.Identity(4), options) as stage:
+        stage.objects[0].scale = (1 / PRESETS[options.preset].scale,) * 3
+        bpy.ops.wm.usd_export(
             filepath=str(target),
-            export_format="GLB",
-            use_active_scene=True,
-            use_selection=True,
-            export_yup=True,
-            export_animations=True,
-            export_animation_mode="ACTIVE_ACTIONS",
-            export_force_sampling=True,
-            export_frame_range=False,
-            export_optimize_animation_size=False,
-            export_leaf_bone=False,
+            selected_objects_only=True,
+            export_animation=True,
+            export_armatures=True,
+            only_deform_bones=False,
+            export_materials=False,
+            convert_orientation=True,
+            export_global_forward_selection="NEGATIVE_Z",
+            export_global_up_selection="Y",
+            convert_scene_units="METERS",
+            evaluation_mode="RENDER",
         )
 
 

@@ -19,7 +19,7 @@ _TAIL = 64
 
 
 def check_whole(path: Path, shown: Path | None = None) -> None:
-    """See that a .blend, .fbx, .bvh or .glb file is whole.
+    """See that a .blend, .fbx, .bvh, .glb, .vrma or .usdc file is whole.
 
     Parameters
     ----------
@@ -32,7 +32,14 @@ def check_whole(path: Path, shown: Path | None = None) -> None:
     OutputError
         It is missing or cut off.
     """
-    checks = {".blend": _is_whole_blend, ".fbx": _is_whole_fbx, ".bvh": _is_whole_bvh, ".glb": _is_whole_glb}
+    checks = {
+        ".blend": _is_whole_blend,
+        ".fbx": _is_whole_fbx,
+        ".bvh": _is_whole_bvh,
+        ".glb": _is_whole_glb,
+        ".vrma": _is_whole_glb,
+        ".usdc": _is_whole_usd,
+    }
     try:
         whole = checks[path.suffix.lower()](path)
     except (OSError, ValueError):
@@ -71,6 +78,13 @@ def _is_whole_glb(path: Path) -> bool:
     """Whether it is as long as its header says."""
     begin, _ = _ends(path, 12)
     return begin.startswith(b"glTF") and int.from_bytes(begin[8:12], "little") == path.stat().st_size
+
+
+def _is_whole_usd(path: Path) -> bool:
+    """Whether the table of contents, which is written last, lies within it."""
+    begin, _ = _ends(path, 24)
+    contents = int.from_bytes(begin[16:24], "little")
+    return begin.startswith(b"PXR-USDC") and 0 < contents < path.stat().st_size
 
 
 def _is_whole_bvh(path: Path) -> bool:

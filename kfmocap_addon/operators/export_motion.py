@@ -1,4 +1,4 @@
-"""Export: the performers' motion as BVH and FBX."""
+"""Export: the performers' motion as files for other programs."""
 
 import shutil
 import sys
@@ -13,11 +13,12 @@ from .reporting import reported
 
 def _has_file_kind(context: bpy.types.Context) -> str:
     settings = context.scene.kfmocap.export
-    return "" if settings.bvh or settings.fbx or settings.glb else "Choose BVH, FBX or glTF"
+    kinds = (settings.bvh, settings.fbx, settings.glb, settings.vrma, settings.usdc)
+    return "" if any(kinds) else "Choose what kind of files to write"
 
 
 class Export(Conditional, bpy.types.Operator):
-    """Write every performer's motion as BVH and FBX, as the settings in the panel say"""
+    """Write every performer's motion as the kinds of files that are chosen in the panel"""
 
     bl_idname = "kfmocap.export"
     bl_label = "Export"
@@ -68,6 +69,8 @@ class Export(Conditional, bpy.types.Operator):
                 settings.root_motion,
                 settings.glb,
                 settings.leave_out_unknown,
+                vrma=settings.vrma,
+                usd=settings.usdc,
             )
             written = exporters.export_performers(context.scene, self._folder(), options, self.filename)
             settings.path = str(self._folder() / (self.filename or context.scene.kfmocap.shot))

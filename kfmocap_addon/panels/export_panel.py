@@ -29,6 +29,8 @@ class ExportPanel(Section, bpy.types.Panel):
         row.prop(settings, "bvh", toggle=True)
         row.prop(settings, "fbx", toggle=True)
         row.prop(settings, "glb", toggle=True)
+        row.prop(settings, "vrma", toggle=True)
+        row.prop(settings, "usdc", toggle=True)
         _draw_choice(layout, settings, "use_range", "first", "last")
         _draw_choice(layout, settings, "use_rate", "fps")
         layout.prop(settings, "root_motion")

@@ -426,3 +426,53 @@ def test_gltf_holds_the_motion_in_metres_with_y_up(blender, tmp_path, preset):  
     places, seconds = glb_joints(path, names)
     assert np.abs(places - part_poses(human(1.7), motion(12))[1]).max() < TOLERANCE / 1000
     assert np.allclose(np.diff(seconds), 1 / 60, atol=1e-5)
+
+
+def test_a_vrm_animation_says_which_joints_are_which_bones(blender, tmp_path):  # noqa: F811
+    original = shot(tmp_path)
+    built = scene.build_scene(original, result_of(original).motions, bpy.context.scene)
+    options = exporters.ExportOptions("UNREAL", False, False, vrma=True)
+    [path] = exporters.export_performers(built, tmp_path, options)
+    content, _ = glb_content(path)
+    humanoid = content["extensions"]["VRMC_vrm_animation"]["humanoid"]["humanBones"]
+    assert content["extensionsUsed"] == ["VRMC_vrm_animation"]
+    named = {bone: content["nodes"][one["node"]]["name"] for bone, one in humanoid.items()}
+    assert named["hips"] == "pelvis"
+    assert named["leftLowerArm"] == "forearm.L"
+    assert named["chest"] == "chest"
+    assert len(named) == len(human().names)
+    played = [
+        (channel["target"]["node"], channel["target"]["path"]) for channel in content["animations"][0]["channels"]
+    ]
+    assert [node for node, path in played if path == "translation"] == [humanoid["hips"]["node"]]
+    assert not any(path == "scale" for _, path in played)
+    places, _ = glb_joints(path, human(1.7).names)
+    assert np.abs(places - part_poses(human(1.7), motion(12))[1]).max() < TOLERANCE / 1000
+
+
+@pytest.mark.parametrize("preset", ["BLENDER", "UNREAL"])
+def test_usd_holds_the_motion_in_metres_with_y_up(blender, tmp_path, preset):  # noqa: F811
+    usd = pytest.importorskip("pxr.Usd")
+    from pxr import UsdGeom, UsdSkel
+
+    original = shot(tmp_path)
+    built = scene.build_scene(original, result_of(original).motions, bpy.context.scene)
+    [path] = exporters.export_performers(built, tmp_path, exporters.ExportOptions(preset, False, False, usd=True))
+    stage = usd.Stage.Open(str(path))
+    assert UsdGeom.GetStageUpAxis(stage) == "Y"
+    assert UsdGeom.GetStageMetersPerUnit(stage) == 1.0
+    [prim] = [prim for prim in stage.Traverse() if prim.IsA(UsdSkel.Skeleton)]
+    cache = UsdSkel.Cache()
+    query = cache.GetSkelQuery(UsdSkel.Skeleton(prim))
+    names = [joint.rpartition("/")[2] for joint in query.GetJointOrder()]
+    order = [names.index(presets.PRESETS[preset].names.get(n, n).replace(".", "_")) for n in human().names]
+    frames = range(int(stage.GetStartTimeCode()), int(stage.GetEndTimeCode()) + 1)
+    assert len(frames) == 12
+    assert stage.GetTimeCodesPerSecond() == pytest.approx(60)
+    places = []
+    for frame in frames:
+        world = UsdGeom.XformCache(frame).GetLocalToWorldTransform(prim)
+        joints = query.ComputeJointSkelTransforms(frame)
+        places.append([(joints[j] * world).ExtractTranslation() for j in order])
+    found = np.array(places) @ np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
+    assert np.abs(found - part_poses(human(1.7), motion(12))[1]).max() < TOLERANCE / 1000

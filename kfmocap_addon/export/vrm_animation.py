@@ -1,0 +1,75 @@
+"""VRM animation (.vrma): glTF with the extension VRMC_vrm_animation 1.0, which any VRM character plays.
+
+https://github.com/vrm-c/vrm-specification/tree/master/specification/VRMC_vrm_animation-1.0
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Mapping
+from typing import Any
+
+import bpy
+
+from ...core.errors import BodyError
+from ...core.retargeting.bone_matching import match_bones
+from ...core.retargeting.bone_presets import PRESETS
+from ...core.retargeting.roles import PARENTS
+from ...core.retargeting.skeleton_motion import rest_of_body
+from ..scene_io import body_armature
+
+_EXTENSION = "VRMC_vrm_animation"
+_REQUIRED = ("hips", "spine", "head", *(f"{s}{b}" for s in ("left", "right") for b in ("UpperArm", "UpperLeg")))
+_MAGIC, _JSON = 0x46546C67, 0x4E4F534A
+
+
+def humanoid_bones(armature: bpy.types.Object) -> dict[str, str]:
+    """Return the names of an armature's bones by VRM's names of humanoid bones.
+
+    Raises
+    ------
+    BodyError
+        It is no human's, or lacks a bone that VRM requires.
+    """
+    rest = rest_of_body(body_armature.body_from_armature(armature))
+    own, theirs = match_bones(rest, where=f"armature {armature.name}").bones, PRESETS["unity"].bones
+    found = {}
+    for role in PARENTS:
+        names = own.get(role, ())
+        for their, name in zip(theirs.get(role, ()), names, strict=False):
+            found[their[0].lower() + their[1:]] = name
+    missing = [name for name in _REQUIRED if name not in found]
+    if missing:
+        raise BodyError(
+            f"VRM animation needs a bone for {', '.join(missing)}",
+            where=f"armature {armature.name}",
+            todo="export glTF",
+        )
+    return found
+
+
+def as_vrm_animation(glb: bytes, bones: Mapping[str, str]) -> bytes:
+    """Return a .glb file's content as a VRM animation: rotations of the humanoid's bones, and the way of its hips.
+
+    Parameters
+    ----------
+    bones : mapping of str to str
+        Names of nodes by VRM's names of bones.
+    """
+    (size,) = struct.unpack_from("<I", glb, 12)
+    content: dict[str, Any] = json.loads(glb[20 : 20 + size])
+    nodes = {node.get("name", ""): n for n, node in enumerate(content["nodes"])}
+    humans = {bone: {"node": nodes[name]} for bone, name in bones.items() if name in nodes}
+    content["extensionsUsed"] = sorted({*content.get("extensionsUsed", ()), _EXTENSION})
+    content.setdefault("extensions", {})[_EXTENSION] = {"specVersion": "1.0", "humanoid": {"humanBones": humans}}
+    played = {(one["node"], "rotation") for one in humans.values()} | {(humans["hips"]["node"], "translation")}
+    for animation in content.get("animations", ()):
+        channels = animation["channels"]
+        animation["channels"] = [c for c in channels if (c["target"]["node"], c["target"]["path"]) in played]
+    text = json.dumps(content, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    rest = glb[20 + size :]
+    return (
+        struct.pack("<III", _MAGIC, 2, 20 + len(text) + len(rest)) + struct.pack("<II", len(text), _JSON) + text + rest
+    )
