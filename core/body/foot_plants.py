@@ -55,7 +55,8 @@ def find_plants(
     leg : float
         Length of the leg in the same unit: speeds and heights are measured in it.
     deviation : ndarray, shape (F, C), optional
-        Standard deviation of each point's place: frames on which it is large decide less.
+        Standard deviation of each point's place: frames on which it is larger than usual decide less. What is usual
+        shows in the motion itself.
     by_height : bool
         Points that stand still are also at one height; else anywhere, as hands on tables and walls.
 
@@ -67,7 +68,7 @@ def find_plants(
         return Plants(np.zeros(points.shape[:2], bool), float(points[..., 2].min(initial=0.0)), 0.0)
     x = points / leg
     speed = np.linalg.norm(np.gradient(x, axis=0), axis=2) * fps
-    doubt = np.zeros(speed.shape) if deviation is None else deviation / leg
+    doubt = np.zeros(speed.shape) if deviation is None else _beyond_usual(deviation / leg)
     height = x[..., 2] if by_height else np.zeros(speed.shape)
     sizes = _Sizes(0.05, 1.2, 0.02, float(np.quantile(height, 0.05)))
     for _ in range(_ROUNDS):
@@ -82,6 +83,11 @@ def find_plants(
     shortest = round(_SHORTEST * fps)
     planted = np.stack([_without_short(_without_short(c, shortest, False), shortest, True) for c in planted.T], axis=1)
     return Plants(planted, sizes.floor * leg, sizes.planted * leg)
+
+
+def _beyond_usual(deviation: Array) -> Array:
+    """What of standard deviations is more than their median over the frames, as independent of it."""
+    return np.asarray(np.sqrt(np.maximum(deviation**2 - np.median(deviation, axis=0) ** 2, 0.0)))
 
 
 @dataclass(frozen=True)

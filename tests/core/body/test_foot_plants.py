@@ -72,5 +72,11 @@ def test_frames_that_are_in_doubt_do_not_break_a_plant():
     assert stands[:14].all()
 
 
+def test_doubt_that_is_the_same_on_all_frames_does_not_matter():
+    points, _ = stepping(30.0)
+    doubt = np.full(points.shape[:2], 0.03)
+    assert np.array_equal(find_plants(points, 30.0, LEG, doubt).planted, find_plants(points, 30.0, LEG).planted)
+
+
 def test_runs_are_first_and_last_frames():
     assert runs(np.array([True, False, True, True, False])) == [(0, 0), (2, 3)]
