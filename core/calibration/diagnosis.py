@@ -53,11 +53,8 @@ def check_capture(capture: Capture) -> None:
         raise CaptureError("a wand needs at least two cameras", name="one-camera", todo=todo)
     if not (np.isfinite(capture.wand_length) and capture.wand_length > 0):
         raise CaptureError("the wand's length must be greater than 0", name="wand-length-wrong")
-    points = capture.lframe_points
-    if points.shape != (LFRAME_BALLS, 3) or not np.isfinite(points).all():
-        raise CaptureError("the L-frame must have four points of three numbers", name="lframe-lengths-contradict")
-    if np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1] < 1e-3:
-        raise findings.contradicting("the L-frame's points lie on one line").error()
+    if not capture.floor:
+        _check_lframe(capture.lframe_points)
     for view in capture.views:
         whole = int(view.wand.seen.all(axis=1).sum())
         if whole < FEWEST_SHARED:
@@ -65,6 +62,13 @@ def check_capture(capture: Capture) -> None:
         pixels, share = _wand_in_picture(view.wand.points, view.wand.sigma)
         if share > TOO_SMALL_SHARE:
             raise findings.too_small(view.camera, pixels, share).error()
+
+
+def _check_lframe(points: Array) -> None:
+    if points.shape != (LFRAME_BALLS, 3) or not np.isfinite(points).all():
+        raise CaptureError("the L-frame must have four points of three numbers", name="lframe-lengths-contradict")
+    if np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1] < 1e-3:
+        raise findings.contradicting("the L-frame's points lie on one line").error()
 
 
 def _wand_in_picture(points: Array, sigma: Array) -> tuple[float, float]:

@@ -78,6 +78,25 @@ def lframe_unseen(what: str) -> Finding:
     return Finding("lframe-not-seen", what, todo)
 
 
+def floor_unseen(first: int, last: int) -> Finding:
+    """Fewer than two cameras see the wand at rest on the floor."""
+    what = f"fewer than two cameras see both balls of the wand at rest on frames {first} to {last}"
+    return Finding("floor-not-seen", what, "check the frames of [floor], or lay the wand where more cameras see it")
+
+
+def floor_in_a_line() -> Finding:
+    """Both places of the wand lie on one line."""
+    what = "the wand lies on one line in both places, which leaves the slope of the floor open"
+    return Finding("floor-in-a-line", what, "lay it across the first place, or well beside it")
+
+
+def floor_by_wand(misfit: float) -> Finding:
+    """The floor is the wand's, not an L-frame's."""
+    plane = f"its balls lie within {1000 * misfit:.1f} mm of one plane"
+    what = f"floor, origin and axes are those of the wand on the floor; {plane}"
+    return Finding("floor-by-wand", what, "an L-frame with long arms makes the floor more level")
+
+
 def lframe_mirrored() -> Finding:
     """The L-frame's measures are mirrored."""
     todo = "turn the short arm's measure about (y to -y), or see that the balls come in the file's order"

@@ -152,7 +152,8 @@ def _diameter(found: VideoMarkers, solution: CalibrationResult, given: float | N
         places = _wand_path(solution.wand, times) if wand else solution.lframe_world[None]
         expected = _Expected.of(solution.rig, c, np.broadcast_to(places, (len(times), *places.shape[1:])), 1.0)
         shares.append((balls.radii / expected.radii).ravel())
-    return float(np.nanmedian(np.concatenate(shares)))
+    sizes = np.concatenate(shares)
+    return float(np.nanmedian(sizes)) if np.isfinite(sizes).any() else np.nan
 
 
 @dataclass(frozen=True, eq=False)

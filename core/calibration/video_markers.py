@@ -79,6 +79,8 @@ class VideoMarkers:
             self.videos.lframe_points,
             self.videos.wand_length,
             tuple(_capture_view(view, (cameras or {}).get(view.videos.camera)) for view in self.views),
+            self.videos.floor,
+            (self.videos.wand_diameter or 0.0) / 2,
         )
 
 

@@ -15,7 +15,9 @@ from .bundle import adjust, covariance, variance_inflation
 from .bundle_residuals import BallObservations, BundleEvidence, Scene
 from .calibration_result import CalibrationResult
 from .camera_rig import DRIFT, OFFSET, Rig, Wand
+from .findings import Finding
 from .first_cameras import FEWEST_SHARED, crossed_views, find_links, first_rig, unknown_lens
+from .floor import with_wand_on_floor
 from .pairwise import FOCAL_GRID, Lens
 from .quality import measured_lengths
 from .synchrony import Synchrony, synchrony, with_capture_clock
@@ -155,6 +157,10 @@ def _finished(
     draft: _Draft, capture: Capture, together: Synchrony, free: Bools, *, known: Sequence[Lens], steps: _Steps
 ) -> CalibrationResult:
     """Define the world by the L-frame, decide on the lenses, and adjust once more to all that is known."""
+    given, known_floor = capture, tuple[Finding, ...]()
+    if capture.floor:
+        capture, finding = with_wand_on_floor(capture, draft.scene.rig)
+        known_floor = (finding,)
     resting = lframe.resting([view.lframe for view in capture.views])
     moved = lframe.moved_since(draft.scene.rig, resting, draft.noise)
     resting = resting.take(~np.isin(resting.camera, list(moved)))
@@ -176,7 +182,7 @@ def _finished(
     steps.next("quality", 0.9)
     held_out = _held_out(scene, evidence, free, steps)
     solution = CalibrationResult(
-        capture,
+        given,
         scene.rig,
         scene.wand,
         scene.lframe_world,
@@ -187,12 +193,12 @@ def _finished(
         free,
         covariance(scene, replace(evidence, lframe_sigma=_EXACT), fit.free) * max(noise, 1.0) ** 2 * inflation,
         noise,
-        placement.scale,
+        np.nan if given.floor else placement.scale,
         moved,
         held_out,
         (),
     )
-    return replace(solution, findings=tuple(diagnosis.doubts(solution)))
+    return replace(solution, findings=(*known_floor, *diagnosis.doubts(solution)))
 
 
 def _unit_noise(residual: Array, scene: Scene, free: Bools) -> float:

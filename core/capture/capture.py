@@ -101,8 +101,15 @@ class Capture:
     wand_length : float
         Between the centres of the wand's balls, metres.
     views : tuple of CaptureView
+    floor : tuple of tuple of int
+        Without an L-frame: first and last frame of the capture of each of the two stretches during which the wand lies
+        on the floor. `lframe_points` are NaN then.
+    floor_height : float
+        Height of the balls' centres above the floor while it lies there, metres.
     """
 
     lframe_points: Array
     wand_length: float
     views: tuple[CaptureView, ...]
+    floor: tuple[tuple[int, int], ...] = ()
+    floor_height: float = 0.0

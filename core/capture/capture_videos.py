@@ -43,6 +43,8 @@ class CaptureVideos:
     wand_diameter : float or None
         Of its balls, metres.
     views : tuple of CaptureVideoView
+    floor : tuple of tuple of int
+        See `Capture.floor`. Points and colour of the L-frame have no meaning then.
     """
 
     lframe_points: Array
@@ -52,3 +54,4 @@ class CaptureVideos:
     wand_colours: tuple[Colour, ...]
     wand_diameter: float | None
     views: tuple[CaptureVideoView, ...]
+    floor: tuple[tuple[int, int], ...] = ()

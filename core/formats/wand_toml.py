@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from .marker_points import TAKES, read_marker_points
 from .reading import BEYOND, first_repeated, reading
 from .toml_tables import Table, read_toml
 
-_TABLES = ("lframe", "wand", "view", "points")
+_TABLES = ("lframe", "wand", "view", "points", "floor")
 _VIEW = ("camera", "lframe", "wand", "offset", "focal", "matrix", "distortions", "size", "fps")
 
 
@@ -33,23 +34,42 @@ def load_wand(path: Path | str) -> CaptureVideos | Capture:
     path = Path(path)
     with _as_calibration_error(), reading(path, "a capture file", CalibrationError):
         document = Table(read_toml(path, "the capture file", CalibrationError), str(path), _TABLES)
-        lframe = Table(document.value("lframe"), f"{path} [lframe]", ("colour", "points", "diameter"))
+        floor = _floor(document, path)
+        lframe = Table(document.value("lframe", {}), f"{path} [lframe]", ("colour", "points", "diameter"))
         wand = Table(document.value("wand"), f"{path} [wand]", ("colours", "length", "diameter"))
-        points = _vectors(lframe, "points", (LFRAME_BALLS, 3))
+        points = np.full((LFRAME_BALLS, 3), np.nan) if floor else _vectors(lframe, "points", (LFRAME_BALLS, 3))
         length = _positive(wand, "length")
         views = _views(document, path)
         if "points" in document:
             table = Table(document.value("points"), f"{path} [points]", ("file", "lframe", "origin"))
-            return _capture(table, points, length, views, path)
+            diameter = _positive(wand, "diameter") if "diameter" in wand else 0.0
+            return replace(_capture(table, points, length, views, path), floor=floor, floor_height=diameter / 2)
+        colours = _colours(wand)
         return CaptureVideos(
             points,
-            parsed(lframe.value("colour"), f"{lframe.where} colour"),
+            colours[0] if floor else parsed(lframe.value("colour"), f"{lframe.where} colour"),
             _positive(lframe, "diameter") if "diameter" in lframe else None,
             length,
-            _colours(wand),
+            colours,
             _positive(wand, "diameter") if "diameter" in wand else None,
             tuple(_film_view(view, path.parent) for view in views),
+            floor,
         )
+
+
+def _floor(document: Table, path: Path) -> tuple[tuple[int, int], ...]:
+    """The frames on which the wand lies on the floor, in place of an L-frame; none if there is an L-frame."""
+    if "floor" not in document:
+        return ()
+    floor = Table(document.value("floor"), f"{path} [floor]", ("wand",))
+    if "lframe" in document:
+        raise CalibrationError("there are both an L-frame and [floor]", where=str(path), todo="leave one of them out")
+    spans = _vectors(floor, "wand", (2, 2))
+    if not ((spans == spans.round()).all() and (spans[:, 0] < spans[:, 1]).all() and spans[0, 1] < spans[1, 0]):
+        what = "must be two stretches of frames, each with its first and last frame, the earlier one first"
+        raise floor.error("wand", what, "such as [[10, 40], [80, 110]]")
+    first, second = ((int(a), int(b)) for a, b in spans)
+    return first, second
 
 
 @contextmanager

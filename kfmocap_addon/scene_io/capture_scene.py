@@ -192,7 +192,16 @@ def video_of(view: KFMocapCaptureView, take: str) -> Path:
 
 
 def show_film(capture: KFMocapCapture, film: "CaptureVideos") -> None:
-    """Fill a scene's capture from one that a file describes."""
+    """Fill a scene's capture from one that a file describes.
+
+    Raises
+    ------
+    CalibrationError
+        It has no L-frame.
+    """
+    if film.floor:
+        todo = "calibrate it with the kfmocap command, then import the cameras"
+        raise CalibrationError("a capture without an L-frame cannot be edited in Blender", where="[floor]", todo=todo)
     capture.corner, capture.middle, capture.end, capture.side = film.lframe_points.tolist()
     capture.lframe_diameter, capture.wand_diameter = film.lframe_diameter or 0.0, film.wand_diameter or 0.0
     capture.length, capture.one_colour = film.wand_length, len(film.wand_colours) == 1

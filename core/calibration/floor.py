@@ -1,0 +1,86 @@
+"""The floor from a wand that lay on it in two places, where there is no L-frame.
+
+The four places of its ends take the part of the L-frame's balls: their common plane is the floor, and where they lie in
+it is measured by the cameras themselves instead of by hand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..capture.capture import LFRAME_BALLS, WAND_BALLS, Capture, Markers
+from ..numerics.arrays import Array
+from . import findings
+from .camera_rig import Rig
+from .lframe import resting
+from .wand_triangulation import rays, triangulated
+
+_MOVED = 4.0
+"""Standard deviations by which a ball at rest may seem to move."""
+_LEAST_PIXELS = 1.0
+_LEAST_ASIDE = 0.2
+"""How far the second place must lie beside the line through the first, as a share of the wand's length."""
+
+
+def with_wand_on_floor(capture: Capture, rig: Rig) -> tuple[Capture, findings.Finding]:
+    """The capture with the wand at rest on the floor in place of an L-frame, and what to say about it.
+
+    Origin is the first ball of the wand in its first place, on the floor below the ball's centre; x goes along the wand
+    to its second ball, z up.
+
+    Parameters
+    ----------
+    capture : Capture
+        With `floor`.
+    rig : Rig
+        Cameras in any world, and their clocks.
+
+    Raises
+    ------
+    CaptureError
+        The wand is not seen at rest on these frames by two cameras, or both places are on one line.
+    """
+    lying = [_at_rest(capture.floor, view.wand, rig, c) for c, view in enumerate(capture.views)]
+    seen = resting(lying)
+    points = np.full((len(rig), LFRAME_BALLS, 2), np.nan)
+    points[seen.camera, seen.ball] = seen.uv
+    balls = triangulated(rig.centres_world, rays(rig, points))
+    if not np.isfinite(balls).all():
+        missing = int(np.flatnonzero(~np.isfinite(balls).all(axis=1))[0])
+        raise findings.floor_unseen(*capture.floor[missing // WAND_BALLS]).error()
+    measures, misfit = _on_floor(balls, rig.centres_world, capture.floor_height)
+    if abs(measures[2:, 1]).max() < _LEAST_ASIDE * capture.wand_length:
+        raise findings.floor_in_a_line().error()
+    views = tuple(replace(view, lframe=markers) for view, markers in zip(capture.views, lying, strict=True))
+    return replace(capture, lframe_points=measures, views=views), findings.floor_by_wand(misfit)
+
+
+def _at_rest(floor: Sequence[tuple[int, int]], wand: Markers, rig: Rig, c: int) -> Markers:
+    """The wand's balls in both places as four balls of an L-frame; on frames of which it rests."""
+    times = rig.times(np.full(len(wand), c), wand.frames.astype(float))
+    points = np.full((len(wand), LFRAME_BALLS, 2), np.nan)
+    sigma = np.full((len(wand), LFRAME_BALLS), np.nan)
+    for place, (first, last) in enumerate(floor):
+        during = (times >= first) & (times <= last)
+        own = slice(WAND_BALLS * place, WAND_BALLS * (place + 1))
+        middle = np.median(wand.points[during & wand.seen.all(axis=1)], axis=0) if during.any() else np.nan
+        aside = np.linalg.norm(wand.points - middle, axis=-1)
+        during = during[:, None] & (aside < np.maximum(_MOVED * wand.sigma, _LEAST_PIXELS))
+        points[:, own][during], sigma[:, own][during] = wand.points[during], wand.sigma[during]
+    return Markers(wand.frames, points, sigma)
+
+
+def _on_floor(balls: Array, centres: Array, height: float) -> tuple[Array, float]:
+    """The balls in the floor's world, shape (4, 3), all at the same height, and how far they lie from their plane."""
+    middle = balls.mean(axis=0)
+    up = np.linalg.svd(balls - middle)[2][2]
+    up = up * np.sign(np.median((centres - middle) @ up))
+    misfit = float(np.abs((balls - middle) @ up).max())
+    x = balls[1] - balls[0]
+    x = x - (x @ up) * up
+    x /= np.linalg.norm(x)
+    off = balls - balls[0]
+    return np.stack([off @ x, off @ np.cross(up, x), np.full(LFRAME_BALLS, height)], axis=1), misfit
