@@ -146,10 +146,16 @@ def poses_by_delay(problem: SegmentProblem, instants: Sequence[Instants]) -> dic
     return {problem.views[group.views[0]].delay: group.poses for group in instants}
 
 
-def hidden_parts(problem: SegmentProblem, share: Array) -> list[NDArray[np.bool_]]:
-    """Where no view sees a part, per performer (F, P), from visible shares (V, F, P); keyed parts are known."""
+def hidden_parts(problem: SegmentProblem, share: Array, predicted: Array | None = None) -> list[NDArray[np.bool_]]:
+    """Where no view sees a part, per performer (F, P), from visible shares (V, F, P); keyed parts are known.
+
+    See `unseen` for the visible shares in predicted poses.
+    """
     keyed = [f[:, 3:].reshape(len(f), -1, 3).all(axis=2) for f in problem.fixed]
-    return [unseen(share[..., span]) & ~known for span, known in zip(problem.spans(), keyed, strict=True)]
+    return [
+        unseen(share[..., span], None if predicted is None else predicted[..., span]) & ~known
+        for span, known in zip(problem.spans(), keyed, strict=True)
+    ]
 
 
 def keypoint_agreement(problem: SegmentProblem, motions: Sequence[Motion]) -> float:

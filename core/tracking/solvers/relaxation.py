@@ -195,9 +195,10 @@ def out_of_sight(pair: SegmentProblem, motions: Sequence[Motion]) -> list[NDArra
     """
     poses, geometry = scene_poses(pair.bodies, motions), pair.geometry()
     labels = [render_labels(geometry, v.camera.subsampled(STRIDE), pair.first, *poses) for v in pair.views]
-    share = np.stack([view.share for view in labels]).min(axis=1, keepdims=True)
+    share = np.stack([view.share for view in labels])
     carried = block_diag(*(body.ancestry for body in pair.bodies))
-    return [hidden[-1] for hidden in hidden_parts(pair, (share[..., None] * carried).max(axis=2))]
+    shown = (share[..., None] * carried).max(axis=2)
+    return [hidden[-1] for hidden in hidden_parts(pair, shown[:, :1], shown[:, 1:])]
 
 
 def _moved_by_gradients(
