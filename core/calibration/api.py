@@ -38,7 +38,7 @@ def calibrate(
     Raises
     ------
     KFMocapError
-        A video cannot be read, the markers are not found, or they do not tell where the cameras are.
+        A video cannot be read, the markers are not found, or they do not determine the cameras.
     CancelledError
         `progress` returned False.
     """

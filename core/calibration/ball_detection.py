@@ -338,7 +338,7 @@ def _light(image: Image, places: Array) -> Array:
 
 
 def _inside_share(light: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """How much of the ball is in each place along rays from its inside outwards, and on which rays that can be told.
+    """Share of the ball's colour along rays from its inside outwards, and the rays on which it is defined.
 
     A colour c is a mixture of the ball's, f, at a ray's inner end and the background's, g, at its outer end: c = x f +
     y g. Shading scales x, light and dark spots scale y: x / (x + y) is nearly free of both.

@@ -30,10 +30,12 @@ _MARGIN = 5  # pixels of background around a ball
 _LIMB = 3.0  # pixels beyond the outline that are compared
 _CLEAR = 2.5  # pixels beyond the outline from which on there is background alone
 _ROD = 3.0  # pixels to both sides of a rod that may be its own
-_MOMENTS = 5  # of the exposure
+_MOMENTS = 6  # of the exposure, at most
+_MOMENT_PIXELS = 0.8  # of the path between two moments: no more than the blur bridges
 _CENTRE, _RADIUS, _SHADE, _LIGHT, _PATH = slice(0, 2), 2, slice(3, 5), slice(5, 8), slice(8, 10)
 _WIDTH, _ROD_LIGHT, _STARTS = 10, slice(11, 14), slice(14, 16)
 _UNKNOWNS = 16
+_FORM = np.r_[0:3, 8:11, 14:16]  # the unknowns that change what covers what
 _STEPS = np.array([0.05, 0.05, 0.03, 0.02, 0.02, 0.05, 0.05, 0.05, 0.1, 0.1, 0.05, 0.1, 0.1, 0.1, 0.05, 0.05])
 """Of the finite differences."""
 _FURTHEST = np.array([0.5, 0.5, 0.2, 0.15, 0.15, 0.5, 0.5, 0.5, 0.7, 0.7, 0.2, 0.7, 0.7, 0.7, 0.2, 0.2])
@@ -251,22 +253,27 @@ class _Window:
 
     def _moments(self, x: Array, guess: BallGuess, *, ball: bool) -> Iterator[Array]:
         """Linear light at moments spread evenly over the exposure, shape (k, n, n, 3) each."""
-        radius, rod = x[:, _RADIUS, None, None], np.exp(x[:, None, None, _ROD_LIGHT])
-        paint, lean = np.exp(x[:, None, None, _LIGHT]), x[:, _SHADE] / x[:, _RADIUS, None]
-        count = _MOMENTS if x[:, _PATH].any() else 1
+        # Most unknowns change colours alone: what covers what is the same for all of these.
+        forms, form = np.unique(x[:, _FORM], axis=0, return_inverse=True)
+        form = form.reshape(-1)
+        y = np.zeros((len(forms), _UNKNOWNS))
+        y[:, _FORM] = forms
+        rod, paint = np.exp(x[:, None, None, _ROD_LIGHT]), np.exp(x[:, None, None, _LIGHT])
+        lean = x[:, _SHADE] / x[:, _RADIUS, None]
+        count = int(np.clip(np.ceil(np.linalg.norm(x[:, _PATH], axis=1).max() / _MOMENT_PIXELS), 1, _MOMENTS))
         for moment in (np.arange(count) + 0.5) / count - 0.5:
-            off = self.places - (x[:, _CENTRE] + moment * x[:, _PATH])[:, None, None]
+            off = self.places - (y[:, _CENTRE] + moment * y[:, _PATH])[:, None, None]
             light = self.background[None]
-            for own, start, expected in zip(guess.rods, x[:, _STARTS].T, guess.starts, strict=False):
+            for own, start, expected in zip(guess.rods, y[:, _STARTS].T, guess.starts, strict=False):
                 if expected >= 1:
-                    light = light + _strip(off, x, own, 0.0 * start)[..., None] * (rod - light)
+                    light = light + _strip(off, y, own, 0.0 * start)[form, ..., None] * (rod - light)
             if ball:
-                cover = ndtr((radius - np.linalg.norm(off, axis=-1)) / _LENS)[..., None]
-                shade = np.maximum(1 + np.einsum("kvui,ki->kvu", off, lean), 0.05)[..., None]
+                cover = ndtr((y[:, _RADIUS, None, None] - np.linalg.norm(off, axis=-1)) / _LENS)[form, ..., None]
+                shade = np.maximum(1 + np.einsum("kvui,ki->kvu", off[form], lean), 0.05)[..., None]
                 light = light + cover * (shade * paint - light)
-            for own, start, expected in zip(guess.rods, x[:, _STARTS].T, guess.starts, strict=False):
+            for own, start, expected in zip(guess.rods, y[:, _STARTS].T, guess.starts, strict=False):
                 if expected < 1:
-                    light = light + _strip(off, x, own, start)[..., None] * (rod - light)
+                    light = light + _strip(off, y, own, start)[form, ..., None] * (rod - light)
             yield light
 
     def _recorded(self, light: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The report of a calibration: how far to trust it, in numbers and in pictures."""
+"""The report of a calibration: its quality in numbers and pictures."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from .findings import Finding
 
 @dataclass(frozen=True, eq=False)
 class CalibrationResult:
-    """Solved cameras and how far to trust them.
+    """Solved cameras and their quality.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class CalibrationResult:
     held_out : ndarray, shape (h,)
         Lengths of the wand, metres, on frames that were held out of a solution of their own.
     findings : tuple of Finding
-        What to know before trusting it.
+        Problems of the capture that were found.
     """
 
     capture: Capture

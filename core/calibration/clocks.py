@@ -1,6 +1,6 @@
 """When the cameras' videos began: time offsets from the wand's path, before anything is known of the cameras.
 
-Two videos of one moving wand obey an epipolar geometry only where their frames belong together. Every offset gives
+Two videos of one moving wand have an epipolar geometry only where their frames match. Every offset gives
 a linear fundamental matrix (R. Hartley, In Defense of the Eight-Point Algorithm, PAMI 1997), and the best is the one
 with the least residual; between frames the tracks are interpolated. The bundle adjustment refines the offsets.
 """

@@ -1,4 +1,4 @@
-"""Telling degenerate captures: before anything is solved, from the links between views, and from a solution."""
+"""Degenerate captures: recognised before anything is solved, from the links between views, and from a solution."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ def check_solution(names: Sequence[str], used: Array, wand: Wand) -> None:
 
 
 def doubts(solution: CalibrationResult) -> Iterator[Finding]:
-    """What to know before trusting a solution."""
+    """Problems of a solution that its user should know."""
     near, far = depths(solution)[:, [0, 2]].T
     covered, sigma = coverage(solution), solution.sigma
     for c, view in enumerate(solution.capture.views):

@@ -127,7 +127,7 @@ def camera_moved(camera: str, what: str) -> Finding:
 
 def offset_unknown(camera: str) -> Finding:
     """The time offset of a camera cannot be estimated."""
-    what = "its time offset cannot be told: it saw too little of the wand's path at the same time as others"
+    what = "its time offset cannot be determined: it saw too little of the wand's path at the same time as others"
     todo = "wave the wand for longer while all cameras run, or give 'offset' in its [[view]]"
     return Finding("offset-unknown", what, todo, camera)
 

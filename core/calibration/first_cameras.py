@@ -22,7 +22,7 @@ from .wand_triangulation import WandSighting, sight
 FEWEST_SHARED = 15
 """Frames on which two views must see the wand together to be linked."""
 FLAT = 0.8
-"""Share of correspondences in a plane from which a pair of views tells nothing of focal lengths."""
+"""Share of correspondences in a plane from which a pair of views does not determine focal lengths."""
 _FRAMES = 120
 _SEEDS = 3
 _UNCROSSED = 0.4
@@ -87,8 +87,8 @@ def find_links(tracks: Tracks, lenses: Sequence[Lens], cancel: Cancel) -> list[L
 def crossed_views(links: Sequence[Link]) -> list[int]:
     """Views whose balls come in the other order than the first view's: where they look alike, each begins with any."""
     turned = {0: False}
-    trusted = sorted(links, key=lambda link: -link.agreeing)
-    while joining := [link for link in trusted if sum(v in turned for v in link.views) == 1]:
+    best_first = sorted(links, key=lambda link: -link.agreeing)
+    while joining := [link for link in best_first if sum(v in turned for v in link.views) == 1]:
         i, j = joining[0].views
         new, old = (i, j) if j in turned else (j, i)
         turned[new] = turned[old] != joining[0].crossed

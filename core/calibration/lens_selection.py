@@ -24,8 +24,8 @@ def select_lens_unknowns(
 ) -> Bools:
     """What to solve for, shape (C, 13): as `free`, with k2 and principal points where they differ for certain.
 
-    All are tried at once. A camera keeps those whose Wald statistic chance alone would hardly give, and that are known
-    well enough: solved for without need, they only make the focal length less certain.
+    All are tried at once. A camera keeps those whose Wald statistic is significant and whose standard deviation is
+    small enough: estimated without need, they only make the focal length less certain.
     """
     every = free.copy()
     for c, lens in enumerate(lenses):

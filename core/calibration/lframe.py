@@ -1,4 +1,4 @@
-"""The L-frame: it lays down the world, and its lengths are held against the wand's."""
+"""The L-frame: it defines the world frame, and its lengths are compared with the wand's."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class LFramePose:
     misfit : ndarray, shape (4, 3)
         Of its balls after that, the scale taken out, metres; NaN where a ball is not known.
     sigma : float
-        Standard deviation of the ball that the cameras tell least of, metres.
+        Standard deviation of the ball that is measured least precisely, metres.
     """
 
     R: Array
@@ -69,7 +69,7 @@ class LFramePose:
 
 
 def place_lframe(rig: Rig, seen: BallObservations, measures: Array, noise: float) -> LFramePose:
-    """Lay the world onto the L-frame, without changing the size that the wand gives.
+    """Align the world frame with the L-frame; the scale stays the wand's.
 
     Parameters
     ----------
@@ -96,10 +96,10 @@ def place_lframe(rig: Rig, seen: BallObservations, measures: Array, noise: float
 
 
 def _least_known(rig: Rig, seen: BallObservations, balls_world: Array) -> float:
-    """Standard deviation across the rays of the ball that is told least of, metres."""
+    """Standard deviation, across the rays, of the ball that is measured least precisely, metres."""
     distance = np.linalg.norm(balls_world[seen.ball] - rig.centres_world[seen.camera], axis=1)
-    told = (rig.focal[seen.camera].mean(axis=1) / (seen.sigma * distance)) ** 2
-    sums = np.bincount(seen.ball, np.nan_to_num(told), LFRAME_BALLS)
+    information = (rig.focal[seen.camera].mean(axis=1) / (seen.sigma * distance)) ** 2
+    sums = np.bincount(seen.ball, np.nan_to_num(information), LFRAME_BALLS)
     return float(1 / np.sqrt(sums[np.isfinite(balls_world).all(axis=1)].min()))
 
 
@@ -118,21 +118,21 @@ def moved_since(rig: Rig, seen: BallObservations, noise: float) -> dict[int, flo
     Raises
     ------
     CaptureError
-        Of two cameras that contradict each other, nothing tells which was moved.
+        Two cameras contradict each other, and it cannot be decided which was moved.
     """
     usual = noise * float(np.median(seen.sigma)) if len(seen) else 0.0
     least = max(_ASIDE_PIXELS, _SURE * usual)
-    trusted = sorted({int(c) for c in seen.camera})
-    while len(trusted) > 1 and _disagreement(rig, seen, trusted) > least:
-        if len(trusted) == 2:
-            names = " or ".join(rig.names[c] for c in trusted)
+    agreeing = sorted({int(c) for c in seen.camera})
+    while len(agreeing) > 1 and _disagreement(rig, seen, agreeing) > least:
+        if len(agreeing) == 2:
+            names = " or ".join(rig.names[c] for c in agreeing)
             raise findings.camera_moved(
-                names, "the L-frame and the wand tell of different places of this camera"
+                names, "the L-frame and the wand give different positions of this camera"
             ).error()
-        rest = [[c for c in trusted if c != out] for out in trusted]
-        trusted = min(rest, key=lambda cameras: _disagreement(rig, seen, cameras))
-    balls = _balls(rig, seen.take(np.isin(seen.camera, trusted)))
-    off = {c: _off(rig, seen, balls, c) for c in sorted({int(c) for c in seen.camera} - set(trusted))}
+        rest = [[c for c in agreeing if c != out] for out in agreeing]
+        agreeing = min(rest, key=lambda cameras: _disagreement(rig, seen, cameras))
+    balls = _balls(rig, seen.take(np.isin(seen.camera, agreeing)))
+    off = {c: _off(rig, seen, balls, c) for c in sorted({int(c) for c in seen.camera} - set(agreeing))}
     return {c: pixels for c, pixels in off.items() if pixels > least}
 
 

@@ -1,8 +1,8 @@
 """Two views of a wand whose cameras are unknown: fundamental matrix, focal lengths, relative pose in metres.
 
-The fundamental matrix alone tells the focal lengths badly where the optical axes meet (R. Hartley and A. Zisserman,
-Multiple View Geometry, 2nd ed., sec. 19.4), as those of cameras around a stage do. The wand tells them: with wrong
-ones its length changes from place to place. So pairs of focal lengths are tried on a grid.
+Where the optical axes meet, as those of cameras around a stage do, the fundamental matrix alone hardly determines the
+focal lengths (R. Hartley and A. Zisserman, Multiple View Geometry, 2nd ed., sec. 19.4). The wand does: with wrong ones
+its length changes from place to place. So pairs of focal lengths are tried on a grid.
 """
 
 from __future__ import annotations

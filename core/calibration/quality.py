@@ -1,4 +1,4 @@
-"""How far solved cameras can be trusted, in numbers."""
+"""The quality of solved cameras, in numbers."""
 
 from __future__ import annotations
 

@@ -28,14 +28,14 @@ _ROUNDS = 4
 def synchronise(
     capture: Capture, cameras: Mapping[str, Camera], progress: Progress | None = None, *, drift: bool = False
 ) -> Clocks:
-    """The clocks of a take whose cameras are known. Its L-frame is not looked at.
+    """The clocks of a take whose cameras are known. Its L-frame is ignored.
 
     Raises
     ------
     CalibrationError
         A view's camera is not among those known.
     CaptureError
-        The wand does not tell.
+        The wand's path does not determine the clocks.
     CancelledError
         `progress` returned False.
     """

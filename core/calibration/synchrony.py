@@ -55,12 +55,12 @@ class Synchrony:
 
 
 def synchrony(capture: Capture) -> Synchrony:
-    """How the frames of a capture's videos go together: as it says, or by the wand's path.
+    """Time offsets between a capture's videos: as given, or from the wand's path.
 
     Raises
     ------
     CaptureError
-        The wand's path is needed and does not tell.
+        The wand's path is needed and does not determine the offsets.
     """
     views = capture.views
     pace = [view.fps for view in views]

@@ -71,9 +71,9 @@ class VideoMarkers:
         Parameters
         ----------
         cameras : mapping of str to Camera, optional
-            Solved before: they tell exactly where the middle of each ball lies within its outline. Without them, what
-            is known of the cameras or a usual focal length does; large balls near the picture's edges are then off by
-            some hundredths of a pixel.
+            Solved before; they determine where the centre of each ball lies within its outline. Without them, a
+            given or usual focal length is used, and large balls near the picture's edges are off by some hundredths of
+            a pixel.
         """
         return Capture(
             self.videos.lframe_points,
@@ -143,7 +143,7 @@ def find_lframe(
     Raises
     ------
     CalibrationError
-        They cannot be found or told apart; names the video.
+        They cannot be found or distinguished; names the video.
     """
     if view.lframe is None:
         nothing = np.zeros((0, LFRAME_BALLS))

@@ -25,7 +25,7 @@ from .wand_matching import labelled
 from .wand_triangulation import sight
 
 FOCAL_SIGMA = 0.1
-"""Standard deviation of a focal length that was told beforehand, as a share."""
+"""Standard deviation of a focal length that is given, as a share."""
 _EXACT = 1e-6
 _ROUNDS = 4
 _SETTLED = 0.01
@@ -50,7 +50,7 @@ def solve_capture(capture: Capture, progress: Progress | None = None, *, drift: 
     Raises
     ------
     CaptureError
-        The capture does not tell: the error has the name of the kind, and the cure.
+        The capture does not determine the cameras; the error names the problem and what to do.
     CancelledError
         `progress` returned False.
     """
@@ -83,7 +83,7 @@ def solve_capture(capture: Capture, progress: Progress | None = None, *, drift: 
 
 
 class _Steps:
-    """Tells how far the work is, and ends it when the caller wants that."""
+    """Reports progress, and ends the work when the caller asks for it."""
 
     def __init__(self, progress: Progress | None) -> None:
         self._progress, self._what, self._fraction = progress, "", 0.0
@@ -97,7 +97,7 @@ class _Steps:
 
 
 def _lens(view: CaptureView) -> Lens:
-    """What the capture says of a camera, and the focal lengths to try."""
+    """What is known of a camera beforehand, and the focal lengths to try."""
     matrix = None if view.matrix is None else np.asarray(view.matrix, float)
     if matrix is not None:
         focals = np.array([matrix[0, 0]])
@@ -119,7 +119,7 @@ class _Draft:
 
 
 def _polished(rig: Rig, capture: Capture, together: Synchrony, free: Bools, steps: _Steps) -> _Draft | None:
-    """Adjust cameras on all frames, and tell the wand's balls from others, in turns; None where no wand is seen."""
+    """Adjust cameras on all frames and select the wand's balls, in turns; None where no wand is seen."""
     noise = 3.0
     draft: _Draft | None = None
     for _ in range(_ROUNDS):

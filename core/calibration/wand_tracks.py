@@ -23,8 +23,8 @@ _SWAPPED = 0.3
 """Ends that lie so much nearer to each other's course than to their own are swapped."""
 _STEADY = 3.0
 """Pixels off its course at which a ball is not doubted."""
-_TRUSTED = 0.3
-"""Quantile that tells what is usual, wrong balls among them or not."""
+_USUAL = 0.3
+"""Quantile that is robust against wrong balls."""
 _ENOUGH = 10
 _BRIDGED = 4
 """Frames between two balls of a track across which it is interpolated."""
@@ -63,7 +63,7 @@ class Tracks:
 
 
 def is_waved(markers: Markers) -> bool:
-    """Whether the balls move smoothly from frame to frame, so that they can be foretold between frames."""
+    """Whether the balls move smoothly from frame to frame, so that they can be interpolated between frames."""
     if not len(markers):
         return False
     points = _dense(markers)[0]
@@ -73,7 +73,7 @@ def is_waved(markers: Markers) -> bool:
     if known.sum() < _ENOUGH:
         return False
     # A low quantile: of three balls in a row, one is often wrong.
-    usual_bend, usual_move = np.quantile(bend[known], _TRUSTED), np.quantile(move[known], _TRUSTED)
+    usual_bend, usual_move = np.quantile(bend[known], _USUAL), np.quantile(move[known], _USUAL)
     return bool(usual_bend < max(_SMOOTH_SHARE * usual_move, 1.0))
 
 
@@ -104,7 +104,7 @@ def _dense(markers: Markers) -> tuple[Array, Array]:
 
 
 def _courses(points: Array) -> Array:
-    """Where pairs of neighbours, one on each side, say that balls are: shape (pairs, F, m, 2)."""
+    """Positions of balls interpolated from pairs of neighbours, one on each side: shape (pairs, F, m, 2)."""
     F = len(points)
     padded = np.pad(points, ((_REACH, _REACH), (0, 0), (0, 0)), constant_values=np.nan)
     return np.stack(

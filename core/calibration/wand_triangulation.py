@@ -14,7 +14,7 @@ from .camera_rig import Rig, Wand
 from .wand_tracks import Tracks
 
 _PARALLAX = np.deg2rad(3.0)
-"""Angle between two rays from which on they tell where a point is."""
+"""Smallest angle between two rays that are triangulated."""
 _ALONE = 3
 """Views that must agree on one end where the other is not found: no length confirms it."""
 GATE = 4.0
