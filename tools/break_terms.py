@@ -293,8 +293,8 @@ TERMS = (
     Term(
         "paper 2, section 3.1, Levenberg-Marquardt",
         "core/calibration/bundle_residuals.py",
-        "(uv - seen.uv) * np.where(reached",
-        "(seen.uv - uv) * np.where(reached",
+        "(uv - seen.uv) * np.broadcast_to(reached",
+        "(seen.uv - uv) * np.broadcast_to(reached",
         "tests/core/calibration/test_bundle.py::test_derivatives_agree_with_finite_differences",
     ),
     Term(
