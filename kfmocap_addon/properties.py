@@ -541,6 +541,14 @@ class KFMocapScene(bpy.types.PropertyGroup):
         type=KFMocapRetarget, name="Retarget", description="Where motion is sent, and how"
     )
     settings: bpy.props.StringProperty(name="Settings", description="Further settings of the tracker as JSON")
+    tracked: bpy.props.EnumProperty(
+        items=[
+            ("ALL", "All Performers", "Everybody together, so that one is known to hide the other"),
+            ("CHOSEN", "Chosen Only", "The chosen performer; those that are tracked already stay as they are"),
+        ],
+        name="Whom",
+        description="Who is tracked where there are several performers",
+    )
     footage_offset: bpy.props.FloatProperty(
         name="Footage Offset",
         description="How much later than on their frames the footage shows the key poses, in frames, as the tracker "

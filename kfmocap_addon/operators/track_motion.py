@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ...core.runtime.worker_process import Work
-from ..scene_io import unfinished_tracking
+from ..scene_io import active_performer, unfinished_tracking
 from .conditions import Condition, Conditional, has_footage, has_shot
 from .job_operator import JobOperator
 from .reporting import reported
@@ -20,13 +20,25 @@ if TYPE_CHECKING:
     from ...core.fitting.shot_cameras import CheckedTrack
     from ...core.shot.shot import Shot
     from ...core.tracking.segments import Segment
+    from ..scene_io.tracked_segments import AskedTracking
     from ..scene_io.tracking_preview import TrackingPreview
 
 
 def _has_key_poses(context: bpy.types.Context) -> str:
-    if all(_is_animated(slot.armature) for slot in context.scene.kfmocap.performers):
+    slots = context.scene.kfmocap.performers
+    if _tracks_one(context):
+        slot = active_performer.chosen(context)
+        missing = slot is None or not _is_animated(slot.armature)
+        return f"{slot.name if slot else 'Nobody'} has no key pose yet: pose it on a frame" if missing else ""
+    if all(_is_animated(slot.armature) for slot in slots):
         return ""
     return "A performer has no key pose yet: pose it on a frame, and use Set Key Pose"
+
+
+def _tracks_one(context: bpy.types.Context) -> bool:
+    """Whether the chosen performer alone is to be tracked."""
+    properties = context.scene.kfmocap
+    return len(properties.performers) > 1 and properties.tracked == "CHOSEN"
 
 
 class Tracking(Conditional, JobOperator):
@@ -44,9 +56,9 @@ class Tracking(Conditional, JobOperator):
     side = "EVERYWHERE"
     resume = False
 
-    def segments(self, scene: bpy.types.Scene, shot: Shot) -> Sequence[Segment]:
+    def segments(self, scene: bpy.types.Scene, asked: AskedTracking) -> Sequence[Segment]:
         """Choose the segments of the scene's shot to track."""
-        return _segments_on_side(scene, shot, self.side)
+        return _segments_on_side(scene, asked.shot, self.side)
 
     def prepare(self, context: bpy.types.Context) -> Work:
         """Read the shot and choose what to track."""
@@ -56,16 +68,17 @@ class Tracking(Conditional, JobOperator):
         from ..scene_io import scene as scenes
         from ..scene_io import tracked_segments
 
-        shot = scenes.shot_from_scene(context.scene)
-        chosen = self.segments(context.scene, shot)
+        one = active_performer.chosen(context) if _tracks_one(context) else None
+        asked = tracked_segments.asked_tracking(context.scene, scenes.shot_from_scene(context.scene), one)
+        chosen = self.segments(context.scene, asked)
         if not chosen:
             raise ShotError("there is nothing to track", where=self.bl_label)
-        parts = tracked_segments.excerpts(context.scene, shot, chosen)
-        self._asked = context.scene.name, shot, parts
+        parts = tracked_segments.excerpts(context.scene, asked, chosen)
+        self._asked = context.scene.name, asked, parts
         self._preview: TrackingPreview | None = None
         journal = unfinished_tracking.begun(context.scene, chosen, resume=self.resume)
         here = _shot_frame(context.scene)
-        return Remembering(partial(track_and_check, shot, parts, journal=journal, looking_at=here), shows=True)
+        return Remembering(partial(track_and_check, asked.shot, parts, journal=journal, looking_at=here), shows=True)
 
     def show(self, _context: bpy.types.Context, shown: dict[Segment, tuple[Motion, ...]]) -> None:
         """Show the frames that are tracked so far."""
@@ -73,7 +86,7 @@ class Tracking(Conditional, JobOperator):
 
         scene: bpy.types.Scene | None = bpy.data.scenes.get(self._asked[0])
         if scene is not None:
-            self._preview = self._preview or TrackingPreview(scene)
+            self._preview = self._preview or TrackingPreview(scene, self._asked[1].slots)
             self._preview.show(shown)
 
     def hide(self, _context: bpy.types.Context) -> None:
@@ -89,12 +102,13 @@ class Tracking(Conditional, JobOperator):
         from ..retargeting import sole_plants
         from ..scene_io import tracked_segments, view_cameras
 
-        name, shot, parts = self._asked
+        name, asked, parts = self._asked
+        shot = asked.whole
         scene: bpy.types.Scene | None = bpy.data.scenes.get(name)
         if scene is None:
             raise ShotError("the scene is gone", where=f"scene {name}")
         results = tracked.results
-        tracked_segments.write(scene, shot, parts, results)
+        tracked_segments.write(scene, asked, parts, results)
         sole_plants.refresh(scene)
         unfinished_tracking.discard(scene)
         if tracked.fits is not None:
@@ -129,12 +143,12 @@ class TrackChanges(Tracking, bpy.types.Operator):
     bl_idname = "kfmocap.track_changes"
     bl_label = "Track Changes"
 
-    def segments(self, scene: bpy.types.Scene, shot: Shot) -> Sequence[Segment]:
+    def segments(self, scene: bpy.types.Scene, asked: AskedTracking) -> Sequence[Segment]:
         """Choose the segments for which something has changed."""
         from ...core.errors import ShotError
         from ..scene_io import tracked_segments
 
-        found = tracked_segments.out_of_date(scene, shot)
+        found = tracked_segments.out_of_date(scene, asked.whole)
         if not found:
             raise ShotError("nothing has changed since it was tracked", todo="use Track All to track it again anyway")
         return found
@@ -153,12 +167,12 @@ class ContinueTracking(Tracking, bpy.types.Operator):
     conditions = (*Tracking.conditions, _was_ended)
     resume = True
 
-    def segments(self, scene: bpy.types.Scene, shot: Shot) -> Sequence[Segment]:
+    def segments(self, scene: bpy.types.Scene, asked: AskedTracking) -> Sequence[Segment]:
         """Choose the segments that were asked for then, as far as there still are such."""
         from ...core.tracking.segments import segments
 
-        asked = unfinished_tracking.asked_segments(scene)
-        return [segment for segment in segments(shot) if segment in asked] or segments(shot)
+        before, every = unfinished_tracking.asked_segments(scene), segments(asked.shot)
+        return [segment for segment in every if segment in before] or every
 
 
 def _frame_is_in_shot(first: int = 0, last: int = 0) -> Condition:

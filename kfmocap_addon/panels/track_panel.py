@@ -12,7 +12,7 @@ from ..operators.track_motion import (
     TrackForward,
     TrackHere,
 )
-from ..scene_io import unfinished_tracking
+from ..scene_io import active_performer, unfinished_tracking
 from .section import Section, SectionPart
 from .texts import draw_text
 
@@ -29,6 +29,11 @@ class TrackPanel(Section, bpy.types.Panel):
             draw_progress(layout, job)
             layout.label(text="Cancel: Esc, or in the status bar", icon="EVENT_ESC")
             return
+        if len(properties.performers) > 1:
+            slot = active_performer.chosen(context)
+            layout.row().prop(properties, "tracked", expand=True)
+            if properties.tracked == "CHOSEN" and slot is not None:
+                layout.label(text=f"Chosen: {slot.name}", icon="ARMATURE_DATA")
         column = layout.column(align=True)
         column.operator(TrackAll.bl_idname, icon="SEQUENCE")
         column.operator(TrackChanges.bl_idname, icon="FILE_REFRESH")

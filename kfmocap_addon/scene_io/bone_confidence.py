@@ -28,7 +28,13 @@ _UNKNOWN = (0.4, 0.4, 0.4)
 _MILLIMETRES = 1000.0
 
 
-def write_confidence(scene: bpy.types.Scene, deviation: Sequence[NDArray[np.float64]], first: int = 0) -> None:
+def write_confidence(
+    scene: bpy.types.Scene,
+    deviation: Sequence[NDArray[np.float64]],
+    first: int = 0,
+    *,
+    slots: Sequence[bpy.types.PropertyGroup] | None = None,
+) -> None:
     """Write into a scene how far its performers' bones may be off; `refresh` then shows what follows from it.
 
     Parameters
@@ -37,9 +43,11 @@ def write_confidence(scene: bpy.types.Scene, deviation: Sequence[NDArray[np.floa
         Expected error of the parts of each performer, metres.
     first : int
         Of an excerpt of the scene's shot: its first frame there. Other frames keep what was written for them.
+    slots : sequence of KFMocapPerformer, optional
+        Whose errors these are; by default all performers'.
     """
     start = scene.kfmocap.frame_start + first
-    for slot, found in zip(scene.kfmocap.performers, deviation, strict=True):
+    for slot, found in zip(slots or scene.kfmocap.performers, deviation, strict=True):
         frames = start + np.arange(len(found))
         _replace(slot.armature, frames, _MILLIMETRES * found)
 

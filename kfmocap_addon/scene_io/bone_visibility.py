@@ -21,7 +21,14 @@ VIEWS = "kfmocap_views"
 _DESCRIPTION = "Cameras that see this part on this frame, as last tracked. On frames without any its motion is a guess"
 
 
-def write_occlusion(scene: bpy.types.Scene, shot: Shot, visible: Sequence[NDArray[np.float64]], first: int = 0) -> None:
+def write_occlusion(
+    scene: bpy.types.Scene,
+    shot: Shot,
+    visible: Sequence[NDArray[np.float64]],
+    first: int = 0,
+    *,
+    slots: Sequence[bpy.types.PropertyGroup] | None = None,
+) -> None:
     """Show in a scene what the cameras saw of its performers, and which key frames would help.
 
     Parameters
@@ -32,11 +39,13 @@ def write_occlusion(scene: bpy.types.Scene, shot: Shot, visible: Sequence[NDArra
         Visible share of the parts of each performer.
     first : int
         Of an excerpt of the scene's shot: its first frame there. Other frames keep what was written for them.
+    slots : sequence of KFMocapPerformer, optional
+        Of the performers of the shot; by default all of the scene's.
     """
     from ...core.evidence.occlusion import occluded, unseen
 
     start = scene.kfmocap.frame_start + first
-    for slot, performer, share in zip(scene.kfmocap.performers, shot.performers, visible, strict=True):
+    for slot, performer, share in zip(slots or scene.kfmocap.performers, shot.performers, visible, strict=True):
         _write_views(slot.armature, ~occluded(share), scene.kfmocap, first)
         _write_suggestions(slot, performer, unseen(share), start)
 

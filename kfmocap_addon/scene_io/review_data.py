@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import bpy
@@ -15,7 +16,12 @@ if TYPE_CHECKING:
     from ...core.tracking.track_result import TrackResult
 
 
-def write_review(scene: bpy.types.Scene, tracked: Sequence[tuple[Shot, TrackResult, int]]) -> None:
+def write_review(
+    scene: bpy.types.Scene,
+    tracked: Sequence[tuple[Shot, TrackResult, int]],
+    *,
+    slots: Mapping[int, bpy.types.PropertyGroup] | None = None,
+) -> None:
     """Show in a scene what the cameras saw of its performers, how far they may be off, and where key poses would help.
 
     Parameters
@@ -23,13 +29,18 @@ def write_review(scene: bpy.types.Scene, tracked: Sequence[tuple[Shot, TrackResu
     tracked : sequence of (Shot, TrackResult, int)
         Excerpts of the scene's shot as they were tracked, or all of it, each with its first frame there. Other frames
         keep what was written for them.
+    slots : mapping of int to KFMocapPerformer, optional
+        Those of whom it is shown, by their numbers among the performers of the shots; by default all of the scene's.
     """
+    slots = dict(enumerate(scene.kfmocap.performers)) if slots is None else slots
+    numbers, chosen = list(slots), list(slots.values())
     for shot, result, first in tracked:
-        bone_visibility.write_occlusion(scene, shot, result.visible, first)
-        bone_confidence.write_confidence(scene, result.deviation, first)
-        for slot, own in zip(scene.kfmocap.performers, result.observed.performers, strict=False):
-            write_identity(slot, own.identity)
-        if shot.length == scene.kfmocap.length:
-            for slot, names in zip(scene.kfmocap.performers, result.unknown, strict=True):
-                unknown_bones.mark_unseen(slot.armature, names)
+        own = replace(shot, performers=tuple(shot.performers[i] for i in numbers))
+        bone_visibility.write_occlusion(scene, own, [result.visible[i] for i in numbers], first, slots=chosen)
+        bone_confidence.write_confidence(scene, [result.deviation[i] for i in numbers], first, slots=chosen)
+        for i, slot in slots.items():
+            if i < len(result.observed.performers):
+                write_identity(slot, result.observed.performers[i].identity)
+            if shot.length == scene.kfmocap.length:
+                unknown_bones.mark_unseen(slot.armature, result.unknown[i])
     bone_confidence.refresh(scene)

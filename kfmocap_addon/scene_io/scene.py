@@ -90,14 +90,22 @@ def add_slot(scene: bpy.types.Scene, name: str, armature: bpy.types.Object) -> b
     return slot
 
 
-def write_motions(scene: bpy.types.Scene, motions: Sequence[Motion], shot: Shot | None = None, first: int = 0) -> None:
-    """Write tracked motions, one per performer, into the scene's armatures beside the animator's keys.
+def write_motions(
+    scene: bpy.types.Scene,
+    motions: Sequence[Motion],
+    shot: Shot | None = None,
+    first: int = 0,
+    *,
+    slots: Sequence[bpy.types.PropertyGroup] | None = None,
+) -> None:
+    """Write tracked motions, one per performer or one for each of some slots, into the scene's armatures beside the
+    animator's keys.
 
     What the shot proposes as key poses, by default what the scene does already, is marked as such. The motions begin on
     that shot frame.
     """
     start = scene.kfmocap.frame_start + first
-    for i, (slot, motion) in enumerate(zip(scene.kfmocap.performers, motions, strict=True)):
+    for i, (slot, motion) in enumerate(zip(slots or scene.kfmocap.performers, motions, strict=True)):
         proposed = None if shot is None else start + shot.performers[i].key_poses.proposals()
         motion_curves.write_motion(slot.armature, motion, start, proposed)
 

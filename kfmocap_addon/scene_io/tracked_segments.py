@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...core.body.motion import Motion
 from ...core.errors import ShotError
-from ...core.shot.shot import Shot
+from ...core.shot.shot import KeyPoses, Performer, Shot
 from ...core.tracking.retracking import Excerpt, digest, joined
 from ...core.tracking.segments import Segment, segments
 from ...core.tracking.track_result import TrackResult
@@ -22,7 +23,7 @@ _OFFSET = "kfmocap_footage_offset"
 
 def out_of_date(scene: bpy.types.Scene, shot: Shot) -> list[Segment]:
     """Give the segments of a scene's shot that changed since they were tracked, or were never tracked."""
-    keyed = _keyed(scene, 0, shot.length)
+    keyed = _keyed(scene, scene.kfmocap.performers, 0, shot.length)
     tracked = {(slot.first, slot.last): slot.digest for slot in scene.kfmocap.stretches}
     zero = shot.frames[0]
     return [
@@ -32,22 +33,83 @@ def out_of_date(scene: bpy.types.Scene, shot: Shot) -> list[Segment]:
     ]
 
 
-def excerpts(scene: bpy.types.Scene, shot: Shot, chosen: Sequence[Segment]) -> list[Excerpt]:
+@dataclass(frozen=True, eq=False)
+class AskedTracking:
+    """What of a scene's shot is to be tracked.
+
+    Attributes
+    ----------
+    whole : Shot
+        The scene's shot as it was read.
+    shot : Shot
+        What the tracker is given: all of it, or one performer with what is known of the others.
+    slots : mapping of int to KFMocapPerformer
+        Whose motion is written, by their numbers among the performers of `shot`.
+    among : tuple of KFMocapPerformer
+        The performers of `shot`.
+    """
+
+    whole: Shot
+    shot: Shot
+    slots: Mapping[int, bpy.types.PropertyGroup]
+    among: tuple[bpy.types.PropertyGroup, ...]
+
+
+def asked_tracking(scene: bpy.types.Scene, shot: Shot, one: bpy.types.PropertyGroup | None = None) -> AskedTracking:
+    """Ask for the tracking of all performers of a scene's shot, or of one.
+
+    Where one is tracked, others that are tracked on every frame are held as they are, so that they hide it as they do;
+    others that have key poses alone are tracked with it, and what is found of them is not kept. Those that have no key
+    pose are left out.
+    """
+    slots = tuple(scene.kfmocap.performers)
+    if one is None:
+        return AskedTracking(shot, shot, dict(enumerate(slots)), slots)
+    performers: list[Performer] = []
+    among: list[bpy.types.PropertyGroup] = []
+    number = 0
+    for slot, performer in zip(slots, shot.performers, strict=True):
+        if slot == one:
+            number = len(performers)
+        elif not len(performer.key_poses.frames):
+            continue
+        elif motion_curves.keyed_frames(slot.armature, scene.kfmocap.frame_start, shot.length).all():
+            motion = motion_curves.read_motion(slot.armature, scene.kfmocap.frame_start, shot.length)
+            performer = replace(performer, key_poses=_held(performer.key_poses, motion))
+        performers.append(performer)
+        among.append(slot)
+    return AskedTracking(shot, replace(shot, performers=tuple(performers)), {number: one}, tuple(among))
+
+
+def _held(keys: KeyPoses, motion: Motion) -> KeyPoses:
+    """A motion as key poses on every frame. On frames without one of the animator's the last part is free: they are no
+    key poses of the whole body, from which the looks of a performer are learned and where segments meet.
+    """
+    frames = np.arange(len(motion))
+    fixed = np.ones((len(motion), 3 + 3 * motion.rotations.shape[1]), bool)
+    fixed[~np.isin(frames, keys.full()), -3:] = False
+    return KeyPoses(frames, motion, fixed)
+
+
+def excerpts(scene: bpy.types.Scene, asked: AskedTracking, chosen: Sequence[Segment]) -> list[Excerpt]:
     """The runs of some segments, each with what is known of the rest of the shot: the poses beside it that are
     tracked or keyed, and the offset of the footage.
     """
+    shot = asked.shot
     return [
         Excerpt(
             first,
             last,
-            (_pose(scene, shot, first - 1), _pose(scene, shot, last + 1)),
+            (_pose(scene, asked, first - 1), _pose(scene, asked, last + 1)),
             None if (first, last) == (0, shot.length - 1) else _footage_offset(scene),
         )
         for first, last in joined(chosen)
     ]
 
 
-def write(scene: bpy.types.Scene, shot: Shot, parts: Sequence[Excerpt], results: Sequence[TrackResult]) -> None:
+def write(
+    scene: bpy.types.Scene, asked: AskedTracking, parts: Sequence[Excerpt], results: Sequence[TrackResult]
+) -> None:
     """Write what was tracked into the scene that the shot was read from.
 
     Raises
@@ -55,14 +117,17 @@ def write(scene: bpy.types.Scene, shot: Shot, parts: Sequence[Excerpt], results:
     KFMocapError
         The scene is no longer what was tracked. Nothing was written then.
     """
-    _check_unchanged(scene, shot, parts)
+    _check_unchanged(scene, asked.whole, parts)
+    shot, slots = asked.shot, list(asked.slots.values())
     for part, result in zip(parts, results, strict=True):
-        scenes.write_motions(scene, result.motions, first=part.first)
+        scenes.write_motions(scene, [result.motions[i] for i in asked.slots], first=part.first, slots=slots)
         if part.footage_offset is None:
             remember_offset(scene, result)
     tracked = [(shot.between(p.first, p.last), result, p.first) for p, result in zip(parts, results, strict=True)]
-    review_data.write_review(scene, tracked)
-    _remember(scene, shot, [s for s in segments(shot) if any(p.first <= s[0] and s[1] <= p.last for p in parts)])
+    review_data.write_review(scene, tracked, slots=asked.slots)
+    if len(slots) == len(asked.whole.performers):
+        done = [s for s in segments(shot) if any(p.first <= s[0] and s[1] <= p.last for p in parts)]
+        _remember(scene, shot, done)
     scene.frame_set(scene.frame_current, subframe=scene.frame_subframe)  # the tracked pose is shown
 
 
@@ -113,19 +178,19 @@ def _footage_offset(scene: bpy.types.Scene) -> float | None:
     return float(lossless.recall(scene, _OFFSET, scene.kfmocap.footage_offset)) if _OFFSET in scene else None
 
 
-def _pose(scene: bpy.types.Scene, shot: Shot, frame: int) -> tuple[Motion, ...] | None:
+def _pose(scene: bpy.types.Scene, asked: AskedTracking, frame: int) -> tuple[Motion, ...] | None:
     """Every performer's pose on a shot frame; None beyond the shot, and where one has neither a tracked pose nor a
     key pose.
     """
-    if not 0 <= frame < shot.length or not _keyed(scene, frame, 1).all():
+    if not 0 <= frame < asked.shot.length or not _keyed(scene, asked.among, frame, 1).all():
         return None
     start = scene.kfmocap.frame_start
-    return tuple(motion_curves.read_motion(slot.armature, start + frame, 1) for slot in scene.kfmocap.performers)
+    return tuple(motion_curves.read_motion(slot.armature, start + frame, 1) for slot in asked.among)
 
 
-def _keyed(scene: bpy.types.Scene, first: int, length: int) -> NDArray[np.bool_]:
+def _keyed(
+    scene: bpy.types.Scene, slots: Sequence[bpy.types.PropertyGroup], first: int, length: int
+) -> NDArray[np.bool_]:
     """Shot frames, from the first on, on which every channel of every performer has a key, shape (length,)."""
     start = scene.kfmocap.frame_start + first
-    return np.all(
-        [motion_curves.keyed_frames(slot.armature, start, length) for slot in scene.kfmocap.performers], axis=0
-    )
+    return np.all([motion_curves.keyed_frames(slot.armature, start, length) for slot in slots], axis=0)

@@ -32,12 +32,14 @@ class TrackingPreview:
     Parameters
     ----------
     scene : bpy.types.Scene
-        Every performer has an action: it has key poses.
+    slots : mapping of int to KFMocapPerformer
+        Whose motion is shown, by their numbers among the performers that are tracked. Each has an action: it has key
+        poses.
     """
 
-    def __init__(self, scene: bpy.types.Scene) -> None:
+    def __init__(self, scene: bpy.types.Scene, slots: Mapping[int, bpy.types.PropertyGroup]) -> None:
         self._scene, self._frame = scene, scene.frame_current
-        self._armatures = [slot.armature for slot in scene.kfmocap.performers]
+        self._numbers, self._armatures = list(slots), [slot.armature for slot in slots.values()]
         self._poses = [shown_pose.shown_values(armature) for armature in self._armatures]
         self._lent = [_lend(armature) for armature in self._armatures]
         self._is_moved = False
@@ -46,9 +48,9 @@ class TrackingPreview:
         """Show motions of segments, by their first and last shot frames, in place of those shown before."""
         start = self._scene.kfmocap.frame_start
         for (first, _), motions in segments.items():
-            for lent, motion in zip(self._lent, motions, strict=True):
+            for number, lent in zip(self._numbers, self._lent, strict=True):
                 if lent is not None:
-                    motion_curves.write_motion(lent.armature, motion, start + first)
+                    motion_curves.write_motion(lent.armature, motions[number], start + first)
         self._is_moved = self._is_moved or self._scene.frame_current != self._frame
         self._redraw()
 

@@ -196,14 +196,15 @@ def test_a_scene_that_changed_meanwhile_is_left_alone(built, tracker):  # noqa: 
     from kfmocap.kfmocap_addon.scene_io import tracked_segments
 
     given = scene.shot_from_scene(built)
-    parts = tracked_segments.excerpts(built, given, [(0, 5)])
+    asked = tracked_segments.asked_tracking(built, given)
+    parts = tracked_segments.excerpts(built, asked, [(0, 5)])
     from kfmocap.core.tracking.retracking import track_excerpts
 
     results = track_excerpts(given, parts)
     shift_key_pose(built, 5)
     before = keys_of(armature_of(built))
     with pytest.raises(ShotError, match="changed while"):
-        tracked_segments.write(built, given, parts, results)
+        tracked_segments.write(built, asked, parts, results)
     assert keys_of(armature_of(built)) == before
 
 
@@ -393,6 +394,42 @@ def test_the_next_job_runs_in_the_process_of_the_last(monkeypatch):
     assert process() != first
 
 
+@pytest.fixture
+def pair(blender, tmp_path, tracker):  # noqa: F811
+    """A man and a woman with key poses on the same frames."""
+    return scene.build_scene(shot(tmp_path, ("man", "woman")), scene=bpy.context.scene)
+
+
+def test_one_performer_is_tracked_with_the_others_held_as_they_are(pair, tracker):  # noqa: F811
+    man, woman = pair.kfmocap.performers
+    bpy.ops.kfmocap.track()
+    bpy.context.view_layer.objects.active = None
+    pair.kfmocap.tracked, pair.kfmocap.performer = "CHOSEN", "woman"
+    before, hers = keys_of(man.armature), motion_curves.read_motion(woman.armature, FRAME, 12)
+    motion_curves.clear_motion(woman.armature, range(FRAME, FRAME + 12))
+    tracker.shots.clear()
+    assert bpy.ops.kfmocap.track() == {"FINISHED"}
+    [given] = tracker.shots
+    held = given.performers[0].key_poses
+    assert held.frames.tolist() == list(range(12)) and held.full().tolist() == [0, 5, 11]
+    np.testing.assert_allclose(held.poses.rotations, motion(12, 0).rotations, atol=1e-6)
+    assert given.performers[1].key_poses.frames.tolist() == [0, 5, 11]
+    assert keys_of(man.armature) == before
+    np.testing.assert_array_equal(motion_curves.read_motion(woman.armature, FRAME, 12).rotations, hers.rotations)
+
+
+def test_one_performer_is_tracked_where_another_has_no_key_pose(pair, tracker):  # noqa: F811
+    man, woman = pair.kfmocap.performers
+    man.armature.animation_data_clear()
+    assert not bpy.ops.kfmocap.track.poll()
+    bpy.ops.kfmocap.choose_performer(performer=1)
+    pair.kfmocap.tracked = "CHOSEN"
+    assert bpy.ops.kfmocap.track_here() == {"FINISHED"}
+    assert [p.name for p in tracker.shots[0].performers] == ["woman"]
+    assert fcurves.find_channelbag(man.armature) is None
+    assert motion_curves.keyed_frames(woman.armature, FRAME, 6).all()
+
+
 def test_interim_results_come_by_their_keys_each_once(tmp_path):
     job = Job(Remembering(partial(job_functions.showing, tmp_path / "go"), shows=True))
     shown = {}
@@ -417,7 +454,7 @@ def test_frames_fill_in_while_they_are_tracked_and_cancelling_leaves_no_trace(bu
     if not scrubbed:
         armature_of(built).pose.bones["forearm.L"].rotation_quaternion = (0.8, 0.6, 0.0, 0.0)
     before = state()
-    preview = TrackingPreview(built)
+    preview = TrackingPreview(built, {0: built.kfmocap.performers[0]})
     truth = motion(12)
     preview.show({(0, 5): (truth[:6],)})
     preview.show({(5, 11): (motion(12, 1)[5:],)})
