@@ -357,6 +357,13 @@ class KeypointFactor:
         weights = robust_weights(residual, confidence, usual) * USUAL_DEVIATION**2
         return float(weights.sum() / max(confidence.sum(), 1e-9))
 
+    def views_near(self, poses: Poses) -> Array:
+        """Return how many views have each keypoint near its place on a body, shape (F, L)."""
+        residual = self.keypoints.residuals(self.places.world(poses))
+        with np.errstate(invalid="ignore"):
+            near = np.linalg.norm(residual, axis=-1) < GROSS * USUAL_DEVIATION
+        return np.asarray((near & (self.keypoints.confidence > 0)).sum(axis=0))
+
     def blocks(self, body: Body, poses: Poses, tolerance: float) -> BandedBlocks:
         """The evidence around the poses; far from the solution, with a tolerance above 1, large errors still pull."""
         keypoints = self.keypoints

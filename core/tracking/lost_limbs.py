@@ -12,7 +12,10 @@ import numpy as np
 from scipy.special import betaln, expit
 
 from ..body import Body
+from ..body.kinematics import Poses
+from ..body.tip_landmarks import tip_landmarks
 from ..evidence.misfit import Misfit
+from ..keypoints.keypoint_factor import KeypointFactor
 from ..numerics.arrays import Array, Bools, Ints
 from .solvers.limb_search import limbs
 
@@ -45,7 +48,7 @@ def lost_probabilities(body: Body, misfit: Misfit, span: slice, *, held: Bools, 
     span : slice
         The performer's parts in it.
     held : ndarray of bool, shape (F, P)
-        Where key poses hold a part.
+        Where a part is known not to be lost: key poses hold it, or keypoints confirm it.
     keys : ndarray of int, shape (K,)
         Frames with a key pose of the whole body: they show which share of each part looks like background anyway.
         Without any that is the median over the frames.
@@ -61,6 +64,16 @@ def lost_probabilities(body: Body, misfit: Misfit, span: slice, *, held: Bools, 
             sure = sure * (1 - _chain_probabilities(np.where(held[:, part], -np.inf, doubt[:, part])))
             lost[:, part] = 1 - sure
     return lost
+
+
+def confirmed_parts(body: Body, keypoints: KeypointFactor, poses: Poses) -> Bools:
+    """Where the keypoints at the tips of parts are near these in two views, or in the only one, shape (F, P)."""
+    views = keypoints.views_near(poses) >= min(2, len(keypoints.keypoints.rays))
+    confirmed = np.zeros((len(views), len(body)), bool)
+    for part, name in tip_landmarks(body).items():
+        if name in keypoints.keypoints.names:
+            confirmed[:, part] = views[:, keypoints.keypoints.names.index(name)]
+    return confirmed
 
 
 def limb_reach(body: Body) -> Array:

@@ -21,9 +21,9 @@ from ..numerics.banded import BandedFactor
 from ..numerics.error_lengths import length_quantile
 from .held_out_keys import covariance_ratios, missed_key_poses
 from .joint_covariances import tip_covariances, tip_jacobian
-from .lost_limbs import limb_reach, lost_probabilities
+from .lost_limbs import confirmed_parts, limb_reach, lost_probabilities
 from .solvers.gauss_newton import evidence_equations
-from .solvers.measurement import MeasuredMotion, hidden_parts, poses_by_delay, view_instants
+from .solvers.measurement import MeasuredMotion, hidden_parts, keypoint_instants, poses_by_delay, view_instants
 from .solvers.problem import SegmentProblem, SegmentSolution
 from .solvers.smoothness_factor import SegmentSmoothness
 
@@ -122,7 +122,10 @@ def segment_doubts(problem: SegmentProblem, solution: SegmentSolution, threads: 
     doubts = []
     for i, (body, motion, fixed) in enumerate(zip(problem.bodies, motions, problem.fixed, strict=True)):
         factor = BandedFactor(images[i] + smooth.blocks(problem, i, motion), fixed)
-        held = fixed[:, 3:].reshape(len(fixed), -1, 3).all(axis=2) & fixed.all(axis=1)[:, None]
+        held = np.repeat(fixed.all(axis=1)[:, None], len(body), axis=1)
+        if problem.keypoints:
+            R, T = keypoint_instants(problem, motions).poses
+            held |= confirmed_parts(body, problem.keypoints[i], (R[:, spans[i]], T[:, spans[i]]))
         doubts.append(
             SegmentDoubt(
                 problem.first,
