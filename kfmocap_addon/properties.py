@@ -197,6 +197,12 @@ class KFMocapHelpfulKey(bpy.types.PropertyGroup):
     )
 
 
+class KFMocapLostPart(bpy.types.PropertyGroup):
+    """A part of a limb that may be lost on some frames; its name is the bone's."""
+
+    frames: bpy.props.IntVectorProperty(size=2, name="Frames", description="First and last scene frame")
+
+
 class KFMocapMark(bpy.types.PropertyGroup):
     """A joint that the animator clicked in a view; its name is the landmark's."""
 
@@ -292,6 +298,7 @@ class KFMocapPerformer(bpy.types.PropertyGroup):
     foot: _measure("foot", "Foot", "From the ankle to the big toe")
     suggestions: bpy.props.CollectionProperty(type=KFMocapSuggestion)
     helpful: bpy.props.CollectionProperty(type=KFMocapHelpfulKey)
+    lost: bpy.props.CollectionProperty(type=KFMocapLostPart)
     marks: bpy.props.CollectionProperty(type=KFMocapMark)
     plants: bpy.props.CollectionProperty(type=KFMocapPlant)
     plant_edits: bpy.props.CollectionProperty(type=KFMocapPlant)
@@ -577,6 +584,7 @@ CLASSES = (
     KFMocapView,
     KFMocapSuggestion,
     KFMocapHelpfulKey,
+    KFMocapLostPart,
     KFMocapMark,
     KFMocapPlant,
     KFMocapFrames,

@@ -31,6 +31,7 @@ class ReviewPanel(Section, bpy.types.Panel):
             performer_rows.draw_title(layout, context, slot)
             column = layout.column(align=True)
             _draw_hidden(column, slot)
+            _draw_lost(column, slot)
             _draw_helpful(column, slot)
             _draw_suggestions(column, slot)
         _draw_plants(layout.column(align=True), context)
@@ -49,6 +50,17 @@ def _draw_hidden(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup) -> N
     column.label(text=f"{slot.name}: {'no camera sees' if hidden else seen}")
     for part in hidden:
         column.label(text=part, icon="HIDE_ON")
+
+
+def _draw_lost(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup) -> None:
+    if slot.lost:
+        column.separator()
+        column.label(text="May be lost: the footage shows background there")
+    for part in slot.lost:
+        first, last = part.frames
+        button = column.operator(GoToFrame.bl_idname, text=f"{part.name}: {first} to {last}", icon="ERROR")
+        button.frame = (first + last) // 2
+        button.reason = f"Jump there: {part.name} lies where the footage shows background; pose it and set a key pose"
 
 
 def _draw_helpful(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.review.suggestions import suggest_keys_by_error
-from . import body_armature, bone_visibility, fcurves, key_pose_curves, unknown_bones
+from . import body_armature, bone_visibility, fcurves, key_pose_curves, lost_parts, unknown_bones
 from .sides import Colour, colour_of
 
 ERROR = "kfmocap_error"
@@ -61,7 +61,8 @@ def refresh(scene: bpy.types.Scene) -> None:
 
 
 def forget(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, frames: Sequence[int]) -> None:
-    """Forget the errors of scene frames that are no longer tracked."""
+    """Forget the errors of scene frames that are no longer tracked, and what may be lost there."""
+    lost_parts.forget(slot, frames)
     _replace(slot.armature, np.asarray(frames), None)
     _write_helpful(scene, slot)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from . import bone_confidence, bone_visibility, unknown_bones
+from . import bone_confidence, bone_visibility, lost_parts, unknown_bones
 from .identities import write_identity
 
 if TYPE_CHECKING:
@@ -38,6 +38,7 @@ def write_review(
         own = replace(shot, performers=tuple(shot.performers[i] for i in numbers))
         bone_visibility.write_occlusion(scene, own, [result.visible[i] for i in numbers], first, slots=chosen)
         bone_confidence.write_confidence(scene, [result.deviation[i] for i in numbers], first, slots=chosen)
+        lost_parts.write_lost(scene, [result.errors[i] for i in numbers], first, slots=chosen)
         for i, slot in slots.items():
             if i < len(result.observed.performers):
                 write_identity(slot, result.observed.performers[i].identity)

@@ -11,9 +11,9 @@ bpy = pytest.importorskip("bpy")
 
 from addon_shots import blender, motion, shot, sights  # noqa: E402, F401
 from kfmocap.core.body import human  # noqa: E402
-from kfmocap.core.tracking.uncertainty import expected_errors  # noqa: E402
+from kfmocap.core.tracking.uncertainty import JointErrors, expected_errors  # noqa: E402
 from kfmocap.kfmocap_addon.overlays import misfit_backgrounds  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import bone_confidence, bone_visibility, fcurves, key_pose_curves, scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import bone_confidence, bone_visibility, fcurves, key_pose_curves, lost_parts, scene  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.sides import colour_of  # noqa: E402
 
 pytestmark = pytest.mark.blender
@@ -81,6 +81,23 @@ def test_what_is_forgotten_is_told_no_more(built):
     bone_confidence.forget(made, made.kfmocap.performers[0], range(START, START + FRAMES))
     assert not bone_confidence.read_confidence(armature, START, FRAMES).any()
     assert not made.kfmocap.performers[0].helpful
+
+
+def listed(made) -> list[tuple[str, list[int]]]:
+    return [(item.name, list(item.frames)) for item in made.kfmocap.performers[0].lost]
+
+
+def test_parts_that_may_be_lost_are_listed_with_their_frames_and_an_excerpt_replaces_its_own(built):
+    made, *_ = built
+    nothing = np.zeros((FRAMES, len(BODY)))
+    lost = nothing.copy()
+    lost[3:7, FOREARM] = lost[12:16, HAND] = 0.9
+    lost_parts.write_lost(made, [JointErrors(nothing, nothing, lost)])
+    assert listed(made) == [("forearm.L", [START + 3, START + 6]), ("hand.L", [START + 12, START + 15])]
+    lost_parts.write_lost(made, [JointErrors(nothing[:8], nothing[:8], nothing[:8])], first=10)
+    assert listed(made) == [("forearm.L", [START + 3, START + 6])]
+    bone_confidence.forget(made, made.kfmocap.performers[0], range(START, START + FRAMES))
+    assert listed(made) == []
 
 
 def test_the_most_helpful_frame_is_listed_first_with_its_parts(built):

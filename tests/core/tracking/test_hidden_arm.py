@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from kfmocap.core.body import Body, landmark_positions
+from kfmocap.core.body import Body, landmark_positions, part_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence.occlusion import unseen
 from kfmocap.core.numerics import rotations
@@ -69,3 +69,21 @@ def test_a_hidden_arm_is_within_30_mm_and_back_to_usual_errors_two_frames_later(
     hidden, seen = (arm_mm(tracked[name]) for name in ("hidden", "seen"))
     assert hidden[HIDDEN].mean() <= 30
     assert hidden[HIDDEN.stop + 2 :].max() <= 1.5 * seen.max()
+
+
+def test_nine_tenths_of_the_tips_are_within_their_intervals(tracked: dict[str, TrackResult]) -> None:
+    """Between 80 % and all of them, on the frames between the key poses, with the arm seen and hidden."""
+    between = np.setdiff1d(np.arange(FRAMES), KEYS)
+    for result in tracked.values():
+        (R, T), (R_true, T_true) = (part_poses(BODY, motion) for motion in (result.motions[0], TRUTH))
+        lengths = np.array([np.linalg.norm(part.tail_world - part.head_world) for part in BODY.parts])[:, None]
+        error = np.linalg.norm((R[..., 1] - R_true[..., 1]) * lengths + T - T_true, axis=-1)[between]
+        assert 0.8 <= np.mean(error <= result.errors[0].interval[between]) <= 1.0
+        assert np.median(result.errors[0].interval[between]) < 0.1
+
+
+def test_an_arm_that_is_hidden_is_less_certain_and_not_called_lost(tracked: dict[str, TrackResult]) -> None:
+    forearm = BODY.index("forearm.L")
+    hidden, seen = (tracked[name].errors[0] for name in ("hidden", "seen"))
+    assert hidden.interval[HIDDEN, forearm].mean() > 1.5 * seen.interval[HIDDEN, forearm].mean()
+    assert not hidden.maybe_lost().any() and not seen.maybe_lost().any()
