@@ -21,7 +21,7 @@ class RetargetRequest:
     Attributes
     ----------
     motion, character, out : Path
-        The BVH file, the .blend file with the character, and the .blend file to write.
+        The BVH or FBX file, the .blend file with the character, and the .blend file to write.
     armature, preset : str, optional
         By default the only candidate, and the preset that fits.
     bone_map, source_map : Path, optional
@@ -86,7 +86,7 @@ def _requests(args: argparse.Namespace) -> list[RetargetRequest]:
     stems = [path.stem for path in args.motions]
     repeated = next((stem for stem in stems if stems.count(stem) > 1), None)
     if repeated is not None:
-        raise OutputError(f"two motions are named {repeated}", where="MOTION.bvh", todo="rename one, or send it alone")
+        raise OutputError(f"two motions are named {repeated}", where="MOTION", todo="rename one, or send it alone")
     return [
         RetargetRequest(
             motion,

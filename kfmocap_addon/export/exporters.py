@@ -131,7 +131,8 @@ def export_fbx(
     OutputError
         If the file cannot be written.
     """
-    with writing(path) as target, _stage(armature, scene, Matrix.Identity(4), options):
+    with writing(path) as target, _stage(armature, scene, Matrix.Identity(4), options) as stage:
+        _rest_before(stage)
         bpy.ops.export_scene.fbx(
             filepath=str(target),
             use_selection=True,
@@ -144,6 +145,18 @@ def export_fbx(
             axis_up="Y",
             axis_forward="-Z",
         )
+
+
+def _rest_before(stage: bpy.types.Scene) -> None:
+    """Show the rest pose on the frame before the first: without a mesh, what is shown becomes the file's rest pose."""
+    before = stage.frame_start - 1
+    bag = fcurves.find_channelbag(stage.objects[0])
+    for curve in bag.fcurves if bag is not None else ():
+        attribute = curve.data_path.rpartition(".")[2]
+        along = {"scale": (0, 1, 2), "rotation_quaternion": (0,), "rotation_axis_angle": (2,)}.get(attribute, ())
+        rest = fcurves.new_keys([before], [float(curve.array_index in along)], "KEYFRAME", "CONSTANT")
+        fcurves.set_keys(curve, [rest, fcurves.get_keys(curve)])
+    stage.frame_set(before)
 
 
 def export_glb(

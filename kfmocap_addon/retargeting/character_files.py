@@ -13,12 +13,11 @@ import bpy
 import numpy as np
 
 from ...core.errors import BodyError, OutputError, ShotError
-from ...core.formats.bvh import read_bvh
-from ...core.retargeting.skeleton_motion import motion_of_bvh
 from ...core.retargeting.transfer import RetargetOptions
 from ..export.exporters import writing
 from ..scene_io.scene import set_rate
 from .listed_bones import read_map
+from .motion_files import read_motion
 from .overrides import editable
 from .rig_curves import CurveOptions
 from .send import SendOptions, find_target, send_to_rig
@@ -34,8 +33,9 @@ def retarget_file(request: RetargetRequest) -> dict[str, Any]:
     """
     if not bpy.app.background:
         raise OutputError("a batch would close the open file", todo="run it in background, or use Send to Rig")
-    of_source = None if request.source_map is None else read_map(request.source_map)
-    source = motion_of_bvh(read_bvh(request.motion), request.motion.stem)
+    given = None if request.source_map is None else read_map(request.source_map)
+    with quiet():
+        source, of_source = read_motion(request.motion, given)
     options = SendOptions(
         request.preset,
         None if request.bone_map is None else read_map(request.bone_map),

@@ -476,3 +476,24 @@ def test_usd_holds_the_motion_in_metres_with_y_up(blender, tmp_path, preset):  #
         places.append([(joints[j] * world).ExtractTranslation() for j in order])
     found = np.array(places) @ np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
     assert np.abs(found - part_poses(human(1.7), motion(12))[1]).max() < TOLERANCE / 1000
+
+
+def fbx_setting(path: Path, name: str) -> float:
+    """A number among the global settings of a binary FBX file: the name, three further strings, and the value."""
+    data, start = path.read_bytes(), b"S" + struct.pack("<I", len(name)) + name.encode()
+    at = data.index(start)
+    for _ in range(4):
+        assert data[at : at + 1] == b"S"
+        at += 5 + int.from_bytes(data[at + 1 : at + 5], "little")
+    kind = {b"I": "<i", b"D": "<d"}[data[at : at + 1]]
+    return struct.unpack_from(kind, data, at + 1)[0]
+
+
+@pytest.mark.parametrize("preset", ["BLENDER", "UNREAL"])
+def test_an_fbx_file_states_its_axes_and_its_unit(blender, tmp_path, preset):  # noqa: F811
+    original = shot(tmp_path)
+    built = scene.build_scene(original, result_of(original).motions, bpy.context.scene)
+    [path] = exporters.export_performers(built, tmp_path, exporters.ExportOptions(preset, False, True))
+    axes = ("UpAxis", "UpAxisSign", "FrontAxis", "FrontAxisSign", "CoordAxis", "CoordAxisSign")
+    assert [fbx_setting(path, axis) for axis in axes] == [1, 1, 2, 1, 0, 1]
+    assert fbx_setting(path, "UnitScaleFactor") == 1.0  # centimetres

@@ -136,17 +136,19 @@ def test_fewer_keys_stay_within_the_tolerance(blender):  # noqa: F811
     assert joint_errors(armature, few, given) < 0.01
 
 
-def test_the_command_line_moves_a_character(blender, tmp_path, capsys):  # noqa: F811
+@pytest.mark.parametrize("kind", ["bvh", "fbx"])
+def test_the_command_line_moves_a_character(blender, tmp_path, capsys, kind):  # noqa: F811
     motion = wild_motion(FRAMES)
     performer = body_armature.build_armature(BODY, "man", bpy.context.scene.collection)
     motion_curves.write_motion(performer, motion, 1)
-    bvh = tmp_path / "take.bvh"
-    exporters.export_bvh(bvh, performer, bpy.context.scene, exporters.ExportOptions(frames=(1, FRAMES)))
+    take = tmp_path / f"take.{kind}"
+    write = {"bvh": exporters.export_bvh, "fbx": exporters.export_fbx}[kind]
+    write(take, performer, bpy.context.scene, exporters.ExportOptions(frames=(1, FRAMES)))
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     built("mixamo", np.radians(45))
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "hero.blend"))
     out = tmp_path / "moved.blend"
-    assert main(["retarget", str(bvh), "--to", str(tmp_path / "hero.blend"), "--out", str(out)]) == 0
+    assert main(["retarget", str(take), "--to", str(tmp_path / "hero.blend"), "--out", str(out)]) == 0
     assert capsys.readouterr().out.split()[-2:] == [str(out), str(out.with_suffix(".report.json"))]
     report = json.loads(out.with_suffix(".report.json").read_text())
     bpy.ops.wm.open_mainfile(filepath=str(out))

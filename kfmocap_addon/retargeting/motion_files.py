@@ -1,0 +1,67 @@
+"""Motion from files of other programs: BVH by the core's reader, FBX by Blender's importer."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import bpy
+
+from ...core.errors import BodyError, ShotError
+from ...core.formats.bvh import read_bvh
+from ...core.retargeting.roles import BoneMap
+from ...core.retargeting.skeleton_motion import SkeletonMotion, motion_of_bvh
+from .send import target_bones
+from .source_motion import motion_of_armature
+
+
+def read_motion(path: Path, bones: BoneMap | None = None) -> tuple[SkeletonMotion, BoneMap | None]:
+    """Read a motion, and return the roles of its bones too, where they were looked for or given.
+
+    An FBX file is imported into an empty file of Blender, which replaces the one that is open.
+
+    Parameters
+    ----------
+    path : Path
+        A .bvh or .fbx file.
+    bones : BoneMap, optional
+        Roles of its bones; by default they are found.
+
+    Raises
+    ------
+    ShotError
+        It cannot be read, or has no motion.
+    BodyError
+        It is no human's.
+    """
+    kind = path.suffix.lower()
+    if kind == ".bvh":
+        return motion_of_bvh(read_bvh(path), path.stem), bones
+    if kind != ".fbx":
+        raise ShotError("it is no motion file", where=str(path), todo="give a .bvh or an .fbx file")
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    try:
+        bpy.ops.import_scene.fbx(filepath=str(path.resolve()), anim_offset=0.0)
+    except RuntimeError as error:
+        raise ShotError(f"Blender cannot read it: {error}", where=str(path)) from error
+    armature = _moving_human(path, bones)
+    lasts = armature.animation_data.action.frame_range
+    frames = math.ceil(lasts[0] - 1e-3), math.floor(lasts[1] + 1e-3)
+    motion, found = motion_of_armature(bpy.context.scene, armature, frames, bones)
+    return motion, found
+
+
+def _moving_human(path: Path, bones: BoneMap | None) -> bpy.types.Object:
+    """The armature of a file just imported that moves and is a human's."""
+    moving = [o for o in bpy.data.objects if o.type == "ARMATURE" and o.animation_data and o.animation_data.action]
+    if not moving:
+        raise ShotError("it holds no skeleton that moves", where=str(path), todo="export it with its animation")
+    if len(moving) == 1 or bones is not None:
+        return moving[0]
+    for armature in moving:
+        try:
+            target_bones(armature)
+        except BodyError:
+            continue
+        return armature
+    raise BodyError("none of its skeletons is a human's", where=str(path), todo="give a bone map with --source-map")
