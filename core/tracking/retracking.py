@@ -40,12 +40,15 @@ class Excerpt:
         The poses beside them, see `tracking.track`.
     footage_offset : float, optional
         As it was measured on the rest of the shot, see `core.shot.shot.Settings`; None measures it on the excerpt.
+    earlier : tuple of Motion
+        Every performer's motion on these frames as it was tracked before, if it is to be begun with.
     """
 
     first: int
     last: int
     around: Around = (None, None)
     footage_offset: float | None = None
+    earlier: tuple[Motion, ...] = ()
 
 
 def segments_at(segments: Sequence[Segment], frame: int) -> list[Segment]:
@@ -111,7 +114,9 @@ def track_excerpts(
         asked = shot.between(part.first, part.last).with_footage_offset(part.footage_offset)
         told = share(progress, float(begin), float(end))
         shown = None if show is None else partial(_show_in_shot, show, part.first)
-        results.append(track(asked, told, around=part.around, journal=journal, memory=memory, show=shown))
+        results.append(
+            track(asked, told, around=part.around, journal=journal, memory=memory, show=shown, earlier=part.earlier)
+        )
     return results
 
 

@@ -52,6 +52,9 @@ class SegmentSchedule:
     show : callable, optional
         See `SegmentShown`; called in the threads of the pool.
 
+    earlier : TrackState, optional
+        The shot as it was tracked before.
+
     Attributes
     ----------
     state : TrackState
@@ -72,11 +75,12 @@ class SegmentSchedule:
         progress: Progress | None = None,
         observe: Observer | None = None,
         show: SegmentShown | None = None,
+        earlier: TrackState | None = None,
     ) -> None:
         self.state, self.seconds = begin, Seconds()
         self._begin, self._shot, self._observed, self._pool, self._threads = begin, shot, observed, pool, threads
         self._segments, self._observe, self._show, self._kept = segments(shot), observe, show, finished
-        self._report = _Report(shot, progress)
+        self._report, self._earlier = _Report(shot, progress), earlier
         whole = set(whole_keys(shot, 0, shot.length - 1).tolist())
         self._goes_on = [k > 0 and first not in whole for k, (first, _) in enumerate(self._segments)]
         self._views: list[tuple[ViewFrames | StoredView, ...]] = []
@@ -97,7 +101,7 @@ class SegmentSchedule:
                 self._show(known.segment, known.motions)
         else:
             state = self.state if self._goes_on[k] else self._begin
-            work = partial(solve_task, self._task(k, state), self._observed, watch=self._watcher(k))
+            work = partial(solve_task, self._task(k, state), self._observed, self._earlier, watch=self._watcher(k))
             solving: Future[SolvedSegment] = self._pool.submit(work, self._report.part(self._segments[k], SOLVING))
             solving.add_done_callback(lambda done: self._show_motions(done, k, lambda s: s.solution.motions))
             self._solving.append(solving)

@@ -186,6 +186,17 @@ def solve_segment(
     return SegmentState(data, problem, solver.solve(problem, _on(data.segment, state.motions), workspace))
 
 
+def resume_segment(
+    shot: Shot, solver: Solver, data: SegmentData, earlier: TrackState, workspace: Workspace
+) -> SegmentState | None:
+    """Solve a segment from the motion that was tracked before; None where that leaves a doubt, or the solver cannot."""
+    if solver.resume is None:
+        return None
+    problem = segment_problem(shot, data, earlier)
+    found = solver.resume(problem, _on(data.segment, earlier.motions), workspace)
+    return None if found is None else SegmentState(data, problem, found)
+
+
 def refine_segment(
     shot: Shot, solver: Solver, data: SegmentData, solved: SegmentSolution, state: TrackState, *, workspace: Workspace
 ) -> SegmentState:

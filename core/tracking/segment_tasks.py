@@ -25,6 +25,7 @@ from .segment_stages import (
     is_refined,
     measured_offset,
     refine_segment,
+    resume_segment,
     segment_data,
     solve_segment,
 )
@@ -148,7 +149,11 @@ class SolvedSegment:
 
 @one_blas_thread()
 def solve_task(
-    task: SegmentTask, observed: ShotKeypoints, progress: Progress | None = None, watch: Watcher | None = None
+    task: SegmentTask,
+    observed: ShotKeypoints,
+    earlier: TrackState | None = None,
+    progress: Progress | None = None,
+    watch: Watcher | None = None,
 ) -> SolvedSegment:
     """Solve a segment.
 
@@ -156,22 +161,28 @@ def solve_task(
     ----------
     task : SegmentTask
     observed : ShotKeypoints
+    earlier : TrackState, optional
+        The shot as it was tracked before. A segment that is solved from there, without a doubt, is not refined.
     progress, watch : callable, optional
     """
     shot, segment, state, seconds = task.shot, task.segment, task.state, Seconds()
     solver = solver_named(shot.settings.solver)
     with seconds.measure("appearance"):
         data = segment_data(shot, segment, task.opened(), state, observed)
+    if earlier is not None:
+        workspace = Workspace(task.threads, on_step=_steps(progress, None))
+        if (resumed := resume_segment(shot, solver, data, earlier, workspace)) is not None:
+            seconds.add(resumed.solution.seconds)
+            return _without_refinement(resumed, None, seconds, task.threads)
     solved = solve_segment(shot, solver, data, state, Workspace(task.threads, on_step=_steps(progress, watch)))
     seconds.add(solved.solution.seconds)
     state = state.with_solution(segment, solved.solution.motions)
     with seconds.measure("appearance"):
         offset = measured_offset(shot, data, state)
-    finished = None
     if not is_refined(shot, solver, segment, state.with_offset(offset)):
-        finished = _finished(solved, solved.solution.motions, offset, seconds, task.threads)
+        return _without_refinement(solved, offset, seconds, task.threads)
     slim = replace(solved.solution, evidence=None)
-    return SolvedSegment(replace(data, views=()), slim, offset, dict(seconds), finished)
+    return SolvedSegment(replace(data, views=()), slim, offset, dict(seconds))
 
 
 @one_blas_thread()
@@ -188,6 +199,13 @@ def refine_task(
     seconds.add(refined.solution.seconds)
     finished = _finished(refined, solved.solution.motions, solved.offset, seconds, task.threads)
     return RefinedSegment(finished, dict(seconds))
+
+
+def _without_refinement(ended: SegmentState, offset: Offset | None, seconds: Seconds, threads: int) -> SolvedSegment:
+    """A segment that is at its end as soon as it is solved."""
+    finished = _finished(ended, ended.solution.motions, offset, seconds, threads)
+    slim = replace(ended.solution, evidence=None)
+    return SolvedSegment(replace(ended.data, views=()), slim, offset, dict(seconds), finished)
 
 
 def _steps(progress: Progress | None, watch: Watcher | None, before: int = 0) -> StepCallback:

@@ -41,6 +41,7 @@ from ..shot.keypose_spline import spline
 from ..shot.shot import Performer, Shot, fixed_degrees
 from .appearance import frames_with_foreground, grey_frames
 from .body_doubt import body_covariances
+from .earlier_motion import carried, with_keys
 from .journal import FinishedSegment, Journal, KeptSegments
 from .reader import SegmentReader
 from .schedule import Observer, SegmentSchedule, SegmentShown
@@ -67,6 +68,7 @@ def track(
     journal: Journal | None = None,
     memory: WorkerMemory | None = None,
     show: SegmentShown | None = None,
+    earlier: Sequence[Motion] = (),
 ) -> TrackResult:
     """Track every performer of a shot.
 
@@ -88,6 +90,9 @@ def track(
         Keeps frames and processes for the next shot that is tracked, which is often the same with one key pose changed.
     show : callable, optional
         Called with a segment and the motions of its frames as soon as it is solved, and again when it is refined.
+    earlier : sequence of Motion, optional
+        Every performer's motion as it was tracked before some key poses changed. Segments are solved from there; those
+        of which the images leave a doubt then are solved as if there were none.
 
     Raises
     ------
@@ -126,6 +131,7 @@ def track(
             progress=progress,
             observe=observe,
             show=show,
+            earlier=_carried(begin, shot, earlier),
         )
         started = time.perf_counter()
         for segment, views in _footage_by_segment(
@@ -149,6 +155,14 @@ def track(
         torn=tuple(tuple(torn[v]) for v in views_as_given),
         rates=tuple(footage_rate(shot, shot.views[v]) for v in views_as_given),
     )
+
+
+def _carried(begin: TrackState, shot: Shot, earlier: Sequence[Motion]) -> TrackState | None:
+    """The shot as it was tracked before, if it was, with the key poses as they are now."""
+    if not earlier or shot.length < 3:
+        return None
+    motions = tuple(carried(m, p.key_poses) for m, p in zip(earlier, shot.performers, strict=True))
+    return replace(begin, motions=motions, solved=shot.length)
 
 
 def _check(shot: Shot) -> None:
@@ -273,7 +287,7 @@ def _track_result(
         errors.append(joint_errors(performer.body, [one.doubts[i] for one in done], beside))
     ends = np.cumsum([0] + [len(performer.body) for performer in performers])
     return TrackResult(
-        tuple(_with_keys(m, p) for m, p in zip(state.motions, performers, strict=True)),
+        tuple(with_keys(m, p.key_poses) for m, p in zip(state.motions, performers, strict=True)),
         {},
         len(shot.views) * shot.length,
         tuple(one.result for one in done),
@@ -308,14 +322,3 @@ def _unknown_parts(performer: Performer, visible: Array, observed: ShotKeypoints
         )
     resting = np.isin(body.names, performer.unknown)
     return tuple(name for name, is_unknown in zip(body.names, hidden | resting, strict=True) if is_unknown)
-
-
-def _with_keys(motion: Motion, performer: Performer) -> Motion:
-    """The motion with the key poses as they were set, to the last bit."""
-    T, Q = motion.translations.copy(), motion.rotations.copy()
-    keys = performer.key_poses
-    turned = keys.fixed[:, 3:].reshape(len(keys.frames), -1, 3).all(axis=2)
-    for k, frame in enumerate(keys.frames):
-        T[frame] = np.where(keys.fixed[k, :3], keys.poses.translations[k], T[frame])
-        Q[frame, turned[k]] = keys.poses.rotations[k, turned[k]]
-    return Motion(T, Q)

@@ -50,11 +50,14 @@ class Tracking(Conditional, JobOperator):
         Which segments: EVERYWHERE, or relative to the current frame HERE, FORWARD or BACKWARD.
     resume : bool
         Segments that an ended tracking has finished are taken from there.
+    anew : bool
+        The motion that the segments have already does not matter.
     """
 
     conditions: tuple[Condition, ...] = (has_shot, has_footage, _has_key_poses)
     side = "EVERYWHERE"
     resume = False
+    anew = True
 
     def segments(self, scene: bpy.types.Scene, asked: AskedTracking) -> Sequence[Segment]:
         """Choose the segments of the scene's shot to track."""
@@ -73,7 +76,7 @@ class Tracking(Conditional, JobOperator):
         chosen = self.segments(context.scene, asked)
         if not chosen:
             raise ShotError("there is nothing to track", where=self.bl_label)
-        parts = tracked_segments.excerpts(context.scene, asked, chosen)
+        parts = tracked_segments.excerpts(context.scene, asked, chosen, anew=self.anew)
         self._asked = context.scene.name, asked, parts
         self._preview: TrackingPreview | None = None
         journal = unfinished_tracking.begun(context.scene, chosen, resume=self.resume)
@@ -142,6 +145,7 @@ class TrackChanges(Tracking, bpy.types.Operator):
 
     bl_idname = "kfmocap.track_changes"
     bl_label = "Track Changes"
+    anew = False
 
     def segments(self, scene: bpy.types.Scene, asked: AskedTracking) -> Sequence[Segment]:
         """Choose the segments for which something has changed."""

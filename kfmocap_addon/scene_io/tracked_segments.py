@@ -91,9 +91,11 @@ def _held(keys: KeyPoses, motion: Motion) -> KeyPoses:
     return KeyPoses(frames, motion, fixed)
 
 
-def excerpts(scene: bpy.types.Scene, asked: AskedTracking, chosen: Sequence[Segment]) -> list[Excerpt]:
+def excerpts(
+    scene: bpy.types.Scene, asked: AskedTracking, chosen: Sequence[Segment], *, anew: bool = True
+) -> list[Excerpt]:
     """The runs of some segments, each with what is known of the rest of the shot: the poses beside it that are
-    tracked or keyed, and the offset of the footage.
+    tracked or keyed, and the offset of the footage; unless they are tracked anew, with the motion that they have.
     """
     shot = asked.shot
     return [
@@ -102,6 +104,7 @@ def excerpts(scene: bpy.types.Scene, asked: AskedTracking, chosen: Sequence[Segm
             last,
             (_pose(scene, asked, first - 1), _pose(scene, asked, last + 1)),
             None if (first, last) == (0, shot.length - 1) else _footage_offset(scene),
+            () if anew else _motions(scene, asked, first, last),
         )
         for first, last in joined(chosen)
     ]
@@ -186,6 +189,14 @@ def _pose(scene: bpy.types.Scene, asked: AskedTracking, frame: int) -> tuple[Mot
         return None
     start = scene.kfmocap.frame_start
     return tuple(motion_curves.read_motion(slot.armature, start + frame, 1) for slot in asked.among)
+
+
+def _motions(scene: bpy.types.Scene, asked: AskedTracking, first: int, last: int) -> tuple[Motion, ...]:
+    """Every performer's motion on shot frames; none where some frame is neither tracked nor keyed."""
+    count, start = last + 1 - first, scene.kfmocap.frame_start + first
+    if not _keyed(scene, asked.among, first, count).all():
+        return ()
+    return tuple(motion_curves.read_motion(slot.armature, start, count) for slot in asked.among)
 
 
 def _keyed(

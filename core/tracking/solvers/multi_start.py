@@ -44,6 +44,9 @@ SETTLING = (
 """Of limbs that were looked for, around a trunk that is held."""
 SETTLED = (DescentStage(Sampling(1.0, 1.0, 3, REACH), 3),)
 """From there to the solution."""
+RESUMED = (DescentStage(Sampling(1.0, 1.0, 2, REACH), 5, small=0.002),)
+"""From a motion that was found before to the one with the key poses as they are now. All of it may be a little off, and
+no other stage follows."""
 EQUAL = 0.005
 """Solutions whose covers of the performers differ by less than this share of them are equals: which of them covers the
 most is chance."""
@@ -89,6 +92,15 @@ def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: 
         seconds.add(settled.seconds)
         best = replace(settled, iterations=settled.iterations + best.iterations, energy=(*best.energy, *settled.energy))
     return replace(best, seconds=seconds)
+
+
+def resumed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution | None:
+    """The solution from a motion that was found before key poses changed; None where it leaves a doubt.
+
+    Parameters as of `gauss_newton.descend`.
+    """
+    found = descend(problem, start, workspace, RESUMED)
+    return None if any(in_doubt(problem.alone(i), start, found) for i in problem.sought) else found
 
 
 def in_doubt(problem: SegmentProblem, start: Sequence[Motion], solution: SegmentSolution) -> bool:

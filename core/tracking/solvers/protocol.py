@@ -18,6 +18,15 @@ class Solve(Protocol):
         """Find it from a start, F poses per performer whose fixed degrees of freedom are kept."""
 
 
+class Resume(Protocol):
+    """Finds the motion of a segment from one that was found before."""
+
+    def __call__(
+        self, problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace
+    ) -> SegmentSolution | None:
+        """Find it from a start, or give None."""
+
+
 @dataclass(frozen=True)
 class Solver:
     """A way to find the motion of all performers on a segment, and what it is capable of.
@@ -28,6 +37,9 @@ class Solver:
         See `Solve`.
     refine : callable
         The same from a solution, when more is known of the motion around the segment.
+    resume : callable, optional
+        The same from the motion as it was before key poses changed a little; it gives None where the images leave a
+        doubt that this leads to the solution.
     uses_keypoints : bool
         It takes the keypoints of the views as evidence.
     uses_foreground : bool
@@ -38,6 +50,7 @@ class Solver:
 
     solve: Solve
     refine: Solve
+    resume: Resume | None
     uses_keypoints: bool
     uses_foreground: bool
     refines: bool

@@ -11,6 +11,7 @@ from .protocol import Solver
 GAUSS_NEWTON = Solver(
     multi_start.best_of_starts,
     gauss_newton.refine,
+    multi_start.resumed,
     uses_keypoints=True,
     uses_foreground=True,
     refines=True,
@@ -19,6 +20,7 @@ GAUSS_NEWTON = Solver(
 RELAXATION = Solver(
     relaxation.relaxed,
     relaxation.relaxed,
+    None,
     uses_keypoints=False,
     uses_foreground=False,
     refines=False,

@@ -1,0 +1,51 @@
+"""Motion that was tracked before key poses changed: where tracking again begins."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..body.motion import Motion
+from ..shot.shot import KeyPoses
+
+
+def carried(motion: Motion, keys: KeyPoses) -> Motion:
+    """A motion bent so that it passes through key poses which are not, or no longer, on its way.
+
+    How far each key pose is off the way of the frames beside it is spread over those up to the next key poses.
+
+    Parameters
+    ----------
+    motion : Motion
+        F >= 3 poses. On frames with a key pose they do not count: those may be the new ones already.
+    keys : KeyPoses
+    """
+    if not len(keys.frames):
+        return motion
+    off = np.concatenate([_passed(motion, int(f)).difference(keys.poses[[k]]) for k, f in enumerate(keys.frames)])
+    off *= keys.fixed
+    frames = np.arange(len(motion))
+    step = np.stack([np.interp(frames, keys.frames, own) for own in off.T], axis=1)
+    step[keys.frames] = 0
+    passed = motion.moved(step)
+    for k, frame in enumerate(keys.frames.tolist()):
+        passed = passed.replaced(frame, _passed(motion, frame).moved(off[[k]]))
+    return with_keys(passed, keys)
+
+
+def with_keys(motion: Motion, keys: KeyPoses) -> Motion:
+    """The motion with the key poses as they were set, to the last bit."""
+    T, Q = motion.translations.copy(), motion.rotations.copy()
+    turned = keys.fixed[:, 3:].reshape(len(keys.frames), -1, 3).all(axis=2)
+    for k, frame in enumerate(keys.frames):
+        T[frame] = np.where(keys.fixed[k, :3], keys.poses.translations[k], T[frame])
+        Q[frame, turned[k]] = keys.poses.rotations[k, turned[k]]
+    return Motion(T, Q)
+
+
+def _passed(motion: Motion, frame: int) -> Motion:
+    """The pose on a frame by those beside it: between them, or at the ends as they go on."""
+    if 0 < frame < len(motion) - 1:
+        before, after, share = frame - 1, frame + 1, 0.5
+    else:
+        before, after, share = (1, 2, -1.0) if frame == 0 else (frame - 2, frame - 1, 2.0)
+    return motion[[before]].moved(share * motion[[before]].difference(motion[[after]]))

@@ -1,0 +1,40 @@
+"""A motion that was tracked before is bent onto the key poses as they are now."""
+
+from __future__ import annotations
+
+import numpy as np
+from kfmocap.core.body.motion import Motion
+from kfmocap.core.shot.shot import KeyPoses
+from kfmocap.core.tracking.earlier_motion import carried
+from synthetic import at_rest, figure, swing
+
+BODY = figure()
+LENGTH = 9
+
+
+def keys_of(motion: Motion, frames: list[int]) -> KeyPoses:
+    return KeyPoses.whole(np.array(frames), motion[frames])
+
+
+def test_a_motion_that_passes_its_key_poses_stays() -> None:
+    still = at_rest(BODY, LENGTH)
+    found = carried(still, keys_of(still, [0, 4, 8]))
+    np.testing.assert_allclose(still.difference(found), 0, atol=1e-12)
+
+
+def test_a_key_pose_that_moved_takes_the_frames_beside_it_along() -> None:
+    """All the way beside it, ever less towards the next key poses, whatever the old motion has on its frame."""
+    still = at_rest(BODY, LENGTH)
+    away = np.zeros((LENGTH, BODY.dof))
+    away[4, 0] = 0.1
+    keys = keys_of(still.moved(away), [0, 4, 8])
+    for before in (still, still.moved(away)):
+        shift = carried(before, keys).translations[:, 0] - still.translations[:, 0]
+        np.testing.assert_allclose(shift, [0, 0.025, 0.05, 0.075, 0.1, 0.075, 0.05, 0.025, 0], atol=1e-9)
+
+
+def test_key_poses_are_met_to_the_last_bit() -> None:
+    keys = keys_of(swing(BODY, LENGTH), [0, 3, 8])
+    found = carried(swing(BODY, LENGTH, 0.3), keys)
+    np.testing.assert_array_equal(found.rotations[[0, 3, 8]], keys.poses.rotations)
+    np.testing.assert_array_equal(found.translations[[0, 3, 8]], keys.poses.translations)
