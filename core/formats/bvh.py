@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from ..body import Body, default_measures, human
 from ..body.human import FRACTIONS
 from ..body.motion import Motion
+from ..body.skeleton_motion import RestSkeleton, SkeletonMotion
 from ..errors import BodyError, ShotError
 from ..numerics.arrays import Array
 from .reading import BEYOND, read_text, reading
@@ -23,38 +23,8 @@ _TOLERANCE = 2e-3  # metres
 _LIMBS = ("upper_arm", "forearm", "thigh", "shin")
 
 
-@dataclass(frozen=True, eq=False)
-class Skeleton:
-    """A BVH file.
-
-    Attributes
-    ----------
-    names : tuple of str, length J
-    parents : tuple of int
-        -1 for the root.
-    offsets_world : ndarray, shape (J, 3)
-        Each joint from its parent in the rest pose, metres, Z up.
-    tips_world : ndarray, shape (J, 3)
-        The end site from its joint; NaN where there is none.
-    positions_world : ndarray, shape (F, 3)
-        The root.
-    rotations_world : ndarray, shape (F, J, 3, 3)
-        Each joint's turn from its rest pose, in the world's axes.
-    frame_time : float
-        Seconds from one frame to the next.
-    """
-
-    names: tuple[str, ...]
-    parents: tuple[int, ...]
-    offsets_world: Array
-    tips_world: Array
-    positions_world: Array
-    rotations_world: Array
-    frame_time: float = 1 / 30
-
-
-def read_bvh(path: Path) -> Skeleton:
-    """Read a BVH file.
+def read_bvh(path: Path) -> SkeletonMotion:
+    """Read a BVH file, Y up, as a motion with Z up, in the file's unit; it has the file's name.
 
     Raises
     ------
@@ -63,10 +33,10 @@ def read_bvh(path: Path) -> Skeleton:
     """
     words = iter(read_text(path, "the BVH", ShotError).split())
     with reading(path, "a BVH file", ShotError):
-        return _parsed(words)
+        return _parsed(words, path.stem)
 
 
-def _parsed(words: Iterator[str]) -> Skeleton:
+def _parsed(words: Iterator[str], name: str) -> SkeletonMotion:
     names: list[str] = []
     parents: list[int] = []
     offsets: list[list[float]] = []
@@ -103,17 +73,15 @@ def _parsed(words: Iterator[str]) -> Skeleton:
     if not names or len(names) > _MOST_JOINTS or count * len(names) > max(len(numbers), 1):
         raise ValueError(f"{len(numbers)} numbers for {count} frames of {len(names)} joints")
     values = numbers.reshape(count, sum(map(len, channels)))
-    positions, turns = _motion(values, channels, parents)
+    root, turns = _motion(values, channels, parents)
     C = _WORLD_OF_BVH
-    return Skeleton(
-        tuple(names),
-        tuple(parents),
-        np.array(offsets) @ C.T,
-        np.array(tips) @ C.T,
-        positions @ C.T,
-        C @ turns @ C.T,
-        frame_time,
-    )
+    root, turns, steps = root @ C.T, C @ turns @ C.T, np.array(offsets) @ C.T
+    heads, positions = np.zeros_like(steps), np.empty(turns.shape[:3])
+    for j, p in enumerate(parents):
+        heads[j] = steps[j] if p < 0 else heads[p] + steps[j]
+        positions[:, j] = root if p < 0 else positions[:, p] + turns[:, p] @ steps[j]
+    rest = RestSkeleton(tuple(names), tuple(parents), heads, heads + np.array(tips) @ C.T)
+    return SkeletonMotion(name, rest, turns, positions, 1 / frame_time if 1e-5 < frame_time < 1e5 else 0.0)
 
 
 def _number(word: str) -> float:
@@ -150,12 +118,12 @@ def _motion(values: Array, channels: list[list[str]], parents: list[int]) -> tup
     return positions, turns
 
 
-def body_of_bvh(skeleton: Skeleton, height: float | None = None) -> Body:
+def body_of_bvh(skeleton: SkeletonMotion, height: float | None = None) -> Body:
     """The default human with the lengths of a BVH's bones.
 
     Parameters
     ----------
-    skeleton : Skeleton
+    skeleton : SkeletonMotion
     height : float, optional
         Metres; judged from the limbs where it is not given.
 
@@ -164,7 +132,7 @@ def body_of_bvh(skeleton: Skeleton, height: float | None = None) -> Body:
     BodyError
         The skeleton is not that of our default human.
     """
-    strange = sorted(set(human().names) ^ set(skeleton.names))
+    strange = sorted(set(human().names) ^ set(skeleton.rest.names))
     if strange:
         todo = f"the joints must be {', '.join(human().names)}"
         raise BodyError(f"its joints are not the default body's: {', '.join(strange[:4])}", todo=todo)
@@ -180,7 +148,7 @@ def body_of_bvh(skeleton: Skeleton, height: float | None = None) -> Body:
     return body
 
 
-def _fitted_measures(skeleton: Skeleton, height: float) -> dict[str, float]:
+def _fitted_measures(skeleton: SkeletonMotion, height: float) -> dict[str, float]:
     """The measures whose rest pose is the BVH's; where it shows nothing, an average person's."""
     average = default_measures(height)
     start = np.array(list(average.values()))
@@ -210,21 +178,23 @@ def _rest(body: Body) -> Array:
     return rest
 
 
-def _rest_of_bvh(skeleton: Skeleton, body: Body) -> Array:
+def _rest_of_bvh(skeleton: SkeletonMotion, body: Body) -> Array:
     """As `_rest`, in the order of the body's parts."""
-    order = [skeleton.names.index(name) for name in body.names]
-    rest = np.stack([skeleton.offsets_world[order], skeleton.tips_world[order]], axis=1)
+    order = [skeleton.rest.names.index(name) for name in body.names]
+    heads, parents = skeleton.rest.heads, skeleton.rest.parents
+    offsets = np.array([heads[j] - (heads[parents[j]] if parents[j] >= 0 else 0.0) for j in order])
+    rest = np.stack([offsets, (skeleton.rest.tails - heads)[order]], axis=1)
     rest[np.isnan(_rest(body))] = np.nan
     return np.asarray(rest)
 
 
-def poses_of_bvh(skeleton: Skeleton, body: Body, rows: NDArray[np.int64]) -> Motion:
+def poses_of_bvh(skeleton: SkeletonMotion, body: Body, rows: NDArray[np.int64]) -> Motion:
     """A BVH's poses at some of its rows as poses of a body whose parts have the joints' names."""
-    order = [skeleton.names.index(name) for name in body.names]
+    order = [skeleton.rest.names.index(name) for name in body.names]
     rest = np.stack([part.R_world_rest for part in body.parts])
-    R = skeleton.rotations_world[rows][:, order] @ rest
+    R = skeleton.turns[rows][:, order] @ rest
     Q = np.empty_like(R)
     for i, p in enumerate(body.parents):
         before = body.R_parent_rest[i] if p < 0 else R[:, p] @ body.R_parent_rest[i]
         Q[:, i] = np.swapaxes(before, -1, -2) @ R[:, i]
-    return Motion(skeleton.positions_world[rows], Q)
+    return Motion(skeleton.positions[rows, 0], Q)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 
+from ..body.skeleton_motion import RestSkeleton
 from ..errors import BodyError
 from .bone_places import roles_by_place
 from .bone_presets import PRESETS, BonePreset
 from .roles import CHAINS, FINGERS, BoneMap
-from .skeleton_motion import RestSkeleton
 
 _NAMESPACE = re.compile(r"^.*[:|]")
 _SIDE = re.compile(r"(?:^|[_.\- ])(l|r|left|right)(?=$|[_.\- ])", re.IGNORECASE)

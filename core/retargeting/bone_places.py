@@ -7,8 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from ..body.skeleton_motion import RestSkeleton
 from ..numerics.arrays import Array
-from .skeleton_motion import RestSkeleton
 
 _SYMMETRY = 0.03  # of the height: how far from its mirror image a bone's partner may be
 _MINIMUM = 0.08  # of the height: shorter segments are no thigh, shin, upper arm or forearm

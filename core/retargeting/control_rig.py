@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..body.skeleton_motion import RestSkeleton
 from ..numerics.arrays import Array, Bools
 from .roles import BoneMap
-from .skeleton_motion import RestSkeleton
 
 
 @dataclass(frozen=True, eq=False)

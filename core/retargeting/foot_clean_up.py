@@ -12,13 +12,13 @@ import numpy as np
 from ..body.body import Body
 from ..body.kinematics import motion_of_poses
 from ..body.motion import Motion
+from ..body.skeleton_motion import motion_of_body
 from ..errors import BodyError
 from ..numerics.arrays import Array, Bools
 from ..shot.shot import KeyPoses
 from .control_rig import ControlRig
 from .retarget import prepared, retarget
 from .roles import BoneMap
-from .skeleton_motion import motion_of_body
 from .transfer import RetargetOptions
 
 

@@ -14,12 +14,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..body.foot_plants import find_plants, runs
+from ..body.skeleton_motion import RestSkeleton, SkeletonMotion
 from ..numerics.arrays import Array, Bools
 from .control_rig import ControlRig, RigPoses
 from .limb_goals import LimbGoal, limb_controls
 from .rest_alignment import alignments, facing, foot_way
 from .roles import SIDES, BoneMap
-from .skeleton_motion import RestSkeleton, SkeletonMotion
 from .transfer import Placement, leg_length
 
 HEEL, BALL = 0, 1

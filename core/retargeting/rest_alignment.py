@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..body.skeleton_motion import RestSkeleton
 from ..numerics.arrays import Array
 from .roles import FINGERS, PARENTS, SIDES, BoneMap, parent_role
-from .skeleton_motion import RestSkeleton
 
 _UP = np.array([0.0, 0.0, 1.0])
 _NEXT = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shin", "shin": "foot", "foot": "toe"}

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.foot_plants import runs
-from ..errors import BodyError
+from ..body.skeleton_motion import RestSkeleton, SkeletonMotion
+from ..errors import BodyError, ShotError
 from ..numerics import rotations
 from ..numerics.arrays import Array, Bools
 from .bone_matching import match_bones
@@ -16,7 +17,6 @@ from .control_rig import ControlRig, RigPoses
 from .foot_keeping import BALL, HEEL, FootPath, foot_goals, foot_paths, hand_goals
 from .limb_goals import LimbGoal, reach_goals
 from .roles import LIMBS, SIDES, BoneMap
-from .skeleton_motion import RestSkeleton, SkeletonMotion
 from .transfer import Placement, RetargetOptions, leg_length, place, transfer
 
 DEFAULTS = RetargetOptions()
@@ -59,9 +59,13 @@ def prepared(source: SkeletonMotion, of_source: BoneMap | None = None) -> tuple[
     ------
     BodyError
         It has no frames, or no human's bones are found in it.
+    ShotError
+        Its frame rate is not known.
     """
     if not len(source):
         raise BodyError("there are no frames", where=source.name)
+    if source.fps <= 0:
+        raise ShotError("its frame rate is impossible", where=source.name, todo="correct the Frame Time of the file")
     if of_source is None:
         of_source = match_bones(source.rest, where=source.name)
     of_source.checked(source.rest.names, source.name)

@@ -152,7 +152,7 @@ def _posed_by_bvh(spec: PerformerSpec, file: Path, keys: NDArray[np.int64], firs
     """A performer whose key poses stand in a BVH file, of which row r is frame first + r."""
     with located(f"{spec.where} keyposes"):
         skeleton = read_bvh(file)
-        count = len(skeleton.positions_world)
+        count = len(skeleton)
         for key in keys:
             if key - first >= count:
                 what = f"key frame {key} has no pose: they end at frame {first + count - 1}"

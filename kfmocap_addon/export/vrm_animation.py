@@ -12,11 +12,11 @@ from typing import Any
 
 import bpy
 
+from ...core.body.skeleton_motion import rest_of_body
 from ...core.errors import BodyError
 from ...core.retargeting.bone_matching import match_bones
 from ...core.retargeting.bone_presets import PRESETS
 from ...core.retargeting.roles import PARENTS
-from ...core.retargeting.skeleton_motion import rest_of_body
 from ..scene_io import body_armature
 
 _EXTENSION = "VRMC_vrm_animation"

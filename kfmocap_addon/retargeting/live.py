@@ -16,12 +16,12 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
+from ...core.body.skeleton_motion import SkeletonMotion
 from ...core.errors import BodyError
 from ...core.numerics.arrays import Array
 from ...core.retargeting.control_rig import ControlRig
 from ...core.retargeting.rest_alignment import alignments
 from ...core.retargeting.roles import BoneMap
-from ...core.retargeting.skeleton_motion import SkeletonMotion
 from ...core.retargeting.transfer import Placement, hip_centre, hip_path, source_blends
 from ..scene_io import body_armature
 from .rig_reading import restore_holds, restore_settings

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import bpy
 
+from ...core.body.skeleton_motion import SkeletonMotion
 from ...core.errors import BodyError, ShotError
 from ...core.formats.bvh import read_bvh
 from ...core.retargeting.roles import BoneMap
-from ...core.retargeting.skeleton_motion import SkeletonMotion, motion_of_bvh
 from .send import target_bones
 from .source_motion import motion_of_armature
 
@@ -36,7 +36,7 @@ def read_motion(path: Path, bones: BoneMap | None = None) -> tuple[SkeletonMotio
     """
     kind = path.suffix.lower()
     if kind == ".bvh":
-        return motion_of_bvh(read_bvh(path), path.stem), bones
+        return read_bvh(path), bones
     if kind != ".fbx":
         raise ShotError("it is no motion file", where=str(path), todo="give a .bvh or an .fbx file")
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)

@@ -15,13 +15,13 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Quaternion
 
+from ...core.body.skeleton_motion import RestSkeleton
 from ...core.errors import BodyError
 from ...core.numerics import rotations
 from ...core.numerics.arrays import Array, Bools, Ints
 from ...core.retargeting.control_rig import ControlRig
 from ...core.retargeting.retarget import grounded
 from ...core.retargeting.roles import BoneMap
-from ...core.retargeting.skeleton_motion import RestSkeleton
 
 _PROBE = Quaternion((0.9553, 0.1837, 0.1342, 0.1885)).normalized()
 _HOLDS = ("IK", "COPY_ROTATION", "COPY_TRANSFORMS", "DAMPED_TRACK", "LOCKED_TRACK", "TRACK_TO", "STRETCH_TO")

@@ -10,13 +10,13 @@ from typing import Any
 import bpy
 import numpy as np
 
+from ...core.body.skeleton_motion import SkeletonMotion
 from ...core.errors import BodyError
 from ...core.numerics.arrays import Bools
 from ...core.retargeting.bone_matching import described, match_bones, preset_of
 from ...core.retargeting.control_rig import ControlRig, RigPoses, local_places, local_turns
 from ...core.retargeting.retarget import Retargeted, limb_changes, plant_intervals, prepared, retarget
 from ...core.retargeting.roles import BoneMap
-from ...core.retargeting.skeleton_motion import SkeletonMotion
 from ...core.retargeting.transfer import RetargetOptions
 from .ik_controls import ik_channels, ik_roles
 from .live import LiveSource, follow, refuse_inverse_kinematics, remember, stop_following

@@ -5,11 +5,11 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from ...core.body.skeleton_motion import RestSkeleton, SkeletonMotion, motion_of_body
 from ...core.errors import ShotError
 from ...core.numerics import rotations
 from ...core.retargeting.bone_matching import preset_of
 from ...core.retargeting.roles import BoneMap
-from ...core.retargeting.skeleton_motion import RestSkeleton, SkeletonMotion, motion_of_body
 from ..scene_io import body_armature, fcurves, motion_curves
 from .rig_error import world_matrices
 from .rig_reading import rest_skeleton, world_frame

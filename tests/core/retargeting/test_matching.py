@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kfmocap.core.body import human
+from kfmocap.core.body.skeleton_motion import RestSkeleton
 from kfmocap.core.errors import BodyError
 from kfmocap.core.formats.bone_map_files import read_bone_map, write_bone_map
 from kfmocap.core.retargeting.bone_matching import match_bones, roles_by_name
 from kfmocap.core.retargeting.bone_places import roles_by_place
 from kfmocap.core.retargeting.bone_presets import PRESETS
 from kfmocap.core.retargeting.roles import CHAINS, BoneMap
-from kfmocap.core.retargeting.skeleton_motion import RestSkeleton
 from made_rigs import made_rig
 
 BODY = human(1.75)

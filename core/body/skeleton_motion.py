@@ -1,4 +1,4 @@
-"""A skeleton at rest, and its motion, in the world: what retargeting reads of one rig and computes of the other."""
+"""A skeleton at rest, and its motion, in the world: what is read from files and from rigs, whatever their bones."""
 
 from __future__ import annotations
 
@@ -7,12 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..body.body import Body
-from ..body.kinematics import part_poses
-from ..body.motion import Motion
-from ..errors import ShotError
-from ..formats.bvh import Skeleton
 from ..numerics.arrays import Array
+from .body import Body
+from .kinematics import part_poses
+from .motion import Motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +54,7 @@ class SkeletonMotion:
     positions : ndarray, shape (F, J, 3)
         The bones' heads in the world.
     fps : float
-        Frames per second.
+        Frames per second; 0 where a file does not tell.
     """
 
     name: str
@@ -72,31 +70,6 @@ class SkeletonMotion:
         """Turn the whole world about its origin."""
         rest = RestSkeleton(self.rest.names, self.rest.parents, self.rest.heads @ R.T, self.rest.tails @ R.T)
         return SkeletonMotion(self.name, rest, R @ self.turns @ R.T, self.positions @ R.T, self.fps)
-
-
-def motion_of_bvh(skeleton: Skeleton, name: str) -> SkeletonMotion:
-    """Return the motion of a BVH file, in its own unit of length.
-
-    Raises
-    ------
-    ShotError
-        It names no time from frame to frame.
-    """
-    if not 1e-5 < skeleton.frame_time < 1e5:
-        raise ShotError(f"a Frame Time of {skeleton.frame_time} is impossible", where=name, todo="correct the BVH file")
-    J = len(skeleton.names)
-    heads, tails = np.zeros((J, 3)), np.full((J, 3), np.nan)
-    positions = np.empty((*skeleton.rotations_world.shape[:2], 3))
-    for j, p in enumerate(skeleton.parents):
-        offset = skeleton.offsets_world[j]
-        if p < 0:
-            heads[j], positions[:, j] = offset, skeleton.positions_world
-        else:
-            heads[j] = heads[p] + offset
-            positions[:, j] = positions[:, p] + skeleton.rotations_world[:, p] @ offset
-        tails[j] = heads[j] + skeleton.tips_world[j]
-    rest = RestSkeleton(skeleton.names, skeleton.parents, heads, tails)
-    return SkeletonMotion(name, rest, skeleton.rotations_world, positions, 1.0 / skeleton.frame_time)
 
 
 def motion_of_body(body: Body, motion: Motion, name: str, fps: float) -> SkeletonMotion:
