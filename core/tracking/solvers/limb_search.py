@@ -48,7 +48,7 @@ HELD = 0.1
 """How far a limb that is seen, and covers foreground, may be from where it is, radians."""
 LEAST_HELD = 0.02
 """How much of that holds for a limb that is not seen: poses that the images cannot distinguish stay what they are."""
-LEAST_GAIN = 100.0
+LEAST_GAIN = 50.0
 """By how much a limb's motion has to become likelier to be changed, in natural units."""
 MEETING = 0.05
 """Duration over which the way between two limbs is smoothed, seconds."""
@@ -218,7 +218,7 @@ def _likeliest(
         offsets = np.concatenate([np.zeros((1, *limb.range.shape)), offsets / 3, 2 * offsets / 3, offsets])
         drawn = path[:, None] + offsets
         if not values:
-            drawn = np.concatenate([drawn, _anywhere(limb, uncovered, (low, high), rng)], axis=1)
+            drawn = np.concatenate([drawn, _anywhere(limb, uncovered, (low, high), rng.spawn(1)[0])], axis=1)
         drawn = np.where(limb.fixed[:, None], path[:, None], np.clip(drawn, low, high))
         score = _covered(limb, uncovered, drawn)
         score -= 0.5 * np.einsum("fn,fkna->fk", limb.held, ((drawn - begin[:, None]) / (HELD * limb.range)) ** 2)
