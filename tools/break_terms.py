@@ -27,6 +27,8 @@ SERIES = "tests/core/tracking/test_prediction.py"
 BODY = "tests/core/body/test_body.py"
 IMAGES = "tests/core/evidence/test_gradients.py"
 HIDDEN = "tests/core/evidence/test_occlusion.py"
+EXPERIMENTS = "benchmarks/experiments_runs.py"
+RUNS = "tests/benchmarks/test_experiments.py"
 
 
 @dataclass(frozen=True)
@@ -311,6 +313,69 @@ TERMS = (
         "R[:, i] = motion.rotations[:, i] @ body.R_parent_rest[i]",
         f"{BODY}::test_forward_kinematics_is_the_product_along_the_chain",
     ),
+    Term(
+        "(4)",
+        "core/numerics/rotations.py",
+        "Rotation.from_rotvec(np.reshape(v",
+        "Rotation.from_rotvec(-np.reshape(v",
+        "tests/core/numerics/test_rotations.py::test_exp_turns_by_the_right_hand",
+    ),
+    Term(
+        "paper 1, section 2.3: key poses by hand",
+        "core/posing/clicks.py",
+        "weights = self.clicks.confidence / CLICK_DEVIATION**2",
+        "weights = 0 * self.clicks.confidence / CLICK_DEVIATION**2",
+        "tests/core/posing/test_posing.py::test_clicks_in_two_views_with_a_pixel_of_noise_give_the_joints_to_15_mm",
+    ),
+    Term(
+        "paper 1, section 6: more key poses divide the shot",
+        "core/tracking/segments.py",
+        "reduce(set.intersection",
+        "reduce(set.union",
+        "tests/core/tracking/test_tracking.py::test_segments_meet_where_every_performer_has_a_whole_key_pose",
+    ),
+    Term(
+        "paper 2, section 3.2: 2D points become a 3D pose",
+        "core/posing/clicks.py",
+        "x, y, w = np.linalg.solve(matrix, [*pixel, 1.0])",
+        "x, y, w = np.linalg.solve(matrix.T, [*pixel, 1.0])",
+        "tests/core/posing/test_posing.py::test_pixels_and_places_are_each_others_inverse",
+    ),
+    Term(
+        "paper 2, section 3.2: several performers",
+        "core/evidence/label_images.py",
+        "np.minimum(np.diff(ends) / _filled(outlines), 1.0)",
+        "np.maximum(np.diff(ends) / _filled(outlines), 1.0)",
+        f"{HIDDEN}::test_another_performer_hides_a_part",
+    ),
+    Term(
+        "paper 2, section 3.3: several cameras against occlusion",
+        "core/evidence/occlusion.py",
+        "occluded(share, predicted).all(axis=0)",
+        "occluded(share, predicted).any(axis=0)",
+        f"{HIDDEN}::test_a_part_is_unseen_where_every_view_has_lost_it",
+    ),
+    Term(
+        "paper 1, figures 3 and 4: the walk",
+        EXPERIMENTS,
+        'for joints in (LEG, ARM) for side in "RL"',
+        'for joints in (LEG, ARM) for side in "LR"',
+        f"{RUNS}::test_the_walk_is_tracked_with_and_without_its_end_and_prediction",
+    ),
+    Term(
+        "paper 1, figures 5 and 6: the throw",
+        EXPERIMENTS,
+        '*(("relaxation", s) for s in SWEEPS)]',
+        '*(("relaxation", s) for s in SWEEPS[1:])]',
+        f"{RUNS}::test_the_throw_is_solved_both_ways",
+    ),
+    Term(
+        "paper 2, figure 3: the turn",
+        EXPERIMENTS,
+        "track(excerpt(selected(shot, views=[camera]), first",
+        "track(excerpt(shot, first",
+        f"{RUNS}::test_the_turn_is_tracked_with_one_camera_a_switched_one_and_all",
+    ),
 )
 
 
@@ -320,7 +385,7 @@ def broken_copy(term: Term, folder: Path) -> None:
     for name in filter(None, names.split("\0")):
         target = folder / "kfmocap" / name
         target.parent.mkdir(parents=True, exist_ok=True)
-        if (ROOT / name).is_file() and not name.startswith("docs/"):
+        if (ROOT / name).is_file() and (not name.startswith("docs/") or name.endswith(".md")):
             shutil.copy(ROOT / name, target)
     file = folder / "kfmocap" / term.file
     file.write_text(file.read_text(encoding="utf-8").replace(term.right, term.wrong), encoding="utf-8")

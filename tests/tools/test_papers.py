@@ -18,3 +18,8 @@ def test_a_term_can_be_broken_and_its_test_and_its_row_are_there(term: Term) -> 
     assert f"def {name}(" in (ROOT / file).read_text(encoding="utf-8")
     [row] = [line for line in PAGE.splitlines() if line.startswith(f"| {term.item} |")]
     assert f"| {name} |" in row
+
+
+def test_every_row_with_a_test_has_a_term_that_is_broken() -> None:
+    rows = [line.split("|")[1].strip() for line in PAGE.splitlines() if line.startswith("|") and "| test_" in line]
+    assert sorted(rows) == sorted(term.item for term in TERMS)
