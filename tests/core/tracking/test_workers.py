@@ -13,7 +13,9 @@ import numpy as np
 import pytest
 from kfmocap.core.body import landmark_positions
 from kfmocap.core.body.motion import Motion
+from kfmocap.core.errors import WorkerEndedError
 from kfmocap.core.runtime.worker_memory import WorkerMemory
+from kfmocap.core.runtime.worker_pool import WorkerPool
 from kfmocap.core.shot.image_sequences import image_files
 from kfmocap.core.shot.shot import Shot, View
 from kfmocap.core.tracking import reader, tracker
@@ -51,6 +53,27 @@ def test_one_and_two_processes_find_the_same_motion_to_the_last_bit(
     assert alone.footage_offset == together.footage_offset
     assert [s.energy for s in alone.segments] == [s.energy for s in together.segments]
     assert not list(tmp_path.iterdir())  # the frames that the processes shared are gone
+
+
+def test_a_worker_that_is_killed_ends_the_tracking_with_a_message(
+    filmed: Shot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    pools: list[WorkerPool] = []
+
+    def kept(workers: int) -> WorkerPool:
+        pools.append(WorkerPool(workers))
+        return pools[-1]
+
+    def kill(_what: str, _fraction: float) -> bool:
+        pools[0]._processes[0].kill()
+        return True
+
+    monkeypatch.setattr(tracker.tempfile, "gettempdir", lambda: str(tmp_path))
+    monkeypatch.setattr(tracker, "WORTH_PROCESSES", 0)
+    monkeypatch.setattr(tracker, "WorkerPool", kept)
+    with pytest.raises(WorkerEndedError, match="ended unexpectedly"):
+        tracker.track(replace(filmed, settings=replace(filmed.settings, threads=2)), kill)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_correction_solves_the_two_segments_beside_it_and_decodes_nothing(
