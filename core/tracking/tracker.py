@@ -92,7 +92,8 @@ def track(
         Called with a segment and the motions of its frames as soon as it is solved, and again when it is refined.
     earlier : sequence of Motion, optional
         Every performer's motion as it was tracked before some key poses changed. Segments are solved from there; those
-        of which the images leave a doubt then are solved as if there were none.
+        of which the images leave a doubt then are solved as if there were none. It is not used where the offset of the
+        footage is still to be measured, for which segments are solved without it first.
 
     Raises
     ------
@@ -159,7 +160,7 @@ def track(
 
 def _carried(begin: TrackState, shot: Shot, earlier: Sequence[Motion]) -> TrackState | None:
     """The shot as it was tracked before, if it was, with the key poses as they are now."""
-    if not earlier or shot.length < 3:
+    if not earlier or shot.length < 3 or shot.settings.footage_offset is None:
         return None
     motions = tuple(carried(m, p.key_poses) for m, p in zip(earlier, shot.performers, strict=True))
     return replace(begin, motions=motions, solved=shot.length)

@@ -134,6 +134,13 @@ def test_after_a_correction_solving_begins_with_the_motion_that_there_is(filmed:
     np.testing.assert_array_equal(warm.motions[0].rotations[[0, 4, 8]], keys.poses.rotations[:3])
 
 
+def test_where_the_footage_offset_is_to_be_measured_tracking_begins_anew(filmed: Shot) -> None:
+    excerpt = Excerpt(0, 8, (None, (TRUTH[[9]],)))
+    [cold] = track_excerpts(filmed, [excerpt])
+    [again] = track_excerpts(filmed, [replace(excerpt, earlier=(TRUTH[:9],))])
+    assert same(cold.motions[0], again.motions[0]) and cold.footage_offset == again.footage_offset
+
+
 def test_a_motion_that_leaves_a_doubt_is_not_begun_with(filmed: Shot) -> None:
     astray = TRUTH[:9].moved(np.sin(np.arange(9) * np.pi / 4)[:, None] * np.full(BODY.dof, 1.0))
     excerpt = Excerpt(0, 8, (None, (TRUTH[[9]],)), 0.0)
