@@ -13,7 +13,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..body import Body
 from ..numerics.arrays import Array
 from ..numerics.banded import BandedFactor
 from ..numerics.banded_blocks import BandedBlocks
@@ -26,6 +25,8 @@ USUAL_RATIO = 3.0
 """Squared errors against those that the solver expects, where no key pose tells."""
 KNOWN_RATIO = 6.0
 """What `USUAL_RATIO` counts, in squared errors along an axis."""
+VAGUE = 0.5
+"""A prediction that is expected to be so far off along an axis tells nothing there, metres."""
 ALIKE = 4.0
 """Parts of a body miss a key pose together: so many count as one for the body's ratio."""
 OWN_RATIO = 6.0
@@ -65,7 +66,7 @@ def missed_key_poses(
         factor = BandedFactor(system, free.fixed[performer])
         # A single step goes as much too short here as in solving.
         step = -OVERRELAXATION * factor.solve(system.gradient)[frame]
-        found.append(_miss(body, tip_jacobian(body, motion[[frame]])[0], step, factor.covariance(frame)))
+        found.append(_miss(tip_jacobian(body, motion[[frame]])[0], step, factor.covariance(frame)))
     return np.array(found).reshape(-1, len(body))
 
 
@@ -105,8 +106,12 @@ def _without_key(
     return free, SegmentSmoothness(variances)
 
 
-def _miss(body: Body, jacobian: Array, step: Array, covariance: Array) -> Array:
+def _miss(jacobian: Array, step: Array, covariance: Array) -> Array:
+    """Squared misses (P,) of a step (D,), over the axes along which its covariance (D, D) tells where tips are."""
     apart = jacobian @ step
-    expected = tip_covariances(jacobian[None], covariance[None])[0]
-    # Directions in which a tip cannot move say nothing.
-    return np.asarray(np.einsum("pa,pab,pb->p", apart, np.linalg.pinv(expected, 1e-6, hermitian=True), apart))
+    variances, axes = np.linalg.eigh(tip_covariances(jacobian[None], covariance[None])[0])
+    along = np.einsum("pab,pa->pb", axes, apart)
+    telling = (variances > 1e-6 * variances[:, -1:]) & (variances < VAGUE**2)
+    squares = np.where(telling, along**2 / np.maximum(variances, 1e-30), 0.0).sum(axis=1)
+    count = telling.sum(axis=1)
+    return np.asarray(np.where(count > 0, 3 * squares / np.maximum(count, 1), 3 * USUAL_RATIO))

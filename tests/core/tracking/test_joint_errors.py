@@ -9,7 +9,8 @@ from kfmocap.core.evidence.label_images import Geometry
 from kfmocap.core.evidence.misfit import Misfit, measured_misfit
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics.rotations import exp
-from kfmocap.core.tracking.held_out_keys import covariance_ratios
+from kfmocap.core.tracking.held_out_keys import USUAL_RATIO, _miss, covariance_ratios
+from kfmocap.core.tracking.joint_covariances import tip_jacobian
 from kfmocap.core.tracking.lost_limbs import limb_reach, lost_probabilities
 from kfmocap.core.tracking.uncertainty import MAYBE, TAILS, SegmentDoubt, joint_errors, joint_parts
 from synthetic import at_rest, figure, look_at, poses_of, silhouette
@@ -54,6 +55,16 @@ def test_a_part_that_misses_key_poses_by_more_than_the_others_has_the_larger_rat
     assert ratios[1] > 2 * np.delete(ratios, 1).max()
     usual = covariance_ratios(np.zeros((0, P)), joint_parts(BODY.parents))
     assert (usual == usual[0]).all() and usual[0] > 1
+
+
+def test_a_prediction_that_nothing_determines_says_nothing_of_the_ratio() -> None:
+    jacobian = tip_jacobian(BODY, at_rest(BODY))[0]
+    vague = _miss(jacobian, np.zeros(BODY.dof), 10.0 * np.eye(BODY.dof))
+    np.testing.assert_allclose(vague, 3 * USUAL_RATIO)
+    exact = _miss(jacobian, np.zeros(BODY.dof), 1e-4 * np.eye(BODY.dof))
+    np.testing.assert_allclose(exact, 0)
+    usual = covariance_ratios(np.zeros((0, P)), [0, 1])
+    np.testing.assert_allclose(covariance_ratios(np.stack([vague] * 5), [0, 1]), usual)
 
 
 def test_what_no_footage_shows_is_in_the_errors_of_all_frames_but_the_key_poses() -> None:
