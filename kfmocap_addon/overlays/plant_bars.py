@@ -10,8 +10,9 @@ from . import mark_drawing
 
 ROWS = ("heel.L", "ball.L", "heel.R", "ball.R")
 """From above."""
-_HEIGHT, _BELOW = 4, 22
-"""Pixels: of a bar and the gap to the next, and from the lower edge, where the editor has its scroll bar."""
+_HEIGHT, _BELOW, _OPACITY = 3, 2, 0.7
+"""Pixels: of a bar with the gap to the next, and from the lower edge. The timeline is low by default, and keys are seen
+through the bars."""
 
 
 def draw_bars() -> None:
@@ -28,4 +29,5 @@ def draw_bars() -> None:
         if right < 0 or left > context.region.width:
             continue
         low = scale * (_BELOW + _HEIGHT * row)
-        mark_drawing.bar((left, low), (right, low + scale * (_HEIGHT - 1)), colour_of(plant.name))
+        colour = (*colour_of(plant.name)[:3], _OPACITY)
+        mark_drawing.bar((left, low), (right, low + scale * (_HEIGHT - 1)), colour)
