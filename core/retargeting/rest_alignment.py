@@ -118,7 +118,7 @@ Rig = tuple[RestSkeleton, BoneMap]
 def _hand(source: Rig, target: Rig, role: str, above: Array) -> Array:
     """Along the hand where both tails are reliable, the palms' normals where both have fingers."""
     side = role.partition(".")[2]
-    palms = [_palm(*rig, side) for rig in (source, target)]
+    palms = [palm_axes(*rig, side) for rig in (source, target)]
     if palms[0] is not None and palms[1] is not None:
         return np.asarray(palms[0] @ palms[1].T)
     ways = []
@@ -130,7 +130,7 @@ def _hand(source: Rig, target: Rig, role: str, above: Array) -> Array:
     return _aligned(above, ways[1], ways[0])
 
 
-def _palm(rest: RestSkeleton, bones: BoneMap, side: str) -> Array | None:
+def palm_axes(rest: RestSkeleton, bones: BoneMap, side: str) -> Array | None:
     """Axes of the hand at rest, along the middle finger, across the palm, out of it; None without the fingers."""
     across = [bones.bones.get(f"{finger}.{side}") for finger in ("index", "pinky")]
     if None in across or f"middle.{side}" not in bones.bones:

@@ -84,6 +84,13 @@ def world_frame(armature: bpy.types.Object) -> tuple[Array, float]:
     return matrix, scale
 
 
+def rest_orientations(armature: bpy.types.Object, names: Sequence[str]) -> Array:
+    """Orientations (B, 3, 3) of bones at rest, in the world."""
+    matrix, scale = world_frame(armature)
+    local = np.array([armature.data.bones[name].matrix_local for name in names]).reshape(-1, 4, 4)
+    return rotations.orthonormal(matrix[:3, :3] / scale @ local[:, :3, :3])
+
+
 @contextmanager
 def at_rest(armature: bpy.types.Object, controls: Sequence[str]) -> Iterator[None]:
     """Take an armature's animation away and its controls to their rest pose while the block runs."""

@@ -7,12 +7,11 @@ import numpy as np
 
 from ...core.body.skeleton_motion import RestSkeleton, SkeletonMotion, motion_of_body
 from ...core.errors import ShotError
-from ...core.numerics import rotations
 from ...core.retargeting.bone_matching import preset_of
 from ...core.retargeting.roles import BoneMap
 from ..scene_io import body_armature, fcurves, motion_curves
 from .rig_error import world_matrices
-from .rig_reading import rest_skeleton, world_frame
+from .rig_reading import rest_orientations, rest_skeleton
 from .send import shown_bone, target_bones
 
 
@@ -71,9 +70,7 @@ def motion_of_armature(
     shown = list(shown_bones(armature, bones).values())
     whole = rest_skeleton(armature)
     own, others = whole.indices(names), whole.indices(shown)
-    matrix, scale = world_frame(armature)
-    local = np.array([armature.data.bones[name].matrix_local for name in shown]).reshape(-1, 4, 4)
-    R_rest = rotations.orthonormal(matrix[:3, :3] / scale @ local[:, :3, :3])
+    R_rest = rest_orientations(armature, shown)
     turns = np.empty((last - first + 1, len(names), 3, 3))
     places = np.empty(turns.shape[:3])
     now = scene.frame_current

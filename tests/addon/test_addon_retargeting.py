@@ -10,6 +10,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+import addon_utils  # noqa: E402
 from addon_shots import blender, shot  # noqa: E402, F401
 from kfmocap.__main__ import main  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
@@ -339,3 +340,25 @@ def test_a_character_that_follows_live_does_what_keys_would_make_it_do(tracked, 
     keyed = shown_joints(hero, names)
     keyed[..., :2] += (followed[0] - keyed[0])[names.index("pelvis"), :2]  # now over another first pose
     assert np.abs(followed - keyed).max() < 1e-4
+
+
+def test_a_hand_shape_is_keyed_on_whatever_axes_the_fingers_have(blender):  # noqa: F811
+    """On Rigify's metarig: fingertips come near the palm, in quaternions and in Euler angles."""
+    addon_utils.enable("rigify", default_set=True)
+    bpy.ops.object.armature_human_metarig_add()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    rig = bpy.context.object
+    for bone in rig.pose.bones:
+        bone.rotation_mode = "XYZ" if bone.name.endswith(".L") else "QUATERNION"
+
+    def apart():
+        bpy.context.view_layer.update()
+        ends = [(rig.pose.bones[f"f_middle.03.{s}"].tail - rig.pose.bones[f"hand.{s}"].head).length for s in "LR"]
+        return np.array(ends)
+
+    before = apart()
+    assert bpy.ops.kfmocap.hand_shape(shape="fist") == {"FINISHED"}
+    assert (apart() < 0.7 * before).all()
+    bags = rig.animation_data.action.layers[0].strips[0].channelbags
+    assert {len(curve.keyframe_points) for curve in bags[0].fcurves} == {1}
+    assert len({curve.data_path for curve in bags[0].fcurves}) == 30

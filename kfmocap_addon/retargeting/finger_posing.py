@@ -1,0 +1,27 @@
+"""Finger bones of a character posed in a shape of the hand, and keyed."""
+
+from __future__ import annotations
+
+import bpy
+
+from ...core.retargeting.hand_shapes import finger_turns
+from .rig_curves import rotation_channel
+from .rig_reading import rest_orientations, rest_skeleton
+from .send import target_bones
+
+
+def key_shape(armature: bpy.types.Object, side: str, shape: str, amount: float, frame: int) -> None:
+    """Pose the fingers of one hand and key their rotations on a frame, in the rotation mode that each bone has.
+
+    Raises
+    ------
+    BodyError
+        The armature is no human's, or its fingers are not known.
+    """
+    turns = finger_turns(rest_skeleton(armature), target_bones(armature), side, shape, amount)
+    names = list(turns)
+    for name, R in zip(names, rest_orientations(armature, names), strict=True):
+        bone = armature.pose.bones[name]
+        channel = rotation_channel(bone, (R.T @ turns[name] @ R)[None])
+        setattr(bone, channel.attribute, channel.values[0])
+        bone.keyframe_insert(channel.attribute, frame=frame, group=name)
