@@ -27,6 +27,7 @@ os.environ["BLENDER_USER_RESOURCES"] = tempfile.mkdtemp(prefix="kfmocap-blender-
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--nightly", action="store_true", help="random tests at their full size")
+    parser.addoption("--undo-sequences", type=int, help="how many random sequences of tools are undone and redone")
     parser.addoption("--damaged", type=int, default=10, help="how many damaged files of every kind are read")
 
 

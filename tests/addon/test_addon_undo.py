@@ -9,21 +9,25 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, shot, tracker  # noqa: E402, F401
+from addon_shots import FRAMES, blender, shot, tracker  # noqa: E402, F401
 from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
 from random_calls import TOOLS, arguments, call, files, in_mode, quick  # noqa: E402, F401
 from scene_state import differences, state  # noqa: E402
 
 pytestmark = pytest.mark.blender
 
+SEQUENCES, NIGHTLY_SEQUENCES = 1, 500
+IN_A_SEQUENCE, LENGTH = 20, 60
 UNDONE = [cls for cls in TOOLS if "UNDO" in cls.bl_options]
 TRIES = 5
 
 
-def tracked_scene(folder: Path, mode: str) -> dict:
+def tracked_scene(
+    folder: Path, mode: str, performers: tuple[str, ...] = ("man",), frames: int = FRAMES
+) -> dict[str, object]:
     """Build a tracked shot, to which undo comes back; return its state."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    scene.build_scene(shot(folder), scene=bpy.context.scene)
+    scene.build_scene(shot(folder, performers, frames=frames), scene=bpy.context.scene)
     bpy.context.scene.frame_set(6)
     bpy.ops.kfmocap.track()
     in_mode(mode)
@@ -60,3 +64,37 @@ def test_a_tool_does_all_or_nothing_and_undo_and_redo_are_exact(blender, quick, 
                 break
     assert not wrong
     assert len(worked) > 0.4 * len(UNDONE), "many tools did something"
+
+
+def sequence(dice: random.Random, files: list[str], start: dict) -> list:  # noqa: F811
+    """Call tools one after the other, now and then undo and redo some of them; what is then different."""
+    states, found = [start], []
+    for _ in range(IN_A_SEQUENCE):
+        cls = dice.choice(UNDONE)
+        if call(cls, arguments(cls, files, dice), undo=True) == {"FINISHED"}:
+            states.append(state())
+        if dice.random() < 0.2:
+            back = dice.randrange(len(states))
+            for step, position in ((bpy.ops.ed.undo, len(states) - 1 - back), (bpy.ops.ed.redo, len(states) - 1)):
+                for _ in range(back):
+                    step()
+                found += [(cls.bl_idname, d) for d in differences(state(), states[position])[:3]]
+    for _ in states[1:]:
+        bpy.ops.ed.undo()
+    return found + [("all undone", d) for d in differences(state(), start)[:3]]
+
+
+def test_random_sequences_of_tools_are_undone_and_redone_to_the_last_value(
+    blender,  # noqa: F811
+    quick,  # noqa: F811
+    files,  # noqa: F811
+    tmp_path,
+    pytestconfig,
+):
+    """Two performers, 60 frames. Each sequence begins with the scene that undoing the one before it has left."""
+    quick.frames = LENGTH
+    start = tracked_scene(tmp_path, "OBJECT", ("man", "woman"), LENGTH)
+    usual = NIGHTLY_SEQUENCES if pytestconfig.getoption("nightly") else SEQUENCES
+    for number in range(pytestconfig.getoption("undo_sequences") or usual):
+        wrong = sequence(random.Random(number), files, start)
+        assert not wrong, f"sequence {number}"

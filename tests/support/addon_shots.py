@@ -42,7 +42,7 @@ def video(path: Path, frames: int = 30, size: tuple[int, int] = SIZE) -> Path:
     """A small video whose frame i is grey of level 8 i."""
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 25.0, size)
     for i in range(frames):
-        writer.write(np.full((size[1], size[0], 3), 8 * i, np.uint8))
+        writer.write(np.full((size[1], size[0], 3), 8 * i % 256, np.uint8))
     writer.release()
     return path
 
@@ -65,9 +65,10 @@ def motion(frames: int, seed: int = 0, parts: int = 16) -> Motion:
 
 def shot(folder: Path, performers: tuple[str, ...] = ("man",), fps: float = 60.0, frames: int = FRAMES) -> Shot:
     """A fixed and a moving camera, key poses at the first, sixth and last frame."""
+    length = max(30, FIRST + frames + 3)
     views = (
-        View(camera(1), video(folder / "cam01.mp4"), 2.0, keypoints=folder / "pose" / "cam01_json"),
-        View(camera(2, frames), video(folder / "cam02.mp4")),
+        View(camera(1), video(folder / "cam01.mp4", length), 2.0, keypoints=folder / "pose" / "cam01_json"),
+        View(camera(2, frames), video(folder / "cam02.mp4", length)),
     )
     people = []
     for seed, name in enumerate(performers):
@@ -112,7 +113,7 @@ def track_result(
 @pytest.fixture
 def tracker(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     """Stands in for the tracker: gives the true motion of every performer, or the error that a test sets instead."""
-    stand_in = SimpleNamespace(shots=[], error=None, footage_offset=0.0)
+    stand_in = SimpleNamespace(shots=[], error=None, footage_offset=0.0, frames=FRAMES)
 
     def track(
         given: Shot, progress: Progress | None = None, around: Around = (None, None), **_more: object
@@ -123,7 +124,7 @@ def tracker(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
         if stand_in.error is not None:
             raise stand_in.error
         here = slice(given.frames[0] - FIRST, given.frames[1] + 1 - FIRST)
-        motions = tuple(motion(FRAMES, seed)[here] for seed in range(len(given.performers)))
+        motions = tuple(motion(stand_in.frames, seed)[here] for seed in range(len(given.performers)))
         return track_result(given, motions, footage_offset=stand_in.footage_offset)
 
     monkeypatch.setattr(retracking, "track", track)
