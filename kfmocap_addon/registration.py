@@ -42,12 +42,14 @@ from .operators import (
     retarget_bones,
     send_to_rig,
     set_key_pose,
+    show_key_pictures,
     show_misfit,
     simplify,
     track_motion,
 )
 from .panels import guide, key_list
 from .scene_io import capture_scene, missing_footage
+from .scene_io.key_pictures import PICTURES
 
 OPERATORS = (
     open_section,
@@ -60,6 +62,7 @@ OPERATORS = (
     fit_body,
     refine_cameras,
     set_key_pose,
+    show_key_pictures,
     place_joints,
     copy_pose,
     nudge_pose,
@@ -121,6 +124,7 @@ def unregister() -> None:
         space, handle = _drawings.pop()
         space.draw_handler_remove(handle, "WINDOW")
     guide.unregister()
+    PICTURES.clear()
     open_section.unregister()
     del bpy.types.Scene.kfmocap_capture
     del bpy.types.Scene.kfmocap

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -95,6 +96,18 @@ def contact_sheet(
             rows.append(row)
             report_progress(progress, "overlay", len(rows) / len(shot.views))
     return _stacked(rows)
+
+
+def picture_cells(
+    shot: Shot, motions: Sequence[Motion], frames: Sequence[int], progress: Progress | None = None
+) -> list[Image]:
+    """Draw frames of a shot's first view one by one, each cropped around the performers.
+
+    Parameters are those of `contact_sheet`; frames are increasing.
+    """
+    sheet = contact_sheet(replace(shot, views=shot.views[:1]), motions, frames, progress)
+    step = (SHEET_WIDTH + _GAP) // max(len(frames), 3)
+    return [sheet[:, k * step : (k + 1) * step - _GAP] for k in range(len(frames))]
 
 
 def write_contact_sheet(path: Path, sheet: Image) -> None:

@@ -49,14 +49,31 @@ class RemoveKeyPose(Conditional, bpy.types.Operator):
         return outcome.value
 
 
-class AcceptProposals(Conditional, bpy.types.Operator):
+class _Proposals(Conditional):
+    """Tools for proposed key poses: of one frame, or all of them."""
+
+    conditions = (has_performer,)
+
+    def chosen(self, context: bpy.types.Context, frame: int, every: bool) -> list[int]:
+        """Find the frames that are meant; those without a proposal are reported."""
+        from ..scene_io import key_pose_curves
+
+        frame = frame if frame >= 0 else context.scene.frame_current
+        proposed = key_pose_curves.keyed_bones(active_performer.chosen(context).armature)[1]
+        found = [f for f in proposed if every or f == frame]
+        if not found:
+            self.report({"WARNING"}, "There is no proposal" + ("" if every else f" on frame {frame}"))
+        return found
+
+
+class AcceptProposals(_Proposals, bpy.types.Operator):
     """Make a proposed key pose your own, so that tracking meets it exactly"""
 
     bl_idname = "kfmocap.accept_proposals"
     bl_label = "Accept Proposal"
-    conditions = (has_performer,)
 
-    every: bpy.props.BoolProperty(name="All", description="All proposals, not only that on this frame")
+    every: bpy.props.BoolProperty(name="All", description="All proposals, not only that on one frame")
+    frame: bpy.props.IntProperty(default=-1, min=-1, name="Frame", description="Scene frame; -1: the current one")
 
     @classmethod
     def description(cls, _context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
@@ -65,17 +82,33 @@ class AcceptProposals(Conditional, bpy.types.Operator):
         return cls.__doc__
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ..scene_io import key_pose_curves, motion_curves
+        from ..scene_io import motion_curves
 
         with reported(self) as outcome:
-            armature, frame = active_performer.chosen(context).armature, context.scene.frame_current
-            proposed = key_pose_curves.keyed_bones(armature)[1]
-            chosen = [f for f in proposed if self.every or f == frame]
+            chosen = self.chosen(context, self.frame, self.every)
             if not chosen:
-                self.report({"WARNING"}, "There is no proposal" + ("" if self.every else f" on frame {frame}"))
                 return {"CANCELLED"}
-            motion_curves.accept_proposals(armature, chosen)
+            motion_curves.accept_proposals(active_performer.chosen(context).armature, chosen)
             self.report({"INFO"}, f"{len(chosen)} proposals are key poses now")
+        return outcome.value
+
+
+class RefuseProposal(_Proposals, bpy.types.Operator):
+    """Have the tracker propose this key pose no more: the motion stays, without a key pose on this frame"""
+
+    bl_idname = "kfmocap.refuse_proposal"
+    bl_label = "Refuse Proposal"
+
+    frame: bpy.props.IntProperty(default=-1, min=-1, name="Frame", description="Scene frame; -1: the current one")
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..scene_io import motion_curves
+
+        with reported(self) as outcome:
+            chosen = self.chosen(context, self.frame, every=False)
+            if not chosen:
+                return {"CANCELLED"}
+            motion_curves.refuse_proposals(active_performer.chosen(context).armature, chosen)
         return outcome.value
 
 
@@ -83,4 +116,4 @@ def _bones_text(bones: set[str] | None) -> str:
     return "the whole body" if bones is None else ", ".join(sorted(bones))
 
 
-CLASSES = (SetKeyPose, RemoveKeyPose, AcceptProposals)
+CLASSES = (SetKeyPose, RemoveKeyPose, AcceptProposals, RefuseProposal)

@@ -8,13 +8,15 @@ from ..operators.go_to_frame import GoToFrame
 from ..operators.nudge_pose import BreakdownPose, NudgeDepth, NudgePose
 from ..operators.place_joints import ClearMarks, PlaceJoints
 from ..operators.pose_from_files import ImportKeypoints, MarkKeypoints, PoseFromKeypoints, PoseFromLandmarks
-from ..operators.set_key_pose import AcceptProposals, RemoveKeyPose, SetKeyPose
+from ..operators.set_key_pose import AcceptProposals, RefuseProposal, RemoveKeyPose, SetKeyPose
+from ..operators.show_key_pictures import ShowKeyPictures
 from ..scene_io import active_performer
+from ..scene_io.key_pictures import PICTURES
 from . import key_list, performer_rows
 from .section import Section, SectionPart
 from .texts import draw_text
 
-_COLUMNS = 6
+_COLUMNS, _PICTURE_COLUMNS, _PICTURE_SCALE = 6, 2, 6.0
 
 
 class KeyPosesPanel(Section, bpy.types.Panel):
@@ -43,6 +45,38 @@ class KeyPosesPanel(Section, bpy.types.Panel):
                 performer_rows.draw_title(layout, context, each)
             rows = key_list.CACHE.entries(each.armature) or ()
             _draw_rows(layout, context.scene.frame_current, rows, accepts=each == slot)
+
+
+class KeyPicturesPanel(SectionPart, bpy.types.Panel):
+    bl_idname = "KFMOCAP_PT_key_pictures"
+    bl_label = "Pictures"
+    bl_parent_id = KeyPosesPanel.bl_idname
+    bl_options = {"DEFAULT_CLOSED"}
+    section = "key_poses"
+
+    @classmethod
+    def is_needed(cls, context: bpy.types.Context) -> bool:
+        return active_performer.chosen(context) is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, slot = self.layout, active_performer.chosen(context)
+        layout.operator(ShowKeyPictures.bl_idname, icon="IMAGE_DATA")
+        icons = PICTURES.icons(slot.armature)
+        grid = layout.grid_flow(row_major=True, columns=_PICTURE_COLUMNS, even_columns=True)
+        for row in key_list.CACHE.entries(slot.armature) or ():
+            if row.frame in icons:
+                _draw_picture(grid.column(align=True), context.scene.frame_current, row, icons[row.frame])
+
+
+def _draw_picture(column: bpy.types.UILayout, frame: int, row: key_list.KeyPoseEntry, icon: int) -> None:
+    """A key pose's picture; below it the button that goes there, and those for a proposal."""
+    column.template_icon(icon_value=icon, scale=_PICTURE_SCALE)
+    buttons = column.row(align=True)
+    button = buttons.operator(GoToFrame.bl_idname, text=str(row.frame), depress=row.frame == frame)
+    button.frame, button.reason = row.frame, row.description
+    if row.proposed:
+        buttons.operator(AcceptProposals.bl_idname, text="", icon="CHECKMARK").frame = row.frame
+        buttons.operator(RefuseProposal.bl_idname, text="", icon="X").frame = row.frame
 
 
 class PoseToolsPanel(SectionPart, bpy.types.Panel):
@@ -149,4 +183,4 @@ def _draw_rows(
         accept.operator(AcceptProposals.bl_idname, text="Accept All").every = True
 
 
-CLASSES = (KeyPosesPanel, PoseToolsPanel, PoseFilesPanel)
+CLASSES = (KeyPosesPanel, KeyPicturesPanel, PoseToolsPanel, PoseFilesPanel)

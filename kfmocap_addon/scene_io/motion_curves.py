@@ -117,6 +117,15 @@ def bake(armature: bpy.types.Object, bones: Collection[str] | None = None) -> in
 
 def accept_proposals(armature: bpy.types.Object, frames: Collection[int]) -> None:
     """Make proposed key poses of scene frames the animator's own."""
+    _turn_proposals(armature, frames, "KEYFRAME", "BEZIER")
+
+
+def refuse_proposals(armature: bpy.types.Object, frames: Collection[int]) -> None:
+    """Make proposed key poses of scene frames tracked ones like those between them."""
+    _turn_proposals(armature, frames, "GENERATED", "LINEAR")
+
+
+def _turn_proposals(armature: bpy.types.Object, frames: Collection[int], kind: str, interpolation: str) -> None:
     for _, curve, keys, own in key_ownership.channel_keys(armature, body_channels.list_channels(armature)):
         proposed = (
             ~own
@@ -124,8 +133,8 @@ def accept_proposals(armature: bpy.types.Object, frames: Collection[int]) -> Non
             & (keys["type"] == fcurves.enum_value("type", key_ownership.PROPOSAL))
         )
         if proposed.any():
-            keys["type"][proposed] = fcurves.enum_value("type", "KEYFRAME")
-            keys["interpolation"][proposed] = fcurves.enum_value("interpolation", "BEZIER")
+            keys["type"][proposed] = fcurves.enum_value("type", kind)
+            keys["interpolation"][proposed] = fcurves.enum_value("interpolation", interpolation)
             fcurves.set_keys(curve, [keys])
 
 

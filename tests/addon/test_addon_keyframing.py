@@ -13,7 +13,8 @@ from kfmocap.core.body import landmark_positions  # noqa: E402
 from kfmocap.core.errors import ShotError  # noqa: E402
 from kfmocap.core.formats import write_trc  # noqa: E402
 from kfmocap.kfmocap_addon.editing import keyframing  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import joint_marks, key_pose_curves, shown_pose  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import joint_marks, key_pose_curves, motion_curves, shown_pose  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.key_pictures import PICTURES  # noqa: E402
 from test_addon_posing import BENT, BODY, LIMBS, WALK, error, keyed, walk_scene  # noqa: E402
 
 pytestmark = pytest.mark.blender
@@ -96,8 +97,16 @@ def test_proposals_and_a_first_pass_without_any_key_pose(blender, tmp_path):  # 
     for frame in (3, 12, 25):
         bpy.context.scene.frame_set(1 + frame)
         assert error(slot, WALK[[frame]]) < 0.03
+    assert bpy.ops.kfmocap.show_key_pictures() == {"FINISHED"}
+    icons = PICTURES.icons(slot.armature)
+    assert sorted(icons) == proposed and len(set(icons.values())) == 2 and 0 not in icons.values()
+    before = motion_curves.read_motion(slot.armature, 1, 30)
+    assert bpy.ops.kfmocap.refuse_proposal(frame=proposed[0]) == {"FINISHED"}
+    assert key_pose_curves.keyed_bones(slot.armature) == ({}, proposed[1:])
+    assert np.array_equal(motion_curves.read_motion(slot.armature, 1, 30).rotations, before.rotations)
+    assert bpy.ops.kfmocap.refuse_proposal(frame=proposed[0]) == {"CANCELLED"}
     bpy.ops.kfmocap.accept_proposals(every=True)
-    assert list(keyed(slot).values()) == [True, True]
+    assert list(keyed(slot)) == proposed[1:]
 
 
 def test_keypoints_become_marks_that_place_joints_poses(blender, tmp_path):  # noqa: F811
