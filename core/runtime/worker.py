@@ -32,8 +32,6 @@ def main() -> None:
     os.dup2(2, 1)  # what libraries print is not part of the protocol
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes of a terminal: one of them decides
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    if hasattr(os, "nice"):
-        os.nice(NICENESS)
     sent: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
     working = threading.Event()
     threading.Thread(target=_receive, args=(sent, working), daemon=True).start()
@@ -50,7 +48,9 @@ def main() -> None:
     try:
         if (head := sent.get()) is None:
             return
-        search, package, folder = pickle.loads(head)
+        search, package, folder, yields = pickle.loads(head)
+        if yields and hasattr(os, "nice"):
+            os.nice(NICENESS)
         sys.path[:] = search
         load(package, Path(folder))
         kept = importlib.import_module(f"{package}.core.runtime.worker_memory")

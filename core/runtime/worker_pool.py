@@ -31,7 +31,7 @@ class WorkerPool:
         self.workers = workers
         self._ended = Event()
         self._failure: WorkerEndedError | None = None
-        self._processes = [WorkerProcess() for _ in range(workers - 1)]
+        self._processes = [WorkerProcess(yields=False) for _ in range(workers - 1)]
         self._idle: queue.SimpleQueue[WorkerProcess | None] = queue.SimpleQueue()
         for place in (*self._processes, None):
             self._idle.put(place)

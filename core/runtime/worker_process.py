@@ -25,14 +25,20 @@ Show = Callable[[Any, Any], None]
 class WorkerProcess:
     """A process to work in.
 
+    Parameters
+    ----------
+    yields : bool
+        The program goes first where both have something to do, as one should that somebody is using.
+
     Raises
     ------
     KFMocapError
         Python cannot be started.
     """
 
-    def __init__(self) -> None:
-        flags = getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0) | getattr(subprocess, "CREATE_NO_WINDOW", 0)
+    def __init__(self, *, yields: bool = True) -> None:
+        lower = getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0) if yields else 0
+        flags = lower | getattr(subprocess, "CREATE_NO_WINDOW", 0)
         try:
             self._process = subprocess.Popen(
                 [sys.executable, str(Path(__file__).with_name("worker.py"))],
@@ -43,7 +49,7 @@ class WorkerProcess:
         except OSError as error:
             what = f"Python cannot be started: {error.strerror}"
             raise KFMocapError(what, where=str(sys.executable), todo="install the program again") from error
-        self._greeted = False
+        self._yields, self._greeted = yields, False
 
     @property
     def alive(self) -> bool:
@@ -80,7 +86,7 @@ class WorkerProcess:
         """
         try:
             if not self._greeted:
-                self._send((sys.path, __package__.rsplit(".", 2)[0], str(Path(__file__).parents[2])))
+                self._send((sys.path, __package__.rsplit(".", 2)[0], str(Path(__file__).parents[2]), self._yields))
                 self._greeted = True
             self._send(work)
         except OSError as error:

@@ -86,3 +86,9 @@ def showing(file: Path, _progress: Progress, *, memory: WorkerMemory, show: Call
     while not file.exists():
         time.sleep(0.01)
     return "end"
+
+
+def niceness(progress: Progress) -> int:
+    """How much the process lets others go first."""
+    time.sleep(0.1)
+    return os.nice(0)

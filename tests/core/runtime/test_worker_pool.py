@@ -43,3 +43,10 @@ def test_an_error_of_the_work_comes_as_it_was_and_the_worker_lives() -> None:
             with pytest.raises(CaptureError, match="it lies in a plane"):
                 future.result()
         assert pool.submit(job_functions.process_id, unheard).result() > 0
+
+
+@pytest.mark.skipif(not hasattr(os, "nice"), reason="there is no niceness")
+def test_the_processes_of_a_pool_are_as_important_as_this_one() -> None:
+    """All are waited for: one that lets others go first would hold up the rest."""
+    with WorkerPool(2) as pool:
+        assert {pool.submit(job_functions.niceness, unheard).result() for _ in range(4)} == {os.nice(0)}
