@@ -25,7 +25,8 @@ class ExportPanel(Section, bpy.types.Panel):
         row.operator(Bake.bl_idname, icon="KEYFRAME_HLT")
         row.operator(Simplify.bl_idname, icon="MOD_SMOOTH")
         layout.prop(settings, "preset")
-        row = layout.row(align=True, heading="Files")
+        row = layout.row(align=True)
+        row.use_property_split = False  # the names need the whole width
         row.prop(settings, "bvh", toggle=True)
         row.prop(settings, "fbx", toggle=True)
         row.prop(settings, "glb", toggle=True)
