@@ -68,13 +68,19 @@ def _draw_helpful(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup) -> 
         column.separator()
         column.label(text="One more key pose would help most at")
     for key in slot.helpful:
-        text = f"{key.frame}: {key.name}, {key.error:.0f} mm"
+        text = f"{key.frame}: {key.error:.0f} mm, {_first_of(key.name)}"
         button = column.operator(GoToFrame.bl_idname, text=text, icon="KEY_HLT")
         button.frame = key.frame
         button.reason = (
-            f"Jump there and correct the pose: its bones may be {key.error:.0f} mm off, these most. A key pose would "
-            f"lower the expected error of the whole shot by {key.gain:.1f} mm"
+            f"Jump there and correct the pose: its bones may be {key.error:.0f} mm off, most of all {key.name}. A key "
+            f"pose would lower the expected error of the whole shot by {key.gain:.1f} mm"
         )
+
+
+def _first_of(names: str) -> str:
+    """The first of some bones, and how many more there are: a button has room for as much."""
+    first, *others = names.split(", ")
+    return f"{first} +{len(others)}" if others else first
 
 
 def _draw_suggestions(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup) -> None:
@@ -82,7 +88,9 @@ def _draw_suggestions(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup)
         column.separator()
         column.label(text="Long out of sight: a key pose beside it at")
     for suggestion in slot.suggestions:
-        button = column.operator(GoToFrame.bl_idname, text=f"{suggestion.frame}: {suggestion.name}", icon="HIDE_ON")
+        button = column.operator(
+            GoToFrame.bl_idname, text=f"{suggestion.frame}: {_first_of(suggestion.name)}", icon="HIDE_ON"
+        )
         button.frame = suggestion.frame
         first, last = suggestion.hidden
         button.reason = (
