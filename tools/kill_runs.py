@@ -108,8 +108,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kills", type=int, default=10, help="runs that get each of the signals (default: 10)")
     parser.add_argument("--apart", action="store_true", help="each folder of results is by itself, as in a batch")
+    every = ",".join(number.name for number in SIGNALS)
+    parser.add_argument("--signals", default=every, metavar="NAMES", help="which of them (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="of the moments (default: 0)")
-    parser.add_argument("command", nargs=argparse.REMAINDER, help="a command that writes into OUT")
+    parser.add_argument("command", nargs=argparse.REMAINDER, metavar="...", help="a command that writes into OUT")
     args = parser.parse_args(argv)
     chance, outcomes, wrong = random.Random(args.seed), Counter(), 0
     with tempfile.TemporaryDirectory() as folder:
@@ -119,7 +121,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             print("the command fails by itself", file=sys.stderr)
             return 1
         seconds, names = time.monotonic() - begun, sorted(contents(first))
-        for number in SIGNALS:
+        for number in map(signal.Signals.__getitem__, args.signals.split(",")):
             for k in range(args.kills):
                 out = Path(folder, f"{number.name}{k}", "out")
                 if k % 2:
