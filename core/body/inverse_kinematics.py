@@ -17,6 +17,9 @@ from .motion import Motion, stacked
 
 LANDMARK_SIGMA = 0.01
 """Expected error of a landmark, metres."""
+SETTLED = 1e-9
+"""Relative change after which a pose is found. Roundings decide what is left of it, and they differ between processors.
+"""
 ACCEPTED_MISFIT = 0.03
 """A landmark farther than this from its place, metres, is reason to look for another pose."""
 POSTURE_SIGMA = 2.0
@@ -29,7 +32,7 @@ SHIFT_SIGMA = 0.03
 """Expected departure of a shift (`body.human.SHIFTS`) from the average person's, metres."""
 
 ROUGH = 1e-4
-"""Relative tolerance of poses between which measures are fitted: the next round fits them again."""
+"""The same of the first poses between which measures are fitted: the next round fits them again."""
 
 
 def fit_poses(body: Body, names: Sequence[str], targets_world: Array, start: Motion | None = None) -> Motion:
@@ -55,7 +58,7 @@ def fit_poses(body: Body, names: Sequence[str], targets_world: Array, start: Mot
     LandmarkError
         If a pose has fewer than three landmarks.
     """
-    return _fit_poses(body, names, targets_world, start, search=True)
+    return _fit_poses(body, names, targets_world, start, search=True, tolerance=SETTLED)
 
 
 def _fit_poses(
@@ -138,7 +141,7 @@ def _fit_pose(body: Body, names: list[str], points: Array, start: Motion, tolera
         return np.concatenate([J, np.diag(posture), np.diag(stop * ((x < low) | (x > high)))])
 
     x0 = np.concatenate([start.translations[0], rotations.log(start.rotations[0]).ravel()])
-    fit = least_squares(residuals, x0, jacobian, method="lm", xtol=tolerance, ftol=tolerance, gtol=1e-9)
+    fit = least_squares(residuals, x0, jacobian, method="lm", xtol=tolerance, ftol=tolerance, gtol=1e-15)
     return pose(np.clip(fit.x, low, high))
 
 
@@ -161,7 +164,8 @@ def fit_body(names: Sequence[str], targets_world: Array, height: float | None = 
     measures = default_measures(stature)
     body, poses = human(stature, measures), None
     for i in range(rounds):
-        poses = _fit_poses(body, names, targets, poses, search=i == 1, tolerance=ROUGH)  # by then the body nearly fits
+        # With the second round the body nearly fits.
+        poses = _fit_poses(body, names, targets, poses, search=i == 1, tolerance=SETTLED if i else ROUGH)
         measures = _fit_measures(stature, measures, poses, names, targets)
         body = human(stature, measures)
     return body

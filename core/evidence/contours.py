@@ -171,7 +171,8 @@ def outline_lines(
     """
     pieces = _against_background(labels, stride)
     places = np.arange(-reach, reach + 1)
-    ratio = _along(foreground, labels, pieces, places, stride)
+    # In double precision: processors differ in the exponentials of single precision.
+    ratio = _along(foreground, labels, pieces, places, stride).astype(float)
     inside = np.cumsum(ratio, axis=1)
     score = CONTRAST * (2 * inside - inside[:, -1:])  # of an end between a place and the next: inside less outside
     likely = np.exp(score - score.max(axis=1, keepdims=True, initial=-np.inf))

@@ -181,7 +181,7 @@ def _histogram(colour: Bytes, regions: Mapping[int, Bools]) -> Array:
         counts += np.bincount(_bins(colour[frame])[region], minlength=len(counts))
     if not counts.any():
         counts += 1
-    cube = counts.reshape(_LEVELS, -1).astype(np.float32)
+    cube = counts.reshape(_LEVELS, -1)  # in double precision: see `view_frames`
     for _ in range(3):  # blurs one axis of colour, then goes on to the next
         cube = cv2.GaussianBlur(cube, (1, 0), 0, sigmaY=0.7, borderType=cv2.BORDER_REPLICATE)
         cube = cube.reshape(_LEVELS, _LEVELS, _LEVELS).transpose(1, 2, 0).reshape(_LEVELS, -1)

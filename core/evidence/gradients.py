@@ -163,7 +163,7 @@ def brightness_constancy(
         deviation = np.repeat(tolerance * np.maximum(given_noise, _LEAST_NOISE), np.diff(bounds)).astype(np.float32)
     error = huber_errors(residual, deviation)
     count = np.array([np.count_nonzero(seen[a:b]) for a, b in pairwise(bounds)], float)
-    error_sum = np.array([error[a:b] @ seen[a:b] for a, b in pairwise(bounds)], float)
+    error_sum = np.array([error[a:b].sum(where=seen[a:b], dtype=float) for a, b in pairwise(bounds)])
 
     rows = np.empty((13, len(residual)), np.float32)
     rows[:6], rows[6:12], rows[12] = -wrenches(x_a, slope, focal).T, wrenches(x_b, slope, focal).T, residual

@@ -181,12 +181,13 @@ class LabelImages:
     def inverse_depth(self) -> NDArray[np.float32]:
         """1/z of the surface at the pixels of `index`, 1/metres, shape (N,)."""
         _, u, v = self.places
-        rays = np.ones((3, len(u)), dtype=np.float32)
+        rays = np.ones((3, len(u)))
         rays[:2] = u, v
+        planes = self.faces.planes.astype(float)  # processors differ in products of single precision
         entered = np.empty(len(u), dtype=np.float32)
         for (a, b), (c, d) in zip(pairwise(self.ends.tolist()), pairwise(self.faces.ends.tolist()), strict=True):
             if a < b:
-                np.minimum.reduce(self.faces.planes[c:d] @ rays[:, a:b], axis=0, out=entered[a:b])
+                np.minimum.reduce(planes[c:d] @ rays[:, a:b], axis=0, out=entered[a:b])
         return np.maximum(entered, np.repeat(self.faces.farthest, np.diff(self.ends)))
 
     def areas(self) -> Ints:

@@ -24,6 +24,33 @@ _ROW = 256
 _STEPS = 1 << cv2.INTER_BITS
 
 
+_KERNEL_BITS = 12
+"""A kernel's weights are whole numbers and add up to two to this power."""
+_WHITE = 255 << 8
+"""What white is in a smoothed picture."""
+
+
+def _whole_gaussian(sigma: float) -> Image:
+    """A Gaussian kernel of whole numbers, shape (2 n + 1,)."""
+    half = max(1, round(4 * sigma))
+    tail = np.rint(cv2.getGaussianKernel(2 * half + 1, sigma)[:half, 0] * 2**_KERNEL_BITS)
+    return np.concatenate([tail, [2**_KERNEL_BITS - 2 * tail.sum()], tail[::-1]]).astype(np.float32)
+
+
+def _smoothed(image: NDArray[np.uint8], kernel: Image) -> Image:
+    """A picture of 8 bits smoothed, in whole numbers up to `_WHITE`.
+
+    All sums are of whole numbers below 2^24, which single precision holds exactly: processors whose instructions add in
+    another order give the same pictures to the last bit. What they differ in, solving would make larger.
+    """
+    one = np.ones(1, np.float32)
+    across = cv2.sepFilter2D(image.astype(np.float32), cv2.CV_32F, kernel, one)
+    across *= np.float32(2.0 ** (4 - _KERNEL_BITS))
+    down = cv2.sepFilter2D(np.rint(across, out=across), cv2.CV_32F, one, kernel)
+    down *= np.float32(2.0 ** (4 - _KERNEL_BITS))
+    return np.rint(down, out=down)
+
+
 @dataclass(frozen=True, eq=False)
 class GradientImages:
     """One window of n frames as the evidence needs it: brightness 0 to 1 and its derivatives per pixel.
@@ -46,10 +73,12 @@ class GradientImages:
     def of(cls, grey: NDArray[np.uint8], sigma: float, origin: tuple[int, int] = (0, 0)) -> GradientImages:
         """Smooth windows of 8 bits (n, h, w) by a Gaussian of `sigma` pixels and differentiate them."""
         values = np.empty((*grey.shape, 3), np.float32)
+        kernel = _whole_gaussian(sigma)
         for image, out in zip(grey, values, strict=True):
-            smooth = cv2.GaussianBlur(image * np.float32(1 / 255), (0, 0), sigma)
+            smooth = _smoothed(image, kernel)
             du, dv = (cv2.Scharr(smooth, cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1)))
             cv2.merge((smooth, du, dv), out)
+            out *= np.float32(1 / _WHITE)
         return cls(values.reshape(-1, grey.shape[2], 3), len(grey), origin)
 
     @property
