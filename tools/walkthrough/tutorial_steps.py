@@ -257,8 +257,8 @@ def real_shot() -> Waits:
     yield from click("Load Shot")
     yield from choose_file(WORK / "beam" / "shot.toml", "Load Shot")
     yield from until(lambda: len(scene().kfmocap.views) == 4)
-    if not screen.is_shown("Next"):
-        yield from click("Look Through", within=sidebar())
+    yield 1.0
+    yield from only("Look Through")
     x, y = find("Next", within=sidebar())
     yield from click_at((x + 57, y))  # the icon of four views
     yield 2.0
