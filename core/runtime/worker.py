@@ -20,8 +20,9 @@ from types import ModuleType
 
 NICENESS = 5
 """Where that is known, the program that is waiting goes first."""
-GRACE = 1.0
-"""Seconds that the work has to tidy up when nobody waits for it any more."""
+GRACE = 0.6
+"""Seconds that the work has to tidy up when nobody waits for it any more. Its own workers have as long again after it,
+and nothing is left two seconds after the program has ended."""
 LENGTH_BYTES = 8
 """Before everything that is sent to this process: how many bytes it is, the lowest first."""
 
