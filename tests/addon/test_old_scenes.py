@@ -56,7 +56,7 @@ def test_the_saved_shot_is_that_of_the_shot_file(opened) -> None:
     assert list(performer.body.landmarks) == list(expected.body.landmarks)
     for part, other in zip(performer.body.parts, expected.body.parts, strict=True):
         assert (part.name, part.parent) == (other.name, other.parent)
-        np.testing.assert_allclose(part.vertices, other.vertices, atol=1e-6)
+        np.testing.assert_allclose(part.vertices, other.vertices, atol=1e-5)  # the shot file's body is fitted anew
     keys = performer.key_poses
     assert keys.frames.tolist() == expected.key_poses.frames.tolist() == KEYS
     assert keys.fixed.all()
