@@ -52,6 +52,8 @@ LEAST_GAIN = 50.0
 """By how much a limb's motion has to become likelier to be changed, in natural units."""
 MEETING = 0.05
 """Duration over which the way between two limbs is smoothed, seconds."""
+PARTED = 0.75
+"""Limbs meet where they are less far apart than this share of how far they part in between."""
 BESIDE = 0.2
 """How long before and after a meeting their velocities are compared, seconds."""
 _STRIDE = 3
@@ -368,26 +370,55 @@ def untangled(
     free : ndarray of bool, shape (F,), optional
         The frames on which the limbs may be exchanged.
     """
-    R, _ = part_poses(body, motion)
-    left, right = (np.swapaxes(R[:, [body.parents[chain[0]]]], -1, -2) @ R[:, chain] for chain in pair)
-    apart = (right - left)[..., 1].reshape(len(motion), -1)  # of the bones' directions
-    apart = gaussian_filter1d(apart, MEETING * fps, axis=0, mode="nearest")
-    distance = np.linalg.norm(apart, axis=1)
-    meetings = 1 + np.flatnonzero((distance[1:-1] < distance[:-2]) & (distance[1:-1] < distance[2:]))
-    exchanged = np.zeros(len(motion), dtype=bool)
+    apart, meetings = _meetings(body, motion, pair, fps)
+    frames = np.zeros(len(motion), dtype=bool)
     for (a, b), swapped in zip(
         zip(meetings, [*meetings, len(motion)][1:], strict=True), _exchanges(apart, meetings, fps), strict=True
     ):
-        exchanged[a:b] = swapped
-    exchanged &= True if free is None else free
-    if not exchanged.any():
-        return motion
+        frames[a:b] = swapped
+    frames &= True if free is None else free
+    return exchanged(body, motion, pair, frames) if frames.any() else motion
+
+
+def exchanges(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[tuple[Motion, ...]]:
+    """The motions with two like limbs exchanged between two of their meetings, one such stretch at a time.
+
+    A solver that took the limbs for one another at both meetings has made its way between them smooth: that they were
+    exchanged, only the images show.
+    """
+    for i in problem.sought:
+        body, motion = problem.bodies[i], motions[i]
+        for pair in pairs(body):
+            apart, meetings = _meetings(body, motion, pair, problem.fps)
+            distance = np.linalg.norm(apart, axis=1)
+            fixed = problem.fixed[i][:, 3:].reshape(len(motion), -1, 3)[:, pair[0] + pair[1]].any(axis=(1, 2))
+            for a, b in pairwise(meetings):
+                if not fixed[a:b].any() and max(distance[a], distance[b]) < PARTED * distance[a:b].max():
+                    new = exchanged(body, motion, pair, np.isin(np.arange(len(motion)), np.arange(a, b)))
+                    yield (*motions[:i], new, *motions[i + 1 :])
+
+
+def _meetings(
+    body: Body, motion: Motion, pair: tuple[list[int], list[int]], fps: float
+) -> tuple[Array, NDArray[np.intp]]:
+    """How far apart two like limbs are in the directions of their bones, (F, d), and where that is least."""
+    R, _ = part_poses(body, motion)
+    left, right = (np.swapaxes(R[:, [body.parents[chain[0]]]], -1, -2) @ R[:, chain] for chain in pair)
+    apart = (right - left)[..., 1].reshape(len(motion), -1)
+    apart = gaussian_filter1d(apart, MEETING * fps, axis=0, mode="nearest")
+    distance = np.linalg.norm(apart, axis=1)
+    return apart, 1 + np.flatnonzero((distance[1:-1] < distance[:-2]) & (distance[1:-1] < distance[2:]))
+
+
+def exchanged(body: Body, motion: Motion, pair: tuple[list[int], list[int]], frames: NDArray[np.bool_]) -> Motion:
+    """A motion whose two like limbs point to where the other one did on some frames, a mask (F,)."""
+    R, _ = part_poses(body, motion)
     Q = motion.rotations.copy()
     for chain, other in (pair, pair[::-1]):
         parent = R[:, body.parents[chain[0]]]
         for part, like in zip(chain, other, strict=True):
             turned = np.swapaxes(parent @ body.R_parent_rest[part], -1, -2) @ R[:, like]
-            Q[exchanged, part] = rotations.orthonormal(turned[exchanged])
+            Q[frames, part] = rotations.orthonormal(turned[frames])
             parent = R[:, like]
     return Motion(motion.translations, Q)
 

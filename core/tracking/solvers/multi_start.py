@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from ...evidence.occlusion import LONG, intervals
 from ...evidence.view_frames import views_with_foreground
 from ...runtime.timing import Seconds
 from .gauss_newton import REACH, ROUGH_STEP, DescentStage, SegmentNoise, approach, descend
-from .limb_search import found_limbs, limbs, pairs, shown_areas, untangled_limbs
+from .limb_search import exchanges, found_limbs, limbs, pairs, shown_areas, untangled_limbs
 from .measurement import Workspace, hidden_parts, keypoint_agreement, poses_by_delay, view_instants
 from .problem import SegmentProblem, SegmentSolution
 from .sequential_start import blended, excerpt, follow
@@ -73,7 +73,8 @@ def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: 
     """Fit the motion of all performers between their key poses.
 
     The curve through the key poses is one start. Each performer of whom it leaves a doubt is then solved by itself from
-    other starts, among the others as they were found; see `best_of_own_starts`. At last all settle together.
+    other starts, among the others as they were found; see `best_of_own_starts`. At last all settle together, and like
+    limbs are exchanged where that is better.
     Parameters as of `gauss_newton.descend`.
     """
     best = descend(problem, start, workspace.part(0.0, 0.2))
@@ -81,7 +82,7 @@ def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: 
     seconds, motions = Seconds(best.seconds), best.motions
     for k, i in enumerate(doubted):
         own_start = [start[j] if j == i else motion for j, motion in enumerate(motions)]
-        part = workspace.part(0.2 + 0.8 * k / len(doubted), 0.2 + 0.8 * (k + 1) / len(doubted))
+        part = workspace.part(0.2 + 0.7 * k / len(doubted), 0.2 + 0.7 * (k + 1) / len(doubted))
         before = replace(best, motions=motions, only=problem.alone(i).only)
         own = best_of_own_starts(problem.alone(i), own_start, before, part)
         seconds.add(own.seconds)
@@ -91,6 +92,10 @@ def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: 
         settled = descend(problem, motions, workspace.silent(), SETTLED)
         seconds.add(settled.seconds)
         best = replace(settled, iterations=settled.iterations + best.iterations, energy=(*best.energy, *settled.energy))
+    if doubted and not problem.keypoints:  # keypoints show where limbs are
+        # Of all performers: who stands before the one that is doubted may have had limbs exchanged for its.
+        with seconds.measure("initial solution"):
+            best = with_limbs_exchanged(problem, best, workspace.part(0.9, 1.0))
     return replace(best, seconds=seconds)
 
 
@@ -319,6 +324,27 @@ def recombined(
             found.append(descend(problem, motions, part, SETTLED, noise))
         if best not in equals(found):
             best = min(equals(found), key=lambda solution: solution.energy[-1])
+    return best
+
+
+def with_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspace: Workspace) -> SegmentSolution:
+    """A solution, or with like limbs exchanged between their meetings where that covers more and is likelier.
+
+    Legs that pass each other twice between two key poses look much as if they had turned back both times; looking for
+    one limb at a time does not find that, as the other one is in its place.
+    """
+    assert best.evidence is not None
+    noise = SegmentNoise.of(best.evidence, problem.settings)
+    count = len(list(exchanges(problem, best.motions)))
+    if count:
+        best = descend(problem, best.motions, workspace.part(0.0, 1 / (1 + count)), SETTLED, noise)
+    for k in range(count):
+        part = workspace.part((k + 1) / (1 + count), (k + 2) / (1 + count))
+        # Anew of what is best by now: an exchange that was accepted leaves the limbs meeting where they did.
+        for motions in islice(exchanges(problem, best.motions), k, k + 1):
+            found = descend(problem, motions, part, (*SETTLING, *SETTLED), noise)
+            if found.cover > best.cover and found.energy[-1] < best.energy[-1]:
+                best = found
     return best
 
 

@@ -75,9 +75,9 @@ def test_a_chart_puts_values_where_its_axes_say():
     chart = Chart(300, 200, (0, 10), (0, 1), "")
     chart.bars([4, 5], [0.5], (0, 0, 255))
     rows, columns = np.nonzero((chart.picture == (0, 0, 255)).all(axis=-1))
-    left, right = chart._at([4, 0])[0], chart._at([5, 0])[0]
+    left, right = chart.place([4, 0])[0], chart.place([5, 0])[0]
     assert (columns.min(), columns.max()) == (left, right)
-    assert rows.min() == chart._at([0, 0.5])[1]
+    assert rows.min() == chart.place([0, 0.5])[1]
 
 
 def test_colours_go_from_blue_to_red():

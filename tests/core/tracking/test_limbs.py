@@ -18,6 +18,7 @@ from kfmocap.core.tracking.solvers.limb_search import (
     _held,
     _shares,
     _ViewRatios,
+    exchanges,
     found_limbs,
     limbs,
     pairs,
@@ -192,6 +193,23 @@ def test_limbs_taken_for_one_another_between_two_meetings_get_their_own_way_agai
     found = untangled(BODY, mixed, pair, FPS)
     assert (error_mm(found, truth, name) > 60).sum() <= 1  # where they meet they may be taken either way
     np.testing.assert_allclose(untangled(BODY, truth, pair, FPS).rotations, truth.rotations, atol=1e-12)
+
+
+def test_like_limbs_that_meet_twice_are_exchanged_in_between() -> None:
+    """Unless they are posed there."""
+    truth = walk(20)
+    meetings = np.flatnonzero(np.diff(np.sign(np.sin(2 * np.pi * (np.arange(20) / FPS + 0.1))))) + 1
+    problem = problem_of(truth)
+    found = [motion for (motion,) in exchanges(problem, [truth])]
+    assert len(found) == len(pairs(BODY))
+    for pair, motion in zip(pairs(BODY), found, strict=True):
+        frames = np.flatnonzero(np.abs(motion.rotations - truth.rotations).max(axis=(1, 2, 3)) > 1e-6)
+        assert np.abs(frames[[0, -1]] - (meetings - [0, 1])).max() <= 1
+        expected = exchanged(truth, pair, slice(frames[0], frames[-1] + 1))
+        np.testing.assert_allclose(motion.rotations, expected.rotations, atol=1e-9)
+    posed = problem.fixed[0].copy()
+    posed[9] = True
+    assert not list(exchanges(replace(problem, fixed=(posed,)), [truth]))
 
 
 def test_limbs_that_slowly_turn_back_are_not_exchanged() -> None:

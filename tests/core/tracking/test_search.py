@@ -13,7 +13,7 @@ from kfmocap.core.evidence.accumulate import Sampling
 from kfmocap.core.evidence.occlusion import LONG
 from kfmocap.core.numerics import rotations
 from kfmocap.core.tracking.solvers import multi_start
-from kfmocap.core.tracking.solvers.limb_search import pairs
+from kfmocap.core.tracking.solvers.limb_search import exchanges, pairs
 from kfmocap.core.tracking.solvers.measurement import Workspace
 from kfmocap.core.tracking.solvers.multi_start import ALIKE, EQUAL, NEAR
 from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
@@ -261,6 +261,28 @@ def test_of_mixtures_that_cover_as_much_the_likeliest_counts() -> None:
     mixtures = [landscape.solution(PROBLEM, a.with_parts(parts, b)) for a, b, parts in exchanges]
     covering = multi_start.equals([*mixtures, found])
     assert found in covering and found.energy[-1] <= min(solution.energy[-1] for solution in covering) + 1e-6
+
+
+def striding(frames: int) -> Motion:
+    """Legs that swing against each other, once to and fro in a second."""
+    motion = at_rest(HUMAN, frames)
+    turns = np.zeros((frames, HUMAN.dof))
+    for name, size in (("thigh.L", 0.5), ("thigh.R", -0.5)):
+        turns[:, 3 + 3 * HUMAN.index(name)] = size * np.sin(2 * np.pi * (np.arange(frames) / FPS + 0.1))
+    return motion.moved(turns)
+
+
+def test_legs_that_were_taken_for_one_another_from_one_meeting_to_the_next_are_exchanged() -> None:
+    """And those that were not, stay."""
+    truth = striding(40)
+    problem = SegmentProblem((), (HUMAN,), 0, FPS, (ends_held(HUMAN, 40),))
+    landscape = Landscape(truth=truth)
+    [(wrong,)] = exchanges(problem, [truth])
+    assert np.abs(wrong.difference(truth)).max() > 2 * landscape.reach
+    for motion in (wrong, truth):
+        solution = landscape.solution(problem, motion)
+        found = multi_start.with_limbs_exchanged(problem, solution, landscape)
+        assert np.abs(found.motions[0].difference(truth)).max() < 0.05
 
 
 def test_motions_are_alike_only_if_those_of_every_performer_are() -> None:
