@@ -20,6 +20,8 @@ LANDMARK_SIGMA = 0.01
 SETTLED = 1e-9
 """Relative change after which a pose is found. Roundings decide what is left of it, and they differ between processors.
 """
+EVALUATIONS = 200
+"""At most so many for a pose: landmarks that no pose fits would take thousands."""
 ACCEPTED_MISFIT = 0.03
 """A landmark farther than this from its place, metres, is reason to look for another pose."""
 POSTURE_SIGMA = 2.0
@@ -141,7 +143,9 @@ def _fit_pose(body: Body, names: list[str], points: Array, start: Motion, tolera
         return np.concatenate([J, np.diag(posture), np.diag(stop * ((x < low) | (x > high)))])
 
     x0 = np.concatenate([start.translations[0], rotations.log(start.rotations[0]).ravel()])
-    fit = least_squares(residuals, x0, jacobian, method="lm", xtol=tolerance, ftol=tolerance, gtol=1e-15)
+    fit = least_squares(
+        residuals, x0, jacobian, method="lm", xtol=tolerance, ftol=tolerance, gtol=1e-15, max_nfev=EVALUATIONS
+    )
     return pose(np.clip(fit.x, low, high))
 
 

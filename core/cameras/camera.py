@@ -82,12 +82,12 @@ class Camera:
 
     def pose(self, frame: int) -> tuple[Array, Array]:
         """World to camera rotation (3, 3) and translation (3,) at a shot frame."""
-        i = min(frame, len(self.R_cam_world) - 1) if self.moving else 0
+        i = min(max(frame, 0), len(self.R_cam_world) - 1) if self.moving else 0
         return self.R_cam_world[i], self.t_cam_world[i]
 
     def poses(self, first: int, count: int) -> tuple[Array, Array]:
         """World to camera rotations (n, 3, 3) and translations (n, 3) of consecutive shot frames."""
-        i = np.minimum(np.arange(first, first + count), len(self.R_cam_world) - 1)
+        i = np.clip(np.arange(first, first + count), 0, len(self.R_cam_world) - 1)
         return self.R_cam_world[i], self.t_cam_world[i]
 
     def at(self, frames: Sequence[int]) -> Camera:

@@ -69,6 +69,9 @@ def misfit_picture(shot: Shot, view: View, motions: Sequence[Motion], frame: int
     segment = next((s for s in segments(shot) if s[0] <= frame <= s[1]), (0, shot.length - 1))
     keys = posed_frames(shot, *segment).frames.tolist()
     where = f"frame {shot.frames[0] + frame}"
+    if not 0 <= frame < shot.length:
+        first, last = shot.frames
+        raise ShotError(f"the shot has frames {first} to {last}", where=where, todo="go to one of these")
     if not keys:
         raise ShotError("there is no key pose of the whole body around it", where=where, todo="set one, and track")
     frames = sorted({*keys, frame})
