@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, replace
@@ -18,7 +17,7 @@ from ..core.review.track_report import report_lines
 from ..core.runtime.files import write_json
 from ..core.runtime.progress import Progress
 from ..core.runtime.timing import Seconds
-from ..core.shot.fingerprint import file_bytes
+from ..core.shot.fingerprint import checksum, file_bytes
 from ..core.shot.shot_spec import ShotSpec
 from ..core.tracking.journal import journal_beside
 from ..core.tracking.prepare import load_shot
@@ -145,11 +144,8 @@ def shot_digest(path: Path, options: BatchOptions) -> str:
         The shot file cannot be read.
     """
     spec = read_shot_spec(path)
-    sha = hashlib.sha256(repr((options.solver, options.load_blender is None, _version())).encode())
-    for named in (path, *_files(spec)):
-        for piece in file_bytes(named):
-            sha.update(piece)
-    return sha.hexdigest()
+    asked = repr((options.solver, options.load_blender is None, _version())).encode()
+    return checksum([asked], *map(file_bytes, (path, *_files(spec))))
 
 
 def _version() -> str:

@@ -53,8 +53,10 @@ class Misfit:
     background: Array
 
     def mean_gaps(self, known: Sequence[NDArray[np.intp]]) -> Array:
-        """How far the performers' outlines lie outside of the model's, on average over the views, metres, (N, F); less
-        what it is between the frames whose poses are known, of each performer.
+        """How far the performers' outlines lie outside of the model's, on average over the views, metres, (N, F).
+
+        It is less what it is on the frames whose poses are known, of each performer (K,): clothes, shadows and
+        bystanders that the model does not have.
         """
         if not len(self.gaps):
             return np.zeros(self.gaps.shape[1:])
@@ -62,67 +64,9 @@ class Misfit:
         gaps = np.where(seen, self.gaps, 0.0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
         return np.maximum(beyond_known(gaps, known), 0.0)
 
-
-def uncovered_gaps(
-    views: Sequence[ViewFrames],
-    geometry: Geometry,
-    poses: Mapping[float, Poses],
-    *,
-    first: int,
-    spans: Sequence[slice],
-    known: Sequence[NDArray[np.intp]],
-    threads: int = 1,
-) -> Array:
-    """How far the performers' outlines lie outside of the model's on average, metres.
-
-    It is the uncovered foreground near the model over the length of the model's outline, less what there is of it on
-    the frames whose poses are known: clothes, shadows and bystanders that the model does not have.
-
-    Parameters
-    ----------
-    views : sequence of ViewFrames
-        Those without foreground images are left out.
-    geometry : Geometry
-        The parts of all performers.
-    poses : mapping of float to tuple
-        World poses of all parts on F frames, by the delay of the views that show them.
-    first : int
-        Shot frame of the first of them.
-    spans : sequence of slice
-        The parts of each of N performers.
-    known : sequence of ndarray of int, shape (K,)
-        Of each performer: the frames, of the F, whose poses are known.
-    threads : int
-
-    Returns
-    -------
-    ndarray, shape (N, F)
-    """
-    return measured_misfit(views, geometry, poses, first=first, spans=spans, threads=threads).mean_gaps(known)
-
-
-def uncovered_areas(
-    views: Sequence[ViewFrames],
-    geometry: Geometry,
-    poses: Mapping[float, Poses],
-    *,
-    first: int,
-    spans: Sequence[slice],
-    known: Sequence[NDArray[np.intp]],
-    threads: int = 1,
-) -> Array:
-    """How much foreground lies beside the performers, from `BESIDE` to `FAR` from the model, square metres at their
-    distance; less what there is of it on the frames whose poses are known.
-
-    Parameters are those of `uncovered_gaps`.
-
-    Returns
-    -------
-    ndarray, shape (V, N, F)
-        Of the views with foreground images.
-    """
-    areas = measured_misfit(views, geometry, poses, first=first, spans=spans, threads=threads).areas
-    return np.stack([beyond_known(view, known) for view in areas]) if len(areas) else areas
+    def areas_beside(self, known: Sequence[NDArray[np.intp]]) -> Array:
+        """The areas (V, N, F) less what they are on the frames whose poses are known, as in `mean_gaps`."""
+        return np.array([beyond_known(view, known) for view in self.areas]).reshape(self.areas.shape)
 
 
 def beyond_known(rows: Array, known: Sequence[NDArray[np.intp]]) -> Array:
@@ -145,7 +89,19 @@ def measured_misfit(
 ) -> Misfit:
     """Compare performers with the foreground images of the views that have any.
 
-    Parameters are those of `uncovered_gaps`.
+    Parameters
+    ----------
+    views : sequence of ViewFrames
+        Those without foreground images are left out.
+    geometry : Geometry
+        The parts of all performers.
+    poses : mapping of float to tuple
+        World poses of all parts on F frames, by the delay of the views that show them.
+    first : int
+        Shot frame of the first of them.
+    spans : sequence of slice
+        The parts of each of N performers.
+    threads : int
     """
     misfit_of = partial(_view_misfit, geometry=geometry, first=first, spans=spans)
     with ThreadPoolExecutor(threads) as pool:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable, Iterator
 from dataclasses import fields, is_dataclass
+from itertools import chain
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -12,6 +14,14 @@ import numpy as np
 from .image_sequences import image_files
 
 _HEAD = 65536
+
+
+def checksum(*sources: Iterable[bytes]) -> str:
+    """The checksum of what comes piece by piece from some sources, one after the other."""
+    sha = hashlib.sha256()
+    for piece in chain.from_iterable(sources):
+        sha.update(piece)
+    return sha.hexdigest()
 
 
 def value_bytes(value: Any) -> Iterable[bytes]:

@@ -24,7 +24,7 @@ from ..errors import CancelledError
 from ..evidence.time_offset import Offset
 from ..numerics.arrays import Array
 from ..runtime.interrupts import WRITTEN
-from ..shot.fingerprint import file_bytes, value_bytes
+from ..shot.fingerprint import checksum, file_bytes, value_bytes
 from ..shot.shot import Shot
 from .segments import Segment, segments
 from .track_result import SegmentResult
@@ -186,15 +186,10 @@ def run_key(shot: Shot, around: Sequence[tuple[Motion, ...] | None]) -> str:
     """A text that changes with anything that the result of tracking a shot depends on: the shot, with the poses that
     are known around it, the content of its files, and the program.
     """
-    sha = hashlib.sha256()
-    for piece in value_bytes((shot, tuple(around))):
-        sha.update(piece)
     core = Path(__file__).parents[1]
     named = [file for view in shot.views for file in (view.footage, view.keypoints) if file is not None]
-    for path in (*sorted(core.rglob("*.py")), *named):
-        for piece in file_bytes(path):
-            sha.update(piece)
-    return sha.hexdigest()
+    files = (*sorted(core.rglob("*.py")), *named)
+    return checksum(value_bytes((shot, tuple(around))), *map(file_bytes, files))
 
 
 def _name(key: str, segment: Segment) -> str:

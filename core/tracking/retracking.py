@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -15,7 +14,7 @@ from ..body.motion import Motion
 from ..errors import KFMocapError
 from ..runtime.progress import Progress, report_progress, share
 from ..runtime.worker_memory import WorkerMemory
-from ..shot.fingerprint import value_bytes
+from ..shot.fingerprint import checksum, value_bytes
 from ..shot.shot import KeyPoses, Performer, Shot
 from .journal import Journal
 from .schedule import SegmentShown
@@ -166,10 +165,7 @@ def digest(shot: Shot, segment: Segment) -> str:
     """
     part = shot.between(*segment)
     asked = replace(part, name="", performers=tuple(_asked(performer) for performer in part.performers))
-    sha = hashlib.sha256()
-    for piece in value_bytes(asked):
-        sha.update(piece)
-    return sha.hexdigest()
+    return checksum(value_bytes(asked))
 
 
 def _asked(performer: Performer) -> Performer:

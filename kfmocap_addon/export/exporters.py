@@ -171,8 +171,7 @@ def export_glb(
     OutputError
         If the file cannot be written.
     """
-    with writing(path) as target, _stage(armature, scene, Matrix.Identity(4), options) as stage:
-        stage.objects[0].scale = (1 / PRESETS[options.preset].scale,) * 3
+    with writing(path) as target, _stage_in_metres(armature, scene, options):
         _write_glb(target)
 
 
@@ -231,8 +230,7 @@ def export_usd(
     OutputError
         If the file cannot be written.
     """
-    with writing(path) as target, _stage(armature, scene, Matrix.Identity(4), options) as stage:
-        stage.objects[0].scale = (1 / PRESETS[options.preset].scale,) * 3
+    with writing(path) as target, _stage_in_metres(armature, scene, options):
         bpy.ops.wm.usd_export(
             filepath=str(target),
             selected_objects_only=True,
@@ -246,6 +244,16 @@ def export_usd(
             convert_scene_units="METERS",
             evaluation_mode="RENDER",
         )
+
+
+@contextmanager
+def _stage_in_metres(
+    armature: bpy.types.Object, scene: bpy.types.Scene, options: ExportOptions
+) -> Iterator[bpy.types.Scene]:
+    """The scene of an export to a format in metres: where a preset has another unit, the copy is scaled."""
+    with _stage(armature, scene, Matrix.Identity(4), options) as stage:
+        stage.objects[0].scale = (1 / PRESETS[options.preset].scale,) * 3
+        yield stage
 
 
 @contextmanager

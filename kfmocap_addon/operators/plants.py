@@ -8,34 +8,45 @@ from ..scene_io import active_performer
 from .conditions import Conditional, has_performer
 from .reporting import reported
 
-POINTS = ("heel.L", "ball.L", "heel.R", "ball.R")
+
+class PlantOperator(Conditional):
+    """An operator that does something about the plants of the active performer."""
+
+    conditions = (has_performer,)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Do it, and say what came of it."""
+        with reported(self) as outcome:
+            slot = active_performer.chosen(context)
+            if said := self.change(context.scene, slot):
+                self.report({"INFO"}, f"{slot.name}: {said}")
+        return outcome.value
+
+    def change(self, scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> str:
+        """Do it; what it returns is said."""
+        raise NotImplementedError
 
 
-class FindPlants(Conditional, bpy.types.Operator):
+class FindPlants(PlantOperator, bpy.types.Operator):
     """Find when heel and ball of the performer's feet stand on the ground. What you have set stays. Tracking does this
     by itself; do it again after you have changed the curves"""
 
     bl_idname = "kfmocap.find_plants"
     bl_label = "Find Plants"
-    conditions = (has_performer,)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def change(self, scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> str:
         from ..retargeting import sole_plants
 
-        with reported(self) as outcome:
-            slot = active_performer.chosen(context)
-            sole_plants.find(context.scene, slot)
-            self.report({"INFO"}, f"{slot.name}: {len(slot.plants)} plants of heels and balls")
-        return outcome.value
+        sole_plants.find(scene, slot)
+        return f"{len(slot.plants)} plants of heels and balls"
 
 
-class SetPlant(Conditional, bpy.types.Operator):
+class SetPlant(PlantOperator, bpy.types.Operator):
     """Say on which frames a point of a foot stands on the ground, or does not. With a preview range in the timeline (P)
     it is that range"""
 
     bl_idname = "kfmocap.set_plant"
     bl_label = "Set Plant"
-    conditions = (has_performer,)
 
     point: bpy.props.EnumProperty(
         items=[
@@ -66,49 +77,41 @@ class SetPlant(Conditional, bpy.types.Operator):
         self.first = self.last = scene.frame_current
         return set(context.window_manager.invoke_props_dialog(self))
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def change(self, scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> str:
+        from ...core.body.soles import SOLE_POINTS
         from ..retargeting import sole_plants
 
-        with reported(self) as outcome:
-            points = [name for name in POINTS if name == self.point or name[-1] == self.point]
-            slot = active_performer.chosen(context)
-            sole_plants.edit(context.scene, slot, points, (self.first, self.last), self.planted)
-        return outcome.value
+        points = [name for name in SOLE_POINTS if self.point in (name, name[-1])]
+        sole_plants.edit(scene, slot, points, (self.first, self.last), self.planted)
+        return ""
 
 
-class ForgetPlantEdits(Conditional, bpy.types.Operator):
+class ForgetPlantEdits(PlantOperator, bpy.types.Operator):
     """Forget what you have set about plants, and find them anew"""
 
     bl_idname = "kfmocap.forget_plant_edits"
     bl_label = "Forget Edits"
-    conditions = (has_performer,)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def change(self, scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> str:
         from ..retargeting import sole_plants
 
-        with reported(self) as outcome:
-            slot = active_performer.chosen(context)
-            slot.plant_edits.clear()
-            sole_plants.find(context.scene, slot)
-        return outcome.value
+        slot.plant_edits.clear()
+        sole_plants.find(scene, slot)
+        return ""
 
 
-class CleanFeet(Conditional, bpy.types.Operator):
+class CleanFeet(PlantOperator, bpy.types.Operator):
     """Make planted feet of the tracked motion stand still, flat on the ground where heel and ball are planted. Your own
     keys stay; tracking again brings the motion back as it was"""
 
     bl_idname = "kfmocap.clean_feet"
     bl_label = "Clean Feet"
-    conditions = (has_performer,)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def change(self, scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> str:
         from ..retargeting import sole_plants
 
-        with reported(self) as outcome:
-            slot = active_performer.chosen(context)
-            sole_plants.clean_feet(context.scene, slot)
-            self.report({"INFO"}, f"{slot.name}: feet stand still during {len(slot.plants)} plants")
-        return outcome.value
+        sole_plants.clean_feet(scene, slot)
+        return f"feet stand still during {len(slot.plants)} plants"
 
 
 CLASSES = (FindPlants, SetPlant, ForgetPlantEdits, CleanFeet)

@@ -7,7 +7,7 @@ from ..operators.fit_body import FitBody
 from ..operators.recover import RestoreBody
 from ..scene_io import active_performer
 from . import performer_rows
-from .section import Section, SectionPart
+from .section import PerformerPart, Section
 
 _MEASURES = (*LENGTHS[:-1], "foot")
 """Properties of a performer; of the foot its bone's length, which unlike what a tape shows can be changed by itself."""
@@ -65,16 +65,12 @@ def _draw_performer(
     row.operator(RemovePerformer.bl_idname, text="", icon="REMOVE").performer = index
 
 
-class ProportionsPanel(SectionPart, bpy.types.Panel):
+class ProportionsPanel(PerformerPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_proportions"
     bl_label = "Proportions"
     bl_parent_id = BodyPanel.bl_idname
     bl_options = {"DEFAULT_CLOSED"}
     section = "body"
-
-    @classmethod
-    def is_needed(cls, context: bpy.types.Context) -> bool:
-        return active_performer.chosen(context) is not None
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, slot = self.layout, active_performer.chosen(context)

@@ -13,7 +13,7 @@ from ..operators.show_key_pictures import ShowKeyPictures
 from ..scene_io import active_performer
 from ..scene_io.key_pictures import PICTURES
 from . import key_list, performer_rows
-from .section import Section, SectionPart
+from .section import PerformerPart, Section
 from .texts import draw_text
 
 _COLUMNS, _PICTURE_COLUMNS, _PICTURE_SCALE = 6, 2, 6.0
@@ -47,16 +47,12 @@ class KeyPosesPanel(Section, bpy.types.Panel):
             _draw_rows(layout, context.scene.frame_current, rows, accepts=each == slot)
 
 
-class KeyPicturesPanel(SectionPart, bpy.types.Panel):
+class KeyPicturesPanel(PerformerPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_key_pictures"
     bl_label = "Pictures"
     bl_parent_id = KeyPosesPanel.bl_idname
     bl_options = {"DEFAULT_CLOSED"}
     section = "key_poses"
-
-    @classmethod
-    def is_needed(cls, context: bpy.types.Context) -> bool:
-        return active_performer.chosen(context) is not None
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, slot = self.layout, active_performer.chosen(context)
@@ -79,15 +75,11 @@ def _draw_picture(column: bpy.types.UILayout, frame: int, row: key_list.KeyPoseE
         buttons.operator(RefuseProposal.bl_idname, text="", icon="X").frame = row.frame
 
 
-class PoseToolsPanel(SectionPart, bpy.types.Panel):
+class PoseToolsPanel(PerformerPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_pose_tools"
     bl_label = "From Other Poses"
     bl_parent_id = KeyPosesPanel.bl_idname
     section = "key_poses"
-
-    @classmethod
-    def is_needed(cls, context: bpy.types.Context) -> bool:
-        return active_performer.chosen(context) is not None
 
     def draw(self, _context: bpy.types.Context) -> None:
         column = self.layout.column(align=True)
@@ -105,16 +97,12 @@ class PoseToolsPanel(SectionPart, bpy.types.Panel):
         column.operator(NudgeDepth.bl_idname, text="Away from the Camera").distance = 0.05
 
 
-class PoseFilesPanel(SectionPart, bpy.types.Panel):
+class PoseFilesPanel(PerformerPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_pose_files"
     bl_label = "From Keypoints and Landmarks"
     bl_parent_id = KeyPosesPanel.bl_idname
     bl_options = {"DEFAULT_CLOSED"}
     section = "key_poses"
-
-    @classmethod
-    def is_needed(cls, context: bpy.types.Context) -> bool:
-        return active_performer.chosen(context) is not None
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, properties = self.layout, context.scene.kfmocap

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ..operators.open_section import OpenSection
+from ..scene_io import active_performer
 from ..viewports.screens import SIDEBAR_TAB
 from . import guide
 
@@ -87,6 +88,15 @@ class SectionPart(_OnTab):
     def is_needed(cls, _context: bpy.types.Context) -> bool:
         """See whether there is something for the part to show."""
         return True
+
+
+class PerformerPart(SectionPart):
+    """A part that is there while there is a performer to pose."""
+
+    @classmethod
+    def is_needed(cls, context: bpy.types.Context) -> bool:
+        """See whether there is one."""
+        return active_performer.chosen(context) is not None
 
 
 CLASSES = (SectionsPanel,)

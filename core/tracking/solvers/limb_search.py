@@ -394,7 +394,9 @@ def exchanges(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[tu
             fixed = problem.fixed[i][:, 3:].reshape(len(motion), -1, 3)[:, pair[0] + pair[1]].any(axis=(1, 2))
             for a, b in pairwise(meetings):
                 if not fixed[a:b].any() and max(distance[a], distance[b]) < PARTED * distance[a:b].max():
-                    new = exchanged(body, motion, pair, np.isin(np.arange(len(motion)), np.arange(a, b)))
+                    frames = np.zeros(len(motion), dtype=bool)
+                    frames[a:b] = True
+                    new = exchanged(body, motion, pair, frames)
                     yield (*motions[:i], new, *motions[i + 1 :])
 
 

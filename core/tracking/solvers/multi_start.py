@@ -14,7 +14,7 @@ import numpy as np
 
 from ...body.motion import Motion
 from ...evidence.accumulate import Sampling
-from ...evidence.misfit import beyond_known, uncovered_areas
+from ...evidence.misfit import beyond_known, measured_misfit
 from ...evidence.occlusion import LONG, intervals
 from ...evidence.view_frames import views_with_foreground
 from ...runtime.timing import Seconds
@@ -91,12 +91,17 @@ def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: 
     if motions is not best.motions:
         settled = descend(problem, motions, workspace.silent(), SETTLED)
         seconds.add(settled.seconds)
-        best = replace(settled, iterations=settled.iterations + best.iterations, energy=(*best.energy, *settled.energy))
+        best = _continued(best, settled)
     if doubted and not problem.keypoints:  # keypoints show where limbs are
         # Of all performers: who stands before the one that is doubted may have had limbs exchanged for its.
         with seconds.measure("initial solution"):
             best = with_limbs_exchanged(problem, best, workspace.part(0.9, 1.0))
     return replace(best, seconds=seconds)
+
+
+def _continued(before: SegmentSolution, after: SegmentSolution) -> SegmentSolution:
+    """A solution that another one led to, with the iterations of both."""
+    return replace(after, iterations=before.iterations + after.iterations, energy=(*before.energy, *after.energy))
 
 
 def resumed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution | None:
@@ -220,14 +225,9 @@ def limb_uncovered(problem: SegmentProblem, solution: SegmentSolution) -> bool:
     if not views_with_foreground(problem.views) or any(len(problem.whole_keys(i)) < 2 for i in problem.sought):
         return False
     geometry, spans = problem.geometry(), problem.spans()
-    areas = uncovered_areas(
-        problem.views,
-        geometry,
-        poses_by_delay(problem, view_instants(problem, solution.motions)),
-        first=problem.first,
-        spans=spans,
-        known=[problem.whole_keys(i) for i in range(len(problem.bodies))],
-    )
+    poses = poses_by_delay(problem, view_instants(problem, solution.motions))
+    misfit = measured_misfit(problem.views, geometry, poses, first=problem.first, spans=spans)
+    areas = misfit.areas_beside([problem.whole_keys(i) for i in range(len(problem.bodies))])
     for i in problem.sought:
         sizes = [
             shown_areas(geometry, [spans[i].start + part for part in chain]).sum() for chain in limbs(problem.bodies[i])
@@ -337,14 +337,14 @@ def with_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspa
     noise = SegmentNoise.of(best.evidence, problem.settings)
     count = len(list(exchanges(problem, best.motions)))
     if count:
-        best = descend(problem, best.motions, workspace.part(0.0, 1 / (1 + count)), SETTLED, noise)
+        best = _continued(best, descend(problem, best.motions, workspace.part(0.0, 1 / (1 + count)), SETTLED, noise))
     for k in range(count):
         part = workspace.part((k + 1) / (1 + count), (k + 2) / (1 + count))
         # Anew of what is best by now: an exchange that was accepted leaves the limbs meeting where they did.
         for motions in islice(exchanges(problem, best.motions), k, k + 1):
             found = descend(problem, motions, part, (*SETTLING, *SETTLED), noise)
             if found.cover > best.cover and found.energy[-1] < best.energy[-1]:
-                best = found
+                best = _continued(best, found)
     return best
 
 

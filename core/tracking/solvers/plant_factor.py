@@ -93,6 +93,3 @@ def with_plants(
         system if plant is None else system + plant.blocks(body, part_poses(body, motion))
         for system, plant, body, motion in zip(systems, plants, bodies, motions, strict=True)
     ]
-
-
-__all__ = ["PlantFactor", "plants_of", "with_plants"]

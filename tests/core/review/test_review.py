@@ -10,7 +10,7 @@ import pytest
 from kfmocap.core.body import part_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence.label_images import Geometry
-from kfmocap.core.evidence.misfit import uncovered_gaps
+from kfmocap.core.evidence.misfit import measured_misfit
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics.rotations import exp
 from kfmocap.core.review import suggestions
@@ -69,7 +69,8 @@ def gaps(truth: Motion, found: Motion, known: list[int], cameras: list = CAMERAS
         seen = np.stack([silhouette([BODY], poses, 0, camera, samples=2)] * len(truth))  # the true pose stands still
         views.append(ViewFrames(camera, np.zeros_like(seen), 0, foreground=seen[None]))
     at = {0.0: poses_of([BODY], [found])}
-    (row,) = uncovered_gaps(views, Geometry.of([BODY]), at, first=0, spans=[slice(0, P)], known=[np.array(known, int)])
+    misfit = measured_misfit(views, Geometry.of([BODY]), at, first=0, spans=[slice(0, P)])
+    (row,) = misfit.mean_gaps([np.array(known, int)])
     return row
 
 
@@ -99,10 +100,8 @@ def test_what_a_model_lacks_on_its_key_frames_is_no_gap() -> None:
         for c in CAMERAS
     ]
     at = {0.0: poses_of([BODY], [truth])}
-    unknown, known = (
-        uncovered_gaps(views, Geometry.of([BODY]), at, first=0, spans=[slice(0, P)], known=[np.array(keys, int)])
-        for keys in ([], [0, 3])
-    )
+    misfit = measured_misfit(views, Geometry.of([BODY]), at, first=0, spans=[slice(0, P)])
+    unknown, known = (misfit.mean_gaps([np.array(keys, int)]) for keys in ([], [0, 3]))
     assert (unknown > 1e-3).all()
     np.testing.assert_allclose(known, 0, atol=1e-9)
 
@@ -114,8 +113,8 @@ def test_a_view_that_sees_nobody_or_has_no_foreground_changes_no_gap() -> None:
     np.testing.assert_allclose(gaps(truth, found, [0, 3], [*CAMERAS, away]), alone)
     blind = ViewFrames(CAMERAS[0], np.zeros((4, 120, 160), np.uint8), 0)
     at = {0.0: poses_of([BODY], [found])}
-    spans, known = [slice(0, P)], np.array([0, 3])
-    assert not uncovered_gaps([blind], Geometry.of([BODY]), at, first=0, spans=spans, known=known).any()
+    misfit = measured_misfit([blind], Geometry.of([BODY]), at, first=0, spans=[slice(0, P)])
+    assert not misfit.mean_gaps([np.array([0, 3])]).any()
 
 
 def suggest_keys_by_error(deviation: Array, keys: KeyPoses) -> list[KeySuggestion]:
