@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from ..core.errors import KFMocapError
+from ..core.runtime.decoder_log import DecoderLog
 from ..core.runtime.interrupts import Interruptions, interrupted_text
 from .arguments import parser
 from .services import Services
@@ -33,7 +34,7 @@ def main(argv: Sequence[str] | None = None, services: Services | None = None) ->
     """
     _quiet_libraries()
     args = parser().parse_args(argv)
-    with Interruptions() as interruptions:
+    with DecoderLog(), Interruptions() as interruptions:
         try:
             command = import_module(f".{args.command}_command", __package__)
             exit_code: int = command.run(args, services or Services())
@@ -51,11 +52,12 @@ def main(argv: Sequence[str] | None = None, services: Services | None = None) ->
 
 
 def _quiet_libraries() -> None:
-    """Silence OpenCV and FFmpeg, whose messages repeat ours, and keep small matrix products on one thread.
+    """Silence OpenCV, whose messages repeat ours, and keep small matrix products on one thread.
 
-    The libraries read these variables when they are first loaded.
+    FFmpeg says what is wrong with footage, which is caught. The libraries read these variables when they are first
+    loaded.
     """
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "16")
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     for library in ("OMP", "OPENBLAS", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")

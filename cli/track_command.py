@@ -20,10 +20,12 @@ from ..core.formats.toml_cameras import save_cameras
 from ..core.formats.trc import write_trc
 from ..core.review.overlay import contact_sheet, sheet_frames, write_contact_sheet
 from ..core.review.track_report import report, report_lines
+from ..core.runtime.decoder_log import DecoderLog
 from ..core.runtime.files import check_writable, staged, write_json
 from ..core.runtime.interrupts import results_are_written
 from ..core.runtime.progress import Progress, share
 from ..core.runtime.timing import Seconds
+from ..core.shot.footage_damage import shot_damage
 from ..core.shot.footage_times import footage_rate
 from ..core.shot.shot import Shot
 from ..core.shot.shot_spec import result_names
@@ -134,7 +136,10 @@ def run_track(
     with staged(out_dir, [*names, *scene, *cameras, "overlay.png", "report.json"]) as stage:
         shown = sheet_frames(shot)
         pictures = sorted({*shown, *checked_frames(shot)})
-        result = track(shot, share(progress, 0.0, 0.9), pictures=pictures, journal=journal)
+        with DecoderLog() as log:
+            result = track(shot, share(progress, 0.0, 0.9), pictures=pictures, journal=journal)
+        if log.complaints:
+            result = replace(result, damage=shot_damage(shot))
         times = Seconds(seconds or {})
         with times.measure("camera check"):
             fits = camera_fits(shot, result)

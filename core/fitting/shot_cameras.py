@@ -20,9 +20,11 @@ from ..formats.keypoint_files import read_shot_keypoints
 from ..keypoints.keypoint_factor import Keypoints
 from ..keypoints.observations import correlated_frames, performer_keypoints
 from ..keypoints.view_agreement import without_midpoints
+from ..runtime.decoder_log import DecoderLog
 from ..runtime.progress import Progress, share
 from ..runtime.threads import one_blas_thread
 from ..runtime.worker_memory import WorkerMemory
+from ..shot.footage_damage import shot_damage
 from ..shot.shot import Shot
 from ..tracking.journal import Journal
 from ..tracking.retracking import Excerpt, glance, track_excerpts
@@ -186,7 +188,11 @@ def track_and_check(
     told = share(progress, 0.0, 0.9) if whole else progress
     if show is not None:
         glance(shot, excerpts, looking_at, show, progress=progress, memory=memory)
-    results = track_excerpts(shot, excerpts, told, journal=journal, memory=memory, show=show)
+    with DecoderLog() as log:
+        results = track_excerpts(shot, excerpts, told, journal=journal, memory=memory, show=show)
+    if log.complaints:
+        damage = shot_damage(shot)
+        results = [replace(result, damage=damage) for result in results]
     if not whole:
         return CheckedTrack(results, None)
     return CheckedTrack(results, camera_fits(shot, results[0], share(progress, 0.9, 1.0)))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..evidence.occlusion import OCCLUDED_BELOW, intervals, occluded, unseen
 from ..shot.footage import container_rate
+from ..shot.footage_damage import FootageDamage
 from ..shot.footage_times import FootageRate
 from ..shot.shot import Performer, Shot
 from ..tracking.uncertainty import expected_errors, joint_parts
@@ -98,6 +99,9 @@ def report(
                 "footage_fps": container_rate(view),
                 "rate": dataclasses.asdict(rate) if (rate := result.rates[v] if result.rates else None) else None,
                 "torn": [shot.frames[0] + frame for frame in result.torn[v]] if result.torn else [],
+                "damage": dataclasses.asdict(damage)
+                if (damage := result.damage[v] if result.damage else None)
+                else None,
                 "skipped": list(result.observed.skipped[v]) if result.observed.skipped else [],
                 "fits": [_camera_fit(fit) for fit in fits if fit.camera == view.camera.name],
                 "refined": None if refined is None else _refined_camera(refined.views[v]),
@@ -289,6 +293,8 @@ def _footage_lines(values: Mapping[str, Any]) -> list[str]:
             lines.append(f"{view['camera']}: {found.text}")
         elif rate and abs(rate - values["fps"]) > _RATE_TOLERANCE * rate:
             lines.append(f"{view['camera']}: its footage has {rate:g} frames per second, the shot {values['fps']:g}")
+        if view.get("damage"):
+            lines.append(f"{view['camera']}: {FootageDamage(**view['damage']).text}")
         if view["torn"]:
             lines.append(f"{view['camera']}: {torn_text(view['torn'])}")
     return lines

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..body.motion import Motion
 from ..keypoints.observations import ShotKeypoints
 from ..numerics.arrays import Array
+from ..shot.footage_damage import FootageDamage
 from ..shot.footage_times import FootageRate
 from .uncertainty import JointErrors
 
@@ -68,6 +69,8 @@ class TrackResult:
         Per view: shot frames whose picture does not continue from the one before; see `core.shot.continuity`.
     rates : tuple of FootageRate or None
         Per view: the rate of its frames, where its container tells.
+    damage : tuple of FootageDamage or None
+        Per view: what its decoder complained of; empty where it did not, or nobody listened.
     """
 
     motions: tuple[Motion, ...]
@@ -83,6 +86,7 @@ class TrackResult:
     footage_offset: float = 0.0
     torn: tuple[tuple[int, ...], ...] = ()
     rates: tuple[FootageRate | None, ...] = ()
+    damage: tuple[FootageDamage | None, ...] = ()
 
     @property
     def deviation(self) -> tuple[Array, ...]:

@@ -121,6 +121,9 @@ class Tracking(Conditional, JobOperator):
             pieces = [(part.first, r.torn[v]) for part, r in zip(parts, results, strict=True) if r.torn]
             if torn := sorted({scene.kfmocap.frame_start + first + f for first, frames in pieces for f in frames}):
                 self.report({"WARNING"}, f"{view.camera.name}: {torn_text(torn)}")
+            damaged = [d.text for d in (r.damage[v] for r in results if r.damage) if d is not None]
+            if damaged:
+                self.report({"WARNING"}, f"{view.camera.name}: {damaged[0]}")
             varying = [
                 rate.text for rate in (r.rates[v] for r in results if r.rates) if rate is not None and rate.varies
             ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -25,6 +26,8 @@ from kfmocap.core.formats import load_cameras, read_trc, save_cameras, write_trc
 from kfmocap.core.keypoints.observations import ShotKeypoints
 from kfmocap.core.numerics import rotations
 from kfmocap.core.review.suggestions import KeySuggestion
+from kfmocap.core.shot.footage_damage import FootageDamage
+from kfmocap.core.tracking.track_result import TrackResult
 from kfmocap.core.tracking.uncertainty import JointErrors
 
 SIZE = (96, 72)
@@ -71,6 +74,7 @@ class Result:
         self.pictures = None
         self.footage_offset = 0.0
         self.torn = ()
+        self.damage = ()
         self.rates = ()
         self.observed = ShotKeypoints()
 
@@ -139,6 +143,19 @@ def test_the_report_is_json_with_times_and_versions(folder: Path) -> None:
     assert {"footage", "solve", "shot", "overlay"} <= set(report["seconds"])
     assert report["settings"]["solver"] == "relaxation"
     assert report["performers"][0]["worst_frames"][0]["frame"] == FRAMES - 1
+
+
+def test_what_the_decoder_says_while_tracking_is_put_down_to_a_view(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def complaining(shot, *_, **__) -> TrackResult:
+        os.write(2, b"[h264 @ 0x55d0c0] error while decoding MB 1 2\n")
+        return TrackResult(**vars(Result(shot)))
+
+    monkeypatch.setattr(track_command, "track", complaining)
+    monkeypatch.setattr(track_command, "shot_damage", lambda shot: (FootageDamage((4,), "error while decoding"),))
+    assert track(folder) == 0
+    assert "cam01: the footage is damaged at or near frames 4 of the file" in capsys.readouterr().err
 
 
 def test_cameras_that_do_not_fit_are_told_and_reported(

@@ -17,6 +17,7 @@ from kfmocap.core.keypoints.observations import ShotKeypoints
 from kfmocap.core.review.scoring import joint_error
 from kfmocap.core.review.track_report import report, report_lines
 from kfmocap.core.runtime.files import write_json
+from kfmocap.core.shot.footage_damage import FootageDamage
 from kfmocap.core.shot.footage_times import FootageRate
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot, View
 from kfmocap.core.tracking.uncertainty import JointErrors
@@ -56,6 +57,7 @@ def tracked() -> tuple[Shot, type]:
         footage_offset = 0.0
         unknown = ((),)
         torn = ()
+        damage = ()
         rates = ()
         segments = (Segment(0, 23, 3, (5.0, 2.0, 1.5)),)
 
@@ -175,9 +177,11 @@ def test_what_is_wrong_with_the_footage_is_told(
 ) -> None:
     shot, result = tracked
     result.torn = ((), (3, 4))
+    result.damage = (None, FootageDamage((61, 64), "error while decoding MB 10 74"))
     monkeypatch.setattr("kfmocap.core.review.track_report.container_rate", lambda view: 29.97)
     result.rates = (FootageRate(25.0, 0.1, 5), FootageRate(25.0, 2.3, 117))
     lines = report_lines(report(shot, result()))
     assert "cam01: its footage has 29.97 frames per second, the shot 25" in lines
     assert [line for line in lines if line.startswith("cam02: its frame rate varies: frame 117 of the file")]
+    assert [line for line in lines if "frames 61, 64 of the file (error while decoding MB 10 74)" in line]
     assert [line for line in lines if "on or before frames 103, 104" in line and line.startswith("cam02: damaged")]

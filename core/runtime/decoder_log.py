@@ -1,0 +1,71 @@
+"""What FFmpeg says of damaged footage on the standard error, where OpenCV leaves it: reading such a frame succeeds."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+import tempfile
+from collections.abc import Iterable
+from typing import IO, Self, TextIO
+
+_SAID = re.compile(rb"\[(?:OPENCV:FFMPEG:\d+|[\w,/]+ @ 0x[0-9a-f]+)\] *(.*)")
+"""A line of FFmpeg's, as OpenCV hands it on and as FFmpeg writes it itself."""
+
+
+class DecoderLog:
+    """Keeps what FFmpeg says while footage is decoded within a `with` statement.
+
+    The standard error of the whole process goes to a temporary file meanwhile, and what else is written there appears
+    afterwards; Python's own `sys.stderr` appears at once. FFmpeg is silent where OPENCV_FFMPEG_LOGLEVEL is below 16.
+    """
+
+    def __init__(self) -> None:
+        self.complaints: list[str] = []
+
+    def __enter__(self) -> Self:
+        self._file: IO[bytes] = tempfile.TemporaryFile("a+b", buffering=0)  # what is written comes after its end
+        self._kept, self._python = os.dup(2), sys.stderr
+        self._shown: TextIO | None = None
+        if _writes_to(sys.stderr, 2):
+            sys.stderr.flush()
+            self._shown = sys.stderr = os.fdopen(
+                os.dup(self._kept), "w", buffering=1, encoding=sys.stderr.encoding, errors=sys.stderr.errors
+            )
+        os.dup2(self._file.fileno(), 2)
+        self._read = 0
+        return self
+
+    def new(self) -> list[str]:
+        """What FFmpeg has said since this was asked for the last time."""
+        lines = self._new_lines()
+        self._show(line for line in lines if not _SAID.match(line))
+        said = [m[1].decode(errors="replace").strip() for m in map(_SAID.match, lines) if m]
+        self.complaints += said
+        return said
+
+    def __exit__(self, *_: object) -> None:
+        os.dup2(self._kept, 2)
+        if self._shown is not None:
+            sys.stderr = self._python
+            self._shown.close()
+        self.new()
+        os.close(self._kept)
+        self._file.close()
+
+    def _new_lines(self) -> list[bytes]:
+        self._file.seek(self._read)
+        data = self._file.read()
+        self._read += len(data)
+        return data.splitlines(keepends=True)
+
+    def _show(self, lines: Iterable[bytes]) -> None:
+        for line in lines:
+            os.write(self._kept, line)
+
+
+def _writes_to(stream: TextIO | None, descriptor: int) -> bool:
+    try:
+        return stream is not None and stream.fileno() == descriptor
+    except (OSError, ValueError):  # pytest and Blender put other streams there
+        return False
