@@ -106,6 +106,7 @@ def track_result(
         torn=(),
         rates=(),
         pictures=(),
+        damage=(),
         unknown=tuple(() for _ in given.performers) if unknown is None else unknown,
     )
 
