@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.optimize import least_squares
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ..errors import LandmarkError
 from ..numerics import rotations
 from ..numerics.arrays import Array
-from . import Body, default_measures, human, landmark_positions, part_poses, point_jacobian
+from ..numerics.least_squares_batch import NormalSystems, minimise_each
+from . import Body, default_measures, human, landmark_positions, part_poses
 from .human import FRACTIONS, SHIFTS
 from .motion import Motion, stacked
 
@@ -75,35 +76,42 @@ def _fit_poses(
     """Fit poses; with `search`, one that does not fit is tried with its arms turned."""
     used = [i for i, name in enumerate(names) if name in body.landmarks]
     known, targets = [names[i] for i in used], np.asarray(targets_world, float)[:, used]
-    poses: list[Motion] = []
-    for k, target in enumerate(targets):
-        seen = np.isfinite(target).all(axis=1)
-        if seen.sum() < 3:
-            raise LandmarkError("fewer than three landmarks", where=f"pose {k}", todo="choose another key frame")
-        labels, points = [n for n, s in zip(known, seen, strict=True) if s], target[seen]
-        begin = _placed(body, labels, points) if start is None else start[[k]]
-        pose = _fit_pose(body, labels, points, begin, tolerance)
-        for side in "LR" if search else "":
-            if _misfit(body, labels, points, pose) > ACCEPTED_MISFIT:
-                other = _fit_pose(body, labels, points, _elbow_turned(body, pose, side), tolerance)
-                pose = min(pose, other, key=lambda p: _misfit(body, labels, points, p))
-        poses.append(pose)
-    return stacked(poses)
+    seen = np.isfinite(targets).all(axis=2)
+    for k in np.flatnonzero(seen.sum(axis=1) < 3):
+        raise LandmarkError("fewer than three landmarks", where=f"pose {k}", todo="choose another key frame")
+    if start is None and len(targets):
+        rows = zip(targets, seen, strict=True)
+        start = stacked([_placed(body, [n for n, s in zip(known, on, strict=True) if s], p[on]) for p, on in rows])
+    if start is None:
+        return Motion(np.empty((0, 3)), np.empty((0, len(body), 3, 3)))
+    poses = _descended(body, known, targets, start, tolerance)
+    for side in "LR" if search else "":
+        misfit = _misfits(body, known, targets, poses)
+        tried = np.flatnonzero(misfit > ACCEPTED_MISFIT)
+        if not len(tried):
+            continue
+        turned = _elbow_turned(body, poses[tried], side)
+        other = _descended(body, known, targets[tried], turned, tolerance)
+        better = _misfits(body, known, targets[tried], other) < misfit[tried]
+        poses.translations[tried[better]] = other.translations[better]
+        poses.rotations[tried[better]] = other.rotations[better]
+    return poses
 
 
-def _misfit(body: Body, names: list[str], points: Array, pose: Motion) -> float:
-    """The farthest that a landmark is from its place, metres."""
-    return float(np.linalg.norm(landmark_positions(body, pose, names)[0] - points, axis=1).max())
+def _misfits(body: Body, names: list[str], targets: Array, poses: Motion) -> Array:
+    """The farthest that a landmark of each pose is from its place, metres, shape (K,)."""
+    distance = np.linalg.norm(landmark_positions(body, poses, names) - targets, axis=2)
+    return np.asarray(np.nanmax(distance, axis=1))
 
 
-def _elbow_turned(body: Body, pose: Motion, side: str) -> Motion:
-    """The pose with an elbow bent and turned to the other side: a fit may be caught with an arm twisted wrongly."""
-    Q = pose.rotations.copy()
+def _elbow_turned(body: Body, poses: Motion, side: str) -> Motion:
+    """The poses with an elbow bent and turned to the other side: a fit may be caught with an arm twisted wrongly."""
+    Q = poses.rotations.copy()
     if f"forearm.{side}" in body.names:
         upper, lower = body.index(f"upper_arm.{side}"), body.index(f"forearm.{side}")
-        Q[0, upper] = Q[0, upper] @ rotations.exp(np.array([0.0, np.pi, 0.0]))
-        Q[0, lower] = rotations.exp(np.array([np.pi / 2, 0.0, 0.0]))
-    return Motion(pose.translations, Q)
+        Q[:, upper] = Q[:, upper] @ rotations.exp(np.array([0.0, np.pi, 0.0]))
+        Q[:, lower] = rotations.exp(np.array([np.pi / 2, 0.0, 0.0]))
+    return Motion(poses.translations, Q)
 
 
 def _placed(body: Body, names: list[str], points: Array) -> Motion:
@@ -119,34 +127,43 @@ def _placed(body: Body, names: list[str], points: Array) -> Motion:
     return Motion(turn.apply(rest.translations - centre[0]) + centre[1], rest.rotations)
 
 
-def _fit_pose(body: Body, names: list[str], points: Array, start: Motion, tolerance: float) -> Motion:
+def _descended(body: Body, names: list[str], targets: Array, start: Motion, tolerance: float) -> Motion:
+    """K poses fitted to landmarks (K, L, 3), NaN where they are not known, each from its start."""
     parts, local = body.landmark_arrays(names)
     low, high = np.full(body.dof, -np.inf), np.full(body.dof, np.inf)
     low[6:], high[6:] = body.limits[1:, :, 0].ravel(), body.limits[1:, :, 1].ravel()
     posture = np.zeros(body.dof)
-    posture[6:] = LANDMARK_SIGMA / POSTURE_SIGMA
-    stop = LANDMARK_SIGMA / LIMIT_SIGMA
+    posture[6:] = (LANDMARK_SIGMA / POSTURE_SIGMA) ** 2
+    stop = (LANDMARK_SIGMA / LIMIT_SIGMA) ** 2
+    moves = body.ancestry[parts].astype(float)  # which joints move each landmark, (L, P)
+    known = np.isfinite(targets).all(axis=2)
+    aims = np.where(known[..., None], targets, 0.0)
+    diagonal = np.arange(body.dof)
 
-    def pose(x: Array) -> Motion:
-        return Motion(x[None, :3], rotations.exp(x[3:].reshape(1, -1, 3)))
+    def linearise(x: Array, which: NDArray[np.intp]) -> NormalSystems:
+        turns = x[:, 3:].reshape(len(x), -1, 3)
+        R, T = part_poses(body, Motion(x[:, :3], rotations.exp(turns)))
+        placed = np.einsum("klab,lb->kla", R[:, parts], local) + T[:, parts]
+        error = (placed - aims[which]) * known[which][..., None]
+        beyond = x - np.clip(x, low, high)
+        axes = R @ rotations.right_jacobian(turns)  # of every rotation vector's components, in the world
+        arms = (placed[:, :, None] - T[:, None]) * (moves * known[which][..., None])[..., None]
+        J = np.zeros((len(x), len(parts), 3, body.dof))
+        J[..., :3] = np.eye(3) * known[which][..., None, None]
+        lever = -rotations.skew(arms) @ axes[:, None]  # (K, L, P, 3, 3)
+        J[..., 3:] = lever.swapaxes(2, 3).reshape(*J.shape[:3], -1)
+        rows = J.reshape(len(x), -1, body.dof)
+        across = np.swapaxes(rows, 1, 2)
+        A = across @ rows
+        A[:, diagonal, diagonal] += posture + stop * (beyond != 0)
+        g = (across @ error.reshape(len(x), -1, 1))[..., 0] + posture * x + stop * beyond
+        cost = (error**2).sum(axis=(1, 2)) + (x**2) @ posture + stop * (beyond**2).sum(axis=1)
+        return cost, A, g
 
-    def residuals(x: Array) -> Array:
-        error = landmark_positions(body, pose(x), names)[0] - points
-        return np.concatenate([error.ravel(), posture * x, stop * (x - np.clip(x, low, high))])
-
-    def jacobian(x: Array) -> Array:
-        R, T = part_poses(body, pose(x))
-        placed = np.einsum("lab,lb->la", R[0, parts], local) + T[0, parts]
-        J = point_jacobian(body, R, T, parts, placed[None])[0].reshape(-1, body.dof)
-        chain = rotations.right_jacobian(x[3:].reshape(-1, 3))
-        J[:, 3:] = np.einsum("rpi,pij->rpj", J[:, 3:].reshape(len(J), -1, 3), chain).reshape(len(J), -1)
-        return np.concatenate([J, np.diag(posture), np.diag(stop * ((x < low) | (x > high)))])
-
-    x0 = np.concatenate([start.translations[0], rotations.log(start.rotations[0]).ravel()])
-    fit = least_squares(
-        residuals, x0, jacobian, method="lm", xtol=tolerance, ftol=tolerance, gtol=1e-15, max_nfev=EVALUATIONS
-    )
-    return pose(np.clip(fit.x, low, high))
+    x0 = np.concatenate([start.translations, rotations.log(start.rotations).reshape(len(start), -1)], axis=1)
+    x = minimise_each(x0, linearise, tolerance=tolerance, evaluations=EVALUATIONS)
+    x = np.clip(x, low, high)
+    return Motion(x[:, :3], rotations.exp(x[:, 3:].reshape(len(x), -1, 3)))
 
 
 def fit_body(names: Sequence[str], targets_world: Array, height: float | None = None, rounds: int = 5) -> Body:

@@ -1,13 +1,20 @@
-"""Normal equations of the parts' twists, mapped to those of the joints."""
+"""Normal equations of the parts' twists, mapped to those of the joints.
+
+A degree of freedom moves all parts below its joint by the same twist. What two degrees of freedom have in common is
+therefore that twist of each against the sum over the parts below both: below the lower of the two where one is an
+ancestor of the other, else nothing. (The composite rigid body algorithm: R. Featherstone, Rigid Body Dynamics
+Algorithms, 2008, section 6.2.)
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
-from ..numerics.arrays import Array
+from ..numerics import rotations
+from ..numerics.arrays import Array, Bools
 from ..numerics.banded_blocks import BandedBlocks
 from .body import Body
-from .kinematics import Poses, twist_jacobian
+from .kinematics import Poses
 
 
 def joint_blocks(body: Body, poses: Poses, H: Array, g: Array, energy: float) -> BandedBlocks:
@@ -19,22 +26,47 @@ def joint_blocks(body: Body, poses: Poses, H: Array, g: Array, energy: float) ->
     poses : tuple
         (R, T) of its P parts, F frames.
     H, g : ndarray, shape (F, P, 6, 6) and (F, P, 6), or (F - 1, P, 12, 12) and (F - 1, P, 12)
-        Of the twists on single frames, or on pairs of neighbouring frames, the earlier frame's six before the later's.
+        Of the twists on single frames, or on pairs of neighbouring frames, the earlier frame's six before the later's;
+        every H is symmetric.
     energy : float
         Sum of the squared weighted residuals.
     """
-    J = twist_jacobian(body, *poses)
-    F, D = len(J), body.dof
-    flat = J.reshape(F, -1, D)
+    R, T = poses
+    F, D = len(T), body.dof
     coupled = H.shape[-1] // 6
     rows = F + 1 - coupled
+    below, lower = _tree(body)
+    upper_only = lower.T & ~lower
+    H_below = (below @ H.reshape(rows, len(body), -1)).reshape(rows, len(below), *H.shape[2:])
+    g_below = below @ g
+    twists = np.zeros((F, len(below), 3, 6))  # of the translation and of every part's turn, about the world's origin
+    twists[:, 0, :, :3] = np.eye(3)
+    twists[:, 1:, :, 3:] = np.swapaxes(R, -1, -2)
+    twists[:, 1:, :, :3] = np.swapaxes(rotations.skew(T) @ R, -1, -2)
+    columns = np.ascontiguousarray(np.swapaxes(twists.reshape(F, D, 6), 1, 2))
     blocks = BandedBlocks.zeros(F, D)
     for a in range(coupled):
-        J_a = np.swapaxes(flat[a : rows + a], 1, 2)
+        of_a, own = slice(a, rows + a), slice(6 * a, 6 * a + 6)
         for b in range(a + 1):
-            half = H[:, :, 6 * a : 6 * a + 6, 6 * b : 6 * b + 6] @ J[b : rows + b]
-            band = blocks.diagonal[a : rows + a] if a == b else blocks.first
-            band += J_a @ half.reshape(rows, -1, D)
-        part = g[:, :, 6 * a : 6 * a + 6].reshape(rows, -1, 1)
-        blocks.gradient[a : rows + a] += (J_a @ part)[..., 0]
+            of_b, other = slice(b, rows + b), slice(6 * b, 6 * b + 6)
+            # Rows of the lower joint against columns of those above it, and the other way round.
+            found = (twists[of_a] @ H_below[:, :, own, other]).reshape(rows, D, 6) @ columns[of_b]
+            found *= lower
+            upper = found if a == b else (twists[of_b] @ H_below[:, :, other, own]).reshape(rows, D, 6) @ columns[of_a]
+            upper = np.swapaxes(upper, 1, 2)
+            np.copyto(found, upper, where=upper_only)
+            band = blocks.diagonal[of_a] if a == b else blocks.first
+            band += found
+        blocks.gradient[of_a] += (twists[of_a] @ g_below[:, :, own, None]).reshape(rows, D)
     return BandedBlocks(blocks.diagonal, blocks.first, blocks.second, blocks.gradient, energy)
+
+
+def _tree(body: Body) -> tuple[Array, Bools]:
+    """Which parts are below each joint, the translation's among them, shape (1 + P, P); and whether the joint of one
+    degree of freedom is that of another or below it, shape (D, D).
+    """
+    P = len(body)
+    below = np.concatenate([np.ones((1, P)), body.ancestry.T])
+    above = np.zeros((1 + P, 1 + P), dtype=bool)
+    above[:, 0], above[1:, 1:] = True, body.ancestry
+    return below, np.repeat(np.repeat(above, 3, axis=0), 3, axis=1)

@@ -146,8 +146,11 @@ def accumulate_evidence(
         given = None if noise is None else noise[v, a:b]
         return _run(views[v], geometry, own, sampling, first=first + a, noise=given, cache=cache, sought=sought)
 
-    with ThreadPoolExecutor(threads) as pool:
-        done = list(pool.map(run, spans))
+    if threads == 1:
+        done = [run(span) for span in spans]
+    else:
+        with ThreadPoolExecutor(threads) as pool:
+            done = list(pool.map(run, spans))
     rows = [done[i : i + runs] for i in range(0, len(done), runs)]
 
     def by_pair(of: Callable[[_Run], Array]) -> Array:

@@ -220,7 +220,12 @@ def summed_products(
 
 def _robust_deviation(residual: Image) -> float:
     """Standard deviation from the median of absolute values; 0 of nothing."""
-    return 1.4826 * float(np.median(np.abs(residual))) if len(residual) else 0.0
+    if not len(residual):
+        return 0.0
+    middle = len(residual) // 2
+    lower = middle - 1 + len(residual) % 2
+    ordered = np.partition(np.abs(residual), (lower, middle))  # as np.median, in a fraction of its time
+    return 1.4826 * float((ordered[lower] + ordered[middle]) * ordered.dtype.type(0.5))
 
 
 def wrenches(points: Image, slope: Image, focal: Image) -> Image:

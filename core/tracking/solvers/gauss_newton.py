@@ -388,18 +388,21 @@ def _image_systems(
     """The normal equations of every performer: gradients and outlines of the views that were taken at some instants."""
     (R, T), views, (precision, outlines) = instants.poses, list(instants.views), weights
     pairs, frames = evidence.gradients, evidence.outlines
-    H = np.einsum("v,vfpij->fpij", precision[views], pairs.H[views])
-    g = np.einsum("v,vfpi->fpi", precision[views], pairs.g[views])
+    H = np.tensordot(precision[views], pairs.H[views], 1)
+    g = np.tensordot(precision[views], pairs.g[views], 1)
     outline_H, outline_g = (outlines * a[views].sum(axis=0) for a in (frames.H, frames.g))
-    energy = float(np.sum(noise.weight[views] * pairs.cost[views])) / len(problem.bodies)
-    outline_energy = outlines * float(frames.energy[views].sum()) / len(problem.bodies)
-    systems = []
-    for i, (body, span) in enumerate(zip(problem.bodies, problem.spans(), strict=True)):
-        own = R[:, span], T[:, span]
-        gradients = joint_blocks(body, own, H[:, span], g[:, span], energy)
-        ends = joint_blocks(body, own, outline_H[:, span], outline_g[:, span], outline_energy)
-        systems.append(instants.on_frames(i, gradients + ends))
-    return systems
+    # The outlines of a frame are counted with the pair that it begins, those of the last with the pair that it ends.
+    H[..., :6, :6] += outline_H[:-1]
+    H[-1, :, 6:, 6:] += outline_H[-1]
+    g[..., :6] += outline_g[:-1]
+    g[-1, :, 6:] += outline_g[-1]
+    energy = float(np.sum(noise.weight[views] * pairs.cost[views])) + outlines * float(frames.energy[views].sum())
+    return [
+        instants.on_frames(
+            i, joint_blocks(body, (R[:, span], T[:, span]), H[:, span], g[:, span], energy / len(problem.bodies))
+        )
+        for i, (body, span) in enumerate(zip(problem.bodies, problem.spans(), strict=True))
+    ]
 
 
 def predicted_accelerations(motions: Sequence[Motion], hidden: Sequence[NDArray[np.bool_]]) -> list[Array]:
