@@ -54,10 +54,8 @@ def main(argv: Sequence[str] | None = None, services: Services | None = None) ->
 def _quiet_libraries() -> None:
     """Silence OpenCV, whose messages repeat ours, and keep small matrix products on one thread.
 
-    FFmpeg says what is wrong with footage, which is caught. The libraries read these variables when they are first
-    loaded.
+    The libraries read these variables when they are first loaded. What FFmpeg says is caught by `DecoderLog`.
     """
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "16")
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     for library in ("OMP", "OPENBLAS", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")

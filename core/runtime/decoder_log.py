@@ -9,15 +9,16 @@ import tempfile
 from collections.abc import Iterable
 from typing import IO, Self, TextIO
 
-_SAID = re.compile(rb"\[(?:OPENCV:FFMPEG:\d+|[\w,/]+ @ 0x[0-9a-f]+)\] *(.*)")
-"""A line of FFmpeg's, as OpenCV hands it on and as FFmpeg writes it itself."""
+_SAID = re.compile(rb"\[[\w,/]+ @ 0x[0-9a-f]+\] *(.*)")
+"""A line of FFmpeg's: who speaks, and what."""
 
 
 class DecoderLog:
     """Keeps what FFmpeg says while footage is decoded within a `with` statement.
 
     The standard error of the whole process goes to a temporary file meanwhile, and what else is written there appears
-    afterwards; Python's own `sys.stderr` appears at once. FFmpeg is silent where OPENCV_FFMPEG_LOGLEVEL is below 16.
+    afterwards; Python's own `sys.stderr` appears at once. Where
+    OPENCV_FFMPEG_LOGLEVEL is set, OpenCV prints what FFmpeg says on the standard output, and nothing is heard.
     """
 
     def __init__(self) -> None:

@@ -87,7 +87,7 @@ def test_only_the_decoder_is_kept_from_the_standard_error(capfd: pytest.CaptureF
 def test_one_log_within_another_hears_for_itself() -> None:
     with DecoderLog() as outer:
         with DecoderLog() as inner:
-            os.write(2, b"[OPENCV:FFMPEG:16] Reference 4 >= 4\n")
-        os.write(2, b"[OPENCV:FFMPEG:16] missing picture\n")
+            os.write(2, b"[h264 @ 0x55d0c0] Reference 4 >= 4\n")
+        os.write(2, b"[NULL @ 0x55d0c0] missing picture\n")
     assert inner.complaints == ["Reference 4 >= 4"]
     assert outer.complaints == ["missing picture"]
