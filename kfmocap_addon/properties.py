@@ -528,6 +528,9 @@ class KFMocapScene(bpy.types.PropertyGroup):
         name="Solver",
         description="How the frames between the key poses are found",
     )
+    contact: bpy.props.BoolProperty(
+        name="Contact", description="Performers do not pass through each other", default=True
+    )
     show_confidence: bpy.props.BoolProperty(
         name="Colour by Error",
         description="Colour the parts by how far they may be off: green where they are sure, red at the limit, "

@@ -170,6 +170,7 @@ _NOT_NUMBERS = (
     "estimate_smoothness",
     "prediction",
     "plants",
+    "contact",
     "footage_offset",
     "threads",
 )
@@ -205,6 +206,8 @@ class Settings:
         Predict the motion of parts that no camera sees from the frames on which they are seen.
     plants : bool
         Points of the soles that are found to be planted stand still.
+    contact : bool
+        Bodies of different performers do not pass through each other.
     keypoint_correlation : float
         How far apart in time a detector's errors are independent, seconds: keypoints within that time count as one.
     broken_keypoints : str
@@ -226,6 +229,7 @@ class Settings:
     estimate_smoothness: bool | None = None
     prediction: bool = True
     plants: bool = True
+    contact: bool = True
     keypoint_correlation: float = 0.3
     broken_keypoints: str = "refuse"
     footage_offset: float | None = None

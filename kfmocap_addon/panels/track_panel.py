@@ -66,7 +66,10 @@ class SolverPanel(SectionPart, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         layout.use_property_split, layout.use_property_decorate = True, False
-        layout.prop(context.scene.kfmocap, "solver")
+        properties = context.scene.kfmocap
+        layout.prop(properties, "solver")
+        if len(properties.performers) > 1:
+            layout.prop(properties, "contact")
 
 
 CLASSES = (TrackPanel, SolverPanel)

@@ -185,7 +185,7 @@ def _describe(scene: bpy.types.Scene, shot: Shot) -> None:
     properties.shot, properties.zero = shot.name, FRAME_START - shot.frames[0]
     properties.first, properties.last = shot.frames
     settings = dataclasses.asdict(shot.settings)
-    properties.solver = settings.pop("solver")
+    properties.solver, properties.contact = settings.pop("solver"), settings.pop("contact")
     properties.settings = json.dumps(settings)
 
 
@@ -199,7 +199,8 @@ def _build_views(scene: bpy.types.Scene, shot: Shot, clips: list[bpy.types.Movie
 
 def _read_settings(properties: bpy.types.PropertyGroup) -> Settings:
     """Settings as the scene has them; defaults for what it does not say, without what this version lacks."""
-    stored = json.loads(properties.settings or "{}") | {"solver": properties.solver}
+    shown = {"solver": properties.solver, "contact": properties.contact}
+    stored = json.loads(properties.settings or "{}") | shown
     known = {f.name: stored[f.name] for f in dataclasses.fields(Settings) if f.name in stored}
     values: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in known.items()}
     return Settings(**values)

@@ -1,0 +1,164 @@
+"""Contact: bodies of different performers do not pass through each other.
+
+Where a part of one performer is inside a part of another, the residual is how deep its deepest point lies there, along
+the normal of the face that is nearest to it. Clothes and flesh give way a little, and the constraint is a soft one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise, permutations
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from ...body import Body
+from ...body.joint_blocks import joint_blocks
+from ...body.kinematics import Poses, scene_poses
+from ...body.motion import Motion
+from ...evidence.label_images import Geometry
+from ...numerics.arrays import Array, Ints
+from ...numerics.banded_blocks import BandedBlocks
+from ...numerics.robust_kernels import Huber
+from .problem import SegmentProblem
+
+SLACK = 0.02
+"""How deep one part may lie in another, metres: flesh and clothes give way, and the polyhedra are simpler than they.
+Hands are thinner than twice that, so that they may hold each other."""
+DEVIATION = 0.01
+"""Standard deviation of the depth beyond that, metres."""
+LIMIT = 3.0
+"""Standard deviations beyond which the cost of a depth grows linearly."""
+SPACING = 0.04
+"""How far apart points on the edges of a polyhedron are at most, metres."""
+
+
+@dataclass(frozen=True, eq=False)
+class ContactFactor:
+    """The bodies of M performers, which keep each other out.
+
+    Attributes
+    ----------
+    spans : tuple of slice
+        The parts of each performer, P over all of them.
+    points : tuple of ndarray, shape (K, 3)
+        Points on every part's surface, in the part's frame, metres.
+    planes : tuple of ndarray, shape (N, 4)
+        Every part's faces, see `core.body.body.Part.planes`.
+    centres : ndarray, shape (P, 3)
+        Of spheres around the parts, in the parts' frames, metres.
+    radii : ndarray, shape (P,)
+        Of these spheres, metres.
+    """
+
+    spans: tuple[slice, ...]
+    points: tuple[Array, ...]
+    planes: tuple[Array, ...]
+    centres: Array
+    radii: Array
+
+    @classmethod
+    def of(cls, geometry: Geometry, bodies: Sequence[Body]) -> ContactFactor:
+        """Return that of some bodies with the shapes of their parts."""
+        stops = np.cumsum([0] + [len(body) for body in bodies])
+        vertices = [geometry.vertices[span] for span in geometry.spans]
+        centres = np.array([(v.min(axis=0) + v.max(axis=0)) / 2 for v in vertices])
+        return cls(
+            tuple(slice(int(a), int(b)) for a, b in pairwise(stops)),
+            tuple(surface_points(v) for v in vertices),
+            tuple(geometry.planes[geometry.face_owner == part] for part in range(len(vertices))),
+            centres,
+            np.array([np.linalg.norm(v - c, axis=1).max() for v, c in zip(vertices, centres, strict=True)]),
+        )
+
+    def blocks(self, bodies: Sequence[Body], poses: Poses) -> list[BandedBlocks]:
+        """The normal equations of every performer around poses of all parts on F frames.
+
+        Each is solved without the others: its blocks are as large as those of both in contact together, so that the
+        steps of both do not add up to more than the depth.
+        """
+        R, T = poses
+        F, P = T.shape[:2]
+        H, g, energy = np.zeros((F, P, 6, 6)), np.zeros((F, P, 6)), np.zeros(len(bodies))
+        kernel = Huber(LIMIT)
+        for i, j in permutations(range(len(bodies)), 2):
+            for part, other, frames in self._near(poses, i, j):
+                depth, rows = self._deepest(poses, part, other, frames)
+                r = np.maximum(depth - SLACK, 0.0) / DEVIATION
+                weight = np.where(r > 0, kernel.weight(r**2), 0.0)
+                rows = rows / DEVIATION
+                both = 2 * weight[:, None, None] * rows[:, :, None] * rows[:, None, :]
+                pull = (weight * r)[:, None] * rows
+                for where, sign in ((part, 1.0), (other, -1.0)):
+                    H[frames, where] += both
+                    g[frames, where] += sign * pull
+                energy[[i, j]] += 0.5 * float(kernel.cost(r**2).sum())
+        return [
+            joint_blocks(body, (R[:, span], T[:, span]), H[:, span], g[:, span], float(own))
+            for body, span, own in zip(bodies, self.spans, energy, strict=True)
+        ]
+
+    def depths(self, poses: Poses) -> Array:
+        """How deep performers are in each other at most, metres, shape (F,)."""
+        deepest = np.zeros(len(poses[0]))
+        for i, j in permutations(range(len(self.spans)), 2):
+            for part, other, frames in self._near(poses, i, j):
+                depth, _ = self._deepest(poses, part, other, frames)
+                deepest[frames] = np.maximum(deepest[frames], depth)
+        return deepest
+
+    def _near(self, poses: Poses, performer: int, other: int) -> Iterator[tuple[int, int, Ints]]:
+        """Pairs of parts of two performers whose spheres meet, with the frames on which they do."""
+        R, T = poses
+        centres = np.einsum("fpab,pb->fpa", R, self.centres) + T
+        a, b = self.spans[performer], self.spans[other]
+        apart = np.linalg.norm(centres[:, a, None] - centres[:, None, b], axis=-1)
+        meeting = apart < self.radii[a, None] + self.radii[None, b]
+        for p, q in np.argwhere(meeting.any(axis=0)):
+            yield int(p) + a.start, int(q) + b.start, np.flatnonzero(meeting[:, p, q])
+
+    def _deepest(self, poses: Poses, part: int, other: int, frames: Ints) -> tuple[Array, Array]:
+        """How deep the deepest point of a part is in another one on some frames (n,), metres, below 0 where it is
+        outside; and the depth's change by the part's twist (n, 6). That by the other's twist is the opposite.
+        """
+        R, T = poses
+        world = self.points[part] @ np.swapaxes(R[frames, part], -1, -2) + T[frames, part, None]
+        there = (world - T[frames, other, None]) @ R[frames, other]
+        planes = self.planes[other]
+        outside = there @ planes[:, :3].T + planes[:, 3]
+        face = outside.argmax(axis=2)
+        height = np.take_along_axis(outside, face[..., None], axis=2)[..., 0]
+        n, point = np.arange(len(frames)), height.argmin(axis=1)
+        normal = (R[frames, other] @ planes[face[n, point], :3, None])[..., 0]
+        x = world[n, point]
+        return -height[n, point], -np.concatenate([normal, np.cross(x, normal)], axis=1)
+
+
+def surface_points(vertices: Array) -> Array:
+    """Vertices (V, 3) of a convex polyhedron, and points on its edges between them, (K, 3)."""
+    hull = ConvexHull(vertices)
+    edges = np.unique(np.sort(np.concatenate([hull.simplices[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))])), axis=0)
+    points = [vertices[hull.vertices]]
+    for a, b in edges:
+        count = int(np.linalg.norm(vertices[b] - vertices[a]) / SPACING)
+        share = np.arange(1, count + 1)[:, None] / (count + 1)
+        points.append((1 - share) * vertices[a] + share * vertices[b])
+    return np.concatenate(points)
+
+
+def contact_of(problem: SegmentProblem) -> ContactFactor | None:
+    """Return the contact of a problem's performers; None where there is one alone, or the settings are against it."""
+    if len(problem.bodies) < 2 or not problem.settings.contact:
+        return None
+    return ContactFactor.of(problem.geometry(), problem.bodies)
+
+
+def with_contact(
+    systems: Sequence[BandedBlocks], contact: ContactFactor | None, bodies: Sequence[Body], motions: Sequence[Motion]
+) -> list[BandedBlocks]:
+    """Add the contact of performers to their normal equations."""
+    if contact is None:
+        return list(systems)
+    blocks = contact.blocks(bodies, scene_poses(bodies, motions))
+    return [system + own for system, own in zip(systems, blocks, strict=True)]
