@@ -13,6 +13,12 @@ from ..numerics import rotations
 from ..numerics.arrays import Array
 
 
+def leading_part(body: Body, landmark: str) -> int:
+    """Index of the part that leads to a landmark, a joint or the tip of a part; -1 for the root's joint."""
+    carrier, local = body.landmarks[landmark]
+    return carrier if np.linalg.norm(local) > 0 else body.parents[carrier]
+
+
 def limb_flipped(body: Body, pose: Motion, landmark: str, axis_world: Array) -> Motion:
     """The pose with the part that leads to a landmark turned to point as far towards the camera as it pointed away.
 
@@ -26,8 +32,7 @@ def limb_flipped(body: Body, pose: Motion, landmark: str, axis_world: Array) -> 
     axis_world : ndarray, shape (3,)
         The camera's optical axis, of length one.
     """
-    carrier, local = body.landmarks[landmark]
-    part = carrier if np.linalg.norm(local) > 0 else body.parents[carrier]
+    (carrier, local), part = body.landmarks[landmark], leading_part(body, landmark)
     if part < 1 or body.parents.count(part) > 1:
         return pose
     R, T = (x[0] for x in part_poses(body, pose))

@@ -7,10 +7,12 @@ import numpy as np
 from mathutils import Vector
 from numpy.typing import NDArray
 
-from ...core.body import Body, landmark_positions
-from ...core.body.motion import Motion
+from ...core.body import Body, landmark_positions, part_poses
+from ...core.body.motion import Motion, stacked
 from ...core.cameras.camera import Camera
 from ...core.errors import KeypointError
+from ...core.numerics.arrays import Array
+from ...core.posing.alternatives import Neighbour, alternative_poses
 from ...core.posing.clicks import STEPS, Click, ClickFit, ClickSolver, click_keypoints, pixel, ray
 from ...core.posing.depth import limb_flipped
 from ..scene_io import body_armature, joint_marks, key_pose_curves, scene_cameras, shown_pose
@@ -57,6 +59,9 @@ class Placing:
         self._history: list[joint_marks.Snapshot] = []
         self._undone: list[joint_marks.Snapshot] = []
         self.fitted = ClickFit(self._given, self._given)
+        self.alternatives: list[Motion] = []
+        """Poses that look alike from one view, likeliest first; those of the marks as they are, once asked for."""
+        self.alternative = 0
         if self.marks:
             self._fit()
 
@@ -140,8 +145,42 @@ class Placing:
         self.fitted = ClickFit(pose, pose)
         self._fit(STEPS, search=False)
 
+    def ask_alternatives(self, view: str) -> None:
+        """Find the poses that look alike from a view, and show the likeliest; `undo` takes it back."""
+        found = alternative_poses(self.body, self.pose, self.centre_of(view), self._neighbours(), held=self._held)
+        self.remember()
+        self.choose(0, [found.poses[[i]] for i in range(len(found.poses))])
+
+    def choose(self, number: int, alternatives: list[Motion] | None = None) -> None:
+        """Pose the body as an alternative has it, fitted to the marks."""
+        poses = self.alternatives if alternatives is None else alternatives
+        self.fitted = ClickFit(poses[number], poses[number])
+        self._fit(STEPS, search=False)
+        self.alternatives, self.alternative = poses, number
+
+    def bones_of_alternatives(self) -> Array:
+        """Ends of every bone of every alternative in the world, shape (N, P, 2, 3)."""
+        R, T = part_poses(self.body, stacked(self.alternatives))
+        tails = np.stack([part.R_world_rest.T @ (part.tail_world - part.head_world) for part in self.body.parts])
+        return np.stack([T, T + np.einsum("npab,pb->npa", R, tails)], axis=2)
+
+    def centre_of(self, view: str) -> Array:
+        """The place of a view's camera in the world, shape (3,)."""
+        R, t = self._cameras[view].pose(0)
+        return np.asarray(-R.T @ t)
+
+    def _neighbours(self) -> list[Neighbour]:
+        """The pose that the keys of other frames give here, which counts the less the farther they are."""
+        frames = [frame for frame in key_pose_curves.keyed_bones(self.slot.armature)[0] if frame != self.frame]
+        if not frames:
+            return []
+        render = self.scene.render
+        near = min(abs(frame - self.frame) for frame in frames)
+        return [Neighbour(self._given, near * render.fps_base / render.fps)]
+
     def _fit(self, steps: int = STEPS, search: bool = True) -> None:
         """Pose the body on the marks, from the pose that it has."""
+        self.alternatives = []
         clicks = [
             Click(self._cameras[view], name, at)
             for (view, name), at in self.marks.items()

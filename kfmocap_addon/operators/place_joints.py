@@ -19,7 +19,8 @@ _SIDEBARS = ("N", "T")
 _ENTER = ("RET", "NUMPAD_ENTER")
 _HINT = (
     "Click or drag: {asked}   Drag a handle: that joint   Tab: next joint   X: take the mark away   F: flip the limb   "
-    "Page Up/Down: other view   Ctrl Z: last mark   Enter: key the pose   Esc: cancel   ({count} marks, {misfit})"
+    "A: alternative   Page Up/Down: other view   Ctrl Z: last mark   Enter: key the pose   "
+    "Esc: cancel   ({count} marks, {misfit})"
 )
 _AWAY = "The marks are on frame {frame}: go back there to go on   Enter: key the pose on frame {frame}   Esc: cancel"
 _ASKING = "Discard the marks?   Right-click again or Esc: discard   Enter: key the pose   Anything else: go on"
@@ -131,14 +132,36 @@ class PlacingTool(Conditional):
     def _pressed_in(self, look: viewport.Look, context: bpy.types.Context, event: bpy.types.Event) -> None:
         """A key or a button over the footage, on the frame of the marks."""
         kind = event.type
-        if kind == "LEFTMOUSE" and self._is_inside(look):
+        box = self._box_under(look)
+        if kind == "LEFTMOUSE" and box is not None:
+            self._placing.choose(box)
+        elif kind == "LEFTMOUSE" and self._is_inside(look):
             self._press = self._pointer
+        elif kind == "A":
+            self._alternative(look, -1 if event.shift else 1)
         elif kind in ("PAGE_UP", "PAGE_DOWN"):
             self._look_on(context, -1 if kind == "PAGE_UP" else 1)
         elif kind == "TAB":
             self._ask_on(look.view.name, -1 if event.shift else 1)
         elif kind in ("X", "DEL", "F"):
             self._edited(look, flip=kind == "F")
+
+    def _alternative(self, look: viewport.Look, step: int) -> None:
+        """Show the likeliest pose of those that look alike, or the next of them."""
+        count = len(self._placing.alternatives)
+        if count:
+            self._placing.choose((self._placing.alternative + step) % count)
+        elif any(view == look.view.name for view, _ in self._placing.marks):
+            self._placing.ask_alternatives(look.view.name)
+
+    def _box_under(self, look: viewport.Look) -> int | None:
+        """The alternative whose box is under the mouse."""
+        if not self._placing.alternatives:
+            return None
+        from ..overlays import alternative_boxes
+
+        x, y = self._pointer[0] - look.region.x, self._pointer[1] - look.region.y
+        return alternative_boxes.box_at(alternative_boxes.boxes(len(self._placing.alternatives)), x, y)
 
     def _is_over_3d_view(self, context: bpy.types.Context) -> bool:
         """Whether the mouse is over the main region of a 3D view; its sidebars and all other editors are the user's."""
@@ -269,6 +292,7 @@ class PlacingTool(Conditional):
                 marked = look.position(self._placing.place_of(look.view.name, name))
                 if marked is not None:
                     overlay.lines([at, marked], colour)
+        self._draw_alternatives(look)
         x, y = self._pointer[0] - context.region.x, self._pointer[1] - context.region.y
         if 0 <= x < context.region.width and 0 <= y < context.region.height:
             name = self._dragged or (None if self._press else self._near(look, self._pointer))
@@ -277,6 +301,15 @@ class PlacingTool(Conditional):
                 overlay.label(_spoken(asked), (x + 14, y + 12), colour_of(asked))
             if name is not None and name != asked:
                 overlay.label(f"drag: {_spoken(name)}", (x + 14, y - 22), colour_of(name))
+
+    def _draw_alternatives(self, look: viewport.Look) -> None:
+        placing = self._placing
+        if placing.alternatives:
+            from ..overlays import alternative_boxes
+
+            colours = [colour_of(part.name) for part in placing.body.parts]
+            centre = placing.centre_of(look.view.name)
+            alternative_boxes.draw(placing.bones_of_alternatives(), colours, centre, placing.alternative)
 
     def _confirmed(self, context: bpy.types.Context) -> set[str]:
         if not self._placing.marks:

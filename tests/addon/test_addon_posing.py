@@ -445,3 +445,44 @@ def test_placing_ends_when_the_performer_is_removed(tool):
     bpy.data.objects.remove(tool._placing.slot.armature)
     assert tool.event("MOUSEMOVE") == "CANCELLED" and tool.is_ended
     assert "left the scene" in tool.reports[0]
+
+
+def test_alternatives_of_one_view_are_gone_through_and_undone(tool):
+    """The tool asks, shows the likeliest, goes on with every press, and forgets them at the next mark."""
+    placing = tool._placing
+    before = placing.pose
+    tool.event("A")
+    count = len(placing.alternatives)
+    assert count > 1 and placing.alternative == 0
+    poses = []
+    for _ in range(count):
+        poses.append(shown(placing.slot))
+        tool.event("A")
+    assert placing.alternative == 0
+    points = np.concatenate([landmark_positions(BODY, pose, LIMBS) for pose in poses])
+    apart = np.linalg.norm(points[:, None] - points[None], axis=-1).max(axis=-1)
+    assert apart[~np.eye(count, dtype=bool)].min() > 0.02
+    assert placing.bones_of_alternatives().shape == (count, len(BODY), 2, 3)
+    tool.event("A", shift=True)
+    assert placing.alternative == count - 1
+    tool.event("Z", ctrl=True)
+    assert not placing.alternatives and len(placing.marks) == 2
+    assert np.abs(placing.pose.difference(before)).max() < 1e-2
+
+
+def test_every_alternative_has_a_box_to_click():
+    from kfmocap.kfmocap_addon.overlays import alternative_boxes
+
+    row = alternative_boxes.boxes(4, 1.0)
+    for number, (left, bottom, right, top) in enumerate(row):
+        assert alternative_boxes.box_at(row, (left + right) / 2, (bottom + top) / 2) == number
+    assert alternative_boxes.box_at(row, right + 2, top) is None
+    assert alternative_boxes.box_at(row[:3], right, top) is None
+
+
+def test_seen_from_the_side_what_is_farther_from_the_camera_is_to_the_right():
+    from kfmocap.kfmocap_addon.overlays import alternative_boxes
+
+    bones = np.array([[[[0.0, 5.0, 1.0], [0.5, 6.0, 2.0]]]])
+    flat = alternative_boxes.from_the_side(bones, np.array([0.25, 0.0, 3.0]))
+    np.testing.assert_allclose(flat[0, 0, 1] - flat[0, 0, 0], [1.0, 1.0], atol=1e-9)

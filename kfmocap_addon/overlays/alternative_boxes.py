@@ -1,0 +1,71 @@
+"""Poses that look alike from the camera, each in a box of its own as seen from the side: there they differ."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import bpy
+import numpy as np
+
+from ...core.numerics.arrays import Array
+from ..scene_io.sides import Colour
+from . import mark_drawing
+
+_WIDTH, _HEIGHT, _GAP, _MARGIN = 84, 110, 6, 16  # pixels
+_BACK: Colour = (0.08, 0.08, 0.08, 0.8)
+_CHOSEN: Colour = (0.27, 0.45, 0.75, 0.9)
+_TEXT: Colour = (1.0, 1.0, 1.0, 1.0)
+_PALE = 0.75
+"""Opacity of the poses that are not chosen."""
+
+Box = tuple[float, float, float, float]
+"""Left, bottom, right, top in the region."""
+
+
+def boxes(count: int, scale: float | None = None) -> list[Box]:
+    """Where the boxes are, in a row from the lower left of the region; by default at the interface's scale."""
+    scale = bpy.context.preferences.system.ui_scale if scale is None else scale
+    step = _WIDTH + _GAP
+    lefts = [(_MARGIN + i * step) * scale for i in range(count)]
+    return [(x, _MARGIN * scale, x + _WIDTH * scale, (_MARGIN + _HEIGHT) * scale) for x in lefts]
+
+
+def box_at(found: Sequence[Box], x: float, y: float) -> int | None:
+    """Number of the box at a position of the region; None beside them."""
+    inside = (i for i, box in enumerate(found) if box[0] <= x <= box[2] and box[1] <= y <= box[3])
+    return next(inside, None)
+
+
+def from_the_side(bones: Array, centre_world: Array) -> Array:
+    """Bones (N, P, 2, 3) in the world as seen from the right of a camera, which itself is to the left of the picture:
+    away from the camera and up, metres, shape (N, P, 2, 2).
+    """
+    away = bones.mean(axis=(0, 1, 2)) - centre_world
+    away[2] = 0.0
+    away /= max(float(np.linalg.norm(away)), 1e-9)
+    return np.stack([bones @ away, bones[..., 2]], axis=-1)
+
+
+def draw(bones: Array, colours: Sequence[Colour], centre_world: Array, chosen: int) -> None:
+    """Draw poses into their boxes.
+
+    Parameters
+    ----------
+    bones : ndarray, shape (N, P, 2, 3)
+        Ends of the bones of each pose in the world.
+    colours : sequence of Colour, length P
+    centre_world : ndarray, shape (3,)
+        The camera's centre.
+    chosen : int
+    """
+    flat = from_the_side(bones, centre_world)
+    low, high = flat.min(axis=(0, 1, 2)), flat.max(axis=(0, 1, 2))
+    for i, (left, bottom, right, top) in enumerate(boxes(len(bones))):
+        mark_drawing.bar((left, bottom), (right, top), _CHOSEN if i == chosen else _BACK)
+        size = 0.85 * min((right - left) / max(high[0] - low[0], 1e-6), (top - bottom) / max(high[1] - low[1], 1e-6))
+        middle = np.array([left + right, bottom + top]) / 2
+        for ends, (red, green, blue, _) in zip(flat[i], colours, strict=True):
+            (x0, y0), (x1, y1) = middle + size * (ends - (low + high) / 2)
+            shown = (red, green, blue, 1.0 if i == chosen else _PALE)
+            mark_drawing.lines([(float(x0), float(y0)), (float(x1), float(y1))], shown, 2.5)
+        mark_drawing.label(str(i + 1), (left + 5, bottom + 5), _TEXT)
