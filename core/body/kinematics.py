@@ -30,6 +30,13 @@ def part_poses(body: Body, motion: Motion) -> tuple[Array, Array]:
     return R, T
 
 
+def tip_positions(body: Body, poses: Poses) -> Array:
+    """Tips of all parts in the world, metres, shape (F, P, 3)."""
+    R, T = poses
+    lengths = np.array([float(np.linalg.norm(part.tail_world - part.head_world)) for part in body.parts])
+    return np.asarray(T + R[..., 1] * lengths[:, None])
+
+
 def motion_of_poses(body: Body, poses: Poses) -> Motion:
     """The motion that puts the parts where they are; inverse of `part_poses`."""
     R, T = poses

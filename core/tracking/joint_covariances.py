@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..body import Body, part_poses
-from ..body.kinematics import point_jacobian
+from ..body.kinematics import point_jacobian, tip_positions
 from ..body.motion import Motion
 from ..numerics.arrays import Array
 
@@ -13,9 +13,7 @@ from ..numerics.arrays import Array
 def tip_jacobian(body: Body, motion: Motion) -> Array:
     """Derivatives of the places of all parts' tips by the degrees of freedom, shape (F, P, 3, D)."""
     R, T = part_poses(body, motion)
-    tips = np.array([[0.0, np.linalg.norm(part.tail_world - part.head_world), 0.0] for part in body.parts])
-    points = np.einsum("fpab,pb->fpa", R, tips) + T
-    return point_jacobian(body, R, T, np.arange(len(body)), points)
+    return point_jacobian(body, R, T, np.arange(len(body)), tip_positions(body, (R, T)))
 
 
 def tip_covariances(jacobian: Array, covariances: Array) -> Array:

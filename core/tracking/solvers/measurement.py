@@ -159,10 +159,7 @@ def hidden_parts(problem: SegmentProblem, share: Array, predicted: Array | None 
 
 
 def keypoint_agreement(problem: SegmentProblem, motions: Sequence[Motion]) -> float:
-    """How far the keypoints agree with motions, 0 to 1, on average over the performers."""
+    """How far the keypoints agree with motions, 0 to 1, on average over the performers that are sought."""
     R, T = keypoint_instants(problem, motions).poses
-    each = [
-        keypoints.agreement((R[:, span], T[:, span]))
-        for keypoints, span in zip(problem.keypoints, problem.spans(), strict=True)
-    ]
-    return float(np.mean(each))
+    spans = problem.spans()
+    return float(np.mean([problem.keypoints[i].agreement((R[:, spans[i]], T[:, spans[i]])) for i in problem.sought]))

@@ -23,6 +23,7 @@ from .limb_search import exchanges, found_limbs, limbs, pairs, shown_areas, unta
 from .measurement import Workspace, hidden_parts, keypoint_agreement, poses_by_delay, view_instants
 from .problem import SegmentProblem, SegmentSolution
 from .sequential_start import blended, excerpt, follow
+from .strayed_limbs import strayed_limbs, with_limbs_held
 
 EXPLAINED = 0.8
 """Share of what the key poses explain of their images that a solution should explain of every other frame's."""
@@ -78,8 +79,11 @@ def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: 
     Parameters as of `gauss_newton.descend`.
     """
     best = descend(problem, start, workspace.part(0.0, 0.2))
-    doubted = [i for i in problem.sought if in_doubt(problem.alone(i), start, best)]
-    seconds, motions = Seconds(best.seconds), best.motions
+    seconds = Seconds(best.seconds)
+    if problem.keypoints:
+        with seconds.measure("initial solution"):
+            best = with_limbs_returned(problem, start, best, workspace.silent())
+    doubted, motions = doubted_performers(problem, start, best), best.motions
     for k, i in enumerate(doubted):
         own_start = [start[j] if j == i else motion for j, motion in enumerate(motions)]
         part = workspace.part(0.2 + 0.7 * k / len(doubted), 0.2 + 0.7 * (k + 1) / len(doubted))
@@ -110,15 +114,51 @@ def resumed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
     Parameters as of `gauss_newton.descend`.
     """
     found = descend(problem, start, workspace, RESUMED)
-    return None if any(in_doubt(problem.alone(i), start, found) for i in problem.sought) else found
+    return None if doubted_performers(problem, start, found) else found
 
 
-def in_doubt(problem: SegmentProblem, start: Sequence[Motion], solution: SegmentSolution) -> bool:
-    """Whether other starts are worth trying for the performer that is sought: the images disagree with the solution,
-    and no keypoints confirm it, or limbs are out of all views' sight for long.
+def doubted_performers(problem: SegmentProblem, start: Sequence[Motion], solution: SegmentSolution) -> list[int]:
+    """The performers for whom other starts are worth trying: the images disagree with the solution, and no keypoints
+    confirm it, or limbs are out of all views' sight for long.
     """
-    missed = doubtful(problem, solution) or limb_astray(problem, solution) or limb_uncovered(problem, solution)
-    return (missed and not confirmed(problem, start, solution)) or concealed(problem, solution)
+    each = {i: problem.alone(i) for i in problem.sought}
+    unsure = {i for i, alone in each.items() if not confirmed(alone, start, solution)}
+    missed = {i for i in unsure if doubtful(each[i], solution) or limb_astray(each[i], solution)}
+    if unsure - missed:
+        missed |= unsure & set(performers_uncovered(problem, solution))
+    return [i for i, alone in each.items() if i in missed or concealed(alone, solution)]
+
+
+def with_limbs_returned(
+    problem: SegmentProblem, start: Sequence[Motion], solution: SegmentSolution, workspace: Workspace
+) -> SegmentSolution:
+    """A solution, or with the limbs that have left the first pass brought back there, where the evidence is for it.
+
+    A limb is brought back and solved from there, and held there while all else is solved: what led it away may do so
+    again.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+        With keypoints.
+    start : sequence of Motion
+        The first pass.
+    solution : SegmentSolution
+    workspace : Workspace
+    """
+    for i in problem.sought:
+        strayed = strayed_limbs(problem, i, start[i], solution.motions[i])
+        if not strayed:
+            continue
+        parts = [part for chain in strayed for part in chain]
+        back = solution.motions[i].with_parts(parts, start[i])
+        motions = (*solution.motions[:i], back, *solution.motions[i + 1 :])
+        found = [
+            _continued(solution, descend(around, motions, workspace, SETTLED))
+            for around in (problem, with_limbs_held(problem, i, strayed))
+        ]
+        solution = better(problem.alone(i), solution, *found)
+    return solution
 
 
 def best_of_own_starts(
@@ -163,10 +203,12 @@ def confirmed(problem: SegmentProblem, start: Sequence[Motion], solution: Segmen
 
 
 def better(problem: SegmentProblem, *solutions: SegmentSolution) -> SegmentSolution:
-    """The solution that covers the most of what looks like the performers and meets the most keypoints, if any."""
+    """The solution that covers the most of what looks like the performers and meets the most keypoints of those that
+    are sought, if any.
+    """
     merit = [found.cover for found in solutions]
     if problem.keypoints:
-        most = max(*merit, 1.0)
+        most = max(*(float(found.explained[problem.sought].sum()) for found in solutions), 1.0)
         merit = [m / most + keypoint_agreement(problem, s.motions) for m, s in zip(merit, solutions, strict=True)]
     return solutions[int(np.argmax(merit))]
 
@@ -217,25 +259,28 @@ def limb_astray(problem: SegmentProblem, solution: SegmentSolution) -> bool:
     return False
 
 
-def limb_uncovered(problem: SegmentProblem, solution: SegmentSolution) -> bool:
-    """Whether some view shows half a limb, or more, where a solution has nobody, for longer than prediction bridges.
+def performers_uncovered(problem: SegmentProblem, solution: SegmentSolution) -> list[int]:
+    """The performers of whom some view shows half a limb, or more, where a solution has nobody, for longer than
+    prediction bridges.
 
     A lost arm is too small a part of the performer to raise a doubt by what all of the body covers.
     """
-    if not views_with_foreground(problem.views) or any(len(problem.whole_keys(i)) < 2 for i in problem.sought):
-        return False
+    held = [i for i in problem.sought if len(problem.whole_keys(i)) > 1]
+    if not (held and views_with_foreground(problem.views)):
+        return []
     geometry, spans = problem.geometry(), problem.spans()
     poses = poses_by_delay(problem, view_instants(problem, solution.motions))
     misfit = measured_misfit(problem.views, geometry, poses, first=problem.first, spans=spans)
     areas = misfit.areas_beside([problem.whole_keys(i) for i in range(len(problem.bodies))])
-    for i in problem.sought:
+    found = []
+    for i in held:
         sizes = [
             shown_areas(geometry, [spans[i].start + part for part in chain]).sum() for chain in limbs(problem.bodies[i])
         ]
         beside = areas[:, i] > LIMB_SHARE * min(sizes, default=np.inf)
         if any(last + 1 - first >= LONG for row in beside for first, last in intervals(row)):
-            return True
-    return False
+            found.append(i)
+    return found
 
 
 def concealed(problem: SegmentProblem, solution: SegmentSolution) -> bool:

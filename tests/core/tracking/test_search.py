@@ -68,7 +68,7 @@ def test_a_view_that_shows_a_limb_where_the_solution_has_none_for_long_calls_for
     lowered[1 : 1 + wrong] = rest.rotations[1 : 1 + wrong]
     problem = SegmentProblem(coloured(HUMAN, truth, CAMERAS), (HUMAN,), 0, FPS, (ends_held(HUMAN, LENGTH),))
     found = explained(problem, Motion(rest.translations, lowered))
-    assert multi_start.limb_uncovered(problem, found) == expected
+    assert multi_start.performers_uncovered(problem, found) == [0] * expected
 
 
 @pytest.mark.parametrize(
