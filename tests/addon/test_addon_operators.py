@@ -14,7 +14,7 @@ from random_calls import TOOLS, arguments, call, files, place, quick, situation,
 
 pytestmark = pytest.mark.blender
 
-CALLS, NIGHTLY_CALLS, IN_A_ROW = 1000, 2000, 40
+CALLS, NIGHTLY_CALLS, IN_A_ROW = 400, 2000, 40
 
 
 def test_nothing_breaks_whatever_is_called(blender, quick, files, tmp_path, capfd, pytestconfig):  # noqa: F811

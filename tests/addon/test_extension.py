@@ -75,7 +75,7 @@ def test_operators_are_registered_and_unregistered(session):
 
 
 def test_the_installed_extension_tracks_the_small_example(extension, tmp_path):
-    shot, out = short_walk(tmp_path / "walk") / "shot.toml", tmp_path / "out"
+    shot, out = short_walk(tmp_path / "walk", 8) / "shot.toml", tmp_path / "out"
     printed = extension.run(f"""
         import importlib
         batch = importlib.import_module({extension.module!r} + ".kfmocap_addon.batch")

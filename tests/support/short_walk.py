@@ -10,7 +10,7 @@ from kfmocap.core.formats import read_trc, write_trc
 WALK = ROOT / "examples" / "walk"
 
 
-def short_walk(folder: Path, frames: int = 20) -> Path:
+def short_walk(folder: Path, frames: int) -> Path:
     """Write a shot of the walk's first frames into a new folder, with key poses at both ends and in the middle."""
     folder.mkdir()
     for name in ("calibration.toml", "cam01.mp4", "cam02.mp4", "cam03.mp4"):

@@ -124,11 +124,12 @@ def uses(tree: ast.AST) -> list[tuple[str, ast.AST]]:
 
 def unguarded(source: str) -> list[str]:
     """Uses of what is not everywhere outside functions that ask where they run."""
-    tree = ast.parse(source)
+    tree, lines = ast.parse(source), source.splitlines()
     asking = [
         function
         for function in ast.walk(tree)
-        if isinstance(function, ast.FunctionDef) and ASKED.search(ast.get_source_segment(source, function) or "")
+        if isinstance(function, ast.FunctionDef)
+        and ASKED.search("\n".join(lines[function.lineno - 1 : function.end_lineno]))
     ]
     guarded = {id(node) for function in asking for node in ast.walk(function)}
     return [name for name, node in uses(tree) if id(node) not in guarded]
