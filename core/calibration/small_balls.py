@@ -80,8 +80,13 @@ def find_small_balls(image: Image, light: Array, masks: Sequence[Image]) -> Smal
     """
     found: list[tuple[Array, Array, float]] = []
     # Opened, the mask lets go of specks of its colour that touch a ball.
-    candidates = [(mask, blobs) for mask in masks for blobs in (mask, cv2.morphologyEx(mask, cv2.MORPH_OPEN, _SPECKS))]
-    for mask, blobs in candidates:
+    candidates = [
+        (m, mask, blobs)
+        for m, mask in enumerate(masks)
+        for blobs in (mask, cv2.morphologyEx(mask, cv2.MORPH_OPEN, _SPECKS))
+    ]
+    measured_blobs: set[tuple[int, ...]] = set()
+    for m, mask, blobs in candidates:
         count, labels, stats, _ = cv2.connectedComponentsWithStats(blobs, connectivity=8)
         if count > _MOST_BLOBS:  # the colour of the room rather than the ball's
             continue
@@ -90,8 +95,10 @@ def find_small_balls(image: Image, light: Array, masks: Sequence[Image]) -> Smal
             if not (_FEWEST <= area <= _MOST_PIXELS and max(width, height) <= _LONGEST_SIDE):
                 continue
             window = _window(mask.shape, (left, top, width, height))
-            if window is None:
+            blob = (m, *stats[k].tolist())
+            if window is None or blob in measured_blobs:  # nothing was taken from it when the mask was opened
                 continue
+            measured_blobs.add(blob)
             measured = _measured(light[image[window]], labels[window] == k, mask[window] > 0)
             if measured is None:
                 continue

@@ -187,7 +187,7 @@ def body_from_armature(armature: bpy.types.Object) -> Body:
     bones, meshes = body_bones(armature), part_meshes.meshes_by_bone(armature)
     index = {bone.name: i for i, bone in enumerate(bones)}
     parts: list[Part] = []
-    for bone in bones:
+    for bone, R_rest in zip(bones, rest_rotations(bones), strict=True):
         above = next((p.name for p in bone.parent_recursive if p.name in index), None)
         if above is None and parts:
             raise BodyError(
@@ -201,7 +201,7 @@ def body_from_armature(armature: bpy.types.Object) -> Body:
             parent=-1 if above is None else index[above],
             head_world=head,
             tail_world=tail,
-            R_world_rest=R_object @ rest_rotation(bone),
+            R_world_rest=R_object @ R_rest,
             vertices=part_meshes.mesh_vertices(armature, bone, meshes.get(bone.name, ())),
             limits=np.array(json.loads(bone[LIMITS]) if LIMITS in bone else UNLIMITED, float),
         )
@@ -226,7 +226,12 @@ def _rest(part: Part) -> Array:
 
 def rest_rotation(bone: bpy.types.Bone) -> Array:
     """Rest orientation of a bone in its armature, shape (3, 3)."""
-    return rotations.orthonormal(np.array(bone.matrix_local)[:3, :3])
+    return rest_rotations([bone])[0]
+
+
+def rest_rotations(bones: Sequence[bpy.types.Bone]) -> Array:
+    """Rest orientations of bones in their armature, shape (B, 3, 3)."""
+    return rotations.orthonormal(np.array([bone.matrix_local for bone in bones]).reshape(-1, 4, 4)[:, :3, :3])
 
 
 def _landmarks(bones: list[bpy.types.Bone]) -> dict[str, tuple[int, Array]]:

@@ -55,8 +55,14 @@ def set_measure(armature: bpy.types.Object, name: str, value: float) -> None:
 
 def _vertical_extent(armature: bpy.types.Object) -> tuple[float, float]:
     """Lowest and highest vertex of the parts at rest, metres above the armature's origin."""
-    heights = [0.0]
-    for name, vertices in part_meshes.part_clouds(armature).items():
-        bone = armature.data.bones[name]
-        heights += (vertices @ body_armature.rest_rotation(bone)[2] + bone.head_local.z).tolist()
-    return float(np.min(heights[1:] or heights)), float(np.max(heights[1:] or heights))
+    clouds = part_meshes.part_clouds(armature)
+    if not clouds:
+        return 0.0, 0.0
+    bones = [armature.data.bones[name] for name in clouds]
+    heights = np.concatenate(
+        [
+            vertices @ R[2] + bone.head_local.z
+            for vertices, bone, R in zip(clouds.values(), bones, body_armature.rest_rotations(bones), strict=True)
+        ]
+    )
+    return float(heights.min()), float(heights.max())

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.blender
 SEQUENCES, NIGHTLY_SEQUENCES = 1, 500
 IN_A_SEQUENCE, LENGTH = 20, 60
 UNDONE = [cls for cls in TOOLS if "UNDO" in cls.bl_options]
-TRIES = 5
+TRIES, NIGHTLY_TRIES = 3, 10
 
 
 def tracked_scene(
@@ -47,13 +47,20 @@ def left_over(cls: type[bpy.types.Operator], given: dict, before: dict) -> tuple
 
 
 @pytest.mark.parametrize("mode", ["OBJECT", "POSE"])
-def test_a_tool_does_all_or_nothing_and_undo_and_redo_are_exact(blender, quick, files, tmp_path, mode):  # noqa: F811
+def test_a_tool_does_all_or_nothing_and_undo_and_redo_are_exact(
+    blender,  # noqa: F811
+    quick,  # noqa: F811
+    files,  # noqa: F811
+    tmp_path,
+    pytestconfig,
+    mode,
+):
     """Every tool finds the scene that undoing the tool before it has left, which is the same to the last value."""
     before = tracked_scene(tmp_path, mode)
     wrong, worked = {}, set()
     for cls in UNDONE:
         dice = random.Random(f"{cls.bl_idname} {mode}")
-        for _ in range(TRIES):
+        for _ in range(NIGHTLY_TRIES if pytestconfig.getoption("nightly") else TRIES):
             finished, found = left_over(cls, arguments(cls, files, dice), before)
             broken = [item for item in found if item[1]]
             if broken:

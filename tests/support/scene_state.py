@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import bpy
@@ -65,10 +66,21 @@ def _group(group: bpy.types.PropertyGroup) -> dict[str, Any]:
 def _action(action: bpy.types.Action) -> dict[Any, Any]:
     bags = [bag for layer in action.layers for strip in layer.strips for bag in strip.channelbags]
     return {
-        (bag.slot_handle, curve.data_path, curve.array_index): (fcurves.get_keys(curve).tobytes(), curve.lock)
+        (bag.slot_handle, curve.data_path, curve.array_index): (_keys(curve), curve.lock)
         for bag in bags
         for curve in bag.fcurves
     }
+
+
+def _keys(curve: bpy.types.FCurve) -> tuple[bytes, ...]:
+    """All that the keys of a curve hold."""
+    points, columns = curve.keyframe_points, []
+    for name in fcurves.KEY_TYPE.names:
+        base, shape = fcurves.KEY_TYPE[name].base, fcurves.KEY_TYPE[name].shape
+        column = np.empty(len(points) * math.prod(shape), base)
+        points.foreach_get(name, column)
+        columns.append(column.tobytes())
+    return tuple(columns)
 
 
 def _object(thing: bpy.types.Object) -> tuple[Any, ...]:

@@ -167,11 +167,14 @@ def cast(
     return part, depth, local
 
 
-def _around(corners: Array, uv: Array) -> Array:
-    """Indices of the pixels in the box around projected corners; of all where a corner is behind the camera."""
+def _around(corners: Array, uv: Array, margin: float = 0.0) -> Array:
+    """Indices of the pixels in the box around projected corners; of all where a corner is behind the camera.
+
+    The box is larger by a margin, pixels, on every side.
+    """
     if np.isnan(corners).any():
         return np.arange(len(uv))
-    (left, top), (right, bottom) = corners.min(axis=0), corners.max(axis=0)
+    (left, top), (right, bottom) = corners.min(axis=0) - margin, corners.max(axis=0) + margin
     u, v = uv.T
     return np.flatnonzero((u >= left) & (u <= right) & (v >= top) & (v <= bottom))
 
@@ -193,14 +196,18 @@ def texture(part: Array, local: Array, seed: int = 0) -> Array:
 def picture(bodies: Sequence[Body], poses: Poses, frame: int, camera: Camera, samples: int = 2) -> Array:
     """One frame of a camera, uint8 (h, w), each pixel the mean of several rays; a flat background."""
     R, T = poses
+    solids = [p for body in bodies for p in body.parts]
+    corners = [camera.project(p.vertices @ R[frame, i].T + T[frame, i], frame) for i, p in enumerate(solids)]
     grid = pixel_grid(camera.size)
+    near = np.unique(np.concatenate([_around(c, grid, margin=1.0) for c in corners]))  # pixels that may meet a part
     offsets = (np.arange(samples) + 0.5) / samples - 0.5
-    total = np.zeros(len(grid))
-    for du, dv in product(offsets, offsets):
-        part, _, local = cast(bodies, R[frame], T[frame], camera, frame, grid + [du, dv])
-        met = part >= 0
-        total[~met] += 0.35
-        total[met] += texture(part[met], local[met])
+    rays = np.concatenate([grid[near] + d for d in product(offsets, offsets)])
+    part, _, local = cast(bodies, R[frame], T[frame], camera, frame, rays)
+    met = part >= 0
+    light = np.full(len(rays), 0.35)
+    light[met] = texture(part[met], local[met])
+    total = np.full(len(grid), 0.35 * samples**2)
+    total[near] = light.reshape(samples**2, -1).sum(axis=0)
     grey = np.clip(255 * total / samples**2, 0, 255).round().astype(np.uint8)
     return grey.reshape(camera.size[1], camera.size[0])
 

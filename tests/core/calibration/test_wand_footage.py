@@ -16,7 +16,7 @@ from render.waving import CAMERAS, OFFSETS, WandTake
 from render_wand import write_take
 
 SMALL = tuple(camera.reduced(1.5) for camera in CAMERAS[:3])
-TAKE = WandTake(SMALL, OFFSETS[:3], frames=130, fps=15.0, lframe_frames=5)
+TAKE = WandTake(SMALL, OFFSETS[:3], frames=130, fps=15.0, lframe_frames=3)
 
 
 @pytest.fixture(scope="module")
