@@ -84,11 +84,11 @@ def _tracked(row: Row, keyframes: Sequence[int]) -> tuple[Shot, TrackResult, Arr
     return shot, result, real_errors(shot, result, folder / "landmarks.trc")
 
 
-def real_errors(shot: Shot, result: TrackResult, reference: Path) -> Array:
-    """Mean error of the joints on every frame, millimetres, shape (F,)."""
-    body, truth = shot.performers[0].body, read_trc(reference)
+def real_errors(shot: Shot, result: TrackResult, reference: Path, performer: int = 0) -> Array:
+    """Mean error of a performer's joints on every frame, millimetres, shape (F,)."""
+    body, truth = shot.performers[performer].body, read_trc(reference)
     names = [n for n in truth.names if n in body.landmarks and n != "Hip" and n.endswith(JOINTS)]
-    found = Landmarks(tuple(names), landmark_positions(body, result.motions[0], names), shot.fps).points_world
+    found = Landmarks(tuple(names), landmark_positions(body, result.motions[performer], names), shot.fps).points_world
     true = truth.points_world[: len(found)][:, [truth.names.index(n) for n in names]]
     return 1000 * np.nanmean(np.linalg.norm(found - true, axis=2), axis=1)
 
