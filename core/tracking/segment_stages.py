@@ -22,6 +22,7 @@ from ..shot.acceleration_prior import variances_from_key_poses
 from ..shot.shot import Shot, fixed_degrees
 from .appearance import key_frame_shape
 from .segments import Segment, keyed_frames, posed_frames
+from .solvers.contact_factor import ContactFactor
 from .solvers.measurement import Workspace
 from .solvers.problem import SegmentProblem, SegmentSolution
 from .solvers.protocol import Solver
@@ -155,9 +156,11 @@ def _typical_variances(shot: Shot, observed: ShotKeypoints) -> tuple[Array, ...]
 def segment_problem(shot: Shot, data: SegmentData, state: TrackState) -> SegmentProblem:
     """Make the problem of a segment, between the poses that are known beside it."""
     first, last = data.segment
+    bodies = tuple(performer.body for performer in shot.performers)
+    keeps_out = shot.settings.contact and len(bodies) > 1
     return SegmentProblem(
         data.views,
-        tuple(performer.body for performer in shot.performers),
+        bodies,
         first,
         shot.fps,
         data.fixed,
@@ -168,6 +171,7 @@ def segment_problem(shot: Shot, data: SegmentData, state: TrackState) -> Segment
         state.footage_offset(shot),
         shot.settings,
         typical_variances=data.typical_variances,
+        contact=ContactFactor.of(data.shape or Geometry.of(bodies), bodies) if keeps_out else None,
     )
 
 

@@ -21,7 +21,6 @@ from ...evidence.label_images import Geometry
 from ...numerics.arrays import Array, Ints
 from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.robust_kernels import Huber
-from .problem import SegmentProblem
 
 SLACK = 0.02
 """How deep one part may lie in another, metres: flesh and clothes give way, and the polyhedra are simpler than they.
@@ -50,6 +49,8 @@ class ContactFactor:
         Of spheres around the parts, in the parts' frames, metres.
     radii : ndarray, shape (P,)
         Of these spheres, metres.
+    half : ndarray, shape (P, 3)
+        Half the sides of boxes around the parts, with the same centres, along the axes of the parts' frames, metres.
     """
 
     spans: tuple[slice, ...]
@@ -57,6 +58,7 @@ class ContactFactor:
     planes: tuple[Array, ...]
     centres: Array
     radii: Array
+    half: Array
 
     @classmethod
     def of(cls, geometry: Geometry, bodies: Sequence[Body]) -> ContactFactor:
@@ -70,6 +72,7 @@ class ContactFactor:
             tuple(geometry.planes[geometry.face_owner == part] for part in range(len(vertices))),
             centres,
             np.array([np.linalg.norm(v - c, axis=1).max() for v, c in zip(vertices, centres, strict=True)]),
+            np.array([np.ptp(v, axis=0) / 2 for v in vertices]),
         )
 
     def blocks(self, bodies: Sequence[Body], poses: Poses) -> list[BandedBlocks]:
@@ -83,8 +86,8 @@ class ContactFactor:
         H, g, energy = np.zeros((F, P, 6, 6)), np.zeros((F, P, 6)), np.zeros(len(bodies))
         kernel = Huber(LIMIT)
         for i, j in permutations(range(len(bodies)), 2):
-            for part, other, frames in self._near(poses, i, j):
-                depth, rows = self._deepest(poses, part, other, frames)
+            for part, other, near in self._near(poses, i, j):
+                frames, depth, rows = self._deepest(poses, part, other, near)
                 r = np.maximum(depth - SLACK, 0.0) / DEVIATION
                 weight = np.where(r > 0, kernel.weight(r**2), 0.0)
                 rows = rows / DEVIATION
@@ -103,8 +106,8 @@ class ContactFactor:
         """How deep performers are in each other at most, metres, shape (F,)."""
         deepest = np.zeros(len(poses[0]))
         for i, j in permutations(range(len(self.spans)), 2):
-            for part, other, frames in self._near(poses, i, j):
-                depth, _ = self._deepest(poses, part, other, frames)
+            for part, other, near in self._near(poses, i, j):
+                frames, depth, _ = self._deepest(poses, part, other, near)
                 deepest[frames] = np.maximum(deepest[frames], depth)
         return deepest
 
@@ -118,21 +121,25 @@ class ContactFactor:
         for p, q in np.argwhere(meeting.any(axis=0)):
             yield int(p) + a.start, int(q) + b.start, np.flatnonzero(meeting[:, p, q])
 
-    def _deepest(self, poses: Poses, part: int, other: int, frames: Ints) -> tuple[Array, Array]:
-        """How deep the deepest point of a part is in another one on some frames (n,), metres, below 0 where it is
-        outside; and the depth's change by the part's twist (n, 6). That by the other's twist is the opposite.
+    def _deepest(self, poses: Poses, part: int, other: int, frames: Ints) -> tuple[Ints, Array, Array]:
+        """Of some frames those on which points of a part are in the box around another one, (n,); how deep the deepest
+        of them is in that part, metres, below 0 where it is outside; and the depth's change by the twist of the part
+        that it is on (n, 6). That by the other's twist is the opposite.
         """
         R, T = poses
         world = self.points[part] @ np.swapaxes(R[frames, part], -1, -2) + T[frames, part, None]
         there = (world - T[frames, other, None]) @ R[frames, other]
+        f, k = np.nonzero((np.abs(there - self.centres[other]) < self.half[other]).all(axis=2))
+        if not len(f):
+            return frames[:0], np.zeros(0), np.zeros((0, 6))
         planes = self.planes[other]
-        outside = there @ planes[:, :3].T + planes[:, 3]
-        face = outside.argmax(axis=2)
-        height = np.take_along_axis(outside, face[..., None], axis=2)[..., 0]
-        n, point = np.arange(len(frames)), height.argmin(axis=1)
-        normal = (R[frames, other] @ planes[face[n, point], :3, None])[..., 0]
-        x = world[n, point]
-        return -height[n, point], -np.concatenate([normal, np.cross(x, normal)], axis=1)
+        outside = there[f, k] @ planes[:, :3].T + planes[:, 3]
+        height = outside.max(axis=1)
+        begin = np.flatnonzero(np.diff(f, prepend=-1))
+        order = np.lexsort((height, f))[begin]  # the lowest of every frame
+        f, k, face = f[order], k[order], outside[order].argmax(axis=1)
+        normal = (R[frames[f], other] @ planes[face, :3, None])[..., 0]
+        return frames[f], -height[order], -np.concatenate([normal, np.cross(world[f, k], normal)], axis=1)
 
 
 def surface_points(vertices: Array) -> Array:
@@ -145,13 +152,6 @@ def surface_points(vertices: Array) -> Array:
         share = np.arange(1, count + 1)[:, None] / (count + 1)
         points.append((1 - share) * vertices[a] + share * vertices[b])
     return np.concatenate(points)
-
-
-def contact_of(problem: SegmentProblem) -> ContactFactor | None:
-    """Return the contact of a problem's performers; None where there is one alone, or the settings are against it."""
-    if len(problem.bodies) < 2 or not problem.settings.contact:
-        return None
-    return ContactFactor.of(problem.geometry(), problem.bodies)
 
 
 def with_contact(

@@ -28,7 +28,7 @@ from ...numerics.normal_equations import BandedEquations, IndependentEquations
 from ...runtime.timing import Seconds
 from ...shot.shot import Settings
 from ..prediction import predict_unseen
-from .contact_factor import ContactFactor, contact_of, with_contact
+from .contact_factor import with_contact
 from .measurement import Instants, MeasuredMotion, Workspace, hidden_parts, keypoint_instants
 from .plant_factor import PlantFactor, plants_of, with_plants
 from .problem import SegmentProblem, SegmentSolution, frame_residual
@@ -150,7 +150,6 @@ class _TestedStage:
         self._hidden: list[NDArray[np.bool_]] | None = None
         self._expected: list[Array] = []
         self._plants: list[PlantFactor | None] = []
-        self._contact: ContactFactor | None = contact_of(problem)
         self._pace = OVERRELAXATION
 
     def minimise(self, start: tuple[Motion, ...]) -> LeastSquaresResult[tuple[Motion, ...], MeasuredEquations]:
@@ -180,7 +179,7 @@ class _TestedStage:
                 self.smooth = self.smooth.estimated(problem, motions, images, self._expected, rounds=ROUNDS)
             systems = with_smoothness(problem, motions, images, self.smooth, self._expected)
             systems = with_plants(systems, self._plants, problem.bodies, motions)
-            systems = with_contact(systems, self._contact, problem.bodies, motions)
+            systems = with_contact(systems, problem.contact, problem.bodies, motions)
             parts = [BandedEquations(s, fixed) for s, fixed in zip(systems, problem.fixed, strict=True)]
             return MeasuredEquations(parts, measured)
 

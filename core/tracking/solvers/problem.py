@@ -18,6 +18,7 @@ from ...keypoints.keypoint_factor import KeypointFactor
 from ...numerics.arrays import Array
 from ...shot.acceleration_prior import usual_variances
 from ...shot.shot import Settings
+from .contact_factor import ContactFactor
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +53,8 @@ class SegmentProblem:
         By default those of usual human motion (`core.shot.acceleration_prior`).
     only : int, optional
         The performer whose motion is sought; the others' is given. By default all are sought.
+    contact : ContactFactor, optional
+        Keeps performers out of each other.
     """
 
     views: tuple[ViewFrames, ...]
@@ -68,6 +71,7 @@ class SegmentProblem:
     acceleration_precision: tuple[Array, ...] | None = None
     typical_variances: tuple[Array, ...] | None = None
     only: int | None = None
+    contact: ContactFactor | None = None
 
     @property
     def length(self) -> int:

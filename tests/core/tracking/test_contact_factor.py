@@ -13,9 +13,9 @@ from kfmocap.core.evidence.label_images import Geometry
 from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.banded import BandedFactor
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
-from kfmocap.core.shot.shot import Settings
-from kfmocap.core.tracking.solvers.contact_factor import SLACK, ContactFactor, contact_of
-from kfmocap.core.tracking.solvers.problem import SegmentProblem
+from kfmocap.core.shot.shot import KeyPoses, Performer, Settings, Shot
+from kfmocap.core.tracking.segment_stages import SegmentData, TrackState, segment_problem
+from kfmocap.core.tracking.solvers.contact_factor import SLACK, ContactFactor
 
 Array = np.ndarray
 BODIES = (human(1.8), human(1.65))
@@ -96,8 +96,11 @@ def test_hands_may_hold_each_other() -> None:
     assert energy(held) == 0
 
 
-def test_the_setting_switches_it_off_and_one_alone_has_none() -> None:
-    problem = SegmentProblem((), BODIES, 0, 30.0, FREE)
-    assert contact_of(problem) is not None
-    assert contact_of(replace(problem, settings=Settings(contact=False))) is None
-    assert contact_of(SegmentProblem((), BODIES[:1], 0, 30.0, FREE[:1])) is None
+@pytest.mark.parametrize(("count", "contact", "expected"), [(2, True, True), (2, False, False), (1, True, False)])
+def test_the_setting_switches_it_off_and_one_alone_has_none(count: int, contact: bool, expected: bool) -> None:
+    keys = KeyPoses.whole([0, FRAMES - 1], side_by_side(0.6)[0][[0, FRAMES - 1]])
+    performers = tuple(Performer(body.names[0], body, keys) for body in BODIES[:count])
+    shot = Shot("two", 30.0, (0, FRAMES - 1), (), performers, Settings(contact=contact))
+    data = SegmentData((0, FRAMES - 1), (), FREE[:count])
+    problem = segment_problem(shot, data, TrackState(tuple(side_by_side(0.6)[:count])))
+    assert (problem.contact is not None) == expected
