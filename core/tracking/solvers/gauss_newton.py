@@ -180,7 +180,7 @@ class _TestedStage:
             systems = with_smoothness(problem, motions, images, self.smooth, self._expected)
             systems = with_plants(systems, self._plants, problem.bodies, motions)
             systems = with_contact(systems, problem.contact, problem.bodies, motions)
-            parts = [BandedEquations(s, fixed) for s, fixed in zip(systems, problem.fixed, strict=True)]
+            parts = [BandedEquations(systems[i], problem.fixed[i]) for i in problem.sought]
             return MeasuredEquations(parts, measured)
 
     def _begin_step(self, done: int, motions: tuple[Motion, ...]) -> None:
@@ -202,7 +202,8 @@ class _TestedStage:
         return max(float(np.linalg.norm(b - a, axis=-1).max()) for a, b in joints)
 
     def _moved(self, motions: tuple[Motion, ...], steps: Sequence[Array]) -> tuple[Motion, ...]:
-        return tuple(m.moved(limited(self._pace * step)) for m, step in zip(motions, steps, strict=True))
+        taken = {i: limited(self._pace * step) for i, step in zip(self._problem.sought, steps, strict=True)}
+        return tuple(m.moved(taken[i]) if i in taken else m for i, m in enumerate(motions))
 
 
 def refine(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
@@ -291,11 +292,13 @@ def approach(
                 images = evidence_equations(seen, measured, hidden)
                 smooth = smooth.estimated(seen, motions, images, expected, rounds=ROUNDS, bursts=False)
                 systems = with_smoothness(seen, motions, images, smooth, expected)
-                factors = [BandedFactor(n, fixed) for n, fixed in zip(systems, problem.fixed, strict=True)]
-                steps = [limited(-pace * f.solve(n.gradient)) for f, n in zip(factors, systems, strict=True)]
-                motions = tuple(motion.moved(step) for motion, step in zip(motions, steps, strict=True))
+                steps = {
+                    i: limited(-pace * BandedFactor(systems[i], problem.fixed[i]).solve(systems[i].gradient))
+                    for i in problem.sought
+                }
+                motions = tuple(m.moved(steps[i]) if i in steps else m for i, m in enumerate(motions))
                 energies.append(sum(n.energy for n in systems))
-            if _size([steps[i] for i in problem.sought]) < stage.small:
+            if _size(list(steps.values())) < stage.small:
                 break
     return motions, energies, seconds, smooth
 
@@ -348,10 +351,10 @@ def with_smoothness(
     expected: Sequence[Array] = (),
 ) -> list[BandedBlocks]:
     """The normal equations of the evidence with those of smoothness; parameters as in `normal_equations`."""
-    return [
-        seen + smooth.blocks(problem, i, motion, expected[i] if expected else None)
-        for i, (seen, motion) in enumerate(zip(images, motions, strict=True))
-    ]
+    systems = list(images)
+    for i in problem.sought:
+        systems[i] = images[i] + smooth.blocks(problem, i, motions[i], expected[i] if expected else None)
+    return systems
 
 
 def evidence_equations(
@@ -360,7 +363,10 @@ def evidence_equations(
     hidden: Sequence[NDArray[np.bool_]] = (),
     noise: SegmentNoise | None = None,
 ) -> list[BandedBlocks]:
-    """The normal equations of every performer without smoothness; parameters as in `normal_equations`."""
+    """The normal equations of every performer without smoothness; parameters as in `normal_equations`.
+
+    Those of a performer that is not sought are zero: its motion is given.
+    """
     noise = noise or SegmentNoise.of(measured.evidence, problem.settings)
     evidence = measured.evidence.without(np.concatenate(hidden, axis=1)) if hidden else measured.evidence
     precision = view_precision(evidence, problem.settings)
@@ -369,13 +375,14 @@ def evidence_equations(
     outlines = 1 / (problem.settings.lengths[1] * tolerance**2)
     systems = [BandedBlocks.zeros(problem.length, body.dof) for body in problem.bodies]
     for instants in measured.instants:
-        own_systems = _image_systems(problem, instants, evidence, (precision, outlines), noise)
-        systems = [system + own for system, own in zip(systems, own_systems, strict=True)]
+        for i, own in _image_systems(problem, instants, evidence, (precision, outlines), noise).items():
+            systems[i] += own
     if problem.keypoints:
         instants = keypoint_instants(problem, measured.motions)
         R, T = instants.poses
-        for i, (body, span) in enumerate(zip(problem.bodies, problem.spans(), strict=True)):
-            seen = problem.keypoints[i].blocks(body, (R[:, span], T[:, span]), tolerance)
+        spans = problem.spans()
+        for i in problem.sought:
+            seen = problem.keypoints[i].blocks(problem.bodies[i], (R[:, spans[i]], T[:, spans[i]]), tolerance)
             systems[i] += instants.on_frames(i, seen)
     return systems
 
@@ -386,8 +393,10 @@ def _image_systems(
     evidence: SegmentEvidence,
     weights: tuple[Array, float],
     noise: SegmentNoise,
-) -> list[BandedBlocks]:
-    """The normal equations of every performer: gradients and outlines of the views that were taken at some instants."""
+) -> dict[int, BandedBlocks]:
+    """The normal equations of the performers that are sought: gradients and outlines of the views that were taken at
+    some instants.
+    """
     (R, T), views, (precision, outlines) = instants.poses, list(instants.views), weights
     pairs, frames = evidence.gradients, evidence.outlines
     H = np.tensordot(precision[views], pairs.H[views], 1)
@@ -399,12 +408,12 @@ def _image_systems(
     g[..., :6] += outline_g[:-1]
     g[-1, :, 6:] += outline_g[-1]
     energy = float(np.sum(noise.weight[views] * pairs.cost[views])) + outlines * float(frames.energy[views].sum())
-    return [
-        instants.on_frames(
-            i, joint_blocks(body, (R[:, span], T[:, span]), H[:, span], g[:, span], energy / len(problem.bodies))
-        )
-        for i, (body, span) in enumerate(zip(problem.bodies, problem.spans(), strict=True))
-    ]
+    systems, spans = {}, problem.spans()
+    for i in problem.sought:
+        body, span = problem.bodies[i], spans[i]
+        own = joint_blocks(body, (R[:, span], T[:, span]), H[:, span], g[:, span], energy / len(problem.sought))
+        systems[i] = instants.on_frames(i, own)
+    return systems
 
 
 def predicted_accelerations(motions: Sequence[Motion], hidden: Sequence[NDArray[np.bool_]]) -> list[Array]:
