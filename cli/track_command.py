@@ -6,7 +6,9 @@ import argparse
 import json
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -15,7 +17,7 @@ from ..core.body.unknown_parts import known_landmarks
 from ..core.cameras.camera import Camera
 from ..core.errors import ShotError, located
 from ..core.fitting.camera_refinement import Refinement
-from ..core.fitting.shot_cameras import camera_fits, checked_frames, refine_shot_cameras
+from ..core.fitting.shot_cameras import camera_fits, checked_frames, for_camera_fits, refine_shot_cameras
 from ..core.formats.toml_cameras import save_cameras
 from ..core.formats.trc import write_trc
 from ..core.review.overlay import contact_sheet, sheet_frames, write_contact_sheet
@@ -25,6 +27,7 @@ from ..core.runtime.files import check_writable, staged, write_json
 from ..core.runtime.interrupts import results_are_written
 from ..core.runtime.progress import Progress, share
 from ..core.runtime.timing import Seconds
+from ..core.runtime.worker_memory import WorkerMemory
 from ..core.shot.footage_damage import shot_damage
 from ..core.shot.footage_times import footage_rate
 from ..core.shot.shot import Shot
@@ -133,22 +136,25 @@ def run_track(
     scene = () if blender is None else ("shot.blend",)
     names = [f"{name}{ending}" for name in motions for ending in endings]
     cameras = () if refined is None else (REFINED,)
-    with staged(out_dir, [*names, *scene, *cameras, "overlay.png", "report.json"]) as stage:
+    in_stage = staged(out_dir, [*names, *scene, *cameras, "overlay.png", "report.json"])
+    with in_stage as stage, closing(WorkerMemory(limit=0)) as memory:
         shown = sheet_frames(shot)
         pictures = sorted({*shown, *checked_frames(shot)})
         with DecoderLog() as log:
-            result = track(shot, share(progress, 0.0, 0.9), pictures=pictures, journal=journal)
+            result = track(shot, share(progress, 0.0, 0.9), pictures=pictures, journal=journal, memory=memory)
         if log.complaints:
             result = replace(result, damage=shot_damage(shot))
         times = Seconds(seconds or {})
-        with times.measure("camera check"):
-            fits = camera_fits(shot, result)
-        with times.measure("overlay"):
-            files = [stage / f"{name}.trc" for name in motions]
-            _write_landmarks(shot, result, files, leave_out_unknown=leave_out_unknown)
-            in_step, drawing = shot.with_footage_offset(result.footage_offset), share(progress, 0.95, 1.0)
-            sheet = contact_sheet(in_step, result.motions, shown, drawing, result.pictures)
-            write_contact_sheet(stage / "overlay.png", sheet)
+        with memory.pool(memory.workers) as pool:
+            checking = pool.submit(partial(camera_fits, shot, for_camera_fits(shot, result)), lambda _: None)
+            with times.measure("overlay"):
+                files = [stage / f"{name}.trc" for name in motions]
+                _write_landmarks(shot, result, files, leave_out_unknown=leave_out_unknown)
+                in_step, drawing = shot.with_footage_offset(result.footage_offset), share(progress, 0.95, 1.0)
+                sheet = contact_sheet(in_step, result.motions, shown, drawing, result.pictures)
+                write_contact_sheet(stage / "overlay.png", sheet)
+            with times.measure("camera check"):
+                fits = checking.result()
         if blender is not None:
             with times.measure("Blender"):
                 blender.write_outputs(shot, result, OutputRequest(stage, out_dir, open_scene, leave_out_unknown))

@@ -150,6 +150,13 @@ def camera_fits(shot: Shot, result: TrackResult, progress: Progress | None = Non
     return (*shared, *fit_by_key_poses(in_step, result.pictures if kept else None, progress))
 
 
+def for_camera_fits(shot: Shot, result: TrackResult) -> TrackResult:
+    """A result without what `camera_fits` does not look at: it is small enough to be handed to another process."""
+    frames = set(checked_frames(shot))
+    pictures = tuple({f: image for f, image in kept.items() if f in frames} for kept in result.pictures)
+    return replace(result, pictures=pictures, segments=(), visible=(), residual=(), errors=())
+
+
 @dataclass(frozen=True, eq=False)
 class CheckedTrack:
     """Tracked excerpts of a shot, and how well its cameras fit.

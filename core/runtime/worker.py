@@ -49,11 +49,13 @@ def main() -> None:
     try:
         if (head := sent.get()) is None:
             return
-        search, package, folder, yields = pickle.loads(head)
+        search, package, folder, yields, imports = pickle.loads(head)
         if yields and hasattr(os, "nice"):
             os.nice(NICENESS)
         sys.path[:] = search
         load(package, Path(folder))
+        for module in imports:
+            importlib.import_module(module)
         kept = importlib.import_module(f"{package}.core.runtime.worker_memory")
         memory = kept.WorkerMemory()
         while (data := sent.get()) is not None:

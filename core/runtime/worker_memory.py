@@ -6,7 +6,7 @@ Nothing of it changes a result. It is handed to work that asks for it, see `Reme
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from threading import Lock
@@ -58,8 +58,8 @@ class WorkerMemory:
                 self._bytes -= oldest.nbytes
 
     @contextmanager
-    def pool(self, workers: int) -> Iterator[WorkerPool]:
-        """A pool of so many workers at least, kept unless the block raises."""
+    def pool(self, workers: int, imports: Sequence[str] = ()) -> Iterator[WorkerPool]:
+        """A pool of so many workers at least, kept unless the block raises; `imports` as of `WorkerProcess`."""
         if workers == 1:
             yield WorkerPool(1)
             return
@@ -67,13 +67,18 @@ class WorkerMemory:
         if pool is not None and pool.workers < workers:
             pool.__exit__(None)
             pool = None
-        pool = WorkerPool(workers) if pool is None else pool
+        pool = WorkerPool(workers, imports) if pool is None else pool
         try:
             yield pool
         except BaseException as error:
             pool.__exit__(type(error))
             raise
         self._pool = pool
+
+    @property
+    def workers(self) -> int:
+        """How many workers the pool has that is kept; 1 where none is."""
+        return 1 if self._pool is None else self._pool.workers
 
     def close(self) -> None:
         """End the processes that are kept."""

@@ -6,7 +6,7 @@ Python runs one thread at a time, so threads alone keep less than one and a half
 from __future__ import annotations
 
 import queue
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from threading import Event
 from typing import Any
@@ -25,13 +25,15 @@ class WorkerPool:
     workers : int
         How many pieces of work are done side by side: one in this process, and each of the others in a process that
         ends with the pool.
+    imports : sequence of str
+        See `WorkerProcess`.
     """
 
-    def __init__(self, workers: int) -> None:
+    def __init__(self, workers: int, imports: Sequence[str] = ()) -> None:
         self.workers = workers
         self._ended = Event()
         self._failure: WorkerEndedError | None = None
-        self._processes = [WorkerProcess(yields=False) for _ in range(workers - 1)]
+        self._processes = [WorkerProcess(yields=False, imports=imports) for _ in range(workers - 1)]
         self._idle: queue.SimpleQueue[WorkerProcess | None] = queue.SimpleQueue()
         for place in (*self._processes, None):
             self._idle.put(place)

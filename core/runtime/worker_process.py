@@ -6,7 +6,7 @@ import contextlib
 import pickle
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +29,8 @@ class WorkerProcess:
     ----------
     yields : bool
         The program goes first where both have something to do, as one should that somebody is using.
+    imports : sequence of str
+        Modules, by their full names, that the process imports at once: its first piece of work then finds it ready.
 
     Raises
     ------
@@ -36,7 +38,7 @@ class WorkerProcess:
         Python cannot be started.
     """
 
-    def __init__(self, *, yields: bool = True) -> None:
+    def __init__(self, *, yields: bool = True, imports: Sequence[str] = ()) -> None:
         lower = getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0) if yields else 0
         flags = lower | getattr(subprocess, "CREATE_NO_WINDOW", 0)
         try:
@@ -49,7 +51,9 @@ class WorkerProcess:
         except OSError as error:
             what = f"Python cannot be started: {error.strerror}"
             raise KFMocapError(what, where=str(sys.executable), todo="install the program again") from error
-        self._yields, self._greeted = yields, False
+        package, folder = __package__.rsplit(".", 2)[0], Path(__file__).parents[2]
+        with contextlib.suppress(OSError):  # where it has ended, the first piece of work finds that out
+            self._send((sys.path, package, str(folder), yields, tuple(imports)))
 
     @property
     def alive(self) -> bool:
@@ -85,9 +89,6 @@ class WorkerProcess:
             Whatever the work raised.
         """
         try:
-            if not self._greeted:
-                self._send((sys.path, __package__.rsplit(".", 2)[0], str(Path(__file__).parents[2]), self._yields))
-                self._greeted = True
             self._send(work)
         except OSError as error:
             raise WorkerEndedError(self._process.wait()) from error

@@ -46,7 +46,7 @@ from .journal import FinishedSegment, Journal, KeptSegments
 from .reader import SegmentReader
 from .schedule import Observer, SegmentSchedule, SegmentShown
 from .segment_stages import Around, TrackState
-from .segment_tasks import StoredView
+from .segment_tasks import StoredView, solve_task
 from .segments import Segment, posed_frames, segments
 from .solvers.protocol import Solver
 from .solvers.registry import solver_named
@@ -55,6 +55,8 @@ from .uncertainty import joint_errors
 
 WORTH_PROCESSES = 200
 """Frames, of all views and performers together, from which on segments are solved in processes of their own."""
+SOLVING = (solve_task.__module__,)
+"""What these processes need; they import it while the first footage is decoded."""
 
 
 @one_blas_thread()
@@ -120,7 +122,7 @@ def track(
     threads = worker_count(shot.settings.threads)
     workers = 1 if observe is not None else _workers(shot, threads)
     with ExitStack() as stack:
-        pool = stack.enter_context(WorkerPool(workers) if memory is None else memory.pool(workers))
+        pool = stack.enter_context(WorkerPool(workers, SOLVING) if memory is None else memory.pool(workers, SOLVING))
         folder = None if workers == 1 else stack.enter_context(_picture_folder())
         schedule = SegmentSchedule(
             shot,

@@ -23,10 +23,10 @@ from kfmocap.core.fitting.camera_refinement import RefinedCamera, Refinement
 from kfmocap.core.fitting.resection import adjusted
 from kfmocap.core.fitting.shot_cameras import CameraFit
 from kfmocap.core.formats import load_cameras, read_trc, save_cameras, write_trc
-from kfmocap.core.keypoints.observations import ShotKeypoints
 from kfmocap.core.numerics import rotations
 from kfmocap.core.review.suggestions import KeySuggestion
 from kfmocap.core.shot.footage_damage import FootageDamage
+from kfmocap.core.shot.shot import Shot
 from kfmocap.core.tracking.track_result import TrackResult
 from kfmocap.core.tracking.uncertainty import JointErrors
 
@@ -58,25 +58,19 @@ def motion_of(body, frames: int = FRAMES) -> Motion:
     return Motion(np.linspace([0, 0, 1], [0.3, 0, 1], frames), Q)
 
 
-class Result:
+def made_result(shot: Shot) -> TrackResult:
     """What the tracker hands back, without its work."""
-
-    def __init__(self, shot) -> None:
-        counts = [(len(shot.views), shot.length, len(p.body)) for p in shot.performers]
-        self.motions = tuple(motion_of(p.body) for p in shot.performers)
-        self.seconds = {"footage": 1.0, "solve": 3.0}
-        self.camera_frames = len(shot.views) * shot.length
-        self.segments = ()
-        self.visible = tuple(np.ones(count) for count in counts)
-        self.residual = tuple(np.linspace(0, 0.1, shot.length) for _ in shot.performers)
-        self.errors = tuple(JointErrors(*np.zeros((3, *count[1:]))) for count in counts)
-        self.unknown = tuple(() for _ in shot.performers)
-        self.pictures = None
-        self.footage_offset = 0.0
-        self.torn = ()
-        self.damage = ()
-        self.rates = ()
-        self.observed = ShotKeypoints()
+    counts = [(len(shot.views), shot.length, len(p.body)) for p in shot.performers]
+    return TrackResult(
+        motions=tuple(motion_of(p.body) for p in shot.performers),
+        seconds={"footage": 1.0, "solve": 3.0},
+        camera_frames=len(shot.views) * shot.length,
+        segments=(),
+        visible=tuple(np.ones(count) for count in counts),
+        residual=tuple(np.linspace(0, 0.1, shot.length) for _ in shot.performers),
+        errors=tuple(JointErrors(*np.zeros((3, *count[1:]))) for count in counts),
+        unknown=tuple(() for _ in shot.performers),
+    )
 
 
 STEP = np.array([0.02, 0, 0, 0.01, 0, 0, 0])
@@ -97,7 +91,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "shot.toml").write_text(SHOT)
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "notes.txt").write_text("mine")
-    monkeypatch.setattr(track_command, "track", lambda shot, progress=None, pictures=(), journal=None: Result(shot))
+    monkeypatch.setattr(track_command, "track", lambda shot, progress=None, **_: made_result(shot))
     return tmp_path
 
 
@@ -150,7 +144,7 @@ def test_what_the_decoder_says_while_tracking_is_put_down_to_a_view(
 ) -> None:
     def complaining(shot, *_, **__) -> TrackResult:
         os.write(2, b"[h264 @ 0x55d0c0] error while decoding MB 1 2\n")
-        return TrackResult(**vars(Result(shot)))
+        return made_result(shot)
 
     monkeypatch.setattr(track_command, "track", complaining)
     monkeypatch.setattr(track_command, "shot_damage", lambda shot: (FootageDamage((4,), "error while decoding"),))
@@ -180,9 +174,9 @@ def test_refining_first_tracks_with_the_refined_cameras_and_writes_them(
         camera = adjusted(shot.views[0].camera, STEP)
         return Refinement((RefinedCamera(camera, 7.5, 2.0, 0, 0, 0, clearness=1.0),), np.array([0]))
 
-    def tracked(shot, progress=None, pictures=(), journal=None):
+    def tracked(shot, progress=None, pictures=(), **_):
         seen.append(shot.views[0].camera)
-        return Result(shot)
+        return made_result(shot)
 
     seen: list[Camera] = []
     monkeypatch.setattr(track_command, "refine_shot_cameras", refined)
@@ -202,8 +196,8 @@ def test_refining_first_tracks_with_the_refined_cameras_and_writes_them(
 def test_what_no_camera_saw_is_told_beside_the_list_of_files(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def half_blind(shot, progress=None, pictures=(), journal=None):
-        result = Result(shot)
+    def half_blind(shot, progress=None, pictures=(), **_):
+        result = made_result(shot)
         result.visible[0][:, 1:3, shot.performers[0].body.index("hand.L")] = 0.1
         return result
 
@@ -383,7 +377,7 @@ def test_an_interrupt_after_the_results_says_so(
 
 
 def broken(error: BaseException):
-    def fail(shot, progress=None, pictures=(), journal=None):
+    def fail(shot, progress=None, pictures=(), **_):
         raise error
 
     return fail

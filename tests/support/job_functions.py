@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -92,3 +93,8 @@ def niceness(progress: Progress) -> int:
     """How much the process lets others go first."""
     time.sleep(0.1)
     return os.nice(0)
+
+
+def has_imported(module: str, progress: Progress) -> bool:
+    """Whether this process has a module."""
+    return module in sys.modules

@@ -10,6 +10,7 @@ import job_functions
 import pytest
 from kfmocap.core.errors import CaptureError, WorkerEndedError
 from kfmocap.core.runtime.worker_pool import WorkerPool
+from kfmocap.core.runtime.worker_process import WorkerProcess
 
 
 def unheard(_: float) -> None:
@@ -43,6 +44,16 @@ def test_an_error_of_the_work_comes_as_it_was_and_the_worker_lives() -> None:
             with pytest.raises(CaptureError, match="it lies in a plane"):
                 future.result()
         assert pool.submit(job_functions.process_id, unheard).result() > 0
+
+
+def test_a_process_has_what_it_was_to_import_before_its_first_work() -> None:
+    for imports in ((), ("kfmocap.core.runtime.exchange",)):
+        process = WorkerProcess(imports=imports)
+        try:
+            found = process.call(partial(job_functions.has_imported, "kfmocap.core.runtime.exchange"))
+        finally:
+            process.close()
+        assert found == bool(imports)
 
 
 @pytest.mark.skipif(not hasattr(os, "nice"), reason="there is no niceness")

@@ -60,8 +60,8 @@ def test_a_worker_that_is_killed_ends_the_tracking_with_a_message(
 ) -> None:
     pools: list[WorkerPool] = []
 
-    def kept(workers: int) -> WorkerPool:
-        pools.append(WorkerPool(workers))
+    def kept(workers: int, imports: Sequence[str]) -> WorkerPool:
+        pools.append(WorkerPool(workers, imports))
         return pools[-1]
 
     def kill(_what: str, _fraction: float) -> bool:
