@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-from .keypoint_layouts import landmark_of
+from .keypoint_layouts import HAND_POINTS, landmark_of
+
+_HAND = 3 * len(HAND_POINTS)
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,8 @@ class DetectedPerson:
         Places are shares of the picture's width and height, 0 to 1 from edge to edge.
     names : tuple of str or None
         Our names of the keypoints where the document names them.
+    hands : sequence of float
+        x, y, confidence of the 42 points of both hands, where the document has them beside the body's keypoints.
     """
 
     values: Sequence[float]
@@ -38,6 +42,7 @@ class DetectedPerson:
     track: int = -1
     normalised: bool = False
     names: tuple[str, ...] | None = None
+    hands: Sequence[float] = ()
 
 
 def people(document: Any) -> list[DetectedPerson] | None:
@@ -108,16 +113,16 @@ def picture_number(name: Any) -> int:
 
 def _openpose(person: Mapping[str, Any]) -> DetectedPerson:
     track = person.get("person_id") or [-1]
-    return DetectedPerson(person["pose_keypoints_2d"], None, int(track[0] if isinstance(track, list) else track))
+    hands = [v for side in ("left", "right") for v in person.get(f"hand_{side}_keypoints_2d") or [0.0] * _HAND]
+    number = int(track[0] if isinstance(track, list) else track)
+    return DetectedPerson(person["pose_keypoints_2d"], None, number, hands=hands if any(hands) else ())
 
 
 def _by_picture(document: Mapping[str, Any]) -> list[DetectedPerson] | None:
     found = []
     for name, inner in document.items():
         for person in _of_mapping(inner) or ():
-            found.append(
-                DetectedPerson(person.values, picture_number(name), person.track, person.normalised, person.names)
-            )
+            found.append(replace(person, frame=picture_number(name)))
     return found or None
 
 
@@ -184,8 +189,20 @@ def _mediapipe_bodies(document: Mapping[str, Any]) -> list[DetectedPerson] | Non
     for key in ("pose_landmarks", "poseLandmarks", "landmarks", "landmark"):
         if key in document:
             frame = document.get("frame", document.get("frame_id"))
-            return list(_mediapipe_picture(document[key], None if frame is None else int(frame)))
+            found = list(_mediapipe_picture(document[key], None if frame is None else int(frame)))
+            # Holistic, which finds hands, finds one person.
+            return [replace(person, hands=_mediapipe_hands(document)) for person in found]
     return None
+
+
+def _mediapipe_hands(document: Mapping[str, Any]) -> list[float]:
+    """Both hands of MediaPipe Holistic; empty where there is none."""
+    values: list[float] = []
+    for keys in (("left_hand_landmarks", "leftHandLandmarks"), ("right_hand_landmarks", "rightHandLandmarks")):
+        found = next((document[key] for key in keys if document.get(key)), None)
+        hand = next(iter(_mediapipe_picture(found, None)), None) if found else None
+        values += hand.values if hand is not None else [0.0] * _HAND
+    return values if any(values) else []
 
 
 def _mediapipe_frames(document: Sequence[Any]) -> Iterator[DetectedPerson]:
@@ -193,7 +210,7 @@ def _mediapipe_frames(document: Sequence[Any]) -> Iterator[DetectedPerson]:
         if isinstance(picture, Mapping):
             for person in _mediapipe_bodies(picture) or ():
                 frame = number if person.frame is None else person.frame
-                yield DetectedPerson(person.values, frame, person.track, person.normalised)
+                yield replace(person, frame=frame)
         else:
             yield from _mediapipe_picture(picture, number)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +15,16 @@ from ..errors import KeypointError, located
 from ..shot.detections import Detections
 from ..shot.shot import Shot, View
 from .keypoint_documents import DetectedPerson, people, picture_number
-from .keypoint_layouts import LAYOUTS, keypoint_layout
+from .keypoint_layouts import HAND_NAMES, LAYOUTS, WHOLE_BODY, keypoint_layout
 from .reading import BEYOND, read_bytes, reading
 
 _LARGEST = 10**15  # of frames and tracks: some programs number pictures by the time
 KNOWN = "OpenPose, COCO, AlphaPose, MMPose, MediaPipe or YOLO"
 
 
-def read_keypoints(path: Path | str, size: tuple[int, int] | None = None, *, skip_broken: bool = False) -> Detections:
+def read_keypoints(
+    path: Path | str, size: tuple[int, int] | None = None, *, skip_broken: bool = False, hands: bool = False
+) -> Detections:
     """Read what a detector found in the footage of one view; the format is recognised by its content.
 
     Parameters
@@ -32,6 +35,9 @@ def read_keypoints(path: Path | str, size: tuple[int, int] | None = None, *, ski
         Width and height of the footage, pixels: needed where places are shares of them (MediaPipe).
     skip_broken : bool
         Leave files of a folder that cannot be read out, and name them in the result, rather than refuse them all.
+    hands : bool
+        Read the 42 points of both hands (`core.formats.keypoint_layouts.HAND_NAMES`) instead of those of the body;
+        people whose hands were not looked for are left out.
 
     Raises
     ------
@@ -40,15 +46,17 @@ def read_keypoints(path: Path | str, size: tuple[int, int] | None = None, *, ski
     """
     path = Path(path)
     if path.is_file():
-        return _gathered(_read(path), [], path, size)
+        found = _read(path)
+        return _gathered(_of_hands(found, path) if hands else found, [], path, size)
     files = sorted((f for f in _listed(path) if f.suffix.lower() == ".json"), key=lambda f: f.name)
     if not files:
         raise KeypointError("there is no .json file in the folder", where=str(path))
-    found: list[DetectedPerson] = []
+    found = []
     skipped: list[str] = []
     for file in files:
         try:
-            found += _numbered(_read(file), file)
+            seen = _numbered(_read(file), file)
+            found += _of_hands(seen, file) if hands else seen
         except KeypointError as error:
             if not skip_broken:
                 raise
@@ -58,23 +66,24 @@ def read_keypoints(path: Path | str, size: tuple[int, int] | None = None, *, ski
     return _gathered(found, skipped, path, size)
 
 
-def read_shot_keypoints(shot: Shot) -> list[Detections]:
-    """Read what detectors found in every view of a shot; nothing for views that name no keypoints.
+def read_shot_keypoints(shot: Shot, *, hands: bool = False) -> list[Detections]:
+    """Read what detectors found in every view of a shot, bodies or hands; nothing for views that name no keypoints.
 
     Raises
     ------
     KeypointError
         Files cannot be read; names the camera and the file.
     """
-    return [_read_view(view, skip_broken=shot.settings.broken_keypoints == "skip") for view in shot.views]
+    skip_broken = shot.settings.broken_keypoints == "skip"
+    return [_read_view(view, skip_broken=skip_broken, hands=hands) for view in shot.views]
 
 
-def _read_view(view: View, *, skip_broken: bool) -> Detections:
+def _read_view(view: View, *, skip_broken: bool, hands: bool) -> Detections:
     if view.keypoints is None:
         nobody = np.zeros(0, np.int64)
         return Detections((), nobody, np.zeros((0, 0, 2)), np.zeros((0, 0)), nobody)
     with located(f"keypoints of camera '{view.camera.name}'"):
-        return read_keypoints(view.keypoints, view.camera.size, skip_broken=skip_broken)
+        return read_keypoints(view.keypoints, view.camera.size, skip_broken=skip_broken, hands=hands)
 
 
 def _listed(path: Path) -> list[Path]:
@@ -128,7 +137,19 @@ def _numbered(found: list[DetectedPerson], file: Path) -> list[DetectedPerson]:
     except ValueError as error:
         todo = "name the files by the frames, as cam01_000012.json"
         raise KeypointError("its name has no number", where=str(file), todo=todo) from error
-    return [DetectedPerson(p.values, frame, p.track, p.normalised, p.names) for p in found]
+    return [replace(person, frame=frame) for person in found]
+
+
+def _of_hands(found: list[DetectedPerson], file: Path) -> list[DetectedPerson]:
+    """The hands of people who have some."""
+    hands = []
+    for person in found:
+        count = 3 * len(HAND_NAMES)
+        values = person.values[-count:] if len(person.values) // 3 in WHOLE_BODY else person.hands
+        if len(values):
+            hands.append(replace(person, values=values, names=HAND_NAMES))
+            _check(hands[-1], file)
+    return hands
 
 
 def _gathered(

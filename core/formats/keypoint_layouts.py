@@ -43,6 +43,17 @@ def _hands(first: int, count: int) -> list[str]:
     return rest
 
 
+HAND_POINTS = (
+    "Wrist",
+    *(f"{finger}{k}" for finger in ("Thumb", "Index", "Middle", "Ring", "Pinky") for k in range(1, 5)),
+)
+"""The points of a hand in the order of all detectors that are known: the wrist, then each finger from its knuckle (the
+thumb: from its root) to its tip."""
+HAND_NAMES = tuple(f"{side}Hand{point}" for side in "LR" for point in HAND_POINTS)
+"""Of both hands."""
+WHOLE_BODY = (133, 136)
+"""Lists of so many keypoints end with those of both hands, the left one first."""
+
 COCO_133 = [*COCO_17, *_listed("LBigToe - LHeel RBigToe - RHeel"), *_hands(23, 133)]
 HALPE_136 = [*HALPE_26, *_hands(26, 136)]
 

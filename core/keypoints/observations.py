@@ -169,14 +169,14 @@ def identified_keypoints(shot: Shot, detections: Sequence[Detections]) -> tuple[
         np.stack([R for R, _ in poses]),
         np.stack([t for _, t in poses]),
     )
-    founds = [_found(view, found, names, shot) for view, found in zip(shot.views, detections, strict=True)]
+    founds = [on_shot_frames(view, found, names, shot) for view, found in zip(shot.views, detections, strict=True)]
     wanted = [Wanted(p.name, _key_places(p, names, F), p.person, not p.key_poses.fixed.any()) for p in shot.performers]
     owned, identities = assign_detections(founds, empty, wanted, shot.fps)
     delays = [footage_delay(view) for view in shot.views]
-    return [without_guesses(_on_time(keypoints, delays)) for keypoints in owned], identities
+    return [without_guesses(on_time(keypoints, delays)) for keypoints in owned], identities
 
 
-def _found(view: View, detections: Detections, names: Sequence[str], shot: Shot) -> ViewDetections:
+def on_shot_frames(view: View, detections: Detections, names: Sequence[str], shot: Shot) -> ViewDetections:
     """The detections that are on the shot's frames, with the keypoints of these names."""
     first = footage_index(view, shot.frames[0])
     frames = detections.frames - first
@@ -203,7 +203,7 @@ def _key_places(performer: Performer, names: Sequence[str], frames: int) -> Arra
     return places
 
 
-def _on_time(keypoints: Keypoints, delays: Sequence[float]) -> Keypoints:
+def on_time(keypoints: Keypoints, delays: Sequence[float]) -> Keypoints:
     """The keypoints at the shot's instants: of views that were taken later or earlier, between two of their frames."""
     rays, confidence = keypoints.rays.copy(), keypoints.confidence.copy()
     for v, delay in enumerate(delays):

@@ -80,6 +80,12 @@ def has_footage(context: bpy.types.Context) -> str:
     return ""
 
 
+def has_keypoints(context: bpy.types.Context) -> str:
+    """Some view has 2D keypoints."""
+    known = any(view.keypoints for view in context.scene.kfmocap.views)
+    return "" if known else "No view has 2D keypoints yet: use Import Keypoints"
+
+
 def has_performer(context: bpy.types.Context) -> str:
     """There is a performer that can be posed."""
     slot = active_performer.chosen(context)

@@ -1,10 +1,11 @@
-"""Hand Shape: fingers of a character posed and keyed in one of a few shapes."""
+"""Fingers of a character: posed in one of a few shapes, or moved as detectors see the performer's."""
 
 from __future__ import annotations
 
 import bpy
 
-from .conditions import Conditional
+from ..scene_io import active_performer
+from .conditions import Conditional, has_footage, has_keypoints, has_performer, has_shot
 from .reporting import reported
 
 
@@ -55,4 +56,26 @@ def _character(context: bpy.types.Context) -> bpy.types.Object | None:
     return context.scene.kfmocap.retarget.target
 
 
-CLASSES = (HandShape,)
+class FingersFromKeypoints(Conditional, bpy.types.Operator):
+    """Move the fingers of a character as the keypoints show the chosen performer's: of OpenPose, COCO-WholeBody or
+    MediaPipe Holistic, with hands, in two views or more. The character is the active armature, or else the one chosen
+    here, or the performer's own body. Track first; your own keys of the fingers stay"""
+
+    bl_idname = "kfmocap.fingers_from_keypoints"
+    bl_label = "Fingers from Keypoints"
+    conditions = (has_shot, has_footage, has_performer, has_keypoints)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..retargeting import finger_tracking
+
+        with reported(self) as outcome:
+            slot = active_performer.chosen(context)
+            active = context.view_layer.objects.active
+            candidates = (active, context.scene.kfmocap.retarget.target, slot.armature)
+            armature, bones = finger_tracking.armature_with_fingers(candidates)
+            count = finger_tracking.key_fingers(context.scene, slot, armature, bones)
+            self.report({"INFO"} if count else {"WARNING"}, f"{count} finger bones of {armature.name} move")
+        return outcome.value
+
+
+CLASSES = (HandShape, FingersFromKeypoints)

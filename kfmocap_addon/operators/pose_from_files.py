@@ -11,7 +11,7 @@ from bpy_extras.io_utils import ImportHelper
 
 from ...core.runtime.worker_process import Work
 from ..scene_io import active_performer
-from .conditions import Conditional, has_footage, has_performer, has_shot
+from .conditions import Conditional, has_footage, has_keypoints, has_performer, has_shot
 from .job_operator import JobOperator
 from .reporting import progress_shown, reported
 
@@ -45,15 +45,10 @@ class ImportKeypoints(Conditional, bpy.types.Operator, ImportHelper):
         return outcome.value
 
 
-def _has_keypoints(context: bpy.types.Context) -> str:
-    known = any(view.keypoints for view in context.scene.kfmocap.views)
-    return "" if known else "No view has 2D keypoints yet: use Import Keypoints"
-
-
 class _FromKeypoints(Conditional):
     """Tools that need a view with keypoints."""
 
-    conditions = (has_shot, has_footage, has_performer, _has_keypoints)
+    conditions = (has_shot, has_footage, has_performer, has_keypoints)
 
 
 class MarkKeypoints(_FromKeypoints, bpy.types.Operator):

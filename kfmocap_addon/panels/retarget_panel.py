@@ -2,7 +2,7 @@
 
 import bpy
 
-from ..operators.hand_shape import HandShape
+from ..operators.hand_shape import FingersFromKeypoints, HandShape
 from ..operators.retarget_bones import FindBones, ForgetBones, LoadBoneMap, SaveBoneMap
 from ..operators.send_to_rig import SendToRig, StopFollowing
 from .section import Section
@@ -61,7 +61,9 @@ class RetargetPanel(Section, bpy.types.Panel):
         row.operator(ForgetBones.bl_idname, text="", icon="X")
         if settings.bones:
             layout.template_list("KFMOCAP_UL_bones", "", settings, "bones", settings, "active_bone", rows=6)
-        layout.operator_menu_enum(HandShape.bl_idname, "shape", icon="VIEW_PAN")
+        fingers = layout.column(align=True)
+        fingers.operator_menu_enum(HandShape.bl_idname, "shape", icon="VIEW_PAN")
+        fingers.operator(FingersFromKeypoints.bl_idname, icon="VIEW_PAN")
         _draw_errors(layout, settings)
 
 

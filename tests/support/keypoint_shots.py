@@ -80,6 +80,20 @@ def write_openpose(folder: Path, camera: Camera, people: Sequence[Array], noise:
         (folder / f"{camera.name}_{first + f:06d}.json").write_text(json.dumps(document))
 
 
+def triples(pixels: Array, confidence: float = 0.9) -> list[float]:
+    """x, y, confidence one after the other."""
+    return [v for u, w in pixels for v in (float(u), float(w), confidence)]
+
+
+def person_with_hands(pixels: Array) -> dict[str, object]:
+    """A person as OpenPose writes it, with hands at 42 pixels and the body nowhere in particular."""
+    hands = {
+        f"hand_{side}_keypoints_2d": triples(part)
+        for side, part in zip(("left", "right"), (pixels[:21], pixels[21:]), strict=True)
+    }
+    return {"person_id": [-1], "pose_keypoints_2d": triples(np.full((25, 2), 50.0)), **hands}
+
+
 def person(height: float = 1.75) -> Body:
     return human(height)
 

@@ -1,0 +1,88 @@
+"""The points of a performer's hands, as detectors find them: in which detection they are, and where in space."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import KeypointError
+from ..formats.keypoint_layouts import HAND_NAMES, HAND_POINTS
+from ..numerics.arrays import Array
+from ..shot.detections import Detections
+from ..shot.footage import footage_delay
+from ..shot.shot import Shot
+from .keypoint_factor import Keypoints
+from .observations import on_shot_frames, on_time
+from .tracks import ViewDetections
+from .triangulation import triangulate
+
+NEAR = 0.15
+"""A hand is the performer's whose wrist is seen less than this from where the tracked one is, metres."""
+ACCEPTED = 0.03
+"""A point of a hand counts on which two views or more agree to this, metres."""
+
+
+def hand_points(shot: Shot, detections: Sequence[Detections], wrists_world: Array) -> Array:
+    """Return where the points of a performer's hands are.
+
+    Parameters
+    ----------
+    shot : Shot
+        V views, F frames.
+    detections : sequence of Detections
+        Per view, of hands; see `core.formats.keypoint_files.read_keypoints`.
+    wrists_world : ndarray, shape (F, 2, 3)
+        The performer's left and right wrist, metres.
+
+    Returns
+    -------
+    ndarray, shape (F, 2, 21, 3)
+        Left and right hand, metres; the order of the points is `HAND_POINTS`. NaN where no two views agree.
+
+    Raises
+    ------
+    KeypointError
+        Fewer than two views have hands of the performer.
+    """
+    V, F, L = len(shot.views), shot.length, len(HAND_NAMES)
+    poses = [view.camera.poses(0, F) for view in shot.views]
+    R, t = np.stack([R for R, _ in poses]), np.stack([t for _, t in poses])
+    rays, confidence = np.full((V, F, L, 2), np.nan), np.zeros((V, F, L))
+    for v, (view, found) in enumerate(zip(shot.views, detections, strict=True)):
+        if len(found):
+            seen = on_shot_frames(view, found, HAND_NAMES, shot)
+            _take(seen, np.einsum("fab,fsb->fsa", R[v], wrists_world) + t[v][:, None], rays[v], confidence[v])
+    views = int((confidence > 0).any(axis=(1, 2)).sum())
+    if views < 2:
+        raise KeypointError(
+            f"{views} of {V} views have keypoints of the performer's hands",
+            where="keypoints",
+            todo="two views or more are needed: run a detector that finds hands (OpenPose, COCO-WholeBody, MediaPipe "
+            "Holistic) on them, and track before",
+        )
+    keypoints = on_time(Keypoints(HAND_NAMES, rays, confidence, R, t), [footage_delay(view) for view in shot.views])
+    points, inliers = triangulate(keypoints)
+    distance = np.linalg.norm(keypoints.residuals(points), axis=-1)
+    agree = inliers & (np.nan_to_num(distance, nan=np.inf) < ACCEPTED)
+    sure = replace(keypoints, confidence=np.where(agree, keypoints.confidence, 0.0))
+    points, _ = triangulate(sure)
+    points[agree.sum(axis=0) < 2] = np.nan
+    return np.asarray(points.reshape(F, 2, len(HAND_POINTS), 3))
+
+
+def _take(seen: ViewDetections, wrists_cam: Array, rays: Array, confidence: Array) -> None:
+    """Fill in a view's rays (F, 42, 2) and confidence (F, 42) by the hands that are nearest to the tracked wrists."""
+    count = len(HAND_POINTS)
+    for side in range(2):
+        hand = slice(count * side, count * (side + 1))
+        wrist = wrists_cam[seen.frames, side]
+        with np.errstate(invalid="ignore"):
+            away = np.linalg.norm(seen.rays[:, count * side] - wrist[:, :2] / wrist[:, 2:], axis=-1) * wrist[:, 2]
+        away[~(wrist[:, 2] > 0)] = np.nan
+        for frame in np.unique(seen.frames):
+            rows = np.flatnonzero((seen.frames == frame) & (np.nan_to_num(away, nan=np.inf) < NEAR))
+            if len(rows):
+                row = rows[np.argmin(away[rows])]
+                rays[frame, hand], confidence[frame, hand] = seen.rays[row, hand], seen.confidence[row, hand]

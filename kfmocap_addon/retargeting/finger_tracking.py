@@ -1,0 +1,87 @@
+"""Fingers of a character moved by the hands that detectors see in the footage."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import bpy
+import numpy as np
+
+from ...core.errors import BodyError
+from ...core.formats.keypoint_files import read_shot_keypoints
+from ...core.keypoints.hand_points import hand_points
+from ...core.numerics.arrays import Array
+from ...core.retargeting.bone_matching import match_bones
+from ...core.retargeting.finger_motion import finger_motion
+from ...core.retargeting.roles import FINGERS, SIDES, BoneMap
+from ..scene_io import fcurves, scene
+from .rig_curves import ControlChannel, rotation_channel
+from .rig_reading import rest_orientations, rest_skeleton
+from .send import target_bones
+from .source_motion import motion_of_performer
+
+
+def armature_with_fingers(candidates: Sequence[bpy.types.Object | None]) -> tuple[bpy.types.Object, BoneMap]:
+    """Return the first of some armatures that has fingers, and the roles of its bones.
+
+    Raises
+    ------
+    BodyError
+        None has.
+    """
+    for armature in dict.fromkeys(one for one in candidates if one is not None and one.type == "ARMATURE"):
+        try:
+            bones = target_bones(armature)
+        except BodyError:
+            continue
+        if any(f"{finger}.{side}" in bones.bones for finger in FINGERS for side in SIDES):
+            return armature, bones
+    raise BodyError(
+        "no armature has fingers that are known",
+        where="Send to Rig",
+        todo="choose the character under To, or make its armature active",
+    )
+
+
+def key_fingers(
+    current: bpy.types.Scene, slot: bpy.types.PropertyGroup, armature: bpy.types.Object, bones: BoneMap
+) -> int:
+    """Key the fingers of an armature on every frame of the shot, as the keypoints show the performer's.
+
+    Keys of the animator's own stay.
+
+    Returns
+    -------
+    int
+        Bones that move.
+
+    Raises
+    ------
+    KFMocapError
+        The performer has no motion or no hands, or fewer than two views show them.
+    """
+    source = motion_of_performer(current, slot)
+    roles = match_bones(source.rest, None, f"performer {slot.name}").bones
+    if any(f"hand.{side}" not in roles for side in SIDES):
+        raise BodyError("the body has no hands", where=f"performer {slot.name}", todo="use a body with hands")
+    wrists = source.rest.indices([roles[f"hand.{side}"][0] for side in SIDES])
+    shot = scene.shot_from_scene(current)
+    hands = hand_points(shot, read_shot_keypoints(shot, hands=True), source.positions[:, wrists])
+    turns = finger_motion(rest_skeleton(armature), bones, hands, shot.fps)
+    frames = current.kfmocap.frame_start + np.arange(shot.length)
+    for name, R in zip(turns, rest_orientations(armature, list(turns)), strict=True):
+        channel = rotation_channel(armature.pose.bones[name], R.T @ turns[name] @ R)
+        _write(armature, channel, frames)
+    return len(turns)
+
+
+def _write(armature: bpy.types.Object, channel: ControlChannel, frames: Array) -> None:
+    """Put generated keys in the place of those on the frames; the animator's own stay."""
+    bag = fcurves.ensure_channelbag(armature, armature.name)
+    for index, column in enumerate(channel.values.T):
+        curve = fcurves.ensure_fcurve(bag, channel.path, index, channel.bone)
+        keys = fcurves.get_keys(curve)
+        inside = (keys["co"][:, 0] > frames[0] - 0.5) & (keys["co"][:, 0] < frames[-1] + 0.5)
+        kept = keys[~inside | (keys["type"] != fcurves.enum_value("type", "GENERATED"))]
+        free = ~np.isin(frames, fcurves.frames_of(kept))
+        fcurves.set_keys(curve, [kept, fcurves.new_keys(frames[free], column[free], "GENERATED", "LINEAR")])

@@ -1,0 +1,116 @@
+"""Fingers of a character move as the hands that detectors see in the footage, in Blender."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+import addon_utils  # noqa: E402
+from addon_shots import blender  # noqa: E402, F401
+from keypoint_shots import cameras, person_with_hands  # noqa: E402
+from kfmocap.core.body import landmark_positions  # noqa: E402
+from kfmocap.core.formats.keypoint_layouts import HAND_POINTS  # noqa: E402
+from kfmocap.core.numerics import rotations  # noqa: E402
+from kfmocap.core.retargeting.roles import FINGERS  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import fcurves  # noqa: E402
+from test_addon_posing import BENT, BODY, WALK, walk_scene  # noqa: E402
+
+pytestmark = pytest.mark.blender
+
+FIST = 12
+"""Scene frame on which the hands are closed."""
+
+
+def points(rig: bpy.types.Object, side: str) -> np.ndarray:
+    """The 21 points of a hand of Rigify's metarig as it is posed, (21, 3)."""
+    bones = rig.pose.bones
+    found = [bones[f"hand.{side}"].head]
+    for finger in FINGERS:
+        names = [f"{finger if finger == 'thumb' else 'f_' + finger}.0{k}.{side}" for k in (1, 2, 3)]
+        found += [*(bones[name].head for name in names), bones[names[-1]].tail]
+    assert len(found) == len(HAND_POINTS)
+    return np.array([list(rig.matrix_world @ point) for point in found])
+
+
+def bends(rig: bpy.types.Object) -> np.ndarray:
+    """Angles between the neighbouring bones of all fingers, degrees."""
+    found = []
+    for side in "LR":
+        bones = np.diff(points(rig, side)[1:].reshape(5, 4, 3), axis=1)
+        bones /= np.linalg.norm(bones, axis=-1, keepdims=True)
+        found.append(np.degrees(np.arccos(np.clip(np.sum(bones[:, 1:] * bones[:, :-1], axis=-1), -1, 1))))
+    return np.stack(found)
+
+
+def write_hands(folder, hands: np.ndarray) -> None:
+    """OpenPose's files of two cameras, of hands (2, 21, 3) that stay as they are at the walker's wrists."""
+    wrists = landmark_positions(BODY, WALK, ["LWrist", "RWrist"])
+    for camera in cameras(2):
+        path = folder / f"{camera.name}_json"
+        path.mkdir()
+        bent = replace(camera, distortions=np.array(BENT))
+        for f, places in enumerate(wrists):
+            turn = rotations.exp(np.array([0.0, 0.0, 0.02 * f]))
+            there = np.concatenate(
+                [place + (hand - hand[0]) @ turn.T for place, hand in zip(places, hands, strict=True)]
+            )
+            person = person_with_hands(bent.project(there, f))
+            (path / f"{camera.name}_{f:06d}.json").write_text(json.dumps({"people": [person]}))
+        files = [{"name": f"{camera.name}_000000.json"}]
+        bpy.ops.kfmocap.import_keypoints(directory=str(path), files=files)
+
+
+def metarig() -> bpy.types.Object:
+    addon_utils.enable("rigify", default_set=True)
+    bpy.ops.object.armature_human_metarig_add()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    rig = bpy.context.object
+    for bone in rig.pose.bones:
+        bone.rotation_mode = "XYZ" if bone.name.endswith(".L") else "QUATERNION"
+    return rig
+
+
+def test_fingers_bend_as_seen_and_the_animators_keys_stay(blender, tmp_path):  # noqa: F811
+    walk_scene(tmp_path, tracked=True)
+    rig = metarig()
+    bpy.ops.kfmocap.hand_shape(shape="grip")
+    bpy.context.view_layer.update()
+    hands, wanted = np.stack([points(rig, side) for side in "LR"]), bends(rig)
+    rig.animation_data_clear()
+    for bone in rig.pose.bones:
+        bone.rotation_quaternion, bone.rotation_euler = (1, 0, 0, 0), (0, 0, 0)
+    bpy.context.view_layer.update()
+    rest = bends(rig)
+    write_hands(tmp_path, hands)
+
+    own = rig.pose.bones["f_index.02.L"]
+    own.rotation_euler = (0.3, 0.0, 0.0)
+    own.keyframe_insert("rotation_euler", frame=FIST)
+    bpy.context.view_layer.objects.active = rig
+    for _ in range(2):  # again: the keys of the first time are replaced
+        assert bpy.ops.kfmocap.fingers_from_keypoints() == {"FINISHED"}
+    bpy.context.scene.frame_set(20)
+    assert np.abs(rest - wanted).max() > 20
+    assert np.abs(bends(rig) - wanted).max() < 3
+    curve = fcurves.find_channelbag(rig).fcurves.find('pose.bones["f_index.02.L"].rotation_euler', index=0)
+    keys = fcurves.get_keys(curve)
+    assert len(keys) == len(WALK)
+    [mine] = keys[keys["type"] != fcurves.enum_value("type", "GENERATED")]
+    assert mine["co"].tolist() == pytest.approx([FIST, 0.3])
+
+
+def test_without_fingers_or_hands_it_is_said_what_is_missing(blender, tmp_path):  # noqa: F811
+    walk_scene(tmp_path, tracked=True)
+    with pytest.raises(RuntimeError, match="No view has 2D keypoints yet"):
+        bpy.ops.kfmocap.fingers_from_keypoints()
+    bpy.context.scene.kfmocap.views[0].keypoints = str(tmp_path / "none.json")
+    with pytest.raises(RuntimeError, match="no armature has fingers"):
+        bpy.ops.kfmocap.fingers_from_keypoints()
+    metarig()
+    with pytest.raises(RuntimeError, match=r"none\.json"):
+        bpy.ops.kfmocap.fingers_from_keypoints()
