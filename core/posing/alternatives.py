@@ -95,7 +95,8 @@ def alternative_poses(
     count : int
         At most so many.
     """
-    found = [_LimbDepths.of(body, pose, centre_world, *names) for names in LIMBS if _is_free(body, names, held)]
+    free = np.ones(len(body), bool) if held is None else ~held[3:].reshape(-1, 3).any(axis=1)
+    found = [_LimbDepths.of(body, pose, centre_world, names, free) for names in LIMBS]
     limbs = [limb for limb in found if limb is not None]
     choices = list(product(*(range(len(limb.turns)) for limb in limbs)))
     Q = np.repeat(pose.rotations, len(choices), axis=0)
@@ -126,42 +127,41 @@ def implausibility(body: Body, poses: Motion, neighbours: Sequence[Neighbour] = 
 
 @dataclass(frozen=True, eq=False)
 class _LimbDepths:
-    """Turns of the two bones of a limb.
+    """Turns of the two bones of a limb, and of the hand or foot at its end, which stays as it lies in the world.
 
     Attributes
     ----------
-    parts : list of int, length 2
-    turns : ndarray, shape (N, 2, 3, 3)
-        Q of both parts; the first is as it was.
+    parts : list of int, length B
+        Two or three.
+    turns : ndarray, shape (N, B, 3, 3)
+        Q of these parts; the first is as it was.
     """
 
     parts: list[int]
     turns: Array
 
     @classmethod
-    def of(cls, body: Body, pose: Motion, centre: Array, middle: str, end: str) -> _LimbDepths | None:
-        """Find what the bones that lead to two landmarks may do; None where they are no limb of two bones."""
+    def of(
+        cls, body: Body, pose: Motion, centre: Array, names: tuple[str, str], free: NDArray[np.bool_]
+    ) -> _LimbDepths | None:
+        """Find what the bones that lead to two landmarks may do; None where they are no limb of two free bones."""
+        middle, end = names
         if middle not in body.landmarks or end not in body.landmarks:
             return None
         upper, lower = leading_part(body, middle), leading_part(body, end)
-        if upper < 1 or lower < 1 or body.parents[lower] != upper:
+        if upper < 1 or body.parents[lower] != upper or not free[[upper, lower]].all():
             return None
+        last = body.landmarks[end][0]
+        parts = [upper, lower, last] if body.parents[last] == lower and free[last] else [upper, lower]
         R, T = (x[0] for x in part_poses(body, pose))
         root, (joint, tip) = T[upper], landmark_positions(body, pose, [middle, end])[0]
-        found = [pose.rotations[0, [upper, lower]]]
+        found = [pose.rotations[0, parts]]
         for there in (joint, _other_side(root, joint, centre)):
             for far in _on_ray(there, tip, centre, float(np.linalg.norm(tip - joint))):
                 if np.linalg.norm(there - joint) + np.linalg.norm(far - tip) > 1e-6:
                     bones = np.stack([there - root, far - there])
-                    found.append(_turned(body, R, (upper, lower), np.stack([joint - root, tip - joint]), bones))
-        return cls([upper, lower], np.stack(found))
-
-
-def _is_free(body: Body, names: tuple[str, str], held: NDArray[np.bool_] | None) -> bool:
-    if held is None or any(name not in body.landmarks for name in names):
-        return True
-    parts = [leading_part(body, name) for name in names]
-    return not any(held[3 + 3 * part : 6 + 3 * part].any() for part in parts)
+                    found.append(_turned(body, R, parts, np.stack([joint - root, tip - joint]), bones))
+        return cls(parts, np.stack(found))
 
 
 def _other_side(root: Array, joint: Array, centre: Array) -> Array:
@@ -183,11 +183,11 @@ def _on_ray(start: Array, seen: Array, centre: Array, length: float) -> list[Arr
     return sorted(points, key=lambda point: float(np.linalg.norm(point - seen)))
 
 
-def _turned(body: Body, R: Array, parts: tuple[int, int], was: Array, bones: Array) -> Array:
-    """Q of two parts (2, 3, 3) that point their bones (2, 3) elsewhere, the first turned about itself as the limits
-    of both have it.
+def _turned(body: Body, R: Array, parts: list[int], was: Array, bones: Array) -> Array:
+    """Q of a limb's parts (B, 3, 3) that point two bones (2, 3) elsewhere, the first turned about itself as the limits
+    of all have it.
     """
-    upper, lower = parts
+    upper, lower, *last = parts
     above = R[body.parents[upper]] @ body.R_parent_rest[upper]
     direction = bones[0] / np.linalg.norm(bones[0])
     twists = np.linspace(-np.pi, np.pi, TWISTS, endpoint=False)[:, None] * direction
@@ -195,8 +195,12 @@ def _turned(body: Body, R: Array, parts: tuple[int, int], was: Array, bones: Arr
     # The lower bone is where it was in the frame of the upper one, then turns the shortest way.
     carried = R_upper @ R[upper].T
     R_lower = np.stack([_aligning(G @ was[1], bones[1]) @ G @ R[lower] for G in carried])
-    Q = np.stack([above.T @ R_upper, np.swapaxes(R_upper @ body.R_parent_rest[lower], -1, -2) @ R_lower], axis=1)
-    turns, limits = rotations.log(Q), body.limits[list(parts)]
+    Q = np.stack(
+        [above.T @ R_upper, np.swapaxes(R_upper @ body.R_parent_rest[lower], -1, -2) @ R_lower]
+        + [np.swapaxes(R_lower @ body.R_parent_rest[end], -1, -2) @ R[end] for end in last],
+        axis=1,
+    )
+    turns, limits = rotations.log(Q), body.limits[parts]
     beyond = turns - np.clip(turns, limits[..., 0], limits[..., 1])
     energy = np.sum((beyond / LIMIT_DEVIATION) ** 2 + (turns / EASE) ** 2, axis=(1, 2))
     return np.asarray(rotations.orthonormal(Q[np.argmin(energy)]))

@@ -293,6 +293,8 @@ class PlacingTool(Conditional):
                 if marked is not None:
                     overlay.lines([at, marked], colour)
         self._draw_alternatives(look)
+        if self._box_under(look) is not None:
+            return
         x, y = self._pointer[0] - context.region.x, self._pointer[1] - context.region.y
         if 0 <= x < context.region.width and 0 <= y < context.region.height:
             name = self._dragged or (None if self._press else self._near(look, self._pointer))

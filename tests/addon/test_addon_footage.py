@@ -11,6 +11,7 @@ bpy = pytest.importorskip("bpy")
 
 from addon_shots import SIZE, blender, camera, video  # noqa: E402, F401
 from kfmocap.core.formats.toml_cameras import save_cameras  # noqa: E402
+from kfmocap.kfmocap_addon import registration  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import footage_background, scene, solved_cameras, view_cameras  # noqa: E402
 from test_addon_views import largest_difference  # noqa: E402
 
@@ -160,6 +161,43 @@ def test_next_and_previous_go_round_the_views(take):
         bpy.ops.kfmocap.step_view(step=step)
         seen.append(shot().shown_view)
     assert seen == [1, 0, 1]
+
+
+def drop(*paths) -> list[str]:
+    """What Blender does with files dropped onto a 3D view: of the handlers that take their ending, and the place, the
+    operator is invoked with their names; returns the handlers that take them."""
+    area = next(a for a in bpy.context.window.screen.areas if a.type == "VIEW_3D")
+    handlers = [cls for cls in registration.CLASSES if issubclass(cls, bpy.types.FileHandler)]
+    with bpy.context.temp_override(area=area):
+        able = [
+            cls
+            for cls in handlers
+            if paths[0].suffix.lower() in cls.bl_file_extensions.split(";") and cls.poll_drop(bpy.context)
+        ]
+        module, name = able[0].bl_import_operator.split(".")
+        tool = getattr(getattr(bpy.ops, module), name)
+        known = tool.get_rna_type().properties.keys()
+        given = {
+            "filepath": str(paths[0]),
+            "directory": f"{paths[0].parent}/",
+            "files": [{"name": p.name} for p in paths],
+        }
+        assert "filepath" in known
+        assert tool("INVOKE_DEFAULT", **{key: value for key, value in given.items() if key in known}) == {"FINISHED"}
+    return [cls.bl_idname for cls in able]
+
+
+def test_files_are_dropped_as_blender_does_it(take):
+    """One handler takes each, so that Blender need not ask; beside a 3D view none does."""
+    assert drop(take / "walk_cam01.mp4", take / "walk_cam02.mp4") == ["KFMOCAP_FH_footage"]
+    assert len(shot().views) == 2
+    assert drop(take / "calibration.toml") == ["KFMOCAP_FH_file"]
+    assert all(view.is_calibrated for view in shot().views)
+    area = next(a for a in bpy.context.window.screen.areas if a.type != "VIEW_3D")
+    with bpy.context.temp_override(area=area):
+        assert not any(
+            cls.poll_drop(bpy.context) for cls in registration.CLASSES if issubclass(cls, bpy.types.FileHandler)
+        )
 
 
 @pytest.mark.parametrize("kind", ["calibration", "shot"])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from keypoint_shots import cameras, person, strolling
-from kfmocap.core.body import landmark_positions
+from kfmocap.core.body import landmark_positions, part_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.posing.alternatives import LIMBS, Neighbour, alternative_poses, implausibility
 from synthetic import at_rest
@@ -63,6 +63,14 @@ def test_without_a_neighbour_limits_and_balance_alone_bring_limbs_nearer_to_the_
         before.append(error(start, WALK[[frame]]))
         after.append(error(alternative_poses(BODY, start, CENTRE).poses[[0]], WALK[[frame]]))
     assert np.mean(after) < 0.5 * np.mean(before)
+
+
+def test_hands_and_feet_lie_as_they_did():
+    """What is not clicked looks alike, too."""
+    found = alternative_poses(BODY, WALK[[20]], CENTRE)
+    R, before = (part_poses(BODY, poses)[0] for poses in (found.poses, WALK[[20]]))
+    ends = [BODY.index(f"{part}.{side}") for part in ("hand", "foot") for side in "LR"]
+    np.testing.assert_allclose(R[:, ends], np.repeat(before[:, ends], len(R), axis=0), atol=1e-6)
 
 
 def test_knees_bend_backwards_alone():
