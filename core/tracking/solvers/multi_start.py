@@ -134,8 +134,8 @@ def with_limbs_returned(
 ) -> SegmentSolution:
     """A solution, or with the limbs that have left the first pass brought back there, where the evidence is for it.
 
-    A limb is brought back and solved from there, and held there while all else is solved: what led it away may do so
-    again.
+    A limb is brought back and its performer solved from there. If that leads it away again, it is also held there while
+    all else of the performer is solved.
 
     Parameters
     ----------
@@ -150,14 +150,14 @@ def with_limbs_returned(
         strayed = strayed_limbs(problem, i, start[i], solution.motions[i])
         if not strayed:
             continue
-        parts = [part for chain in strayed for part in chain]
-        back = solution.motions[i].with_parts(parts, start[i])
+        alone = problem.alone(i)
+        back = solution.motions[i].with_parts([part for chain in strayed for part in chain], start[i])
         motions = (*solution.motions[:i], back, *solution.motions[i + 1 :])
-        found = [
-            _continued(solution, descend(around, motions, workspace, SETTLED))
-            for around in (problem, with_limbs_held(problem, i, strayed))
-        ]
-        solution = better(problem.alone(i), solution, *found)
+        found = [descend(alone, motions, workspace, SETTLED)]
+        if strayed_limbs(problem, i, start[i], found[0].motions[i]):
+            found.append(descend(with_limbs_held(alone, i, strayed), motions, workspace, SETTLED))
+        best = better(alone, solution, *found)
+        solution = solution if best is solution else replace(_continued(solution, best), only=problem.only)
     return solution
 
 
