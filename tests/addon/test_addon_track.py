@@ -244,7 +244,7 @@ def test_saved_and_reopened_a_scene_is_tracked_to_the_same_last_bit(filmed, tool
 
 
 def test_tracking_that_is_cancelled_at_any_moment_leaves_the_scene_as_it_was(filmed, monkeypatch, pytestconfig):
-    moments = 20 if pytestconfig.getoption("nightly") else 8
+    moments = 20 if pytestconfig.getoption("nightly") else 4
     built, told, ends = bpy.context.scene, [], [10**6]
 
     @contextmanager

@@ -68,7 +68,7 @@ def test_fast_arms_are_no_worse_than_their_triangulated_keypoints() -> None:
 def test_the_frame_rate_that_is_claimed_does_not_matter() -> None:
     """The same keypoints called 30 and 90 frames a second give the same motion."""
     body = human()
-    motion = punching(body, 30)
+    motion = punching(body, 20)
     seen = keypoints_of(cameras(3), seen_places(body, motion), noise=0.006)
     found = [
         landmark_positions(fit.body, fit.motion, JOINTS)

@@ -270,7 +270,7 @@ def test_offsets_of_the_detector_are_found_where_key_poses_are_true() -> None:
 
 def test_spoiled_keypoints_give_nearly_the_same_motion() -> None:
     body = human()
-    motion = strolling(body, 36)
+    motion = strolling(body, 24)
     seen = keypoints_of(cameras(3), seen_places(body, motion), noise=0.015)
     errors = []
     for keypoints in (seen, spoiled(seen)):
