@@ -30,6 +30,11 @@ class RelinkFootage(Conditional, bpy.types.Operator, ImportHelper):
     )
     filter_glob: bpy.props.StringProperty(default=globbed(f"{VIDEOS};{IMAGES}"), options={"HIDDEN"})
 
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if bpy.data.filepath:
+            self.filepath = bpy.path.abspath("//")  # else Blender proposes the name of its own file
+        return set(super().invoke(context, event))
+
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..scene_io import missing_footage
 

@@ -39,7 +39,7 @@ def armature_with_fingers(candidates: Sequence[bpy.types.Object | None]) -> tupl
     raise BodyError(
         "no armature has fingers that are known",
         where="Send to Rig",
-        todo="choose the character under To, or make its armature active",
+        todo="choose it as Character, or make its armature active",
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import random
 import shutil
 from collections.abc import Callable
@@ -65,6 +66,38 @@ def move_a_key() -> None:
     armature().pose.bones["hand.L"].keyframe_insert("rotation_quaternion", frame=2.5)
 
 
+CAPTURE = """
+[lframe]
+colour = "red"
+diameter = 0.06
+points = [[0,0,0],[0.4,0,0],[0.9,0,0],[0,0.6,0]]
+[wand]
+colours = ["green", "blue"]
+diameter = 0.05
+length = 0.5
+[[view]]
+camera = "cam01"
+lframe = "cam01.mp4"
+wand = "cam01.mp4"
+[[view]]
+camera = "cam02"
+lframe = "cam02.mp4"
+wand = "cam02.mp4"
+"""
+SUITABLE = {
+    "kfmocap.load_shot": "walk/shot.toml",
+    "kfmocap.open_file": "walk/shot.toml",
+    "kfmocap.add_footage": "cam01.mp4",
+    "kfmocap.import_calibration": "calibration.toml",
+    "kfmocap.import_cameras": "walk/calibration.toml",
+    "kfmocap.import_keypoints": "keypoints.json",
+    "kfmocap.pose_from_landmarks": "walk/landmarks.trc",
+    "kfmocap.load_capture": "capture.toml",
+    "kfmocap.load_bone_map": "bones.json",
+    "kfmocap.save_bone_map": "bones.json",
+    "kfmocap.relink_footage": "cam01.mp4",
+}
+"""A file that suits a tool."""
 MISHAPS: list[Callable[[], object]] = [
     lambda: None,
     lambda: bpy.ops.kfmocap.track(),
@@ -100,13 +133,21 @@ def arguments(cls: type[bpy.types.Operator], files: list[str], dice: random.Rand
     for item in tool_of(cls).get_rna_type().properties:
         if item.identifier == "rna_type" or item.is_readonly or dice.random() < 0.3:
             continue
-        value = _value(item, files, dice)
+        value = _value(item, files, dice, SUITABLE.get(cls.bl_idname, ""))
         if value is not None:
             found[item.identifier] = value
     return found
 
 
-def _value(item: bpy.types.Property, files: list[str], dice: random.Random) -> Any:
+def _value(item: bpy.types.Property, files: list[str], dice: random.Random, suitable: str) -> Any:
+    """A value of a property; of a file's path three times in four one that suits the tool."""
+    if suitable and dice.random() < 0.75:
+        if item.subtype == "FILE_PATH":
+            return next(file for file in files if file.endswith(suitable))
+        if item.identifier == "directory":
+            return str(Path(files[1]).parent)
+        if item.identifier == "files":
+            return [{"name": suitable}]
     if item.type == "BOOLEAN":
         return dice.random() < 0.5
     if item.type == "STRING":
@@ -152,6 +193,11 @@ def files(tmp_path, monkeypatch):
     (tmp_path / "empty.toml").write_text("")
     names = ["cam01.mp4", "broken.toml", "empty.toml", "missing.toml", "missing.mp4", "."]
     shutil.copytree(WALK, tmp_path / "walk")
+    people = [{"image_id": i, "keypoints": [100.0 + i, 80.0, 0.9] * 17, "score": 1.0} for i in range(30)]
+    (tmp_path / "keypoints.json").write_text(json.dumps(people))
+    (tmp_path / "bones.json").write_text(json.dumps({"preset": "", "bones": {"hips": ["spine"]}}))
+    (tmp_path / "capture.toml").write_text(CAPTURE)
+    names += ["keypoints.json", "bones.json", "capture.toml"]
     names += [f"walk/{name}" for name in ("shot.toml", "calibration.toml", "landmarks.trc", "cam01.mp4", "cam02.mp4")]
     monkeypatch.chdir(tmp_path)  # what is written without a path goes there
     return ["", *(str(tmp_path / name) for name in names)]
