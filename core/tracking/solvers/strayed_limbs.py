@@ -19,7 +19,7 @@ from .limb_search import limbs
 from .problem import SegmentProblem
 
 STRAYED = 4.0
-"""A limb has strayed where it is farther from the first pass than the performer's joints usually are, so many times."""
+"""A limb has strayed where it is farther from the first pass than the performer's limbs usually are, so many times."""
 LEAST = 0.05
 """Nearer than this it has not in any case, metres."""
 BRIEF = 0.1
@@ -39,11 +39,15 @@ def strayed_limbs(problem: SegmentProblem, performer: int, first_pass: Motion, f
     body = problem.bodies[performer]
     tips = [tip_positions(body, part_poses(body, motion)) for motion in (first_pass, found)]
     away = np.linalg.norm(tips[0] - tips[1], axis=-1)
-    usual = float(np.median(away))
+    # How hands and feet are turned is hardly seen: they count by where they begin.
+    chains = [(chain, chain[: max(2, len(chain) - 1)]) for chain in limbs(body)]
+    if not chains:
+        return []
+    usual = float(np.median(np.concatenate([away[:, joints] for _, joints in chains], axis=1)))
     long = max(2, round(BRIEF * problem.fps))
     strayed = []
-    for chain in limbs(body):
-        far = away[:, chain].max(axis=1) > max(STRAYED * usual, LEAST)
+    for chain, joints in chains:
+        far = away[:, joints].max(axis=1) > max(STRAYED * usual, LEAST)
         if any(last + 1 - first >= long for first, last in intervals(far)):
             strayed.append(chain)
     return strayed
