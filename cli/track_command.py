@@ -34,6 +34,7 @@ from ..core.shot.shot import Shot
 from ..core.shot.shot_spec import result_names
 from ..core.tracking.journal import Journal, journal_beside
 from ..core.tracking.prepare import load_shot
+from ..core.tracking.run_context import RunContext
 from ..core.tracking.selection import selected
 from ..core.tracking.track_result import TrackResult
 from ..core.tracking.tracker import track
@@ -141,7 +142,7 @@ def run_track(
         shown = sheet_frames(shot)
         pictures = sorted({*shown, *checked_frames(shot)})
         with DecoderLog() as log:
-            result = track(shot, share(progress, 0.0, 0.9), pictures=pictures, journal=journal, memory=memory)
+            result = track(shot, share(progress, 0.0, 0.9), pictures=pictures, run=RunContext(journal, memory))
         if log.complaints:
             result = replace(result, damage=shot_damage(shot))
         times = Seconds(seconds or {})

@@ -28,6 +28,7 @@ from ..shot.footage_damage import shot_damage
 from ..shot.shot import Shot
 from ..tracking.journal import Journal
 from ..tracking.retracking import Excerpt, glance, track_excerpts
+from ..tracking.run_context import RunContext
 from ..tracking.schedule import SegmentShown
 from ..tracking.segments import whole_keys
 from ..tracking.track_result import TrackResult
@@ -182,7 +183,7 @@ def track_and_check(
     show: SegmentShown | None = None,
     looking_at: int = 0,
 ) -> CheckedTrack:
-    """Track excerpts of a shot, and compare its cameras where that is all of it; parameters as of `track_excerpts`.
+    """Track excerpts of a shot, and compare its cameras where that is all of it; see `track_excerpts` and `RunContext`.
 
     What is shown begins with the segment of the shot frame that somebody is looking at.
 
@@ -192,11 +193,11 @@ def track_and_check(
         See `core.tracking.tracker.track`.
     """
     whole = len(excerpts) == 1 and (excerpts[0].first, excerpts[0].last) == (0, shot.length - 1)
-    told = share(progress, 0.0, 0.9) if whole else progress
+    tracking = share(progress, 0.0, 0.9) if whole else progress
     if show is not None:
         glance(shot, excerpts, looking_at, show, progress=progress, memory=memory)
     with DecoderLog() as log:
-        results = track_excerpts(shot, excerpts, told, journal=journal, memory=memory, show=show)
+        results = track_excerpts(shot, excerpts, tracking, run=RunContext(journal, memory, show))
     if log.complaints:
         damage = shot_damage(shot)
         results = [replace(result, damage=damage) for result in results]

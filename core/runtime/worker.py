@@ -39,7 +39,7 @@ def main() -> None:
 
     lock = threading.Lock()
 
-    def tell(*message: object) -> bool:
+    def send(*message: object) -> bool:
         data = pickle.dumps(message, pickle.HIGHEST_PROTOCOL)
         with lock:
             outgoing.write(data)
@@ -63,22 +63,22 @@ def main() -> None:
             try:
                 work = pickle.loads(data)
                 if isinstance(work, kept.Remembering):
-                    shown = {"show": lambda key, value: tell("shown", (key, value))} if work.shows else {}
+                    shown = {"show": lambda key, value: send("shown", (key, value))} if work.shows else {}
                     work = partial(work.work, memory=memory, **shown)
-                result = work(lambda what, fraction: tell("progress", (what, fraction)))
+                result = work(lambda what, fraction: send("progress", (what, fraction)))
             except BrokenPipeError:
                 raise
             except Exception as error:
                 error.add_note(traceback.format_exc())
-                tell("error", error)
+                send("error", error)
             else:
-                tell("result", result)
+                send("result", result)
             working.clear()
     except (BrokenPipeError, KeyboardInterrupt):
         os._exit(1)  # nobody listens any more
     except Exception as error:
         error.add_note(traceback.format_exc())
-        tell("error", error)
+        send("error", error)
 
 
 def _receive(sent: "queue.SimpleQueue[bytes | None]", working: threading.Event) -> None:

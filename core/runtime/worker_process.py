@@ -104,7 +104,7 @@ class WorkerProcess:
         return value
 
     def _next(self) -> tuple[str, Any]:
-        """What the process tells next: of what kind it is, and what it is."""
+        """The next message of the process: its kind, and its value."""
         assert self._process.stdout is not None
         try:
             kind, value = pickle.load(self._process.stdout)

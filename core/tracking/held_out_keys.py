@@ -1,9 +1,9 @@
 """Key poses predicted without themselves: what the shot's own errors are against those that the solver expects.
 
 A key pose at the end of a segment is let go, and the segment solved for it from the evidence and the key pose at the
-other end. How far the prediction misses it, against the covariance that the solver has of it, tells by how much that
-covariance is wrong: noise that goes on for longer than the solver assumes, clothes, cameras that do not fit. Nothing
-need be known of the causes.
+other end. The ratio of the prediction's error to the solver's covariance for it measures how wrong that covariance is:
+through noise that stays correlated for longer than the solver assumes, clothes, cameras that do not fit. The causes
+need not be known.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from .solvers.problem import SegmentProblem, SegmentSolution
 from .solvers.smoothness_factor import SegmentSmoothness
 
 USUAL_RATIO = 3.0
-"""Squared errors against those that the solver expects, where no key pose tells."""
+"""Squared errors against those that the solver expects, where there is no key pose to measure them by."""
 KNOWN_RATIO = 6.0
 """What `USUAL_RATIO` counts, in squared errors along an axis."""
 VAGUE = 0.5
-"""A prediction that is expected to be so far off along an axis tells nothing there, metres."""
+"""Axes along which a prediction is expected to be so far off are left out, metres."""
 ALIKE = 4.0
 """Parts of a body miss a key pose together: so many count as one for the body's ratio."""
 OWN_RATIO = 6.0
@@ -107,11 +107,11 @@ def _without_key(
 
 
 def _miss(jacobian: Array, step: Array, covariance: Array) -> Array:
-    """Squared misses (P,) of a step (D,), over the axes along which its covariance (D, D) tells where tips are."""
+    """Squared errors (P,) of a step (D,), over the axes along which its covariance (D, D) determines the tips."""
     apart = jacobian @ step
     variances, axes = np.linalg.eigh(tip_covariances(jacobian[None], covariance[None])[0])
     along = np.einsum("pab,pa->pb", axes, apart)
-    telling = (variances > 1e-6 * variances[:, -1:]) & (variances < VAGUE**2)
-    squares = np.where(telling, along**2 / np.maximum(variances, 1e-30), 0.0).sum(axis=1)
-    count = telling.sum(axis=1)
+    determined = (variances > 1e-6 * variances[:, -1:]) & (variances < VAGUE**2)
+    squares = np.where(determined, along**2 / np.maximum(variances, 1e-30), 0.0).sum(axis=1)
+    count = determined.sum(axis=1)
     return np.asarray(np.where(count > 0, 3 * squares / np.maximum(count, 1), 3 * USUAL_RATIO))

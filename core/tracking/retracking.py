@@ -16,7 +16,7 @@ from ..runtime.progress import Progress, report_progress, share
 from ..runtime.worker_memory import WorkerMemory
 from ..shot.fingerprint import checksum, value_bytes
 from ..shot.shot import KeyPoses, Performer, Shot
-from .journal import Journal
+from .run_context import NOTHING_KEPT, RunContext
 from .schedule import SegmentShown
 from .segment_stages import Around
 from .segments import Segment, segments
@@ -79,9 +79,7 @@ def track_excerpts(
     excerpts: Sequence[Excerpt],
     progress: Progress | None = None,
     *,
-    journal: Journal | None = None,
-    memory: WorkerMemory | None = None,
-    show: SegmentShown | None = None,
+    run: RunContext = NOTHING_KEPT,
 ) -> list[TrackResult]:
     """Track excerpts of a shot; what it costs is theirs alone.
 
@@ -90,10 +88,8 @@ def track_excerpts(
     shot : Shot
     excerpts : sequence of Excerpt
     progress : callable, optional
-    journal : Journal, optional
-    memory : WorkerMemory, optional
-    show : callable, optional
-        See `tracking.track`; segments are shown in frames of the shot.
+    run : RunContext, optional
+        Segments are shown in frames of the shot.
 
     Returns
     -------
@@ -111,10 +107,15 @@ def track_excerpts(
     results = []
     for part, (begin, end) in zip(excerpts, pairwise(ends), strict=True):
         asked = shot.between(part.first, part.last).with_footage_offset(part.footage_offset)
-        told = share(progress, float(begin), float(end))
-        shown = None if show is None else partial(_show_in_shot, show, part.first)
+        shown = None if run.show is None else partial(_show_in_shot, run.show, part.first)
         results.append(
-            track(asked, told, around=part.around, journal=journal, memory=memory, show=shown, earlier=part.earlier)
+            track(
+                asked,
+                share(progress, float(begin), float(end)),
+                around=part.around,
+                run=replace(run, show=shown),
+                earlier=part.earlier,
+            )
         )
     return results
 
@@ -150,7 +151,7 @@ def glance(
 
     asked = shot.with_settings_filled().between(first, last).with_footage_offset(part.footage_offset)
     with contextlib.suppress(KFMocapError):  # it is cancelled, or the tracking that follows says what is wrong
-        track(asked, looked, observed, memory=memory)
+        track(asked, looked, observed, run=RunContext(memory=memory))
 
 
 def _show_in_shot(show: SegmentShown, start: int, segment: Segment, motions: tuple[Motion, ...]) -> None:

@@ -42,9 +42,10 @@ from ..shot.shot import Performer, Shot, fixed_degrees
 from .appearance import frames_with_foreground, grey_frames
 from .body_doubt import body_covariances
 from .earlier_motion import carried, with_keys
-from .journal import FinishedSegment, Journal, KeptSegments
+from .journal import FinishedSegment, KeptSegments
 from .reader import SegmentReader
-from .schedule import Observer, SegmentSchedule, SegmentShown
+from .run_context import NOTHING_KEPT, RunContext
+from .schedule import Observer, SegmentSchedule
 from .segment_stages import Around, TrackState
 from .segment_tasks import StoredView, solve_task
 from .segments import Segment, posed_frames, segments
@@ -67,9 +68,7 @@ def track(
     pictures: Sequence[int] = (),
     around: Around = (None, None),
     *,
-    journal: Journal | None = None,
-    memory: WorkerMemory | None = None,
-    show: SegmentShown | None = None,
+    run: RunContext = NOTHING_KEPT,
     earlier: Sequence[Motion] = (),
 ) -> TrackResult:
     """Track every performer of a shot.
@@ -86,12 +85,8 @@ def track(
     around : tuple of (tuple of Motion or None), optional
         Where the shot is an excerpt of a longer one: every performer's pose on the frame before its first and on the
         one after its last, where they are known. They are held, and the motion passes smoothly from and to them.
-    journal : Journal, optional
-        Where finished segments are kept, and taken from if an earlier run has finished them: the result is the same.
-    memory : WorkerMemory, optional
-        Keeps frames and processes for the next shot that is tracked, which is often the same with one key pose changed.
-    show : callable, optional
-        Called with a segment and the motions of its frames as soon as it is solved, and again when it is refined.
+    run : RunContext, optional
+        Where finished segments are kept, and what is handed out before the result is whole.
     earlier : sequence of Motion, optional
         Every performer's motion as it was tracked before some key poses changed. Segments are solved from there; those
         of which the images leave a doubt then are solved as if there were none. It is not used where the offset of the
@@ -117,12 +112,13 @@ def track(
     observed = _first_pass(shot, solver, seconds, progress)
     motions = [own.motion for own in observed.performers]
     begin = TrackState(tuple(motions or (spline(p.key_poses, shot.length) for p in shot.performers)), around)
-    finished = KeptSegments.of(journal, shot, around)
+    finished = KeptSegments.of(run.journal, shot, around)
     torn: list[list[int]] = [[] for _ in shot.views]
     threads = worker_count(shot.settings.threads)
     workers = 1 if observe is not None else _workers(shot, threads)
     with ExitStack() as stack:
-        pool = stack.enter_context(WorkerPool(workers, SOLVING) if memory is None else memory.pool(workers, SOLVING))
+        pools = WorkerPool if run.memory is None else run.memory.pool
+        pool = stack.enter_context(pools(workers, SOLVING))
         folder = None if workers == 1 else stack.enter_context(_picture_folder())
         schedule = SegmentSchedule(
             shot,
@@ -133,12 +129,12 @@ def track(
             threads=max(1, threads // workers),
             progress=progress,
             observe=observe,
-            show=show,
+            show=run.show,
             earlier=_carried(begin, shot, earlier),
         )
         started = time.perf_counter()
         for segment, views in _footage_by_segment(
-            shot, solver, albums, begin.motions, seconds=seconds, known=finished.known, folder=folder, memory=memory
+            shot, solver, albums, begin.motions, seconds=seconds, known=finished.known, folder=folder, memory=run.memory
         ):
             for frames, view in zip(torn, views, strict=True):
                 pairs = view.frames.torn if isinstance(view, StoredView) else view.torn

@@ -12,6 +12,7 @@ import pytest
 from kfmocap.core.errors import CancelledError
 from kfmocap.core.shot.shot import Shot, View
 from kfmocap.core.tracking.journal import UNFINISHED, Journal, KeptSegments, journal_beside
+from kfmocap.core.tracking.run_context import RunContext
 from kfmocap.core.tracking.track_result import TrackResult
 from kfmocap.core.tracking.tracker import track
 from synthetic import figure, film, look_at, shot_of, swing
@@ -43,7 +44,7 @@ def ended(tmp_path_factory: pytest.TempPathFactory, shot: Shot) -> Path:
     """The journal of a run that was ended when it had finished two of three segments."""
     journal = Journal(tmp_path_factory.mktemp("ended") / "journal")
     with pytest.raises(CancelledError):
-        track(shot, lambda *_: len(journal.kept) < 2, journal=journal)
+        track(shot, lambda *_: len(journal.kept) < 2, run=RunContext(journal))
     return journal.folder
 
 
@@ -74,7 +75,7 @@ def test_a_run_that_was_taken_up_gives_the_same_to_the_last_bit(
     tmp_path: Path, shot: Shot, whole: TrackResult, ended: Path
 ) -> None:
     journal = Journal(copied(ended, tmp_path / "journal"), resume=True)
-    result = track(shot, pictures=(3, 9), journal=journal)
+    result = track(shot, pictures=(3, 9), run=RunContext(journal))
     assert journal.taken == [(0, 4), (4, 8)]
     assert journal.kept == [(8, 12)]
     assert_identical(result, whole)
@@ -83,7 +84,7 @@ def test_a_run_that_was_taken_up_gives_the_same_to_the_last_bit(
 def test_finished_segments_are_not_solved_again(tmp_path: Path, shot: Shot, ended: Path) -> None:
     solved: set[tuple[int, int]] = set()
     journal = Journal(copied(ended, tmp_path / "journal"), resume=True)
-    track(shot, observe=lambda segment, *_: solved.add(segment), journal=journal)
+    track(shot, observe=lambda segment, *_: solved.add(segment), run=RunContext(journal))
     assert solved == {(8, 12)}
 
 
@@ -106,7 +107,7 @@ def test_damaged_segments_are_tracked_again(tmp_path: Path, shot: Shot, whole: T
     for damaged in damages(first.read_bytes(), second.read_bytes()).values():
         first.write_bytes(damaged)
         assert known(folder, filled) == [(4, 8)]
-    assert_identical(track(shot, pictures=(3, 9), journal=Journal(folder, resume=True)), whole)
+    assert_identical(track(shot, pictures=(3, 9), run=RunContext(Journal(folder, resume=True))), whole)
 
 
 def test_segments_of_another_shot_are_not_taken(tmp_path: Path, shot: Shot, ended: Path) -> None:
@@ -145,6 +146,6 @@ def test_a_journal_that_cannot_be_written_keeps_nobody_from_the_results(
     (tmp_path / "link").symlink_to(tmp_path / "elsewhere")
     for folder in (tmp_path / "link", tmp_path / "no" / "such"):
         journal = Journal(folder)
-        assert_identical(track(shot, pictures=(3, 9), journal=journal), whole)
+        assert_identical(track(shot, pictures=(3, 9), run=RunContext(journal)), whole)
         assert not journal.kept
     assert not list((tmp_path / "elsewhere").iterdir())

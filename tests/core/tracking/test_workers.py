@@ -20,6 +20,7 @@ from kfmocap.core.shot.image_sequences import image_files
 from kfmocap.core.shot.shot import Shot, View
 from kfmocap.core.tracking import reader, tracker
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts
+from kfmocap.core.tracking.run_context import RunContext
 from kfmocap.core.tracking.track_result import TrackResult
 from synthetic import figure, film, look_at, shot_of, swing
 
@@ -88,12 +89,12 @@ def test_a_correction_solves_the_two_segments_beside_it_and_decodes_nothing(
             yield image
 
     monkeypatch.setattr(reader, "frames_at", counted)
-    whole = tracker.track(filmed, memory=memory)
+    whole = tracker.track(filmed, run=RunContext(memory=memory))
     assert len(decoded) == 2 * LENGTH
     decoded.clear()
     excerpt = Excerpt(0, 8, (None, (whole.motions[0][[9]],)), whole.footage_offset)
     moved = corrected(filmed, 1, 0.01)
-    [warm] = track_excerpts(moved, [excerpt], memory=memory)
+    [warm] = track_excerpts(moved, [excerpt], run=RunContext(memory=memory))
     assert not decoded and [(s.first, s.last) for s in warm.segments] == [(0, 4), (4, 8)]
     [cold] = track_excerpts(moved, [excerpt])
     assert decoded and same(warm.motions[0], cold.motions[0])
