@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..cameras.camera import Camera
 from ..numerics.arrays import Array, Bools
 from .foreground import log_ratio
-from .gradients import camera_twist, summed_products, wrenches
+from .gradients import camera_twist, wrenches
 from .label_images import LabelImages
 from .view_frames import interpolated, stacked_places
 
@@ -93,8 +93,18 @@ class Lines:
 
     def products(self, rows: Array, n: int, P: int) -> Array:
         """Weighted sums of the products of the lines' rows (N, k) with themselves, per frame and part, (n, P, k, k)."""
-        ends = np.searchsorted(self.frame * P + self.part, np.arange(n * P + 1))
-        return summed_products(rows.T, self.weight * self.length, ends).reshape(n, P, rows.shape[1], -1)
+        columns, k = np.ascontiguousarray(rows.T), rows.shape[1]
+        count = np.bincount(self.frame * P + self.part, minlength=n * P)
+        there = np.flatnonzero(count)
+        i, j = np.triu_indices(k)
+        sums = np.zeros((n * P, k, k))
+        if len(there):
+            # A part has few lines: one pass for each two columns is faster than a product of matrices for each part.
+            each = (columns * (self.weight * self.length))[i]
+            each *= columns[j]
+            sums[there[:, None], i, j] = np.add.reduceat(each, (np.cumsum(count) - count)[there], axis=1).T
+            sums[there[:, None], j, i] = sums[there[:, None], i, j]
+        return sums.reshape(n, P, k, k)
 
 
 @dataclass(frozen=True, eq=False)

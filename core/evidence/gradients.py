@@ -162,8 +162,8 @@ def brightness_constancy(
     if given_noise is not None:
         deviation = np.repeat(tolerance * np.maximum(given_noise, _LEAST_NOISE), np.diff(bounds)).astype(np.float32)
     error = huber_errors(residual, deviation)
-    count = np.array([np.count_nonzero(seen[a:b]) for a, b in pairwise(bounds)], float)
-    error_sum = np.array([error[a:b].sum(where=seen[a:b], dtype=float) for a, b in pairwise(bounds)])
+    count = np.bincount(pixels.frame, seen, minlength=m).astype(float)
+    error_sum = np.bincount(pixels.frame, error * seen, minlength=m)
 
     rows = np.empty((13, len(residual)), np.float32)
     rows[:6], rows[6:12], rows[12] = -wrenches(x_a, slope, focal).T, wrenches(x_b, slope, focal).T, residual
@@ -190,13 +190,19 @@ def _carried(pixels: Pixels, to_camera: Poses, poses: Poses) -> Image:
     R_cam, T_cam = Rc[:, None] @ R, T @ np.swapaxes(Rc, 1, 2) + tc[:, None]
     turn = R_cam[1:] @ np.swapaxes(R_cam[:-1], -1, -2)
     shift = T_cam[1:] - (turn @ T_cam[:-1, :, :, None])[..., 0]
-    motion = np.concatenate([turn, shift[..., None]], axis=-1).reshape(-1, 3, 4)
     # In double precision: the last bit of a single one depends on where arrays lie, and would show in the motion.
-    points = np.concatenate([pixels.points_cam.T, np.ones((1, len(pixels.part)))])
-    out = np.empty((3, len(pixels.part)), np.float32)
-    for move, (a, b) in zip(motion, pairwise(pixels.ends.tolist()), strict=True):
-        if a < b:
-            out[:, a:b] = move @ points[:, a:b]
+    rows = np.concatenate([turn, shift[..., None]], axis=-1).reshape(-1, 12).T
+    move = np.repeat(np.ascontiguousarray(rows), np.diff(pixels.ends), axis=1)
+    x, y, z = pixels.points_cam.T.astype(float)
+    out = np.empty((3, len(x)), np.float32)
+    for row, (a, b, c, d) in zip(out, move.reshape(3, 4, -1), strict=True):
+        a *= x
+        b *= y
+        c *= z
+        a += b
+        a += c
+        a += d
+        row[:] = a
     return out.T
 
 

@@ -44,10 +44,9 @@ def _smoothed(image: NDArray[np.uint8], kernel: Image) -> Image:
     another order give the same pictures to the last bit. What they differ in, solving would make larger.
     """
     one = np.ones(1, np.float32)
-    across = cv2.sepFilter2D(image.astype(np.float32), cv2.CV_32F, kernel, one)
-    across *= np.float32(2.0 ** (4 - _KERNEL_BITS))
+    kernel = kernel * np.float32(2.0 ** (4 - _KERNEL_BITS))  # sums stay exact: it only moves their point
+    across = cv2.sepFilter2D(image, cv2.CV_32F, kernel, one)
     down = cv2.sepFilter2D(np.rint(across, out=across), cv2.CV_32F, one, kernel)
-    down *= np.float32(2.0 ** (4 - _KERNEL_BITS))
     return np.rint(down, out=down)
 
 

@@ -30,8 +30,8 @@ def small(picture: NDArray[np.uint8]) -> Array:
     height, width = picture.shape[:2]
     scale = _BLOCKS * 4 / max(height, width)
     size = max(round(width * scale), 8), max(round(height * scale), 8)
-    reduced = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-    return np.asarray(cv2.cvtColor(reduced, cv2.COLOR_BGR2GRAY) if reduced.ndim == 3 else reduced, float)
+    grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) if picture.ndim == 3 else picture
+    return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), float)
 
 
 def block_change(before: Array, after: Array) -> Array:
