@@ -8,6 +8,7 @@ import bpy
 
 from ..operators.open_section import OpenSection
 from ..scene_io import active_performer
+from ..viewports import screens
 from ..viewports.screens import SIDEBAR_TAB
 from . import guide
 
@@ -30,6 +31,7 @@ class SectionsPanel(_OnTab, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         """Draw nothing but what the sections draw."""
         guide.follow(context)
+        screens.keep_clear(context)
 
 
 class Section(_OnTab):

@@ -18,6 +18,10 @@ MOST = 4
 SIDEBAR_TAB = "KF Mocap"
 """Name of the tab of the sidebar that holds all panels."""
 _NEXT_DRAW = 0.05  # seconds
+_FILLING = 50 * (2 - math.sqrt(2))
+"""Blender's zoom at which the picture fills the region, but for a thin border."""
+_SAME_SIZE, _SAME_PLACE = 0.03, 0.01
+"""How far a view's size and offset may differ from those that `framing` gave it: shares of each, and of the region."""
 
 
 def look(context: bpy.types.Context) -> None:
@@ -35,6 +39,61 @@ def look(context: bpy.types.Context) -> None:
     else:
         space.use_local_camera = False
     _through_camera(context.window, context.screen, area)
+
+
+def keep_clear(context: bpy.types.Context) -> None:
+    """See to it that our sidebar, once it is opened, does not cover the footage of its 3D view; panels cannot change
+    the view themselves while they are drawn. Views that the user has zoomed or moved stay.
+    """
+    if bpy.app.background or context.area is None or _uncovered(context.window.scene, context.area) is None:
+        return
+    if not bpy.app.timers.is_registered(_clear):
+        bpy.app.timers.register(_clear, first_interval=0.0)
+
+
+def _clear() -> None:
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            found = _uncovered(window.scene, area) if area.type == "VIEW_3D" else None
+            if found is not None:
+                region_3d = area.spaces.active.region_3d
+                region_3d.view_camera_zoom, region_3d.view_camera_offset = found
+                area.tag_redraw()
+
+
+def _uncovered(scene: bpy.types.Scene, area: bpy.types.Area) -> tuple[float, tuple[float, float]] | None:
+    """Zoom and offset with which a 3D view's footage is clear of our sidebar; None where it is, or is not to be."""
+    space = area.spaces.active
+    camera = space.camera if space.use_local_camera else scene.camera
+    if space.region_3d.view_perspective != "CAMERA" or camera not in {view.camera for view in scene.kfmocap.views}:
+        return None
+    if _tab(area) != SIDEBAR_TAB:
+        return None
+    region, bars = _region(area), [r for r in area.regions if r.type != "WINDOW" and r.width > 1 and r.height > 1]
+    boxes = [free_box(_box(region), [_box(r) for r in bars if r.type != kind]) for kind in ("UI", "")]
+    now = space.region_3d.view_camera_zoom, tuple(space.region_3d.view_camera_offset)
+    return moved_clear(_box(region), (boxes[0], boxes[1]), _aspect(scene), now)
+
+
+def moved_clear(
+    region: Box, free: tuple[Box, Box], aspect: float, now: tuple[float, tuple[float, ...]]
+) -> tuple[float, tuple[float, float]] | None:
+    """Return the zoom and the offset for the second of two free boxes, of a view that stands as `framing` put it for
+    the first; None where it does not, or the boxes are one.
+    """
+    if free[0] == free[1]:
+        return None
+    zoom, offset = framing(region, free[0], aspect, _FILLING)
+    size = (math.sqrt(2) + now[0] / 50) ** 2 / (math.sqrt(2) + zoom / 50) ** 2
+    if abs(size - 1) > _SAME_SIZE or any(abs(a - b) > _SAME_PLACE for a, b in zip(now[1], offset, strict=True)):
+        return None
+    return framing(region, free[1], aspect, _FILLING)
+
+
+def _aspect(scene: bpy.types.Scene) -> float:
+    """Width of a scene's picture by its height."""
+    render = scene.render
+    return float(render.resolution_x * render.pixel_aspect_x / (render.resolution_y * render.pixel_aspect_y))
 
 
 def show_keys(context: bpy.types.Context) -> None:
@@ -137,11 +196,9 @@ def _through_camera(window: bpy.types.Window, screen: bpy.types.Screen, area: bp
     _fit(window, screen, area, bpy.ops.view3d.view_center_camera)
     region = _region(area)
     if region.width > 1 and region.height > 1:
-        render = window.scene.render
-        aspect = render.resolution_x * render.pixel_aspect_x / (render.resolution_y * render.pixel_aspect_y)
         over = [r for r in area.regions if r.type != "WINDOW" and r.width > 1 and r.height > 1]
         free = free_box(_box(region), [_box(other) for other in over])
-        zoom, offset = framing(_box(region), free, aspect, space.region_3d.view_camera_zoom)
+        zoom, offset = framing(_box(region), free, _aspect(window.scene), space.region_3d.view_camera_zoom)
         space.region_3d.view_camera_zoom, space.region_3d.view_camera_offset = zoom, offset
 
 

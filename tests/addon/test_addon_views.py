@@ -240,3 +240,17 @@ def test_the_picture_stays_clear_of_bars_and_sidebars_that_lie_over_it():
         assert min(830 / width, 732 * aspect / width) == pytest.approx(1, abs=0.01)
     assert screens.free_box(region, []) == region
     assert screens.framing(region, region, 16 / 9, zoom) == (pytest.approx(zoom), (0.0, 0.0))
+
+
+def test_a_sidebar_that_is_opened_later_moves_what_it_covers_and_nothing_else():
+    region, free = (2, 87, 1182, 873), ((60, 87, 1182, 819), (60, 87, 890, 819))
+    for aspect in (16 / 9, 9 / 16):
+        zoom, offset = screens.framing(region, free[0], aspect, 29.12)
+        found = screens.moved_clear(region, free, aspect, (zoom, offset))
+        assert found is not None
+        wanted = screens.framing(region, free[1], aspect, 29.12)
+        assert found[0] == pytest.approx(wanted[0], abs=0.3) and found[1] == pytest.approx(wanted[1], abs=0.005)
+        assert screens.moved_clear(region, free, aspect, found) is None, "it is clear now"
+        assert screens.moved_clear(region, free, aspect, (zoom + 5, offset)) is None, "the user zoomed"
+        assert screens.moved_clear(region, free, aspect, (zoom, (offset[0] + 0.05, offset[1]))) is None, "and moved"
+        assert screens.moved_clear(region, (free[0], free[0]), aspect, (zoom, offset)) is None
