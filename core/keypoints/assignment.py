@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy  # its parts are loaded when they are used
 
 from ..errors import KeypointError
 from ..numerics.arrays import Array
@@ -137,7 +137,7 @@ def _matched(
         assert places is not None
         reasons[i] = "order of appearance" if wanted[i].proposed else "key poses"
         cost[row] = [distance_to(people[p], without_sides(names, places)[1]) for p in left]
-    for row, column in zip(*linear_sum_assignment(np.minimum(cost, 1e3)), strict=True):
+    for row, column in zip(*scipy.optimize.linear_sum_assignment(np.minimum(cost, 1e3)), strict=True):
         if cost[row, column] < SAME:
             persons[posed[row]] = left[column]
     nobody = [i for i in range(len(wanted)) if persons[i] is None and i not in posed]

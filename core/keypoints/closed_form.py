@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+import scipy  # its parts are loaded when they are used
 
 from ..body import Body, landmark_positions, part_poses
 from ..body.motion import Motion
@@ -177,7 +177,7 @@ def limb_orientations(
         share = np.clip((bend - STRAIGHT[0]) / (STRAIGHT[1] - STRAIGHT[0]), 0.0, 1.0) * likely
         across = share * hinge / np.maximum(bend, 1e-9) + (1 - share) * least
     else:
-        across = gaussian_filter1d(hinge * bend * likely, TWIST_TIME * fps, axis=0, mode="nearest")
+        across = scipy.ndimage.gaussian_filter1d(hinge * bend * likely, TWIST_TIME * fps, axis=0, mode="nearest")
         across = across + LEAST_EVIDENCE * least
     return along_and_across(a, across), along_and_across(b, across)
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from scipy.ndimage import median_filter
+import scipy  # its parts are loaded when they are used
 
 from ..body import Body, human, landmark_positions
 from ..body.motion import Motion
@@ -177,7 +177,7 @@ def _root_depth(rays: Rays, places: Mapping[str, Array], fps: float) -> Array:
     lengths.append(_torso_length(places))
     farthest = np.array(lengths)[:, None] / np.maximum(seen, 1e-6)
     depth = np.quantile(farthest, FORESHORTENED, axis=0)
-    depth = median_filter(depth, max(1, round(DEPTH_TIME * fps)), mode="nearest")
+    depth = scipy.ndimage.median_filter(depth, max(1, round(DEPTH_TIME * fps)), mode="nearest")
     return depth
 
 

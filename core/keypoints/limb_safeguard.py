@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy  # its parts are loaded when they are used
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, uniform_filter1d
 
 from ..body import Body, part_poses
 from ..body.motion import Motion
@@ -78,5 +78,5 @@ def _mean_error(keypoints: Keypoints, points_world: Array, deviation: Array) -> 
 def _lost_frames(worse: Array, fps: float) -> NDArray[np.bool_]:
     """Frames on which, and next to which, something is worse for a while, shape (F,)."""
     span = max(1, round(LOST_FOR * fps))
-    lost = uniform_filter1d(worse, span, mode="nearest") > WORSE
-    return np.asarray(binary_dilation(lost, iterations=span)) if lost.any() else lost
+    lost = scipy.ndimage.uniform_filter1d(worse, span, mode="nearest") > WORSE
+    return np.asarray(scipy.ndimage.binary_dilation(lost, iterations=span)) if lost.any() else lost

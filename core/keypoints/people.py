@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy  # its parts are loaded when they are used
 
 from ..numerics.arrays import Array, Bools, Ints
 from .keypoint_factor import Keypoints
@@ -140,7 +140,7 @@ def detections_of(
             rows = np.flatnonzero(found.frames == frame)
             known = [p for p in range(len(people)) if np.isfinite(places[p][frame]).any()]
             cost = np.array([[scene.apart(v, row, frame, places[p][frame]) for row in rows] for p in known])
-            chosen = zip(*linear_sum_assignment(np.minimum(cost, 1e3)), strict=True) if known else ()
+            chosen = zip(*scipy.optimize.linear_sum_assignment(np.minimum(cost, 1e3)), strict=True) if known else ()
             given = {known[i]: int(rows[j]) for i, j in chosen if cost[i, j] < NEAR}
             for p in known:
                 rows_of[p, frame] = given.get(p, -1)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy  # its parts are loaded when they are used
 
 from ..formats.keypoint_layouts import is_sided, mirrored_name
 from ..numerics.arrays import Array, Ints
@@ -92,7 +92,7 @@ def detection_tracks(names: Sequence[str], found: ViewDetections, view: int, fps
         taken, ended = set(), []
         if open_tracks:
             cost = np.array([[_movement(found, points, track[-1], row) for row in rows] for track in open_tracks])
-            for i, j in zip(*linear_sum_assignment(cost), strict=True):
+            for i, j in zip(*scipy.optimize.linear_sum_assignment(cost), strict=True):
                 if cost[i, j] < 1:
                     if _unclear(cost, i, j):
                         ended.append(i)

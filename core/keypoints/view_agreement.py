@@ -10,8 +10,8 @@ import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy  # its parts are loaded when they are used
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
 
 from ..numerics.arrays import Array
 from .keypoint_factor import LEAST_DEVIATION, USUAL_DEVIATION, Keypoints
@@ -159,7 +159,7 @@ def averaged(points_world: Array, fps: float) -> Array:
     lasting = np.isfinite(points_world).all(axis=(0, 2))
     carrier = points_world[:, lasting].mean(axis=1) if lasting.any() else np.zeros((len(points_world), 3))
     filled = np.stack([interpolated(points - carrier) + carrier for points in np.moveaxis(points_world, 1, 0)], axis=1)
-    return np.asarray(gaussian_filter1d(filled, AVERAGED_OVER * fps / 2, axis=0, mode="nearest"))
+    return np.asarray(scipy.ndimage.gaussian_filter1d(filled, AVERAGED_OVER * fps / 2, axis=0, mode="nearest"))
 
 
 def interpolated(points: Array) -> Array:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy  # its parts are loaded when they are used
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from ..body.motion import Motion
@@ -44,7 +44,7 @@ def _along(knots: NDArray[np.int64], values: Array, frames: NDArray[np.int64]) -
     if len(knots) == 1:
         return np.full(len(frames), values[0])
     clipped = np.clip(frames, knots[0], knots[-1])
-    return np.asarray(CubicSpline(knots, values, bc_type="natural")(clipped))
+    return np.asarray(scipy.interpolate.CubicSpline(knots, values, bc_type="natural")(clipped))
 
 
 def _turning(knots: NDArray[np.int64], values: Array, frames: NDArray[np.int64]) -> Array:

@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+import scipy  # its parts are loaded when they are used
 from numpy.random import Generator
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
 from scipy.spatial import ConvexHull
 
 from ...body import Body, part_poses
@@ -407,7 +407,7 @@ def _meetings(
     R, _ = part_poses(body, motion)
     left, right = (np.swapaxes(R[:, [body.parents[chain[0]]]], -1, -2) @ R[:, chain] for chain in pair)
     apart = (right - left)[..., 1].reshape(len(motion), -1)
-    apart = gaussian_filter1d(apart, MEETING * fps, axis=0, mode="nearest")
+    apart = scipy.ndimage.gaussian_filter1d(apart, MEETING * fps, axis=0, mode="nearest")
     distance = np.linalg.norm(apart, axis=1)
     return apart, 1 + np.flatnonzero((distance[1:-1] < distance[:-2]) & (distance[1:-1] < distance[2:]))
 
