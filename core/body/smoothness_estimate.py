@@ -11,6 +11,9 @@ determined, gamma = n - sum(Var(a)) / sigma^2, where Var(a) is what the solution
 interpolation, Neural Computation 4, 1992). Without that correction a smooth solution would call for a smoother one. A
 part that the pictures do not show has no influence: its gamma is zero.
 
+Where less is known, in one view or between two key poses, only the scale of all accelerations together is estimated, by
+maximising the marginal likelihood itself (`likeliest_scale`).
+
 Time is counted in frames, so the frame rate that a shot claims does not matter.
 """
 
@@ -38,6 +41,13 @@ LEAST_MOBILITY = 0.05
 """A joint that can hardly turn about an axis has this share of the usual acceleration there, at least."""
 _LEAST_VARIANCE = 1e-12  # of what stands still, (rad/frame^2)^2 or (m/frame^2)^2
 _POOL_ITERATIONS = 20
+_SCALE_STEP = 2.0
+"""Between the scales of accelerations that are compared."""
+_MOST_STEPS = 7
+"""As many of them from where the search begins at most."""
+_SCALE_SPREAD = np.log(8.0)
+"""Standard deviation of the logarithm of that factor before the pictures are looked at. Frame rates that are called by
+another number, slow motion and kicks are all within it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,6 +192,66 @@ def estimate_variances(
         found = updated_variances(before, squares, left, axes, bursts=bursts)
         before = found if given is None else found.with_given(before, given)
     return before
+
+
+def likeliest_scale(
+    known: Motion,
+    evidence: BandedBlocks,
+    fixed: NDArray[np.bool_],
+    precision: Array,
+    *,
+    start: int = 0,
+    expected: Array | None = None,
+    guess: float = 1.0,
+) -> float:
+    """The factor by which all accelerations are likeliest to differ from some.
+
+    Parameters
+    ----------
+    known, evidence, fixed, start, expected
+        As for `estimate_variances`.
+    precision : ndarray, shape (N, D)
+        Inverse variances of the accelerations, with a factor of one.
+    guess : float
+        Where the search begins.
+
+    Returns
+    -------
+    float
+        Of deviations, not of variances: the best in steps of two, on the parabola through it and its neighbours.
+    """
+    F, free = len(fixed), ~fixed
+    if len(known) < 3 or not free.any():
+        return 1.0
+    smooth = SecondDifferences.of(known).normal_equations(precision, expected)
+    inside = smooth.cut(start, start + F)
+    count = (len(known) - 2) * free.any(axis=0).sum()
+
+    def cost(scale: float) -> float:
+        """Minus twice the logarithm of the marginal likelihood and of the prior, but for what is constant."""
+        system = evidence + inside.scaled(scale**-2)
+        factor = BandedFactor(system, fixed)
+        gained = float(np.sum(system.gradient * factor.solve(system.gradient)))
+        likelihood = smooth.energy / scale**2 - gained + factor.log_determinant() + 2 * count * np.log(scale)
+        return float(likelihood + (np.log(scale) / _SCALE_SPREAD) ** 2)
+
+    costs: dict[int, float] = {}
+
+    def at(step: int) -> float:
+        if step not in costs:
+            costs[step] = cost(guess * _SCALE_STEP**step)
+        return costs[step]
+
+    best = 0
+    while abs(best) < _MOST_STEPS:
+        lower = min((best - 1, best + 1), key=at)
+        if at(lower) >= at(best):
+            break
+        best = lower
+    before, here, after = at(best - 1), at(best), at(best + 1)
+    bend = before + after - 2 * here
+    shift = float(np.clip((before - after) / (2 * bend), -0.5, 0.5)) if bend > 0 else 0.0
+    return float(guess * _SCALE_STEP ** (best + shift))
 
 
 def _among(blocks: Array, start: int, count: int) -> Array:

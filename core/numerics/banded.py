@@ -33,6 +33,10 @@ class BandedFactor:
         masked = np.where(free, right, 0.0).reshape(self.free.size, *right.shape[2:])
         return cho_solve_banded((self._factor, True), masked, check_finite=False).reshape(right.shape)
 
+    def log_determinant(self) -> float:
+        """Logarithm of the determinant of the matrix of the free unknowns."""
+        return float(2 * np.log(self._factor[0]).sum())
+
     def covariance(self, frame: int) -> Array:
         """Block of the inverse at one frame, shape (D, D): the uncertainty of that pose."""
         return self.column(frame)[frame]

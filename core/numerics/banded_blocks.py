@@ -53,6 +53,16 @@ class BandedBlocks:
             self.energy,
         )
 
+    def scaled(self, factor: float) -> BandedBlocks:
+        """The system with its energy multiplied by a factor."""
+        return BandedBlocks(
+            factor * self.diagonal,
+            factor * self.first,
+            factor * self.second,
+            factor * self.gradient,
+            factor * self.energy,
+        )
+
     def __add__(self, other: BandedBlocks) -> BandedBlocks:
         return BandedBlocks(
             self.diagonal + other.diagonal,

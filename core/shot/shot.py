@@ -200,8 +200,9 @@ class Settings:
     root_acceleration : float, optional
         Typical acceleration of the root, m/s^2; None as above.
     estimate_smoothness : bool, optional
-        Estimate the accelerations that are not given. If not, they are those of `core.shot.acceleration_prior`, except
-        where keypoints show them. None: see `for_shot`.
+        Estimate the accelerations that are not given, joint by joint. If not, they are those of
+        `core.shot.acceleration_prior`, except where keypoints show them. None: see `for_shot`; once settings are
+        filled in it means that only the scale of all of them together is estimated.
     prediction : bool
         Predict the motion of parts that no camera sees from the frames on which they are seen.
     plants : bool
@@ -266,7 +267,8 @@ class Settings:
 
         In one view, errors that do not change with time, of the model's shape and of the calibration, look like
         motion; two key poses say nothing of accelerations, from which an estimate could begin. There pixels count for
-        less, and the accelerations are the usual ones. The relaxation keeps to that, too.
+        less, and of the accelerations only a common scale is estimated, which the frame rate that a shot claims would
+        change most. The relaxation needs none of this.
         """
         can_estimate = views > 1 and key_frames > 2 and self.solver == "gauss-newton"
         pixels, outlines = SEVERAL_VIEWS if can_estimate else ONE_VIEW
@@ -274,7 +276,7 @@ class Settings:
             self,
             correlation_length=self.correlation_length or pixels,
             outline_correlation=self.outline_correlation or outlines,
-            estimate_smoothness=can_estimate if self.estimate_smoothness is None else self.estimate_smoothness,
+            estimate_smoothness=True if can_estimate and self.estimate_smoothness is None else self.estimate_smoothness,
         )
 
 

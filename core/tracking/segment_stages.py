@@ -18,13 +18,13 @@ from ..evidence.view_frames import ViewFrames, views_with_foreground
 from ..keypoints.keypoint_factor import KeypointFactor
 from ..keypoints.observations import ShotKeypoints
 from ..numerics.arrays import Array
-from ..shot.acceleration_prior import variances_from_key_poses
+from ..shot.acceleration_prior import usual_variances, variances_from_key_poses
 from ..shot.shot import Shot, fixed_degrees
 from .appearance import key_frame_shape
 from .segments import Segment, keyed_frames, posed_frames
 from .solvers.contact_factor import ContactFactor
 from .solvers.measurement import Workspace
-from .solvers.problem import SegmentProblem, SegmentSolution
+from .solvers.problem import AccelerationSearch, SegmentProblem, SegmentSolution
 from .solvers.protocol import Solver
 
 Around = tuple[tuple[Motion, ...] | None, tuple[Motion, ...] | None]
@@ -144,13 +144,25 @@ def segment_data(
 def _typical_variances(shot: Shot, observed: ShotKeypoints) -> tuple[Array, ...] | None:
     """Variances of accelerations before the pictures are looked at, per performer; None where they are not estimated.
 
-    Keypoints show more of them than key poses do.
+    Keypoints show more of them than key poses do. Where they are estimated only if the pictures contradict the usual
+    ones, these are returned; what the settings give is not questioned.
     """
+    settings = shot.settings
     if observed.performers:
         return tuple(own.typical_variances for own in observed.performers)
-    if not shot.settings.estimate_smoothness:
+    if settings.estimate_smoothness is False or settings.solver != "gauss-newton":
         return None
-    return tuple(variances_from_key_poses(p.body, p.key_poses, shot.fps, shot.settings) for p in shot.performers)
+    if settings.estimate_smoothness is None:
+        given = settings.joint_acceleration or settings.root_acceleration
+        return None if given else tuple(usual_variances(p.body, shot.fps, settings) for p in shot.performers)
+    return tuple(variances_from_key_poses(p.body, p.key_poses, shot.fps, settings) for p in shot.performers)
+
+
+def _acceleration_search(shot: Shot, data: SegmentData) -> AccelerationSearch:
+    """Two key poses do not show where the estimation of accelerations begins; in one view errors look like motion."""
+    if data.keypoints or shot.settings.estimate_smoothness is not None:
+        return AccelerationSearch.JOINTS
+    return AccelerationSearch.SCALE_THEN_JOINTS if len(shot.views) == 1 else AccelerationSearch.SCALE
 
 
 def segment_problem(shot: Shot, data: SegmentData, state: TrackState) -> SegmentProblem:
@@ -172,6 +184,7 @@ def segment_problem(shot: Shot, data: SegmentData, state: TrackState) -> Segment
         shot.settings,
         typical_variances=data.typical_variances,
         contact=ContactFactor.of(data.shape or Geometry.of(bodies), bodies) if keeps_out else None,
+        search=_acceleration_search(shot, data),
     )
 
 
@@ -206,8 +219,7 @@ def refine_segment(
 ) -> SegmentState:
     """Solve a segment once more, now that the motion on both sides is known."""
     problem = segment_problem(shot, data, state)
-    if found := solved.variances:
-        problem = replace(problem, typical_variances=tuple(own.typical for own in found))
+    problem = problem.with_smoothness(solved.variances)
     refined = solver.refine(problem, _on(data.segment, state.motions), workspace)
     return SegmentState(data, problem, refined, (solved,))
 

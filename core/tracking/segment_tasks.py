@@ -12,10 +12,12 @@ from ..body.motion import Motion
 from ..evidence.time_offset import Offset
 from ..evidence.view_frames import ViewFrames
 from ..keypoints.observations import ShotKeypoints
+from ..numerics.arrays import Array
 from ..runtime.progress import Progress, report_progress
 from ..runtime.shared_arrays import SharedArray
 from ..runtime.threads import one_blas_thread
 from ..runtime.timing import Seconds
+from ..shot.acceleration_prior import usual_variances
 from ..shot.shot import Shot
 from .journal import FinishedSegment
 from .segment_stages import (
@@ -222,13 +224,22 @@ def _steps(progress: Progress | None, watch: Watcher | None, before: int = 0) ->
     return on_step
 
 
+def _found_accelerations(ended: SegmentState) -> tuple[Array, ...]:
+    """Typical accelerations per performer, as `AccelerationVariances.deviations`; none where the usual ones stayed."""
+    problem, found = ended.problem, ended.solution.variances
+    usual = [usual_variances(body, problem.fps, problem.settings) for body in problem.bodies]
+    if all(np.array_equal(own.typical, before) for own, before in zip(found, usual, strict=False)):
+        return ()
+    return tuple(own.deviations(problem.fps) for own in found)
+
+
 def _finished(
     ended: SegmentState, first_motions: tuple[Motion, ...], offset: Offset | None, seconds: Seconds, threads: int
 ) -> FinishedSegment:
     """What is kept of a segment that is at its end, with the uncertainty of its joints, which takes time as well."""
     solution = ended.solution
     energy = sum((earlier.energy for earlier in (*ended.earlier, solution)), ())
-    found = tuple(variances.deviations(ended.problem.fps) for variances in solution.variances)
+    found = _found_accelerations(ended)
     result = SegmentResult(*ended.data.segment, ended.iterations, energy, found)
     with seconds.measure("uncertainty"):
         doubts = tuple(segment_doubts(ended.problem, solution, threads))

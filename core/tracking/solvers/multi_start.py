@@ -21,7 +21,7 @@ from ...runtime.timing import Seconds
 from .gauss_newton import REACH, ROUGH_STEP, DescentStage, SegmentNoise, approach, descend
 from .limb_search import exchanges, found_limbs, limbs, pairs, shown_areas, untangled_limbs
 from .measurement import Workspace, hidden_parts, keypoint_agreement, poses_by_delay, view_instants
-from .problem import SegmentProblem, SegmentSolution
+from .problem import AccelerationSearch, SegmentProblem, SegmentSolution
 from .sequential_start import blended, excerpt, follow
 from .strayed_limbs import strayed_limbs, with_limbs_held
 
@@ -83,6 +83,8 @@ def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: 
     if problem.keypoints:
         with seconds.measure("initial solution"):
             best = with_limbs_returned(problem, start, best, workspace.silent())
+    if problem.search is not AccelerationSearch.JOINTS:
+        problem = problem.with_smoothness(best.variances)
     doubted, motions = doubted_performers(problem, start, best), best.motions
     for k, i in enumerate(doubted):
         own_start = [start[j] if j == i else motion for j, motion in enumerate(motions)]

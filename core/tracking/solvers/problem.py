@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +21,19 @@ from ...numerics.arrays import Array
 from ...shot.acceleration_prior import usual_variances
 from ...shot.shot import Settings
 from .contact_factor import ContactFactor
+
+
+class AccelerationSearch(Enum):
+    """What is estimated of the accelerations, where their variances are not given."""
+
+    JOINTS = "joints"
+    """Those of every joint, from where something shows that the estimate begins."""
+    SCALE_THEN_JOINTS = "scale, then joints"
+    """Those of every joint, if the pictures contradict the usual ones; their scale shows where that begins."""
+    SCALE = "scale"
+    """Their scale alone, if the pictures contradict the usual ones."""
+    KEPT = "kept"
+    """Nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +66,8 @@ class SegmentProblem:
     typical_variances : tuple of ndarray, shape (G,), optional
         Per performer: variances of accelerations where their estimation begins, see `core.body.smoothness_estimate`.
         By default those of usual human motion (`core.shot.acceleration_prior`).
+    search : AccelerationSearch
+        What is estimated from there.
     only : int, optional
         The performer whose motion is sought; the others' is given. By default all are sought.
     contact : ContactFactor, optional
@@ -70,6 +87,7 @@ class SegmentProblem:
     settings: Settings = field(default_factory=Settings)
     acceleration_precision: tuple[Array, ...] | None = None
     typical_variances: tuple[Array, ...] | None = None
+    search: AccelerationSearch = AccelerationSearch.JOINTS
     only: int | None = None
     contact: ContactFactor | None = None
 
@@ -113,6 +131,17 @@ class SegmentProblem:
         if self.typical_variances is None:
             return usual_variances(self.bodies[performer], self.fps, self.settings)
         return self.typical_variances[performer]
+
+    def with_smoothness(self, found: Sequence[AccelerationVariances]) -> SegmentProblem:
+        """The problem once it was found how smooth its motions are, if that was looked for."""
+        if not found:
+            return self
+        typical, search = tuple(own.typical for own in found), self.search
+        if search is not AccelerationSearch.JOINTS:
+            usual = all(np.array_equal(own, self.variances(i)) for i, own in enumerate(typical))
+            joints = search is AccelerationSearch.SCALE_THEN_JOINTS and not usual
+            search = AccelerationSearch.JOINTS if joints else AccelerationSearch.KEPT
+        return replace(self, typical_variances=typical, search=search)
 
     def precision(self, performer: int) -> Array:
         """The precision of a performer's accelerations before they are estimated, shape (D,) or (F, D)."""

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...body.motion import Motion, stacked
 from ...body.smoothness import smoothness
-from ...body.smoothness_estimate import AccelerationVariances, axis_mobility, estimate_variances
+from ...body.smoothness_estimate import AccelerationVariances, axis_mobility, estimate_variances, likeliest_scale
 from ...numerics.arrays import Array
 from ...numerics.banded_blocks import BandedBlocks
 from ...shot.acceleration_prior import given_groups
-from .problem import SegmentProblem
+from .problem import AccelerationSearch, SegmentProblem
+
+TRUSTED = (0.05, 1.0)
+"""The usual accelerations stay where the likeliest common value is such a share of them: most joints rest while a few
+move, so that on shots of the usual speed it is 0.13 to 0.55. Slow motion or a wrong frame rate leads out of that."""
+SPARSENESS = 3.0
+"""How much larger the accelerations of the joints that move are than a likeliest common value below that, where the
+joints' own are not estimated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,9 +32,15 @@ class SegmentSmoothness:
     variances : tuple of AccelerationVariances
         On the frames with neighbours on both sides, those held beside the segment included. Empty where they are not
         estimated.
+    scaled : bool
+        Whether the pictures have shown the scale of all of them, where that is looked for.
+    kept : bool
+        Whether they are not estimated any more.
     """
 
     variances: tuple[AccelerationVariances, ...] = ()
+    scaled: bool = False
+    kept: bool = False
 
     @classmethod
     def start(cls, problem: SegmentProblem) -> SegmentSmoothness:
@@ -38,7 +51,8 @@ class SegmentSmoothness:
             tuple(
                 AccelerationVariances.constant(problem.variances(i), max(_known_frames(problem, i) - 2, 0))
                 for i in range(len(problem.bodies))
-            )
+            ),
+            kept=problem.search is AccelerationSearch.KEPT,
         )
 
     def estimated(
@@ -67,27 +81,49 @@ class SegmentSmoothness:
         bursts : bool
             Whether frames differ, see `estimate_variances`.
         """
+        if self.kept:
+            return self
+        scaling = problem.search is AccelerationSearch.SCALE
+        scaling |= problem.search is AccelerationSearch.SCALE_THEN_JOINTS and not self.scaled
+        contradicted = not scaling or self.scaled
         found = []
         for i, before in enumerate(self.variances):
             if i not in problem.sought:
                 found.append(before)
                 continue
             known, start = _with_known(problem, i, motions[i])
+            allowed = _among_known(problem, expected[i], start, len(known)) if expected else None
+            mobility, count = axis_mobility(problem.bodies[i]), len(before.local)
+            if scaling:
+                usual = problem.variances(i)
+                scale = likeliest_scale(
+                    known,
+                    evidence[i],
+                    problem.fixed[i],
+                    AccelerationVariances.constant(usual, count).precision(mobility),
+                    start=start,
+                    expected=allowed,
+                    guess=float(np.sqrt(before.typical[0] / usual[0])),
+                )
+                larger = SPARSENESS if scale < TRUSTED[0] and problem.search is AccelerationSearch.SCALE else 1.0
+                contradicted |= not TRUSTED[0] <= scale <= TRUSTED[1]
+                found.append(AccelerationVariances.constant((larger * scale) ** 2 * usual, count))
+                continue
             found.append(
                 estimate_variances(
                     known,
                     evidence[i],
                     problem.fixed[i],
-                    axis_mobility(problem.bodies[i]),
+                    mobility,
                     before,
                     start=start,
-                    expected=_among_known(problem, expected[i], start, len(known)) if expected else None,
+                    expected=allowed,
                     rounds=rounds,
                     bursts=bursts,
                     given=given_groups(problem.bodies[i], problem.settings),
                 )
             )
-        return SegmentSmoothness(tuple(found))
+        return SegmentSmoothness(tuple(found), scaled=True) if contradicted else replace(self, kept=True)
 
     def blocks(
         self, problem: SegmentProblem, performer: int, motion: Motion, expected: Array | None = None

@@ -65,6 +65,17 @@ def test_the_same_pictures_called_another_frame_rate_show_the_same_motion(
     assert apart_mm(found, tracked) < 0.02 * apart_mm(spline(filmed_shot(views).performers[0].key_poses, LENGTH), TRUTH)
 
 
+@pytest.mark.parametrize(("count", "keys"), [(2, (0, 10)), (1, KEYS)])
+def test_frame_rates_matter_little_with_two_key_poses_or_one_view(
+    views: list[View], count: int, keys: Sequence[int]
+) -> None:
+    first, second = (
+        shot_of(views[:count], [FIGURE], [TRUTH], keys, Settings(plants=False), fps) for fps in (15.0, 240.0)
+    )
+    between = apart_mm(track(first).motions[0], track(second).motions[0])
+    assert between < 0.15 * apart_mm(spline(first.performers[0].key_poses, LENGTH), TRUTH)
+
+
 def test_pictures_of_half_the_size_show_the_same_motion_nearly(
     views: list[View], tracked: Motion, tmp_path: Path
 ) -> None:

@@ -13,6 +13,8 @@ from kfmocap.core.body.smoothness_estimate import (
     AccelerationVariances,
     axis_mobility,
     estimate_variances,
+    likeliest_scale,
+    precision_of,
     updated_variances,
 )
 from kfmocap.core.numerics.banded import BandedFactor
@@ -170,3 +172,24 @@ def test_the_spline_stays_where_nothing_is_free() -> None:
     begin = AccelerationVariances.constant(USUAL, 8)
     motion = spline(keys, 10)
     assert estimate_variances(motion, observed_blocks(motion, truth, 0.01), fixed, FREE, begin) is begin
+
+
+@pytest.mark.parametrize("called", [1 / 16, 1.0, 16.0])
+def test_the_scale_of_all_accelerations_is_found_whatever_was_expected(called: float) -> None:
+    true, noise = 0.02, 0.01
+    truth = walk(60, true * FREE)
+    fixed = np.zeros((60, BODY.dof), bool)
+    expected = np.full(BODY.dof // 3, (called * true) ** 2)
+    scale = likeliest_scale(truth, observed_blocks(truth, truth, noise), fixed, precision_of(expected, FREE)[None])
+    assert called * scale == pytest.approx(1.0, rel=0.15)
+
+
+def test_where_nothing_is_seen_the_scale_is_the_expected_one_nearly() -> None:
+    still = walk(10, np.zeros(BODY.dof))
+    fixed = np.zeros((10, BODY.dof), bool)
+    fixed[[0, -1]] = True
+    nothing = BandedBlocks.zeros(10, BODY.dof)
+    moved = walk(10, 0.02 * FREE)
+    precision = precision_of(np.full(BODY.dof // 3, 0.02**2), FREE)[None]
+    assert likeliest_scale(still, nothing, np.ones_like(fixed), precision) == 1.0
+    assert 0.1 < likeliest_scale(moved, nothing, fixed, precision) < 10
