@@ -59,6 +59,7 @@ _LIMITS: dict[str, Array] = {
     "shin": _limits((-150, 5), (-25, 25), (-8, 8)),
     "foot": _limits((-50, 50), (-30, 30), (-30, 30)),
 }
+_FREE = _limits((-180, 180), (-180, 180), (-180, 180))
 
 # Rings of each part: (place along the bone as a fraction of its length, half width, half depth, shift in depth), the
 # last three in metres for a height of 1.75 m; width along the bone's x axis, depth along its z axis.
@@ -130,7 +131,7 @@ def _assemble(m: Mapping[str, float], girth: float, solid: bool) -> Body:
 
     def add(name: str, parent: str | None, head: Array, tail: Array, z_hint: Array, *, vertices: Array) -> int:
         index = next((i for i, part in enumerate(parts) if part.name == parent), -1)
-        limits = _LIMITS.get(name.split(".", maxsplit=1)[0], _limits((-180, 180), (-180, 180), (-180, 180)))
+        limits = _LIMITS.get(name.split(".", maxsplit=1)[0], _FREE)
         if name.endswith(".R"):  # mirrored across x = 0: turns about y and z change sign
             limits = np.stack([limits[0], -limits[1, ::-1], -limits[2, ::-1]])
         parts.append(Part(name, index, head, tail, bone_axes(tail - head, z_hint), vertices, limits))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from .robust_kernels import Quadratic, RobustKernel
 
 Step_co = TypeVar("Step_co", covariant=True)
 Factor_co = TypeVar("Factor_co", covariant=True)
+MatrixFactor = TypeVar("MatrixFactor", "DenseFactor", "SparseFactor")
 
 DIAGONAL_FLOOR = 1e-9
 """Share of the largest diagonal element below which no unknown is damped less: unknowns that nothing measures."""
@@ -53,6 +54,28 @@ def _damped_diagonal(diagonal: Array, damping: float) -> Array:
     return damping * np.maximum(diagonal, DIAGONAL_FLOOR * diagonal.max(initial=0.0))
 
 
+class _MatrixEquations(Generic[MatrixFactor]):
+    """Normal equations whose matrix is there as one."""
+
+    gradient: Array
+
+    def _factor(self, damping: float) -> MatrixFactor:
+        """Factor of the damped matrix."""
+        raise NotImplementedError
+
+    def solve(self, damping: float) -> Array:
+        """Damped step, shape (n,); see `NormalEquations`."""
+        return -self._factor(damping).solve(self.gradient)
+
+    def slope(self, step: Array) -> float:
+        """Derivative of the cost along a step (n,)."""
+        return 2 * float(self.gradient @ step)
+
+    def factor(self) -> MatrixFactor:
+        """Factor of the undamped matrix."""
+        return self._factor(0.0)
+
+
 @dataclass(frozen=True, eq=False)
 class DenseFactor:
     """Cholesky factor of a dense matrix, as `scipy.linalg.cho_factor` gives it."""
@@ -69,7 +92,7 @@ class DenseFactor:
 
 
 @dataclass(frozen=True, eq=False)
-class DenseEquations:
+class DenseEquations(_MatrixEquations[DenseFactor]):
     """Normal equations of few unknowns.
 
     Attributes
@@ -103,18 +126,6 @@ class DenseEquations:
             np.einsum("mki,m,mk->i", jacobian, weight, residuals),
             float(kernel.cost(squared).sum()),
         )
-
-    def solve(self, damping: float) -> Array:
-        """Damped step, shape (n,); see `NormalEquations`."""
-        return -self._factor(damping).solve(self.gradient)
-
-    def slope(self, step: Array) -> float:
-        """Derivative of the cost along a step (n,)."""
-        return 2 * float(self.gradient @ step)
-
-    def factor(self) -> DenseFactor:
-        """Cholesky factor of the undamped matrix."""
-        return self._factor(0.0)
 
     def _factor(self, damping: float) -> DenseFactor:
         diagonal = _damped_diagonal(self.matrix.diagonal(), damping)
@@ -219,7 +230,7 @@ class SparseFactor:
 
 
 @dataclass(frozen=True, eq=False)
-class SparseEquations:
+class SparseEquations(_MatrixEquations[SparseFactor]):
     """Normal equations whose matrix is sparse, with the unknowns in an order that fills in little.
 
     Attributes
@@ -233,18 +244,6 @@ class SparseEquations:
     matrix: sparse.csc_array
     gradient: Array
     cost: float
-
-    def solve(self, damping: float) -> Array:
-        """Damped step, shape (n,); see `NormalEquations`."""
-        return -self._factor(damping).solve(self.gradient)
-
-    def slope(self, step: Array) -> float:
-        """Derivative of the cost along a step (n,)."""
-        return 2 * float(self.gradient @ step)
-
-    def factor(self) -> SparseFactor:
-        """Factorisation of the undamped matrix."""
-        return self._factor(0.0)
 
     def _factor(self, damping: float) -> SparseFactor:
         diagonal = _damped_diagonal(self.matrix.diagonal(), damping)

@@ -10,8 +10,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-import addon_utils  # noqa: E402
-from addon_shots import blender  # noqa: E402, F401
+from addon_shots import blender, metarig  # noqa: E402, F401
 from keypoint_shots import cameras, person_with_hands  # noqa: E402
 from kfmocap.core.body import landmark_positions  # noqa: E402
 from kfmocap.core.formats.keypoint_layouts import HAND_POINTS  # noqa: E402
@@ -63,16 +62,6 @@ def write_hands(folder, hands: np.ndarray) -> None:
             (path / f"{camera.name}_{f:06d}.json").write_text(json.dumps({"people": [person]}))
         files = [{"name": f"{camera.name}_000000.json"}]
         bpy.ops.kfmocap.import_keypoints(directory=str(path), files=files)
-
-
-def metarig() -> bpy.types.Object:
-    addon_utils.enable("rigify", default_set=True)
-    bpy.ops.object.armature_human_metarig_add()
-    bpy.ops.object.mode_set(mode="OBJECT")
-    rig = bpy.context.object
-    for bone in rig.pose.bones:
-        bone.rotation_mode = "XYZ" if bone.name.endswith(".L") else "QUATERNION"
-    return rig
 
 
 def test_fingers_bend_as_seen_and_the_animators_keys_stay(blender, tmp_path):  # noqa: F811

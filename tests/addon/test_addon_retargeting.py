@@ -10,8 +10,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-import addon_utils  # noqa: E402
-from addon_shots import blender, shot  # noqa: E402, F401
+from addon_shots import blender, metarig, shot  # noqa: E402, F401
 from kfmocap.__main__ import main  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
@@ -344,12 +343,7 @@ def test_a_character_that_follows_live_does_what_keys_would_make_it_do(tracked, 
 
 def test_a_hand_shape_is_keyed_on_whatever_axes_the_fingers_have(blender):  # noqa: F811
     """On Rigify's metarig: fingertips come near the palm, in quaternions and in Euler angles."""
-    addon_utils.enable("rigify", default_set=True)
-    bpy.ops.object.armature_human_metarig_add()
-    bpy.ops.object.mode_set(mode="OBJECT")
-    rig = bpy.context.object
-    for bone in rig.pose.bones:
-        bone.rotation_mode = "XYZ" if bone.name.endswith(".L") else "QUATERNION"
+    rig = metarig()
 
     def apart():
         bpy.context.view_layer.update()

@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 
+import addon_utils
 import bpy
 import cv2
 import numpy as np
@@ -169,3 +170,14 @@ def joint_error(armature: bpy.types.Object, body: Body, truth: Motion, first: fl
         heads = [posed.matrix_world @ posed.pose.bones[name].head for name in body.names]
         worst = max(worst, np.linalg.norm(np.array(heads) - joints[f], axis=1).max())
     return 1000 * worst
+
+
+def metarig() -> bpy.types.Object:
+    """Rigify's human metarig, its left side turned by Euler angles and the rest by quaternions."""
+    addon_utils.enable("rigify", default_set=True)
+    bpy.ops.object.armature_human_metarig_add()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    rig = bpy.context.object
+    for bone in rig.pose.bones:
+        bone.rotation_mode = "XYZ" if bone.name.endswith(".L") else "QUATERNION"
+    return rig
