@@ -156,11 +156,17 @@ def _table(body: Array, background: Array, deviation: float, others: Sequence[Ar
     volume = (256 / _LEVELS) ** 3  # of a bin of the histograms, whose values are per bin
     nearness = volume * np.exp(-np.arange(255) / _STEPS) / (np.sqrt(2 * np.pi) * deviation) ** 3
     still = ((1 - _UNKNOWN) * np.minimum(nearness, 1)).astype(np.float32)
-    likely = np.column_stack([_UNKNOWN * background[:, None] + still, background])
+    values = np.empty((len(body), len(still) + 1), np.float32)  # a million: worked on in place
+    np.add(_UNKNOWN * background[:, None], still, out=values[:, :-1])
+    values[:, -1] = background
     for other in others:
-        likely += np.float32(np.exp(-STRONGEST)) * other[:, None]
-    ratio = cv2.log(body[:, None] / likely)
-    return np.asarray((np.float32(128.5) + np.float32(SCALE) * np.clip(ratio, -STRONGEST, STRONGEST)).astype(np.uint8))
+        values += np.float32(np.exp(-STRONGEST)) * other[:, None]
+    np.divide(body[:, None], values, out=values)
+    cv2.log(values, values)
+    np.clip(values, -STRONGEST, STRONGEST, out=values)
+    values *= np.float32(SCALE)
+    values += np.float32(128.5)
+    return values.astype(np.uint8)
 
 
 def _disc(radius: float) -> Bytes:
@@ -194,7 +200,7 @@ def _plate(colour: Bytes, behind: Mapping[int, Bools]) -> tuple[Bytes, Bools]:
     total = np.zeros(colour.shape[1:], np.float32)
     count = np.zeros(colour.shape[1:3], np.float32)
     for frame, region in behind.items():
-        total += colour[frame] * region[..., None]
+        cv2.accumulate(colour[frame], total, region.astype(np.uint8))
         count += region
     return np.round(total / np.maximum(count, 1)[..., None]).astype(np.uint8), count > 0
 
