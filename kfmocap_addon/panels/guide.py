@@ -11,6 +11,7 @@ from . import key_list
 
 STEPS = ("footage", "body", "key_poses", "track", "review")
 """Sections of the steps, in their order."""
+_SETTLED = 0.3  # seconds
 LEAST_KEYS = 2
 """Key poses of each performer: one at either end is enough for a start."""
 
@@ -60,6 +61,12 @@ def _take_step() -> None:
     if step is not None:
         take_step(context, step)
         viewport.redraw(context)
+        # Blender moves panels to below those that have grown when it draws them the next time.
+        bpy.app.timers.register(_settle, first_interval=_SETTLED)
+
+
+def _settle() -> None:
+    viewport.redraw(bpy.context)
 
 
 def take_step(context: bpy.types.Context, step: str) -> None:
@@ -75,5 +82,6 @@ def take_step(context: bpy.types.Context, step: str) -> None:
 
 def unregister() -> None:
     """Forget what is to be opened."""
-    if bpy.app.timers.is_registered(_take_step):
-        bpy.app.timers.unregister(_take_step)
+    for timer in (_take_step, _settle):
+        if bpy.app.timers.is_registered(timer):
+            bpy.app.timers.unregister(timer)
