@@ -3,6 +3,9 @@ BIN := .venv/bin
 INSTALLED := .venv/.installed
 WHEELS := .venv/.wheels
 
+# Tests start many processes: without compiled modules on disk each would compile all of the package anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: install demo test test-nightly test-versions versions lint format extension bench clean
 
 install: $(INSTALLED)

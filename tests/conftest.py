@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib.util
 import os
 import shutil
@@ -9,6 +10,7 @@ import subprocess
 import tempfile
 import textwrap
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import hypothesis
@@ -23,6 +25,12 @@ hypothesis.settings.register_profile("nightly", deadline=None, max_examples=500)
 
 # Read by bpy when it is first imported: no test may touch the user's own Blender settings.
 os.environ["BLENDER_USER_RESOURCES"] = tempfile.mkdtemp(prefix="kfmocap-blender-")
+
+
+@cache
+def parsed(path: Path) -> ast.Module:
+    """The syntax tree of a file. Several tests read all of the code: each file is parsed once."""
+    return ast.parse(path.read_text(encoding="utf-8"))
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

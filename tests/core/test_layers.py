@@ -7,7 +7,7 @@ from collections import defaultdict
 from functools import cache
 from pathlib import Path
 
-from conftest import ROOT
+from conftest import ROOT, parsed
 
 LAYERS = (
     "core.errors",
@@ -34,11 +34,6 @@ LAYERS = (
 
 ROOMS = ("core", "cli", "kfmocap_addon", "benchmarks")
 SOURCES = [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))]
-
-
-@cache
-def parsed(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"))
 
 
 @cache

@@ -10,7 +10,7 @@ from pathlib import PurePosixPath
 
 import build_extension
 import pytest
-from conftest import ROOT
+from conftest import ROOT, parsed
 
 SOURCES = [ROOT / "__init__.py"]
 SOURCES += sorted(path for part in ("cli", "core", "kfmocap_addon") for path in (ROOT / part).rglob("*.py"))
@@ -147,7 +147,7 @@ def test_files_are_read_and_written_in_utf_8() -> None:
     """Windows would take its own encoding."""
     wrong = []
     for path in SOURCES:
-        calls = [node for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.Call)]
+        calls = [node for node in ast.walk(parsed(path)) if isinstance(node, ast.Call)]
         for node in calls:
             method = node.func.attr if isinstance(node.func, ast.Attribute) else ""
             texts = [arg.value for arg in node.args if isinstance(arg, ast.Constant) and isinstance(arg.value, str)]
