@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..cameras.camera import Camera
-from ..errors import CancelledError
+from ..errors import CancelledError, FootageError
 from ..numerics.arrays import Array, Bools
 from ..runtime.worker_memory import WorkerMemory
 from ..shot.continuity import AROUND, block_change, small, torn_pairs
@@ -130,6 +130,15 @@ def _frames(view: View, frames: range, factor: float, album: Album, memory: Work
             image = next(decoded)
             memory.keep((made_of, f), image)
         yield image
+
+
+def is_kept(shot: Shot, view: View, memory: WorkerMemory) -> bool:
+    """Whether all frames of a view that a shot needs are kept, and its files are what they were then."""
+    try:
+        made_of = _made_of(view, working_factor(view, shot.settings.working_size))
+    except (OSError, FootageError):
+        return False
+    return all(memory.picture((made_of, f)) is not None for f in range(shot.frames[0], shot.frames[1] + 1))
 
 
 def _made_of(view: View, factor: float) -> bytes:

@@ -43,7 +43,7 @@ from .appearance import frames_with_foreground, grey_frames
 from .body_doubt import body_covariances
 from .earlier_motion import carried, with_keys
 from .journal import FinishedSegment, KeptSegments
-from .reader import SegmentReader
+from .reader import SegmentReader, is_kept
 from .run_context import NOTHING_KEPT, RunContext
 from .schedule import Observer, SegmentSchedule
 from .segment_stages import Around, TrackState
@@ -100,7 +100,7 @@ def track(
         Footage is missing, unreadable, too short or of another size than the calibration's.
     CancelledError
     """
-    _check(shot)
+    _check(shot, run.memory)
     # Sums are rounded by their order, and labels turn roundings into steps: the order of the views must not count.
     order = sorted(range(len(shot.views)), key=lambda v: shot.views[v].camera.name)
     performers = tuple(replace(p, body=without_hidden_solids(p.body, p.unknown)) for p in shot.performers)
@@ -164,8 +164,8 @@ def _carried(begin: TrackState, shot: Shot, earlier: Sequence[Motion]) -> TrackS
     return replace(begin, motions=motions, solved=shot.length)
 
 
-def _check(shot: Shot) -> None:
-    """See that a shot can be tracked.
+def _check(shot: Shot, memory: WorkerMemory | None) -> None:
+    """See that a shot can be tracked; footage whose frames are kept has been looked at before.
 
     Raises
     ------
@@ -176,8 +176,9 @@ def _check(shot: Shot) -> None:
     for performer in shot.performers:
         if not len(performer.key_poses.frames):
             raise ShotError("there is no key pose", where=f"performer {performer.name}", todo="set one to begin with")
+    unseen_views = [view for view in shot.views if memory is None or not is_kept(shot, view, memory)]
     with ThreadPoolExecutor(worker_count(shot.settings.threads)) as pool:
-        for checked in [pool.submit(check_view, view, shot.frames[0], shot.length) for view in shot.views]:
+        for checked in [pool.submit(check_view, view, shot.frames[0], shot.length) for view in unseen_views]:
             checked.result()
 
 

@@ -88,14 +88,20 @@ def test_a_correction_solves_the_two_segments_beside_it_and_decodes_nothing(
             decoded.append(frame)
             yield image
 
+    def looked_at(view: View, *_: int) -> None:
+        checked.append(view.camera.name)
+
+    checked: list[str] = []
     monkeypatch.setattr(reader, "frames_at", counted)
+    monkeypatch.setattr(tracker, "check_view", looked_at)
     whole = tracker.track(filmed, run=RunContext(memory=memory))
-    assert len(decoded) == 2 * LENGTH
+    assert len(decoded) == 2 * LENGTH and len(checked) == len(filmed.views)
     decoded.clear()
+    checked.clear()
     excerpt = Excerpt(0, 8, (None, (whole.motions[0][[9]],)), whole.footage_offset)
     moved = corrected(filmed, 1, 0.01)
     [warm] = track_excerpts(moved, [excerpt], run=RunContext(memory=memory))
-    assert not decoded and [(s.first, s.last) for s in warm.segments] == [(0, 4), (4, 8)]
+    assert not decoded and not checked and [(s.first, s.last) for s in warm.segments] == [(0, 4), (4, 8)]
     [cold] = track_excerpts(moved, [excerpt])
     assert decoded and same(warm.motions[0], cold.motions[0])
 
