@@ -125,6 +125,8 @@ def uses(tree: ast.AST) -> list[tuple[str, ast.AST]]:
 def unguarded(source: str) -> list[str]:
     """Uses of what is not everywhere outside functions that ask where they run."""
     tree, lines = ast.parse(source), source.splitlines()
+    if not (used := uses(tree)):
+        return []
     asking = [
         function
         for function in ast.walk(tree)
@@ -132,7 +134,7 @@ def unguarded(source: str) -> list[str]:
         and ASKED.search("\n".join(lines[function.lineno - 1 : function.end_lineno]))
     ]
     guarded = {id(node) for function in asking for node in ast.walk(function)}
-    return [name for name, node in uses(tree) if id(node) not in guarded]
+    return [name for name, node in used if id(node) not in guarded]
 
 
 def test_calls_that_are_not_everywhere_are_made_where_the_platform_is_asked_for() -> None:

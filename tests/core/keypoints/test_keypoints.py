@@ -246,7 +246,7 @@ def test_true_keypoints_give_the_true_motion_and_body() -> None:
     measures = default_measures(1.62)
     measures |= {"thigh.L": 1.05 * measures["thigh.L"], "thigh.R": 1.05 * measures["thigh.R"]}
     body = human(1.62, measures)
-    motion = strolling(body, 45)
+    motion = strolling(body, 30)
     seen = keypoints_of(cameras(3), seen_places(body, motion), noise=0.005)
     fit = scaled_first_pass(seen, fps=FPS, precision=precision(body), correlated=1.0)
     assert joint_errors(fit.body, fit.motion, body, motion).mean() < 0.02

@@ -11,7 +11,6 @@ import pytest
 from keypoint_shots import NAMES, SIZE, cameras, joint_errors, keypoints_of, seen_places, strolling, write_openpose
 from kfmocap.core.body import human, landmark_positions
 from kfmocap.core.body.motion import Motion
-from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import KFMocapError
 from kfmocap.core.formats import save_cameras, write_trc
 from kfmocap.core.formats.keypoint_files import read_shot_keypoints
@@ -29,6 +28,7 @@ from kfmocap.core.tracking.tracker import track
 from synthetic import at_rest
 
 FRAMES, FPS = 24, 30.0
+HALF = (SIZE[0] // 2, SIZE[1] // 2)
 
 
 def people(count: int) -> list[Motion]:
@@ -159,14 +159,15 @@ name = "man"
 
 def written(folder: Path, keys: str, count: int = 2) -> Path:
     """A shot file of a stroll with grey footage of two cameras and their keypoints."""
-    used: list[Camera] = cameras(count)
+    half = np.diag([0.5, 0.5, 1.0])
+    used = [replace(camera, size=HALF, matrix=half @ camera.matrix) for camera in cameras(count)]
     save_cameras(folder / "calibration.toml", used)
     points = seen_places(human(), people(1)[0])
     views = ""
     for camera in used:
-        write_openpose(folder / "pose" / camera.name, camera, [points], 1.0)
+        write_openpose(folder / "pose" / camera.name, camera, [points], 0.5)
         for f in range(FRAMES):
-            cv2.imwrite(str(folder / f"{camera.name}_{f:04d}.png"), np.full((SIZE[1], SIZE[0]), 90, np.uint8))
+            cv2.imwrite(str(folder / f"{camera.name}_{f:04d}.png"), np.full(HALF[::-1], 90, np.uint8))
         name = camera.name
         views += f'[[view]]\ncamera = "{name}"\nfootage = "{name}_%04d.png"\nkeypoints = "pose/{name}"\n\n'
     path = folder / "shot.toml"
