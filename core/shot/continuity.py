@@ -64,14 +64,25 @@ def torn_pairs(changes: Sequence[Array]) -> Bools:
     D = np.stack(changes)
     near = [[j for j in range(max(k - AROUND, 0), min(k + AROUND + 1, len(D))) if j != k] for k in range(len(D))]
     # What moves comes from the blocks beside.
-    usual = [cv2.dilate(np.median(D[j], axis=0), np.ones((3, 3))) if j else D[0] for j in near]
+    usual = [cv2.dilate(m, np.ones((3, 3))) if j else m for m, j in zip(_medians(D, near), near, strict=True)]
     changed = np.array([(np.maximum(_TIMES * u, _LEVELS) < d).mean() for u, d in zip(usual, D, strict=True)])
     moved = np.quantile(D.reshape(len(D), -1), 0.95, axis=1)
+    changed_around, moved_around = _medians(changed, near), _medians(moved, near)
     torn = np.zeros(len(D), bool)
     for k in range(2, len(D) - 2):  # at the ends nothing shows whether a change lasts
         # Something large and fast changes other blocks every time, but so it does before and after.
-        torn[k] |= changed[k] > _SHARE + _TIMES * np.median(changed[near[k]])
-        around = np.median(moved[near[k]])
-        if around > _MOVING and moved[k] < _STILL * around:
+        torn[k] |= changed[k] > _SHARE + _TIMES * changed_around[k]
+        if moved_around[k] > _MOVING and moved[k] < _STILL * moved_around[k]:
             torn[k : k + 2] = True
     return torn
+
+
+def _medians(values: Array, near: Sequence[Sequence[int]]) -> Array:
+    """The medians of the values (n, ...) near each of n places, as many places at a time as have equally many near;
+    the value itself where there are none.
+    """
+    found = values.copy()
+    for count in {len(j) for j in near} - {0}:
+        places = [k for k, j in enumerate(near) if len(j) == count]
+        found[places] = np.median(values[[near[k] for k in places]], axis=1)
+    return found
