@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import bpy
 
 from ..operators.open_section import sections_of
@@ -11,7 +13,7 @@ from . import key_list
 
 STEPS = ("footage", "body", "key_poses", "track", "review")
 """Sections of the steps, in their order."""
-_SETTLED = 0.3  # seconds
+_SETTLING = (0.3, 1.0, 3.0)  # seconds: a slow machine needs longer for one drawing
 LEAST_KEYS = 2
 """Key poses of each performer: one at either end is enough for a start."""
 
@@ -62,7 +64,8 @@ def _take_step() -> None:
         take_step(context, step)
         viewport.redraw(context)
         # Blender moves panels to below those that have grown when it draws them the next time.
-        bpy.app.timers.register(_settle, first_interval=_SETTLED)
+        for wait in _SETTLING:
+            bpy.app.timers.register(partial(_settle), first_interval=wait)
 
 
 def _settle() -> None:
@@ -82,6 +85,5 @@ def take_step(context: bpy.types.Context, step: str) -> None:
 
 def unregister() -> None:
     """Forget what is to be opened."""
-    for timer in (_take_step, _settle):
-        if bpy.app.timers.is_registered(timer):
-            bpy.app.timers.unregister(timer)
+    if bpy.app.timers.is_registered(_take_step):
+        bpy.app.timers.unregister(_take_step)
