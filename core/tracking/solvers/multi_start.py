@@ -378,8 +378,24 @@ def with_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspa
     """A solution, or with like limbs exchanged between their meetings where that covers more and is likelier.
 
     Legs that pass each other twice between two key poses look much as if they had turned back both times; looking for
-    one limb at a time does not find that, as the other one is in its place.
+    one limb at a time does not find that, as the other one is in its place. Performers take turns, each among the
+    others as they are by then; where limbs of somebody were exchanged, all settle together at last.
     """
+    if len(problem.sought) == 1:
+        return _with_own_limbs_exchanged(problem, best, workspace)
+    motions = best.motions
+    for k, i in enumerate(problem.sought):
+        part = workspace.part(k / len(problem.sought), (k + 1) / len(problem.sought))
+        alone = problem.alone(i)
+        own = replace(best, motions=motions, only=alone.only)
+        motions = _with_own_limbs_exchanged(alone, own, part).motions
+    if motions is best.motions:
+        return best
+    return _continued(best, descend(problem, motions, workspace.silent(), SETTLED))
+
+
+def _with_own_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspace: Workspace) -> SegmentSolution:
+    """The same for the performer that is sought."""
     assert best.evidence is not None
     noise = SegmentNoise.of(best.evidence, problem.settings)
     count = len(list(exchanges(problem, best.motions)))

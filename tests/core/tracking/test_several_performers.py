@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from kfmocap.core.tracking.solvers import multi_start
 from kfmocap.core.tracking.solvers.measurement import Workspace
 from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.tracker import track
+from made_evidence import no_evidence
 from synthetic import at_rest, ends_held, figure, film, look_at, poses_of, shot_of, silhouette, swing
 
 Array = np.ndarray
@@ -209,3 +211,33 @@ def test_only_the_performer_that_is_sought_moves_and_only_its_evidence_is_gather
         assert alone.evidence.outlines.H[:, :, own].any() and not alone.evidence.outlines.H[:, :, rest].any()
         assert not alone.evidence.gradients.H[:, :, rest].any()
         assert (alone.evidence.explained[:, other] > 0).all(), "what others cover is needed to compare solutions"
+
+
+def test_limbs_are_exchanged_by_solving_their_own_performer_and_all_settle_at_last(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What is tried for one of many does not cost as much as solving all of them."""
+    wrong = [moved(truth, np.array([0.1, 0.0, 0.0])) for truth in TRUTHS]
+    solved: list[int | None] = []
+
+    def found(problem: SegmentProblem, motions: Sequence[Motion], *_: object) -> SegmentSolution:
+        solved.append(problem.only)
+        off = np.array([np.abs(m.difference(t)).sum(axis=1) for m, t in zip(motions, TRUTHS, strict=True)])
+        none = np.zeros(FRAMES)
+        evidence = no_evidence(1, FRAMES, 2 * P)
+        share, seen = np.ones((1, FRAMES, 2 * P)), np.ones((2, FRAMES))
+        return SegmentSolution(
+            tuple(motions), 1, (float(off.sum()),), share, -off, seen, none, {}, evidence, (), problem.only
+        )
+
+    def exchanged(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[list[Motion]]:
+        for i in problem.sought:
+            yield [TRUTHS[i] if j == i else motion for j, motion in enumerate(motions)]
+
+    monkeypatch.setattr(multi_start, "descend", found)
+    monkeypatch.setattr(multi_start, "exchanges", exchanged)
+    problem = SegmentProblem((), (BODY, BODY), 0, 30.0, (ends_held(BODY, FRAMES),) * 2)
+    best = multi_start.with_limbs_exchanged(problem, found(problem, wrong), Workspace())
+    assert best.motions == tuple(TRUTHS)
+    assert best.only is None
+    assert solved == [None, 0, 0, 1, 1, None]
