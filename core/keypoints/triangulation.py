@@ -1,4 +1,4 @@
-"""Points in space from keypoints of several views: RANSAC over pairs of views, confidence-weighted least squares."""
+"""Points in space from keypoints of several views: what pairs of views agree on, then least squares by confidence."""
 
 from __future__ import annotations
 
@@ -7,17 +7,30 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..numerics.arrays import Array
+from ..numerics.arrays import Array, Ints
 from .keypoint_factor import Keypoints
 
 ACCEPTED = 0.06
 """A view agrees with a point that is within this of its ray, metres."""
 LEAST_ANGLE = np.radians(3)
 """Two rays that meet at less than this angle give no depth."""
+MOST_CANDIDATES = 6
+"""So many points are kept on which pairs of views agree."""
+LEAP = 0.25
+"""A point leaps that is farther from where the frames around have it, metres."""
+LEAP_TIME = 0.1
+"""A leap is believed where one view that is sure agrees with it for so long, seconds."""
 
 
-def triangulate(keypoints: Keypoints) -> tuple[Array, NDArray[np.bool_]]:
+def triangulate(keypoints: Keypoints, fps: float | None = None) -> tuple[Array, NDArray[np.bool_]]:
     """Points on which the most views agree, weighed by confidence.
+
+    Parameters
+    ----------
+    keypoints : Keypoints
+    fps : float, optional
+        Of frames that follow one another: where pairs of views agree on different points, the point that moves steadily
+        counts, rather than the one that the most views agree on in a single frame.
 
     Returns
     -------
@@ -29,15 +42,27 @@ def triangulate(keypoints: Keypoints) -> tuple[Array, NDArray[np.bool_]]:
     V, F, L = keypoints.confidence.shape
     rows, values = _equations(keypoints)
     weight = keypoints.confidence * np.isfinite(keypoints.rays).all(axis=-1)
-    best, score = np.full((F, L, 3), np.nan), np.zeros((F, L))
+    candidates, agreed = np.empty((0, F, L, 3)), np.empty((0, F, L))
     for pair in combinations(range(V), 2):
         both = np.zeros_like(weight)
         both[list(pair)] = weight[list(pair)].min(axis=0)
         points = _solved(rows, values, both)
         points[~(_angle(keypoints, pair) > LEAST_ANGLE)] = np.nan
-        agreed = _agreement(keypoints, points, weight)
-        better = agreed > score
-        best[better], score[better] = points[better], agreed[better]
+        candidates = np.concatenate([candidates, points[None]])
+        agreed = np.concatenate([agreed, np.nan_to_num(_agreement(keypoints, points, weight))[None]])
+        if len(agreed) > MOST_CANDIDATES:
+            kept = np.argsort(-agreed, axis=0, kind="stable")[:MOST_CANDIDATES]
+            candidates = np.take_along_axis(candidates, kept[..., None], axis=0)
+            agreed = np.take_along_axis(agreed, kept, axis=0)
+    best = np.full((F, L, 3), np.nan)
+    for i in range(L):
+        known = np.flatnonzero((agreed[:, :, i] > 0).any(axis=0))
+        if not len(known):
+            continue
+        choice = agreed[:, known, i].argmax(axis=0)
+        if fps is not None:
+            choice = _steadiest(candidates[:, known, i], agreed[:, known, i], LEAP_TIME * fps)
+        best[known, i] = candidates[choice, known, i]
     for _ in range(2):
         inliers = _distance(keypoints, best) < ACCEPTED
         depth = _depth(keypoints, best)
@@ -47,6 +72,30 @@ def triangulate(keypoints: Keypoints) -> tuple[Array, NDArray[np.bool_]]:
     inliers = _distance(keypoints, best) < ACCEPTED
     best[inliers.sum(axis=0) < 2] = np.nan
     return best, inliers & np.isfinite(best).all(axis=-1)
+
+
+def _steadiest(candidates: Array, agreed: Array, leap_cost: float) -> Ints:
+    """Which of S candidates (S, F, 3) to take on every frame, shape (F,): most agreement (S, F) and least acceleration.
+
+    The best path by dynamic programming over pairs of neighbouring frames.
+    """
+    S, F = agreed.shape
+    cost = np.where(np.isfinite(candidates).all(axis=-1), -agreed, np.inf)
+    if S < 2 or F < 3:
+        return np.asarray(cost.argmin(axis=0))
+    places, before = np.nan_to_num(candidates), []
+    path = cost[:, 0, None] + cost[None, :, 1]
+    for f in range(2, F):
+        a, b, c = places[:, f - 2, None, None], places[None, :, f - 1, None], places[None, None, :, f]
+        leap = np.minimum(np.linalg.norm(a - 2 * b + c, axis=-1) / LEAP, 1.0)
+        paths = path[:, :, None] + leap_cost * leap + cost[None, None, :, f]
+        before.append(paths.argmin(axis=0))
+        path = paths.min(axis=0)
+    last = np.unravel_index(path.argmin(), path.shape)
+    chosen = [int(last[1]), int(last[0])]
+    for earlier in reversed(before):
+        chosen.append(int(earlier[chosen[-1], chosen[-2]]))
+    return np.array(chosen[::-1])
 
 
 def _equations(keypoints: Keypoints) -> tuple[Array, Array]:

@@ -16,12 +16,10 @@ from numpy.typing import NDArray
 from ..numerics.arrays import Array
 from .keypoint_factor import LEAST_DEVIATION, USUAL_DEVIATION, Keypoints
 from .left_right import correct_sides
-from .triangulation import triangulate
+from .triangulation import LEAP, triangulate
 
 COMPARED_WITHIN = 0.1
 """How long before and after a point is compared with, seconds."""
-LEAP = 0.25
-"""A point farther from the others' median is wrong, metres."""
 AVERAGED_OVER = 0.04
 """Time over which points are averaged before a body is posed on them, seconds."""
 BRIDGED = 0.6
@@ -65,13 +63,13 @@ class ViewAgreement:
         """Correct the sides of keypoints where views contradict one another, and triangulate them."""
         own = without_midpoints(keypoints)
         sided, changed = own, np.zeros(own.confidence.shape, bool)
-        points, inliers = triangulate(sided)
+        points, inliers = triangulate(sided, fps)
         for _ in range(2):
             before = changed
             sided, changed = correct_sides(own, _expected(points, inliers, fps))
             if (changed == before).all():
                 break
-            points, inliers = triangulate(sided)
+            points, inliers = triangulate(sided, fps)
         points = without_leaps(points, fps)
         inliers = inliers & np.isfinite(points).all(axis=-1)
         deviation = view_deviations(sided, points, inliers) if inliers.any() else None

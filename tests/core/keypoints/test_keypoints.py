@@ -171,6 +171,30 @@ def test_points_are_where_the_views_agree() -> None:
     assert not inliers[1, :, 4].any() and inliers[[0, 2], :, 4].all()
 
 
+def test_where_pairs_of_views_agree_on_different_points_the_steady_one_counts() -> None:
+    """A knee is seen elsewhere by one view of three for some frames, on the ray of another: two views agree there."""
+    frames, wrong, knee = 24, slice(9, 15), NAMES.index("RKnee")
+    points = seen_places(human(), strolling(human(), frames))
+    seen = keypoints_of(cameras(3), points)
+    eye = -np.einsum("fba,fb->fa", seen.R_cam_world[0], seen.t_cam_world[0])
+    elsewhere = points.copy()
+    elsewhere[:, knee] += 0.08 * (points[:, knee] - eye)
+    seen.rays[2, wrong, knee] = keypoints_of(cameras(3), elsewhere).rays[2, wrong, knee]
+    seen.confidence[1, wrong, knee] = 0.6
+    alone, _ = triangulate(seen)
+    steady, inliers = triangulate(seen, FPS)
+    assert np.linalg.norm(alone - points, axis=-1)[wrong, knee].min() > 0.2
+    np.testing.assert_allclose(steady, points, atol=1e-6)
+    assert not inliers[2, wrong, knee].any() and inliers[:2, :, knee].all()
+
+
+def test_a_point_that_stays_elsewhere_is_believed() -> None:
+    points = seen_places(human(), strolling(human(), 60))
+    points[30:, NAMES.index("RWrist")] += [0.0, 0.0, 0.4]
+    found, _ = triangulate(keypoints_of(cameras(3), points), FPS)
+    np.testing.assert_allclose(found, points, atol=1e-6)
+
+
 def test_sure_views_count_more() -> None:
     points = seen_places(human(), strolling(human(), 1))
     seen = keypoints_of(cameras(3), points)
