@@ -26,6 +26,9 @@ class LoadShot(bpy.types.Operator, ImportHelper):
             scene = scenes.build_scene(shot)
             if context.window is not None:
                 context.window.scene = scene
+                for slot in scene.kfmocap.performers:  # Blender 4.5 poses them by their curves on the next frame only
+                    slot.armature.update_tag(refresh={"TIME"})
+                scene.view_layers[0].update()
                 screens.look(context)
                 screens.show_keys(context)
             self.report({"INFO"}, f"{shot.name}: {len(shot.views)} views, {shot.length} frames")
