@@ -106,16 +106,18 @@ def test_sides_that_one_view_exchanges_are_corrected_before_any_pose_is_known() 
 def test_of_two_views_the_one_that_exchanges_sides_is_told_by_what_three_agreed_on_before_and_after() -> None:
     body = human()
     motion = strolling(body, 40)
-    seen = keypoints_of(cameras(), seen_places(body, motion), noise=0.02)
-    exchanged = swap_sides(seen)
-    rays, confidence = seen.rays.copy(), seen.confidence.copy()
-    confidence[0, 12:24], rays[0, 12:24] = 0, np.nan
-    rays[1, 14:22] = exchanged.rays[1, 14:22]
-    agreement = ViewAgreement.of(replace(seen, rays=rays, confidence=confidence), FPS)
     sided = [i for i, name in enumerate(NAMES) if name[1:] in ("Hip", "Knee", "Ankle", "Shoulder", "Elbow", "Wrist")]
-    changed = agreement.changed[..., sided]
-    assert changed[1, 14:22].mean() > 0.8
-    assert changed[1, 14:22].sum() > 0.95 * changed.sum()
+    made = []
+    for seed in range(6):
+        seen = keypoints_of(cameras(), seen_places(body, motion), noise=0.02, seed=seed)
+        rays, confidence = seen.rays.copy(), seen.confidence.copy()
+        confidence[0, 12:24], rays[0, 12:24] = 0, np.nan
+        rays[1, 14:22] = swap_sides(seen).rays[1, 14:22]
+        agreement = ViewAgreement.of(replace(seen, rays=rays, confidence=confidence), FPS)
+        made.append(agreement.changed[..., sided])
+    changed = np.array(made)
+    assert changed[:, 1, 14:22].mean() > 0.8
+    assert changed[:, 1, 14:22].sum() > 0.95 * changed.sum()
 
 
 def test_shoulders_and_hips_of_a_detector_stay_on_the_trunk() -> None:
