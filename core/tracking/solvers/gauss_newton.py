@@ -51,8 +51,7 @@ residuals, and slopes measured beside the solution, make every step too short by
 REACH = 0.07
 """How far from the model's outlines the body's are usually looked for, metres."""
 ROUNDS = 2
-"""How often smoothness is estimated where a tested stage begins. After each look of a coarse stage once is enough: the
-next look is soon to come."""
+"""How often smoothness is estimated after each look at the pictures: these are looked at again."""
 COARSEST = 4
 """Stride that no number of views makes larger, pixels: parts are not much wider."""
 
@@ -291,7 +290,7 @@ def approach(
                     hidden = hidden_parts(seen, measured.evidence.share)
                     expected = predicted_accelerations(motions, hidden)
                 images = evidence_equations(seen, measured, hidden)
-                smooth = smooth.estimated(seen, motions, images, expected, bursts=False)
+                smooth = smooth.estimated(seen, motions, images, expected, rounds=ROUNDS, bursts=False)
                 systems = with_smoothness(seen, motions, images, smooth, expected)
                 steps = {
                     i: limited(-pace * BandedFactor(systems[i], problem.fixed[i]).solve(systems[i].gradient))
