@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -12,6 +12,11 @@ _LONGEST = 400
 def shortened(text: str, longest: int = _LONGEST) -> str:
     """Return a text, its middle left out where it is longer than that."""
     return text if len(text) <= longest else f"{text[: longest // 2]} ... {text[-longest // 2 :]}"
+
+
+def listed(items: Sequence[object], most: int) -> str:
+    """Return the first of some items as a text, and whether there are more."""
+    return ", ".join(map(str, items[:most])) + (", ..." if len(items) > most else "")
 
 
 class KFMocapError(Exception):

@@ -21,7 +21,7 @@ from scipy import sparse
 
 from ..body import Body
 from ..cameras.camera import Camera
-from ..numerics.arrays import Array, Bools, Ints
+from ..numerics.arrays import Array, Bools, Ints, slices_of
 
 NEAR = 0.05
 """Parts with a vertex nearer than this (metres before the camera) are not drawn."""
@@ -77,12 +77,11 @@ class Geometry:
     def joined(cls, vertices: Sequence[Array], planes: Sequence[Array], performer: Ints | None = None) -> Geometry:
         """From every part's vertices and planes, and whose it is: by default all are one performer's."""
         count = np.arange(len(vertices))
-        ends = np.cumsum([0] + [len(v) for v in vertices])
         touching = [v @ p[:, :3].T + p[:, 3] > -_TOUCHING for v, p in zip(vertices, planes, strict=True)]
         return cls(
             np.concatenate(vertices),
             np.repeat(count, [len(v) for v in vertices]),
-            tuple(slice(int(a), int(b)) for a, b in pairwise(ends)),
+            tuple(slices_of(len(v) for v in vertices)),
             np.concatenate(planes),
             np.repeat(count, [len(p) for p in planes]),
             sparse.csr_array(sparse.block_diag([touch.astype(np.int64) for touch in touching])),

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +31,7 @@ from ..formats.keypoint_files import read_shot_keypoints
 from ..keypoints.keypoint_factor import USUAL_DEVIATION, Keypoints, Places, robust_weights
 from ..keypoints.left_right import correct_sides
 from ..keypoints.observations import performer_keypoints
-from ..numerics.arrays import Array
+from ..numerics.arrays import Array, slices_of
 from ..numerics.normal_equations import DenseEquations, IndependentEquations
 from ..runtime.progress import Progress
 from ..runtime.threads import one_blas_thread
@@ -240,8 +239,7 @@ def _equations(
 ) -> BodyEquations:
     """Sum outlines, keypoints and what is known beforehand."""
     geometry = Geometry.of([estimate.body for estimate in estimates])
-    ends = np.cumsum([0] + [len(estimate.body) for estimate in estimates])
-    spans = [slice(a, b) for a, b in pairwise(ends.tolist())]
+    own_parts = slices_of(len(estimate.body) for estimate in estimates)
     parts = [_prior(estimate) for estimate in estimates]
     precision = stage.precision()
     held = []
@@ -251,7 +249,7 @@ def _equations(
         held.append((HeldOutlines.at(lines, camera, poses, precision), camera, seen.delay))
         products = precision * outline_products(lines, camera, poses)
         products = np.delete(np.delete(products, 6, axis=-1), 6, axis=-2)  # the focal length is known
-        for estimate, own, span in zip(estimates, parts, spans, strict=True):
+        for estimate, own, span in zip(estimates, parts, own_parts, strict=True):
             B = _outline_rows(estimate, camera, (poses[0][:, span], poses[1][:, span]))
             B_t, S = np.swapaxes(B, -1, -2), products[:, span]
             H, g = (B_t @ S[..., :-1, :-1] @ B).sum(axis=1), -(B_t @ S[..., :-1, -1:])[..., 0].sum(axis=1)

@@ -26,7 +26,7 @@ from ..evidence.held_outlines import HeldOutlines
 from ..evidence.label_images import Geometry
 from ..evidence.part_shapes import SHIFT, STRETCH, stretched
 from ..numerics import rotations
-from ..numerics.arrays import Array
+from ..numerics.arrays import Array, slices_of
 from ..numerics.normal_equations import DenseEquations
 from ..runtime.threads import worker_count
 from .key_frame_views import KeyFrameView
@@ -89,8 +89,7 @@ class CameraState:
 
     def spans(self) -> list[slice]:
         """The parts of each performer in arrays over all performers' parts."""
-        ends = np.cumsum([0] + [len(body) for body in self.bodies]).tolist()
-        return [slice(a, b) for a, b in pairwise(ends)]
+        return slices_of(len(body) for body in self.bodies)
 
     def camera_columns(self, view: int) -> Columns:
         """Where a view's camera is in the change, shape (7,)."""

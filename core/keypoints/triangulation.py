@@ -42,18 +42,20 @@ def triangulate(keypoints: Keypoints, fps: float | None = None) -> tuple[Array, 
     V, F, L = keypoints.confidence.shape
     rows, values = _equations(keypoints)
     weight = keypoints.confidence * np.isfinite(keypoints.rays).all(axis=-1)
-    candidates, agreed = np.empty((0, F, L, 3)), np.empty((0, F, L))
+    found: list[Array] = []
+    agreements: list[Array] = []
     for pair in combinations(range(V), 2):
         both = np.zeros_like(weight)
         both[list(pair)] = weight[list(pair)].min(axis=0)
         points = _solved(rows, values, both)
         points[~(_angle(keypoints, pair) > LEAST_ANGLE)] = np.nan
-        candidates = np.concatenate([candidates, points[None]])
-        agreed = np.concatenate([agreed, np.nan_to_num(_agreement(keypoints, points, weight))[None]])
-        if len(agreed) > MOST_CANDIDATES:
-            kept = np.argsort(-agreed, axis=0, kind="stable")[:MOST_CANDIDATES]
-            candidates = np.take_along_axis(candidates, kept[..., None], axis=0)
-            agreed = np.take_along_axis(agreed, kept, axis=0)
+        found.append(points)
+        agreements.append(np.nan_to_num(_agreement(keypoints, points, weight)))
+    candidates, agreed = np.array(found).reshape(-1, F, L, 3), np.array(agreements).reshape(-1, F, L)
+    if len(agreed) > MOST_CANDIDATES:
+        kept = np.argsort(-agreed, axis=0, kind="stable")[:MOST_CANDIDATES]
+        candidates = np.take_along_axis(candidates, kept[..., None], axis=0)
+        agreed = np.take_along_axis(agreed, kept, axis=0)
     best = np.full((F, L, 3), np.nan)
     for i in range(L):
         known = np.flatnonzero((agreed[:, :, i] > 0).any(axis=0))

@@ -115,10 +115,8 @@ def implausibility(body: Body, poses: Motion, neighbours: Sequence[Neighbour] = 
     from where poses nearby have them.
     """
     turns = rotations.log(poses.rotations[:, 1:])
-    beyond = turns - np.clip(turns, body.limits[1:, :, 0], body.limits[1:, :, 1])
-    energy = np.sum((beyond / LIMIT_DEVIATION) ** 2 + (turns / EASE) ** 2, axis=(1, 2))
-    energy = energy + (_off_balance(body, poses) / UNBALANCED) ** 2
-    names = [name for names in LIMBS for name in names if name in body.landmarks]
+    energy = _strain(turns, body.limits[1:]) + (_off_balance(body, poses) / UNBALANCED) ** 2
+    names = _limb_landmarks(body)
     for near in neighbours:
         apart = landmark_positions(body, poses, names) - landmark_positions(body, near.pose, names)
         energy = energy + np.sum(apart**2, axis=(1, 2)) / (MOVEMENT + SPEED * near.seconds) ** 2
@@ -200,10 +198,17 @@ def _turned(body: Body, R: Array, parts: list[int], was: Array, bones: Array) ->
         + [np.swapaxes(R_lower @ body.R_parent_rest[end], -1, -2) @ R[end] for end in last],
         axis=1,
     )
-    turns, limits = rotations.log(Q), body.limits[parts]
+    return np.asarray(rotations.orthonormal(Q[np.argmin(_strain(rotations.log(Q), body.limits[parts]))]))
+
+
+def _strain(turns: Array, limits: Array) -> Array:
+    """How far joints are beyond their limits (J, 3, 2) and from rest, in variances, by their turns (F, J, 3): (F,)."""
     beyond = turns - np.clip(turns, limits[..., 0], limits[..., 1])
-    energy = np.sum((beyond / LIMIT_DEVIATION) ** 2 + (turns / EASE) ** 2, axis=(1, 2))
-    return np.asarray(rotations.orthonormal(Q[np.argmin(energy)]))
+    return np.asarray(np.sum((beyond / LIMIT_DEVIATION) ** 2 + (turns / EASE) ** 2, axis=(1, 2)))
+
+
+def _limb_landmarks(body: Body) -> list[str]:
+    return [name for names in LIMBS for name in names if name in body.landmarks]
 
 
 def _aligning(a: Array, b: Array) -> Array:
@@ -234,7 +239,7 @@ def _off_balance(body: Body, poses: Motion) -> Array:
 
 def _distinct(body: Body, poses: Motion, order: NDArray[np.intp], count: int) -> list[int]:
     """The first poses of an order without those that are like one before."""
-    names = [name for names in LIMBS for name in names if name in body.landmarks]
+    names = _limb_landmarks(body)
     points = landmark_positions(body, poses, names)
     kept: list[int] = []
     for i in order:

@@ -13,6 +13,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from ..errors import listed
 from ..evidence.occlusion import OCCLUDED_BELOW, intervals, occluded, unseen
 from ..shot.footage import container_rate
 from ..shot.footage_damage import FootageDamage
@@ -97,11 +98,9 @@ def report(
                 "fields": view.fields,
                 "keypoints": str(view.keypoints) if view.keypoints else None,
                 "footage_fps": container_rate(view),
-                "rate": dataclasses.asdict(rate) if (rate := result.rates[v] if result.rates else None) else None,
+                "rate": _of_view(result.rates, v),
                 "torn": [shot.frames[0] + frame for frame in result.torn[v]] if result.torn else [],
-                "damage": dataclasses.asdict(damage)
-                if (damage := result.damage[v] if result.damage else None)
-                else None,
+                "damage": _of_view(result.damage, v),
                 "skipped": list(result.observed.skipped[v]) if result.observed.skipped else [],
                 "fits": [_camera_fit(fit) for fit in fits if fit.camera == view.camera.name],
                 "refined": None if refined is None else _refined_camera(refined.views[v]),
@@ -110,6 +109,12 @@ def report(
         ],
         "versions": _versions(),
     }
+
+
+def _of_view(found: Sequence[FootageRate | FootageDamage | None], view: int) -> dict[str, Any] | None:
+    """The values of what was found of a view; None where nothing was, or where it was not looked for."""
+    own = found[view] if found else None
+    return None if own is None else dataclasses.asdict(own)
 
 
 def _performer(
@@ -302,7 +307,7 @@ def _footage_lines(values: Mapping[str, Any]) -> list[str]:
 
 def torn_text(frames: Sequence[int]) -> str:
     """Say which frames of a view do not continue from the one before."""
-    shown = ", ".join(map(str, frames[:WORST_FRAMES])) + (", ..." if len(frames) > WORST_FRAMES else "")
+    shown = listed(frames, WORST_FRAMES)
     return f"damaged, repeated or missing pictures, which were given no weight: on or before frames {shown}"
 
 

@@ -17,8 +17,8 @@ class DecoderLog:
     """Keeps what FFmpeg says while footage is decoded within a `with` statement.
 
     The standard error of the whole process goes to a temporary file meanwhile, and what else is written there appears
-    afterwards; Python's own `sys.stderr` appears at once. Where
-    OPENCV_FFMPEG_LOGLEVEL is set, OpenCV prints what FFmpeg says on the standard output, and nothing is heard.
+    afterwards; Python's own `sys.stderr` appears at once. Where OPENCV_FFMPEG_LOGLEVEL is set, OpenCV prints what
+    FFmpeg says on the standard output, and nothing is heard.
     """
 
     def __init__(self) -> None:

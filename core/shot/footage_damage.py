@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import cv2
 
+from ..errors import listed
 from ..runtime.decoder_log import DecoderLog
 from .footage import file_index
 from .image_sequences import image_files
@@ -32,10 +33,10 @@ class FootageDamage:
     @property
     def text(self) -> str:
         """Say where the footage is damaged, what that does, and what to do."""
-        shown = ", ".join(map(str, self.frames[:_SHOWN])) + (", ..." if len(self.frames) > _SHOWN else "")
         return (
-            f"the footage is damaged at or near frames {shown} of the file ({self.said}); pictures from there on may "
-            "be wrong and mislead the tracking: copy the file from the camera again, or leave the camera out"
+            f"the footage is damaged at or near frames {listed(self.frames, _SHOWN)} of the file ({self.said}); "
+            "pictures from there on may be wrong and mislead the tracking: copy the file from the camera again, or "
+            "leave the camera out"
         )
 
 

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import FootageError
+from ..errors import FootageError, listed
 
 Image = NDArray[Any]
 
@@ -131,8 +131,7 @@ def check_images(path: Path, files: Mapping[int, Path], frames: range, size: tup
     """
     needed = sorted(number for number in files if number in frames)
     if gaps := _gaps(needed, frames):
-        more = ", ..." if len(gaps) > _SHOWN_GAPS else ""
-        what = f"images are missing in the sequence: frames {', '.join(gaps[:_SHOWN_GAPS])}{more}, counted from 0"
+        what = f"images are missing in the sequence: frames {listed(gaps, _SHOWN_GAPS)}, counted from 0"
         raise FootageError(what, where=str(path))
     first = _stored_size(files[min(files)])
     for number in needed:

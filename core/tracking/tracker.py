@@ -14,7 +14,7 @@ from collections.abc import Container, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from itertools import pairwise, zip_longest
+from itertools import zip_longest
 from pathlib import Path
 from threading import Event
 
@@ -28,7 +28,7 @@ from ..evidence.view_frames import ViewFrames
 from ..formats.keypoint_files import read_shot_keypoints
 from ..keypoints.observations import ShotKeypoints, fit_keypoints
 from ..keypoints.seen_landmarks import found_landmarks
-from ..numerics.arrays import Array
+from ..numerics.arrays import Array, slices_of
 from ..runtime.progress import Progress, report_progress
 from ..runtime.threads import one_blas_thread, worker_count
 from ..runtime.timing import Seconds
@@ -285,13 +285,12 @@ def _track_result(
         own = observed.performers[i] if observed.performers else None
         beside = body_covariances(performer, motion, shot.fps, own)
         errors.append(joint_errors(performer.body, [one.doubts[i] for one in done], beside))
-    ends = np.cumsum([0] + [len(performer.body) for performer in performers])
     return TrackResult(
         tuple(with_keys(m, p.key_poses) for m, p in zip(state.motions, performers, strict=True)),
         {},
         len(shot.views) * shot.length,
         tuple(one.result for one in done),
-        tuple(share[views, :, a:b] for a, b in pairwise(ends)),
+        tuple(share[views, :, own] for own in slices_of(len(performer.body) for performer in performers)),
         tuple(residual for _ in performers),
         tuple(errors),
         tuple(performer.unknown for performer in performers),

@@ -8,6 +8,7 @@ from mathutils import Vector
 from numpy.typing import NDArray
 
 from ...core.body import Body, landmark_positions, part_poses
+from ...core.body.kinematics import tip_positions
 from ...core.body.motion import Motion, stacked
 from ...core.cameras.camera import Camera
 from ...core.errors import KeypointError
@@ -160,9 +161,8 @@ class Placing:
 
     def bones_of_alternatives(self) -> Array:
         """Ends of every bone of every alternative in the world, shape (N, P, 2, 3)."""
-        R, T = part_poses(self.body, stacked(self.alternatives))
-        tails = np.stack([part.R_world_rest.T @ (part.tail_world - part.head_world) for part in self.body.parts])
-        return np.stack([T, T + np.einsum("npab,pb->npa", R, tails)], axis=2)
+        poses = part_poses(self.body, stacked(self.alternatives))
+        return np.stack([poses[1], tip_positions(self.body, poses)], axis=2)
 
     def centre_of(self, view: str) -> Array:
         """The place of a view's camera in the world, shape (3,)."""

@@ -122,13 +122,10 @@ class Tracking(Conditional, JobOperator):
             if torn := sorted({scene.kfmocap.frame_start + first + f for first, frames in pieces for f in frames}):
                 self.report({"WARNING"}, f"{view.camera.name}: {torn_text(torn)}")
             damaged = [d.text for d in (r.damage[v] for r in results if r.damage) if d is not None]
-            if damaged:
-                self.report({"WARNING"}, f"{view.camera.name}: {damaged[0]}")
-            varying = [
-                rate.text for rate in (r.rates[v] for r in results if r.rates) if rate is not None and rate.varies
-            ]
-            if varying:
-                self.report({"WARNING"}, f"{view.camera.name}: {varying[0]}")
+            rates = [rate for rate in (r.rates[v] for r in results if r.rates) if rate is not None]
+            varying = [rate.text for rate in rates if rate.varies]
+            for text in (*damaged[:1], *varying[:1]):
+                self.report({"WARNING"}, f"{view.camera.name}: {text}")
         frames = sum(part.last + 1 - part.first for part in parts)
         seconds = sum(sum(result.seconds.values()) for result in results)
         self.report({"INFO"}, f"Tracked {frames} frames in {seconds:.1f} s")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise, permutations
+from itertools import permutations
 
 import numpy as np
 from scipy.spatial import ConvexHull
@@ -18,7 +18,7 @@ from ...body.joint_blocks import joint_blocks
 from ...body.kinematics import Poses, scene_poses
 from ...body.motion import Motion
 from ...evidence.label_images import Geometry
-from ...numerics.arrays import Array, Ints
+from ...numerics.arrays import Array, Ints, slices_of
 from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.robust_kernels import Huber
 
@@ -63,11 +63,10 @@ class ContactFactor:
     @classmethod
     def of(cls, geometry: Geometry, bodies: Sequence[Body]) -> ContactFactor:
         """Return that of some bodies with the shapes of their parts."""
-        stops = np.cumsum([0] + [len(body) for body in bodies])
         vertices = [geometry.vertices[span] for span in geometry.spans]
         centres = np.array([(v.min(axis=0) + v.max(axis=0)) / 2 for v in vertices])
         return cls(
-            tuple(slice(int(a), int(b)) for a, b in pairwise(stops)),
+            tuple(slices_of(len(body) for body in bodies)),
             tuple(surface_points(v) for v in vertices),
             tuple(geometry.planes[geometry.face_owner == part] for part in range(len(vertices))),
             centres,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -17,7 +16,7 @@ from ...evidence.accumulate import SegmentEvidence
 from ...evidence.label_images import Geometry
 from ...evidence.view_frames import ViewFrames
 from ...keypoints.keypoint_factor import KeypointFactor
-from ...numerics.arrays import Array
+from ...numerics.arrays import Array, slices_of
 from ...shot.acceleration_prior import usual_variances
 from ...shot.shot import Settings
 from .contact_factor import ContactFactor
@@ -102,8 +101,7 @@ class SegmentProblem:
 
     def spans(self) -> list[slice]:
         """The parts of each performer in arrays over all performers' parts."""
-        ends = np.cumsum([0] + [len(body) for body in self.bodies])
-        return [slice(a, b) for a, b in itertools.pairwise(ends)]
+        return slices_of(len(body) for body in self.bodies)
 
     @property
     def sought(self) -> list[int]:
