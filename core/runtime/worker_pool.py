@@ -34,8 +34,9 @@ class WorkerPool:
         self._ended = Event()
         self._failure: WorkerEndedError | None = None
         self._processes = [WorkerProcess(yields=False, imports=imports) for _ in range(workers - 1)]
-        self._idle: queue.SimpleQueue[WorkerProcess | None] = queue.SimpleQueue()
-        for place in (*self._processes, None):
+        # The processes come first, and this one last: it reads footage and draws meanwhile, under the same lock.
+        self._idle: queue.PriorityQueue[int] = queue.PriorityQueue()
+        for place in range(workers):
             self._idle.put(place)
         self._threads = ThreadPoolExecutor(workers) if workers > 1 else None
 
@@ -85,7 +86,9 @@ class WorkerPool:
             return progress(fraction) is not False
 
         try:
-            return work(report) if place is None else place.call(work, lambda state: report(*state))
+            if place == len(self._processes):
+                return work(report)
+            return self._processes[place].call(work, lambda state: report(*state))
         except WorkerEndedError as error:
             self._failure = error
             raise
