@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg.lapack import dtrtri
 
 from .arrays import Array
 from .banded_blocks import BandedBlocks
@@ -25,7 +27,8 @@ class BandedFactor:
 
     def __init__(self, blocks: BandedBlocks, fixed: NDArray[np.bool_], damping: float = 0.0) -> None:
         self.free = ~fixed
-        self._factor = cholesky_banded(banded(blocks, fixed, damping), lower=True, check_finite=False)
+        stored = banded(blocks, fixed, damping)
+        self._factor = cholesky_banded(stored, overwrite_ab=True, lower=True, check_finite=False)
 
     def solve(self, right: Array) -> Array:
         """Solve for a right-hand side of shape (F, D) or (F, D, n); fixed unknowns come out zero."""
@@ -67,17 +70,18 @@ class BandedFactor:
             Each frame's next frame but one against it.
         """
         F, D = self.free.shape
-        diagonal, below = self._factor_blocks()
-        inverse = np.linalg.inv(diagonal)
+        columns = _column_blocks(self._factor, D)
+        inverse = np.stack([dtrtri(np.tril(block), lower=True)[0] for block in columns[:, :D]])
+        own, below = np.swapaxes(inverse, 1, 2) @ inverse, columns[:, D:] @ inverse
         found, first, second = np.zeros((3, F, D, D))
         ahead = np.zeros((2 * D, 2 * D))  # the inverse on the next two frames
         for j in range(F - 1, -1, -1):
-            G = below[j] @ inverse[j]
-            beside = -ahead @ G
-            block = inverse[j].T @ inverse[j] - G.T @ beside
+            beside = -ahead @ below[j]
+            block = own[j] - below[j].T @ beside
             found[j] = (block + block.T) / 2  # what is not symmetric in the rounding would grow from frame to frame
             first[j], second[j] = beside[:D], beside[D:]
-            ahead = np.block([[found[j], beside[:D].T], [beside[:D], ahead[:D, :D]]])
+            ahead[D:, D:] = ahead[:D, :D]
+            ahead[:D, :D], ahead[:D, D:], ahead[D:, :D] = found[j], first[j].T, first[j]
         free = self.free.astype(float)
         rows, columns = free[:, :, None], free[:, None, :]
         return (
@@ -86,36 +90,36 @@ class BandedFactor:
             second[: max(F - 2, 0)] * rows[2:] * columns[: max(F - 2, 0)],
         )
 
-    def _factor_blocks(self) -> tuple[Array, Array]:
-        """The factor's blocks of each frame: the diagonal (F, D, D), and those of the next two frames, (F, 2 D, D)."""
-        F, D = self.free.shape
-        stored = self._factor.reshape(3 * D, F, D)
-        rows, columns = np.indices((3 * D, D))
-        within = rows >= columns
-        blocks = np.zeros((F, 3 * D, D))
-        blocks[:, rows[within], columns[within]] = stored[(rows - columns)[within], :, columns[within]].T
-        return blocks[:, :D], blocks[:, D:]
-
 
 def banded(blocks: BandedBlocks, fixed: NDArray[np.bool_], damping: float = 0.0) -> Array:
     """Lower banded storage (3 D, F D) as `scipy.linalg.cholesky_banded` takes it; fixed unknowns become identity."""
     F, D = fixed.shape
     free = (~fixed).astype(float)
-    out = np.zeros((3 * D, F, D))
-    rows, columns = np.indices((D, D))
-    lower = rows >= columns
-    diagonal = blocks.diagonal * free[:, :, None] * free[:, None, :]
+    out = np.zeros((3 * D, F * D), order="F")
+    columns = _column_blocks(out, D)
     # Directions that nothing measures keep the matrix positive definite by a ridge above the rounding of the sums.
     ridge = 1e-6 * np.maximum(np.einsum("fdd->fd", blocks.diagonal), 1.0)
     d = np.arange(D)
-    diagonal[:, d, d] += np.where(fixed, 1.0, ridge + damping * np.einsum("fdd->fd", diagonal))
-    out[(rows - columns)[lower], :, columns[lower]] = diagonal[:, rows[lower], columns[lower]].T
-    for k, block in ((1, blocks.first), (2, blocks.second)):
+    for k, block in enumerate((blocks.diagonal, blocks.first, blocks.second)):
         n = len(block)
-        if n:
-            kept = block * free[k:, :, None] * free[:n, None, :]
-            out[(k * D + rows - columns).ravel(), :n, columns.ravel()] = kept.reshape(n, -1).T
-    return out.reshape(3 * D, F * D)
+        kept = block * free[k:, :, None] * free[:n, None, :]
+        if k == 0:
+            kept[:, d, d] += np.where(fixed, 1.0, ridge + damping * np.einsum("fdd->fd", kept))
+            kept = np.tril(kept)
+        columns[:n, k * D : (k + 1) * D] = kept
+    return out
+
+
+def _column_blocks(stored: Array, D: int) -> Array:
+    """The blocks of a banded matrix as they lie in its storage (3 D, F D), by columns: those of each frame against
+    itself, of which only the lower triangle is stored, and of the next two frames, shape (F, 3 D, D).
+
+    The triangle above has the places of entries beyond the band, which are zero.
+    """
+    height, width = stored.shape
+    size = stored.itemsize
+    strides = (D * height * size, size, (height - 1) * size)
+    return as_strided(stored.T, (width // D, height, D), strides)
 
 
 def bordered_solution(
