@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_closing
 
 from ..evidence.occlusion import LONG, intervals
 from ..numerics.arrays import Array
@@ -79,7 +79,11 @@ def suggest_keys_beside_hidden(unseen: NDArray[np.bool_], keys: KeyPoses) -> lis
     list of KeySuggestion
         The longest hidden first, `MOST_HIDDEN` at most.
     """
-    hidden = unseen | binary_closing(unseen, np.ones((GLIMPSE, 1)))
+    glimpse = np.ones((GLIMPSE, 1), np.uint8)
+    within = cv2.morphologyEx(
+        unseen.astype(np.uint8), cv2.MORPH_CLOSE, glimpse, borderType=cv2.BORDER_CONSTANT, borderValue=0
+    )
+    hidden = unseen | (within > 0)
     found: list[KeySuggestion] = []
     for part, first, last in _longest_hidden(hidden, keys):
         for side in (range(first - 1, first - 1 - REACH, -1), range(last + 1, last + 1 + REACH)):
