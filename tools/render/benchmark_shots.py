@@ -127,11 +127,9 @@ def ring(
 
 
 _PLAIN = Wardrobe(((0.24, 0.33, 0.46),), (0.22, 0.22, 0.25), pattern=0.06, sleeve=0.9)
-_STRIPED = Wardrobe(((0.72, 0.7, 0.66), (0.22, 0.25, 0.4)), (0.18, 0.22, 0.33), pattern=0.035, sleeve=-0.45)
+STRIPED = Wardrobe(((0.72, 0.7, 0.66), (0.22, 0.25, 0.4)), (0.18, 0.22, 0.33), pattern=0.035, sleeve=-0.45)
 _CHECKED = Wardrobe(((0.62, 0.22, 0.2), (0.26, 0.12, 0.14)), (0.35, 0.37, 0.4), pattern=0.04, checks=True)
-_SPORTS = Wardrobe(
-    ((0.2, 0.42, 0.3),), (0.14, 0.14, 0.16), (0.42, 0.28, 0.2), (0.06, 0.05, 0.05), sleeve=-0.4, leg=-0.4
-)
+SPORTS = Wardrobe(((0.2, 0.42, 0.3),), (0.14, 0.14, 0.16), (0.42, 0.28, 0.2), (0.06, 0.05, 0.05), sleeve=-0.4, leg=-0.4)
 _LIKE_THE_WALL = Wardrobe(
     ((0.60, 0.60, 0.55),), (0.53, 0.42, 0.32), (0.62, 0.5, 0.42), (0.4, 0.33, 0.26), (0.45, 0.36, 0.3)
 )
@@ -154,11 +152,11 @@ SHOTS = (
              ring(2, 4.0, 560, -110, 75)),
     ShotPlan("stretching", "reporting", Person(1.86, _LIGHT, _TALL, 1.12, 0.022), movements.STRETCHING, 24.0,
              (0, 26, 52), ring(2, 4.2, 500, -150, 70, at=(0, 0, 1.06))),
-    ShotPlan("front_kick", "deciding", Person(1.74, _SPORTS, _BROAD), movements.FRONT_KICK, 60.0, (0, 24, 54),
+    ShotPlan("front_kick", "deciding", Person(1.74, SPORTS, _BROAD), movements.FRONT_KICK, 60.0, (0, 24, 54),
              ring(4, 4.0, 530, -80, 80), exposure=0.5, moments=4),
     ShotPlan("round_kick", "reporting", Person(1.68, _DARK, _SLIM), movements.ROUND_KICK, 50.0, (0, 23, 50),
              ring(4, 4.1, 540, -30, 85), exposure=0.5, moments=4),
-    ShotPlan("punches", "deciding", Person(1.78, _STRIPED, _TALL), movements.PUNCHES, 30.0, (0, 22, 44),
+    ShotPlan("punches", "deciding", Person(1.78, STRIPED, _TALL), movements.PUNCHES, 30.0, (0, 22, 44),
              ring(3, 3.9, 560, -125, 55), exposure=0.7, moments=5),
     ShotPlan("ball_throw", "reporting", Person(1.58, _CHECKED, _SHORT, 0.95), movements.THROW_A_BALL, 30.0,
              (0, 24, 48), ring(3, 3.9, 560, -140, 50), exposure=0.7, moments=5),
@@ -166,9 +164,9 @@ SHOTS = (
              ring(2, 4.0, 500, -95, 80, at=(0.1, -0.1, 0.95)), moments=2, sensor=_GRAINY),
     ShotPlan("hop_turn", "reporting", Person(1.8, _PLAIN, _BROAD, 1.05), movements.HOP_TURN, 100.0, (0, 29, 58, 87),
              ring(2, 4.0, 500, -130, 80, at=(0, 0, 0.95)), moments=2, sensor=_GRAINY),
-    ShotPlan("stroll_behind_bench", "deciding", Person(1.66, _STRIPED, _BROAD, 1.08), movements.STROLL, 30.0,
+    ShotPlan("stroll_behind_bench", "deciding", Person(1.66, STRIPED, _BROAD, 1.08), movements.STROLL, 30.0,
              (0, 26, 52), ring(3, 4.1, 540, -100, 50), boxes=(((-0.75, -1.15, 0.0), (0.65, -0.8, 0.55)),)),
-    ShotPlan("sitting_down", "reporting", Person(1.76, _SPORTS, _SLIM), movements.SIT_DOWN, 30.0, (0, 26, 52),
+    ShotPlan("sitting_down", "reporting", Person(1.76, SPORTS, _SLIM), movements.SIT_DOWN, 30.0, (0, 26, 52),
              ring(3, 4.1, 540, -125, 45),
              boxes=(((-0.3, 0.12, 0.0), (0.3, 0.55, 0.43)), ((-0.95, -1.3, 0.0), (-0.25, -0.9, 0.62)))),
     ShotPlan("dance", "deciding", Person(1.63, _DARK, _SLIM), movements.DANCE, 24.0, (0, 24, 50),
