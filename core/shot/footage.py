@@ -174,7 +174,13 @@ def _by(size: tuple[int, int]) -> str:
 
 
 def frames_at(
-    view: View, frames: Sequence[int], factor: float, *, grey: bool = True, album: Album | None = None
+    view: View,
+    frames: Sequence[int],
+    factor: float,
+    *,
+    grey: bool = True,
+    album: Album | None = None,
+    threads: int = 0,
 ) -> Iterator[Image]:
     """Stream frames of a view that was checked: decoded once, in order, reduced and rectified.
 
@@ -190,6 +196,8 @@ def frames_at(
         Grey levels rather than colour.
     album : Album, optional
         Pictures to keep on the way.
+    threads : int
+        That decode; by default one per core.
 
     Yields
     ------
@@ -205,7 +213,8 @@ def frames_at(
     maps = camera.rectify_maps()
     near = None if album is None else view.camera.reduced(album.factor)
     near_maps = None if near is None else near.rectify_maps()
-    for frame, decoded in zip(frames, _decoded(view, [footage_index(view, f) for f in frames]), strict=True):
+    indices = [footage_index(view, f) for f in frames]
+    for frame, decoded in zip(frames, _decoded(view, indices, threads), strict=True):
         if album is not None and near is not None and frame in album.frames:
             album.pictures[frame] = _prepared(decoded, near.size, near_maps, grey=False)
         yield _prepared(decoded, camera.size, maps, grey)
@@ -290,11 +299,11 @@ def _whole(frame: Image, parity: int, width: int) -> Image:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[cv2.VideoCapture]:
+def _opened(path: Path, threads: int = 0) -> Iterator[cv2.VideoCapture]:
     """Open a video whose frames come as they are stored; `_quarter_turns` says how they are to be seen."""
     if not path.is_file():
         raise FootageError("there is no such footage", where=str(path), todo=f"name {PATTERNS}")
-    video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, threads])
     try:
         if not video.isOpened() or video.get(cv2.CAP_PROP_FRAME_WIDTH) <= 0:
             raise FootageError("the footage cannot be read as a video", where=str(path), todo=_CONVERT)
@@ -325,17 +334,17 @@ def _decodable(path: Path, limit: int) -> int:
     return count
 
 
-def _decoded(view: View, indices: Sequence[int]) -> Iterator[_Decoded]:
+def _decoded(view: View, indices: Sequence[int], threads: int) -> Iterator[_Decoded]:
     """The footage's frames, or fields, of those increasing indices; each frame of the file is decoded once."""
     each, first = frames_per_file_frame(view), _FIRST_PARITY.get(view.fields)
     shared = [(number, list(same)) for number, same in groupby(indices, lambda index: index // each)]
-    stored = _stored(view.footage, [number for number, _ in shared], view.camera.size)
+    stored = _stored(view.footage, [number for number, _ in shared], view.camera.size, threads)
     for decoded, (_, same) in zip(stored, shared, strict=True):
         for index in same:
             yield decoded if first is None else replace(decoded, parity=(index + first) % 2)
 
 
-def _stored(path: Path, numbers: Sequence[int], size: tuple[int, int]) -> Iterator[_Decoded]:
+def _stored(path: Path, numbers: Sequence[int], size: tuple[int, int], threads: int) -> Iterator[_Decoded]:
     """The frames of a file of those increasing numbers; `size` is that of the frames as they are to be seen.
 
     The image of a video's frame holds until the next one is asked for.
@@ -345,7 +354,7 @@ def _stored(path: Path, numbers: Sequence[int], size: tuple[int, int]) -> Iterat
         for number in numbers:
             yield _Decoded(_sequence_image(path, images, number, size), 0)
         return
-    with _opened(path) as video:
+    with _opened(path, threads) as video:
         turn, position = _quarter_turns(video), 0
         frame: Image | None = None
         for number in numbers:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..cameras.camera import Camera
 from ..errors import CancelledError, FootageError
 from ..numerics.arrays import Array, Bools
+from ..runtime.threads import worker_count
 from ..runtime.worker_memory import WorkerMemory
 from ..shot.continuity import AROUND, block_change, small, torn_pairs
 from ..shot.footage import Album, footage_delay, frames_at, working_factor
@@ -69,7 +70,9 @@ class SegmentReader:
         factor = working_factor(view, shot.settings.working_size)
         self._camera = view.camera.reduced(factor).rectified()
         self._delay = footage_delay(view)
-        self._stream = _frames(view, range(shot.frames[0], shot.frames[1] + 1), factor, album, memory)
+        threads = max(1, worker_count(shot.settings.threads) // len(shot.views))  # the views are read side by side
+        frames = range(shot.frames[0], shot.frames[1] + 1)
+        self._stream = _frames(view, frames, factor, album, memory=memory, threads=threads)
         self._stopped = stopped
         self._length = shot.length
         self._ahead: list[Image] = []
@@ -115,15 +118,18 @@ class SegmentReader:
         return torn[first - start : last - start]
 
 
-def _frames(view: View, frames: range, factor: float, album: Album, memory: WorkerMemory | None) -> Iterator[Image]:
+def _frames(
+    view: View, frames: range, factor: float, album: Album, *, memory: WorkerMemory | None, threads: int
+) -> Iterator[Image]:
     """Frames of a view in colour, decoded where they are not kept."""
     if memory is None:
-        yield from frames_at(view, frames, factor, grey=False, album=album)
+        yield from frames_at(view, frames, factor, grey=False, album=album, threads=threads)
         return
     made_of = _made_of(view, factor)
     # Held from the beginning: what is kept for others meanwhile must not drive out a frame that is counted upon.
     kept = {f: image for f in frames if f not in album.frames and (image := memory.picture((made_of, f))) is not None}
-    decoded = frames_at(view, [f for f in frames if f not in kept], factor, grey=False, album=album)
+    missing = [f for f in frames if f not in kept]
+    decoded = frames_at(view, missing, factor, grey=False, album=album, threads=threads)
     for f in frames:
         image = kept.pop(f, None)
         if image is None:
