@@ -22,7 +22,7 @@ from ...core.errors import OutputError, ShotError
 from ...core.numerics.arrays import Array
 from ...core.numerics.resampling import sample_times, slerped
 from ...core.runtime.files import replacing
-from ..scene_io import body_armature, fcurves, unknown_bones
+from ..scene_io import body_armature, body_channels, fcurves, unknown_bones
 from ..scene_io.scene import set_rate
 from . import destinations, vrm_animation
 from .presets import PRESETS
@@ -265,7 +265,7 @@ def _stage(
     The copy stands at the world's origin: where the object was, the turn, and the unit have gone into its bones. Pose
     bones are relative to them, so the keys hold but for the unit. The user's scene, selection and frame stay.
     """
-    body_armature.object_pose(armature)  # refuses a scaled one
+    body_armature.object_pose(armature)  # refuses one that is scaled unevenly
     preset = PRESETS[options.preset]
     name, stage = armature.name, bpy.data.scenes.new(armature.name)
     copy = armature.copy()
@@ -343,7 +343,8 @@ def _sample(
         for curve in bag.fcurves
         if curve.data_path.rpartition(".")[2] in _TRANSFORMS and len(curve.keyframe_points)
     }
-    _scale_locations(values, armature, PRESETS[options.preset].scale, options.root_motion)
+    unit = PRESETS[options.preset].scale * body_armature.object_pose(armature)[2]
+    _scale_locations(values, armature, unit, options.root_motion)
     copy.animation_data.action = bpy.data.actions.new(armature.name)
     sampled = fcurves.ensure_channelbag(copy, armature.name)
     for (path, index), row in _at_times(values, frames, times).items():
@@ -372,7 +373,7 @@ def _scale_locations(
         path = f"{root.path_from_id()}.location"
         rows = [values.get((path, k)) for k in range(3)]
         if all(row is not None for row in rows):
-            axes = body_armature.object_pose(armature)[0] @ body_armature.rest_rotation(root.bone)
+            axes = body_channels.root_frame(armature)[0]
             world = np.stack(rows, axis=1) @ axes.T
             world[:, :2] = world[0, :2]
             values.update({(path, k): row for k, row in enumerate((world @ axes).T)})

@@ -8,9 +8,10 @@ import numpy as np
 from ...core.numerics.arrays import Array
 from ...core.retargeting.bone_presets import BonePreset, IkLimb
 from ...core.retargeting.control_rig import ControlRig, RigPoses
+from ..scene_io.body_armature import world_frame
 from .rig_curves import ControlChannel, rotation_channel
 from .rig_error import world_matrices
-from .rig_reading import location_axes, world_frame
+from .rig_reading import location_axes
 
 _BENT = 1e-3
 """Sine of the angle from which on a limb's bend shows its plane."""

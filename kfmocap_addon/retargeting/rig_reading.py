@@ -22,6 +22,7 @@ from ...core.numerics.arrays import Array, Bools, Ints
 from ...core.retargeting.control_rig import ControlRig
 from ...core.retargeting.retarget import grounded
 from ...core.retargeting.roles import BoneMap
+from ..scene_io.body_armature import world_frame
 
 _PROBE = Quaternion((0.9553, 0.1837, 0.1342, 0.1885)).normalized()
 _HOLDS = ("IK", "COPY_ROTATION", "COPY_TRANSFORMS", "DAMPED_TRACK", "LOCKED_TRACK", "TRACK_TO", "STRETCH_TO")
@@ -62,26 +63,6 @@ def rest_skeleton(armature: bpy.types.Object) -> RestSkeleton:
         heads[order],
         tails[order],
     )
-
-
-def world_frame(armature: bpy.types.Object) -> tuple[Array, float]:
-    """Matrix (4, 4) of an armature in the world, and its scale.
-
-    Raises
-    ------
-    BodyError
-        It is scaled by different amounts along its axes, mirrored, or of no size.
-    """
-    matrix = np.array(armature.matrix_world)
-    scale = float(np.cbrt(max(np.linalg.det(matrix[:3, :3]), 0.0)))
-    turned = matrix[:3, :3] / max(scale, 1e-12)
-    if not np.allclose(turned.T @ turned, np.eye(3), atol=1e-3):
-        raise BodyError(
-            "the armature object is scaled by different amounts along its axes, or mirrored",
-            where=f"armature {armature.name}",
-            todo="apply its scale (Ctrl A)",
-        )
-    return matrix, scale
 
 
 def rest_orientations(armature: bpy.types.Object, names: Sequence[str]) -> Array:

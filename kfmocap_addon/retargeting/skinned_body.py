@@ -9,13 +9,15 @@ from ...core.errors import BodyError
 from ...core.numerics import rotations
 from ...core.retargeting.bone_matching import preset_of
 from ...core.retargeting.roles import BoneMap
-from ..scene_io import part_meshes, performers, scene, skinned_parts
+from ..scene_io import body_armature, fcurves, part_meshes, performers, scene, skinned_parts
 from .rig_reading import at_rest, moved_matrices, rest_matrices, with_settings
 from .send import target_bones
 
 _PART_ROLES = ("hips", "spine", "neck", "head", "upper_arm", "forearm", "hand", "thigh", "shin", "foot")
 _FOLLOWS = 0.5
 """Share of a control's rotation from which on a deforming bone is counted as its."""
+_STILL = 1e-5
+"""What keys of one channel may differ by where it stands still."""
 _HARMLESS = ("LIMIT_ROTATION", "LIMIT_LOCATION", "LIMIT_SCALE")
 
 
@@ -30,7 +32,7 @@ def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[b
         It cannot be a body; names the bone.
     """
     if part_meshes.meshes_by_bone(armature):
-        return performers.take_armature(current, armature), ()
+        return performers.take_armature(current, armature), _moving_between(armature)
     collection = scene.ensure_collection(current, "Performers")
     bones = _mechanism(armature)
     if bones is None:
@@ -41,7 +43,8 @@ def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[b
         with with_settings(armature, preset_of(bones).settings):
             made = skinned_parts.add_parts(armature, collection, _carriers(armature, controls))
     try:
-        return performers.take_armature(current, armature), made.remarks
+        taken = performers.take_armature(current, armature)
+        return taken, (*made.remarks, *(_moving_between(armature) if bones is None else ()))
     except BodyError:
         _remove(armature, made.parts)
         raise
@@ -77,6 +80,24 @@ def _carriers(armature: bpy.types.Object, controls: list[str]) -> dict[str, str]
     return found
 
 
+def _moving_between(armature: bpy.types.Object) -> tuple[str, ...]:
+    """What is to be said of bones that are no parts, but have keys and carry parts."""
+    parts = body_armature.body_bones(armature)
+    names = {bone.name for bone in parts}
+    carrying = {above.name for bone in parts for above in bone.parent_recursive} - names
+    bag = fcurves.find_channelbag(armature)
+    moving = {
+        name
+        for curve in (bag.fcurves if bag else ())
+        for name in carrying
+        if curve.data_path.startswith(f'pose.bones["{bpy.utils.escape_identifier(name)}"].')
+        and np.ptp(fcurves.get_keys(curve)["co"][:, 1]) > _STILL
+    }
+    return tuple(
+        f"bone {name}: it is no part, and counts as it stands now: key the bones below it" for name in sorted(moving)
+    )
+
+
 def _refuse_driven(armature: bpy.types.Object, parts: tuple[str, ...]) -> None:
     """Raise a BodyError where something else than its pose moves a part's bone."""
     data = armature.animation_data
@@ -87,6 +108,13 @@ def _refuse_driven(armature: bpy.types.Object, parts: tuple[str, ...]) -> None:
     )
     for name in parts:
         bone = armature.pose.bones[name]
+        if bone.parent is not None and not bone.bone.use_inherit_rotation:
+            _remove(armature, parts)
+            raise BodyError(
+                "the bone does not turn with the one above",
+                where=f"armature {armature.name}, bone {name}",
+                todo="switch Inherit Rotation on in its bone properties, under Relations",
+            )
         holds = next((c for c in bone.constraints if not c.mute and c.influence and c.type not in _HARMLESS), None)
         what = f"its constraint '{holds.name}'" if holds else "a driver" if name in driven else ""
         if what:

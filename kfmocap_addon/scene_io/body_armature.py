@@ -130,7 +130,7 @@ def reshape(armature: bpy.types.Object, body: Body) -> None:
     body : Body
         As `body_from_armature` gave it, its root where it was, with other joints and vertices.
     """
-    R_object, place = object_pose(armature)
+    R_object, place, scale = object_pose(armature)
     before = {bone.name: bone.length for bone in armature.data.bones}
     with edit_bones(armature) as bones:
         for bone in bones:
@@ -138,30 +138,44 @@ def reshape(armature: bpy.types.Object, body: Body) -> None:
         for part in body.parts:
             bone = bones[part.name]
             ends = np.stack([part.head_world, part.tail_world]) - place
-            bone.head, bone.tail = map(Vector, (ends @ R_object).tolist())
+            bone.head, bone.tail = map(Vector, (ends @ R_object / scale).tolist())
             bone.align_roll(Vector((R_object.T @ part.R_world_rest[:, 2]).tolist()))
     for part in body.parts:
         longer = armature.data.bones[part.name].length - before[part.name]
-        part_meshes.put_vertices(armature, part, longer)
+        part_meshes.put_vertices(armature, part.name, part.vertices / scale, longer)
     _describe(armature, body)
 
 
-def object_pose(armature: bpy.types.Object) -> tuple[Array, Array]:
-    """Rotation (3, 3) and place (3,) of the armature object in the world, metres.
+def world_frame(armature: bpy.types.Object) -> tuple[Array, float]:
+    """Matrix (4, 4) of an armature in the world, and its scale.
 
     Raises
     ------
     BodyError
-        If the object is scaled: the bones' lengths would not be the body's.
+        It is scaled by different amounts along its axes, mirrored, or of no size.
     """
     matrix = np.array(armature.matrix_world)
-    if not np.allclose(matrix[:3, :3].T @ matrix[:3, :3], np.eye(3), atol=1e-5):
+    scale = float(np.cbrt(max(np.linalg.det(matrix[:3, :3]), 0.0)))
+    turned = matrix[:3, :3] / max(scale, 1e-12)
+    if not np.allclose(turned.T @ turned, np.eye(3), atol=1e-3):
         raise BodyError(
-            "the armature object is scaled",
+            "the armature object is scaled by different amounts along its axes, or mirrored",
             where=f"armature {armature.name}",
             todo="apply its scale (Ctrl A)",
         )
-    return rotations.orthonormal(matrix[:3, :3]), matrix[:3, 3]
+    return matrix, scale
+
+
+def object_pose(armature: bpy.types.Object) -> tuple[Array, Array, float]:
+    """Rotation (3, 3) and place (3,) of the armature object in the world, metres, and how many metres its unit is.
+
+    Raises
+    ------
+    BodyError
+        See `world_frame`.
+    """
+    matrix, scale = world_frame(armature)
+    return rotations.orthonormal(matrix[:3, :3] / scale), matrix[:3, 3], scale
 
 
 def body_bones(armature: bpy.types.Object) -> list[bpy.types.Bone]:
@@ -183,11 +197,11 @@ def body_from_armature(armature: bpy.types.Object) -> Body:
     BodyError
         If a bone of the tree carries no mesh, or the bones are not one tree.
     """
-    R_object, place = object_pose(armature)
+    R_object, place, scale = object_pose(armature)
     bones, meshes = body_bones(armature), part_meshes.meshes_by_bone(armature)
     index = {bone.name: i for i, bone in enumerate(bones)}
     parts: list[Part] = []
-    for bone, R_rest in zip(bones, rest_rotations(bones), strict=True):
+    for bone, frame in zip(bones, standing_frames(armature, bones), strict=True):
         above = next((p.name for p in bone.parent_recursive if p.name in index), None)
         if above is None and parts:
             raise BodyError(
@@ -195,15 +209,18 @@ def body_from_armature(armature: bpy.types.Object) -> Body:
                 where=f"armature {armature.name}, bone {bone.name}",
                 todo="parent a mesh to a bone that both hang on, or take this one's off",
             )
-        head, tail = (R_object @ np.array(point) + place for point in (bone.head_local, bone.tail_local))
+        R_rest, start = frame[:3, :3], frame[:3, 3]
+        head, tail = (scale * R_object @ point + place for point in (start, start + bone.length * R_rest[:, 1]))
         read = Part(
             name=bone.name,
             parent=-1 if above is None else index[above],
             head_world=head,
             tail_world=tail,
             R_world_rest=R_object @ R_rest,
-            vertices=part_meshes.mesh_vertices(armature, bone, meshes.get(bone.name, ())),
-            limits=np.array(json.loads(bone[LIMITS]) if LIMITS in bone else UNLIMITED, float),
+            vertices=scale * part_meshes.mesh_vertices(armature, bone, meshes.get(bone.name, ())),
+            limits=np.array(json.loads(bone[LIMITS]))
+            if LIMITS in bone
+            else joint_limits(armature.pose.bones[bone.name]),
         )
         part_meshes.check_solid(read.vertices, armature, bone)
         rest = lossless.recall(bone, REST, _rest(read), 1.0 + float(np.abs(head).max()))
@@ -224,9 +241,36 @@ def _rest(part: Part) -> Array:
     return np.concatenate([[part.head_world, part.tail_world], part.R_world_rest, part.vertices])
 
 
-def rest_rotation(bone: bpy.types.Bone) -> Array:
-    """Rest orientation of a bone in its armature, shape (3, 3)."""
-    return rest_rotations([bone])[0]
+def standing_frames(armature: bpy.types.Object, bones: Sequence[bpy.types.Bone]) -> Array:
+    """Matrices (B, 4, 4) in the armature of the bones of a body, unposed; all other bones stand as they are posed.
+
+    So a control that all bones hang on, or one between two parts, may have been moved once and for all.
+    """
+    parts = {bone.name for bone in bones}
+    frames = np.array([np.array(bone.matrix_local) for bone in bones])
+    for i, bone in enumerate(bones):
+        for between in bone.parent_recursive:
+            basis = None if between.name in parts else np.array(armature.pose.bones[between.name].matrix_basis)
+            if basis is not None and not np.allclose(basis, np.eye(4), atol=1e-6):
+                rest = np.array(between.matrix_local)
+                frames[i] = rest @ basis @ np.linalg.inv(rest) @ frames[i]
+    frames[:, :3, :3] = rotations.orthonormal(frames[:, :3, :3])
+    return frames
+
+
+def joint_limits(bone: bpy.types.PoseBone) -> Array:
+    """Limits of a bone's rotation vector, radians, shape (3, 2): its locked axes, and those of Limit Rotation.
+
+    A constraint counts where it limits the bone's own rotation: in local space, at full influence.
+    """
+    limits = np.array(UNLIMITED, float)
+    for held in bone.constraints:
+        if held.type == "LIMIT_ROTATION" and held.owner_space == "LOCAL" and not held.mute and held.influence == 1:
+            for k, axis in enumerate("xyz"):
+                if getattr(held, f"use_limit_{axis}"):
+                    limits[k] = getattr(held, f"min_{axis}"), getattr(held, f"max_{axis}")
+    limits[np.array(bone.lock_rotation)] = 0.0
+    return limits
 
 
 def rest_rotations(bones: Sequence[bpy.types.Bone]) -> Array:

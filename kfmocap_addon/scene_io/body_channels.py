@@ -69,24 +69,26 @@ def evaluate_channels(armature: bpy.types.Object, channels: list[Channel], frame
 
 def channel_values(armature: bpy.types.Object, motion: Motion) -> Array:
     """Channel values of a motion, shape (F, 3 + 4 P)."""
-    A, place = _root_frame(armature)
+    A, place, scale = root_frame(armature)
     turns = motion.quaternions().reshape(len(motion), 4 * motion.rotations.shape[1])
-    return np.concatenate([(motion.translations - place) @ A, turns], axis=1)
+    return np.concatenate([(motion.translations - place) @ A / scale, turns], axis=1)
 
 
 def motion_of_values(armature: bpy.types.Object, values: Array) -> Motion:
     """The motion of channel values (F, 3 + 4 P); inverse of `channel_values`."""
-    A, place = _root_frame(armature)
+    A, place, scale = root_frame(armature)
     wxyz = values[:, 3:].reshape(-1, 4)
     Q = Rotation.from_quat(wxyz[:, [1, 2, 3, 0]]).as_matrix() if len(wxyz) else np.empty((0, 3, 3))
-    return Motion(values[:, :3] @ A.T + place, Q.reshape(len(values), (values.shape[1] - 3) // 4, 3, 3))
+    return Motion(scale * values[:, :3] @ A.T + place, Q.reshape(len(values), (values.shape[1] - 3) // 4, 3, 3))
 
 
-def _root_frame(armature: bpy.types.Object) -> tuple[Array, Array]:
-    """Axes (3, 3) and origin (3,) in the world of the root bone's location channels."""
-    R_object, place = body_armature.object_pose(armature)
-    root = body_armature.body_bones(armature)[0]
-    return R_object @ body_armature.rest_rotation(root), R_object @ np.array(root.head_local) + place
+def root_frame(armature: bpy.types.Object) -> tuple[Array, Array, float]:
+    """Axes (3, 3) and origin (3,) in the world of the root bone's location channels, and their unit in metres."""
+    R_object, place, scale = body_armature.object_pose(armature)
+    bones = body_armature.body_bones(armature)
+    frame = body_armature.standing_frames(armature, bones)[0]
+    axes = R_object @ frame[:3, :3] if bones[0].use_local_location else R_object
+    return axes, scale * R_object @ frame[:3, 3] + place, scale
 
 
 def fixed_dofs(armature: bpy.types.Object, held: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -109,5 +111,5 @@ def fixed_channels(armature: bpy.types.Object, fixed: NDArray[np.bool_]) -> NDAr
 
 def _aligned_axes(armature: bpy.types.Object) -> NDArray[np.int64] | None:
     """Location channel of each world axis, or None where the root's rest is askew: then all go together."""
-    A = np.abs(_root_frame(armature)[0])
+    A = np.abs(root_frame(armature)[0])
     return np.argmax(A, axis=1) if np.allclose(A.max(axis=1), 1.0, atol=1e-5) else None

@@ -44,13 +44,13 @@ def _join_triangles(mesh: bpy.types.Mesh) -> None:
     bm.free()
 
 
-def put_vertices(armature: bpy.types.Object, part: Part, longer: float) -> None:
-    """Move the vertices of the meshes on a bone that grew; inverse of `mesh_vertices`."""
-    length, start = armature.data.bones[part.name].length, 0
-    for child in meshes_on(armature, part.name):
+def put_vertices(armature: bpy.types.Object, name: str, vertices: Array, longer: float) -> None:
+    """Move the vertices of the meshes on a bone that grew to places (V, 3) in its frame; inverse of `mesh_vertices`."""
+    length, start = armature.data.bones[name].length, 0
+    for child in meshes_on(armature, name):
         child.matrix_parent_inverse = Matrix.Translation((0.0, -longer, 0.0)) @ child.matrix_parent_inverse
         to_part, count = _to_bone_tail(child), len(child.data.vertices)
-        points = part.vertices[start : start + count] - [0.0, length, 0.0] - to_part[:3, 3]
+        points = vertices[start : start + count] - [0.0, length, 0.0] - to_part[:3, 3]
         child.data.vertices.foreach_set("co", (points @ np.linalg.inv(to_part[:3, :3]).T).astype(np.float32).ravel())
         child.data.update()
         start += count
@@ -147,7 +147,9 @@ def _to_bone_tail(child: bpy.types.Object) -> Array:
 
 
 def part_clouds(armature: bpy.types.Object) -> dict[str, Array]:
-    """Vertices of the meshes on every bone that carries some, by its name, in the part's frame, shape (V, 3)."""
+    """Vertices of the meshes on every bone that carries some, by its name, in the part's frame, shape (V, 3), in the
+    armature's unit.
+    """
     bones = armature.data.bones
     return {
         name: mesh_vertices(armature, bones[name], m) for name, m in meshes_by_bone(armature).items() if name in bones
@@ -155,7 +157,7 @@ def part_clouds(armature: bpy.types.Object) -> dict[str, Array]:
 
 
 def mesh_vertices(armature: bpy.types.Object, bone: bpy.types.Bone, meshes: Sequence[bpy.types.Object]) -> Array:
-    """Vertices of all meshes on a bone, in the part's frame, shape (V, 3)."""
+    """Vertices of all meshes on a bone, in the part's frame, the armature's unit, shape (V, 3)."""
     clouds = []
     for child in meshes:
         if child.mode == "EDIT":

@@ -54,14 +54,15 @@ def set_measure(armature: bpy.types.Object, name: str, value: float) -> None:
 
 
 def _vertical_extent(armature: bpy.types.Object) -> tuple[float, float]:
-    """Lowest and highest vertex of the parts at rest, metres above the armature's origin."""
+    """Heights of the lowest and the highest vertex of the parts at rest in the world, metres."""
     clouds = part_meshes.part_clouds(armature)
     if not clouds:
         return 0.0, 0.0
     bones = [armature.data.bones[name] for name in clouds]
+    matrix = np.array(armature.matrix_world)
     heights = np.concatenate(
         [
-            vertices @ R[2] + bone.head_local.z
+            (vertices @ R.T + np.array(bone.head_local)) @ matrix[2, :3] + matrix[2, 3]
             for vertices, bone, R in zip(clouds.values(), bones, body_armature.rest_rotations(bones), strict=True)
         ]
     )

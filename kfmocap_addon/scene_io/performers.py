@@ -8,7 +8,7 @@ import bpy
 
 from ...core.body import Body
 from ...core.errors import BodyError
-from . import body_armature, part_meshes, scene
+from . import body_armature, part_meshes, rotation_modes, scene
 
 
 def add_performer(
@@ -58,8 +58,7 @@ def take_armature(current: bpy.types.Scene, armature: bpy.types.Object) -> bpy.t
     if any(slot.armature == armature for slot in current.kfmocap.performers):
         raise BodyError("it is a performer already", where=f"armature {armature.name}")
     body_armature.body_from_armature(armature)
-    for bone in body_armature.body_bones(armature):
-        armature.pose.bones[bone.name].rotation_mode = "QUATERNION"
+    rotation_modes.to_quaternions(armature, [bone.name for bone in body_armature.body_bones(armature)])
     scene.add_slot(current, scene.free_name(armature.name, current.kfmocap.performers), armature)
     if not current.kfmocap.shot:
         current.kfmocap.shot = "shot"

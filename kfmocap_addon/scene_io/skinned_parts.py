@@ -220,9 +220,10 @@ def _one_tree(
 
 
 def corners(cloud: Array) -> Array:
-    """Corners of a convex solid with few faces around points (V, 3): those that reach farthest in directions all round.
+    """Corners of a convex solid with few faces around points (V, 3), and with the volume of their convex hull.
 
-    The directions are spread evenly over the sphere (a Fibonacci lattice) in the cloud's own proportions.
+    They are those that reach farthest in directions all round, which are spread evenly over the sphere (a Fibonacci
+    lattice) in the cloud's own proportions.
     """
     k = np.arange(_CORNERS) + 0.5
     z, angle = 1 - 2 * k / _CORNERS, np.pi * (1 + 5**0.5) * k
@@ -231,8 +232,15 @@ def corners(cloud: Array) -> Array:
     _, size, axes = np.linalg.svd(cloud - middle, full_matrices=False)
     scaled = (cloud - middle) @ axes.T / np.maximum(size, 1e-9 * size[0])
     chosen = np.unique((scaled @ ways.T).argmax(axis=0))
+    whole = ConvexHull(cloud)
     points = cloud[chosen]
-    return np.asarray(points[ConvexHull(points).vertices] if _is_solid(points) else cloud[ConvexHull(cloud).vertices])
+    if not _is_solid(points):
+        return np.asarray(cloud[whole.vertices])
+    solid = ConvexHull(points)
+    # Between its corners the solid lies inside the skin: grown to the skin's volume, its outline is that on average.
+    points = points[solid.vertices]
+    centre = points.mean(axis=0)
+    return np.asarray(centre + np.cbrt(whole.volume / solid.volume) * (points - centre))
 
 
 def _part(armature: bpy.types.Object, name: str, points: Array) -> Part:

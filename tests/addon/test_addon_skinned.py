@@ -13,7 +13,13 @@ from kfmocap.core.body.motion import Motion  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import body_armature, motion_curves, skinned_parts  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import (  # noqa: E402
+    body_armature,
+    key_pose_curves,
+    motion_curves,
+    skinned_parts,
+)
+from mathutils import Matrix  # noqa: E402
 from scipy.spatial import ConvexHull  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
@@ -53,6 +59,12 @@ def skinned(groups=True):
     return armature
 
 
+def made_motion(parts):
+    """Four poses of that many parts."""
+    dice = np.random.default_rng(3)
+    return Motion(dice.normal(0, 1, (4, 3)), rotations.exp(dice.normal(0, 0.5, (4, parts, 3))))
+
+
 def bind(armature, name, clouds, groups=True):
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata(np.concatenate([points for _, points in clouds]).tolist(), [], [])
@@ -80,12 +92,115 @@ def test_every_bone_that_leads_skin_becomes_a_part_with_few_faces():
             assert ConvexHull(part.vertices).volume > 0.75 * ConvexHull(own.vertices).volume
 
 
+def as_imported(armature):
+    """As importers of FBX leave a character: bones in centimetres, the object scaled and turned."""
+    matrix = Matrix.Rotation(np.pi / 2, 4, "X") @ Matrix.Scale(0.01, 4)
+    armature.data.transform(matrix.inverted())
+    for skin in skinned_parts.skinned_meshes(armature):
+        skin.parent = armature
+        skin.data.transform(matrix.inverted())
+    armature.matrix_world = matrix
+    bpy.context.view_layer.update()
+
+
+def test_a_character_of_scale_one_hundredth_is_the_same_body_in_metres():
+    use_as_body(bpy.context.scene, armature := skinned())
+    upright = body_armature.body_from_armature(armature)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    as_imported(armature := skinned())
+    use_as_body(bpy.context.scene, armature)
+    body = body_armature.body_from_armature(armature)
+    assert body.names == upright.names
+    for part, own in zip(body.parts, upright.parts, strict=True):
+        assert np.allclose(part.head_world, own.head_world, atol=1e-5)
+        world = [p.vertices @ p.R_world_rest.T + p.head_world for p in (part, own)]
+        assert np.allclose(*(ConvexHull(points).volume for points in world), rtol=0.02)
+    motion = made_motion(len(body))
+    motion_curves.write_motion(armature, motion, 1)
+    assert joint_error(armature, body, motion) < 0.1
+
+
+@pytest.mark.parametrize("mode", ["ZXY", "AXIS_ANGLE"])
+def test_key_poses_in_every_rotation_mode_stay_what_they_are(mode):
+    armature = skinned()
+    bone = armature.pose.bones["forearm.L"]
+    bone.rotation_mode = mode
+    attribute = "rotation_axis_angle" if mode == "AXIS_ANGLE" else "rotation_euler"
+    for frame, values in ((1, (0.3, 0.1, 0.9, -0.4)), (9, (2.9, -1.2, 0.4, 0.6)), (17, (3.4, 0.2, 0.5, 0.1))):
+        setattr(bone, attribute, values[: len(getattr(bone, attribute))])
+        bone.keyframe_insert(attribute, frame=frame)
+
+    def shown():
+        poses = []
+        for frame in (1, 9, 17):
+            bpy.context.scene.frame_set(frame)
+            poses.append(np.array(bone.matrix))
+        return poses
+
+    before = shown()
+    use_as_body(bpy.context.scene, armature)
+    assert bone.rotation_mode == "QUATERNION"
+    assert np.allclose(shown(), before, atol=1e-5)
+    keys = key_pose_curves.read_key_poses(armature, 1, 17)
+    assert keys.frames.tolist() == [0, 8, 16]
+
+
+def test_locked_axes_and_limited_rotations_are_limits_of_the_joint():
+    armature = skinned()
+    armature.pose.bones["shin.L"].lock_rotation = (False, True, True)
+    held = armature.pose.bones["forearm.R"].constraints.new("LIMIT_ROTATION")
+    held.owner_space, held.use_limit_x, held.min_x, held.max_x = "LOCAL", True, -0.1, 2.0
+    use_as_body(bpy.context.scene, armature)
+    limits = {part.name: part.limits for part in body_armature.body_from_armature(armature).parts}
+    assert np.allclose(limits["shin.L"], [[-np.pi, np.pi], [0, 0], [0, 0]])
+    assert np.allclose(limits["forearm.R"], [[-0.1, 2.0], [-np.pi, np.pi], [-np.pi, np.pi]])
+
+
+def with_root(armature):
+    """A bone that is no part, above all others."""
+    bpy.context.view_layer.objects.active = armature
+    bpy.ops.object.mode_set(mode="EDIT")
+    root = armature.data.edit_bones.new("master")
+    root.tail, root.use_deform = (0, 0.5, 0), False
+    armature.data.edit_bones["pelvis"].parent = root
+    bpy.ops.object.mode_set(mode="OBJECT")
+    return armature.pose.bones["master"]
+
+
+def test_a_control_above_the_body_may_have_been_moved():
+    armature = skinned()
+    root = with_root(armature)
+    root.location, root.rotation_mode, root.rotation_euler = (0.4, -0.2, 0.1), "XYZ", (0.2, 0.5, -1.0)
+    bpy.context.view_layer.update()
+    _, remarks = use_as_body(bpy.context.scene, armature)
+    assert remarks == ()
+    body, motion = body_armature.body_from_armature(armature), made_motion(16)
+    motion_curves.write_motion(armature, motion, 1)
+    assert joint_error(armature, body, motion) < 0.05
+
+
+def test_a_bone_with_keys_that_is_no_part_is_named():
+    armature = skinned()
+    root = with_root(armature)
+    for frame in (1, 9):
+        root.location.x = 0.1 * frame
+        root.keyframe_insert("location", frame=frame)
+    _, remarks = use_as_body(bpy.context.scene, armature)
+    assert [text.split(":")[0] for text in remarks] == ["bone master"]
+
+
+def test_a_bone_that_does_not_turn_with_the_one_above_is_named():
+    armature = skinned()
+    armature.data.bones["head"].use_inherit_rotation = False
+    with pytest.raises(BodyError, match=r"bone head: the bone does not turn with the one above"):
+        use_as_body(bpy.context.scene, armature)
+
+
 def test_motion_on_a_skinned_character_is_what_blender_shows():
     armature = skinned()
     use_as_body(bpy.context.scene, armature)
     body = body_armature.body_from_armature(armature)
-    dice = np.random.default_rng(3)
-    motion = Motion(dice.normal(0, 1, (4, 3)), rotations.exp(dice.normal(0, 0.5, (4, len(body), 3))))
+    motion = made_motion(len(body))
     motion_curves.write_motion(armature, motion, 1)
     assert joint_error(armature, body, motion) < 0.05
 

@@ -72,6 +72,8 @@ def make_figure(
     voxel: float = 0.007,
     shapes: Sequence[Shape] | None = None,
     paint: Callable[[Body, NDArray[np.int64], Array], Array] | None = None,
+    *,
+    pose: Motion | None = None,
 ) -> Figure:
     """Mesh and colour a body's figure and compute its skin weights.
 
@@ -83,9 +85,11 @@ def make_figure(
         Those of another person; by default `human_shapes`.
     paint : callable, optional
         From the body, the nearest part (V,) and the place in its frame (V, 3) of every vertex to colours (V, 3).
+    pose : Motion, optional
+        The one in which it is meshed; by default a human's `stance`.
     """
     shapes = human_shapes(body) if shapes is None else shapes
-    R, T = (pose[0] for pose in part_poses(body, stance(body)))
+    R, T = (poses[0] for poses in part_poses(body, stance(body) if pose is None else pose))
 
     def distances(points: Array) -> Array:
         parts = [body.index(shape.part) for shape in shapes]

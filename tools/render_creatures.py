@@ -1,0 +1,202 @@
+#!/usr/bin/env python3
+"""Render footage of characters whose rigs are unlike the tracker's own body, with their rigs; needs the bpy module.
+
+    .venv/bin/python tools/render_creatures.py --out build/creatures [person dog hammer]
+
+Each gets a folder with its footage as pictures, calibration.toml and rig.blend: the skinned character with its true
+motion on every frame, the first at frame 1. What is there already is not rendered again. `--preview 0 30` writes PNG
+pictures of those frames instead.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import bpy
+import cv2
+import numpy as np
+from kfmocap.core.body import part_poses
+from kfmocap.core.formats import save_cameras
+from mathutils import Matrix, Vector
+from numpy.typing import NDArray
+from render.creatures import CREATURES, FPS, FRAMES, Creature
+from render.drawing import linear
+from render.painted_scene import Floor, PaintedView, Sensor, Surface, lit
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+EXPOSURE, MOMENTS = 0.5, 3
+"""Share of the time between frames, and the times at which it is sampled."""
+JPEG_QUALITY = 90
+LOOKS = ("creatures", "drawing", "figure", "movement_phrases", "painted_scene", "shapes", "textures")
+FIRST = 1
+"""Frame of the rig's file that shows the first picture."""
+
+
+def pictures(creature: Creature, frames: Sequence[int]) -> Iterator[tuple[int, int, NDArray[np.uint8]]]:
+    """Render frames; yields the view's number, the frame and its picture."""
+    figure = creature.figure
+    colours = linear(figure.colours[:, ::-1])
+    views = [PaintedView(camera, None) for camera in creature.cameras]
+    sensor = Sensor()
+    for frame in frames:
+        times = (frame + EXPOSURE * ((np.arange(MOMENTS) + 0.5) / MOMENTS - 0.5)) / FPS
+        moments = [Surface(skin, figure.triangles, colours) for skin in figure.posed(creature.motion(times))]
+        middle = moments[MOMENTS // 2]
+        light, floor = lit(middle), Floor(middle.vertices)
+        for v, view in enumerate(views):
+            rng = np.random.default_rng([frame, v, *creature.name.encode()])
+            yield v, frame, sensor.recorded(view.exposed(moments, light, floor).light, rng)
+
+
+def build_rig(creature: Creature) -> bpy.types.Object:
+    """Build the armature with its skin and its true motion in an empty file; returns the armature."""
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    scene = bpy.context.scene
+    scene.render.fps, scene.frame_start, scene.frame_end = round(FPS), FIRST, FIRST + FRAMES - 1
+    armature = bpy.data.objects.new(creature.name, bpy.data.armatures.new(creature.name))
+    scene.collection.objects.link(armature)
+    turn = np.eye(3) if creature.upright else Rotation.from_euler("x", 90, degrees=True).as_matrix()
+    matrix = np.eye(4)
+    matrix[:3, :3] = creature.scale * turn
+    armature.matrix_world = Matrix(matrix.tolist())
+    axes = _add_bones(creature, armature, np.linalg.inv(matrix))
+    _add_skin(creature, armature, np.linalg.inv(matrix))
+    for bone, mode in zip(armature.pose.bones, creature.modes * len(armature.pose.bones), strict=False):
+        bone.rotation_mode = mode
+    _animate(creature, armature, axes, creature.scale * turn)
+    return armature
+
+
+def _add_bones(creature: Creature, armature: bpy.types.Object, to_local: Array) -> Array:
+    """Add bones that point anywhere; returns their rest orientations in the armature, shape (P, 3, 3)."""
+    figure, rng = creature.figure, np.random.default_rng(len(creature.name))
+    bpy.context.view_layer.objects.active = armature
+    bpy.ops.object.mode_set(mode="EDIT")
+    bones = armature.data.edit_bones
+    length = 0.1 / creature.scale
+    for i, part in enumerate(figure.body.parts):
+        bone = bones.new(creature.bones[part.name])
+        bone.head = Vector((to_local[:3, :3] @ figure.T_stance[i]).tolist())
+        bone.tail = bone.head + Vector((length * _direction(rng)).tolist())
+        bone.roll = float(rng.uniform(-3, 3))
+        bone.parent = bones[creature.bones[figure.body.parts[part.parent].name]] if part.parent >= 0 else None
+    for name, (above, head, tail) in creature.spare.items():
+        bone = bones.new(name)
+        bone.head, bone.tail = (Vector((to_local[:3, :3] @ np.array(end)).tolist()) for end in (head, tail))
+        bone.parent = bones[creature.bones[above]]
+    bpy.ops.object.mode_set(mode="OBJECT")
+    names = [creature.bones[name] for name in figure.body.names]
+    return np.array([np.array(armature.data.bones[name].matrix_local)[:3, :3] for name in names])
+
+
+def _direction(rng: np.random.Generator) -> Array:
+    way = rng.normal(size=3)
+    return np.asarray(way / np.linalg.norm(way))
+
+
+def _add_skin(creature: Creature, armature: bpy.types.Object, to_local: Array) -> None:
+    """Add the skin as one mesh below the armature, bound by an armature modifier."""
+    figure = creature.figure
+    mesh = bpy.data.meshes.new("skin")
+    points = figure.vertices @ to_local[:3, :3].T
+    mesh.from_pydata(points.tolist(), [], figure.triangles.tolist())
+    skin = bpy.data.objects.new("skin", mesh)
+    bpy.context.scene.collection.objects.link(skin)
+    skin.parent = armature
+    colours = mesh.color_attributes.new("colour", "FLOAT_COLOR", "POINT")
+    rgba = np.concatenate([linear(figure.colours), np.ones((len(points), 1))], axis=1)
+    colours.data.foreach_set("color", rgba.astype(np.float32).ravel())
+    for i, name in enumerate(figure.body.names):
+        group = skin.vertex_groups.new(name=creature.bones[name])
+        for vertex in np.flatnonzero(figure.weights[:, i] > 0).tolist():
+            group.add([vertex], float(figure.weights[vertex, i]), "REPLACE")
+    modifier = skin.modifiers.new("Armature", "ARMATURE")
+    modifier.object = armature
+
+
+def _animate(creature: Creature, armature: bpy.types.Object, axes: Array, to_world: Array) -> None:
+    """Key every frame of the motion on the bones' own channels."""
+    figure = creature.figure
+    R, T = part_poses(figure.body, creature.motion(np.arange(FRAMES) / FPS))
+    turns = R @ np.swapaxes(figure.R_stance, -1, -2)  # from the rest pose, in the world
+    rest = to_world / creature.scale @ axes
+    for i, part in enumerate(figure.body.parts):
+        bone = armature.pose.bones[creature.bones[part.name]]
+        own = turns[:, i] if part.parent < 0 else np.swapaxes(turns[:, part.parent], -1, -2) @ turns[:, i]
+        Q = rest[i].T @ own @ rest[i]
+        euler = None
+        for f in range(FRAMES):
+            matrix = Matrix(Q[f].tolist())
+            if bone.rotation_mode == "QUATERNION":
+                turned = matrix.to_quaternion()
+                if f:
+                    turned.make_compatible(bone.rotation_quaternion)
+                bone.rotation_quaternion = turned
+                bone.keyframe_insert("rotation_quaternion", frame=FIRST + f)
+            else:
+                euler = matrix.to_euler(bone.rotation_mode, euler) if euler else matrix.to_euler(bone.rotation_mode)
+                bone.rotation_euler = euler
+                bone.keyframe_insert("rotation_euler", frame=FIRST + f)
+            if part.parent < 0:
+                bone.location = (rest[i].T @ (T[f, 0] - figure.T_stance[0]) / creature.scale).tolist()
+                bone.keyframe_insert("location", frame=FIRST + f)
+
+
+def digest(name: str) -> str:
+    """Hash of everything that a character's files depend on."""
+    here = Path(__file__)
+    sources = [here, *(here.parent / "render" / f"{module}.py" for module in LOOKS)]
+    return hashlib.sha256(b"".join([*(source.read_bytes() for source in sources), name.encode()])).hexdigest()[:16]
+
+
+def render_creature(name: str, out: Path) -> None:
+    """Render a character into a folder of its name, unless it is there."""
+    folder, mark = out / name, digest(name)
+    if (folder / "digest.txt").is_file() and (folder / "digest.txt").read_text() == mark:
+        return
+    creature = CREATURES[name]()
+    with tempfile.TemporaryDirectory(dir=out, prefix=f".{name}-") as scratch:
+        part = Path(scratch) / name
+        for camera in creature.cameras:
+            (part / camera.name).mkdir(parents=True)
+        for v, frame, image in pictures(creature, range(FRAMES)):
+            path = part / creature.cameras[v].name / f"{frame:04d}.jpg"
+            if not cv2.imwrite(str(path), image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]):
+                raise OSError(f"{path} cannot be written")
+        save_cameras(part / "calibration.toml", {camera.name: camera for camera in creature.cameras})
+        build_rig(creature)
+        bpy.ops.wm.save_as_mainfile(filepath=str(part / "rig.blend"))
+        (part / "digest.txt").write_text(mark)
+        shutil.rmtree(folder, ignore_errors=True)
+        os.replace(part, folder)
+
+
+def main() -> None:
+    """Render characters, or previews of some frames."""
+    form = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=form)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"by default all: {', '.join(CREATURES)}")
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--preview", type=int, nargs="+", metavar="FRAME", help="these frames only")
+    args = parser.parse_args()
+    if unknown := sorted(set(args.names) - set(CREATURES)):
+        parser.error(f"there is no {', '.join(unknown)}; there are {', '.join(CREATURES)}")
+    args.out.mkdir(parents=True, exist_ok=True)
+    for name in args.names or CREATURES:
+        if args.preview:
+            creature = CREATURES[name]()
+            for v, frame, image in pictures(creature, args.preview):
+                cv2.imwrite(str(args.out / f"{name}_{creature.cameras[v].name}_{frame:04d}.png"), image)
+        else:
+            render_creature(name, args.out)
+
+
+if __name__ == "__main__":
+    main()
