@@ -6,9 +6,9 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
-from statistics import fmean
+from statistics import fmean, median
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from ..core.body.motion import Motion, stacked
 from ..core.formats import Landmarks, read_trc
 from ..core.review.scoring import Score, joint_error
 from ..core.shot.keypose_spline import spline
-from ..core.shot.shot import KeyPoses, Shot
+from ..core.shot.shot import SOLVERS, KeyPoses, Shot
 from ..core.tracking.prepare import load_shot
 from ..core.tracking.selection import selected
 from ..core.tracking.tracker import track
@@ -34,6 +34,8 @@ SHOWN_SWEEPS, SHOWN_FIELD = (5, 50, 500), 20
 """Those that are shown, and on which field of the throw."""
 DRIFTED = (90, 96)
 """Frames of the walk on which tracking without its end is shown."""
+SEEDS = 10
+"""How often a search that has chance in it is done."""
 LEG = ("Hip", "Knee", "Ankle")
 ARM = ("Shoulder", "Elbow", "Wrist")
 SWITCHES = ((0, 11, "cam01"), (11, 46, "cam02"), (46, 75, "cam03"), (75, 96, "cam01"))
@@ -84,29 +86,64 @@ class ExperimentResult:
     scores: dict[str, Any] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class WalkVariant:
+    """How the walk is tracked."""
+
+    solver: str
+    end_key: bool
+    prediction: bool
+    limb_search: bool = False
+
+    @property
+    def seeds(self) -> range:
+        """Seeds of the limb search: chance has a part only where there is one."""
+        return range(SEEDS if self.limb_search else 1)
+
+    def tracked(self, shot: Shot, seed: int) -> Motion:
+        """The motion that is found."""
+        keyed = selected(shot, solver=self.solver, keyframes=None if self.end_key else [shot.frames[0]])
+        settings = replace(keyed.settings, prediction=self.prediction, limb_search=self.limb_search, search_seed=seed)
+        return track(replace(keyed, settings=settings)).motions[0]
+
+    def words(self) -> list[str]:
+        """Cells of a table."""
+        return [self.solver, *map(_yes, (self.end_key, self.prediction, self.limb_search))]
+
+
+WALK_VARIANTS = tuple(
+    WalkVariant(solver, end_key, prediction, limb_search)
+    for solver, searches in (("relaxation", (False,)), ("gauss-newton", (False, True)))
+    for end_key in (False, True)
+    for limb_search in (searches if end_key else (False,))
+    for prediction in (False, True)
+)
+"""Between two key poses alone limbs are looked for."""
+
+
 def walk(footage: RenderedShot) -> ExperimentResult:
-    """A walk past one camera, with and without the key pose at its end and prediction."""
+    """A walk past one camera, with and without the key pose at its end, prediction and limb search."""
     shot = footage.shot
-    found: dict[tuple[bool, bool], Motion] = {}
-    for end_key in (False, True):
-        for prediction in (False, True):
-            say(f"end key {_yes(end_key)}, prediction {_yes(prediction)} ...")
-            keyed = selected(shot, keyframes=None if end_key else [shot.frames[0]])
-            settings = replace(shot.settings, prediction=prediction)
-            found[end_key, prediction] = track(replace(keyed, settings=settings)).motions[0]
-    scores = {variant: footage.score(motion) for variant, motion in found.items()}
-    heads = ("end key", "prediction", "all joints", "hidden leg", "near leg", "hidden arm", "near arm")
-    rows = [[*map(_yes, variant), *_groups(score)] for variant, score in scores.items()]
-    without, both = (limb(scores[v, v], "R", LEG) for v in (False, True))
+    found: dict[WalkVariant, list[Motion]] = {}
+    for variant in WALK_VARIANTS:
+        say(f"{' '.join(variant.words())} ...")
+        found[variant] = [variant.tracked(shot, seed) for seed in variant.seeds]
+    scores = {variant: [footage.score(motion) for motion in motions] for variant, motions in found.items()}
+    heads = ("solver", "end key", "prediction", "limb search", "all joints", "of seeds")
+    groups = ("hidden leg", "near leg", "hidden arm", "near arm")
+    rows = [[*variant.words(), *_medians(among)] for variant, among in scores.items()]
+    full, bare = (WalkVariant("gauss-newton", on, on, on) for on in (True, False))
+    both, without = (median(limb(score, "R", LEG) for score in scores[variant]) for variant in (full, bare))
     text = (
-        f"{markdown(heads, rows)}\n\nThe hidden leg's error with both is {both / without:.2f} of that without either."
+        f"{markdown((*heads, *groups), rows)}\n\n"
+        f"The hidden leg's error with all three is {both / without:.2f} of that with none of them."
     )
+    drifting = WalkVariant("gauss-newton", end_key=False, prediction=True)
     panels = Panels(shot, footage.truth)
-    drifted = panels.row([(f, found[False, True], str(f)) for f in DRIFTED], 360, whole=True)
-    kept = panels.row([(f, found[True, True], str(f)) for f in range(0, shot.length, 8)], 190)
-    return ExperimentResult(
-        text, {"walk_without": drifted, "walk_with": kept}, {str(k): _json(s) for k, s in scores.items()}
-    )
+    drifted = panels.row([(f, found[drifting][0], str(f)) for f in DRIFTED], 360, whole=True)
+    kept = panels.row([(f, found[full][0], str(f)) for f in range(0, shot.length, 8)], 190)
+    every = {" ".join(variant.words()): [_json(score) for score in among] for variant, among in scores.items()}
+    return ExperimentResult(text, {"walk_without": drifted, "walk_with": kept}, every)
 
 
 def limb(score: Score, side: str, joints: Sequence[str]) -> float:
@@ -114,10 +151,14 @@ def limb(score: Score, side: str, joints: Sequence[str]) -> float:
     return fmean(score.per_landmark[side + joint] for joint in joints)
 
 
-def _groups(score: Score) -> list[str]:
-    """Mean errors of all joints, and of the legs and arms that are hidden (right) and near (left)."""
-    limbs = [limb(score, side, joints) for joints in (LEG, ARM) for side in "RL"]
-    return [f"{error:.0f}" for error in (score.mean, *limbs)]
+def _medians(scores: Sequence[Score]) -> list[str]:
+    """Medians of mean errors: of all joints, with the least and the largest, and of the legs and arms that are hidden
+    (right) and near (left).
+    """
+    means = [score.mean for score in scores]
+    among = f"{min(means):.0f} to {max(means):.0f}" if len(means) > 1 else "-"
+    limbs = [median(limb(score, side, joints) for score in scores) for joints in (LEG, ARM) for side in "RL"]
+    return [f"{median(means):.0f}", among, *(f"{error:.0f}" for error in limbs)]
 
 
 def throw(footage: RenderedShot) -> ExperimentResult:
@@ -161,8 +202,7 @@ def _watched(footage: RenderedShot, solver: str, sweeps: int | None) -> tuple[di
 
 
 def whirl(footage: RenderedShot) -> ExperimentResult:
-    """A turn on the spot with waving arms: one camera, a camera switched by hand, and all of them."""
-    shot = footage.shot
+    """A turn on the spot with waving arms: one camera, a camera switched by hand, and all of them; both solvers."""
     ways: dict[str, Callable[[Shot, Switches], Motion]] = {
         "cam01": lambda s, _: track(selected(s, views=["cam01"])).motions[0],
         "switched": track_switched,
@@ -170,22 +210,23 @@ def whirl(footage: RenderedShot) -> ExperimentResult:
     }
     found, rows, scores = {}, [], {}
     spans = list(pairwise([0, *footage.keys[1:]]))
-    for keys, switches in (([0], SWITCHES), (footage.keys, SWITCHES_AT_KEYS)):
-        for cameras, way in ways.items():
-            say(f"{cameras}, key poses at {' '.join(map(str, keys))} ...")
-            motion = way(selected(shot, keyframes=[shot.frames[0] + k for k in keys]), switches)
-            found[len(keys), cameras] = motion
-            parts = [footage.score(motion, range(a, b)).mean for a, b in spans]
-            score = footage.score(motion)
-            scores[f"{cameras} {keys}"] = _json(score)
-            arms = fmean(limb(score, side, ARM) for side in "LR")
-            numbers = [f"{error:.0f}" for error in (*parts, arms, score.mean)]
-            rows.append([cameras, " ".join(map(str, keys)), *numbers])
-    heads = ("cameras", "key frames", *(f"{a + 1}-{b - 1}" for a, b in spans), "arms", "all joints")
-    panels = Panels(shot, footage.truth, "cam02")
+    keyed = (([0], SWITCHES), (footage.keys, SWITCHES_AT_KEYS))
+    for solver, (keys, switches), cameras in product(SOLVERS, keyed, ways):
+        say(f"{solver}, {cameras}, key poses at {' '.join(map(str, keys))} ...")
+        shot = selected(footage.shot, solver=solver, keyframes=[footage.shot.frames[0] + k for k in keys])
+        motion = ways[cameras](shot, switches)
+        found[solver, len(keys), cameras] = motion
+        parts = [footage.score(motion, range(a, b)).mean for a, b in spans]
+        score = footage.score(motion)
+        scores[f"{solver} {cameras} {keys}"] = _json(score)
+        arms = fmean(limb(score, side, ARM) for side in "LR")
+        numbers = [f"{error:.0f}" for error in (*parts, arms, score.mean)]
+        rows.append([solver, cameras, " ".join(map(str, keys)), *numbers])
+    heads = ("solver", "cameras", "key frames", *(f"{a + 1}-{b - 1}" for a, b in spans), "arms", "all joints")
+    panels = Panels(footage.shot, footage.truth, "cam02")
+    shown = range(0, footage.shot.length, 16)
     strips = [
-        panels.row([(f, found[1, cameras], f"{cameras} {f}") for f in range(0, shot.length, 16)], 180)
-        for cameras in ways
+        panels.row([(f, found["gauss-newton", 1, cameras], f"{cameras} {f}") for f in shown], 180) for cameras in ways
     ]
     return ExperimentResult(markdown(heads, rows), {"whirl": stacked_rows(strips)}, scores)
 

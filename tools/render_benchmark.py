@@ -23,7 +23,7 @@ from kfmocap.core.body import Body
 from numpy.typing import NDArray
 from render.benchmark_shots import PLANS, ShotPlan, is_current, write_description
 from render.drawing import linear
-from render.painted_scene import SUBPIXELS, Exposure, Floor, PaintedView, Surface, box, joined, lit
+from render.painted_scene import SUBPIXELS, Exposure, PaintedView, box, exposures, joined
 from render.people import skin_at, true_landmarks
 
 WOOD = linear([0.28, 0.38, 0.48])
@@ -44,13 +44,9 @@ def pictures(
     near = (np.eye(len(body)) + body_links(body)) > 0
     for frame in frames:
         skins = skin_at(plan.person, figure, plan.movement, plan.exposed(frame))
-        moments = [Surface(skin, figure.triangles, colours) for skin in skins]
-        middle = moments[len(moments) // 2]
-        light, floor = lit(middle), Floor(middle.vertices)
-        for v, view in enumerate(views):
-            exposure = view.exposed(moments, light, floor)
+        for v, exposure in enumerate(exposures(views, skins, figure.triangles, colours)):
             rng = np.random.default_rng([frame, v, *plan.name.encode()])
-            seen = seen_landmarks(view.camera.project(truth[frame]), exposure, own, near[parts])
+            seen = seen_landmarks(plan.cameras[v].project(truth[frame]), exposure, own, near[parts])
             yield v, frame, plan.sensor.recorded(exposure.light, rng), seen
 
 

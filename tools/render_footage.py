@@ -3,6 +3,8 @@
 
     .venv/bin/python tools/render_footage.py walk --out examples/walk
 
+The person of an experiment is painted, with motion blur; the example's figure is traced by Blender.
+
 Writes one video per camera, calibration.toml, landmarks.trc and shot.toml; a README there is left alone. An interrupted
 run continues where it stopped, and a finished take is not rendered again. `--preview 0 30 59` writes PNG
 pictures of those frames instead, with the joints marked.
@@ -13,33 +15,64 @@ from __future__ import annotations
 import argparse
 import os
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from render.takes import PLANS, Take, is_written, make_take, write_shot
+
+Image = NDArray[np.uint8]
+
+PAINTED_VOXEL = 0.012
+"""Of a painted figure's mesh, metres."""
 
 
 def render_take(take: Take, frames: list[int], folder: Path, marks: bool = False) -> None:
     """Render frames, as the cameras record them, into PNG files in a folder."""
     import cv2
-    from render import camera_lens, figure, render_scene
 
-    skin = figure.make_figure(take.body)
-    mesh, vertices = render_scene.build(skin), skin.posed(take.motion)
-    pinholes = {camera.name: camera_lens.padded_pinhole(camera) for camera in take.cameras}
-    by_name = {camera.name: camera for camera in take.cameras}
     truth = take.truth()
-    for name, frame, pinhole_image in render_scene.render(
-        mesh, vertices, list(pinholes.values()), folder, frames, board_path=take.board
-    ):
-        image = camera_lens.through_lens(pinhole_image, pinholes[name], by_name[name])
-        image = camera_lens.with_noise(image, seed=[frame, *name.encode()])
+    by_name = {camera.name: camera for camera in take.cameras}
+    for name, frame, image in (traced if take.person is None else painted)(take, frames, folder):
         if marks:
             for u, v in by_name[name].project(truth[frame]):
                 cv2.circle(image, (round(u * 16), round(v * 16)), 32, (0, 255, 0), 1, cv2.LINE_AA, 4)
         part = folder / "part.png"
         cv2.imwrite(str(part), image)
         os.replace(part, picture(folder, name, frame))
+
+
+def painted(take: Take, frames: list[int], _folder: Path) -> Iterator[tuple[str, int, Image]]:
+    """Paint a take's person in frames; yields camera, frame and picture."""
+    from render.drawing import linear
+    from render.painted_scene import PaintedView, Sensor, exposures
+    from render.people import posed_parts
+
+    assert take.person is not None
+    figure = take.person.figure(take.body, PAINTED_VOXEL)
+    colours = linear(figure.colours[:, ::-1])
+    views = [PaintedView(camera, None) for camera in take.cameras]
+    for frame in frames:
+        skins = figure.skinned(*posed_parts(take.body, take.exposed(frame)))
+        for view, exposure in zip(views, exposures(views, skins, figure.triangles, colours), strict=True):
+            rng = np.random.default_rng([frame, *view.camera.name.encode()])
+            yield view.camera.name, frame, Sensor().recorded(exposure.light, rng)
+
+
+def traced(take: Take, frames: list[int], folder: Path) -> Iterator[tuple[str, int, Image]]:
+    """Trace frames of a take's figure with Blender; yields camera, frame and picture."""
+    from render import camera_lens, figure, render_scene
+
+    skin = figure.make_figure(take.body)
+    mesh, vertices = render_scene.build(skin), skin.posed(take.motion)
+    pinholes = {camera.name: camera_lens.padded_pinhole(camera) for camera in take.cameras}
+    by_name = {camera.name: camera for camera in take.cameras}
+    for name, frame, pinhole_image in render_scene.render(
+        mesh, vertices, list(pinholes.values()), folder, frames, board_path=take.board
+    ):
+        image = camera_lens.through_lens(pinhole_image, pinholes[name], by_name[name])
+        yield name, frame, camera_lens.with_noise(image, seed=[frame, *name.encode()])
 
 
 def picture(folder: Path, camera: str, frame: int) -> Path:

@@ -171,6 +171,8 @@ _NOT_NUMBERS = (
     "prediction",
     "plants",
     "contact",
+    "limb_search",
+    "search_seed",
     "footage_offset",
     "threads",
 )
@@ -209,6 +211,11 @@ class Settings:
         Points of the soles that are found to be planted stand still.
     contact : bool
         Bodies of different performers do not pass through each other.
+    limb_search : bool
+        Where the images leave a doubt of a solution, other starts are tried and limbs are looked for; the relaxation
+        does not.
+    search_seed : int
+        Of the poses that are drawn to look for limbs; another one draws others.
     keypoint_correlation : float
         How far apart in time a detector's errors are independent, seconds: keypoints within that time count as one.
     broken_keypoints : str
@@ -231,6 +238,8 @@ class Settings:
     prediction: bool = True
     plants: bool = True
     contact: bool = True
+    limb_search: bool = True
+    search_seed: int = 0
     keypoint_correlation: float = 0.3
     broken_keypoints: str = "refuse"
     footage_offset: float | None = None
@@ -247,6 +256,8 @@ class Settings:
         offset = self.footage_offset
         if offset is not None and not abs(offset) <= 0.5:
             raise ShotError(f"it is {offset!r}", where="[track] footage_offset", todo="give -0.5 to 0.5 frames")
+        if self.search_seed < 0:
+            raise ShotError(f"it is {self.search_seed!r}", where="[track] search_seed", todo="give 0 or more")
         if self.threads is not None and self.threads < 1:
             raise ShotError(f"it is {self.threads!r}", where="[track] threads", todo="give 1 or more")
         for item in fields(self):

@@ -17,7 +17,7 @@ from render.figure import Figure, make_figure, stance
 from render.figure_pose import posed_rotations, turn
 from render.footwork import Foot, reaching_legs, stepping
 from render.isosurface import mesh_isosurface
-from render.takes import BESIDE_THE_WALK, PLANS, Take, is_written, make_take, write_shot
+from render.takes import BESIDE_THE_WALK, MOMENTS, PLANS, Take, is_written, make_take, write_shot
 from render_footage import woven
 
 
@@ -72,6 +72,29 @@ def test_lens_puts_a_rendered_point_where_the_camera_projects_it() -> None:
 
 TAKES = [make_take(name) for name in PLANS]
 takes = pytest.mark.parametrize("take", TAKES, ids=lambda take: take.name)
+
+
+def test_a_person_is_exposed_around_each_frame() -> None:
+    take = make_take("throw")
+    np.testing.assert_array_equal(take.between.translations[::MOMENTS], take.motion.translations)
+    moving = take.exposed(30)
+    assert len(moving) == MOMENTS // 2
+    middle = moving[[len(moving) // 2]]
+    assert np.abs(middle.difference(take.motion[[30]])).max() < 1e-9
+    np.testing.assert_array_equal(take.exposed(0).translations[0], take.motion.translations[0])
+
+
+def test_a_persons_shoulders_rise_as_the_trackers_body_cannot() -> None:
+    take = make_take("throw")
+    rigid = landmark_positions(take.body, take.motion, take.landmarks)
+    shoulder, hip = (take.landmarks.index(name) for name in ("RShoulder", "RHip"))
+    assert np.linalg.norm(take.truth() - rigid, axis=2)[:, shoulder].max() > 0.02
+    np.testing.assert_allclose(take.truth()[:, hip], rigid[:, hip], atol=1e-12)
+
+
+def test_no_board_is_painted_before_a_person() -> None:
+    with pytest.raises(ValueError, match="no board is painted before the person of 'throw'"):
+        make_take("throw", board=True)
 
 
 @takes

@@ -6,7 +6,7 @@ sun with shadows on figure and floor, lenses, and a sensor with the noise of its
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -260,6 +260,25 @@ class PaintedView:
         for number, polygon in zip((seen + 1).tolist(), polygons, strict=True):
             fill(ids, polygon, number, 8, _BITS)
         return ids
+
+
+def exposures(views: Sequence[PaintedView], skins: Array, triangles: Triangles, colours: Array) -> Iterator[Exposure]:
+    """Expose a frame in several views.
+
+    Parameters
+    ----------
+    views : sequence of PaintedView
+    skins : ndarray, shape (M, V, 3)
+        A figure's vertices in the world at times spread evenly over the exposure.
+    triangles : ndarray of int, shape (N, 3)
+    colours : ndarray, shape (V, 3)
+        As a surface's.
+    """
+    moments = [Surface(skin, triangles, colours) for skin in skins]
+    middle = moments[len(moments) // 2]
+    light, floor = lit(middle), Floor(middle.vertices)
+    for view in views:
+        yield view.exposed(moments, light, floor)
 
 
 def _triangle_light(surface: Surface, light: Array) -> Picture:

@@ -14,15 +14,24 @@ from kfmocap.core.formats import save_cameras, write_trc
 from numpy.typing import ArrayLike
 
 from .motions import MOTIONS
+from .people import Person, Wardrobe, true_landmarks
 
 KEY_STEP = 20
-LOOKS = ("camera_lens", "figure", "isosurface", "render_scene", "shapes", "textures", "video_encoding")
-"""The modules, besides this one, whose changes make rendered pictures out of date."""
+_FIGURE = ("figure", "isosurface", "shapes", "textures", "video_encoding")
+TRACED = (*_FIGURE, "camera_lens", "render_scene")
+"""The modules, besides this one, whose changes make traced pictures out of date."""
+PAINTED = (*_FIGURE, "drawing", "painted_scene", "people")
+"""The same of painted pictures."""
+MOMENTS = 10
+"""Into how many the time from one picture to the next is divided; a shutter is open for the middle half of them."""
 
 
 @dataclass(frozen=True, eq=False)
 class Take:
     """A motion and the cameras that film it.
+
+    Pictures of a `person` are painted, with the blur of an exposure of half the time from one to the next; those of the
+    usual figure, whose skeleton is that of the tracker's body, are traced by Blender, sharp.
 
     Attributes
     ----------
@@ -34,6 +43,9 @@ class Take:
         "progressive", or the field order of an interlaced video: "top-first" or "bottom-first".
     board : ndarray, shape (F, 3), optional
         Path of the centre of a board that passes in front of the performer, metres.
+    person : Person, optional
+    between : Motion, optional
+        Of a person: the motion at `MOMENTS` times the frame rate.
     """
 
     name: str
@@ -44,6 +56,8 @@ class Take:
     keys: tuple[int, ...]
     fields: str = "progressive"
     board: np.ndarray | None = None
+    person: Person | None = None
+    between: Motion | None = None
 
     @property
     def landmarks(self) -> list[str]:
@@ -52,15 +66,25 @@ class Take:
 
     def truth(self) -> np.ndarray:
         """Landmarks in the world, metres, shape (F, L, 3)."""
+        if self.person is not None:
+            return true_landmarks(self.body, self.motion)
         return landmark_positions(self.body, self.motion, self.landmarks)
+
+    def exposed(self, frame: int) -> Motion:
+        """The motion of a person while a frame is exposed."""
+        assert self.between is not None
+        open_for = np.arange(-(MOMENTS // 4), MOMENTS // 4 + 1)
+        return self.between[np.clip(MOMENTS * frame + open_for, 0, len(self.between) - 1)]
 
     def digest(self) -> str:
         """Hash of everything that its pictures depend on."""
-        sources = [Path(__file__).with_name(f"{name}.py").read_bytes() for name in LOOKS]
+        looks = TRACED if self.person is None else PAINTED
+        sources = [Path(__file__).with_name(f"{name}.py").read_bytes() for name in looks]
         truth = self.truth()
         seen = [(c.name, c.size, c.distortions.tolist(), c.project(truth).round(3).tolist()) for c in self.cameras]
         board = None if self.board is None else self.board.round(6).tolist()
-        return hashlib.sha256(b"".join(sources) + repr((seen, self.fields, board)).encode()).hexdigest()[:16]
+        described = repr((seen, self.fields, board, self.person))
+        return hashlib.sha256(b"".join(sources) + described.encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True)
@@ -73,18 +97,41 @@ class Plan:
     cameras: tuple[Camera, ...]
     keys: tuple[int, ...] | None = None
     fields: str = "progressive"
+    person: Person | None = None
 
 
 def make_take(name: str, frames: int | None = None, board: bool = False) -> Take:
-    """Make a take of `PLANS`; with `board`, a board passes between cam01 and the figure in the opposite direction."""
+    """Make a take of `PLANS`; with `board`, a board passes between cam01 and the figure in the opposite direction.
+
+    Raises
+    ------
+    ValueError
+        A board before a person: it is not painted.
+    """
     plan = PLANS[name]
     length = frames or plan.frames
-    body = human(1.78, {"shoulder_width": 0.375, "upper_arm": 0.298, "torso": 0.52, "head": 0.32396})
+    if board and plan.person is not None:
+        raise ValueError(f"no board is painted before the person of '{name}'")
+    usual = {"shoulder_width": 0.375, "upper_arm": 0.298, "torso": 0.52, "head": 0.32396}
+    body = human(1.78, usual) if plan.person is None else plan.person.body()
     x = np.linspace(1.2, -1.2, length)
     path = np.stack([x, np.full(length, -1.3), np.full(length, 0.75)], axis=1) if board else None
-    motion = MOTIONS[plan.motion](body, length, plan.fps)
+    moving = MOTIONS[plan.motion]
+    motion = moving(body, length, plan.fps)
+    between = None if plan.person is None else moving(body, MOMENTS * (length - 1) + 1, MOMENTS * plan.fps)
     keys = plan.keys if plan.keys is not None and length == plan.frames else key_frames(length)
-    return Take(name, body, motion, plan.cameras, plan.fps, tuple(keys), plan.fields, path)
+    return Take(
+        name,
+        body,
+        motion,
+        plan.cameras,
+        plan.fps,
+        tuple(keys),
+        fields=plan.fields,
+        board=path,
+        person=plan.person,
+        between=between,
+    )
 
 
 def key_frames(frames: int) -> list[int]:
@@ -147,11 +194,18 @@ ALL_ROUND = (
 )
 BEFORE_THE_CROSSING = (camera_looking_at("cam01", (0.0, -4.7, 1.1), (0.0, 0.0, 0.95), 780.0),)
 BEFORE_THE_RING = (camera_looking_at("cam01", (0.0, -5.0, 1.2), (0.03, 0.0, 0.9), 900.0),)
+_SPORTS = Wardrobe(
+    ((0.68, 0.2, 0.16), (0.82, 0.78, 0.72)), (0.13, 0.15, 0.2), (0.72, 0.53, 0.43), pattern=0.11, sleeve=-0.5, leg=-0.35
+)
+ATHLETE = Person(
+    1.8, _SPORTS, {"shoulder_width": 1.06, "torso": 0.96, "upper_arm": 1.04, "forearm": 1.03, "thigh": 1.02}, 1.06
+)
+"""Whose shoulders rise with the arms, as the tracker's body's do not."""
 THROW_KEYS = (0, 15, 26, 41, 52, 61, 66, 71)
 PLANS = {
     "walk": Plan("walk", 60, 30.0, BESIDE_THE_WALK),
-    "crossing": Plan("crossing", 97, 50.0, BEFORE_THE_CROSSING, (0, 96)),
-    "throw": Plan("throw", 72, 60.0, BEFORE_THE_RING, THROW_KEYS, "top-first"),
-    "whirl": Plan("whirl", 97, 30.0, ALL_ROUND, (0, 24, 48, 72, 96)),
+    "crossing": Plan("crossing", 97, 50.0, BEFORE_THE_CROSSING, (0, 96), person=ATHLETE),
+    "throw": Plan("throw", 72, 60.0, BEFORE_THE_RING, THROW_KEYS, "top-first", ATHLETE),
+    "whirl": Plan("whirl", 97, 30.0, ALL_ROUND, (0, 24, 48, 72, 96), person=ATHLETE),
 }
 """The example in the repository, and the experiments of the papers."""

@@ -93,13 +93,13 @@ def found_limbs(problem: SegmentProblem, motions: Sequence[Motion], seed: int, w
     motions : sequence of Motion
         F poses per performer; their fixed degrees of freedom are kept.
     seed : int
-        Seed of the poses drawn.
+        Of the poses drawn, with the setting's.
     workspace : Workspace
         Progress is reported before each limb.
     """
     views = views_with_foreground(problem.views)
     looks = {i: [_ViewRatios.of(view, problem, i) for view in views] for i in problem.sought}
-    found, rng = list(motions), np.random.default_rng(seed)
+    found, rng = list(motions), np.random.default_rng([seed, problem.settings.search_seed])
     chains = [(i, chain) for i in problem.sought for chain in limbs(problem.bodies[i])]
     for done, (i, chain) in enumerate(chains):
         workspace.report(done / len(chains), found)

@@ -85,7 +85,8 @@ def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: 
             best = with_limbs_returned(problem, start, best, workspace.silent())
     if problem.search is not AccelerationSearch.JOINTS:
         problem = problem.with_smoothness(best.variances)
-    doubted, motions = doubted_performers(problem, start, best), best.motions
+    doubted = doubted_performers(problem, start, best) if problem.settings.limb_search else []
+    motions = best.motions
     for k, i in enumerate(doubted):
         own_start = [start[j] if j == i else motion for j, motion in enumerate(motions)]
         part = workspace.part(0.2 + 0.7 * k / len(doubted), 0.2 + 0.7 * (k + 1) / len(doubted))

@@ -13,6 +13,7 @@ from kfmocap.core.errors import CancelledError
 from kfmocap.core.evidence.label_images import Geometry
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
+from kfmocap.core.shot.shot import Settings
 from kfmocap.core.tracking.solvers.limb_search import (
     _best_way,
     _held,
@@ -126,6 +127,17 @@ def test_an_arm_half_a_metre_away_is_found() -> None:
     (found,) = found_limbs(problem_of(truth, seen(truth)), [lost], seed=0, workspace=Workspace())
     assert error_mm(lost, truth, "LWrist").max() > 400
     assert np.median(error_mm(found, truth, "LWrist")) < 0.4 * np.median(error_mm(lost, truth, "LWrist"))
+
+
+def test_another_seed_of_the_shot_draws_other_poses() -> None:
+    truth = walk()
+    lost, problem = turned(truth, "upper_arm.L", -1.0), problem_of(truth, seen(truth))
+    found = [
+        found_limbs(replace(problem, settings=Settings(search_seed=seed)), [lost], seed=0, workspace=Workspace())[0]
+        for seed in (0, 0, 1)
+    ]
+    np.testing.assert_array_equal(found[0].rotations, found[1].rotations)
+    assert np.abs(found[0].difference(found[2])).max() > 1e-3
 
 
 def test_a_limb_that_a_view_sees_on_the_background_is_not_held_by_the_other_views() -> None:

@@ -12,6 +12,7 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence.accumulate import Sampling
 from kfmocap.core.evidence.occlusion import LONG
 from kfmocap.core.numerics import rotations
+from kfmocap.core.shot.shot import Settings
 from kfmocap.core.tracking.solvers import multi_start
 from kfmocap.core.tracking.solvers.limb_search import exchanges, pairs
 from kfmocap.core.tracking.solvers.measurement import Workspace
@@ -38,6 +39,23 @@ def test_fixed_degrees_of_freedom_do_not_move() -> None:
     moved = start.difference(found)
     np.testing.assert_allclose(moved[fixed], 0, atol=1e-12)
     assert np.abs(moved[1:-1]).max() > 1e-2
+
+
+def test_without_the_search_a_doubted_solution_stands() -> None:
+    truth = swing(BODY, 5, 0.2)
+    problem = SegmentProblem(coloured(BODY, truth, CAMERAS), (BODY,), 0, FPS, (ends_held(BODY, 5),))
+    beside = np.zeros((5, BODY.dof))
+    beside[1:4, 0] = 1.0
+    start = [truth.moved(beside)]
+    first = multi_start.descend(problem, start, Workspace())
+    assert multi_start.doubted_performers(problem, start, first) == [0]
+    without, searched = (
+        multi_start.best_of_starts(replace(problem, settings=Settings(limb_search=on)), start, Workspace())
+        for on in (False, True)
+    )
+    np.testing.assert_array_equal(without.motions[0].rotations, first.motions[0].rotations)
+    assert "initial solution" in searched.seconds
+    assert "initial solution" not in without.seconds
 
 
 def explained(problem: SegmentProblem, motion: Motion) -> SegmentSolution:
