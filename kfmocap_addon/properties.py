@@ -516,6 +516,13 @@ class KFMocapScene(bpy.types.PropertyGroup):
     show_marks: bpy.props.BoolProperty(
         default=True, name="Show Marks", description="Show the clicked joints of this frame over the footage"
     )
+    show_strip: bpy.props.BoolProperty(
+        default=True,
+        name="Key Poses Below",
+        description="Show along the lower edge of the footage where in the shot the chosen performer has key poses "
+        "(diamonds; pale ones are proposals, small ones of some bones alone) and tracked frames (the grey band), "
+        "and on which frames a part may be lost (red)",
+    )
     key_frames: bpy.props.PointerProperty(
         type=KFMocapFrames, name="Frames", description="Where key poses are made of keypoints or landmarks"
     )

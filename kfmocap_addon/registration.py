@@ -109,6 +109,7 @@ def register() -> None:
     view, sheet = bpy.types.SpaceView3D, bpy.types.SpaceDopeSheetEditor
     _drawings.append((view, view.draw_handler_add(_draw_outlines, (), "WINDOW", "POST_VIEW")))
     _drawings.append((view, view.draw_handler_add(_draw_marks, (), "WINDOW", "POST_PIXEL")))
+    _drawings.append((view, view.draw_handler_add(_draw_strip, (), "WINDOW", "POST_PIXEL")))
     _drawings.append((sheet, sheet.draw_handler_add(_draw_plants, (), "WINDOW", "POST_PIXEL")))
 
 
@@ -160,6 +161,15 @@ def _draw_marks() -> None:
     from .overlays import mark_drawing
 
     mark_drawing.draw_marks()
+
+
+def _draw_strip() -> None:
+    if bpy.context.scene.kfmocap.show_strip:
+        from .overlays import key_strip
+
+        strip = key_list.strip_of(bpy.context)
+        if strip is not None:
+            key_strip.draw(strip)
 
 
 def _draw_plants() -> None:

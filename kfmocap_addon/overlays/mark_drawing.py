@@ -55,6 +55,11 @@ def bar(low: Position, high: Position, colour: Colour) -> None:
     _drawn("TRI_FAN", corners, colour)
 
 
+def triangles(corners: Sequence[Position], colour: Colour) -> None:
+    """Filled triangles, three corners for each."""
+    _drawn("TRIS", corners, colour)
+
+
 def ring(at: Position, colour: Colour, radius: float = _RADIUS) -> None:
     """A circle."""
     lines([*_circle(at, radius * _scale()), _circle(at, radius * _scale())[0]], colour)
@@ -89,7 +94,7 @@ def _circle(at: Position, radius: float) -> list[tuple[float, float]]:
     return [(at[0] + radius * math.cos(i * turn), at[1] + radius * math.sin(i * turn)) for i in range(_SIDES)]
 
 
-def _drawn(kind: str, points: list[tuple[float, float]], colour: Colour) -> None:
+def _drawn(kind: str, points: Sequence[Position], colour: Colour) -> None:
     shader = gpu.shader.from_builtin("UNIFORM_COLOR")
     batch = batch_for_shader(shader, kind, {"pos": points})
     gpu.state.blend_set("ALPHA")

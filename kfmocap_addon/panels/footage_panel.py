@@ -82,6 +82,7 @@ class LookPanel(Section, bpy.types.Panel):
         row.operator(QuadView.bl_idname, text="", icon="IMGDISPLAY")
         layout.prop(shot, "opacity", slider=True)
         layout.row().prop(shot, "display", expand=True)
+        layout.prop(shot, "show_strip")
 
 
 class ViewPanel(SectionPart, bpy.types.Panel):

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import bpy
 
+from ..scene_io import active_performer
 from ..viewports import viewport
+
+if TYPE_CHECKING:
+    from ..overlays.key_strip import Strip
 
 _DELAY = 0.05
 
@@ -52,11 +57,23 @@ def find_key_poses(armature: bpy.types.Object) -> tuple[KeyPoseEntry, ...]:
     return tuple(sorted(found, key=lambda entry: entry.frame))
 
 
+def find_tracked(armature: bpy.types.Object) -> tuple[tuple[int, int], ...]:
+    """Look up the runs of frames with a key of the tracker's; none where the armature is not a body of ours."""
+    from ...core.errors import KFMocapError
+    from ..scene_io import motion_curves
+
+    try:
+        return tuple(motion_curves.tracked_runs(armature))
+    except KFMocapError:
+        return ()
+
+
 class KeyPoseCache:
-    """The key poses of all performers, by the armature's number in this session of Blender."""
+    """The key poses and tracked frames of all performers, by the armature's number in this session of Blender."""
 
     def __init__(self) -> None:
         self._entries: dict[int, tuple[KeyPoseEntry, ...]] = {}
+        self._tracked: dict[int, tuple[tuple[int, int], ...]] = {}
         self._current: set[int] = set()  # armatures whose keys have not changed since they were looked up
         self._timer = self.look_up  # one object: Blender knows its timers by identity
 
@@ -65,6 +82,10 @@ class KeyPoseCache:
         if armature.session_uid not in self._current:
             self._schedule()
         return self._entries.get(armature.session_uid)
+
+    def tracked(self, armature: bpy.types.Object) -> tuple[tuple[int, int], ...]:
+        """Give the runs of frames with keys of the tracker's, as last looked up with the key poses."""
+        return self._tracked.get(armature.session_uid, ())
 
     def outdate(self) -> None:
         """Have what was drawn before looked up again."""
@@ -77,6 +98,7 @@ class KeyPoseCache:
         if bpy.app.timers.is_registered(self._timer):
             bpy.app.timers.unregister(self._timer)
         self._entries.clear()
+        self._tracked.clear()
         self._current.clear()
 
     def look_up(self) -> None:
@@ -85,6 +107,7 @@ class KeyPoseCache:
             for slot in scene.kfmocap.performers:
                 if slot.armature is not None and slot.armature.session_uid not in self._current:
                     self._entries[slot.armature.session_uid] = find_key_poses(slot.armature)
+                    self._tracked[slot.armature.session_uid] = find_tracked(slot.armature)
                     self._current.add(slot.armature.session_uid)
         viewport.redraw(bpy.context)
 
@@ -95,6 +118,27 @@ class KeyPoseCache:
 
 CACHE = KeyPoseCache()
 """The one cache of the session: Blender's handlers and panels are given no state of ours."""
+
+
+def strip_of(context: bpy.types.Context) -> Strip | None:
+    """What the strip under the footage shows of the chosen performer; None without one, or before it is looked up."""
+    slot, scene = active_performer.chosen(context), context.scene
+    entries = CACHE.entries(slot.armature) if slot is not None else None
+    if slot is None or entries is None:
+        return None
+    from ..overlays.key_strip import Strip
+
+    start = scene.kfmocap.frame_start
+    own = [entry for entry in entries if not entry.proposed]
+    return Strip(
+        (start, start + max(scene.kfmocap.length, 1) - 1),
+        (slot.colour[0], slot.colour[1], slot.colour[2]),
+        tuple(entry.frame for entry in own if not entry.bones),
+        tuple(entry.frame for entry in own if entry.bones),
+        tuple(entry.frame for entry in entries if entry.proposed),
+        CACHE.tracked(slot.armature),
+        tuple((part.frames[0], part.frames[1]) for part in slot.lost),
+    )
 
 
 @bpy.app.handlers.persistent

@@ -101,6 +101,17 @@ def keyed_frames(armature: bpy.types.Object, frame_start: int, length: int) -> N
     return keyed
 
 
+def tracked_runs(armature: bpy.types.Object) -> list[tuple[int, int]]:
+    """First and last scene frames of the runs on which the tracker, and not the animator, keyed the body's place."""
+    place = body_channels.list_channels(armature)[:1]
+    for _, _, keys, own in key_ownership.channel_keys(armature, place):
+        tracked = ~own & (keys["type"] == fcurves.enum_value("type", "GENERATED"))
+        frames = np.unique(fcurves.frames_of(keys)[tracked])
+        runs = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
+        return [(int(run[0]), int(run[-1])) for run in runs if len(run)]
+    return []
+
+
 def bake(armature: bpy.types.Object, bones: Collection[str] | None = None) -> int:
     """Make the tracker's keys ordinary ones, of these bones or the whole body; on how many frames there were any.
 

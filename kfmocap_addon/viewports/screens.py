@@ -69,10 +69,9 @@ def _uncovered(scene: bpy.types.Scene, area: bpy.types.Area) -> tuple[float, tup
         return None
     if _tab(area) != SIDEBAR_TAB:
         return None
-    region, bars = _region(area), [r for r in area.regions if r.type != "WINDOW" and r.width > 1 and r.height > 1]
-    boxes = [free_box(_box(region), [_box(r) for r in bars if r.type != kind]) for kind in ("UI", "")]
+    boxes = uncovered_part(area, "UI"), uncovered_part(area)
     now = space.region_3d.view_camera_zoom, tuple(space.region_3d.view_camera_offset)
-    return moved_clear(_box(region), (boxes[0], boxes[1]), _aspect(scene), now)
+    return moved_clear(_box(_region(area)), boxes, _aspect(scene), now)
 
 
 def moved_clear(
@@ -196,10 +195,19 @@ def _through_camera(window: bpy.types.Window, screen: bpy.types.Screen, area: bp
     _fit(window, screen, area, bpy.ops.view3d.view_center_camera)
     region = _region(area)
     if region.width > 1 and region.height > 1:
-        over = [r for r in area.regions if r.type != "WINDOW" and r.width > 1 and r.height > 1]
-        free = free_box(_box(region), [_box(other) for other in over])
-        zoom, offset = framing(_box(region), free, _aspect(window.scene), space.region_3d.view_camera_zoom)
+        zoom, offset = framing(
+            _box(region), uncovered_part(area), _aspect(window.scene), space.region_3d.view_camera_zoom
+        )
         space.region_3d.view_camera_zoom, space.region_3d.view_camera_offset = zoom, offset
+
+
+def uncovered_part(area: bpy.types.Area, but: str = "") -> Box:
+    """What bars and sidebars leave free of a 3D view, but for the regions of one type.
+
+    The panel of the last operator floats over the view: it comes and goes, and nothing makes way for it.
+    """
+    over = [r for r in area.regions if r.type not in ("WINDOW", "HUD", but) and r.width > 1 and r.height > 1]
+    return free_box(_box(_region(area)), [_box(r) for r in over])
 
 
 def free_box(region: Box, others: Sequence[Box]) -> Box:

@@ -1,0 +1,131 @@
+"""A strip under the footage: where in the shot the chosen performer has key poses, tracked frames, and doubted ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import bpy
+
+from ..scene_io.sides import Colour
+from ..viewports import screens, viewport
+from . import mark_drawing
+
+Run = tuple[int, int]
+"""First and last scene frame."""
+Box = tuple[float, float, float, float]
+"""Left, bottom, right, top in the region."""
+Triangles = tuple[tuple[float, float], ...]
+"""Corners, three for each."""
+
+HEIGHT = 13
+"""Pixels, from the lower edge: no higher than what else is drawn there begins (`alternative_boxes`)."""
+_BACK: Colour = (0.05, 0.05, 0.05, 0.6)
+_TRACKED: Colour = (0.75, 0.75, 0.75, 0.7)
+_DOUBTED: Colour = (0.95, 0.15, 0.1, 0.9)
+_NOW: Colour = (0.35, 0.6, 1.0, 1.0)
+_PALE = 0.45
+"""Opacity of proposed key poses."""
+_BAND, _RED, _WHOLE, _PART = 2.0, 4.0, 5.0, 3.0
+"""Pixels: height of the bands of tracked and of doubted frames; half the size of key poses of the whole body, and of
+some bones.
+"""
+
+
+@dataclass(frozen=True)
+class Strip:
+    """What the strip shows, in scene frames.
+
+    Attributes
+    ----------
+    frames : tuple of int
+        First and last of the shot.
+    colour : tuple of float
+        The performer's: red, green, blue.
+    whole, partial, proposed : tuple of int
+        Key poses of the whole body, of some bones, and the tracker's proposals.
+    tracked, doubted : tuple of Run
+        Frames with tracked keys, and those on which some part may be lost.
+    """
+
+    frames: Run
+    colour: tuple[float, float, float]
+    whole: tuple[int, ...] = ()
+    partial: tuple[int, ...] = ()
+    proposed: tuple[int, ...] = ()
+    tracked: tuple[Run, ...] = ()
+    doubted: tuple[Run, ...] = ()
+
+
+def draw(strip: Strip) -> None:
+    """Draw the strip along the lower edge of the 3D view that is being drawn, if that looks through a shot's camera."""
+    context = bpy.context
+    if viewport.look_of(context.scene, context.area, context.region, context.space_data) is None:
+        return
+    scale = context.preferences.system.ui_scale
+    region, free = context.region, screens.uncovered_part(context.area)
+    left, low = free[0] - region.x, free[1] - region.y
+    box = (left, low, free[2] - region.x, low + HEIGHT * scale)
+    for colour, corners in pieces(strip, box, scale):
+        mark_drawing.triangles(corners, colour)
+    if strip.frames[0] <= context.scene.frame_current <= strip.frames[1]:
+        at = position(strip.frames, box, context.scene.frame_current)
+        mark_drawing.bar((at - scale, box[1]), (at + scale, box[3]), _NOW)
+
+
+def position(frames: Run, box: Box, frame: float) -> float:
+    """Where the middle of a frame is in a box that spans frames."""
+    return box[0] + (frame - frames[0] + 0.5) * (box[2] - box[0]) / max(frames[1] - frames[0] + 1, 1)
+
+
+@lru_cache(maxsize=8)
+def pieces(strip: Strip, box: Box, scale: float) -> tuple[tuple[Colour, Triangles], ...]:
+    """What there is to draw but the current frame: colours and triangles, the lowest first."""
+    low, high, middle = box[1], box[3], (box[1] + box[3]) / 2
+
+    def bands(runs: Sequence[Run], bottom: float, top: float) -> Triangles:
+        spans = (
+            (position(strip.frames, box, first - 0.5), position(strip.frames, box, last + 0.5))
+            for first, last in _within(runs, strip.frames)
+        )
+        return tuple(corner for x0, x1 in spans for corner in _rectangle(x0, bottom, x1, top))
+
+    def diamonds(frames: Sequence[int], size: float) -> Triangles:
+        return tuple(
+            corner
+            for frame in frames
+            if strip.frames[0] <= frame <= strip.frames[1]
+            for corner in _diamond(position(strip.frames, box, frame), middle, size * scale)
+        )
+
+    half = _BAND * scale / 2
+    found: list[tuple[Colour, Triangles]] = [
+        (_BACK, _rectangle(box[0], low, box[2], high)),
+        (_TRACKED, bands(strip.tracked, middle - half, middle + half)),
+        (_DOUBTED, bands(strip.doubted, low, low + _RED * scale)),
+        ((*strip.colour, _PALE), diamonds(strip.proposed, _WHOLE)),
+        ((*strip.colour, 1.0), diamonds(strip.whole, _WHOLE) + diamonds(strip.partial, _PART)),
+    ]
+    return tuple((colour, corners) for colour, corners in found if corners)
+
+
+def _within(runs: Sequence[Run], frames: Run) -> list[Run]:
+    """The parts of runs that lie in a range of frames; what overlaps is one, so that it is not drawn twice."""
+    joined: list[Run] = []
+    for first, last in sorted((max(a, frames[0]), min(b, frames[1])) for a, b in runs):
+        if first > last:
+            continue
+        if joined and first <= joined[-1][1] + 1:
+            joined[-1] = (joined[-1][0], max(last, joined[-1][1]))
+        else:
+            joined.append((first, last))
+    return joined
+
+
+def _rectangle(left: float, low: float, right: float, high: float) -> Triangles:
+    return ((left, low), (right, low), (right, high), (left, low), (right, high), (left, high))
+
+
+def _diamond(x: float, y: float, size: float) -> Triangles:
+    return ((x - size, y), (x, y - size), (x + size, y), (x - size, y), (x + size, y), (x, y + size))
