@@ -55,7 +55,7 @@ def bar(low: Position, high: Position, colour: Colour) -> None:
     _drawn("TRI_FAN", corners, colour)
 
 
-def triangles(corners: Sequence[Position], colour: Colour) -> None:
+def triangles(corners: Sequence[tuple[float, float]], colour: Colour) -> None:
     """Filled triangles, three corners for each."""
     _drawn("TRIS", corners, colour)
 
@@ -94,7 +94,7 @@ def _circle(at: Position, radius: float) -> list[tuple[float, float]]:
     return [(at[0] + radius * math.cos(i * turn), at[1] + radius * math.sin(i * turn)) for i in range(_SIDES)]
 
 
-def _drawn(kind: str, points: Sequence[Position], colour: Colour) -> None:
+def _drawn(kind: str, points: Sequence[tuple[float, float]], colour: Colour) -> None:
     shader = gpu.shader.from_builtin("UNIFORM_COLOR")
     batch = batch_for_shader(shader, kind, {"pos": points})
     gpu.state.blend_set("ALPHA")
