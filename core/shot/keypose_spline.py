@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy  # its parts are loaded when they are used
 from numpy.typing import NDArray
-from scipy.linalg import solve_banded
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from ..body.motion import Motion
@@ -43,24 +43,8 @@ def _known(fixed: NDArray[np.bool_]) -> NDArray[np.intp]:
 def _along(knots: NDArray[np.int64], values: Array, frames: NDArray[np.int64]) -> Array:
     if len(knots) == 1:
         return np.full(len(frames), values[0])
-    return natural_spline(knots, values, np.clip(frames, knots[0], knots[-1]))
-
-
-def natural_spline(knots: NDArray[np.int64], values: Array, places: NDArray[np.int64]) -> Array:
-    """The natural cubic spline through values at two knots or more, at places between the first and the last.
-
-    SciPy's own comes with packages that take longer to load than all key poses of a shot to pass through.
-    """
-    length, rise = np.diff(knots).astype(float), np.diff(values)
-    slope, bend = rise / length, np.zeros(len(knots))  # bend: second derivatives, none at the ends
-    if len(knots) > 2:
-        inner = length[1:-1]
-        band = np.stack([np.append(0.0, inner), 2 * (length[:-1] + length[1:]), np.append(inner, 0.0)])
-        bend[1:-1] = solve_banded((1, 1), band, 6 * np.diff(slope), check_finite=False)
-    k = np.clip(np.searchsorted(knots, places, side="right") - 1, 0, len(length) - 1)
-    before, after, h = places - knots[k], knots[k + 1] - places, length[k]
-    cubic = bend[k] * (after**3 / h - h * after) + bend[k + 1] * (before**3 / h - h * before)
-    return np.asarray((values[k] * after + values[k + 1] * before) / h + cubic / 6)
+    clipped = np.clip(frames, knots[0], knots[-1])
+    return np.asarray(scipy.interpolate.CubicSpline(knots, values, bc_type="natural")(clipped))
 
 
 def _turning(knots: NDArray[np.int64], values: Array, frames: NDArray[np.int64]) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -25,6 +26,7 @@ from ..keypoints.observations import performer_keypoints
 from ..keypoints.proposals import KeypointPoses, poses_from_keypoints, propose_performers
 from ..keypoints.seen_landmarks import unseen_parts
 from ..runtime.progress import Progress, report_progress, share
+from ..runtime.threads import worker_count
 from ..shot.footage import check_view
 from ..shot.shot import KeyPoses, Performer, PerformerRequest, Shot, View
 from ..shot.shot_spec import PerformerSpec, ShotSpec, ViewSpec
@@ -70,10 +72,17 @@ def prepare_shot(spec: ShotSpec, cameras: Mapping[str, Camera] | None = None) ->
     """
     cameras = read_shot_cameras(spec) | dict(cameras or {})
     views = tuple(_view(view, cameras) for view in spec.views)
-    for view in views:
-        with located(f"{spec.path} [[view]] '{view.camera.name}' footage"):
-            check_view(view, spec.frames[0], spec.frames[1] - spec.frames[0] + 1)
-    prepared = [_performer(performer, spec.frames[0]) for performer in spec.performers]
+    with ThreadPoolExecutor(
+        worker_count(spec.settings.threads)
+    ) as pool:  # FFmpeg looks at the footage while bodies are fitted
+        length = spec.frames[1] - spec.frames[0] + 1
+        checked = [pool.submit(check_view, view, spec.frames[0], length) for view in views]
+        try:
+            prepared = [_performer(performer, spec.frames[0]) for performer in spec.performers]
+        finally:
+            for view, check in zip(views, checked, strict=True):
+                with located(f"{spec.path} [[view]] '{view.camera.name}' footage"):
+                    check.result()
     requests = [p if isinstance(p, PerformerRequest) else None for p in prepared]
     performers = tuple(p.placeholder() if isinstance(p, PerformerRequest) else p for p in prepared)
     shot = Shot(spec.name, spec.fps, spec.frames, views, performers, spec.settings)

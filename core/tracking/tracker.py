@@ -100,7 +100,7 @@ def track(
         Footage is missing, unreadable, too short or of another size than the calibration's.
     CancelledError
     """
-    _check(shot, run.memory)
+    _check(shot)
     # Sums are rounded by their order, and labels turn roundings into steps: the order of the views must not count.
     order = sorted(range(len(shot.views)), key=lambda v: shot.views[v].camera.name)
     performers = tuple(replace(p, body=without_hidden_solids(p.body, p.unknown)) for p in shot.performers)
@@ -109,9 +109,10 @@ def track(
     kept = frozenset(shot.frames[0] + frame for frame in pictures)
     albums = [Album(kept, working_factor(view, PICTURE_SIZE)) for view in shot.views]
     solver, seconds = solver_named(shot.settings.solver), Seconds()
+    with _footage_checked(shot, run.memory):  # SciPy's splines take as long to be loaded
+        curves = tuple(spline(p.key_poses, shot.length) for p in shot.performers)
     observed = _first_pass(shot, solver, seconds, progress)
-    motions = [own.motion for own in observed.performers]
-    begin = TrackState(tuple(motions or (spline(p.key_poses, shot.length) for p in shot.performers)), around)
+    begin = TrackState(tuple(own.motion for own in observed.performers) or curves, around)
     finished = KeptSegments.of(run.journal, shot, around)
     torn: list[list[int]] = [[] for _ in shot.views]
     threads = worker_count(shot.settings.threads)
@@ -164,22 +165,34 @@ def _carried(begin: TrackState, shot: Shot, earlier: Sequence[Motion]) -> TrackS
     return replace(begin, motions=motions, solved=shot.length)
 
 
-def _check(shot: Shot, memory: WorkerMemory | None) -> None:
-    """See that a shot can be tracked; footage whose frames are kept has been looked at before.
+def _check(shot: Shot) -> None:
+    """See that a shot can be tracked.
 
     Raises
     ------
-    ShotError, FootageError
+    ShotError
     """
     if shot.length < 2:
         raise ShotError("a shot of one frame has nothing to track", where="[shot] frames")
     for performer in shot.performers:
         if not len(performer.key_poses.frames):
             raise ShotError("there is no key pose", where=f"performer {performer.name}", todo="set one to begin with")
+
+
+@contextmanager
+def _footage_checked(shot: Shot, memory: WorkerMemory | None) -> Iterator[None]:
+    """See while the block runs that all footage can serve; that whose frames are kept has been looked at before.
+
+    Raises
+    ------
+    FootageError
+    """
     unseen_views = [view for view in shot.views if memory is None or not is_kept(shot, view, memory)]
     with ThreadPoolExecutor(worker_count(shot.settings.threads)) as pool:
-        for checked in [pool.submit(check_view, view, shot.frames[0], shot.length) for view in unseen_views]:
-            checked.result()
+        checked = [pool.submit(check_view, view, shot.frames[0], shot.length) for view in unseen_views]
+        yield
+        for check in checked:
+            check.result()
 
 
 def _first_pass(shot: Shot, solver: Solver, seconds: Seconds, progress: Progress | None) -> ShotKeypoints:
