@@ -27,7 +27,7 @@ class TrackPanel(Section, bpy.types.Panel):
         properties = context.scene.kfmocap
         if job is not None:
             draw_progress(layout, job)
-            layout.label(text="Cancel: Esc, or in the status bar", icon="EVENT_ESC")
+            layout.label(text="Cancel: Esc, or in the status bar", icon="CANCEL")
             return
         if len(properties.performers) > 1:
             slot = active_performer.chosen(context)
