@@ -518,7 +518,7 @@ class KFMocapScene(bpy.types.PropertyGroup):
     )
     show_strip: bpy.props.BoolProperty(
         default=True,
-        name="Key Poses Below",
+        name="Strip Below Footage",
         description="Show along the lower edge of the footage where in the shot the chosen performer has key poses "
         "(diamonds; pale ones are proposals, small ones of some bones alone) and tracked frames (the grey band), "
         "and on which frames a part may be lost (red)",
