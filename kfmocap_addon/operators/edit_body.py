@@ -1,5 +1,7 @@
 """The body: added, taken, its parts edited."""
 
+from typing import Any
+
 import bpy
 
 from .conditions import Conditional, in_object_mode
@@ -86,30 +88,50 @@ class AddBody(Conditional, bpy.types.Operator):
                 column.prop(self, name)
 
 
-def _armature_is_active(context: bpy.types.Context) -> str:
+def _meant(context: bpy.types.Context) -> bpy.types.Object | None:
+    """The armature that is active, or deforms the active mesh; else that mesh; None where nothing fits."""
     active = context.active_object
-    return "" if active is not None and active.type == "ARMATURE" else "Make an armature active first"
+    if active is None or active.type == "ARMATURE":
+        return active
+    if active.type != "MESH" or active.parent_type == "BONE":
+        return None
+    return next(
+        (m.object for m in list[Any](active.modifiers) if m.type == "ARMATURE" and m.object is not None), active
+    )
+
+
+def _can_be_body(context: bpy.types.Context) -> str:
+    meant = _meant(context)
+    if meant is None:
+        return "Make an armature active first, or the mesh of a prop"
+    return in_object_mode(context) if meant.type == "MESH" else ""
 
 
 def _armature_is_new(context: bpy.types.Context) -> str:
-    active = context.active_object
-    known = any(slot.armature == active for slot in context.scene.kfmocap.performers)
-    return f"{active.name} is a performer already" if known else ""
+    meant = _meant(context)
+    known = any(slot.armature == meant for slot in context.scene.kfmocap.performers)
+    return f"{meant.name} is a performer already" if known else ""
 
 
 class UseArmature(Conditional, bpy.types.Operator):
     """Make the active armature a performer of the shot: one whose bones carry meshes, or a skinned character, whose
-    skin is divided into parts. A generated Rigify rig is tracked through its FK controls"""
+    skin is divided into parts. A generated Rigify rig is tracked through its FK controls. An active mesh without an
+    armature becomes a prop: it gets a bone that moves it, and its keys become those of the bone"""
 
     bl_idname = "kfmocap.use_armature"
-    bl_label = "Use Active Armature"
-    conditions = (_armature_is_active, _armature_is_new)
+    bl_label = "Use Active Object"
+    conditions = (_can_be_body, _armature_is_new)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..retargeting.prop_body import use_as_prop
         from ..retargeting.skinned_body import use_as_body
 
         with reported(self) as outcome:
-            _, remarks = use_as_body(context.scene, context.active_object)
+            meant = _meant(context)
+            if meant.type == "MESH":
+                select_only(context, use_as_prop(context.scene, meant))
+                return outcome.value
+            _, remarks = use_as_body(context.scene, meant)
             for text in remarks:
                 self.report({"WARNING"}, text)
         return outcome.value

@@ -246,6 +246,65 @@ def test_a_prop_of_one_bone_is_a_body():
     assert len(body_armature.body_from_armature(armature).parts[0].vertices) == 8
 
 
+def made_mesh():
+    """A long box that is turned, scaled and moved."""
+    bpy.ops.mesh.primitive_cube_add(size=1)
+    box = bpy.context.object
+    box.location, box.rotation_euler, box.scale = (0.5, -0.3, 1.0), (0.2, 0.7, -0.4), (0.1, 0.5, 0.06)
+    bpy.context.view_layer.update()
+    return box
+
+
+def seen_at(mesh, frame):
+    bpy.context.scene.frame_set(frame)
+    posed = mesh.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    return np.array([posed.matrix_world @ vertex.co for vertex in posed.to_mesh().vertices])
+
+
+def test_a_mesh_becomes_a_prop_that_stays_where_it_is_and_keeps_its_keys():
+    box = made_mesh()
+    for frame, place, turn in ((1, 0.5, 0.7), (9, 0.9, 1.9), (17, -0.2, 2.5)):
+        box.location.x, box.rotation_euler.y = place, turn
+        box.keyframe_insert("location", frame=frame)
+        box.keyframe_insert("rotation_euler", frame=frame)
+    before = [seen_at(box, frame) for frame in (1, 9, 17)]
+    bpy.context.scene.frame_set(1)
+    assert bpy.ops.kfmocap.use_armature() == {"FINISHED"}
+    armature = bpy.context.scene.kfmocap.performers[0].armature
+    assert bpy.context.active_object == armature
+    for frame, points in zip((1, 9, 17), before, strict=True):
+        assert np.abs(seen_at(box, frame) - points).max() < 1e-5
+    assert key_pose_curves.read_key_poses(armature, 1, 17).frames.tolist() == [0, 8, 16]
+    body = body_armature.body_from_armature(armature)
+    assert np.isclose(ConvexHull(body.parts[0].vertices).volume, 0.1 * 0.5 * 0.06, rtol=1e-3)
+    motion = made_motion(1)
+    motion_curves.write_motion(armature, motion, 20)
+    assert joint_error(armature, body, motion, 20) < 0.05
+
+
+def test_the_active_skin_of_a_character_stands_for_its_armature():
+    armature = skinned()
+    bpy.context.view_layer.objects.active = skinned_parts.skinned_meshes(armature)[0]
+    assert bpy.ops.kfmocap.use_armature() == {"FINISHED"}
+    assert [slot.armature for slot in bpy.context.scene.kfmocap.performers] == [armature]
+
+
+@pytest.mark.parametrize("how", ["constraint", "modifier", "parent"])
+def test_a_mesh_that_something_else_moves_is_no_prop_and_is_left_alone(how):
+    box = made_mesh()
+    if how == "constraint":
+        box.constraints.new("COPY_LOCATION")
+    elif how == "modifier":
+        box.modifiers.new("Cloth", "CLOTH")
+    else:
+        box.parent = bpy.data.objects.new("empty", None)
+    with pytest.raises(RuntimeError, match="mesh Cube: it"):
+        bpy.ops.kfmocap.use_armature()
+    assert not bpy.context.scene.kfmocap.performers
+    assert not bpy.data.armatures
+    assert not box.vertex_groups
+
+
 def test_corners_of_a_dense_cloud_span_nearly_all_of_it():
     cloud = np.random.default_rng(5).normal(size=(5000, 3))
     cloud = cloud / np.linalg.norm(cloud, axis=1, keepdims=True) * [1.0, 0.2, 0.1]
