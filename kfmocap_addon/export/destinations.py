@@ -7,6 +7,7 @@ from pathlib import Path
 import bpy
 
 from ...core.shot.shot_spec import result_names
+from ..scene_io import footage_background
 
 SUFFIXES = ("bvh", "fbx", "glb", "vrma", "usdc")
 """Endings of the files that the panel offers, each named as its setting."""
@@ -54,9 +55,4 @@ def proposed(scene: bpy.types.Scene) -> Path:
 def _shot_folder(scene: bpy.types.Scene) -> Path:
     if bpy.data.filepath:
         return Path(bpy.data.filepath).parent
-    for view in scene.kfmocap.views:
-        backgrounds = view.camera.data.background_images if view.camera is not None else ()
-        for background in backgrounds:
-            if background.clip is not None:
-                return Path(bpy.path.abspath(background.clip.filepath)).parent
-    return Path.home()
+    return footage_background.footage_folder(scene) or Path.home()

@@ -10,6 +10,7 @@ from bpy_extras.io_utils import ImportHelper
 
 from ..viewports import screens
 from .conditions import Conditional, has_views
+from .mixin import BesideFootage
 from .reporting import reported
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ class AddFootage(bpy.types.Operator, ImportHelper):
         return [folder / name for name in names if name]
 
 
-class ImportCalibration(Conditional, bpy.types.Operator, ImportHelper):
+class ImportCalibration(Conditional, bpy.types.Operator, BesideFootage):
     """Give the views the cameras of a calibration file, by their names"""
 
     bl_idname = "kfmocap.import_calibration"

@@ -7,19 +7,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import bpy
-from bpy_extras.io_utils import ImportHelper
 
 from ...core.runtime.worker_process import Work
 from ..scene_io import active_performer
 from .conditions import Conditional, has_footage, has_keypoints, has_performer, has_shot
 from .job_operator import JobOperator
+from .mixin import BesideFootage
 from .reporting import progress_shown, reported
 
 if TYPE_CHECKING:
     from ...core.keypoints.proposals import KeypointPoses
 
 
-class ImportKeypoints(Conditional, bpy.types.Operator, ImportHelper):
+class ImportKeypoints(Conditional, bpy.types.Operator, BesideFootage):
     """Give the views 2D keypoints of a detector: JSON of OpenPose, COCO, RTMPose and MMPose, AlphaPose, MediaPipe or
     YOLO, a file for each view or a folder with a file for each picture. They go to the view whose name is in the file's
     or folder's, else to the view that the scene looks through"""
@@ -105,7 +105,7 @@ class PoseFromKeypoints(_FromKeypoints, JobOperator, bpy.types.Operator):
             _tell(self, keyframing.set_key_poses(scene, slot, seen.frames.tolist(), poses), len(seen.frames))
 
 
-class PoseFromLandmarks(Conditional, bpy.types.Operator, ImportHelper):
+class PoseFromLandmarks(Conditional, bpy.types.Operator, BesideFootage):
     """Pose the chosen performer by 3D landmarks, on the frames chosen in the panel: a TRC file as Pose2Sim and OpenSim
     write it, or a C3D file. The poses are key poses of yours"""
 

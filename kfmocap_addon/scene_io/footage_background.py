@@ -32,6 +32,15 @@ def load_clip(path: Path) -> bpy.types.MovieClip:
     return clip
 
 
+def footage_folder(scene: bpy.types.Scene) -> Path | None:
+    """The folder of the first footage of a scene's shot; None without any."""
+    for view in scene.kfmocap.views:
+        clip = clip_behind(view.camera) if view.camera is not None else None
+        if clip is not None:
+            return Path(bpy.path.abspath(clip.filepath)).parent
+    return None
+
+
 def clip_behind(owner: bpy.types.Object) -> bpy.types.MovieClip | None:
     """The footage behind a camera object."""
     for background in owner.data.background_images:

@@ -10,8 +10,10 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from addon_shots import SIZE, blender, camera, video  # noqa: E402, F401
+from bpy_extras.io_utils import ImportHelper  # noqa: E402
 from kfmocap.core.formats.toml_cameras import save_cameras  # noqa: E402
 from kfmocap.kfmocap_addon import registration  # noqa: E402
+from kfmocap.kfmocap_addon.operators.mixin import BesideFootage  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import footage_background, scene, solved_cameras, view_cameras  # noqa: E402
 from test_addon_views import largest_difference  # noqa: E402
 
@@ -44,6 +46,18 @@ def test_footage_becomes_views_of_an_empty_scene(take):
     assert (current.render.resolution_x, current.render.resolution_y) == SIZE
     assert not any(view.is_calibrated for view in shot().views)
     assert not bpy.ops.kfmocap.track.poll()
+
+
+def test_files_of_the_shot_are_looked_for_beside_its_footage(take, monkeypatch):
+    monkeypatch.setattr(ImportHelper, "invoke", lambda _self, _context, _event: {"RUNNING_MODAL"})
+    browser = type("Browser", (BesideFootage,), {"filepath": ""})()
+    assert browser.invoke(bpy.context, None) == {"RUNNING_MODAL"} and browser.filepath == "", "there is no footage"
+    add(take, "walk_cam01.mp4")
+    browser.invoke(bpy.context, None)
+    assert browser.filepath == f"{take}/"
+    browser.filepath = "/elsewhere/calibration.toml"
+    browser.invoke(bpy.context, None)
+    assert browser.filepath == "/elsewhere/calibration.toml", "what was chosen before stays"
 
 
 def test_a_shot_from_an_empty_scene_can_be_read_without_a_shot_file(take):
