@@ -8,7 +8,7 @@ be anybody's.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..numerics.arrays import Bools
+from ..runtime.shared_arrays import each_row
 
 Bytes = NDArray[np.uint8]
 Array = NDArray[np.float32]
@@ -106,11 +107,12 @@ def foreground_images(
     ndarray of uint8, shape (N, h, w)
         See `log_ratio`.
     """
-    return performer_foregrounds(colour, KnownPixels.of_masks(masks, pixels_per_metre, sure), fixed)[0]
+    known = KnownPixels.of_masks(masks, pixels_per_metre, sure)
+    return np.concatenate(list(performer_foregrounds(colour, known, fixed)))
 
 
-def performer_foregrounds(colour: Bytes, known: KnownPixels, fixed: bool) -> Bytes:
-    """Foreground images of the frames of one view for each of M performers.
+def performer_foregrounds(colour: Bytes, known: KnownPixels, fixed: bool) -> Iterator[Bytes]:
+    """Foreground images of the frames of one view, one after the other, for each of M performers.
 
     A performer of whom nothing is shown may have any colour.
 
@@ -121,9 +123,9 @@ def performer_foregrounds(colour: Bytes, known: KnownPixels, fixed: bool) -> Byt
     fixed : bool
         The camera does not move.
 
-    Returns
-    -------
-    ndarray of uint8, shape (M, N, h, w)
+    Yields
+    ------
+    ndarray of uint8, shape (M, h, w)
         See `log_ratio`.
     """
     bodies = [_histogram(colour, shown) for shown in known.shown]
@@ -137,14 +139,14 @@ def performer_foregrounds(colour: Bytes, known: KnownPixels, fixed: bool) -> Byt
     ]
     squares = np.minimum(np.round(np.arange(256) ** 2 * _STEPS / (2 * deviation**2)), 255).astype(np.uint8)
     unknown = np.where(there, 0, 255).astype(np.uint8)
-    out = np.empty((len(tables), *colour.shape[:3]), np.uint8)
-    for f, image in enumerate(colour):
+    for image in each_row(colour):
         b, g, r = cv2.split(cv2.LUT(cv2.absdiff(image, plate), squares))
         distance = cv2.min(cv2.add(cv2.add(b, g), r), 254) | unknown  # these sums end at 255
         places = _bins(image).astype(np.intp) << 8 | distance
-        for table, result in zip(tables, out[:, f], strict=True):
+        images = np.empty((len(tables), *places.shape), np.uint8)
+        for table, result in zip(tables, images, strict=True):
             table.take(places, out=result, mode="clip")
-    return out
+        yield images
 
 
 def _table(body: Array, background: Array, deviation: float, others: Sequence[Array]) -> Bytes:

@@ -129,7 +129,7 @@ def _view_misfit(
         slice(max(left - margin, 0), right + margin),
     )
     part = labels.part[window]
-    foreground = view.foreground_at(first, len(T))[..., ::_STRIDE, ::_STRIDE]
+    foreground = view.foreground_at(first, len(T), _STRIDE)
     gaps, areas = np.full((len(spans), len(T)), np.nan), np.zeros((len(spans), len(T)))
     visible, background = np.zeros((2, len(T), P))
     for n, span in enumerate(spans):

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..cameras.camera import Camera
+from ..runtime.shared_arrays import looked_at
 
 Image = NDArray[np.float32]
 
@@ -171,11 +172,11 @@ class ViewFrames:
     delay: float = 0.0
     torn: NDArray[np.bool_] | None = None
 
-    def foreground_at(self, first: int, count: int) -> NDArray[np.uint8]:
-        """The foreground images of consecutive shot frames, shape (M, count, h, w)."""
+    def foreground_at(self, first: int, count: int, stride: int = 1) -> NDArray[np.uint8]:
+        """The foreground images of consecutive shot frames, shape (M, count, h, w): every so many pixels, each way."""
         assert self.foreground is not None
         start = first - self.first
-        return self.foreground[:, start : start + count]
+        return looked_at(self.foreground[:, start : start + count, ::stride, ::stride])
 
     def pixels_per_metre(self, point_world: NDArray[np.float64], frame: int) -> float:
         """How large a metre that faces the camera is at a point; of points behind it, as before it."""
@@ -204,7 +205,7 @@ class GradientImageCache:
             return images
         left, top = max(left - MARGIN, 0), max(top - MARGIN, 0)  # a little more, for the next time
         start = frames.start - view.first
-        window = view.grey[start : start + len(frames), top : bottom + MARGIN, left : right + MARGIN]
+        window = looked_at(view.grey[start : start + len(frames), top : bottom + MARGIN, left : right + MARGIN])
         images = GradientImages.of(window, sigma, (left, top))
         for first, count in list(kept):  # those that show some of the same pairs of frames are replaced
             if min(first + count, frames.stop) - max(first, frames.start) > 1:

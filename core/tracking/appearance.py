@@ -17,6 +17,8 @@ from ..evidence.label_images import Geometry, render_labels
 from ..evidence.part_shapes import fitted_shape
 from ..evidence.view_frames import ViewFrames, views_with_foreground
 from ..numerics.arrays import Array, Bools
+from ..runtime.shared_arrays import each_row
+from .picture_store import FOREGROUND, GREY, PictureStore
 from .reader import ColourFrames
 from .segments import PosedFrames
 
@@ -29,9 +31,10 @@ FARTHEST = 1.0
 """No farther than this, metres."""
 
 
-def grey_frames(frames: ColourFrames) -> ViewFrames:
-    """The grey levels of frames, for solvers that look at gradients alone."""
-    grey = np.stack([cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) for image in frames.colour])
+def grey_frames(frames: ColourFrames, store: PictureStore | None = None) -> ViewFrames:
+    """The grey levels of frames, for solvers that look at gradients alone; kept in a store, by default in memory."""
+    pictures = (np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8) for image in each_row(frames.colour))
+    grey = (store or PictureStore()).kept(GREY, pictures, len(frames.colour))
     return ViewFrames(frames.camera, grey, frames.first, delay=frames.delay, torn=frames.torn)
 
 
@@ -43,6 +46,7 @@ def frames_with_foreground(
     *,
     footage_offset: float,
     fps: float,
+    store: PictureStore | None = None,
 ) -> ViewFrames:
     """Grey levels of frames, and each performer's foreground images, by the frames that show somebody in a known pose.
 
@@ -61,13 +65,16 @@ def frames_with_foreground(
     footage_offset : float
         See `core.shot.shot.Settings`.
     fps : float
+    store : PictureStore, optional
+        Where the pictures are kept; by default in memory.
 
     Returns
     -------
     ViewFrames
         Without foreground images where the view sees nobody on the key frames, or there are none.
     """
-    view = grey_frames(frames)
+    store = store or PictureStore()
+    view = grey_frames(frames, store)
     if not len(keys.frames):
         return view
     poses = scene_poses(bodies, poses_after(motions, view.delay - footage_offset, keys.frames))
@@ -75,7 +82,9 @@ def frames_with_foreground(
     known = known_pixels(view, Geometry.of(bodies), poses, keys, margins)
     if not any(mask.any() for shown in known.shown for mask in shown.values()):
         return view
-    return replace(view, foreground=performer_foregrounds(frames.colour, known, view.camera.stands_still), halo=HALO)
+    images = performer_foregrounds(frames.colour, known, view.camera.stands_still)
+    foreground = np.moveaxis(store.kept(FOREGROUND, images, len(frames.colour)), 1, 0)
+    return replace(view, foreground=foreground, halo=HALO)
 
 
 def known_pixels(view: ViewFrames, geometry: Geometry, poses: Poses, keys: PosedFrames, margins: Array) -> KnownPixels:

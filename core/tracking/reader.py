@@ -19,6 +19,7 @@ from ..shot.continuity import AROUND, block_change, small, torn_pairs
 from ..shot.footage import Album, footage_delay, frames_at, working_factor
 from ..shot.image_sequences import image_files
 from ..shot.shot import Shot, View
+from .picture_store import COLOUR, PictureStore
 from .segments import Segment
 
 Image = NDArray[np.uint8]
@@ -80,8 +81,8 @@ class SegmentReader:
         self._small: Array | None = None
         self._changes: list[NDArray[np.float16]] = []
 
-    def read(self, segment: Segment) -> ColourFrames:
-        """Read a segment that begins on the frame where the one before it ended.
+    def read(self, segment: Segment, store: PictureStore) -> ColourFrames:
+        """Read a segment that begins on the frame where the one before it ended; its frames are kept in a store.
 
         Raises
         ------
@@ -90,17 +91,18 @@ class SegmentReader:
         CancelledError
         """
         first, last = segment
-        count = last + 1 - first
-        while not self._ahead:
-            self._take(next(self._stream))
-        frames = np.empty((count, *self._ahead[0].shape), np.uint8)
-        for k in range(count):  # one by one: a long segment's frames are many, and not to be held twice
-            while self._read < min(first + k + 1 + AROUND, self._length):
+        # One by one: a long segment's frames are many, and not to be held twice.
+        frames = store.kept(COLOUR, self._one_by_one(first, last), last + 1 - first)
+        return ColourFrames(self._camera, frames, first, self._delay, self._torn(first, last))
+
+    def _one_by_one(self, first: int, last: int) -> Iterator[Image]:
+        """The frames of a segment; its last one is also the first of the next."""
+        for frame in range(first, last + 1):
+            while self._read < min(frame + 1 + AROUND, self._length):
                 if self._stopped.is_set():
                     raise CancelledError
                 self._take(next(self._stream))
-            frames[k] = self._ahead[0] if k == count - 1 else self._ahead.pop(0)
-        return ColourFrames(self._camera, frames, first, self._delay, self._torn(first, last))
+            yield self._ahead[0] if frame == last else self._ahead.pop(0)
 
     def _take(self, image: Image) -> None:
         """Take the next frame, and see how much it differs from the one before."""

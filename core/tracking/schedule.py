@@ -21,8 +21,9 @@ from ..runtime.timing import Seconds
 from ..runtime.worker_pool import WorkerPool
 from ..shot.shot import Shot
 from .journal import FinishedSegment, KeptSegments
+from .picture_store import StoredView
 from .segment_stages import TrackState
-from .segment_tasks import RefinedSegment, SegmentTask, SolvedSegment, StoredView, Watcher, refine_task, solve_task
+from .segment_tasks import RefinedSegment, SegmentTask, SolvedSegment, Watcher, refine_task, solve_task
 from .segments import Segment, segments, whole_keys
 
 Observer = Callable[[Segment, int, Sequence[Motion]], None]

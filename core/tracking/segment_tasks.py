@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -14,12 +13,12 @@ from ..evidence.view_frames import ViewFrames
 from ..keypoints.observations import ShotKeypoints
 from ..numerics.arrays import Array
 from ..runtime.progress import Progress, report_progress
-from ..runtime.shared_arrays import SharedArray
 from ..runtime.threads import one_blas_thread
 from ..runtime.timing import Seconds
 from ..shot.acceleration_prior import usual_variances
 from ..shot.shot import Shot
 from .journal import FinishedSegment
+from .picture_store import StoredView
 from .segment_stages import (
     SegmentData,
     SegmentState,
@@ -40,48 +39,6 @@ from .uncertainty import segment_doubts
 
 Watcher = Callable[[int, Sequence[Motion]], None]
 """Called with the number of an iteration and the motions before it."""
-
-
-@dataclass(frozen=True)
-class StoredView:
-    """A view's frames whose pictures are in files.
-
-    Attributes
-    ----------
-    frames : ViewFrames
-        Without pictures.
-    grey : SharedArray
-    foreground : SharedArray, optional
-    """
-
-    frames: ViewFrames
-    grey: SharedArray
-    foreground: SharedArray | None
-
-    @classmethod
-    def write(cls, view: ViewFrames, folder: Path, name: str) -> StoredView:
-        """Write a view's pictures to files in a folder.
-
-        Raises
-        ------
-        OSError
-        """
-        grey = SharedArray.write(folder / f"{name}_grey.npy", view.grey)
-        foreground = None
-        if view.foreground is not None:
-            foreground = SharedArray.write(folder / f"{name}_foreground.npy", view.foreground)
-        return cls(replace(view, grey=np.zeros((0, 0, 0), np.uint8), foreground=None), grey, foreground)
-
-    def opened(self) -> ViewFrames:
-        """The view with its pictures."""
-        foreground = None if self.foreground is None else self.foreground.array()
-        return replace(self.frames, grey=self.grey.array(), foreground=foreground)
-
-    def remove(self) -> None:
-        """Remove the files."""
-        for pictures in (self.grey, self.foreground):
-            if pictures is not None:
-                pictures.remove()
 
 
 @dataclass(frozen=True, eq=False)

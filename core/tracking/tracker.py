@@ -43,11 +43,12 @@ from .appearance import frames_with_foreground, grey_frames
 from .body_doubt import body_covariances
 from .earlier_motion import carried, with_keys
 from .journal import FinishedSegment, KeptSegments
+from .picture_store import COLOUR, PictureStore, StoredView
 from .reader import SegmentReader, is_kept
 from .run_context import NOTHING_KEPT, RunContext
 from .schedule import Observer, SegmentSchedule
 from .segment_stages import Around, TrackState
-from .segment_tasks import StoredView, solve_task
+from .segment_tasks import solve_task
 from .segments import Segment, posed_frames, segments
 from .solvers.protocol import Solver
 from .solvers.registry import solver_named
@@ -56,6 +57,8 @@ from .uncertainty import joint_errors
 
 WORTH_PROCESSES = 200
 """Frames, of all views and performers together, from which on segments are solved in processes of their own."""
+HELD_BYTES = 256 << 20
+"""Most that the pictures of a segment may take in memory; those of longer ones are in files."""
 SOLVING = (solve_task.__module__,)
 """What these processes need; they import it while the first footage is decoded."""
 
@@ -120,7 +123,7 @@ def track(
     with ExitStack() as stack:
         pools = WorkerPool if run.memory is None else run.memory.pool
         pool = stack.enter_context(pools(workers, SOLVING))
-        folder = None if workers == 1 else stack.enter_context(_picture_folder())
+        folder = None if workers == 1 and _held_easily(shot) else stack.enter_context(_picture_folder())
         schedule = SegmentSchedule(
             shot,
             begin,
@@ -229,13 +232,15 @@ def _footage_by_segment(
     bodies, offset = [performer.body for performer in shot.performers], shot.settings.footage_offset or 0.0
 
     def prepared(number: int, segment: Segment) -> ViewFrames | StoredView:
-        frames = readers[number].read(segment)
+        store = PictureStore(folder, f"{segment[0]}_{number}")
+        frames = readers[number].read(segment, store)
         if solver.uses_foreground and segment not in known:
             keys = posed_frames(shot, *segment)
-            view = frames_with_foreground(frames, bodies, start, keys, footage_offset=offset, fps=shot.fps)
+            view = frames_with_foreground(frames, bodies, start, keys, footage_offset=offset, fps=shot.fps, store=store)
         else:
-            view = grey_frames(frames)
-        return view if folder is None else StoredView.write(view, folder, f"{segment[0]}_{number}")
+            view = grey_frames(frames, store)
+        store.remove(COLOUR)
+        return store.stored(view)
 
     with ThreadPoolExecutor(worker_count(shot.settings.threads)) as pool:
 
@@ -258,6 +263,14 @@ def _workers(shot: Shot, threads: int) -> int:
     """How many segments are worked on at a time: a process takes as long to start as a small shot to solve."""
     work = shot.length * len(shot.views) * len(shot.performers)
     return min(threads, len(segments(shot))) if work >= WORTH_PROCESSES else 1
+
+
+def _held_easily(shot: Shot) -> bool:
+    """Whether the pictures of any segment may be held in memory."""
+    longest = max(last + 1 - first for first, last in segments(shot))
+    images = 3 + 1 + len(shot.performers)  # colour, grey, and the foreground of each performer
+    sizes = [view.camera.reduced(working_factor(view, shot.settings.working_size)).size for view in shot.views]
+    return longest * images * sum(width * height for width, height in sizes) <= HELD_BYTES
 
 
 @contextmanager

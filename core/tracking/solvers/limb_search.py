@@ -128,7 +128,7 @@ class _ViewRatios:
 
     @classmethod
     def of(cls, view: ViewFrames, problem: SegmentProblem, performer: int) -> _ViewRatios:
-        foreground = view.foreground_at(problem.first, problem.length)[performer, :, ::_STRIDE, ::_STRIDE]
+        foreground = view.foreground_at(problem.first, problem.length, _STRIDE)[performer]
         return cls(view.camera.subsampled(_STRIDE), problem.first, log_ratio(foreground))
 
     def labels(self, geometry: Geometry, poses: tuple[Array, Array]) -> LabelImages:

@@ -1,0 +1,102 @@
+"""Where the pictures of segments are: in memory, or in files that are mapped and read where they are looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..evidence.view_frames import ViewFrames
+from ..runtime.shared_arrays import SharedArray
+
+Images = NDArray[np.uint8]
+
+COLOUR, GREY, FOREGROUND = "colour", "grey", "foreground"
+
+
+@dataclass(frozen=True)
+class PictureStore:
+    """Keeps the pictures of one view's segment.
+
+    Attributes
+    ----------
+    folder : Path, optional
+        Of the files; without it pictures are kept in memory.
+    name : str
+        What the files' names begin with.
+    """
+
+    folder: Path | None = None
+    name: str = ""
+
+    def kept(self, kind: str, pictures: Iterable[Images], count: int) -> Images:
+        """Keep `count` pictures of one shape as they come, shape (count, ...).
+
+        Raises
+        ------
+        OSError
+            The disk is full.
+        """
+        if self.folder is not None:
+            return SharedArray.write(self._path(kind), pictures).array()
+        coming = iter(pictures)
+        first = next(coming)
+        out = np.empty((count, *first.shape), np.uint8)
+        out[0] = first
+        for row, picture in enumerate(coming, 1):
+            out[row] = picture
+        return out
+
+    def remove(self, kind: str) -> None:
+        """Remove pictures that nobody looks at any more; on Windows, mapped ones stay until their folder is removed."""
+        if self.folder is not None:
+            with suppress(OSError):
+                self._path(kind).unlink()
+
+    def stored(self, view: ViewFrames) -> ViewFrames | StoredView:
+        """A view of the pictures that are kept, as other processes can have it."""
+        if self.folder is None:
+            return view
+        foreground = None
+        if view.foreground is not None:
+            foreground = SharedArray(self._path(FOREGROUND), np.moveaxis(view.foreground, 1, 0).shape)
+        bare = replace(view, grey=np.zeros((0, 0, 0), np.uint8), foreground=None)
+        return StoredView(bare, SharedArray(self._path(GREY), view.grey.shape), foreground)
+
+    def _path(self, kind: str) -> Path:
+        assert self.folder is not None
+        return self.folder / f"{self.name}_{kind}.npy"
+
+
+@dataclass(frozen=True)
+class StoredView:
+    """A view's frames whose pictures are in files.
+
+    Attributes
+    ----------
+    frames : ViewFrames
+        Without pictures.
+    grey : SharedArray
+        Of shape (N, h, w).
+    foreground : SharedArray, optional
+        Of shape (N, M, h, w).
+    """
+
+    frames: ViewFrames
+    grey: SharedArray
+    foreground: SharedArray | None
+
+    def opened(self) -> ViewFrames:
+        """The view with its pictures."""
+        foreground = None if self.foreground is None else np.moveaxis(self.foreground.array(), 1, 0)
+        return replace(self.frames, grey=self.grey.array(), foreground=foreground)
+
+    def remove(self) -> None:
+        """Remove the files."""
+        for pictures in (self.grey, self.foreground):
+            if pictures is not None:
+                pictures.remove()
