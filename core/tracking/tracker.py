@@ -275,7 +275,7 @@ def _held_easily(shot: Shot) -> bool:
 
 @contextmanager
 def _picture_folder() -> Iterator[Path]:
-    """A folder for pictures that several processes look at.
+    """A folder for pictures that several processes look at, or that are too many for memory.
 
     Raises
     ------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from kfmocap.core.evidence.label_images import Geometry, render_labels
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.shot.shot import KeyPoses
 from kfmocap.core.tracking.appearance import frames_with_foreground, key_frame_shape
+from kfmocap.core.tracking.picture_store import PictureStore, StoredView
 from kfmocap.core.tracking.reader import ColourFrames
 from kfmocap.core.tracking.segments import LONGEST, PosedFrames, posed_frames, segments
 from kfmocap.core.tracking.solvers import multi_start
@@ -71,6 +73,23 @@ def ratios(colours: tuple[tuple[int, int, int], ...], keys: PosedFrames) -> tupl
     assert view.foreground is not None
     labels = render_labels(Geometry.of([BODY] * 2), CAMERAS[0], 0, *poses_of([BODY] * 2, TRUTHS)).part
     return log_ratio(view.foreground), np.where(labels >= 0, labels // P, -1)
+
+
+def test_pictures_in_files_are_those_in_memory(tmp_path: Path) -> None:
+    frames, keys = pictures((RED, GREEN), TRUTHS), posed([0, 6], [0, 6])
+    held, filed = (
+        frames_with_foreground(frames, [BODY] * 2, TRUTHS, keys, footage_offset=0.0, fps=30, store=store)
+        for store in (None, PictureStore(tmp_path, "front"))
+    )
+    stored = PictureStore(tmp_path, "front").stored(filed)
+    assert isinstance(stored, StoredView)
+    for view in (filed, stored.opened()):
+        assert view.foreground is not None and held.foreground is not None
+        np.testing.assert_array_equal(view.grey, held.grey)
+        np.testing.assert_array_equal(view.foreground, held.foreground)
+        np.testing.assert_array_equal(view.foreground_at(2, 3, 2), held.foreground_at(2, 3, 2))
+    stored.remove()
+    assert not list(tmp_path.iterdir())
 
 
 def test_in_different_clothes_a_pixel_is_the_one_performers_and_not_the_others() -> None:

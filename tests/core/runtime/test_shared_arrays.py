@@ -1,0 +1,69 @@
+"""Arrays in files: they come back as they were, and looking at a long one takes only the memory of a part."""
+
+from __future__ import annotations
+
+import sys
+import tracemalloc
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from kfmocap.core.runtime.shared_arrays import SharedArray, each_row, looked_at
+
+ROWS, SHAPE = 400, (64, 1024)
+
+
+def rows() -> Iterator[np.ndarray]:
+    for k in range(ROWS):
+        yield np.full(SHAPE, k % 251, np.uint8)
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> SharedArray:
+    return SharedArray.write(tmp_path_factory.mktemp("pictures") / "long", rows())
+
+
+def mapped_kilobytes(path: Path) -> int:
+    """How much of a file that this process has mapped is in its memory."""
+    own, total = False, 0
+    for line in Path("/proc/self/smaps").read_text().splitlines():
+        name = line.split()[0]
+        if not name.endswith(":"):
+            own = line.endswith(str(path))
+        elif own and name == "Rss:":
+            total += int(line.split()[1])
+    return total
+
+
+def test_rows_come_back_as_they_were_written(kept: SharedArray) -> None:
+    np.testing.assert_array_equal(kept.array(), np.stack(list(rows())))
+
+
+def test_rows_are_written_without_holding_more_than_a_few(tmp_path: Path) -> None:
+    tracemalloc.start()
+    try:
+        SharedArray.write(tmp_path / "long", rows())
+        assert tracemalloc.get_traced_memory()[1] < 4 * np.prod(SHAPE)
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="/proc tells what is in memory")
+def test_a_long_array_that_is_looked_at_part_by_part_does_not_stay_in_memory(kept: SharedArray) -> None:
+    array, seen = kept.array(), []
+    for first in range(0, ROWS, 20):
+        np.testing.assert_array_equal(looked_at(array[first : first + 20])[:, 0, 0], np.arange(first, first + 20) % 251)
+        seen.append(mapped_kilobytes(kept.path))
+    for k, row in enumerate(each_row(array)):
+        assert row[3, 5] == k % 251
+        if k % 40 == 0:
+            seen.append(mapped_kilobytes(kept.path))
+    assert max(seen) < array.nbytes / 1024 / 4
+    array.sum()
+    assert mapped_kilobytes(kept.path) > array.nbytes / 1024 / 2, "it is this that is told"
+
+
+def test_an_array_in_memory_is_looked_at_without_a_copy() -> None:
+    array = np.zeros((5, 4, 3), np.uint8)
+    assert np.shares_memory(looked_at(array[1:3]), array)
