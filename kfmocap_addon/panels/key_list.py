@@ -68,18 +68,31 @@ def find_tracked(armature: bpy.types.Object) -> tuple[tuple[int, int], ...]:
         return ()
 
 
+def _count(armature: bpy.types.Object) -> tuple[int, int]:
+    """The action of an armature, and how many keys it has: Blender tells nobody of keys that are written just before
+    the frame changes, as they are after tracking.
+    """
+    from ..scene_io import fcurves
+
+    bag = fcurves.find_channelbag(armature)
+    if bag is None:
+        return (0, 0)
+    return (armature.animation_data.action.session_uid, sum(len(curve.keyframe_points) for curve in bag.fcurves))
+
+
 class KeyPoseCache:
     """The key poses and tracked frames of all performers, by the armature's number in this session of Blender."""
 
     def __init__(self) -> None:
         self._entries: dict[int, tuple[KeyPoseEntry, ...]] = {}
         self._tracked: dict[int, tuple[tuple[int, int], ...]] = {}
-        self._current: set[int] = set()  # armatures whose keys have not changed since they were looked up
+        # What `_count` gave of armatures whose keys have not changed since they were looked up.
+        self._current: dict[int, tuple[int, int]] = {}
         self._timer = self.look_up  # one object: Blender knows its timers by identity
 
     def entries(self, armature: bpy.types.Object) -> tuple[KeyPoseEntry, ...] | None:
         """Give the key poses of an armature as last looked up, None before the first time."""
-        if armature.session_uid not in self._current:
+        if self._current.get(armature.session_uid) != _count(armature):
             self._schedule()
         return self._entries.get(armature.session_uid)
 
@@ -105,10 +118,13 @@ class KeyPoseCache:
         """Look up what has changed, and draw it."""
         for scene in bpy.data.scenes:
             for slot in scene.kfmocap.performers:
-                if slot.armature is not None and slot.armature.session_uid not in self._current:
+                if slot.armature is None:
+                    continue
+                count = _count(slot.armature)
+                if self._current.get(slot.armature.session_uid) != count:
                     self._entries[slot.armature.session_uid] = find_key_poses(slot.armature)
                     self._tracked[slot.armature.session_uid] = find_tracked(slot.armature)
-                    self._current.add(slot.armature.session_uid)
+                    self._current[slot.armature.session_uid] = count
         viewport.redraw(bpy.context)
 
     def _schedule(self) -> None:

@@ -15,6 +15,7 @@ from kfmocap.kfmocap_addon.overlays import key_strip  # noqa: E402
 from kfmocap.kfmocap_addon.overlays.alternative_boxes import boxes  # noqa: E402
 from kfmocap.kfmocap_addon.overlays.key_strip import HEIGHT, Strip, pieces, position  # noqa: E402
 from kfmocap.kfmocap_addon.panels import key_list  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import motion_curves  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene as scenes  # noqa: E402
 
 pytestmark = pytest.mark.blender
@@ -104,3 +105,16 @@ def test_the_strip_is_of_the_chosen_performers_keys(blender, tmp_path):  # noqa:
     assert key_list.strip_of(bpy.context).partial == (), "until it has been looked up"
     key_list.CACHE.look_up()
     assert key_list.strip_of(bpy.context).partial == (start + 9,)
+
+
+def test_keys_that_are_written_just_before_the_frame_changes_are_seen(blender, tmp_path):  # noqa: F811
+    """As after tracking: Blender's handlers of changes are not called then."""
+    made = scenes.build_scene(shot(tmp_path, frames=24), scene=bpy.context.scene)
+    armature, start = made.kfmocap.performers[0].armature, made.kfmocap.frame_start
+    bpy.context.view_layer.update()
+    key_list.CACHE.look_up()
+    assert key_list.strip_of(bpy.context).tracked == ()
+    motion_curves.write_motion(armature, motion(24), start)
+    made.frame_set(start + 3)
+    key_list.CACHE.look_up()
+    assert key_list.strip_of(bpy.context).tracked
