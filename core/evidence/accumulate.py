@@ -61,11 +61,13 @@ class SegmentEvidence:
     explained : ndarray, shape (V, M, F)
         Of each of M performers: sum of the log likelihood ratios of the pixels that show it.
     unhidden : ndarray, shape (M, F)
-        Its visible area, over all views, over that which it would have without the others.
+        Its visible area over that which it would have without the others, over all views, each with the weight of what
+        a pixel explains there; 1 for those that are not sought.
     share : ndarray, shape (V, F, P)
         Visible share of every part, see `LabelImages`.
     agreeing : ndarray, shape (V, F, P)
-        Share of the pixels that show a part which look like its performer; 1 where none shows it, or nothing tells.
+        Share of the pixels that show a part which look like its performer, or like another one, who may stand before
+        it; 1 where none shows it, or nothing tells.
     sampling : Sampling
         How the evidence was taken.
     seconds : dict
@@ -162,17 +164,27 @@ def accumulate_evidence(
         each = [[ends[k * runs][0]] + [rest for _, rest in ends[k * runs : (k + 1) * runs]] for k in range(len(rows))]
         return np.stack([np.concatenate(row, axis) for row in each])
 
-    seen, alone = by_frame(attrgetter("areas"), 2).sum(axis=0)
+    explained = by_frame(attrgetter("explained"), 1)
     return SegmentEvidence(
         GradientSums(*(by_pair(attrgetter(f"gradients.{f.name}")) for f in fields(GradientSums))),
         OutlineSums(*(by_frame(attrgetter(f"outlines.{f.name}")) for f in fields(OutlineSums))),
-        by_frame(attrgetter("explained"), 1),
-        np.where(alone > 0, seen / np.maximum(alone, 1), 1.0),
+        explained,
+        _unhidden(by_frame(attrgetter("areas"), 2), explained),
         by_frame(attrgetter("share")),
         by_frame(attrgetter("agreeing")),
         sampling,
         {stage: sum(run.seconds[stage] for run in done) / min(threads, len(done)) for stage in done[0].seconds},
     )
+
+
+def _unhidden(areas: Array, explained: Array) -> Array:
+    """What others leave in sight of each performer (M, F), from the areas (V, 2, M, F) with and without them, and what
+    these explain (V, M, F): views in which a pixel explains nothing do not count.
+    """
+    seen = areas[:, 0]
+    each = np.maximum(explained.sum(axis=2) / np.maximum(seen.sum(axis=2), 1), 0.0)
+    shown, alone = np.einsum("vm,vkmf->kmf", each, areas)
+    return np.asarray(np.where(alone > 0, shown / np.where(alone > 0, alone, 1.0), 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,7 +256,7 @@ def _run(
     )
     summed = time.perf_counter()
     outlines = OutlineSums(np.zeros((*T.shape[:2], 6, 6)), np.zeros((*T.shape[:2], 6)), np.zeros(len(T)))
-    areas = every.areas()
+    areas = every.areas(sought)
     explained = np.zeros(areas.shape[1:])
     agreeing = np.ones(T.shape[:2])
     if foreground is not None:
@@ -257,7 +269,8 @@ def _run(
             .reshape(explained.shape)
         )
         count = np.diff(every.ends)
-        unlike = np.bincount(np.repeat(np.arange(len(count)), count), ratio <= 0, len(count))
+        nobody = log_ratio(foreground[:, frame, stride * v, stride * u].max(axis=0)) <= 0
+        unlike = np.bincount(np.repeat(np.arange(len(count)), count), nobody, len(count))
         agreeing = np.asarray(1.0 - unlike / np.maximum(count, 1), float).reshape(agreeing.shape)
         outlines = outline_sums(
             view.camera,

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import cv2
@@ -191,8 +192,11 @@ class LabelImages:
             np.minimum(entered, a, out=entered)
         return np.maximum(entered, np.repeat(self.faces.farthest, shown))
 
-    def areas(self) -> Ints:
-        """Pixels that show each of M performers, and those that would without the others, shape (2, M, n)."""
+    def areas(self, sought: Sequence[int] | None = None) -> Ints:
+        """Pixels that show each of M performers, and those that would without the others, shape (2, M, n).
+
+        The latter take time, and are those that show it for performers that are not sought; by default all are.
+        """
         n, P = self.share.shape
         M = int(self.performer.max()) + 1
         shown = np.diff(self.ends).reshape(n, P)
@@ -200,8 +204,8 @@ class LabelImages:
         if M == 1:
             return np.stack([seen, seen])
         corners, bounds = _subpixels(self.outlines.uv), self.outlines.ends.tolist()
-        alone = np.zeros_like(seen)
-        for m, f in np.ndindex(M, n):
+        alone = seen.copy()
+        for m, f in product(range(M) if sought is None else sought, range(n)):
             image = np.zeros(self.part.shape[1:], np.uint8)
             for k in f * P + np.flatnonzero(self.performer == m):
                 if bounds[k] < bounds[k + 1]:

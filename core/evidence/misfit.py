@@ -40,11 +40,12 @@ class Misfit:
         Uncovered foreground near each of N performers over the length of the model's outline, metres; NaN where the
         view does not see the performer.
     areas : ndarray, shape (V, N, F)
-        Foreground beside the performers, from `BESIDE` to `FAR` from the model, square metres at their distance.
+        Foreground beside the performers, from `BESIDE` to `FAR` from the model, and farther than `BESIDE` from anybody
+        else's, square metres at their distance.
     visible : ndarray, shape (V, F, P)
         Visible area of each part, but for a margin along the model's outline, square metres.
     background : ndarray, shape (V, F, P)
-        The share of that area that shows background, 0 to 1.
+        The share of that area that shows background, and nobody else either, 0 to 1.
     """
 
     gaps: Array
@@ -132,17 +133,26 @@ def _view_misfit(
     foreground = view.foreground_at(first, len(T), _STRIDE)
     gaps, areas = np.full((len(spans), len(T)), np.nan), np.zeros((len(spans), len(T)))
     visible, background = np.zeros((2, len(T), P))
+    # What hangs over the outline of one performer, hair or clothes, lies beside another one.
+    nobody = -log_ratio(foreground.max(axis=0)[window])
+    apart = [_distance(image >= 0) > BESIDE * scale for image in part] if len(spans) > 1 else None
     for n, span in enumerate(spans):
         ratio = log_ratio(foreground[n][window])
         shown = np.where(part < 0, np.clip(ratio / SURE, 0, 1), np.float32(0))
         models = (part >= span.start) & (part < span.stop)
         for f in np.flatnonzero(models.any(axis=(1, 2))):
-            beyond = cv2.distanceTransform((~models[f]).astype(np.uint8), cv2.DIST_L2, 3)
+            beyond = _distance(models[f])
             outline = np.count_nonzero((beyond > 0) & (beyond < 1.2))
             gaps[n, f] = float(shown[f][beyond < NEAR * scale].sum()) / max(outline, 1) / scale
-            areas[n, f] = float(shown[f][(beyond > BESIDE * scale) & (beyond < FAR * scale)].sum()) / scale**2
+            beside = apart[f] if apart is not None else beyond > BESIDE * scale
+            areas[n, f] = float(shown[f][beside & (beyond < FAR * scale)].sum()) / scale**2
             within = cv2.distanceTransform(models[f].astype(np.uint8), cv2.DIST_L2, 3) > max(INSIDE * scale, 1.0)
             whose = part[f][within]
             visible[f] += np.bincount(whose, minlength=P) / scale**2
-            background[f] += np.bincount(whose, np.clip(-ratio[f][within] / SURE, 0, 1), P) / scale**2
+            background[f] += np.bincount(whose, np.clip(nobody[f][within] / SURE, 0, 1), P) / scale**2
     return gaps, areas, visible, background / np.maximum(visible, 1e-12)
+
+
+def _distance(mask: NDArray[np.bool_]) -> Array:
+    """How far every pixel (h, w) is from a mask, pixels."""
+    return np.asarray(cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3))

@@ -6,12 +6,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence.accumulate import Sampling
 from kfmocap.core.evidence.foreground import log_ratio
 from kfmocap.core.evidence.label_images import Geometry, render_labels
+from kfmocap.core.evidence.misfit import measured_misfit
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.shot.shot import KeyPoses
 from kfmocap.core.tracking.appearance import frames_with_foreground, key_frame_shape
@@ -19,6 +21,7 @@ from kfmocap.core.tracking.picture_store import PictureStore, StoredView
 from kfmocap.core.tracking.reader import ColourFrames
 from kfmocap.core.tracking.segments import LONGEST, PosedFrames, posed_frames, segments
 from kfmocap.core.tracking.solvers import multi_start
+from kfmocap.core.tracking.solvers.limb_search import limbs
 from kfmocap.core.tracking.solvers.measurement import Workspace
 from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.tracker import track
@@ -207,6 +210,58 @@ def test_what_others_hide_of_a_performer_is_not_expected_of_it() -> None:
     assert true.unhidden[0].min() < 0.4 and true.unhidden[1].min() == 1
     assert true.explained[0].min() < multi_start.EXPLAINED * true.explained[0][[0, -1]].min()
     assert not multi_start.doubtful(problem, true)
+
+
+def test_views_that_tell_nothing_do_not_count_for_what_others_leave_in_sight() -> None:
+    """The second performer hides the first one in the second view alone, whose foreground images are grey."""
+    rest = at_rest(BODY, FRAMES)
+    between = 0.5 * CAMERAS[1].centre_world() * [1, 1, 0]
+    motions = [rest, moved(rest, between)]
+    views = coloured_views(motions)
+    assert views[1].foreground is not None
+    grey = replace(views[1], foreground=np.full_like(views[1].foreground, 128))
+    problem = SegmentProblem((views[0], grey), (BODY, BODY), 0, 30.0, HELD)
+    hidden = solution(replace(problem, views=views), motions).unhidden[0]
+    np.testing.assert_allclose(
+        solution(problem, motions).unhidden, solution(replace(problem, views=views[:1]), motions).unhidden
+    )
+    assert (hidden < 0.9 * solution(problem, motions).unhidden[0]).all()
+
+
+@pytest.mark.parametrize(("likes", "astray"), [(1, False), (None, True)])
+def test_a_limb_where_a_view_shows_somebody_else_is_not_on_the_background(likes: int | None, astray: bool) -> None:
+    """Hair and clothes of who stands before a limb are not in the model, and hide more of it than that knows."""
+    motions = [at_rest(BODY, FRAMES), moved(at_rest(BODY, FRAMES), np.array([2.0, 0, 0]))]
+    views = coloured_views(motions)
+    labels = render_labels(Geometry.of([BODY] * 2), CAMERAS[0], 0, *poses_of([BODY] * 2, motions)).part
+    assert views[0].foreground is not None
+    colours = views[0].foreground.copy()
+    arm = np.isin(labels[2:5], limbs(BODY)[0])
+    colours[0, 2:5][arm] = 4
+    if likes is not None:
+        colours[likes, 2:5][arm] = 252
+    problem = SegmentProblem((replace(views[0], foreground=colours), views[1]), (BODY, BODY), 0, 30.0, HELD)
+    measured = Workspace().measure(problem, motions, Sampling(1.0, 1.0, 2, 0.07)).evidence
+    found = replace(solution(problem, motions), evidence=measured)
+    assert multi_start.limb_astray(problem.alone(0), found) == astray
+
+
+def test_what_hangs_over_the_outline_of_one_performer_is_no_lost_limb_of_another() -> None:
+    """Nor is the performer itself: in equal clothes it looks like the other one."""
+    motions = [moved(at_rest(BODY, FRAMES), np.array([x, 0.0, 0])) for x in (-0.25, 0.25)]
+    poses = poses_of([BODY] * 2, motions)
+    at, geometry, spans = {0.0: poses}, Geometry.of([BODY] * 2), [slice(0, P), slice(P, 2 * P)]
+    labels = render_labels(geometry, CAMERAS[0], 0, *poses).part
+    rim = np.stack([cv2.dilate((image >= P).astype(np.uint8), np.ones((3, 3))) > 0 for image in labels])
+    colours = np.where([(labels >= 0) | rim, labels >= 0], np.uint8(252), np.uint8(4))
+    areas = [
+        measured_misfit([ViewFrames(CAMERAS[0], colours[0], 0, foreground=own)], g, p, first=0, spans=s).areas[0, 0]
+        for own, g, p, s in (
+            (colours, geometry, at, spans),
+            (colours[:1], Geometry.of([BODY]), {0.0: poses_of([BODY], motions[:1])}, spans[:1]),
+        )
+    ]
+    assert (areas[0] < 0.01).all() and (areas[1] > 0.05).all()
 
 
 def seen_whose(motions: list[Motion]) -> list[Array]:
