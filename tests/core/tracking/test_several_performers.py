@@ -172,7 +172,8 @@ def test_staggered_key_frames_are_as_good_as_common_ones(tmp_path_factory: pytes
         for person, motion in zip(s.performers, result.motions, strict=True):
             keys = person.key_poses
             np.testing.assert_array_equal(motion.rotations[keys.frames], keys.poses.rotations)
-    assert (np.array(errors[1]) < 1.2 * np.array(errors[0])).all()
+    # On average: with seven frames, who of the two is better is chance.
+    assert np.mean(errors[1]) < 1.2 * np.mean(errors[0])
 
 
 HELD = (ends_held(BODY, FRAMES), ends_held(BODY, FRAMES))
@@ -247,21 +248,20 @@ def test_a_limb_where_a_view_shows_somebody_else_is_not_on_the_background(likes:
 
 
 def test_what_hangs_over_the_outline_of_one_performer_is_no_lost_limb_of_another() -> None:
-    """Nor is the performer itself: in equal clothes it looks like the other one."""
-    motions = [moved(at_rest(BODY, FRAMES), np.array([x, 0.0, 0])) for x in (-0.25, 0.25)]
+    """In equal clothes it looks like the other one; beside a performer who is not in the model it may be a limb."""
+    camera = look_at("near", (0.3, -4, 1.6), size=(960, 520), focal=800)
+    motions = [moved(at_rest(BODY, 1), np.array([x, 0.0, 0])) for x in (-0.25, 0.25)]
     poses = poses_of([BODY] * 2, motions)
-    at, geometry, spans = {0.0: poses}, Geometry.of([BODY] * 2), [slice(0, P), slice(P, 2 * P)]
-    labels = render_labels(geometry, CAMERAS[0], 0, *poses).part
-    rim = np.stack([cv2.dilate((image >= P).astype(np.uint8), np.ones((3, 3))) > 0 for image in labels])
-    colours = np.where([(labels >= 0) | rim, labels >= 0], np.uint8(252), np.uint8(4))
-    areas = [
-        measured_misfit([ViewFrames(CAMERAS[0], colours[0], 0, foreground=own)], g, p, first=0, spans=s).areas[0, 0]
-        for own, g, p, s in (
-            (colours, geometry, at, spans),
-            (colours[:1], Geometry.of([BODY]), {0.0: poses_of([BODY], motions[:1])}, spans[:1]),
-        )
-    ]
-    assert (areas[0] < 0.01).all() and (areas[1] > 0.05).all()
+    labels = render_labels(Geometry.of([BODY] * 2), camera, 0, *poses).part
+    rim = cv2.dilate((labels[0] >= P).astype(np.uint8), np.ones((13, 13))) > 0  # 3 cm
+    seen = np.where((labels >= 0) | rim, np.uint8(252), np.uint8(4))
+
+    def area(known: int) -> float:
+        view = ViewFrames(camera, seen, 0, foreground=np.stack([seen] * known))
+        at, spans = {0.0: poses_of([BODY] * known, motions[:known])}, [slice(P * m, P * m + P) for m in range(known)]
+        return float(measured_misfit([view], Geometry.of([BODY] * known), at, first=0, spans=spans).areas[0, 0, 0])
+
+    assert area(known=2) < 0.005 and area(known=1) > 0.05
 
 
 def seen_whose(motions: list[Motion]) -> list[Array]:
