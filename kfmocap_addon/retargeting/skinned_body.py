@@ -18,6 +18,8 @@ _FOLLOWS = 0.5
 """Share of a control's rotation from which on a deforming bone is counted as its."""
 _STILL = 1e-5
 """What keys of one channel may differ by where it stands still."""
+_SCALED = 0.01
+"""Change of a bone's scale that is more than an importer's rounding."""
 _HARMLESS = ("LIMIT_ROTATION", "LIMIT_LOCATION", "LIMIT_SCALE")
 
 
@@ -31,8 +33,9 @@ def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[b
     BodyError
         It cannot be a body; names the bone.
     """
-    if part_meshes.meshes_by_bone(armature):
-        return performers.take_armature(current, armature), _moving_between(armature)
+    _refuse_moving_object(armature)
+    if skinned_parts.carries_its_parts(armature):
+        return performers.take_armature(current, armature), _remarks(armature)
     collection = scene.ensure_collection(current, "Performers")
     bones = _mechanism(armature)
     if bones is None:
@@ -44,7 +47,7 @@ def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[b
             made = skinned_parts.add_parts(armature, collection, _carriers(armature, controls))
     try:
         taken = performers.take_armature(current, armature)
-        return taken, (*made.remarks, *(_moving_between(armature) if bones is None else ()))
+        return taken, (*made.remarks, *(_remarks(armature) if bones is None else ()))
     except BodyError:
         _remove(armature, made.parts)
         raise
@@ -80,22 +83,52 @@ def _carriers(armature: bpy.types.Object, controls: list[str]) -> dict[str, str]
     return found
 
 
-def _moving_between(armature: bpy.types.Object) -> tuple[str, ...]:
-    """What is to be said of bones that are no parts, but have keys and carry parts."""
+def _remarks(armature: bpy.types.Object) -> tuple[str, ...]:
+    """Free the top of the body to move; returns what is to be said of it, and of poses that cannot be followed."""
     parts = body_armature.body_bones(armature)
     names = {bone.name for bone in parts}
     carrying = {above.name for bone in parts for above in bone.parent_recursive} - names
+    said = [f"bone {n}: it is no part, and counts as it stands now: key the bones below it" for n in carrying]
+    said = [text for text, name in zip(said, carrying, strict=True) if _moves(armature, name, "")]
+    top = parts[0].name
+    if parts[0].use_connect:
+        with body_armature.edit_bones(armature) as bones:
+            bones[top].use_connect = False
+        said.append(f"bone {top}: it was connected to the bone above, which kept it from moving, and is no longer")
+    for bone in armature.pose.bones:
+        if bone.name not in names:
+            continue
+        shifted = bone.name != top and (bone.location.length > _STILL or _moves(armature, bone.name, "location"))
+        if shifted:
+            said.append(
+                f"bone {bone.name}: its turns alone are tracked: clear its location (Alt G), and the keys of it"
+            )
+        if np.abs(np.array(bone.scale) - 1).max() > _SCALED or _moves(armature, bone.name, "scale", _SCALED):
+            said.append(f"bone {bone.name}: it is scaled, and the body is not: clear its scale (Alt S) and its keys")
+    return tuple(sorted(said))
+
+
+def _moves(armature: bpy.types.Object, bone: str, attribute: str, still: float = _STILL) -> bool:
+    """Whether keys of a bone's attributes that begin so change anything."""
     bag = fcurves.find_channelbag(armature)
-    moving = {
-        name
+    path = f'pose.bones["{bpy.utils.escape_identifier(bone)}"].{attribute}'
+    return any(
+        curve.data_path.startswith(path) and np.ptp(fcurves.get_keys(curve)["co"][:, 1]) > still
         for curve in (bag.fcurves if bag else ())
-        for name in carrying
-        if curve.data_path.startswith(f'pose.bones["{bpy.utils.escape_identifier(name)}"].')
-        and np.ptp(fcurves.get_keys(curve)["co"][:, 1]) > _STILL
-    }
-    return tuple(
-        f"bone {name}: it is no part, and counts as it stands now: key the bones below it" for name in sorted(moving)
     )
+
+
+def _refuse_moving_object(armature: bpy.types.Object) -> None:
+    """Raise a BodyError where keys move the armature as a whole."""
+    bag = fcurves.find_channelbag(armature)
+    for curve in bag.fcurves if bag else ():
+        whole = curve.data_path.startswith(("location", "rotation", "scale", "delta_"))
+        if whole and np.ptp(fcurves.get_keys(curve)["co"][:, 1]) > _STILL:
+            raise BodyError(
+                f"keys of {curve.data_path} move the armature object itself, and only bones are tracked",
+                where=f"armature {armature.name}",
+                todo="delete them, and key the topmost bone of the body instead",
+            )
 
 
 def _refuse_driven(armature: bpy.types.Object, parts: tuple[str, ...]) -> None:

@@ -13,13 +13,15 @@ from ...core.body import Part
 from ...core.errors import BodyError
 from ...core.numerics.arrays import Array
 
+OF_SKIN = "kfmocap_of_skin"
+"""Custom property of a mesh that was made of a character's skin."""
 _FLAT = np.radians(20)
 _THIN = 1e-6
 """Thickness, as a share of the length, that roundings of a plane's vertices in single precision can reach."""
 
 
-def build_mesh(part: Part, armature: bpy.types.Object, collection: bpy.types.Collection) -> None:
-    """Build the mesh of a part on its bone."""
+def build_mesh(part: Part, armature: bpy.types.Object, collection: bpy.types.Collection) -> bpy.types.Object:
+    """Build the mesh of a part on its bone; returns the mesh."""
     name = f"{armature.name} {part.name}"
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata(part.vertices.tolist(), [], part.faces.tolist())
@@ -31,6 +33,7 @@ def build_mesh(part: Part, armature: bpy.types.Object, collection: bpy.types.Col
     child.matrix_parent_inverse = Matrix.Translation((0.0, -armature.data.bones[part.name].length, 0.0))
     child.hide_select = child.show_in_front = True
     child.display_type, child.color = "WIRE", (1.0, 1.0, 1.0, 1.0)
+    return child
 
 
 def _join_triangles(mesh: bpy.types.Mesh) -> None:
@@ -118,8 +121,9 @@ def show_parts(scene: bpy.types.Scene) -> None:
 
 
 def parts_of(armature: bpy.types.Object) -> list[bpy.types.Object]:
-    """All meshes that an armature's bones carry."""
-    return [c for c in armature.children if c.type == "MESH" and c.parent_type == "BONE"]
+    """All meshes that an armature's bones carry; of a skinned character those alone that were made of its skin."""
+    carried = [c for c in armature.children if c.type == "MESH" and c.parent_type == "BONE"]
+    return [child for child in carried if OF_SKIN in child] or carried
 
 
 def orphans(scene: bpy.types.Scene) -> list[bpy.types.Object]:

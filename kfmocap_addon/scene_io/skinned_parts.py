@@ -108,11 +108,12 @@ def add_parts(
     kept = {name: cloud for name, cloud in _merged(armature, clouds, _SMALL * height).items() if _is_solid(cloud)}
     if not kept:
         raise BodyError("no bone leads enough of the skin to be a part", where=where, todo="paint its weights")
-    tops = [name for name in kept if not any(p.name in kept for p in armature.data.bones[name].parent_recursive)]
-    if len(tops) > 1:
+    kept = _with_joined_tops(armature, kept, _SMALL * height)
+    if len(tops := _tops(armature, kept)) > 1:
         kept = _one_tree(armature, kept, tops, remarks)
-    for name, cloud in kept.items():
-        part_meshes.build_mesh(_part(armature, name, corners(cloud)), armature, collection)
+    made = [part_meshes.build_mesh(_part(armature, n, corners(c)), armature, collection) for n, c in kept.items()]
+    for mesh in made:
+        mesh[part_meshes.OF_SKIN] = True
     return SkinnedParts(tuple(kept), tuple(remarks))
 
 
@@ -159,14 +160,36 @@ def _leader(vertex: bpy.types.MeshVertex, groups: list[int]) -> int:
 
 
 def _clouds(armature: bpy.types.Object, skin: Skin, carriers: Mapping[str, str] | None) -> dict[str, Array]:
-    """Points (V, 3) of the skin by the bone that is posed to move them, in the armature's axes."""
+    """Points (V, 3) by the bone that is posed to move them, in the armature's axes: of the skin, and of eyes, hats and
+    props that hang on single bones.
+    """
     found: dict[str, list[Array]] = {}
-    for number, name in enumerate(skin.names):
-        led = skin.points[skin.leaders == number]
+    led = {name: skin.points[skin.leaders == number] for number, name in enumerate(skin.names)}
+    for name, points in (*led.items(), *_carried(armature).items()):
         carrier = name if carriers is None else carriers.get(name, "")
-        if len(led) and carrier:
-            found.setdefault(carrier, []).append(led)
+        if len(points) and carrier:
+            found.setdefault(carrier, []).append(points)
     return {name: np.concatenate(clouds) for name, clouds in found.items()}
+
+
+def _carried(armature: bpy.types.Object) -> dict[str, Array]:
+    """Vertices (V, 3) of the meshes on every bone that carries some, in the armature's axes."""
+    frames = {name: np.array(armature.data.bones[name].matrix_local) for name in part_meshes.meshes_by_bone(armature)}
+    clouds = part_meshes.part_clouds(armature)
+    return {name: clouds[name] @ frame[:3, :3].T + frame[:3, 3] for name, frame in frames.items()}
+
+
+def carries_its_parts(armature: bpy.types.Object) -> bool:
+    """Whether meshes on an armature's bones are the body: there is no skin, or most of it is led by bones with one.
+
+    Otherwise they are eyes, a hat or a prop of a skinned character.
+    """
+    meshes = part_meshes.meshes_by_bone(armature)
+    if not meshes or any(child.hide_select for child in part_meshes.parts_of(armature)):
+        return bool(meshes)
+    skin = read_skin(armature)
+    led = skin.leaders[skin.leaders >= 0]
+    return not len(led) or float(np.isin(led, [i for i, name in enumerate(skin.names) if name in meshes]).mean()) > 0.5
 
 
 def _merged(armature: bpy.types.Object, clouds: Mapping[str, Array], small: float) -> dict[str, Array]:
@@ -201,6 +224,23 @@ def _is_solid(cloud: Array) -> bool:
     except (QhullError, ValueError):
         return False
     return True
+
+
+def _tops(armature: bpy.types.Object, kept: Mapping[str, Array]) -> list[str]:
+    """Bones of parts that hang on no other part."""
+    return [name for name in kept if not any(p.name in kept for p in armature.data.bones[name].parent_recursive)]
+
+
+def _with_joined_tops(armature: bpy.types.Object, kept: Mapping[str, Array], size: float) -> dict[str, Array]:
+    """Hips and spine may hang side by side on a bone that leads no skin: it gets a small part inside the body."""
+    tops = _tops(armature, kept)
+    chains = [[p.name for p in armature.data.bones[top].parent_recursive] for top in tops]
+    shared = [name for name in chains[0] if sum(name in chain for chain in chains) > 1] if len(tops) > 1 else []
+    if not shared:
+        return dict(kept)
+    hung = [np.array(armature.data.bones[t].head_local) for t, c in zip(tops, chains, strict=True) if shared[0] in c]
+    ways = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), float).reshape(3, -1).T
+    return _with_joined_tops(armature, {shared[0]: np.mean(hung, axis=0) + 0.25 * size * ways, **kept}, size)
 
 
 def _one_tree(

@@ -17,6 +17,7 @@ from kfmocap.kfmocap_addon.scene_io import (  # noqa: E402
     body_armature,
     key_pose_curves,
     motion_curves,
+    part_meshes,
     skinned_parts,
 )
 from mathutils import Matrix  # noqa: E402
@@ -217,6 +218,83 @@ def test_bones_between_parts_need_no_skin():
     use_as_body(bpy.context.scene, armature)
     body = body_armature.body_from_armature(armature)
     assert body.names[body.parents[body.index("upper_arm.L")]] == "chest"
+
+
+def test_eyes_and_props_on_single_bones_of_a_skinned_character_belong_to_its_parts():
+    armature = skinned()
+    use_as_body(bpy.context.scene, armature)
+    alone = body_armature.body_from_armature(armature)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    armature = skinned()
+    club = bpy.data.objects.new("club", bpy.data.meshes.new("club"))
+    corners = np.array(np.meshgrid([-0.02, 0.02], [0, 0.6], [-0.02, 0.02])).reshape(3, -1).T
+    club.data.from_pydata(corners.tolist(), [], [])
+    bpy.context.scene.collection.objects.link(club)
+    club.parent, club.parent_type, club.parent_bone = armature, "BONE", "hand.R"
+    use_as_body(bpy.context.scene, armature)
+    body = body_armature.body_from_armature(armature)
+    assert body.names == alone.names
+    longer = {p.name for p, own in zip(body.parts, alone.parts, strict=True) if extent(p) > 1.2 * extent(own)}
+    assert longer == {"hand.R"}
+    assert club.name not in {child.name for child in part_meshes.parts_of(armature)}
+
+
+def extent(part):
+    return np.linalg.norm(np.ptp(part.vertices, axis=0))
+
+
+def test_hips_and_spine_that_hang_side_by_side_on_a_bone_without_skin_are_one_body():
+    armature = skinned()
+    centre = with_root(armature)
+    bpy.context.view_layer.objects.active = armature
+    bpy.ops.object.mode_set(mode="EDIT")
+    bones = armature.data.edit_bones
+    bones["spine"].use_connect, bones["spine"].parent = False, bones[centre.name]
+    bpy.ops.object.mode_set(mode="OBJECT")
+    _, remarks = use_as_body(bpy.context.scene, armature)
+    body = body_armature.body_from_armature(armature)
+    assert set(body.names) == {*BODY.names, centre.name}
+    assert [body.names[i] if i >= 0 else None for i in body.parents].count(centre.name) == 2
+    assert not remarks
+    motion = made_motion(len(body))
+    motion_curves.write_motion(armature, motion, 1)
+    assert joint_error(armature, body, motion) < 0.05
+
+
+def test_the_top_of_a_body_moves_though_it_was_connected_to_a_bone_above():
+    armature = skinned()
+    root = with_root(armature)
+    bpy.context.view_layer.objects.active = armature
+    bpy.ops.object.mode_set(mode="EDIT")
+    bones = armature.data.edit_bones
+    bones[root.name].tail = bones["pelvis"].head
+    bones["pelvis"].use_connect = True
+    bpy.ops.object.mode_set(mode="OBJECT")
+    _, remarks = use_as_body(bpy.context.scene, armature)
+    assert [text.split(",")[0] for text in remarks] == ["bone pelvis: it was connected to the bone above"]
+    body, motion = body_armature.body_from_armature(armature), made_motion(16)
+    motion_curves.write_motion(armature, motion, 1)
+    assert joint_error(armature, body, motion) < 0.05
+
+
+def test_locations_and_scales_of_parts_are_named():
+    armature = skinned()
+    armature.pose.bones["chest"].scale = (1.3, 1.3, 1.3)
+    arm = armature.pose.bones["upper_arm.L"]
+    for frame in (1, 9):
+        arm.location.x = 0.02 * frame
+        arm.keyframe_insert("location", frame=frame)
+    _, remarks = use_as_body(bpy.context.scene, armature)
+    assert [text.split(":")[0] for text in remarks] == ["bone chest", "bone upper_arm.L"]
+
+
+def test_an_armature_that_moves_as_a_whole_is_refused():
+    armature = skinned()
+    for frame in (1, 9):
+        armature.location.x = 0.1 * frame
+        armature.keyframe_insert("location", frame=frame)
+    with pytest.raises(BodyError, match="armature hero: keys of location move the armature object itself"):
+        use_as_body(bpy.context.scene, armature)
 
 
 def test_bone_envelopes_are_left_out_with_a_word():
