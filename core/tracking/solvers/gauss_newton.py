@@ -46,9 +46,8 @@ LONGER = 6
 SMALL_GAIN = 1e-6
 """Share of the cost that a step should gain at least to be followed by another."""
 OVERRELAXATION = 1.5
-"""All steps of a stage but its last, and the only one of a tested stage, are taken this much longer, where all views
-are looked at: weights that follow the residuals, and slopes measured beside the solution, make every step too short by
-about the same share."""
+"""All steps of a stage but its last are taken this much longer, where all views are looked at: weights that follow the
+residuals, and slopes measured beside the solution, make every step too short by about the same share."""
 REACH = 0.07
 """How far from the model's outlines the body's are usually looked for, metres."""
 ROUNDS = 2
@@ -85,8 +84,8 @@ class DescentStage:
 
 STAGES = (
     DescentStage(Sampling(2.0, 8.0, 4, 0.10), 2, views=2, small=ROUGH_STEP),
-    DescentStage(Sampling(1.0, 4.0, 4, REACH), 2, views=2, small=ROUGH_STEP),
-    DescentStage(Sampling(1.0, 1.0, 3, REACH), 1),
+    DescentStage(Sampling(1.0, 4.0, 4, REACH), 3, views=2, small=ROUGH_STEP),
+    DescentStage(Sampling(1.0, 1.0, 3, REACH), 2),
 )
 """From the curve through the key poses to the solution."""
 REFINEMENT = (DescentStage(Sampling(1.0, 1.0, 2, REACH), 2),)
@@ -186,7 +185,7 @@ class _TestedStage:
 
     def _begin_step(self, done: int, motions: tuple[Motion, ...]) -> None:
         self.trials += 1
-        self._pace = OVERRELAXATION if done == 0 or done + 1 < self._stage.iterations else 1.0
+        self._pace = OVERRELAXATION if done + 1 < self._stage.iterations else 1.0
         self._workspace.report(min(done / self._stage.iterations, 1.0), motions)
 
     def _distance(self, before: tuple[Motion, ...], after: tuple[Motion, ...]) -> float:
