@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
+from itertools import pairwise, product
 from typing import Any
 
 import cv2
@@ -179,18 +179,15 @@ class LabelImages:
     @cached_property
     def inverse_depth(self) -> NDArray[np.float32]:
         """1/z of the surface at the pixels of `index`, 1/metres, shape (N,)."""
-        _, u, v = (place.astype(np.float32) for place in self.places)
-        shown, faces, first = np.diff(self.ends), np.diff(self.faces.ends), self.faces.ends[:-1]
-        entered = np.full(len(u), np.inf, np.float32)
-        # Face by face, by sums and products that all processors round alike: those of matrices they do not.
-        for k in range(int(faces.max(initial=0))):  # the k-th of every part, or its last
-            a, b, c = (np.repeat(values, shown) for values in self.faces.planes[first + np.minimum(k, faces - 1)].T)
-            a *= u
-            b *= v
-            a += b
-            a += c
-            np.minimum(entered, a, out=entered)
-        return np.maximum(entered, np.repeat(self.faces.farthest, shown))
+        _, u, v = self.places
+        rays = np.ones((3, len(u)))
+        rays[:2] = u, v
+        planes = self.faces.planes.astype(float)  # processors differ in products of single precision
+        entered = np.empty(len(u), dtype=np.float32)
+        for (a, b), (c, d) in zip(pairwise(self.ends.tolist()), pairwise(self.faces.ends.tolist()), strict=True):
+            if a < b:
+                np.minimum.reduce(planes[c:d] @ rays[:, a:b], axis=0, out=entered[a:b])
+        return np.maximum(entered, np.repeat(self.faces.farthest, np.diff(self.ends)))
 
     def areas(self, sought: Sequence[int] | None = None) -> Ints:
         """Pixels that show each of M performers, and those that would without the others, shape (2, M, n).
