@@ -107,6 +107,30 @@ def found_limbs(problem: SegmentProblem, motions: Sequence[Motion], seed: int, w
     return untangled_limbs(problem, found)
 
 
+def freed_limb(problem: SegmentProblem, motions: Sequence[Motion], place: tuple[int, list[int]], seed: int) -> Motion:
+    """Look for one limb of a performer as if it were nowhere seen where it is: in front of the body, a limb in a wrong
+    place seems right.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+    motions : sequence of Motion
+        F poses per performer; their fixed degrees of freedom are kept.
+    place : tuple
+        Index of the performer, and the limb as a chain of its parts.
+    seed : int
+        Of the poses drawn, with the setting's.
+
+    Returns
+    -------
+    Motion
+        That of the performer.
+    """
+    rng = np.random.default_rng([seed, problem.settings.search_seed])
+    looks = [_ViewRatios.of(view, problem, place[0]) for view in views_with_foreground(problem.views)]
+    return _with_limb_found(problem, looks, motions, place, rng, free=True)
+
+
 def untangled_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[Motion]:
     """Give all like limbs of every performer their own way, see `untangled`."""
     found = list(motions)
@@ -176,8 +200,10 @@ def _with_limb_found(
     motions: Sequence[Motion],
     place: tuple[int, list[int]],
     rng: Generator,
+    *,
+    free: bool = False,
 ) -> Motion:
-    """One performer's motion with one limb, a chain of its parts, where it is likeliest."""
+    """One performer's motion with one limb, a chain of its parts, where it is likeliest; `free` as in `freed_limb`."""
     i, chain = place
     body, motion = problem.bodies[i], motions[i]
     span, geometry = problem.spans()[i], problem.geometry()
@@ -185,6 +211,7 @@ def _with_limb_found(
     rest = [part for part in range(len(geometry.spans)) if part not in parts]
     R, T = scene_poses(problem.bodies, motions)
     hangs_on = span.start + body.parents[chain[0]]
+    held = np.zeros((problem.length, len(chain))) if free else _held(looks, geometry, (R, T), parts)
     limb = _Limb(
         body,
         chain,
@@ -192,7 +219,7 @@ def _with_limb_found(
         *_samples(geometry, parts, rng),
         (R[:, hangs_on], T[:, hangs_on]),
         problem.fixed[i][:, 3:].reshape(problem.length, -1, 3)[:, chain],
-        np.maximum(_held(looks, geometry, (R, T), parts), LEAST_HELD),
+        np.maximum(held, LEAST_HELD),
     )
     uncovered = [look.uncovered(geometry.subset(rest), (R[:, rest], T[:, rest])) for look in looks]
     path, gain = _likeliest(limb, uncovered, rotations.log(motion.rotations[:, chain]), problem.fps, rng)

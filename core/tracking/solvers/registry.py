@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from . import gauss_newton, multi_start, relaxation
+from . import bent_limbs, multi_start, relaxation
 from .protocol import Solver
 
 GAUSS_NEWTON = Solver(
     multi_start.best_of_starts,
-    gauss_newton.refine,
+    bent_limbs.refined,
     multi_start.resumed,
     uses_keypoints=True,
     uses_foreground=True,

@@ -1,0 +1,127 @@
+"""Limbs whose motion is bent at a key pose, and that are looked for again beside it.
+
+Key poses are put on frames that the performer knows nothing of: a fist that flies through one at a steady speed and
+turns away exactly there has been lost on one side of it. Next to the body this leaves no other trace, since the limb
+lies on what looks like the performer; and as it seems right where it is, the usual search holds it there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from operator import attrgetter
+
+import numpy as np
+
+from ...body import part_poses
+from ...body.motion import Motion, stacked
+from ...evidence.view_frames import views_with_foreground
+from ...numerics.arrays import Array
+from ...runtime.timing import Seconds
+from . import gauss_newton
+from .gauss_newton import descend
+from .limb_search import freed_limb, limbs
+from .measurement import Workspace
+from .multi_start import LOOKS, SETTLED, equals
+from .problem import SegmentProblem, SegmentSolution
+
+BENT = 3.0
+"""How much larger than its accelerations between the key poses, root mean square, that of a limb at a key pose must be
+for its motion to be bent there."""
+KEY_ERROR = 0.01
+"""How far a key pose may be off, metres: it bends the motion by twice as much."""
+
+
+def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
+    """Continue from a solution when more is known of the motion around the segment; limbs whose motion that shows to be
+    bent are looked for again. Parameters as of `gauss_newton.descend`.
+    """
+    solution = gauss_newton.refine(problem, start, workspace.part(0.0, 0.3))
+    if problem.keypoints or not (problem.settings.limb_search and views_with_foreground(problem.views)):
+        return solution  # keypoints show where limbs are
+    bent = [(i, chain) for i in problem.sought for chain in bent_limbs(problem, i, solution.motions[i])]
+    for k, (i, chain) in enumerate(bent):
+        part = workspace.part(0.3 + 0.7 * k / len(bent), 0.3 + 0.7 * (k + 1) / len(bent))
+        solution = with_limb_regained(problem, solution, (i, chain), part)
+    return solution
+
+
+def bent_limbs(problem: SegmentProblem, performer: int, motion: Motion) -> list[list[int]]:
+    """The limbs of a performer whose motion is bent where the segment meets the poses that are known beside it.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+    performer : int
+    motion : Motion
+        F poses.
+
+    Returns
+    -------
+    list of list of int
+        Chains of parts.
+    """
+    keys, chains = problem.whole_keys(performer), limbs(problem.bodies[performer])
+    at_ends = {0, problem.length - 1} & set(keys.tolist())
+    if not at_ends or problem.around(performer) == (None, None):
+        return []
+    return [chain for chain in chains if bend_of(problem, performer, motion, chain) > 1.0]
+
+
+def bend_of(problem: SegmentProblem, performer: int, motion: Motion, chain: Sequence[int]) -> float:
+    """How much the motion of a limb is bent at the segment's ends, as a share of what counts as bent."""
+    F, keys = len(motion), problem.whole_keys(performer)
+    before, after = problem.around(performer)
+    known = stacked([m for m in (before, motion, after) if m is not None])
+    start = 0 if before is None else 1
+    change = _joint_changes(problem, performer, known, chain)
+    frames = np.arange(1, len(known) - 1) - start
+    usual = np.sqrt(np.mean(change[(np.abs(frames[:, None] - keys[None]) > 1).all(axis=1)] ** 2, axis=0))
+    least = np.maximum(BENT * np.nan_to_num(usual), 2 * KEY_ERROR)
+    ends = np.isin(frames, [end for end in (0, F - 1) if end in keys])
+    return float((change[ends] / least).max(initial=0.0))
+
+
+def _joint_changes(problem: SegmentProblem, performer: int, motion: Motion, chain: Sequence[int]) -> Array:
+    """How much the velocities of a limb's joints, less that of where it begins, change on each frame but the first and
+    the last, metres per frame, (F - 2, n).
+    """
+    _, T = part_poses(problem.bodies[performer], motion)
+    joints = T[:, chain[1:]] - T[:, [chain[0]]]
+    return np.asarray(np.linalg.norm(joints[2:] - 2 * joints[1:-1] + joints[:-2], axis=-1))
+
+
+def with_limb_regained(
+    problem: SegmentProblem, solution: SegmentSolution, place: tuple[int, list[int]], workspace: Workspace
+) -> SegmentSolution:
+    """A solution, or with one limb where it covers clearly more.
+
+    One look does not lead all the way to a limb that moves fast; each begins where the one before ended.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+    solution : SegmentSolution
+    place : tuple
+        Index of the performer, and the limb as a chain of its parts.
+    workspace : Workspace
+    """
+    i = place[0]
+    alone, seconds = problem.alone(i), Seconds(solution.seconds)
+    settled = [descend(alone, solution.motions, workspace.silent(), SETTLED)]
+    for look in range(LOOKS):
+        motions = settled[-1].motions
+        with seconds.measure("initial solution"):
+            found = freed_limb(alone, motions, place, look)
+        begin = (*motions[:i], found, *motions[i + 1 :])
+        settled.append(descend(alone, begin, workspace.part(look / LOOKS, (look + 1) / LOOKS), SETTLED))
+    for each in settled:
+        seconds.add(each.seconds)
+    kept, *others = settled
+    best = max(others, key=attrgetter("cover"))
+    if best.cover < kept.cover or kept in equals([kept, best]):
+        return replace(solution, seconds=dict(seconds))
+    ended = gauss_newton.refine(problem, best.motions, workspace.silent())
+    seconds.add(ended.seconds)
+    iterations = solution.iterations + sum(each.iterations for each in settled) + ended.iterations
+    return replace(ended, iterations=iterations, energy=(*solution.energy, *ended.energy), seconds=dict(seconds))

@@ -1,0 +1,115 @@
+"""A limb whose motion turns away exactly at a key pose is looked for again, and found where the pictures show it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from kfmocap.core.body import human, landmark_positions
+from kfmocap.core.body.motion import Motion
+from kfmocap.core.evidence.accumulate import Sampling
+from kfmocap.core.evidence.view_frames import ViewFrames
+from kfmocap.core.numerics import rotations
+from kfmocap.core.tracking.solvers.bent_limbs import bend_of, bent_limbs, refined
+from kfmocap.core.tracking.solvers.measurement import Workspace
+from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
+from synthetic import at_rest, ends_held, look_at, poses_of, silhouette
+
+BODY, FRAMES, FPS = human(1.75), 12, 30.0
+ARM = [BODY.index(f"{name}.R") for name in ("upper_arm", "forearm", "hand")]
+CAMERAS = (
+    look_at("front", (0.4, -4.0, 1.2), (0, 0, 0.95), size=(160, 120), focal=120.0),
+    look_at("side", (4.0, 0.3, 1.1), (0, 0, 0.95), size=(160, 120), focal=120.0),
+)
+
+
+def swinging() -> Motion:
+    """An arm that swings on at a steady speed through the poses on both ends, and one frame beyond."""
+    motion = at_rest(BODY, FRAMES + 2)
+    turns = np.zeros((FRAMES + 2, 3))
+    turns[:, 2] = 0.09 * np.arange(FRAMES + 2)
+    motion.rotations[:, ARM[0]] = rotations.exp(turns)
+    return motion
+
+
+WHOLE = swinging()
+TRUTH = WHOLE[1:-1]
+
+
+def astray() -> Motion:
+    """The arm turns back right after the first key pose, and comes back until the last."""
+    turns = np.zeros((FRAMES, 3))
+    turns[1:, 0] = np.linspace(-0.8, 0.0, FRAMES - 1)
+    Q = TRUTH.rotations.copy()
+    Q[:, ARM[0]] = Q[:, ARM[0]] @ rotations.exp(turns)
+    return Motion(TRUTH.translations, Q)
+
+
+@pytest.fixture(scope="module")
+def problem() -> SegmentProblem:
+    poses = poses_of([BODY], [TRUTH])
+    views = []
+    for camera in CAMERAS:
+        seen = np.stack([silhouette([BODY], poses, f, camera, samples=1) for f in range(FRAMES)])
+        views.append(ViewFrames(camera, np.zeros_like(seen), 0, seen[None]))
+    return SegmentProblem(tuple(views), (BODY,), 0, FPS, (ends_held(BODY, FRAMES),), (WHOLE[:1],), (WHOLE[-1:],))
+
+
+def error_mm(motion: Motion, true: Motion = TRUTH) -> float:
+    a, b = (landmark_positions(BODY, m, ["RElbow", "RWrist"]) for m in (motion, true))
+    return float(1000 * np.linalg.norm(a - b, axis=-1).mean())
+
+
+def test_a_limb_that_turns_away_at_a_key_pose_is_bent_and_no_other(problem: SegmentProblem) -> None:
+    assert bent_limbs(problem, 0, astray()) == [ARM]
+    assert bent_limbs(problem, 0, TRUTH) == []
+
+
+def test_nothing_is_bent_where_no_motion_is_known_beside_the_segment(problem: SegmentProblem) -> None:
+    assert bent_limbs(replace(problem, before=None, after=None), 0, astray()) == []
+
+
+def test_who_moves_as_suddenly_between_the_key_poses_may_do_so_at_one(problem: SegmentProblem) -> None:
+    """Blows follow one another: one of them begins at a key pose."""
+    jerky = TRUTH.rotations.copy()
+    turns = np.zeros((FRAMES, 3))
+    turns[1:-1, 0] = 0.5 * (np.arange(FRAMES - 2) // 2 % 2)
+    jerky[:, ARM[0]] = jerky[:, ARM[0]] @ rotations.exp(turns)
+    assert bend_of(problem, 0, Motion(TRUTH.translations, jerky), ARM) < 1
+
+
+@pytest.fixture
+def without_descent(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Motions stay what they are, so that looking for limbs does all the work."""
+
+    def measured(problem: SegmentProblem, motions: Sequence[Motion], *_: object) -> SegmentSolution:
+        evidence = Workspace().measure(problem, motions, Sampling(1.0, 1.0, 3, 0.07)).evidence
+        covered, none = evidence.explained.sum(axis=0), np.zeros(FRAMES)
+        return SegmentSolution(
+            tuple(motions), 1, (0.0,), evidence.share, covered, evidence.unhidden, none, {}, evidence
+        )
+
+    monkeypatch.setattr("kfmocap.core.tracking.solvers.gauss_newton.refine", measured)
+    monkeypatch.setattr("kfmocap.core.tracking.solvers.bent_limbs.descend", measured)
+
+
+@pytest.mark.usefixtures("without_descent")
+def test_a_bent_limb_is_found_where_the_pictures_show_it(problem: SegmentProblem) -> None:
+    found = refined(problem, [astray()], Workspace()).motions[0]
+    assert bend_of(problem, 0, found, ARM) < 1
+    assert error_mm(found) < 0.7 * error_mm(astray())
+    np.testing.assert_allclose(found.rotations[[0, -1]], TRUTH.rotations[[0, -1]], atol=1e-12)
+    assert error_mm(refined(problem, [TRUTH], Workspace()).motions[0]) == 0
+
+
+@pytest.mark.usefixtures("without_descent")
+def test_a_bent_limb_stays_where_it_covers_more_than_anything_that_is_found(problem: SegmentProblem) -> None:
+    """The performer did turn away at the key pose."""
+    poses, views = poses_of([BODY], [astray()]), []
+    for view in problem.views:
+        seen = np.stack([silhouette([BODY], poses, f, view.camera, samples=1) for f in range(FRAMES)])
+        views.append(replace(view, foreground=seen[None]))
+    found = refined(replace(problem, views=tuple(views)), [astray()], Workspace()).motions[0]
+    assert error_mm(found, astray()) < 30
