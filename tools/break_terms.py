@@ -360,7 +360,7 @@ TERMS = (
         EXPERIMENTS,
         'for joints in (LEG, ARM) for side in "RL"',
         'for joints in (LEG, ARM) for side in "LR"',
-        f"{RUNS}::test_the_walk_is_tracked_with_and_without_its_end_and_prediction",
+        f"{RUNS}::test_the_walk_is_tracked_with_and_without_each_part_by_both_solvers",
     ),
     Term(
         "paper 1, figures 5 and 6: the throw",
