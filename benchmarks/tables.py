@@ -11,6 +11,8 @@ from typing import Any
 Result = dict[str, Any]
 """A case's values and what was measured, as bench.json has them."""
 Row = tuple[str, ...]
+MANY = 16
+"""Of more iterations than these only some are shown."""
 
 
 def markdown(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -112,10 +114,15 @@ def convergence(results: Sequence[Result]) -> str:
     """The error on the way: after each iteration of Gauss-Newton, and after some sweeps of the relaxation."""
     watched = [result for result in results if result.get("way")]
     newton = [result["way"] for result in watched if result["solver"] == "gauss-newton"]
-    left = [(str(i), f"{error:.1f}") for way in newton[:1] for i, error in enumerate(way)]
+    left = [(str(i), f"{way[i]:.1f}") for way in newton[:1] for i in _some(len(way))]
     right = _sweeps([result for result in watched if result["solver"] == "relaxation"])
     heads = ("Gauss-Newton iterations", "error, mm", "relaxation sweeps", "error, mm", "seconds")
     return markdown(heads, [[*a, *b] for a, b in _side_by_side(left, right)])
+
+
+def _some(count: int) -> list[int]:
+    """Which of so many iterations are shown: all of a few, else the first ones, every tenth and the last."""
+    return [i for i in range(count) if count <= MANY or i < MANY // 4 or i % 10 == 0 or i == count - 1]
 
 
 def _sweeps(results: Sequence[Result]) -> list[Row]:

@@ -118,6 +118,15 @@ def test_tables_and_values_are_written(
     assert [row[2] for row in cells] == ["0", *map(str, SWEEPS)]
 
 
+def test_of_many_iterations_the_first_every_tenth_and_the_last_are_shown() -> None:
+    def shown(count: int) -> list[str]:
+        table = tables.convergence([{"solver": "gauss-newton", "way": [float(i) for i in range(count)]}])
+        return [line.split("|")[1].strip() for line in table.splitlines()[2:]]
+
+    assert shown(5) == ["0", "1", "2", "3", "4"]
+    assert shown(24) == ["0", "1", "2", "3", "10", "20", "23"]
+
+
 def test_times_are_medians_of_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     runs = iter([measured(seconds={"total": t}, memory=m) for t, m in ((9.0, 1), (3.0, 5), (4.0, 2))])
     monkeypatch.setattr(bench, "measured_alone", lambda *_: next(runs))

@@ -121,6 +121,7 @@ def test_the_throw_is_solved_both_ways(tracked: list[Shot], tmp_path: Path) -> N
     assert solved[1:] == [("relaxation", sweeps) for sweeps in SWEEPS]
     assert all(keys_of(s) == [0, 15, 26, 41, 52, 61, 66, 71] for s in tracked)
     assert [row[2] for row in table(outcome.text)[1:]] == ["0", *map(str, SWEEPS)]
+    assert f"On field {SHOWN_FIELD} alone: " in outcome.text and "mm after 1000 sweeps; " in outcome.text
     assert set(outcome.pictures) == {"throw", "throw_convergence"}
 
 
