@@ -22,17 +22,22 @@ def skew(v: Array) -> Array:
 
 def exp(v: Array) -> Array:
     """Rotation matrices (..., 3, 3) of rotation vectors (..., 3)."""
-    return np.asarray(Rotation.from_rotvec(np.reshape(v, (-1, 3))).as_matrix().reshape(*v.shape, 3))
+    return np.asarray(Rotation.from_rotvec(_listed(v, 1)).as_matrix().reshape(*v.shape, 3))
 
 
 def log(R: Array) -> Array:
     """Rotation vectors (..., 3), of length at most pi, of rotation matrices (..., 3, 3)."""
-    return np.asarray(Rotation.from_matrix(np.reshape(R, (-1, 3, 3))).as_rotvec().reshape(R.shape[:-1]))
+    return np.asarray(Rotation.from_matrix(_listed(R, 2)).as_rotvec().reshape(R.shape[:-1]))
 
 
 def orthonormal(R: Array) -> Array:
     """The nearest rotation matrices: takes away the rounding of long products."""
-    return np.asarray(Rotation.from_matrix(np.reshape(R, (-1, 3, 3))).as_matrix().reshape(R.shape))
+    return np.asarray(Rotation.from_matrix(_listed(R, 2)).as_matrix().reshape(R.shape))
+
+
+def _listed(values: Array, axes: int) -> Array:
+    """Values of so many axes in a list, which may be written to: scipy takes no others, though it does not write."""
+    return np.require(values.reshape(-1, *values.shape[-axes:]), requirements="W")
 
 
 def right_jacobian(v: Array) -> Array:

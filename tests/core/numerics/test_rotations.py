@@ -34,6 +34,15 @@ def test_exp_is_a_rotation_about_the_axis(axis: tuple[float, float, float], size
     assert np.linalg.det(R) == pytest.approx(1)
 
 
+def test_values_that_cannot_be_written_to_are_taken() -> None:
+    """As broadcasting makes them: a single frame of poses that are the same on all of them."""
+    v = np.broadcast_to(np.array([0.1, 0.2, 0.3]), (1, 1, 3))
+    R = rotations.exp(v)
+    R.flags.writeable = False
+    np.testing.assert_allclose(rotations.log(R), v, atol=1e-12)
+    np.testing.assert_allclose(rotations.orthonormal(R), R, atol=1e-12)
+
+
 def test_exp_turns_by_the_right_hand() -> None:
     np.testing.assert_allclose(rotations.exp(np.array([0, 0, np.pi / 2])) @ [1, 0, 0], [0, 1, 0], atol=1e-12)
 
