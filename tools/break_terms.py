@@ -316,8 +316,8 @@ TERMS = (
     Term(
         "(4)",
         "core/numerics/rotations.py",
-        "Rotation.from_rotvec(np.reshape(v",
-        "Rotation.from_rotvec(-np.reshape(v",
+        "Rotation.from_rotvec(_listed(v",
+        "Rotation.from_rotvec(-_listed(v",
         "tests/core/numerics/test_rotations.py::test_exp_turns_by_the_right_hand",
     ),
     Term(
