@@ -69,7 +69,7 @@ class PictureStore:
 
     def _path(self, kind: str) -> Path:
         assert self.folder is not None
-        return self.folder / f"{self.name}_{kind}.npy"
+        return self.folder / f"{self.name}_{kind}.raw"
 
 
 @dataclass(frozen=True)

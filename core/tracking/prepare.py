@@ -72,10 +72,9 @@ def prepare_shot(spec: ShotSpec, cameras: Mapping[str, Camera] | None = None) ->
     """
     cameras = read_shot_cameras(spec) | dict(cameras or {})
     views = tuple(_view(view, cameras) for view in spec.views)
-    with ThreadPoolExecutor(
-        worker_count(spec.settings.threads)
-    ) as pool:  # FFmpeg looks at the footage while bodies are fitted
-        length = spec.frames[1] - spec.frames[0] + 1
+    length = spec.frames[1] - spec.frames[0] + 1
+    # FFmpeg looks at the footage while bodies are fitted.
+    with ThreadPoolExecutor(worker_count(spec.settings.threads)) as pool:
         checked = [pool.submit(check_view, view, spec.frames[0], length) for view in views]
         try:
             prepared = [_performer(performer, spec.frames[0]) for performer in spec.performers]
