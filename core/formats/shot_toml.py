@@ -9,6 +9,7 @@ from types import UnionType
 from typing import Any, get_args, get_origin, get_type_hints
 
 from ..errors import ShotError, located
+from ..shot.holds import Hold
 from ..shot.shot import FIELD_ORDERS, Settings
 from ..shot.shot_spec import (
     KeyFrames,
@@ -22,9 +23,10 @@ from ..shot.shot_spec import (
 from .reading import first_repeated
 from .toml_tables import Table, read_toml
 
-_TABLES = ("shot", "calibration", "view", "performer", "track")
+_TABLES = ("shot", "calibration", "view", "performer", "hold", "track")
 _VIEW = ("camera", "footage", "offset", "fields", "keypoints")
-_PERFORMER = ("name", "height", "landmarks", "keyframes", "keyposes", "person")
+_PERFORMER = ("name", "height", "landmarks", "keyframes", "keyposes", "person", "mesh")
+_HOLD = ("prop", "holder", "part", "frames")
 
 
 def read_shot_spec(path: Path | str) -> ShotSpec:
@@ -55,6 +57,7 @@ def read_shot_spec(path: Path | str) -> ShotSpec:
         tuple(views),
         tuple(performers),
         settings,
+        tuple(_hold(table, performers, frames) for table in _tables(document, "hold", path, _HOLD, least=0)),
     )
 
 
@@ -72,9 +75,9 @@ def _positive(table: Table, key: str) -> float:
     return float(value)
 
 
-def _tables(document: Table, key: str, path: Path, keys: Sequence[str]) -> list[Table]:
-    values = document.value(key)
-    if not isinstance(values, list) or not values:
+def _tables(document: Table, key: str, path: Path, keys: Sequence[str], *, least: int = 1) -> list[Table]:
+    values = document.value(key) if least else document.value(key, [])
+    if not isinstance(values, list) or len(values) < least:
         raise ShotError(f"there must be at least one [[{key}]]", where=str(path))
     return [Table(v, f"{path} [[{key}]] {i}", keys) for i, v in enumerate(values, 1)]
 
@@ -131,7 +134,23 @@ def _performer(table: Table, folder: Path, frames: tuple[int, int]) -> Performer
         table.path("keyposes", folder, None),
         table.where,
         _person(table),
+        table.path("mesh", folder, None),
     )
+
+
+def _hold(table: Table, performers: Sequence[PerformerSpec], frames: tuple[int, int]) -> Hold:
+    names = [performer.name for performer in performers]
+    prop, holder = (table.text(key) for key in ("prop", "holder"))
+    for key, name in (("prop", prop), ("holder", holder)):
+        if name not in names:
+            raise table.error(key, f"there is no performer '{name}'", f"there are {', '.join(names)}")
+    if prop == holder:
+        raise table.error("prop", f"'{prop}' cannot hold itself")
+    chosen = table.integers("frames")
+    if len(chosen) != 2 or not frames[0] <= chosen[0] <= chosen[1] <= frames[1]:
+        what = f"must be [first, last] within the shot's frames {frames[0]} to {frames[1]}, not {chosen}"
+        raise table.error("frames", what)
+    return Hold(prop, holder, table.text("part"), (chosen[0], chosen[1]), where=table.where)
 
 
 def _person(table: Table) -> int | None:

@@ -13,6 +13,7 @@ from ..body.motion import Motion, stacked
 from ..body.unknown_parts import resting_parts
 from ..cameras.camera import Camera
 from ..errors import ShotError
+from .holds import Hold, holds_between, with_grips
 
 FIELD_ORDERS = ("progressive", "top-first", "bottom-first")
 SOLVERS = ("gauss-newton", "relaxation")
@@ -299,6 +300,8 @@ class Shot:
     ----------
     frames : tuple of int
         First and last frame of the shot in the footage's count, inclusive; shot frame 0 is the first.
+    holds : tuple of Hold
+        Which performers, that are props, others hold, and when.
     """
 
     name: str
@@ -307,6 +310,7 @@ class Shot:
     views: tuple[View, ...]
     performers: tuple[Performer, ...]
     settings: Settings = field(default_factory=Settings)
+    holds: tuple[Hold, ...] = ()
 
     @property
     def length(self) -> int:
@@ -317,6 +321,10 @@ class Shot:
         """Return the shot with the settings that are not given filled in, see `Settings.for_shot`."""
         key_frames = min((len(p.key_poses.frames) for p in self.performers), default=0)
         return replace(self, settings=self.settings.for_shot(len(self.views), key_frames))
+
+    def with_grips(self) -> Shot:
+        """Return the shot with how props are held, as its key poses show it; see `core.shot.holds.with_grips`."""
+        return replace(self, holds=with_grips(self.holds, self.performers, self.frames[0]))
 
     def with_footage_offset(self, found: float | None) -> Shot:
         """Return the shot with the offset of all footage that was found, if any, unless its settings give one."""
@@ -331,4 +339,5 @@ class Shot:
             frames=(self.frames[0] + first, self.frames[0] + last),
             views=tuple(replace(view, camera=view.camera.between(first, last)) for view in self.views),
             performers=tuple(replace(p, key_poses=p.key_poses.between(first, last)) for p in self.performers),
+            holds=holds_between(self.holds, first, last),
         )

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from ..errors import ShotError
+from .holds import Hold
 from .shot import Settings
 
 KeyFrames = tuple[int, ...] | Literal["auto"]
@@ -53,6 +54,8 @@ class PerformerSpec:
         File and table, for error messages.
     person : int, optional
         Which of the people that keypoints show it is, see `core.shot.shot.Performer`.
+    mesh : Path, optional
+        The shape of a prop, which is no person.
     """
 
     name: str
@@ -62,6 +65,7 @@ class PerformerSpec:
     keyposes: Path | None = None
     where: str = ""
     person: int | None = None
+    mesh: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -80,6 +84,8 @@ class ShotSpec:
     views : tuple of ViewSpec
     performers : tuple of PerformerSpec
     settings : Settings
+    holds : tuple of Hold
+        Frames in the footage's count.
     """
 
     path: Path
@@ -90,6 +96,7 @@ class ShotSpec:
     views: tuple[ViewSpec, ...]
     performers: tuple[PerformerSpec, ...]
     settings: Settings = field(default_factory=Settings)
+    holds: tuple[Hold, ...] = ()
 
     def selected(
         self,

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from ..body import Body
 from ..body.inverse_kinematics import fit_body, fit_poses
+from ..body.prop import body_of_prop
+from ..body.skeleton_motion import SkeletonMotion
 from ..body.tip_landmarks import tip_misfits
 from ..body.unknown_parts import resting_parts, unknown_parts
 from ..cameras.camera import Camera
@@ -20,6 +22,7 @@ from ..errors import LandmarkError, ShotError, located
 from ..formats.bvh import body_of_bvh, poses_of_bvh, read_bvh
 from ..formats.calibration_files import load_cameras
 from ..formats.keypoint_files import read_shot_keypoints
+from ..formats.obj_vertices import read_obj_vertices
 from ..formats.shot_toml import read_shot_spec
 from ..formats.trc import Landmarks, read_trc
 from ..keypoints.observations import performer_keypoints
@@ -84,10 +87,11 @@ def prepare_shot(spec: ShotSpec, cameras: Mapping[str, Camera] | None = None) ->
                     check.result()
     requests = [p if isinstance(p, PerformerRequest) else None for p in prepared]
     performers = tuple(p.placeholder() if isinstance(p, PerformerRequest) else p for p in prepared)
-    shot = Shot(spec.name, spec.fps, spec.frames, views, performers, spec.settings)
+    holds = tuple(hold.later(-spec.frames[0]) for hold in spec.holds)
+    shot = Shot(spec.name, spec.fps, spec.frames, views, performers, spec.settings, holds)
     if any(requests):
         shot = replace(shot, performers=_from_keypoints(shot, requests, spec))
-    return _with_parts_that_keypoints_show(shot)
+    return _with_parts_that_keypoints_show(shot).with_grips()
 
 
 def read_shot_cameras(spec: ShotSpec) -> dict[str, Camera]:
@@ -136,12 +140,17 @@ def _performer(spec: PerformerSpec, first: int) -> Performer | PerformerRequest:
     """The performer, or where only keypoints show it, what is to be made of these."""
     if spec.keyframes is None:
         raise ShotError("'keyframes' is missing", where=spec.where)
+    if spec.mesh is not None and (spec.keyposes is None or spec.keyframes == "auto" or spec.height is not None):
+        todo = "give 'keyposes', a BVH file with one joint, and a list of 'keyframes'; a prop has no 'height'"
+        raise ShotError("the key poses of a prop come from a BVH", where=spec.where, todo=todo)
     if spec.keyframes == "auto":
         return _request(spec, None)
     keys = np.array(spec.keyframes, dtype=np.int64)
     if spec.landmarks is not None and spec.keyposes is not None:
         what = "key poses come from a BVH or from landmarks, not from both"
         raise ShotError(what, where=f"{spec.where} keyposes")
+    if spec.mesh is not None:
+        return _prop(spec, spec.mesh, keys, first)
     if spec.keyposes is not None:
         return _posed_by_bvh(spec, spec.keyposes, keys, first)
     if spec.landmarks is not None:
@@ -159,16 +168,35 @@ def _request(spec: PerformerSpec, frames: tuple[int, ...] | None) -> PerformerRe
 def _posed_by_bvh(spec: PerformerSpec, file: Path, keys: NDArray[np.int64], first: int) -> Performer:
     """A performer whose key poses stand in a BVH file, of which row r is frame first + r."""
     with located(f"{spec.where} keyposes"):
-        skeleton = read_bvh(file)
-        count = len(skeleton)
-        for key in keys:
-            if key - first >= count:
-                what = f"key frame {key} has no pose: they end at frame {first + count - 1}"
-                raise ShotError(what, where=str(file))
+        skeleton = _read_key_poses(file, keys, first)
         with located(str(file)):
             body = body_of_bvh(skeleton, spec.height)
         poses = poses_of_bvh(skeleton, body, keys - first)
     return Performer(spec.name, body, KeyPoses.whole(keys - first, poses), spec.person)
+
+
+def _prop(spec: PerformerSpec, mesh: Path, keys: NDArray[np.int64], first: int) -> Performer:
+    """A prop: one part with the shape of a mesh, whose joint and key poses stand in a BVH file."""
+    with located(f"{spec.where} mesh"):
+        vertices = read_obj_vertices(mesh)
+    assert spec.keyposes is not None
+    with located(f"{spec.where} keyposes"):
+        skeleton = _read_key_poses(spec.keyposes, keys, first)
+        with located(str(spec.keyposes)):
+            body = body_of_prop(skeleton.rest, vertices)
+        poses = poses_of_bvh(skeleton, body, keys - first)
+    return Performer(spec.name, body, KeyPoses.whole(keys - first, poses))
+
+
+def _read_key_poses(file: Path, keys: NDArray[np.int64], first: int) -> SkeletonMotion:
+    """Read a BVH file that has a pose on every key frame."""
+    skeleton = read_bvh(file)
+    count = len(skeleton)
+    for key in keys:
+        if key - first >= count:
+            what = f"key frame {key} has no pose: they end at frame {first + count - 1}"
+            raise ShotError(what, where=str(file))
+    return skeleton
 
 
 def _posed_by_landmarks(spec: PerformerSpec, file: Path, keys: NDArray[np.int64], first: int) -> Performer:

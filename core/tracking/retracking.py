@@ -101,7 +101,7 @@ def track_excerpts(
     KFMocapError
         See `tracking.track`.
     """
-    shot = shot.with_settings_filled()  # by the whole shot, also for a part of it
+    shot = shot.with_settings_filled().with_grips()  # by the whole shot, also for a part of it
     ends = np.cumsum([0] + [part.last - part.first for part in excerpts])
     ends = ends / max(1, ends[-1])
     results = []
@@ -149,7 +149,7 @@ def glance(
         report_progress(progress, "looking ahead", 0.0)
         return len(seen) < GLANCED
 
-    asked = shot.with_settings_filled().between(first, last).with_footage_offset(part.footage_offset)
+    asked = shot.with_settings_filled().with_grips().between(first, last).with_footage_offset(part.footage_offset)
     with contextlib.suppress(KFMocapError):  # it is cancelled, or the tracking that follows says what is wrong
         track(asked, looked, observed, run=RunContext(memory=memory))
 
@@ -165,7 +165,9 @@ def digest(shot: Shot, segment: Segment) -> str:
     What is in files counts by their names; where they are does not.
     """
     part = shot.between(*segment)
-    asked = replace(part, name="", performers=tuple(_asked(performer) for performer in part.performers))
+    numbers = {performer.name: str(i) for i, performer in enumerate(part.performers)}
+    holds = tuple(replace(h, prop=numbers.get(h.prop, ""), holder=numbers.get(h.holder, "")) for h in part.holds)
+    asked = replace(part, name="", performers=tuple(_asked(performer) for performer in part.performers), holds=holds)
     return checksum(value_bytes(asked))
 
 

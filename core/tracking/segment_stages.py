@@ -23,6 +23,7 @@ from ..shot.shot import Shot, fixed_degrees
 from .appearance import key_frame_shape
 from .segments import Segment, keyed_frames, posed_frames
 from .solvers.contact_factor import ContactFactor
+from .solvers.hold_factor import hold_factors, touching_parts
 from .solvers.measurement import Workspace
 from .solvers.problem import AccelerationSearch, SegmentProblem, SegmentSolution
 from .solvers.protocol import Solver
@@ -170,6 +171,7 @@ def segment_problem(shot: Shot, data: SegmentData, state: TrackState) -> Segment
     first, last = data.segment
     bodies = tuple(performer.body for performer in shot.performers)
     keeps_out = shot.settings.contact and len(bodies) > 1
+    holds = hold_factors(shot.holds, shot.performers, first, last)
     return SegmentProblem(
         data.views,
         bodies,
@@ -183,8 +185,11 @@ def segment_problem(shot: Shot, data: SegmentData, state: TrackState) -> Segment
         state.footage_offset(shot),
         shot.settings,
         typical_variances=data.typical_variances,
-        contact=ContactFactor.of(data.shape or Geometry.of(bodies), bodies) if keeps_out else None,
+        contact=ContactFactor.of(data.shape or Geometry.of(bodies), bodies, touching_parts(holds, bodies))
+        if keeps_out
+        else None,
         search=_acceleration_search(shot, data),
+        holds=holds,
     )
 
 

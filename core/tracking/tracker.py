@@ -108,7 +108,7 @@ def track(
     order = sorted(range(len(shot.views)), key=lambda v: shot.views[v].camera.name)
     performers = tuple(replace(p, body=without_hidden_solids(p.body, p.unknown)) for p in shot.performers)
     shot = replace(shot, views=tuple(shot.views[v] for v in order), performers=performers)
-    shot = shot.with_settings_filled()
+    shot = shot.with_settings_filled().with_grips()
     kept = frozenset(shot.frames[0] + frame for frame in pictures)
     albums = [Album(kept, working_factor(view, PICTURE_SIZE)) for view in shot.views]
     solver, seconds = solver_named(shot.settings.solver), Seconds()
@@ -177,6 +177,10 @@ def _check(shot: Shot) -> None:
     """
     if shot.length < 2:
         raise ShotError("a shot of one frame has nothing to track", where="[shot] frames")
+    solver = solver_named(shot.settings.solver)
+    if shot.holds and not solver.uses_holds:
+        todo = "use the solver gauss-newton, or take the hold away"
+        raise ShotError(f"the solver {shot.settings.solver} knows no holds", where=shot.holds[0].place, todo=todo)
     for performer in shot.performers:
         if not len(performer.key_poses.frames):
             raise ShotError("there is no key pose", where=f"performer {performer.name}", todo="set one to begin with")

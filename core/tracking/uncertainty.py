@@ -10,14 +10,13 @@ solution may be the wrong one: foreground that is left uncovered, and limbs that
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..body import Body
 from ..evidence.misfit import measured_misfit
 from ..numerics.arrays import Array, Bools
-from ..numerics.banded import BandedFactor
 from ..numerics.error_lengths import length_quantile
 from .held_out_keys import covariance_ratios, missed_key_poses
 from .joint_covariances import tip_covariances, tip_jacobian
@@ -119,9 +118,11 @@ def segment_doubts(problem: SegmentProblem, solution: SegmentSolution, threads: 
         problem.views, problem.geometry(), poses, first=problem.first, spans=spans, threads=threads
     )
     gaps = misfit.mean_gaps(keys)
+    systems = [images[i] + smooth.blocks(problem, i, motion) for i, motion in enumerate(motions)]
+    tied = replace(problem, only=None).tied(systems, motions)
+    covariances = problem.by_performer(tied, [system.factor().covariances() for system in tied.systems])
     doubts = []
     for i, (body, motion, fixed) in enumerate(zip(problem.bodies, motions, problem.fixed, strict=True)):
-        factor = BandedFactor(images[i] + smooth.blocks(problem, i, motion), fixed)
         held = np.repeat(fixed.all(axis=1)[:, None], len(body), axis=1)
         if problem.keypoints:
             R, T = keypoint_instants(problem, motions).poses
@@ -130,7 +131,7 @@ def segment_doubts(problem: SegmentProblem, solution: SegmentSolution, threads: 
             SegmentDoubt(
                 problem.first,
                 fixed.all(axis=1),
-                tip_covariances(tip_jacobian(body, motion), factor.covariances()),
+                tip_covariances(tip_jacobian(body, motion), covariances[i]),
                 missed_key_poses(problem, solution, images, i),
                 gaps[i],
                 lost_probabilities(body, misfit, spans[i], held=held, keys=keys[i]),

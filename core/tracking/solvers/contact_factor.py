@@ -51,6 +51,8 @@ class ContactFactor:
         Of these spheres, metres.
     half : ndarray, shape (P, 3)
         Half the sides of boxes around the parts, with the same centres, along the axes of the parts' frames, metres.
+    touching : frozenset of (int, int)
+        Pairs of parts that may be in each other, both ways round: a hand and what it holds.
     """
 
     spans: tuple[slice, ...]
@@ -59,10 +61,13 @@ class ContactFactor:
     centres: Array
     radii: Array
     half: Array
+    touching: frozenset[tuple[int, int]] = frozenset()
 
     @classmethod
-    def of(cls, geometry: Geometry, bodies: Sequence[Body]) -> ContactFactor:
-        """Return that of some bodies with the shapes of their parts."""
+    def of(
+        cls, geometry: Geometry, bodies: Sequence[Body], touching: frozenset[tuple[int, int]] = frozenset()
+    ) -> ContactFactor:
+        """Return that of some bodies with the shapes of their parts, but for pairs of parts that touch."""
         vertices = [geometry.vertices[span] for span in geometry.spans]
         centres = np.array([(v.min(axis=0) + v.max(axis=0)) / 2 for v in vertices])
         return cls(
@@ -72,6 +77,7 @@ class ContactFactor:
             centres,
             np.array([np.linalg.norm(v - c, axis=1).max() for v, c in zip(vertices, centres, strict=True)]),
             np.array([np.ptp(v, axis=0) / 2 for v in vertices]),
+            touching,
         )
 
     def blocks(self, bodies: Sequence[Body], poses: Poses) -> list[BandedBlocks]:
@@ -118,7 +124,8 @@ class ContactFactor:
         apart = np.linalg.norm(centres[:, a, None] - centres[:, None, b], axis=-1)
         meeting = apart < self.radii[a, None] + self.radii[None, b]
         for p, q in np.argwhere(meeting.any(axis=0)):
-            yield int(p) + a.start, int(q) + b.start, np.flatnonzero(meeting[:, p, q])
+            if (part := (int(p) + a.start, int(q) + b.start)) not in self.touching:
+                yield *part, np.flatnonzero(meeting[:, p, q])
 
     def _deepest(self, poses: Poses, part: int, other: int, frames: Ints) -> tuple[Ints, Array, Array]:
         """Of some frames those on which points of a part are in the box around another one, (n,); how deep the deepest

@@ -21,14 +21,14 @@ from ...body.motion import Motion
 from ...body.smoothness import acceleration, limited
 from ...evidence.accumulate import Sampling, SegmentEvidence
 from ...numerics.arrays import Array
-from ...numerics.banded import BandedFactor
 from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.least_squares import Damping, LeastSquaresResult, StoppingRule, minimise
-from ...numerics.normal_equations import BandedEquations, IndependentEquations
+from ...numerics.normal_equations import IndependentEquations
 from ...runtime.timing import Seconds
 from ...shot.shot import Settings
 from ..prediction import predict_unseen
 from .contact_factor import with_contact
+from .hold_factor import TiedSystems
 from .measurement import Instants, MeasuredMotion, Workspace, hidden_parts, keypoint_instants
 from .plant_factor import PlantFactor, plants_of, with_plants
 from .problem import SegmentProblem, SegmentSolution, frame_residual
@@ -150,6 +150,7 @@ class _TestedStage:
         self._hidden: list[NDArray[np.bool_]] | None = None
         self._expected: list[Array] = []
         self._plants: list[PlantFactor | None] = []
+        self._tied: TiedSystems | None = None
         self._pace = OVERRELAXATION
 
     def minimise(self, start: tuple[Motion, ...]) -> LeastSquaresResult[tuple[Motion, ...], MeasuredEquations]:
@@ -180,8 +181,8 @@ class _TestedStage:
             systems = with_smoothness(problem, motions, images, self.smooth, self._expected)
             systems = with_plants(systems, self._plants, problem.bodies, motions)
             systems = with_contact(systems, problem.contact, problem.bodies, motions)
-            parts = [BandedEquations(systems[i], problem.fixed[i]) for i in problem.sought]
-            return MeasuredEquations(parts, measured)
+            self._tied = problem.tied(systems, motions)
+            return MeasuredEquations(self._tied.systems, measured)
 
     def _begin_step(self, done: int, motions: tuple[Motion, ...]) -> None:
         self.trials += 1
@@ -202,7 +203,9 @@ class _TestedStage:
         return max(float(np.linalg.norm(b - a, axis=-1).max()) for a, b in joints)
 
     def _moved(self, motions: tuple[Motion, ...], steps: Sequence[Array]) -> tuple[Motion, ...]:
-        taken = {i: limited(self._pace * step) for i, step in zip(self._problem.sought, steps, strict=True)}
+        assert self._tied is not None
+        each = self._problem.by_performer(self._tied, steps)
+        taken = {i: limited(self._pace * step) for i, step in each.items()}
         return tuple(m.moved(taken[i]) if i in taken else m for i, m in enumerate(motions))
 
 
@@ -292,12 +295,11 @@ def approach(
                 images = evidence_equations(seen, measured, hidden)
                 smooth = smooth.estimated(seen, motions, images, expected, rounds=ROUNDS, bursts=False)
                 systems = with_smoothness(seen, motions, images, smooth, expected)
-                steps = {
-                    i: limited(-pace * BandedFactor(systems[i], problem.fixed[i]).solve(systems[i].gradient))
-                    for i in problem.sought
-                }
+                tied = seen.tied(systems, motions)
+                each = seen.by_performer(tied, [system.solve(0.0) for system in tied.systems])
+                steps = {i: limited(pace * step) for i, step in each.items()}
                 motions = tuple(m.moved(steps[i]) if i in steps else m for i, m in enumerate(motions))
-                energies.append(sum(n.energy for n in systems))
+                energies.append(tied.cost)
             if _size(list(steps.values())) < stage.small:
                 break
     return motions, energies, seconds, smooth

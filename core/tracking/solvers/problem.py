@@ -17,9 +17,11 @@ from ...evidence.label_images import Geometry
 from ...evidence.view_frames import ViewFrames
 from ...keypoints.keypoint_factor import KeypointFactor
 from ...numerics.arrays import Array, slices_of
+from ...numerics.banded_blocks import BandedBlocks
 from ...shot.acceleration_prior import usual_variances
 from ...shot.shot import Settings
 from .contact_factor import ContactFactor
+from .hold_factor import HoldFactor, TiedSystems, tied_systems
 
 
 class AccelerationSearch(Enum):
@@ -71,6 +73,8 @@ class SegmentProblem:
         The performer whose motion is sought; the others' is given. By default all are sought.
     contact : ContactFactor, optional
         Keeps performers out of each other.
+    holds : tuple of HoldFactor
+        Tie props to what holds them.
     """
 
     views: tuple[ViewFrames, ...]
@@ -89,6 +93,7 @@ class SegmentProblem:
     search: AccelerationSearch = AccelerationSearch.JOINTS
     only: int | None = None
     contact: ContactFactor | None = None
+    holds: tuple[HoldFactor, ...] = ()
 
     @property
     def length(self) -> int:
@@ -114,6 +119,14 @@ class SegmentProblem:
             return self
         fixed = tuple(f if i == performer else np.ones_like(f) for i, f in enumerate(self.fixed))
         return replace(self, only=performer, fixed=fixed)
+
+    def tied(self, systems: Sequence[BandedBlocks], motions: Sequence[Motion]) -> TiedSystems:
+        """The normal equations of the performers that are sought, with what holds say of them at motions."""
+        return tied_systems(systems, self.holds, self.bodies, motions, fixed=self.fixed, sought=self.sought)
+
+    def by_performer(self, tied: TiedSystems, values: Sequence[Array]) -> dict[int, Array]:
+        """Split what was found of tied systems, see `TiedSystems.by_performer`."""
+        return tied.by_performer(values, lambda performer: self.bodies[performer].dof)
 
     def whole_keys(self, performer: int) -> NDArray[np.intp]:
         """Frames, of the F, on which every degree of freedom of a performer is fixed."""

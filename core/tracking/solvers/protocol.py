@@ -44,6 +44,8 @@ class Solver:
         It takes the keypoints of the views as evidence.
     uses_foreground : bool
         It takes foreground images as evidence; they are computed only where it does.
+    uses_holds : bool
+        It keeps props in the hands that hold them.
     refines : bool
         `refine` improves a solution when motion is known on both sides of the segment.
     """
@@ -53,4 +55,5 @@ class Solver:
     resume: Resume | None
     uses_keypoints: bool
     uses_foreground: bool
+    uses_holds: bool
     refines: bool

@@ -14,6 +14,7 @@ GAUSS_NEWTON = Solver(
     multi_start.resumed,
     uses_keypoints=True,
     uses_foreground=True,
+    uses_holds=True,
     refines=True,
 )
 """Gauss-Newton over all poses of a segment at once, from several starts where the images leave a doubt."""
@@ -23,6 +24,7 @@ RELAXATION = Solver(
     None,
     uses_keypoints=False,
     uses_foreground=False,
+    uses_holds=False,
     refines=False,
 )
 """The published relaxation, by gradients between neighbouring frames alone. From a start it takes nothing but the key

@@ -1,0 +1,33 @@
+"""Reading the vertices of Wavefront OBJ files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import BodyError
+from ..numerics.arrays import Array
+from .reading import BEYOND, read_text, reading
+
+LEAST = 4
+"""Vertices of the simplest solid."""
+
+
+def read_obj_vertices(path: Path) -> Array:
+    """Read the vertices of an OBJ file as they stand in it, shape (V, 3): no axes are exchanged.
+
+    Raises
+    ------
+    BodyError
+        The file cannot be read, is no OBJ or has too few vertices; names the file.
+    """
+    text = read_text(path, "the mesh", BodyError)
+    with reading(path, "an OBJ file", BodyError):
+        lines = [line.split() for line in text.splitlines() if line.startswith(("v ", "v\t"))]
+        vertices = np.array([[float(value) for value in words[1:4]] for words in lines])
+        if len(vertices) < LEAST or vertices.shape[1] != 3:
+            raise ValueError(f"it has {len(vertices)} vertices of three coordinates")
+        if not (np.abs(vertices) < BEYOND).all():
+            raise ValueError("a vertex is not finite, or beyond all measure")
+    return vertices

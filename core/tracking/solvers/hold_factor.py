@@ -1,0 +1,211 @@
+"""Holds as evidence: while a prop is held, what is seen of it says where the hand is, and the other way round.
+
+Residuals are how far the prop is from where the part that holds it has it by the grip (`core.shot.holds`), and how far
+it is turned from there. They are stiff against all that images say, so that the bodies that they tie to each other are
+solved together: solved one by one, each would stay where the other is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...body import Body
+from ...body.kinematics import part_poses, twist_jacobian
+from ...body.motion import Motion
+from ...numerics import rotations
+from ...numerics.arrays import Array, Bools, Ints, slices_of
+from ...numerics.banded_blocks import BandedBlocks
+from ...numerics.normal_equations import BandedEquations
+from ...shot.holds import Hold
+from ...shot.shot import Performer
+
+PLACE, TURN = 0.005, 0.05
+"""Standard deviations of the prop's place in the hand along each axis, metres, and of its turn about each, radians:
+fingers give way a little, and the hand is one stiff part."""
+
+
+@dataclass(frozen=True, eq=False)
+class HoldFactor:
+    """A prop in the hand of a performer on K frames of a segment.
+
+    Attributes
+    ----------
+    prop, holder : int
+        Numbers of the performers.
+    part : int
+        The part of the holder's body that holds the prop.
+    frames : ndarray of int, shape (K,)
+        Of the segment's F.
+    turns, places : ndarray, shape (K, 3, 3) and (K, 3)
+        The grip on these frames, see `core.shot.holds.Grip`.
+    """
+
+    prop: int
+    holder: int
+    part: int
+    frames: Ints
+    turns: Array
+    places: Array
+
+    @classmethod
+    def of(cls, hold: Hold, performers: Sequence[Performer], first: int, last: int) -> HoldFactor | None:
+        """Return that of a hold with a grip on shot frames first to last; None where it is not on any of them."""
+        begin, end = max(hold.frames[0], first), min(hold.frames[1], last)
+        if begin > end or hold.grip is None:
+            return None
+        names = [performer.name for performer in performers]
+        prop, holder = names.index(hold.prop), names.index(hold.holder)
+        frames = np.arange(begin, end + 1)
+        part = performers[holder].body.index(hold.part)
+        return cls(prop, holder, part, frames - first, *hold.grip.at(frames))
+
+    def residuals(self, bodies: Sequence[Body], motions: Sequence[Motion]) -> tuple[Array, Array, Array]:
+        """Whitened residuals (K, 6), and their Jacobians by the degrees of freedom of the prop, (K, 6, D), and of the
+        holder.
+        """
+        own = [motions[i][self.frames] for i in (self.prop, self.holder)]
+        (R_prop, T_prop), (R, T) = poses = [part_poses(bodies[i], m) for i, m in zip(self._tied, own, strict=True)]
+        wanted = T[:, self.part] + (R[:, self.part] @ self.places[..., None])[..., 0]
+        away = T_prop[:, 0] - wanted
+        turned = rotations.log(R_prop[:, 0] @ np.swapaxes(R[:, self.part] @ self.turns, -1, -2))
+        jacobians = []
+        for i, part, point, sign, pose in zip(
+            self._tied, (0, self.part), (T_prop[:, 0], wanted), (1.0, -1.0), poses, strict=True
+        ):
+            twist = twist_jacobian(bodies[i], *pose)[:, part]
+            move = twist[:, :3] - rotations.skew(point) @ twist[:, 3:]
+            jacobians.append(sign * np.concatenate([move / PLACE, twist[:, 3:] / TURN], axis=1))
+        return np.concatenate([away / PLACE, turned / TURN], axis=1), jacobians[0], jacobians[1]
+
+    @property
+    def _tied(self) -> tuple[int, int]:
+        return self.prop, self.holder
+
+
+def hold_factors(
+    holds: Sequence[Hold], performers: Sequence[Performer], first: int, last: int
+) -> tuple[HoldFactor, ...]:
+    """Return the holds on shot frames first to last as evidence."""
+    found = (HoldFactor.of(hold, performers, first, last) for hold in holds)
+    return tuple(factor for factor in found if factor is not None)
+
+
+@dataclass(frozen=True, eq=False)
+class TiedSystems:
+    """Normal equations of performers, with those that a hold ties to each other in one system.
+
+    Attributes
+    ----------
+    groups : tuple of tuple of int
+        The performers of each system, in the order of their degrees of freedom in it.
+    systems : tuple of BandedEquations
+        One per group.
+    """
+
+    groups: tuple[tuple[int, ...], ...]
+    systems: tuple[BandedEquations, ...]
+
+    @property
+    def cost(self) -> float:
+        """Sum of all costs."""
+        return sum(system.cost for system in self.systems)
+
+    def by_performer(self, values: Sequence[Array], dof: Callable[[int], int]) -> dict[int, Array]:
+        """Split what is given per system along the last axes of its degrees of freedom, `dof` of each performer: steps
+        (F, D), or covariances (F, D, D) of which the blocks of each performer are kept.
+        """
+        found = {}
+        for members, value in zip(self.groups, values, strict=True):
+            for i, own in zip(members, slices_of(dof(i) for i in members), strict=True):
+                found[i] = value[:, own, own] if value.ndim == 3 else value[:, own]
+        return found
+
+
+def tied_systems(
+    systems: Sequence[BandedBlocks],
+    holds: Sequence[HoldFactor],
+    bodies: Sequence[Body],
+    motions: Sequence[Motion],
+    *,
+    fixed: Sequence[Bools],
+    sought: Sequence[int],
+) -> TiedSystems:
+    """Add what holds say to the normal equations of the performers that are sought.
+
+    A performer whose motion is given ties those that it holds, or that hold it, to where it is.
+
+    Parameters
+    ----------
+    systems : sequence of BandedBlocks
+        One per performer.
+    holds : sequence of HoldFactor
+    bodies : sequence of Body
+    motions : sequence of Motion
+        F poses per performer.
+    fixed : sequence of ndarray of bool, shape (F, D)
+    sought : sequence of int
+    """
+    groups = _groups(sought, holds)
+    found = []
+    for members in groups:
+        if len(members) == 1 and not any(members[0] in (hold.prop, hold.holder) for hold in holds):
+            found.append(BandedEquations(systems[members[0]], fixed[members[0]]))
+            continue
+        where = dict(zip(members, slices_of(bodies[i].dof for i in members), strict=True))
+        joined = _side_by_side([systems[i] for i in members], list(where.values()))
+        energy = joined.energy
+        for hold in holds:
+            if where.keys() & {hold.prop, hold.holder}:
+                energy += _add(joined, hold, where, hold.residuals(bodies, motions))
+        found.append(
+            BandedEquations(replace(joined, energy=energy), np.concatenate([fixed[i] for i in members], axis=1))
+        )
+    return TiedSystems(groups, tuple(found))
+
+
+def _groups(sought: Sequence[int], holds: Sequence[HoldFactor]) -> tuple[tuple[int, ...], ...]:
+    """The performers that are sought, by which of them holds tie to each other."""
+    group = {i: {i} for i in sought}
+    for hold in holds:
+        if hold.prop in group and hold.holder in group:
+            both = group[hold.prop] | group[hold.holder]
+            group.update(dict.fromkeys(both, both))
+    return tuple(tuple(sorted(members)) for i, members in group.items() if i == min(members))
+
+
+def _side_by_side(systems: Sequence[BandedBlocks], where: Sequence[slice]) -> BandedBlocks:
+    """Several systems as one without common terms."""
+    joined = BandedBlocks.zeros(len(systems[0].gradient), where[-1].stop)
+    for system, own in zip(systems, where, strict=True):
+        joined.diagonal[:, own, own], joined.gradient[:, own] = system.diagonal, system.gradient
+        joined.first[:, own, own], joined.second[:, own, own] = system.first, system.second
+    return replace(joined, energy=sum(system.energy for system in systems))
+
+
+def _add(
+    system: BandedBlocks, hold: HoldFactor, where: Mapping[int, slice], linearised: tuple[Array, Array, Array]
+) -> float:
+    """Add a hold, its residuals and their Jacobians, to a system; returns its cost."""
+    r, J_prop, J_holder = linearised
+    jacobians = [(where[i], J) for i, J in ((hold.prop, J_prop), (hold.holder, J_holder)) if i in where]
+    for own, J in jacobians:
+        system.gradient[hold.frames, own] += np.einsum("fra,fr->fa", J, r)
+        for other, K in jacobians:
+            system.diagonal[hold.frames, own, other] += np.swapaxes(J, 1, 2) @ K
+    return float(np.sum(r**2))
+
+
+def touching_parts(holds: Sequence[HoldFactor], bodies: Sequence[Body]) -> frozenset[tuple[int, int]]:
+    """Pairs of parts, among those of all bodies, that are in each other where a prop is held: the prop's against the
+    part that holds it, the one above and all below.
+    """
+    spans, found = slices_of(len(body) for body in bodies), set()
+    for hold in holds:
+        body, begin = bodies[hold.holder], spans[hold.holder].start
+        near = {hold.part, max(body.parents[hold.part], 0), *np.flatnonzero(body.ancestry[:, hold.part]).tolist()}
+        for part in range(spans[hold.prop].start, spans[hold.prop].stop):
+            found |= {(part, begin + own) for own in near} | {(begin + own, part) for own in near}
+    return frozenset(found)
