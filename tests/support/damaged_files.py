@@ -23,6 +23,7 @@ from kfmocap.core.formats.dltdv_points import read_dltdv_points
 from kfmocap.core.formats.file_kind import file_kind
 from kfmocap.core.formats.keypoint_files import read_keypoints
 from kfmocap.core.formats.marker_points import read_marker_points
+from kfmocap.core.formats.obj_vertices import read_obj_vertices
 from kfmocap.core.formats.shot_toml import read_shot_spec
 from kfmocap.core.formats.trc import read_trc, write_trc
 from kfmocap.core.formats.wand_toml import load_wand
@@ -86,6 +87,7 @@ T_01: !!opencv-matrix
   dt: d
   data: [0., 1., 4.]
 """
+OBJ = b"o box\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1.5\nf 1 2 3\n"
 BVH = """HIERARCHY
 ROOT pelvis
 {
@@ -135,6 +137,7 @@ def samples(folder: Path) -> dict[str, Sample]:
         found[f"{kind or 'cameras'}{ending}"] = Sample(f"b{ending}", data, load_cameras)
     found["easymocap"] = Sample("intri.yml", EASYMOCAP.encode(), load_cameras)
     shot = (ROOT / "examples" / "walk" / "shot.toml").read_bytes()
+    found["obj"] = Sample("prop.obj", OBJ, read_obj_vertices)
     found["shot"] = Sample("shot.toml", shot, read_shot_spec)
     found["kind"] = Sample("any.toml", shot, file_kind)
     found["capture"] = Sample("capture.toml", CAPTURE.encode(), load_wand)

@@ -8,8 +8,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from kfmocap.core.body import human, landmark_positions
+from kfmocap.core.body import human, landmark_positions, part_poses
 from kfmocap.core.body.motion import Motion
+from kfmocap.core.body.prop import body_of_prop
+from kfmocap.core.body.skeleton_motion import RestSkeleton
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import KFMocapError
 from kfmocap.core.formats import save_cameras, shot_toml, write_trc
@@ -17,6 +19,7 @@ from kfmocap.core.formats.shot_toml import read_shot_spec
 from kfmocap.core.numerics import rotations
 from kfmocap.core.tracking.prepare import load_shot, prepare_shot
 from kfmocap.core.tracking.selection import selected
+from kfmocap.core.tracking.tracker import track
 
 FIRST, LAST, KEYS = 2, 9, (3, 6, 9)
 SIZE = (64, 48)
@@ -354,3 +357,88 @@ def test_bad_key_poses_are_named(folder: Path, line: str, message: str) -> None:
     (folder / "shot.toml").write_text(TEXT.replace('landmarks = "landmarks.trc"', line))
     with pytest.raises(KFMocapError, match=message):
         load_shot(folder / "shot.toml")
+
+
+PROP = """
+[[performer]]
+name = "stick"
+mesh = "stick.obj"
+keyposes = "stick.bvh"
+keyframes = [3, 9]
+
+[[hold]]
+prop = "stick"
+holder = "man"
+part = "hand.R"
+frames = [4, 9]
+"""
+CUBE = "".join(f"v {x} {y} {z}\n" for x in (0, 0.1) for y in (0, 0.4) for z in (0, 0.1)) + "f 1 2 3\n"
+
+
+@pytest.fixture
+def with_prop(folder: Path) -> Path:
+    """The shot with a stick that lies still, 2 m beside the origin and upright."""
+    from test_bvh import bvh_text
+
+    joint = RestSkeleton(("stick",), (-1,), np.array([[2.0, 0, 1]]), np.full((1, 3), np.nan))
+    body = body_of_prop(joint, np.array([[x, y, z] for x in (0, 0.1) for y in (0, 0.4) for z in (0, 0.1)]))
+    turn = rotations.exp(np.array([np.pi / 2, 0, 0]))
+    (folder / "stick.bvh").write_text(bvh_text(body, Motion(np.tile([2.0, 0, 1], (8, 1)), np.tile(turn, (8, 1, 1, 1)))))
+    (folder / "stick.obj").write_text(CUBE)
+    (folder / "shot.toml").write_text(TEXT.replace("relaxation", "gauss-newton") + PROP)
+    return folder
+
+
+def test_a_prop_is_held_as_the_file_says(with_prop: Path) -> None:
+    shot = load_shot(with_prop / "shot.toml")
+    stick = shot.performers[1]
+    R, T = part_poses(stick.body, stick.key_poses.poses)
+    corners = stick.body.parts[0].vertices @ R[0, 0].T + T[0, 0]
+    assert corners.min(axis=0) == pytest.approx([2.0, -0.1, 1.0], abs=1e-4)
+    assert corners.max(axis=0) == pytest.approx([2.1, 0.0, 1.4], abs=1e-4)
+    [hold] = shot.holds
+    assert (hold.prop, hold.holder, hold.part, hold.frames) == ("stick", "man", "hand.R", (2, 7))
+    assert hold.grip is not None
+    assert hold.grip.frames.tolist() == [7]  # of the key poses of both, that within the range
+    assert read_shot_spec(with_prop / "shot.toml").holds[0].frames == (4, 9)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            'prop = "stick"',
+            'prop = "sword"',
+            r"\[\[hold\]\] 1 prop: there is no performer 'sword' \(there are man",
+        ),
+        ('holder = "man"', 'holder = "stick"', r"prop: 'stick' cannot hold itself"),
+        ('part = "hand.R"', 'part = "paw"', r"\[\[hold\]\] 1: man has no part 'paw' \(its parts are .*hand\.R"),
+        ("frames = [4, 9]", "frames = [4, 10]", r"frames: must be \[first, last\] within the shot's frames 2 to 9"),
+        ("frames = [4, 9]", "frames = [5, 4]", r"frames: must be"),
+        ("frames = [4, 9]", "frames = [4, 8]", r"1: no frame from 4 to 8 has a key pose of both stick and man"),
+        ("frames = [4, 9]", "frame = [4, 9]", r"unknown key 'frame'.*did you mean 'frames'"),
+        ("[[hold]]", "[hold]", r"there must be at least one \[\[hold\]\]|must be a list"),
+        ('mesh = "stick.obj"', 'mesh = "shot.toml"', r"mesh: .*is not an OBJ file.*0 vertices"),
+        ('mesh = "stick.obj"', 'mesh = "none.obj"', r"none\.obj"),
+        ('keyposes = "stick.bvh"\n', "", r"key poses of a prop come from a BVH"),
+        ("keyframes = [3, 9]", 'keyframes = "auto"', r"key poses of a prop come from a BVH"),
+        ('keyposes = "stick.bvh"', 'keyposes = "person.bvh"', r"it has \d+ joints.*a prop is one rigid part"),
+    ],
+)
+def test_props_and_holds_that_cannot_be_are_named(with_prop: Path, old: str, new: str, message: str) -> None:
+    from test_bvh import bvh_text, wild
+
+    (with_prop / "person.bvh").write_text(bvh_text(human(), wild(human(), 8)))
+    file = with_prop / "shot.toml"
+    text = file.read_text()
+    head, tail = text[: text.index('name = "stick"')], text[text.index('name = "stick"') :]
+    assert old in tail
+    file.write_text(head + tail.replace(old, new, 1))
+    with pytest.raises(KFMocapError, match=message):
+        load_shot(file)
+
+
+def test_the_relaxation_refuses_a_hold(with_prop: Path) -> None:
+    shot = load_shot(with_prop / "shot.toml", solver="relaxation")
+    with pytest.raises(KFMocapError, match="the solver relaxation knows no holds"):
+        track(shot)
