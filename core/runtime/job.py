@@ -20,6 +20,7 @@ class Job:
     ----------
     state : tuple of str and float
         What is being done, and the share of the work that is done.
+    cancelled : bool
 
     Parameters
     ----------
@@ -31,7 +32,7 @@ class Job:
     def __init__(self, work: Work, worker: WorkerProcess | None = None) -> None:
         self.state = ("", 0.0)
         self._begun = time.monotonic()
-        self._cancelled = False
+        self.cancelled = False
         self._shown: dict[Any, Any] = {}
         self._lock = threading.Lock()
         self._outcome: Any = None
@@ -63,12 +64,12 @@ class Job:
 
     def cancel(self) -> None:
         """Stop the work: its process ends at once."""
-        self._cancelled = True
+        self.cancelled = True
         self._process.kill()
 
     def end(self, grace: float = 5.0) -> None:
         """Stop the work and let its process tidy up, for some seconds at most."""
-        self._cancelled = True
+        self.cancelled = True
         self._process.end(grace)
 
     @property
@@ -91,7 +92,7 @@ class Job:
 
     def result(self) -> Any:
         """Return what the work returned; raises what it raised, or CancelledError where it was cancelled."""
-        if self._cancelled:
+        if self.cancelled:
             raise CancelledError
         if self._error is not None:
             raise self._error

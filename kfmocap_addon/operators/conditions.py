@@ -29,14 +29,18 @@ class Conditional(OperatorMixin):
     while_placing = False
 
     @classmethod
+    def missing(cls, context: bpy.types.Context) -> str:
+        """Say what is missing; empty where the operator can be used."""
+        conditions = cls.conditions if cls.while_placing else (_no_joints_being_placed, *cls.conditions)
+        return next(filter(None, (condition(context) for condition in conditions)), "")
+
+    @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """See whether the operator can be used; if not, the disabled button says why."""
-        for condition in cls.conditions if cls.while_placing else (_no_joints_being_placed, *cls.conditions):
-            missing = condition(context)
-            if missing:
-                cls.poll_message_set(missing)
-                return False
-        return True
+        missing = cls.missing(context)
+        if missing:
+            cls.poll_message_set(missing)
+        return not missing
 
 
 def is_placing(context: bpy.types.Context) -> bool:

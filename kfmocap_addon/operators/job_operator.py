@@ -48,6 +48,10 @@ class JobOperator(OperatorMixin):
     def hide(self, context: bpy.types.Context) -> None:
         """Take all that `show` has shown away."""
 
+    def kept(self, _context: bpy.types.Context) -> str:
+        """Say what of a cancelled job is kept; it follows "nothing was changed"."""
+        return ""
+
     def execute(self, context: bpy.types.Context) -> set[str]:
         with progress_shown(context) as progress, reported(self) as outcome:
             self.finish(context, self.prepare(context)(progress))
@@ -74,8 +78,7 @@ class JobOperator(OperatorMixin):
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if event.type == "ESC" and event.value == "PRESS":
             self.cancel(context)
-            self.report({"WARNING"}, f"{self.bl_label}: cancelled, nothing was changed")
-            return {"CANCELLED"}
+            return self._cancelled(context)
         if event.type.startswith("TIMER"):
             return self._continued(context)
         # Nothing may change under the work's feet.
@@ -96,9 +99,15 @@ class JobOperator(OperatorMixin):
         self._end(context)
         if self._worker.alive:
             _waiting.append(self._worker)
+        if self.job.cancelled:
+            return self._cancelled(context)
         with reported(self) as outcome:
             self.finish(context, self.job.result())
         return outcome.value
+
+    def _cancelled(self, context: bpy.types.Context) -> set[str]:
+        self.report({"WARNING"}, f"{self.bl_label}: cancelled, nothing was changed{self.kept(context)}")
+        return {"CANCELLED"}
 
     def cancel(self, context: bpy.types.Context) -> None:
         """Give up; also called where Blender closes its file or itself."""

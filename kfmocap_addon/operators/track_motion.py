@@ -29,10 +29,13 @@ def _has_key_poses(context: bpy.types.Context) -> str:
     if _tracks_one(context):
         slot = active_performer.chosen(context)
         missing = slot is None or not _is_animated(slot.armature)
-        return f"{slot.name if slot else 'Nobody'} has no key pose yet: pose it on a frame" if missing else ""
-    if all(_is_animated(slot.armature) for slot in slots):
+        name = slot.name if slot else "Nobody"
+        return f"{name} has no key pose yet: pose it on a frame, or choose another performer" if missing else ""
+    unkeyed = next((slot.name for slot in slots if not _is_animated(slot.armature)), None)
+    if unkeyed is None:
         return ""
-    return "A performer has no key pose yet: pose it on a frame, and use Set Key Pose"
+    others = ", or track the others by Chosen Only" if len(slots) > 1 else ""
+    return f"{unkeyed} has no key pose yet: pose it on a frame with Place Joints, or use Set Key Pose{others}"
 
 
 def _tracks_one(context: bpy.types.Context) -> bool:
@@ -82,6 +85,11 @@ class Tracking(Conditional, JobOperator):
         journal = unfinished_tracking.begun(context.scene, chosen, resume=self.resume)
         here = _shot_frame(context.scene)
         return Remembering(partial(track_and_check, asked.shot, parts, journal=journal, looking_at=here), shows=True)
+
+    def kept(self, context: bpy.types.Context) -> str:
+        """Say how many segments were finished."""
+        count = unfinished_tracking.segment_count(context.scene)
+        return f". Continue goes on from {count} finished segment{'s' if count > 1 else ''}" if count else ""
 
     def show(self, _context: bpy.types.Context, shown: dict[Segment, tuple[Motion, ...]]) -> None:
         """Show the frames that are tracked so far."""

@@ -73,12 +73,14 @@ def _settle() -> None:
 
 
 def take_step(context: bpy.types.Context, step: str) -> None:
-    """Open the section of a step; those of the steps that are done fold if it is a step ahead."""
+    """Open the section of a step; those of the steps that are done fold. A step back, as where another performer is
+    added, folds those of all other steps.
+    """
     guided = sections_of(context)
-    before = STEPS.index(guided.step) if guided.step in STEPS else -1
-    if before == STEPS.index(step):
+    before, now = STEPS.index(guided.step) if guided.step in STEPS else -1, STEPS.index(step)
+    if before == now:
         return
-    folded = STEPS[: STEPS.index(step)] if STEPS.index(step) > before else ()
+    folded = STEPS[:now] if now > before else STEPS
     guided.shown = (guided.shown - set(folded)) | {step} | ({"look"} if step != "footage" else set())
     guided.step = step
 

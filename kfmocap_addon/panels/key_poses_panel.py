@@ -2,10 +2,12 @@
 
 import bpy
 
+from ..operators.conditions import is_placing
 from ..operators.copy_pose import CopyPose, MirrorPose, PastePose
 from ..operators.exchange_people import ExchangePeople
 from ..operators.go_to_frame import GoToFrame
 from ..operators.nudge_pose import BreakdownPose, NudgeDepth, NudgePose
+from ..operators.open_section import sections_of
 from ..operators.place_joints import ClearMarks, PlaceJoints
 from ..operators.pose_from_files import ImportKeypoints, MarkKeypoints, PoseFromKeypoints, PoseFromLandmarks
 from ..operators.set_key_pose import AcceptProposals, RefuseProposal, RemoveKeyPose, SetKeyPose
@@ -31,7 +33,7 @@ class KeyPosesPanel(Section, bpy.types.Panel):
             layout.label(text="No performer to pose yet", icon="INFO")
         else:
             performer_rows.draw_title(layout, context, slot)
-            _draw_advice(layout, context, key_list.CACHE.entries(slot.armature))
+            _draw_advice(layout, context, slot, key_list.CACHE.entries(slot.armature))
         column = layout.column(align=True)
         row = column.row(align=True)
         row.operator(PlaceJoints.bl_idname, icon="OUTLINER_OB_ARMATURE")
@@ -135,15 +137,23 @@ def _draw_people(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
 
 
 def _draw_advice(
-    layout: bpy.types.UILayout, context: bpy.types.Context, rows: tuple[key_list.KeyPoseEntry, ...] | None
+    layout: bpy.types.UILayout,
+    context: bpy.types.Context,
+    slot: bpy.types.PropertyGroup,
+    rows: tuple[key_list.KeyPoseEntry, ...] | None,
 ) -> None:
     """What there is to do next."""
+    if is_placing(context):
+        draw_text(layout, context, "Click the joints, in two views or more. Enter keys the pose, Esc cancels", "INFO")
+        return
     if rows is None:
         return
     own = [row.frame for row in rows if not row.proposed]
     scene, column = context.scene, layout.column(align=True)
     if not rows:
         draw_text(column, context, "No key pose yet: on the first frame Place Joints, or Set Key Pose", "INFO")
+        if "body" not in sections_of(context).shown:  # folded when the body was added
+            column.prop(slot, "height")
         if scene.frame_current != scene.frame_start:
             column.operator(GoToFrame.bl_idname, text="To the First Frame", icon="REW").frame = scene.frame_start
     elif not own:
@@ -167,7 +177,9 @@ def _draw_rows(
         button.frame, button.reason = row.frame, row.description
     if accepts and any(row.proposed for row in rows):
         accept = layout.row(align=True)
-        accept.operator(AcceptProposals.bl_idname, icon="CHECKMARK").every = False
+        this = accept.row(align=True)
+        this.enabled = any(row.proposed and row.frame == frame for row in rows)
+        this.operator(AcceptProposals.bl_idname, icon="CHECKMARK").every = False
         accept.operator(AcceptProposals.bl_idname, text="Accept All").every = True
 
 

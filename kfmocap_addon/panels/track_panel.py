@@ -34,6 +34,8 @@ class TrackPanel(Section, bpy.types.Panel):
             layout.row().prop(properties, "tracked", expand=True)
             if properties.tracked == "CHOSEN" and slot is not None:
                 layout.label(text=f"Chosen: {slot.name}", icon="ARMATURE_DATA")
+        if missing := TrackAll.missing(context):
+            draw_text(layout, context, missing, "INFO")
         column = layout.column(align=True)
         column.operator(TrackAll.bl_idname, icon="SEQUENCE")
         column.operator(TrackChanges.bl_idname, icon="FILE_REFRESH")

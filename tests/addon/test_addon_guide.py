@@ -11,6 +11,7 @@ bpy = pytest.importorskip("bpy")
 from addon_shots import blender, shot, tracker  # noqa: E402, F401
 from kfmocap.kfmocap_addon import panels  # noqa: E402
 from kfmocap.kfmocap_addon.operators.open_section import SECTIONS, sections_of  # noqa: E402
+from kfmocap.kfmocap_addon.operators.track_motion import TrackAll  # noqa: E402
 from kfmocap.kfmocap_addon.panels import guide, key_list, texts  # noqa: E402
 from kfmocap.kfmocap_addon.panels.section import Section  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import motion_curves  # noqa: E402
@@ -60,6 +61,27 @@ def test_what_is_done_folds_and_the_next_step_opens(tmp_path, tracker):  # noqa:
         "key_poses",
         "track",
     ]
+
+
+def test_a_second_performer_folds_everything_but_its_key_poses(tmp_path, tracker):  # noqa: F811
+    scenes.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    bpy.ops.kfmocap.track()
+    assert step() == "review"
+    bpy.ops.kfmocap.open_section(section="body")
+    bpy.ops.kfmocap.add_body()
+    assert step() == "key_poses" and shown() == {"key_poses", "look"}
+
+
+def test_the_track_section_says_who_has_no_key_pose(tmp_path):
+    built = scenes.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    assert TrackAll.missing(bpy.context) == ""
+    bpy.ops.kfmocap.add_body()
+    second = built.kfmocap.performers[1].name
+    assert TrackAll.missing(bpy.context).startswith(f"{second} has no key pose yet")
+    built.kfmocap.tracked = "CHOSEN"
+    assert TrackAll.missing(bpy.context).startswith(f"{second} has no key pose yet")
+    bpy.context.view_layer.objects.active = built.kfmocap.performers[0].armature
+    assert TrackAll.missing(bpy.context) == ""
 
 
 def test_what_the_user_opens_stays_until_the_next_step(tmp_path):

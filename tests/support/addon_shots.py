@@ -139,8 +139,9 @@ def tracker(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
         report_progress(progress, "tracking", 0.5)
         if stand_in.error is not None:
             raise stand_in.error
-        here = slice(given.frames[0] - FIRST, given.frames[1] + 1 - FIRST)
-        motions = tuple(motion(stand_in.frames, seed)[here] for seed in range(len(given.performers)))
+        first = max(given.frames[0] - FIRST, 0)  # other footage than that of `shot` begins elsewhere
+        here, length = slice(first, first + given.length), max(stand_in.frames, first + given.length)
+        motions = tuple(motion(length, seed)[here] for seed in range(len(given.performers)))
         return track_result(given, motions, footage_offset=stand_in.footage_offset)
 
     monkeypatch.setattr(retracking, "track", track)
