@@ -8,6 +8,7 @@ from ..operators.show_misfit import HideResidual, ShowResidual
 from ..scene_io import active_performer, bone_visibility
 from . import performer_rows
 from .section import Section
+from .texts import draw_text
 
 
 class ReviewPanel(Section, bpy.types.Panel):
@@ -31,7 +32,7 @@ class ReviewPanel(Section, bpy.types.Panel):
             performer_rows.draw_title(layout, context, slot)
             column = layout.column(align=True)
             _draw_hidden(column, slot)
-            _draw_lost(column, slot)
+            _draw_lost(column, context, slot)
             _draw_helpful(column, slot)
             _draw_suggestions(column, slot)
         _draw_plants(layout.column(align=True), context)
@@ -52,10 +53,10 @@ def _draw_hidden(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup) -> N
         column.label(text=part, icon="HIDE_ON")
 
 
-def _draw_lost(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup) -> None:
+def _draw_lost(column: bpy.types.UILayout, context: bpy.types.Context, slot: bpy.types.PropertyGroup) -> None:
     if slot.lost:
         column.separator()
-        column.label(text="May be lost: the footage shows background there")
+        draw_text(column, context, "May be lost: the footage shows background there")
     for part in slot.lost:
         first, last = part.frames
         button = column.operator(GoToFrame.bl_idname, text=f"{part.name}: {first} to {last}", icon="ERROR")
