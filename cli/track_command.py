@@ -142,7 +142,8 @@ def run_track(
         shown = sheet_frames(shot)
         pictures = sorted({*shown, *checked_frames(shot)})
         with DecoderLog() as log:
-            result = track(shot, share(progress, 0.0, 0.9), pictures=pictures, run=RunContext(journal, memory))
+            context = RunContext(journal, memory, footage_checked=not open_scene)  # by reading the shot file
+            result = track(shot, share(progress, 0.0, 0.9), pictures=pictures, run=context)
         if log.complaints:
             result = replace(result, damage=shot_damage(shot))
         times = Seconds(seconds or {})

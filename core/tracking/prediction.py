@@ -152,7 +152,7 @@ def predict(series: Array, steps: int, models: Sequence[AutoRegression] | None =
     return mean, variance
 
 
-def predict_unseen(motion: Motion, unseen: NDArray[np.bool_]) -> Motion:
+def predict_unseen(motion: Motion, unseen: NDArray[np.bool_], *, since: int = 0) -> Motion:
     """Fill in the frames on which parts are unseen from those on which they are seen.
 
     A part is predicted relative to its parent, whose own motion carries on. Within the motion it is predicted forward
@@ -165,24 +165,30 @@ def predict_unseen(motion: Motion, unseen: NDArray[np.bool_]) -> Motion:
         F poses of P parts.
     unseen : ndarray of bool, shape (F, P)
         The root's own place is unseen where the root is.
+    since : int
+        Poses before this frame have not changed since the frames were filled in last: those are filled in again that
+        depend on poses from there on.
     """
     T, Q = motion.translations.copy(), motion.rotations.copy()
     for p in np.flatnonzero(unseen.any(axis=0) & ~unseen.all(axis=0)):
         place = T if p == 0 else np.zeros_like(T)
-        filled = _filled(Motion(place, Q[:, [p]]), unseen[:, p])
+        filled = _filled(Motion(place, Q[:, [p]]), unseen[:, p], since)
         Q[:, p] = filled.rotations[:, 0]
         if p == 0:
             T = filled.translations
     return Motion(T, Q)
 
 
-def _filled(part: Motion, unseen: NDArray[np.bool_]) -> Motion:
-    """The motion of a single part with its unseen frames predicted."""
+def _filled(part: Motion, unseen: NDArray[np.bool_], since: int) -> Motion:
+    """The motion of a single part with its unseen frames predicted, where they depend on poses from a frame on."""
+    gaps = [(a, b) for a, b in intervals(unseen) if b + 1 + PAST >= since]
+    if not gaps:
+        return part
     runs = [_steps(part[a : b + 1]) for a, b in intervals(~unseen)]
     drift = np.concatenate(runs).mean(axis=0) if any(map(len, runs)) else np.zeros(6)
     drift[3:] = 0
     models = [autoregression([run[:, d] - drift[d] for run in runs]) for d in range(6)]
-    for a, b in intervals(unseen):
+    for a, b in gaps:
         n = b + 1 - a
         before, after = _seen_before(part[:a], unseen[:a]), _seen_before(part[b + 1 :][::-1], unseen[b + 1 :][::-1])
         ahead = _continued(before, n, models, drift) if a > 0 else None

@@ -21,11 +21,14 @@ class RunContext:
         Keeps frames and processes for the next shot that is tracked, which is often the same with one key pose changed.
     show : callable, optional
         Called with a segment and the motions of its frames as soon as it is solved, and again when it is refined.
+    footage_checked : bool
+        It was seen a moment ago that the footage can serve the shot, as `core.tracking.prepare` does.
     """
 
     journal: Journal | None = None
     memory: WorkerMemory | None = None
     show: SegmentShown | None = None
+    footage_checked: bool = False
 
 
 NOTHING_KEPT = RunContext()

@@ -112,7 +112,7 @@ def track(
     kept = frozenset(shot.frames[0] + frame for frame in pictures)
     albums = [Album(kept, working_factor(view, PICTURE_SIZE)) for view in shot.views]
     solver, seconds = solver_named(shot.settings.solver), Seconds()
-    with _footage_checked(shot, run.memory):  # SciPy's splines take as long to be loaded
+    with _footage_checked(shot, run):  # SciPy's splines take as long to be loaded
         curves = tuple(spline(p.key_poses, shot.length) for p in shot.performers)
     observed = _first_pass(shot, solver, seconds, progress)
     begin = TrackState(tuple(own.motion for own in observed.performers) or curves, around)
@@ -187,14 +187,18 @@ def _check(shot: Shot) -> None:
 
 
 @contextmanager
-def _footage_checked(shot: Shot, memory: WorkerMemory | None) -> Iterator[None]:
-    """See while the block runs that all footage can serve; that whose frames are kept has been looked at before.
+def _footage_checked(shot: Shot, run: RunContext) -> Iterator[None]:
+    """See while the block runs that all footage can serve, unless that is known; of what is kept it is.
 
     Raises
     ------
     FootageError
     """
-    unseen_views = [view for view in shot.views if memory is None or not is_kept(shot, view, memory)]
+    unseen_views = [
+        view
+        for view in shot.views
+        if not (run.footage_checked or (run.memory is not None and is_kept(shot, view, run.memory)))
+    ]
     with ThreadPoolExecutor(worker_count(shot.settings.threads)) as pool:
         checked = [pool.submit(check_view, view, shot.frames[0], shot.length) for view in unseen_views]
         yield

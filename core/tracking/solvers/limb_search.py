@@ -59,7 +59,7 @@ BESIDE = 0.2
 _STRIDE = 3
 _POINTS = 16
 _FEW_POINTS = 2
-_AT_A_TIME = 32  # frames
+_AT_A_TIME = 16  # frames
 _LEAST_RANGE = 0.05
 
 
@@ -164,14 +164,15 @@ class _ViewRatios:
         return _ViewRatios(self.camera, self.first, np.where(labels.part < 0, self.ratio, np.float32(0)))
 
     def at(self, frames: slice, points_world: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Ratios of the pixels that points (m, K, n, points, 3) of some frames fall on, 0 beyond the picture."""
+        """Ratios of the pixels that points (m, 3, K, points) of some frames fall on, 0 beyond the picture."""
         Rc, tc = self.camera.poses(self.first + frames.start, len(points_world))
         K = self.camera.matrix
-        m, *shape, _ = points_world.shape
-        x = points_world.reshape(m, -1, 3) @ np.swapaxes(K @ Rc, -1, -2).astype(np.float32)
-        x += (tc @ K.T).astype(np.float32)[:, None]
-        uv = x[..., :2] / np.maximum(x[..., 2:], np.float32(NEAR))
-        ratio = pixels_at(self.ratio[frames], np.arange(m)[:, None], uv[..., 0], uv[..., 1], np.float32(0))
+        m, _, *shape = points_world.shape
+        x = (K @ Rc).astype(np.float32) @ points_world.reshape(m, 3, -1)
+        x += (tc @ K.T).astype(np.float32)[..., None]
+        depth = np.maximum(x[:, 2], np.float32(NEAR))
+        places = np.arange(m)[:, None]
+        ratio = pixels_at(self.ratio[frames], places, x[:, 0] / depth, x[:, 1] / depth, np.float32(0))
         return ratio.reshape(m, *shape)
 
 
@@ -311,9 +312,9 @@ def _covered(limb: _Limb, uncovered: Sequence[_ViewRatios], drawn: Array) -> Arr
     """How much likelier the images are with the limb in each of K poses drawn (F, K, n, 3), shape (F, K)."""
     score = np.zeros(drawn.shape[:2])
     for some in _chunks(len(drawn)):
-        world = _placed(limb, some, drawn[some])
-        for look in uncovered:
-            score[some] += look.at(some, world).mean(axis=-1) @ (limb.areas / PATCH**2)
+        for area, world in zip(limb.areas, _placed(limb, some, drawn[some]), strict=True):
+            for look in uncovered:
+                score[some] += area / PATCH**2 * look.at(some, world).mean(axis=-1)
     return score
 
 
@@ -321,17 +322,17 @@ def _chunks(frames: int) -> Iterator[slice]:
     return (slice(f, min(f + _AT_A_TIME, frames)) for f in range(0, frames, _AT_A_TIME))
 
 
-def _placed(limb: _Limb, frames: slice, drawn: Array) -> NDArray[np.float32]:
-    """World points (m, K, n, points, 3) of the limb in poses drawn (m, K, n, 3)."""
+def _placed(limb: _Limb, frames: slice, drawn: Array) -> Iterator[NDArray[np.float32]]:
+    """World points (m, 3, K, points) of each of the limb's parts in poses drawn (m, K, n, 3)."""
     R, T = limb.parent[0][frames, None], limb.parent[1][frames, None]
     Q = rotations.exp(drawn)
-    placed = []
     for k, part in enumerate(limb.chain):
         T = T + R @ limb.body.offsets[part]
         R = R @ (limb.body.R_parent_rest[part] @ Q[:, :, k])
-        turned = limb.points[k].astype(np.float32) @ np.swapaxes(R, -1, -2).astype(np.float32)
-        placed.append(turned + T[:, :, None].astype(np.float32))
-    return np.stack(placed, axis=2)
+        # Coordinate by coordinate: one product of matrices for all poses, and long rows for what follows.
+        turned = np.moveaxis(R, 2, 1).astype(np.float32, order="C") @ limb.points[k].T.astype(np.float32)
+        turned += np.moveaxis(T, 2, 1)[..., None].astype(np.float32)
+        yield turned
 
 
 def _best_way(score: Array, places: Array) -> tuple[NDArray[np.intp], float]:
@@ -354,12 +355,13 @@ def _best_way(score: Array, places: Array) -> tuple[NDArray[np.intp], float]:
 
 def _shares(score: Array, places: Array) -> Array:
     """The probability of every place, (F, K), where ways are the likelier the better; parameters as of `_best_way`."""
-    links = [np.exp(_link(a, b)) for a, b in pairwise(places)]
+    last = len(score) - 1
     ahead, behind = score.copy(), np.zeros(score.shape)
-    for f, link in enumerate(links, start=1):
-        ahead[f] += _log_sum(ahead[f - 1], link)
-    for f, link in reversed(list(enumerate(links))):
-        behind[f] = _log_sum(behind[f + 1] + score[f + 1], link.T)
+    # The factors between neighbouring frames are made twice: those of a long segment would fill the memory.
+    for f in range(last):
+        ahead[f + 1] += _log_sum(ahead[f], np.exp(_link(places[f], places[f + 1])))
+    for f in range(last - 1, -1, -1):
+        behind[f] = _log_sum(behind[f + 1] + score[f + 1], np.exp(_link(places[f], places[f + 1])).T)
     log = ahead + behind
     share = np.exp(log - log.max(axis=1, keepdims=True))
     return np.asarray(share / share.sum(axis=1, keepdims=True))

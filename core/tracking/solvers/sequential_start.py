@@ -126,6 +126,6 @@ def excerpt(problem: SegmentProblem, first: int, stop: int) -> SegmentProblem:
 
 def _predicted(motion: Motion, frames: Sequence[int], hidden: NDArray[np.bool_], fixed: NDArray[np.bool_]) -> Motion:
     """The motion with hidden parts predicted on the frames followed so far, which may run backward."""
-    filled = predict_unseen(motion[list(frames)], hidden[list(frames)])
+    filled = predict_unseen(motion[list(frames)], hidden[list(frames)], since=len(frames) - WINDOW)
     placed = _placed(motion, frames, filled)
     return placed.moved(np.where(fixed, placed.difference(motion), 0.0))

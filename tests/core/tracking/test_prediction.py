@@ -11,6 +11,7 @@ from kfmocap.core.shot.keypose_spline import spline
 from kfmocap.core.shot.shot import KeyPoses
 from kfmocap.core.tracking.prediction import (
     ORDER,
+    PAST,
     autocovariance,
     autoregression,
     levinson,
@@ -134,6 +135,16 @@ def test_what_stood_in_the_gap_does_not_count() -> None:
     ours, theirs = predict_unseen(motion, mask), predict_unseen(Motion(T, Q), mask)
     np.testing.assert_array_equal(ours.rotations, theirs.rotations)
     np.testing.assert_array_equal(ours.translations, theirs.translations)
+
+
+def test_gaps_that_changed_poses_do_not_reach_stay_as_they_were_filled() -> None:
+    """Following a motion fills the same gaps again and again: only what lies at the end of it changes."""
+    motion = swing(figure(), 90)
+    mask = hidden(motion, [1], 12, 18) | hidden(motion, [1], 70, 75)
+    every, late = predict_unseen(motion, mask), predict_unseen(motion, mask, since=18 + PAST + 2)
+    np.testing.assert_array_equal(late.rotations[:40], motion.rotations[:40])
+    np.testing.assert_array_equal(late.rotations[40:], every.rotations[40:])
+    np.testing.assert_array_equal(predict_unseen(motion, mask, since=18 + PAST + 1).rotations, every.rotations)
 
 
 def test_a_part_that_is_never_seen_is_left_alone() -> None:

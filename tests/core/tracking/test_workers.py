@@ -106,6 +106,15 @@ def test_a_correction_solves_the_two_segments_beside_it_and_decodes_nothing(
     assert decoded and same(warm.motions[0], cold.motions[0])
 
 
+@pytest.mark.parametrize("known", [False, True])
+def test_footage_is_looked_at_once(known: bool, filmed: Shot, monkeypatch: pytest.MonkeyPatch) -> None:
+    checked: list[View] = []
+    monkeypatch.setattr(tracker, "check_view", lambda view, *_: checked.append(view))
+    with tracker._footage_checked(filmed, RunContext(footage_checked=known)):
+        pass
+    assert len(checked) == (0 if known else len(filmed.views))
+
+
 def test_frames_of_footage_that_has_changed_are_decoded_anew(filmed: Shot, tmp_path: Path) -> None:
     file = tmp_path / filmed.views[0].footage.name
     shutil.copytree(filmed.views[0].footage.parent, tmp_path, dirs_exist_ok=True)
