@@ -226,6 +226,24 @@ class KFMocapPlant(bpy.types.PropertyGroup):
     planted: bpy.props.BoolProperty(default=True, name="Planted", description="It stands on the ground")
 
 
+def _is_performer(self: bpy.types.PropertyGroup, candidate: bpy.types.Object) -> bool:
+    return any(slot.armature == candidate for slot in self.id_data.kfmocap.performers)
+
+
+class KFMocapHold(bpy.types.PropertyGroup):
+    """A prop that a performer holds over a range of frames."""
+
+    prop: bpy.props.PointerProperty(
+        type=bpy.types.Object, poll=_is_performer, name="Prop", description="The performer that is held"
+    )
+    holder: bpy.props.PointerProperty(
+        type=bpy.types.Object, poll=_is_performer, name="Held By", description="The performer that holds it"
+    )
+    bone: bpy.props.StringProperty(name="Bone", description="The bone of the performer that holds it, such as hand.R")
+    first: bpy.props.IntProperty(name="First", description="First scene frame on which it is held")
+    last: bpy.props.IntProperty(name="Last", description="Last scene frame on which it is held")
+
+
 class KFMocapFrames(bpy.types.PropertyGroup):
     """The frames on which key poses are made of keypoints or landmarks."""
 
@@ -523,6 +541,7 @@ class KFMocapScene(bpy.types.PropertyGroup):
         "(diamonds; pale ones are proposals, small ones of some bones alone) and tracked frames (the grey band), "
         "and on which frames a part may be lost (red)",
     )
+    holds: bpy.props.CollectionProperty(type=KFMocapHold)
     key_frames: bpy.props.PointerProperty(
         type=KFMocapFrames, name="Frames", description="Where key poses are made of keypoints or landmarks"
     )
@@ -597,6 +616,7 @@ CLASSES = (
     KFMocapLostPart,
     KFMocapMark,
     KFMocapPlant,
+    KFMocapHold,
     KFMocapFrames,
     KFMocapPerformer,
     KFMocapSegment,

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Render footage of characters whose rigs are unlike the tracker's own body, with their rigs; needs the bpy module.
 
-    .venv/bin/python tools/render_creatures.py --out build/creatures [person dog hammer]
+    .venv/bin/python tools/render_creatures.py --out build/creatures [person dog hammer worker]
 
 Each gets a folder with its footage as pictures, calibration.toml and rig.blend: the skinned character with its true
 motion on every frame, the first at frame 1. What is there already is not rendered again. `--preview 0 30` writes PNG
@@ -25,7 +25,7 @@ from kfmocap.core.body import part_poses
 from kfmocap.core.formats import save_cameras
 from mathutils import Matrix, Vector
 from numpy.typing import NDArray
-from render.creatures import CREATURES, FPS, FRAMES, Creature
+from render.creatures import CREATURES, FPS, FRAMES, Creature, HeldProp
 from render.drawing import linear
 from render.painted_scene import Floor, PaintedView, Sensor, Surface, lit
 from scipy.spatial.transform import Rotation
@@ -42,12 +42,21 @@ FIRST = 1
 def pictures(creature: Creature, frames: Sequence[int]) -> Iterator[tuple[int, int, NDArray[np.uint8]]]:
     """Render frames; yields the view's number, the frame and its picture."""
     figure = creature.figure
-    colours = linear(figure.colours[:, ::-1])
+    figures = [figure] if creature.prop is None else [figure, creature.prop.figure]
+    colours = linear(np.concatenate([each.colours for each in figures])[:, ::-1])
+    triangles = np.concatenate(
+        [each.triangles + start for each, start in zip(figures, (0, len(figure.vertices)), strict=False)]
+    )
     views = [PaintedView(camera, None) for camera in creature.cameras]
     sensor = Sensor()
     for frame in frames:
         times = (frame + EXPOSURE * ((np.arange(MOMENTS) + 0.5) / MOMENTS - 0.5)) / FPS
-        moments = [Surface(skin, figure.triangles, colours) for skin in figure.posed(creature.motion(times))]
+        motion = creature.motion(times)
+        skins = figure.posed(motion)
+        if creature.prop is not None:
+            held = creature.prop.figure.skinned(*creature.prop.poses(figure.body, motion))
+            skins = np.concatenate([skins, held], axis=1)
+        moments = [Surface(skin, triangles, colours) for skin in skins]
         middle = moments[MOMENTS // 2]
         light, floor = lit(middle), Floor(middle.vertices)
         for v, view in enumerate(views):
@@ -71,7 +80,28 @@ def build_rig(creature: Creature) -> bpy.types.Object:
     for bone, mode in zip(armature.pose.bones, creature.modes * len(armature.pose.bones), strict=False):
         bone.rotation_mode = mode
     _animate(creature, armature, axes, creature.scale * turn)
+    if creature.prop is not None:
+        _add_prop(creature, creature.prop)
     return armature
+
+
+def _add_prop(creature: Creature, prop: HeldProp) -> None:
+    """Add what is held as a mesh object with its true motion on its own channels."""
+    figure = prop.figure
+    mesh = bpy.data.meshes.new(figure.body.names[0])
+    points = (figure.vertices - figure.T_stance[0]) @ figure.R_stance[0]
+    mesh.from_pydata(points.tolist(), [], figure.triangles.tolist())
+    thing = bpy.data.objects.new(figure.body.names[0], mesh)
+    bpy.context.scene.collection.objects.link(thing)
+    thing.rotation_mode = "QUATERNION"
+    R, T = prop.poses(creature.figure.body, creature.motion(np.arange(FRAMES) / FPS))
+    for f in range(FRAMES):
+        turned = Matrix(R[f, 0].tolist()).to_quaternion()
+        if f:
+            turned.make_compatible(thing.rotation_quaternion)
+        thing.location, thing.rotation_quaternion = T[f, 0].tolist(), turned
+        for channel in ("location", "rotation_quaternion"):
+            thing.keyframe_insert(channel, frame=FIRST + f)
 
 
 def _add_bones(creature: Creature, armature: bpy.types.Object, to_local: Array) -> Array:

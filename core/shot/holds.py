@@ -72,7 +72,7 @@ class Hold:
     holder: str
     part: str
     frames: tuple[int, int]
-    grip: Grip | None = None
+    grip: Grip | None = field(default=None, compare=False)
     where: str = field(default="", compare=False)
 
     def later(self, frames: int) -> Hold:

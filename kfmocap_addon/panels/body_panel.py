@@ -4,10 +4,12 @@ import bpy
 
 from ..operators.edit_body import LENGTHS, AddBody, EditPart, FinishPart, RemovePerformer, UseArmature, edited_part
 from ..operators.fit_body import FitBody
+from ..operators.hold_prop import HoldProp, RemoveHold
 from ..operators.recover import RestoreBody
-from ..scene_io import active_performer
+from ..scene_io import active_performer, hold_checks
 from . import performer_rows
 from .section import PerformerPart, Section
+from .texts import draw_text
 
 _MEASURES = (*LENGTHS[:-1], "foot")
 """Properties of a performer; of the foot its bone's length, which unlike what a tape shows can be changed by itself."""
@@ -84,4 +86,34 @@ class ProportionsPanel(PerformerPart, bpy.types.Panel):
             column.prop(slot, name)
 
 
-CLASSES = (BodyPanel, ProportionsPanel)
+class HoldsPanel(PerformerPart, bpy.types.Panel):
+    bl_idname = "KFMOCAP_PT_holds"
+    bl_label = "Props in Hands"
+    bl_parent_id = BodyPanel.bl_idname
+    section = "body"
+
+    @classmethod
+    def is_needed(cls, context: bpy.types.Context) -> bool:
+        """See whether there may be a prop and somebody to hold it."""
+        return len(context.scene.kfmocap.performers) > 1 or bool(context.scene.kfmocap.holds)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, scene = self.layout, context.scene
+        for number, hold in enumerate(scene.kfmocap.holds):
+            column = layout.column(align=True)
+            row = column.row(align=True)
+            row.prop(hold, "prop", text="")
+            row.operator(RemoveHold.bl_idname, text="", icon="REMOVE").number = number
+            row = column.row(align=True)
+            row.prop(hold, "holder", text="")
+            if hold.holder is not None:
+                row.prop_search(hold, "bone", hold.holder.data, "bones", text="")
+            row = column.row(align=True)
+            row.prop(hold, "first")
+            row.prop(hold, "last")
+            if said := hold_checks.missing(scene, hold):
+                draw_text(column, context, said, "ERROR")
+        layout.operator(HoldProp.bl_idname, icon="CONSTRAINT_BONE")
+
+
+CLASSES = (BodyPanel, ProportionsPanel, HoldsPanel)

@@ -25,6 +25,7 @@ from . import (
     lossless,
     motion_curves,
     part_meshes,
+    prop_holds,
     unknown_bones,
     view_cameras,
 )
@@ -73,6 +74,7 @@ def build_scene(
         if len(proposed := performer.key_poses.proposals()):
             first_pass = spline(performer.key_poses, shot.length)
             motion_curves.write_motion(slot.armature, first_pass, FRAME_START, FRAME_START + proposed)
+    prop_holds.write_holds(scene, shot)
     part_meshes.show_parts(scene)
     if motions is not None:
         write_motions(scene, motions)
@@ -140,6 +142,7 @@ def shot_from_scene(scene: bpy.types.Scene, footage: bool = True) -> Shot:
         views=view_cameras.read_views(scene, properties.frame_start, properties.length) if footage else (),
         performers=tuple(_read_performer(scene, slot) for slot in properties.performers),
         settings=_read_settings(properties),
+        holds=prop_holds.read_holds(scene),
     )
 
 

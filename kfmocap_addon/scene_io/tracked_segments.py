@@ -15,7 +15,7 @@ from ...core.shot.shot import KeyPoses, Performer, Shot
 from ...core.tracking.retracking import Excerpt, digest, joined
 from ...core.tracking.segments import Segment, segments
 from ...core.tracking.track_result import TrackResult
-from . import bone_confidence, lossless, motion_curves, review_data
+from . import bone_confidence, lossless, motion_curves, prop_holds, review_data
 from . import scene as scenes
 
 _OFFSET = "kfmocap_footage_offset"
@@ -63,6 +63,7 @@ def asked_tracking(scene: bpy.types.Scene, shot: Shot, one: bpy.types.PropertyGr
     pose are left out.
     """
     slots = tuple(scene.kfmocap.performers)
+    shot = prop_holds.with_grips_of_scene(scene, shot)
     if one is None:
         return AskedTracking(shot, shot, dict(enumerate(slots)), slots)
     performers: list[Performer] = []
@@ -78,7 +79,10 @@ def asked_tracking(scene: bpy.types.Scene, shot: Shot, one: bpy.types.PropertyGr
             performer = replace(performer, key_poses=_held(performer.key_poses, motion))
         performers.append(performer)
         among.append(slot)
-    return AskedTracking(shot, replace(shot, performers=tuple(performers)), {number: one}, tuple(among))
+    names = {performer.name for performer in performers}
+    holds = tuple(hold for hold in shot.holds if {hold.prop, hold.holder} <= names)
+    asked = replace(shot, performers=tuple(performers), holds=holds)
+    return AskedTracking(shot, asked, {number: one}, tuple(among))
 
 
 def _held(keys: KeyPoses, motion: Motion) -> KeyPoses:

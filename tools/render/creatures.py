@@ -7,10 +7,10 @@ what is between them.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from kfmocap.core.body import Body, Part, human
+from kfmocap.core.body import Body, Part, human, part_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.numerics import rotations
@@ -28,6 +28,31 @@ Point = tuple[float, float, float]
 FPS = 30.0
 FRAMES = 73
 KEY_EVERY = 24
+
+
+@dataclass(frozen=True, eq=False)
+class HeldProp:
+    """A prop that a character holds all the time.
+
+    Attributes
+    ----------
+    figure : Figure
+        Of one part.
+    part : str
+        The character's part that holds it.
+    turn, place : ndarray, shape (3, 3) and (3,)
+        The prop's pose in the axes of that part, metres.
+    """
+
+    figure: Figure
+    part: str
+    turn: Array
+    place: Array
+
+    def poses(self, body: Body, motion: Motion) -> tuple[Array, Array]:
+        """World rotations (F, 1, 3, 3) and joints (F, 1, 3), as the character moves."""
+        R, T = (values[:, [body.index(self.part)]] for values in part_poses(body, motion))
+        return R @ self.turn, T + R @ self.place
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +75,7 @@ class Creature:
         If not, the armature object is turned by 90 degrees about x, as importers of FBX leave it.
     modes : tuple of str
         Rotation modes that the bones have in turn.
+    prop : HeldProp, optional
     """
 
     name: str
@@ -61,6 +87,7 @@ class Creature:
     scale: float = 1.0
     upright: bool = True
     modes: tuple[str, ...] = ("QUATERNION",)
+    prop: HeldProp | None = None
 
     @property
     def key_frames(self) -> tuple[int, ...]:
@@ -259,4 +286,22 @@ def _painted_hammer(_body: Body, _nearest: NDArray[np.int64], local: Array) -> A
     return np.clip(colours * (1 + 0.1 * noise(local / 0.012))[:, None], 0.02, 0.95)
 
 
-CREATURES: Mapping[str, Callable[[], Creature]] = {"person": person, "dog": dog, "hammer": hammer}
+def worker(voxel: float = 0.012) -> Creature:
+    """The person with the hammer in the right hand, the handle across the palm."""
+    base, tool = person(voxel), hammer()
+    body = base.figure.body
+    hand = body.parts[body.index("hand.R")]
+    across = int(np.ptp(hand.vertices[:, [0, 2]], axis=0).argmax()) * 2  # the wider axis beside the bone's
+    handle = np.zeros(3)
+    handle[across] = 1.0
+    forward = np.array([0.0, 1.0, 0.0])
+    turn = np.stack([np.cross(forward, handle), forward, handle], axis=1)
+    palm = np.zeros(3)
+    palm[1], palm[2 - across] = 0.09, 0.02
+    return replace(
+        base, name="worker", prop=HeldProp(tool.figure, "hand.R", turn, palm - 0.08 * handle),
+        cameras=ring(3, 3.9, 560, -100, 60),
+    )  # fmt: skip
+
+
+CREATURES: Mapping[str, Callable[[], Creature]] = {"person": person, "dog": dog, "hammer": hammer, "worker": worker}

@@ -1,0 +1,75 @@
+"""Props in hands: which bone holds which prop on which frames."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..scene_io import active_performer
+from .conditions import Conditional
+from .reporting import reported
+
+
+def _has_two(context: bpy.types.Context) -> str:
+    slots = context.scene.kfmocap.performers
+    present = [slot for slot in slots if active_performer.is_present(context.scene, slot)]
+    return "" if len(present) > 1 else "A performer and a prop are needed: select the prop, and Use Active Object"
+
+
+def _has_holds(context: bpy.types.Context) -> str:
+    return "" if context.scene.kfmocap.holds else "No prop is held"
+
+
+class HoldProp(Conditional, bpy.types.Operator):
+    """Let a performer hold a prop from this scene frame on to the end of the shot, or in the preview range of the
+    timeline (P). While it is held it stays as it is in the hand on key poses of both, of which the frames need one at
+    least: place them there as they are in the footage. Which bone it is, and the frames, can be changed in the list"""
+
+    bl_idname = "kfmocap.hold_prop"
+    bl_label = "Hold Prop"
+    conditions = (_has_two,)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..scene_io import prop_holds
+
+        scene = context.scene
+        with reported(self) as outcome:
+            prop, holder = _prop_and_holder(context)
+            bone = prop_holds.bone_at(prop, holder)
+            last = scene.kfmocap.frame_start + scene.kfmocap.length - 1
+            frames = (min(scene.frame_current, last), last)
+            if scene.use_preview_range:
+                frames = (scene.frame_preview_start, scene.frame_preview_end)
+            prop_holds.add_hold(scene, prop, holder, bone, frames)
+            self.report({"INFO"}, f"{holder.name} holds {prop.name} with {bone} on frames {frames[0]} to {frames[1]}")
+        return outcome.value
+
+
+def _prop_and_holder(context: bpy.types.Context) -> tuple[bpy.types.PropertyGroup, bpy.types.PropertyGroup]:
+    """Who is held, and who holds: the chosen performer is one of them, and the prop is the one with fewer bones."""
+    chosen = active_performer.chosen(context)
+    slots = [slot for slot in context.scene.kfmocap.performers if active_performer.is_present(context.scene, slot)]
+    slots.sort(key=lambda slot: len(slot.armature.data.bones))
+    others = [slot for slot in slots if slot != chosen]
+    is_prop = len(chosen.armature.data.bones) < len(others[-1].armature.data.bones)
+    return (chosen, others[-1]) if is_prop else (others[0], chosen)
+
+
+class RemoveHold(Conditional, bpy.types.Operator):
+    """Take this out of the list: the prop is no longer held on these frames"""
+
+    bl_idname = "kfmocap.remove_hold"
+    bl_label = "Remove Hold"
+    conditions = (_has_holds,)
+
+    number: bpy.props.IntProperty(min=0, name="Number", description="Which of the list, from 0")
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        holds = context.scene.kfmocap.holds
+        if self.number >= len(holds):
+            self.report({"ERROR"}, f"there are {len(holds)} in the list")
+            return {"CANCELLED"}
+        holds.remove(self.number)
+        return {"FINISHED"}
+
+
+CLASSES = (HoldProp, RemoveHold)
