@@ -16,7 +16,7 @@ from ..body.kinematics import Poses
 from ..numerics.arrays import Array
 from ..shot.continuity import single_frames
 from .contours import OutlineSums, outline_sums
-from .foreground import log_ratio
+from .foreground import background_share, log_ratio
 from .gradients import GradientSums, brightness_constancy
 from .label_images import Geometry, render_labels
 from .view_frames import GradientImageCache, ViewFrames
@@ -269,7 +269,7 @@ def _run(
             .reshape(explained.shape)
         )
         count = np.diff(every.ends)
-        nobody = log_ratio(foreground[:, frame, stride * v, stride * u].max(axis=0)) <= 0
+        nobody = background_share(log_ratio(foreground[:, frame, stride * v, stride * u].max(axis=0)))
         unlike = np.bincount(np.repeat(np.arange(len(count)), count), nobody, len(count))
         agreeing = np.asarray(1.0 - unlike / np.maximum(count, 1), float).reshape(agreeing.shape)
         outlines = outline_sums(

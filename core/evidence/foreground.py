@@ -17,12 +17,15 @@ from numpy.typing import NDArray
 
 from ..numerics.arrays import Bools
 from ..runtime.shared_arrays import each_row
+from .cast_shadows import AGREEMENT, ShadowModel
 
 Bytes = NDArray[np.uint8]
 Array = NDArray[np.float32]
 
 STRONGEST = 4.0
 """Log likelihood ratios are cut to this, either way: no single pixel is surer."""
+SURE = 2.0
+"""Log likelihood ratio at which a pixel counts as foreground, or as background, in full."""
 SCALE = 31.0
 """Steps of a foreground image per unit of the log likelihood ratio; 128 is zero."""
 HALO = 0.25
@@ -36,6 +39,15 @@ _LEAST_DEVIATION = 4.0
 MARGIN = 0.05
 """How far beyond the model's outline the background begins, metres: clothes and hair are not in the model."""
 
+NEAR = 0.4
+"""How far from the performers it counts how much of the background is in shadow, metres: as far as they are looked for.
+"""
+
+LEAST_SHADOW = 0.02
+"""How much of the background must be seen in the light and in shadow to tell what shadows are like, square metres at
+the performers.
+"""
+
 
 @dataclass(frozen=True, eq=False)
 class KnownPixels:
@@ -47,10 +59,16 @@ class KnownPixels:
         Per performer, by frame: where it is seen.
     behind : mapping of int to ndarray of bool, shape (h, w)
         By frame: where the background is seen.
+    likely : mapping of int to ndarray of bool, shape (h, w)
+        The same of frames on which it is only roughly known where the performers are.
+    pixels_per_metre : float
+        At the performers.
     """
 
     shown: tuple[Mapping[int, Bools], ...]
     behind: Mapping[int, Bools]
+    likely: Mapping[int, Bools]
+    pixels_per_metre: float
 
     @classmethod
     def of_masks(
@@ -63,6 +81,8 @@ class KnownPixels:
         return cls(
             ({f: within(mask) for f, mask in (sure or masks).items()},),
             {f: beyond(mask, MARGIN * pixels_per_metre) for f, mask in masks.items()},
+            {},
+            pixels_per_metre,
         )
 
 
@@ -79,6 +99,11 @@ def beyond(mask: Bools, margin: float) -> Bools:
 def log_ratio(foreground: Bytes) -> Array:
     """The log likelihood ratios, positive where a performer is likelier, that foreground images stand for."""
     return (foreground.astype(np.float32) - np.float32(128)) / np.float32(SCALE)
+
+
+def background_share(ratio: Array) -> Array:
+    """How far pixels count as background, 0 to 1, by their log likelihood ratios: those that may be either do not."""
+    return np.asarray(np.clip(-ratio / np.float32(SURE), 0, 1))
 
 
 def foreground_images(
@@ -132,7 +157,12 @@ def performer_foregrounds(colour: Bytes, known: KnownPixels, fixed: bool) -> Ite
     background = _histogram(colour, known.behind)
     plate, there = _plate(colour, known.behind)
     there &= fixed
+    if fixed and known.likely:
+        more, shown = _plate(colour, known.likely)
+        np.copyto(plate, more, where=(shown & ~there)[..., None])
+        there |= shown
     deviation = _deviation(colour, plate, there)
+    shadows = _shadows(colour, known, plate, deviation) if fixed else None
     tables = [
         _table(own, background, deviation, [other for j, other in enumerate(bodies) if j != i])
         for i, own in enumerate(bodies)
@@ -142,11 +172,70 @@ def performer_foregrounds(colour: Bytes, known: KnownPixels, fixed: bool) -> Ite
     for image in each_row(colour):
         b, g, r = cv2.split(cv2.LUT(cv2.absdiff(image, plate), squares))
         distance = cv2.min(cv2.add(cv2.add(b, g), r), 254) | unknown  # these sums end at 255
+        if shadows is not None:
+            _shaded(distance, image, plate, shadows)
         places = _bins(image).astype(np.intp) << 8 | distance
         images = np.empty((len(tables), *places.shape), np.uint8)
         for table, result in zip(tables, images, strict=True):
             table.take(places, out=result, mode="clip")
         yield images
+
+
+def _shaded(distance: Bytes, image: Bytes, plate: Bytes, shadows: ShadowModel) -> None:
+    """Lower distances from the plate, in place, where pixels more likely show it in shadow."""
+    apart = distance.ravel()
+    places = np.flatnonzero((apart >= _STEPS) & (apart < 255))
+    colours, lit = (picture.reshape(-1, 3).take(places, axis=0) for picture in (image, plate))
+    found = np.clip(np.rint(shadows.distances(colours, lit) * np.float32(_STEPS)), 0, 254)
+    apart[places] = np.minimum(apart[places], found.astype(np.uint8))
+
+
+def _shadows(colour: Bytes, known: KnownPixels, plate: Bytes, deviation: float) -> ShadowModel | None:
+    """Learn shadows from places that some frames show in the light and others do not; there the plate becomes what it
+    is in the light, in place.
+    """
+    shape, alike = plate.shape[:2], AGREEMENT * deviation
+    regions = {**known.behind, **known.likely}
+    brightest, darkest, count = np.zeros(shape, np.uint8), np.full(shape, 255, np.uint8), np.zeros(shape, np.uint8)
+    for frame, region in regions.items():
+        grey, mask = cv2.cvtColor(colour[frame], cv2.COLOR_BGR2GRAY), region.astype(np.uint8)
+        cv2.copyTo(cv2.max(brightest, grey), mask, brightest)
+        cv2.copyTo(cv2.min(darkest, grey), mask, darkest)
+        cv2.add(count, mask, count)
+    places = np.flatnonzero(cv2.subtract(brightest, darkest) > alike)
+    if not len(places):
+        return None
+    colours = np.stack([colour[frame].reshape(-1, 3).take(places, axis=0) for frame in regions])
+    shown = np.stack([region.take(places) for region in regions.values()])
+    light = np.where(shown, colours.mean(axis=-1), -np.inf)
+    order = np.sort(light, axis=0)[::-1]
+    agreed = np.isfinite(order[1:]) & (order[:-1] <= order[1:] + alike)
+    level = np.take_along_axis(order, np.argmax(agreed, axis=0)[None], axis=0)  # the brightest two agree on, or of all
+    lit = np.broadcast_to(_mean_colours(colours, shown & (np.abs(light - level) <= alike)), colours.shape)
+    dimmed, near, seen = shown & (light < level - alike), np.empty_like(shown), 0
+    for k, region in enumerate(regions.values()):
+        apart = cv2.distanceTransform(region.astype(np.uint8), cv2.DIST_L2, 3)
+        beside = region & (apart < NEAR * known.pixels_per_metre)
+        near[k] = beside.take(places)
+        seen += int(np.count_nonzero(beside & (count > 1)))
+    found = ShadowModel.of(
+        colours[dimmed & near],
+        lit[dimmed & near],
+        seen=seen,
+        deviation=deviation,
+        least=LEAST_SHADOW * known.pixels_per_metre**2,
+    )
+    if found is not None:
+        dimmed[dimmed] = found.explains(colours[dimmed], lit[dimmed])
+        relit = dimmed.any(axis=0)
+        plate.reshape(-1, 3)[places[relit]] = _mean_colours(colours[:, relit], (shown & ~dimmed)[:, relit])
+    return found
+
+
+def _mean_colours(colours: Bytes, counted: Bools) -> Bytes:
+    """Means over the first axis of colours (K, n, 3) of those that count (K, n)."""
+    total = (colours * counted[..., None]).sum(axis=0)
+    return np.round(total / np.maximum(counted.sum(axis=0), 1)[:, None]).astype(np.uint8)
 
 
 def _table(body: Array, background: Array, deviation: float, others: Sequence[Array]) -> Bytes:

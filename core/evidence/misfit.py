@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..body.kinematics import Poses
 from ..numerics.arrays import Array
-from .foreground import log_ratio
+from .foreground import SURE, background_share, log_ratio
 from .label_images import Geometry, render_labels
 from .view_frames import ViewFrames, views_with_foreground
 
@@ -23,8 +23,6 @@ FAR = 0.4
 """How far from the model a limb that it has elsewhere is looked for, metres."""
 BESIDE = 0.04
 """How far from the model foreground is no longer the clothes or the hair of what is there, metres."""
-SURE = 2.0
-"""Log likelihood ratio at which a pixel counts as foreground, or as background, in full."""
 INSIDE = 0.02
 """How far within the model's outline a pixel must lie to say what a part is on, metres: the model is not that exact."""
 _STRIDE = 4
@@ -134,7 +132,7 @@ def _view_misfit(
     gaps, areas = np.full((len(spans), len(T)), np.nan), np.zeros((len(spans), len(T)))
     visible, background = np.zeros((2, len(T), P))
     # What hangs over the outline of one performer, hair or clothes, lies beside another one.
-    nobody = -log_ratio(foreground.max(axis=0)[window])
+    nobody = background_share(log_ratio(foreground.max(axis=0)[window]))
     apart = [_distance(image >= 0) > BESIDE * scale for image in part] if len(spans) > 1 else None
     for n, span in enumerate(spans):
         ratio = log_ratio(foreground[n][window])
@@ -149,7 +147,7 @@ def _view_misfit(
             within = cv2.distanceTransform(models[f].astype(np.uint8), cv2.DIST_L2, 3) > max(INSIDE * scale, 1.0)
             whose = part[f][within]
             visible[f] += np.bincount(whose, minlength=P) / scale**2
-            background[f] += np.bincount(whose, np.clip(nobody[f][within] / SURE, 0, 1), P) / scale**2
+            background[f] += np.bincount(whose, nobody[f][within], P) / scale**2
     return gaps, areas, visible, background / np.maximum(visible, 1e-12)
 
 

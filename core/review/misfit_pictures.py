@@ -13,9 +13,9 @@ from ..body.kinematics import scene_poses
 from ..body.motion import Motion
 from ..body.time_shift import poses_after
 from ..errors import ShotError
-from ..evidence.foreground import foreground_images, log_ratio
+from ..evidence.foreground import SURE, foreground_images, log_ratio
 from ..evidence.label_images import Geometry, render_labels
-from ..evidence.misfit import NEAR, SURE
+from ..evidence.misfit import NEAR
 from ..evidence.view_frames import ViewFrames
 from ..shot.footage import PICTURE_SIZE, check_view, frames_at, shown_delay, working_factor
 from ..shot.shot import Shot, View

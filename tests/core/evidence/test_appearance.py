@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from kfmocap.core.evidence.cast_shadows import ShadowModel
 from kfmocap.core.evidence.foreground import SCALE, STRONGEST, foreground_images, log_ratio
 from synthetic import cast, figure, look_at, pixel_grid, poses_of, swing, texture
 
@@ -138,3 +139,64 @@ def test_ratios_are_kept_to_a_step_and_cut() -> None:
 def _args(made: tuple[Array, Array]) -> tuple[Array, dict[int, Array], float, bool]:
     pictures, masks = made
     return pictures, {k: masks[k] for k in KEYS}, SCALE_AT_BODY, True
+
+
+FLOOR = np.array([70.0, 110, 150])
+TROUSERS = np.array([0.6, 0.58, 0.55]) * FLOOR
+"""Of a colour that the floor has in the shadow, or nearly."""
+
+
+def shadowed(frame: int) -> Array:
+    """Where the figure's shadow falls: beside it, and lower."""
+    mask = (shown(frame)[0] >= 0).astype(np.uint8)
+    return np.roll(cv2.warpAffine(mask, np.array([[1.0, 0, 22], [0, 1, 0]]), (WIDTH, HEIGHT)), 4, axis=0) > 0
+
+
+def shadow_footage() -> tuple[Array, Array, Array]:
+    """The figure before a floor dimmed beside it, in a colour that the floor has there; its masks, and where."""
+    rng, still = np.random.default_rng(0), FLOOR + 0.5 * CONTRAST * blotches(1)
+    pictures, masks, shadows = [], [], []
+    for frame in range(LENGTH):
+        part, pattern = shown(frame)
+        shadow = shadowed(frame) & (part < 0)
+        floor = np.where(shadow[..., None], 0.58, 1) * still
+        image = np.where(part[..., None] >= 0, TROUSERS + 0.5 * CONTRAST * pattern, floor)
+        pictures.append(np.clip(image + rng.normal(0, 1.5, image.shape), 0, 255).round().astype(np.uint8))
+        masks.append(part >= 0)
+        shadows.append(shadow)
+    return np.stack(pictures), np.stack(masks), np.stack(shadows)
+
+
+def test_the_background_in_shadow_is_not_taken_for_clothes_of_that_colour() -> None:
+    """It may be either; the figure itself is still found, and so is the floor that only a key frame has in shadow."""
+    pictures, masks, shadows = shadow_footage()
+    found = ratios(pictures, masks, True)[BETWEEN]
+    before, floor = shadows[list(KEYS)].any(axis=0), outer(masks[BETWEEN]) & away(masks, 5)
+    moved, lit = (found[mask & floor] for mask in (shadows[BETWEEN] & ~before, before & ~shadows[BETWEEN]))
+    assert min(len(moved), len(lit)) > 300
+    assert (moved < 1).mean() > 0.9
+    assert (lit < -1).mean() > 0.98
+    assert found[inner(masks[BETWEEN])].mean() > 2.5
+
+
+def test_factors_and_tint_of_shadows_are_learned() -> None:
+    rng = np.random.default_rng(0)
+    lit = rng.uniform(80, 250, (4000, 3))
+    factors = rng.uniform(0.5, 0.6, (len(lit), 1))
+    dark = lit * factors ** np.array([0.8, 1.0, 1.2])
+    samples = [np.round(colours + rng.normal(0, 1, lit.shape)).astype(np.uint8) for colours in (dark, lit)]
+    found = ShadowModel.of(*samples, seen=40000, deviation=4.0, least=200)
+    assert found is not None
+    np.testing.assert_allclose(found.dimmed[32], 0.5 ** np.array([0.8, 1.0, 1.2]), atol=0.02)
+    assert found.explains(*samples).mean() > 0.98
+    plate = np.full((1, 3), 200, np.uint8)
+    tinted = [np.round(plate * k ** np.array([[0.8, 1.0, 1.2]])).astype(np.uint8) for k in (0.55, 0.3)]
+    assert found.distances(tinted[0], plate) < found.distances(tinted[1], plate) - 2
+    np.testing.assert_array_equal(found.distances(tinted[0], plate), found.distances(plate, tinted[0]))
+
+
+def test_what_is_darker_in_all_sorts_of_colours_is_no_shadow() -> None:
+    rng = np.random.default_rng(0)
+    lit = rng.uniform(120, 250, (4000, 3))
+    dark = lit * rng.uniform(0.2, 1, lit.shape)
+    assert ShadowModel.of(dark.astype(np.uint8), lit.astype(np.uint8), seen=40000, deviation=4.0, least=200) is None
