@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import bpy
 import numpy as np
 
@@ -20,6 +22,8 @@ _STILL = 1e-5
 """What keys of one channel may differ by where it stands still."""
 _SCALED = 0.01
 """Change of a bone's scale that is more than an importer's rounding."""
+_CHAINS = ("IK", "SPLINE_IK")
+"""Constraints that move the bones above as well."""
 _HARMLESS = ("LIMIT_ROTATION", "LIMIT_LOCATION", "LIMIT_SCALE")
 
 
@@ -39,8 +43,11 @@ def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[b
     collection = scene.ensure_collection(current, "Performers")
     bones = _mechanism(armature)
     if bones is None:
-        made = skinned_parts.add_parts(armature, collection)
-        _refuse_driven(armature, made.parts)
+        following = _following(armature)
+        limbs = _limb_bones(armature)
+        loose = {name: what for name, what in following.items() if name not in limbs}
+        made = skinned_parts.add_parts(armature, collection, following=loose)
+        _refuse_following(armature, made.parts, following)
     else:
         controls = [name for role, _, name in bones.items() if role.partition(".")[0] in _PART_ROLES]
         with with_settings(armature, preset_of(bones).settings):
@@ -131,15 +138,40 @@ def _refuse_moving_object(armature: bpy.types.Object) -> None:
             )
 
 
-def _refuse_driven(armature: bpy.types.Object, parts: tuple[str, ...]) -> None:
-    """Raise a BodyError where something else than its pose moves a part's bone."""
+def _following(armature: bpy.types.Object) -> dict[str, str]:
+    """What else than its own pose moves a bone, by the bone."""
     data = armature.animation_data
     driven = (
         {driver.data_path.split('"')[1] for driver in data.drivers if driver.data_path.count('"') > 1}
         if data
         else set()
     )
-    for name in parts:
+    own = {name: "a driver" for name in driven}
+    found: dict[str, str] = {}
+    for bone in armature.pose.bones:
+        constraints = list[Any](bone.constraints)
+        holds = next((c for c in constraints if not c.mute and c.influence and c.type not in _HARMLESS), None)
+        if holds is not None:
+            own[bone.name] = f"its constraint '{holds.name}'"
+            if holds.type in _CHAINS:
+                above = bone.parent_recursive[: holds.chain_count - 1 if holds.chain_count else None]
+                found |= {each.name: f"the constraint '{holds.name}' of {bone.name}" for each in above}
+    return own | {name: what for name, what in found.items() if name not in own}
+
+
+def _limb_bones(armature: bpy.types.Object) -> set[str]:
+    """The bones that a human cannot do without; none where the armature is no human's."""
+    try:
+        bones = target_bones(armature)
+    except BodyError:
+        return set()
+    return {name for role, _, name in bones.items() if role.partition(".")[0] in _PART_ROLES}
+
+
+def _refuse_following(armature: bpy.types.Object, parts: tuple[str, ...], following: dict[str, str]) -> None:
+    """Raise a BodyError where something else than its pose moves a part's bone."""
+    held = [name for name in following if name in parts]  # those with a constraint of their own come first
+    for name in (*held, *parts):
         bone = armature.pose.bones[name]
         if bone.parent is not None and not bone.bone.use_inherit_rotation:
             _remove(armature, parts)
@@ -148,12 +180,10 @@ def _refuse_driven(armature: bpy.types.Object, parts: tuple[str, ...]) -> None:
                 where=f"armature {armature.name}, bone {name}",
                 todo="switch Inherit Rotation on in its bone properties, under Relations",
             )
-        holds = next((c for c in bone.constraints if not c.mute and c.influence and c.type not in _HARMLESS), None)
-        what = f"its constraint '{holds.name}'" if holds else "a driver" if name in driven else ""
-        if what:
+        if name in following:
             _remove(armature, parts)
             raise BodyError(
-                f"the bone is moved by {what}: it cannot be tracked",
+                f"the bone is moved by {following[name]}: it cannot be tracked",
                 where=f"armature {armature.name}, bone {name}",
                 todo="mute it, or use the armature that it follows",
             )

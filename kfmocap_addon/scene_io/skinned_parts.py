@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 import bpy
@@ -75,6 +76,7 @@ def add_parts(
     armature: bpy.types.Object,
     collection: bpy.types.Collection,
     carriers: Mapping[str, str] | None = None,
+    following: Mapping[str, str] = MappingProxyType({}),
 ) -> SkinnedParts:
     """Give the bones of a skinned character the parts of a body, as meshes of their own.
 
@@ -86,6 +88,9 @@ def add_parts(
         Where the meshes go.
     carriers : mapping of str to str, optional
         The bone that is posed, by the deforming bone that follows it; by default each deforming bone is posed itself.
+    following : mapping of str to str, optional
+        What else than its own pose moves a bone, by the bone. Its skin belongs to the part above, unless another part
+        hangs on it.
 
     Raises
     ------
@@ -105,7 +110,9 @@ def add_parts(
         raise BodyError("no bone carries a mesh, and no skin is bound to it", where=where, todo=todo)
     clouds = _clouds(armature, skin, carriers)
     height = float(np.ptp(skin.points, axis=0).max())
-    kept = {name: cloud for name, cloud in _merged(armature, clouds, _SMALL * height).items() if _is_solid(cloud)}
+    merged, left_out = _merged(armature, clouds, _SMALL * height, frozenset(following))
+    remarks += [f"bone {n}: it is moved by {following[n]}, so it is left out, and follows the body" for n in left_out]
+    kept = {name: cloud for name, cloud in merged.items() if _is_solid(cloud)}
     if not kept:
         raise BodyError("no bone leads enough of the skin to be a part", where=where, todo="paint its weights")
     kept = _with_joined_tops(armature, kept, _SMALL * height)
@@ -192,17 +199,24 @@ def carries_its_parts(armature: bpy.types.Object) -> bool:
     return not len(led) or float(np.isin(led, [i for i, name in enumerate(skin.names) if name in meshes]).mean()) > 0.5
 
 
-def _merged(armature: bpy.types.Object, clouds: Mapping[str, Array], small: float) -> dict[str, Array]:
-    """Clouds of the bones that are worth a part; those of small and of twist bones are added to what they hang on."""
-    found = dict(clouds)
+def _merged(
+    armature: bpy.types.Object, clouds: Mapping[str, Array], small: float, following: frozenset[str]
+) -> tuple[dict[str, Array], list[str]]:
+    """Clouds of the bones that are worth a part; those of small and of twist bones are added to what they hang on, and
+    so are those of bones that something else moves and no part hangs on. These are named, if they are not small.
+    """
+    found, left_out = dict(clouds), list[str]()
     bones = sorted(clouds, key=lambda name: -len(armature.data.bones[name].parent_recursive))
     for name in bones:
         bone = armature.data.bones[name]
         above = next((p.name for p in bone.parent_recursive if p.name in found), None)
         extent = np.linalg.norm(np.ptp(found[name], axis=0))
-        if above is not None and (extent < 2 * small or _is_twist(bone, found)):
+        slight = extent < 2 * small or _is_twist(bone, found)
+        last = name in following and not any(child.name in found for child in bone.children_recursive)
+        if above is not None and (slight or last):
             found[above] = np.concatenate([found[above], found.pop(name)])
-    return found
+            left_out += [] if slight else [name]
+    return found, sorted(left_out)
 
 
 def _is_twist(bone: bpy.types.Bone, found: Mapping[str, Array]) -> bool:

@@ -302,6 +302,50 @@ def test_bone_envelopes_are_left_out_with_a_word():
         use_as_body(bpy.context.scene, skinned(groups=False))
 
 
+def with_tail(held_by):
+    """The character with a tail of two bones below the pelvis, whose last bone something moves."""
+    armature = skinned()
+    bpy.context.view_layer.objects.active = armature
+    bpy.ops.object.mode_set(mode="EDIT")
+    bones, dice, above = armature.data.edit_bones, np.random.default_rng(2), "pelvis"
+    clouds = []
+    for k, name in enumerate(("tail", "tuft")):
+        bone = bones.new(name)
+        bone.head, bone.tail = (0.0, 0.2 + 0.3 * k, 0.9), (0.0, 0.5 + 0.3 * k, 0.9)
+        bone.parent = bones[above]
+        clouds.append((name, np.array(bone.head) + dice.uniform([-0.05, 0, -0.05], [0.05, 0.3, 0.05], (40, 3))))
+        above = name
+    bpy.ops.object.mode_set(mode="OBJECT")
+    bind(armature, "fur", clouds)
+    if held_by == "driver":
+        armature.pose.bones["tuft"].driver_add("rotation_quaternion", 1)
+    elif held_by:
+        constraint = armature.pose.bones["tuft"].constraints.new(held_by)
+        if held_by == "IK":
+            constraint.chain_count = 2
+    return armature
+
+
+@pytest.mark.parametrize(
+    ("held_by", "left"),
+    [("", set()), ("DAMPED_TRACK", {"tuft"}), ("driver", {"tuft"}), ("IK", {"tuft", "tail"})],
+)
+def test_bones_at_the_end_that_something_else_moves_are_left_out_with_a_word(held_by, left):
+    armature, remarks = use_as_body(bpy.context.scene, with_tail(held_by))
+    names = set(body_armature.body_from_armature(armature).names)
+    assert {"tail", "tuft"} - names == left
+    assert {"pelvis", "forearm.R", "foot.L"} < names
+    assert {text.split(":")[0] for text in remarks} == {f"bone {name}" for name in left}
+    assert all("is left out, and follows the body" in text for text in remarks)
+
+
+def test_a_hand_or_a_foot_that_a_constraint_moves_is_not_left_out():
+    armature = skinned()
+    armature.pose.bones["foot.L"].constraints.new("COPY_ROTATION")
+    with pytest.raises(BodyError, match=r"bone foot\.L: the bone is moved by its constraint 'Copy Rotation'"):
+        use_as_body(bpy.context.scene, armature)
+
+
 def test_a_bone_that_a_constraint_moves_is_named():
     armature = skinned()
     armature.pose.bones["forearm.R"].constraints.new("IK")
