@@ -32,7 +32,8 @@ KEY_TYPE = np.dtype(
 )
 
 
-_FIELDS = tuple((name, KEY_TYPE[name].base, KEY_TYPE[name].shape) for name in KEY_TYPE.names or ())
+PLACES = np.dtype([("co", np.float32, 2), ("type", np.int32)])
+"""What is read of keys where nobody writes them again: frame, value and type."""
 _ENUMS = MappingProxyType(
     {
         item.identifier: MappingProxyType({choice.identifier: choice.value for choice in item.enum_items})
@@ -107,14 +108,12 @@ def new_keys(frames: ArrayLike, values: ArrayLike, type: str, interpolation: str
     return keys
 
 
-def get_keys(curve: bpy.types.FCurve) -> Keys:
-    """All keys of an F-curve."""
+def get_keys(curve: bpy.types.FCurve, fields: np.dtype[np.void] = KEY_TYPE) -> Keys:
+    """All keys of an F-curve, with all of their properties or some."""
     points = curve.keyframe_points
-    keys = np.zeros(len(points), KEY_TYPE)
-    if not len(points):
-        return keys
-    for field, base, shape in _FIELDS:
-        column = np.empty((len(points), *shape), base)
+    keys = np.zeros(len(points), fields)
+    for field in (fields.names or ()) if len(points) else ():
+        column = np.empty((len(points), *fields[field].shape), fields[field].base)
         points.foreach_get(field, column.ravel())
         keys[field] = column
     return keys

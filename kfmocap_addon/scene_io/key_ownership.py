@@ -22,15 +22,18 @@ _SAME_FRAME = 0.01  # Blender's own threshold for keys on the same frame
 
 
 def channel_keys(
-    armature: bpy.types.Object, channels: list[body_channels.Channel]
+    armature: bpy.types.Object, channels: list[body_channels.Channel], fields: np.dtype[np.void] = fcurves.KEY_TYPE
 ) -> Iterator[tuple[int, bpy.types.FCurve, fcurves.Keys, NDArray[np.bool_]]]:
-    """Go through the channels that have an F-curve: number, curve, keys, and which of the keys are the animator's."""
+    """Go through the channels that have an F-curve: number, curve, keys, and which of the keys are the animator's.
+
+    `fields` are the properties of keys that are read: `fcurves.PLACES` is enough for whoever does not write them again.
+    """
     bag = fcurves.find_channelbag(armature)
     record = tracked_keys.load(armature) if bag else None
     for c, channel in enumerate(channels):
         curve = bag.fcurves.find(channel.path, index=channel.index) if bag else None
         if curve is not None and record is not None:
-            keys = fcurves.get_keys(curve)
+            keys = fcurves.get_keys(curve, fields)
             yield c, curve, keys, are_animators(keys, record, channel)
 
 
@@ -39,11 +42,12 @@ def are_animators(
 ) -> NDArray[np.bool_]:
     """Which keys are the animator's, shape (K,): not of the tracker's types, or not where it wrote one."""
     other = keys["type"] != fcurves.enum_value("type", "GENERATED")
-    values = record.at(channel.key, fcurves.frames_of(keys))
+    frames = fcurves.frames_of(keys)
+    values = record.at(channel.key, frames)
     if values is None:
         return other
     other &= keys["type"] != fcurves.enum_value("type", PROPOSAL)
-    between = np.abs(keys["co"][:, 0] - fcurves.frames_of(keys)) > _SAME_FRAME
+    between = np.abs(keys["co"][:, 0] - frames) > _SAME_FRAME
     return other | between | (keys["co"][:, 1] != values)
 
 
@@ -54,9 +58,8 @@ def proposal_frames(keys: fcurves.Keys, own: NDArray[np.bool_]) -> FrameNumbers:
 
 def lie_on_frames(keys: fcurves.Keys, frames: FrameNumbers) -> NDArray[np.bool_]:
     """Which keys lie on one of the scene frames, shape (K,)."""
-    return np.isin(fcurves.frames_of(keys), frames) & (
-        np.abs(keys["co"][:, 0] - fcurves.frames_of(keys)) <= _SAME_FRAME
-    )
+    on = fcurves.frames_of(keys)
+    return np.isin(on, frames) & (np.abs(keys["co"][:, 0] - on) <= _SAME_FRAME)
 
 
 def refuse_subframes(armature: bpy.types.Object, channel: body_channels.Channel, keys: fcurves.Keys) -> None:

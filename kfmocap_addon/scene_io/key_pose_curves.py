@@ -67,7 +67,7 @@ def read_key_poses(armature: bpy.types.Object, frame_start: int, length: int) ->
     channels = body_channels.list_channels(armature)
     held = np.zeros((length, len(channels)), bool)
     proposed = np.zeros(length, bool)
-    for c, _, keys, own in key_ownership.channel_keys(armature, channels):
+    for c, _, keys, own in key_ownership.channel_keys(armature, channels, fcurves.PLACES):
         if c == 0:
             index = key_ownership.proposal_frames(keys, own) - frame_start
             proposed[index[(index >= 0) & (index < length)]] = True
@@ -116,7 +116,7 @@ def keyed_bones(armature: bpy.types.Object) -> tuple[dict[int, set[str]], list[i
     channels = body_channels.list_channels(armature)
     keyed: dict[int, set[str]] = {}
     proposed: list[int] = []
-    for c, _, keys, own in key_ownership.channel_keys(armature, channels):
+    for c, _, keys, own in key_ownership.channel_keys(armature, channels, fcurves.PLACES):
         if c == 0:
             proposed = key_ownership.proposal_frames(keys, own).tolist()
         for frame in fcurves.frames_of(keys[own]).tolist():

@@ -97,14 +97,14 @@ def keyed_frames(armature: bpy.types.Object, frame_start: int, length: int) -> N
     keyed = np.full(length, bag is not None)
     for channel in body_channels.list_channels(armature) if bag else ():
         curve = bag.fcurves.find(channel.path, index=channel.index)
-        keyed &= np.isin(frames, fcurves.frames_of(fcurves.get_keys(curve)) if curve else [])
+        keyed &= np.isin(frames, fcurves.frames_of(fcurves.get_keys(curve, fcurves.PLACES)) if curve else [])
     return keyed
 
 
 def tracked_runs(armature: bpy.types.Object) -> list[tuple[int, int]]:
     """First and last scene frames of the runs on which the tracker, and not the animator, keyed the body's place."""
     place = body_channels.list_channels(armature)[:1]
-    for _, _, keys, own in key_ownership.channel_keys(armature, place):
+    for _, _, keys, own in key_ownership.channel_keys(armature, place, fcurves.PLACES):
         tracked = ~own & (keys["type"] == fcurves.enum_value("type", "GENERATED"))
         frames = np.unique(fcurves.frames_of(keys)[tracked])
         runs = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)

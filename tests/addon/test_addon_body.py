@@ -20,6 +20,7 @@ from kfmocap.kfmocap_addon.operators.edit_body import LENGTHS  # noqa: E402
 from kfmocap.kfmocap_addon.operators.fit_body import FitBody  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import body_armature, key_pose_curves, scene  # noqa: E402
 from mathutils import Matrix  # noqa: E402
+from ready_scenes import fitted  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
 
@@ -139,19 +140,9 @@ def test_a_reshaped_armature_is_the_new_body_and_keeps_its_keys(armature, moved)
 @pytest.fixture
 def fitter(monkeypatch):
     """Stands in for the fit: makes every body a tenth larger and moves its key poses by 1 cm."""
-    from kfmocap.core.body.shaping import shaped
     from kfmocap.core.fitting import body_fit
 
-    def fit(shot, _progress=None):
-        bodies = [p.body for p in shot.performers]
-        larger = tuple(shaped(b, np.full((len(b), 3), 0.1), np.zeros((len(b), 3))) for b in bodies)
-        keys = shot.performers[0].key_poses
-        moved = tuple(
-            Motion(p.key_poses.poses.translations + 0.01, p.key_poses.poses.rotations) for p in shot.performers
-        )
-        return body_fit.BodyFit(larger, moved, keys.frames, (0.1,) * len(bodies))
-
-    monkeypatch.setattr(body_fit, "fit_bodies", fit)
+    monkeypatch.setattr(body_fit, "fit_bodies", fitted)
 
 
 @pytest.mark.parametrize("adjusted", [False, True])

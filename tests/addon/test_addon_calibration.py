@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import ModuleType
 
 import cv2
 import numpy as np
@@ -19,11 +19,10 @@ from kfmocap.core.capture.colours import parsed, to_hsv  # noqa: E402
 from kfmocap.core.errors import CalibrationError, CancelledError  # noqa: E402
 from kfmocap.core.formats import load_cameras, save_cameras  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import capture_scene, footage_background, scene_cameras  # noqa: E402
+from ready_scenes import LFRAME, solution  # noqa: E402
 from test_addon_views import largest_difference  # noqa: E402
 
 pytestmark = pytest.mark.blender
-
-POINTS = np.array([[0, 0, 0], [0.4, 0, 0], [0.9, 0, 0], [0, 0.6, 0]])
 
 
 def ball_video(path: Path) -> Path:
@@ -40,7 +39,7 @@ def film(folder: Path) -> CaptureVideos:
     videos = [(video(folder / f"l{k}.mp4"), video(folder / f"w{k}.mp4")) for k in (1, 2)]
     view = [CaptureVideoView(f"cam0{k}", *videos[k - 1], focal=400.0 * k) for k in (1, 2)]
     return CaptureVideos(
-        POINTS, parsed("red", ""), 0.06, 0.5, (parsed("green", ""), parsed("#2040d0", "")), 0.05, tuple(view)
+        LFRAME, parsed("red", ""), 0.06, 0.5, (parsed("green", ""), parsed("#2040d0", "")), 0.05, tuple(view)
     )
 
 
@@ -106,17 +105,6 @@ def test_videos_are_added_with_those_of_the_lframe_beside_them(blender, tmp_path
     assert found == [("cam01", True), ("left", False)]
     bpy.ops.kfmocap.remove_videos()
     assert [view.name for view in bpy.context.scene.kfmocap_capture.views] == ["cam01"]
-
-
-def solution(cameras) -> SimpleNamespace:
-    ends = np.random.default_rng(0).normal(0, 1, (30, 2, 3))
-    return SimpleNamespace(
-        cameras={c.name: c for c in cameras},
-        rig=SimpleNamespace(names=[c.name for c in cameras], offset=np.array([0.0, 3.4])),
-        wand=SimpleNamespace(ends_world=ends),
-        lframe_world=POINTS,
-        findings=("the wand was waved at one depth",),
-    )
 
 
 @pytest.fixture

@@ -6,17 +6,20 @@ import json
 import random
 import shutil
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import bpy
+import numpy as np
 import pytest
-from addon_shots import blender, shot, tracker  # noqa: F401
-from kfmocap.core.calibration import api
-from kfmocap.core.errors import CalibrationError
-from kfmocap.core.fitting import body_fit, camera_refinement
+from addon_shots import blender, camera, shot, tracker  # noqa: F401
+from kfmocap.core.calibration import api, calibration_report
+from kfmocap.core.fitting import body_fit, shot_cameras
+from kfmocap.core.tracking import prepare
 from kfmocap.kfmocap_addon import registration
 from kfmocap.kfmocap_addon.scene_io import scene
+from ready_scenes import fitted, refined, solution
 
 WALK = Path(__file__).parents[2] / "examples" / "walk"
 TOOLS = [cls for cls in registration.CLASSES if issubclass(cls, bpy.types.Operator)]
@@ -26,12 +29,20 @@ TOOLS = [cls for cls in registration.CLASSES if issubclass(cls, bpy.types.Operat
 def quick(tracker, monkeypatch):  # noqa: F811
     """What takes long is stood in for."""
 
-    def refused(*_args: object, **_more: object) -> None:
-        raise CalibrationError("nothing is seen", where="cam01")
+    def standing_in(found: Callable[[Any], Any]) -> Callable[..., Any]:
+        def work(given: object, _progress: object = None) -> Any:
+            if tracker.error is not None:
+                raise tracker.error
+            return found(given)
 
-    monkeypatch.setattr(camera_refinement, "refine_cameras", refused)
-    monkeypatch.setattr(api, "calibrate", refused)
-    monkeypatch.setattr(body_fit, "fit_bodies", refused)
+        return work
+
+    monkeypatch.setattr(shot_cameras, "refine_shot_cameras", standing_in(refined))
+    monkeypatch.setattr(body_fit, "fit_bodies", standing_in(fitted))
+    monkeypatch.setattr(api, "calibrate", standing_in(lambda _film: solution([camera(1), camera(2)])))
+    monkeypatch.setattr(calibration_report, "sheet", lambda _solved: np.full((40, 60, 3), 200, np.uint8))
+    monkeypatch.setattr(calibration_report, "write_report", lambda _folder, _solved: None)
+    monkeypatch.setattr(prepare, "load_shot", cache(prepare.load_shot))  # it fits bodies
     return tracker
 
 

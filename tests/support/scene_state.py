@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import ctypes
 from typing import Any
 
 import bpy
@@ -72,15 +72,13 @@ def _action(action: bpy.types.Action) -> dict[Any, Any]:
     }
 
 
-def _keys(curve: bpy.types.FCurve) -> tuple[bytes, ...]:
-    """All that the keys of a curve hold."""
-    points, columns = curve.keyframe_points, []
-    for name in fcurves.KEY_TYPE.names:
-        base, shape = fcurves.KEY_TYPE[name].base, fcurves.KEY_TYPE[name].shape
-        column = np.empty(len(points) * math.prod(shape), base)
-        points.foreach_get(name, column)
-        columns.append(column.tobytes())
-    return tuple(columns)
+def _keys(curve: bpy.types.FCurve) -> bytes:
+    """All that the keys of a curve hold: Blender's own memory, in which they lie one behind the other."""
+    points = curve.keyframe_points
+    if len(points) < 2:
+        return fcurves.get_keys(curve).tobytes()
+    first = points[0].as_pointer()
+    return ctypes.string_at(first, (points[1].as_pointer() - first) * len(points))
 
 
 def _object(thing: bpy.types.Object) -> tuple[Any, ...]:
@@ -121,4 +119,11 @@ def _mesh(mesh: bpy.types.Mesh) -> tuple[Any, ...]:
 
 def _custom(owner: Any) -> dict[str, str]:
     """Custom properties, without those that are properties of ours and compared as such."""
-    return {k: str(v.to_dict() if hasattr(v, "to_dict") else v) for k, v in owner.items() if k not in PROPERTIES}
+    return {k: _plain(owner[k]) for k in owner.keys() if k not in PROPERTIES}  # noqa: SIM118 (bones are no mappings)
+
+
+def _plain(value: Any) -> Any:
+    """The value of a custom property: a group as a dictionary, an array as its bytes."""
+    if hasattr(value, "to_dict"):
+        return {key: _plain(value[key]) for key in value.keys()}  # noqa: SIM118
+    return np.array(value).tobytes() if hasattr(value, "to_list") else str(value)
