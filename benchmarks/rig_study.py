@@ -79,12 +79,12 @@ def measured(name: str, folder: Path, save: Path | None = None) -> RigRow:
         keep_keys(armature, KEY_EVERY)
         curves = skin_on_frames(armature)
         bpy.context.view_layer.objects.active = armature
-        _done(bpy.ops.kfmocap.use_armature)
+        done(bpy.ops.kfmocap.use_armature)
         cameras = load_cameras(folder / "calibration.toml")
         added_views.add_footage(scene, [folder / camera / "0000.jpg" for camera in cameras])
         added_views.calibrate_views(scene, cameras)
         begin = time.process_time()
-        _done(bpy.ops.kfmocap.track)
+        done(bpy.ops.kfmocap.track)
         seconds = time.process_time() - begin
         found = skin_on_frames(armature)
         parts = sum(child.parent_type == "BONE" for child in armature.children)
@@ -94,16 +94,20 @@ def measured(name: str, folder: Path, save: Path | None = None) -> RigRow:
     return RigRow(name, parts, tracked, interpolated, seconds)
 
 
-def _done(operator: Callable[[], set[str]]) -> None:
+def done(operator: Callable[[], set[str]]) -> None:
     """Run an operator of the add-on; Blender raises a RuntimeError with what it reports as an error."""
     if operator() != {"FINISHED"}:
         raise KFMocapError("it was cancelled", where=str(operator))
 
 
 def skin_on_frames(armature: bpy.types.Object) -> Array:
-    """Vertices of the skin in the world, as Blender shows them on every frame of the scene, shape (F, V, 3)."""
+    """Vertices of an armature's skin, see `mesh_on_frames`."""
+    return mesh_on_frames(next(c for c in armature.children if c.type == "MESH" and c.parent_type == "OBJECT"))
+
+
+def mesh_on_frames(skin: bpy.types.Object) -> Array:
+    """Vertices of a mesh in the world, as Blender shows them on every frame of the scene, shape (F, V, 3)."""
     scene = bpy.context.scene
-    skin = next(c for c in armature.children if c.type == "MESH" and c.parent_type == "OBJECT")
     shown = []
     for frame in range(scene.frame_start, scene.frame_end + 1):
         scene.frame_set(frame)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, Protocol
 from ..core.errors import OutputError
 
 if TYPE_CHECKING:
+    from ..core.numerics.arrays import Array
     from ..core.shot.shot import Shot
     from ..core.tracking.track_result import TrackResult
     from .retarget_command import RetargetRequest
@@ -30,12 +31,16 @@ class OutputRequest:
         built.
     leave_out_unknown : bool
         BVH and FBX have no bones of parts that nothing has shown.
+    hands : tuple of (ndarray or None)
+        Per performer: points of the hands, see `core.keypoints.hand_points`, where files are to have the fingers. None
+        for all by default.
     """
 
     folder: Path
     home: Path
     open_scene: bool = False
     leave_out_unknown: bool = False
+    hands: tuple[Array | None, ...] = ()
 
 
 class BlenderSession(Protocol):

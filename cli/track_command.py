@@ -15,11 +15,14 @@ from typing import Literal
 from ..core.body import landmark_positions
 from ..core.body.unknown_parts import known_landmarks
 from ..core.cameras.camera import Camera
-from ..core.errors import ShotError, located
+from ..core.errors import InputError, ShotError, located
 from ..core.fitting.camera_refinement import Refinement
 from ..core.fitting.shot_cameras import camera_fits, checked_frames, for_camera_fits, refine_shot_cameras
+from ..core.formats.keypoint_files import read_shot_keypoints
 from ..core.formats.toml_cameras import save_cameras
 from ..core.formats.trc import write_trc
+from ..core.keypoints.hand_points import tracked_hands
+from ..core.numerics.arrays import Array
 from ..core.review.overlay import contact_sheet, sheet_frames, write_contact_sheet
 from ..core.review.track_report import report, report_lines
 from ..core.runtime.decoder_log import DecoderLog
@@ -159,7 +162,9 @@ def run_track(
                 fits = checking.result()
         if blender is not None:
             with times.measure("Blender"):
-                blender.write_outputs(shot, result, OutputRequest(stage, out_dir, open_scene, leave_out_unknown))
+                hands = _hands(shot, result)
+                request = OutputRequest(stage, out_dir, open_scene, leave_out_unknown, hands)
+                blender.write_outputs(shot, result, request)
         if refined is not None:
             save_cameras(stage / REFINED, refined.cameras)
         write_json(stage / "report.json", report(shot, result, times, fits=fits, refined=refined))
@@ -193,6 +198,22 @@ def _keyframes(text: str | None) -> list[int] | Literal["auto"] | None:
     except ValueError as error:
         todo = "give whole numbers separated by commas, such as 0,33,66,99"
         raise ShotError(f"'{text}' is not a list of frames", where="--keyframes", todo=todo) from error
+
+
+def _hands(shot: Shot, result: TrackResult) -> tuple[Array | None, ...]:
+    """Points of the hands of the performers whose fingers are asked for; says whose are not found."""
+    if not any(performer.fingers for performer in shot.performers):
+        return ()
+    detections, found = read_shot_keypoints(shot, hands=True), list[Array | None]()
+    for i, performer in enumerate(shot.performers):
+        hands = None
+        if performer.fingers:
+            try:
+                hands = tracked_hands(shot, detections, i, result.motions[i])
+            except InputError as error:
+                print(f"kfmocap: {performer.name} is written without fingers: {error}", file=sys.stderr)
+        found.append(hands)
+    return tuple(found)
 
 
 def _write_landmarks(shot: Shot, result: TrackResult, files: Sequence[Path], *, leave_out_unknown: bool) -> None:

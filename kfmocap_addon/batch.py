@@ -5,6 +5,7 @@ Importing it loads neither NumPy nor the core beyond its errors, as Blender does
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,6 +44,7 @@ class BatchSession:
     def write_outputs(self, shot: Shot, result: TrackResult, request: OutputRequest) -> list[Path]:
         """Write the BVH and FBX files and shot.blend; returns the files written."""
         from .export import blender_outputs
+        from .retargeting import finger_tracking
 
         with registration.registered():
             return blender_outputs.write_blender_outputs(
@@ -52,6 +54,7 @@ class BatchSession:
                 bpy.context.scene if request.open_scene else None,
                 home=request.home,
                 leave_out_unknown=request.leave_out_unknown,
+                finish=partial(finger_tracking.add_fingers, hands=request.hands),
             )
 
     def retarget(self, request: RetargetRequest) -> dict[str, Any]:

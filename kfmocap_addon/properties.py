@@ -318,6 +318,9 @@ class KFMocapPerformer(bpy.types.PropertyGroup):
     helpful: bpy.props.CollectionProperty(type=KFMocapHelpfulKey)
     lost: bpy.props.CollectionProperty(type=KFMocapLostPart)
     marks: bpy.props.CollectionProperty(type=KFMocapMark)
+    fingers: bpy.props.BoolProperty(
+        name="Fingers", description="Files that the command line writes of this scene have its fingers, by keypoints"
+    )
     plants: bpy.props.CollectionProperty(type=KFMocapPlant)
     plant_edits: bpy.props.CollectionProperty(type=KFMocapPlant)
     plants_found: bpy.props.StringProperty(

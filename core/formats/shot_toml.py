@@ -25,7 +25,7 @@ from .toml_tables import Table, read_toml
 
 _TABLES = ("shot", "calibration", "view", "performer", "hold", "track")
 _VIEW = ("camera", "footage", "offset", "fields", "keypoints")
-_PERFORMER = ("name", "height", "landmarks", "keyframes", "keyposes", "person", "mesh")
+_PERFORMER = ("name", "height", "landmarks", "keyframes", "keyposes", "person", "mesh", "fingers")
 _HOLD = ("prop", "holder", "part", "frames")
 
 
@@ -135,7 +135,15 @@ def _performer(table: Table, folder: Path, frames: tuple[int, int]) -> Performer
         table.where,
         _person(table),
         table.path("mesh", folder, None),
+        _fingers(table),
     )
+
+
+def _fingers(table: Table) -> bool:
+    value: Any = table.value("fingers", False)
+    if not isinstance(value, bool):
+        raise table.error("fingers", f"must be true or false, not {value!r}")
+    return value
 
 
 def _hold(table: Table, performers: Sequence[PerformerSpec], frames: tuple[int, int]) -> Hold:

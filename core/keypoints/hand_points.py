@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..body.kinematics import part_poses
+from ..body.motion import Motion
 from ..errors import KeypointError
 from ..formats.keypoint_layouts import HAND_NAMES, HAND_POINTS
 from ..numerics.arrays import Array
@@ -70,6 +72,31 @@ def hand_points(shot: Shot, detections: Sequence[Detections], wrists_world: Arra
     points, _ = triangulate(sure)
     points[agree.sum(axis=0) < 2] = np.nan
     return np.asarray(points.reshape(F, 2, len(HAND_POINTS), 3))
+
+
+def tracked_hands(shot: Shot, detections: Sequence[Detections], number: int, motion: Motion) -> Array:
+    """Return where the points of a tracked performer's hands are, see `hand_points`.
+
+    Parameters
+    ----------
+    shot : Shot
+    detections : sequence of Detections
+        Per view, of hands.
+    number : int
+        Of the performer.
+    motion : Motion
+        F poses.
+
+    Raises
+    ------
+    KeypointError
+        Fewer than two views have hands of the performer.
+    BodyError
+        The performer has no hands.
+    """
+    body = shot.performers[number].body
+    wrists = part_poses(body, motion)[1][:, [body.index(f"hand.{side}") for side in "LR"]]
+    return hand_points(shot, detections, wrists)
 
 
 def _take(seen: ViewDetections, wrists_cam: Array, rays: Array, confidence: Array) -> None:

@@ -111,6 +111,8 @@ class Performer:
     joint_deviation : ndarray, shape (P,), optional
         How far the tips of the parts lie from the landmarks that the key poses were made of, metres; None where nothing
         was measured.
+    fingers : bool
+        Files with its motion have its fingers, as keypoints show them.
     """
 
     name: str
@@ -119,6 +121,7 @@ class Performer:
     person: int | None = None
     unknown: tuple[str, ...] = ()
     joint_deviation: NDArray[np.float64] | None = field(default=None, compare=False)
+    fingers: bool = field(default=False, compare=False)
 
 
 def fixed_degrees(performer: Performer, first: int, last: int) -> NDArray[np.bool_]:

@@ -56,6 +56,8 @@ class PerformerSpec:
         Which of the people that keypoints show it is, see `core.shot.shot.Performer`.
     mesh : Path, optional
         The shape of a prop, which is no person.
+    fingers : bool
+        See `core.shot.shot.Performer`.
     """
 
     name: str
@@ -66,6 +68,7 @@ class PerformerSpec:
     where: str = ""
     person: int | None = None
     mesh: Path | None = None
+    fingers: bool = False
 
 
 @dataclass(frozen=True)

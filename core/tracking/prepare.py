@@ -91,7 +91,19 @@ def prepare_shot(spec: ShotSpec, cameras: Mapping[str, Camera] | None = None) ->
     shot = Shot(spec.name, spec.fps, spec.frames, views, performers, spec.settings, holds)
     if any(requests):
         shot = replace(shot, performers=_from_keypoints(shot, requests, spec))
+    shot = _with_fingers(shot, spec)
     return _with_parts_that_keypoints_show(shot).with_grips()
+
+
+def _with_fingers(shot: Shot, spec: ShotSpec) -> Shot:
+    """The shot with the performers whose fingers are asked for marked."""
+    for asked in spec.performers:
+        if asked.fingers and sum(view.keypoints is not None for view in spec.views) < 2:
+            todo = "name keypoints with hands in two views or more, or leave it out"
+            raise ShotError("fingers are found in keypoints", where=f"{asked.where} fingers", todo=todo)
+    fingers = [asked.fingers for asked in spec.performers]
+    performers = tuple(replace(p, fingers=own) for p, own in zip(shot.performers, fingers, strict=True))
+    return replace(shot, performers=performers)
 
 
 def read_shot_cameras(spec: ShotSpec) -> dict[str, Camera]:

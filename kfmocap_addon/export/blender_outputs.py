@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -31,6 +31,7 @@ def write_blender_outputs(
     *,
     home: Path | str | None = None,
     leave_out_unknown: bool = False,
+    finish: Callable[[bpy.types.Scene], None] | None = None,
 ) -> list[Path]:
     """Write NAME.bvh, NAME.fbx (NAME_PERFORMER.* for several performers) and shot.blend.
 
@@ -49,6 +50,8 @@ def write_blender_outputs(
         Folder that the files will be moved to: footage near it is named relative to it. By default `out_dir`.
     leave_out_unknown : bool
         BVH and FBX have no bones of parts that nothing has shown.
+    finish : callable, optional
+        Called with the scene once it has the motion, before files are written.
 
     Returns
     -------
@@ -67,6 +70,8 @@ def write_blender_outputs(
         _open_on_footage(scene)
     else:
         scenes.write_motions(scene, result.motions, shot)
+    if finish is not None:
+        finish(scene)
     review_data.write_review(scene, [(shot, result, 0)])
     tracked_segments.remember_offset(scene, result)
     options = exporters.ExportOptions(leave_out_unknown=leave_out_unknown)

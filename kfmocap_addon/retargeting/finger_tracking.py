@@ -6,7 +6,9 @@ from collections.abc import Sequence
 
 import bpy
 import numpy as np
+from mathutils import Vector
 
+from ...core.body.finger_bones import finger_bones
 from ...core.errors import BodyError
 from ...core.formats.keypoint_files import read_shot_keypoints
 from ...core.keypoints.hand_points import hand_points
@@ -14,7 +16,7 @@ from ...core.numerics.arrays import Array
 from ...core.retargeting.bone_matching import match_bones
 from ...core.retargeting.finger_motion import finger_motion
 from ...core.retargeting.roles import FINGERS, SIDES, BoneMap
-from ..scene_io import fcurves, scene
+from ..scene_io import body_armature, fcurves, scene
 from .rig_curves import ControlChannel, rotation_channel
 from .rig_reading import rest_orientations, rest_skeleton
 from .send import target_bones
@@ -67,8 +69,50 @@ def key_fingers(
     wrists = source.rest.indices([roles[f"hand.{side}"][0] for side in SIDES])
     shot = scene.shot_from_scene(current)
     hands = hand_points(shot, read_shot_keypoints(shot, hands=True), source.positions[:, wrists])
-    turns = finger_motion(rest_skeleton(armature), bones, hands, shot.fps)
-    frames = current.kfmocap.frame_start + np.arange(shot.length)
+    return write_fingers(current, armature, bones, hands)
+
+
+def add_fingers(current: bpy.types.Scene, hands: Sequence[Array | None]) -> None:
+    """Move the fingers of a scene's performers by points of their hands, where these are given; see `write_fingers`."""
+    for slot, points in zip(current.kfmocap.performers, hands, strict=False):
+        if points is not None:
+            write_fingers(current, *with_fingers(slot.armature), points)
+
+
+def with_fingers(armature: bpy.types.Object) -> tuple[bpy.types.Object, BoneMap]:
+    """Return a performer's armature and the roles of its bones; finger bones are added to a body of ours without any.
+
+    Raises
+    ------
+    BodyError
+        It has no fingers that are known, and is no body of ours.
+    """
+    try:
+        return armature_with_fingers([armature])
+    except BodyError:
+        body = body_armature.body_from_armature(armature)
+        if {"hand.L", "hand.R"} - set(body.names):
+            raise
+    to_armature = armature.matrix_world.inverted()
+    made = finger_bones(body)
+    with body_armature.edit_bones(armature) as bones:
+        for each in made:
+            bone = bones.new(each.name)
+            bone.head, bone.tail = (to_armature @ Vector(p.tolist()) for p in (each.head_world, each.tail_world))
+            bone.parent = bones[each.parent]
+    for each in made:
+        armature.pose.bones[each.name].rotation_mode = "QUATERNION"
+        armature.pose.bones[each.name].lock_location = (True,) * 3
+    return armature_with_fingers([armature])
+
+
+def write_fingers(current: bpy.types.Scene, armature: bpy.types.Object, bones: BoneMap, hands: Array) -> int:
+    """Key the fingers of an armature on every frame of the shot by points of the performer's hands (F, 2, 21, 3);
+    returns how many bones move.
+    """
+    fps = current.render.fps / current.render.fps_base
+    turns = finger_motion(rest_skeleton(armature), bones, hands, fps)
+    frames = current.kfmocap.frame_start + np.arange(len(hands))
     for name, R in zip(turns, rest_orientations(armature, list(turns)), strict=True):
         channel = rotation_channel(armature.pose.bones[name], R.T @ turns[name] @ R)
         _write(armature, channel, frames)

@@ -68,7 +68,7 @@ def build_scene(
     for performer in shot.performers:
         armature = body_armature.build_armature(performer.body, performer.name, bodies)
         slot = add_slot(scene, performer.name, armature)
-        slot.person = performer.person or 0
+        slot.person, slot.fingers = performer.person or 0, performer.fingers
         unknown_bones.mark_resting(slot.armature, performer.unknown)
         key_pose_curves.write_key_poses(slot.armature, performer.key_poses, FRAME_START)
         if len(proposed := performer.key_poses.proposals()):
@@ -152,7 +152,12 @@ def _read_performer(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> Pe
     keys = key_pose_curves.read_key_poses(slot.armature, scene.kfmocap.frame_start, scene.kfmocap.length)
     resting = unknown_bones.resting_bones(slot.armature, keys)
     return Performer(
-        slot.name, body_armature.body_from_armature(slot.armature), keys, slot.person or None, unknown=resting
+        slot.name,
+        body_armature.body_from_armature(slot.armature),
+        keys,
+        slot.person or None,
+        unknown=resting,
+        fingers=slot.fingers,
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,11 +13,16 @@ bpy = pytest.importorskip("bpy")
 
 from addon_shots import blender, metarig  # noqa: E402, F401
 from keypoint_shots import cameras, person_with_hands  # noqa: E402
+from kfmocap.cli import track_command  # noqa: E402
 from kfmocap.core.body import landmark_positions  # noqa: E402
+from kfmocap.core.formats.bvh import read_bvh  # noqa: E402
 from kfmocap.core.formats.keypoint_layouts import HAND_POINTS  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
 from kfmocap.core.retargeting.roles import FINGERS  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import fcurves  # noqa: E402
+from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting import finger_tracking  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import body_armature, fcurves, motion_curves  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import scene as scenes  # noqa: E402
 from test_addon_posing import BENT, BODY, WALK, walk_scene  # noqa: E402
 
 pytestmark = pytest.mark.blender
@@ -103,3 +109,41 @@ def test_without_fingers_or_hands_it_is_said_what_is_missing(blender, tmp_path):
     metarig()
     with pytest.raises(RuntimeError, match=r"none\.json"):
         bpy.ops.kfmocap.fingers_from_keypoints()
+
+
+def test_the_body_gets_fingers_and_files_have_them(blender, tmp_path, capsys):  # noqa: F811
+    """As `kfmocap track` writes them where the shot file asks for fingers."""
+    slot = walk_scene(tmp_path, tracked=True)
+    rig = metarig()
+    bpy.context.view_layer.objects.active = rig
+    bpy.ops.kfmocap.hand_shape(shape="grip")
+    bpy.context.view_layer.update()
+    hands, wanted = np.stack([points(rig, side) for side in "LR"]), bends(rig)
+    bpy.data.objects.remove(rig)
+    write_hands(tmp_path, hands)
+
+    scene = bpy.context.scene
+    slot.fingers = True
+    shot = scenes.shot_from_scene(scene)
+    [found] = track_command._hands(shot, SimpleNamespace(motions=[WALK]))
+    for _ in range(2):  # again: the bones that are there are used
+        armature, bones = finger_tracking.with_fingers(slot.armature)
+        assert finger_tracking.write_fingers(scene, armature, bones, found) == 30
+    assert armature == slot.armature
+    assert len(armature.data.bones) == len(BODY) + 30
+    scene.frame_set(20)
+    assert np.abs(bends(armature) - wanted).max() < 3
+    assert [part.name for part in body_armature.body_from_armature(armature).parts] == BODY.names
+    assert np.abs(motion_curves.read_motion(armature, 1, len(WALK)).difference(WALK)).max() < 1e-5
+
+    exporters.export_bvh(tmp_path / "fingers.bvh", armature, scene)
+    moved = read_bvh(tmp_path / "fingers.bvh")
+    assert {"f_index.03.L", "thumb.01.R"} < set(moved.rest.names)
+    chain = moved.rest.indices(["f_index.01.L", "f_index.02.L", "f_index.03.L"])
+    bones = np.diff(moved.positions[19, chain], axis=0)
+    angle = np.degrees(np.arccos(bones[0] @ bones[1] / np.prod(np.linalg.norm(bones, axis=1))))
+    assert angle == pytest.approx(wanted[0, 1, 0], abs=3)
+
+    far = replace(WALK, translations=WALK.translations + 3.0)
+    assert track_command._hands(shot, SimpleNamespace(motions=[far])) == (None,)
+    assert "man is written without fingers: " in capsys.readouterr().err

@@ -442,3 +442,13 @@ def test_the_relaxation_refuses_a_hold(with_prop: Path) -> None:
     shot = load_shot(with_prop / "shot.toml", solver="relaxation")
     with pytest.raises(KFMocapError, match="the solver relaxation knows no holds"):
         track(shot)
+
+
+def test_fingers_need_keypoints_of_two_views(folder: Path) -> None:
+    assert not load_shot(folder / "shot.toml").performers[0].fingers
+    (folder / "shot.toml").write_text(TEXT.replace('name = "man"', 'name = "man"\nfingers = true'))
+    with pytest.raises(KFMocapError, match=r"\[\[performer\]\] 1 fingers: fingers are found in keypoints"):
+        load_shot(folder / "shot.toml")
+    (folder / "shot.toml").write_text(TEXT.replace('name = "man"', 'name = "man"\nfingers = "yes"'))
+    with pytest.raises(KFMocapError, match=r"fingers: must be true or false, not 'yes'"):
+        load_shot(folder / "shot.toml")

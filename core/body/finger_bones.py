@@ -1,0 +1,80 @@
+"""Bones of fingers on the hands of the default body, which has none: where they are at rest.
+
+They carry no part: the tracker does not see fingers by themselves. Their names are Rigify's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import BodyError
+from ..numerics.arrays import Array
+from .body import Body
+
+_KNUCKLES = {
+    "f_index": (0.47, 0.14, 0.46),
+    "f_middle": (0.48, 0.03, 0.52),
+    "f_ring": (0.46, -0.08, 0.47),
+    "f_pinky": (0.43, -0.18, 0.37),
+}
+"""Of each finger: its knuckle along the hand and across it to the thumb's side, and its length, in hand lengths; of an
+average adult's hand."""
+_SHARES = (0.50, 0.28, 0.22)
+"""Of a finger's length, its bones'."""
+_THUMB, _THUMB_BONES = (0.12, 0.12), (0.22, 0.17, 0.14)
+_THUMB_WAY = np.array([1.0, 1.0]) / np.sqrt(2)
+"""Where the thumb begins, how long its bones are, and where it points, along the hand and across it."""
+
+
+@dataclass(frozen=True, eq=False)
+class FingerBone:
+    """A bone at rest.
+
+    Attributes
+    ----------
+    name, parent : str
+    head_world, tail_world : ndarray, shape (3,)
+        Metres.
+    """
+
+    name: str
+    parent: str
+    head_world: Array
+    tail_world: Array
+
+
+def finger_bones(body: Body) -> list[FingerBone]:
+    """Return the bones of all fingers of a body of the default shape, parents before children.
+
+    Raises
+    ------
+    BodyError
+        The body has no hands.
+    """
+    found = []
+    for side in "LR":
+        hand = body.parts[body.index(f"hand.{side}")]
+        along = hand.tail_world - hand.head_world
+        length = float(np.linalg.norm(along))
+        along = along / length
+        across = np.array([0.0, -1.0, 0.0])  # in the T pose palms are down and thumbs in front
+        across = across - along * (across @ along)
+        size = float(np.linalg.norm(across))
+        if size < 0.1:
+            raise BodyError("the hands do not point to the sides in the rest pose", where=f"part hand.{side}")
+        axes = length * np.stack([along, across / size], axis=1)
+        chains = {
+            name: [np.array([start, aside]) + [reach * sum(_SHARES[:k]), 0.0] for k in range(4)]
+            for name, (start, aside, reach) in _KNUCKLES.items()
+        }
+        chains["thumb"] = [np.array(_THUMB) + sum(_THUMB_BONES[:k]) * _THUMB_WAY for k in range(4)]
+        for name, joints in chains.items():
+            places = [hand.head_world + axes @ joint for joint in joints]
+            above = hand.name
+            for k in range(3):
+                bone = FingerBone(f"{name}.0{k + 1}.{side}", above, places[k], places[k + 1])
+                found.append(bone)
+                above = bone.name
+    return found
