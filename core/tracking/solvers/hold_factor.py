@@ -62,6 +62,11 @@ class HoldFactor:
         part = performers[holder].body.index(hold.part)
         return cls(prop, holder, part, frames - first, *hold.grip.at(frames))
 
+    def on_frames(self, first: int, stop: int) -> HoldFactor:
+        """The hold on frames first to stop of the segment, counted from the first of these; maybe on none."""
+        inside = (self.frames >= first) & (self.frames < stop)
+        return replace(self, frames=self.frames[inside] - first, turns=self.turns[inside], places=self.places[inside])
+
     def residuals(self, bodies: Sequence[Body], motions: Sequence[Motion]) -> tuple[Array, Array, Array]:
         """Whitened residuals (K, 6), and their Jacobians by the degrees of freedom of the prop, (K, 6, D), and of the
         holder.

@@ -121,6 +121,7 @@ def excerpt(problem: SegmentProblem, first: int, stop: int) -> SegmentProblem:
         after=None,
         keypoints=tuple(keypoints[first:stop] for keypoints in problem.keypoints),
         acceleration_precision=tuple(p[first:stop] if p.ndim > 1 else p for p in precision),
+        holds=tuple(hold.on_frames(first, stop) for hold in problem.holds),
     )
 
 

@@ -18,6 +18,7 @@ from kfmocap.core.shot.shot import KeyPoses, Performer, Shot
 from kfmocap.core.tracking.retracking import digest
 from kfmocap.core.tracking.segment_stages import SegmentData, TrackState, segment_problem
 from kfmocap.core.tracking.solvers.hold_factor import PLACE, TURN, HoldFactor, hold_factors, tied_systems
+from kfmocap.core.tracking.solvers.sequential_start import excerpt
 from synthetic import box, figure, random_motion, swing
 
 Array = np.ndarray
@@ -184,6 +185,19 @@ def test_the_problem_of_a_segment_has_its_holds_and_lets_the_hand_touch_the_prop
     assert [hold.frames.tolist() for hold in problem.holds] == [[2, 3, 4, 5]]
     assert problem.contact.touching == {(4, 1), (1, 4), (4, 2), (2, 4)}
     assert digest(shot, (0, 5)) != digest(replace(shot, holds=()), (0, 5))
+
+
+@pytest.mark.parametrize(("first", "stop", "held"), [(0, 4, [2, 3]), (5, 9, [0, 1, 2, 3]), (10, 12, [])])
+def test_a_part_of_a_segment_has_the_holds_of_its_frames(first: int, stop: int, held: list[int]) -> None:
+    shot = Shot("held", 30.0, (0, FRAMES - 1), (), performers([0, 5, 11]), holds=(HOLD,)).with_grips()
+    data = SegmentData((0, FRAMES - 1), (), FREE)
+    part = excerpt(segment_problem(shot, data, TrackState(TRUTH)), first, stop)
+    [hold] = part.holds
+    assert hold.frames.tolist() == held
+    motions = tuple(motion[first:stop] for motion in TRUTH)
+    nothing = [BandedBlocks.zeros(stop - first, body.dof) for body in BODIES]
+    assert part.tied(nothing, motions).cost == pytest.approx(0.0, abs=1e-9)
+    assert part.alone(1).tied(nothing, motions).groups == ((1,),)
 
 
 @pytest.mark.parametrize(
