@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from itertools import chain
 from pathlib import Path, PurePath
@@ -35,7 +35,7 @@ def value_bytes(value: Any) -> Iterable[bytes]:
     elif isinstance(value, np.ndarray):
         yield f"{value.dtype}{value.shape}".encode()
         yield np.ascontiguousarray(value).tobytes()
-    elif isinstance(value, dict):
+    elif isinstance(value, Mapping):
         yield from value_bytes(tuple(value.items()))
     elif isinstance(value, (tuple, list)):
         for item in value:

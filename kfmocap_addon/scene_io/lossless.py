@@ -43,4 +43,4 @@ def recall(owner: Owner, name: str, read: ArrayLike, scale: float = 1.0) -> Arra
 
 def same(a: Array, b: Array, scale: float = 1.0) -> bool:
     """Whether values differ by rounding alone."""
-    return bool(np.allclose(a, b, rtol=_ROUNDING, atol=_ROUNDING * scale))
+    return bool((np.abs(a - b) <= _ROUNDING * (scale + np.abs(b))).all())  # NumPy's allclose takes ten times as long

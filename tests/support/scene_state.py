@@ -7,9 +7,12 @@ from typing import Any
 
 import bpy
 import numpy as np
+from kfmocap.kfmocap_addon.operators.edit_body import LENGTHS
 from kfmocap.kfmocap_addon.scene_io import fcurves
 
 PROPERTIES = ("kfmocap", "kfmocap_capture")
+MEASURES = {"height", *LENGTHS}
+"""Properties of performers that are measured on bones and meshes, which are compared themselves."""
 
 
 def state() -> dict[str, Any]:
@@ -52,6 +55,8 @@ def _scene(scene: bpy.types.Scene) -> tuple[Any, ...]:
 def _group(group: bpy.types.PropertyGroup) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for item in group.bl_rna.properties:
+        if item.identifier in MEASURES:
+            continue
         value = getattr(group, item.identifier)
         if item.type == "COLLECTION":
             found[item.identifier] = tuple(_group(one) for one in value)
@@ -114,7 +119,11 @@ def _rest(thing: bpy.types.Object) -> dict[str, Any]:
 def _mesh(mesh: bpy.types.Mesh) -> tuple[Any, ...]:
     points = np.empty(3 * len(mesh.vertices), np.float32)
     mesh.vertices.foreach_get("co", points)
-    return points.tobytes(), tuple(tuple(face.vertices) for face in mesh.polygons)
+    corners = np.empty(len(mesh.loops), np.int32)
+    mesh.loops.foreach_get("vertex_index", corners)
+    starts = np.empty(len(mesh.polygons), np.int32)
+    mesh.polygons.foreach_get("loop_start", starts)
+    return points.tobytes(), corners.tobytes(), starts.tobytes()
 
 
 def _custom(owner: Any) -> dict[str, str]:
