@@ -127,6 +127,11 @@ class Scene:
         lframe = None if self.lframe_world is None else self.lframe_world @ R.T + t
         return Scene(self.rig.in_world(R, t), self.wand.in_world(R, t), lframe)
 
+    def scaled(self, scale: float) -> Scene:
+        """The same scene in a world that is so many times as large."""
+        lframe = None if self.lframe_world is None else scale * self.lframe_world
+        return Scene(self.rig.scaled(scale), self.wand.scaled(scale), lframe)
+
 
 @dataclass(frozen=True, eq=False)
 class BundleEvidence:

@@ -122,6 +122,10 @@ class Rig:
         turned = self.R_cam_world @ R.T
         return replace(self, R_cam_world=turned, t_cam_world=self.t_cam_world - turned @ t)
 
+    def scaled(self, scale: float) -> Rig:
+        """The same cameras in a world that is so many times as large."""
+        return replace(self, t_cam_world=scale * self.t_cam_world)
+
 
 def rig_of(cameras: Sequence[Camera]) -> Rig:
     """Cameras that were solved before, with the capture's clock."""
@@ -182,6 +186,10 @@ class Wand:
     def in_world(self, R: Array, t: Array) -> Wand:
         """The same wand in a world whose points are R x + t."""
         return replace(self, middle=self.middle @ R.T + t, direction=self.direction @ R.T)
+
+    def scaled(self, scale: float) -> Wand:
+        """The same wand in a world that is so many times as large."""
+        return replace(self, middle=scale * self.middle, length=scale * self.length)
 
     def take(self, chosen: NDArray[Any]) -> Wand:
         """Some of its frames."""

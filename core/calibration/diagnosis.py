@@ -53,7 +53,7 @@ def check_capture(capture: Capture) -> None:
         raise CaptureError("a wand needs at least two cameras", name="one-camera", todo=todo)
     if not (np.isfinite(capture.wand_length) and capture.wand_length > 0):
         raise CaptureError("the wand's length must be greater than 0", name="wand-length-wrong")
-    if not capture.floor:
+    if capture.has_lframe:
         _check_lframe(capture.lframe_points)
     for view in capture.views:
         whole = int(view.wand.seen.all(axis=1).sum())

@@ -97,6 +97,33 @@ def floor_by_wand(misfit: float) -> Finding:
     return Finding("floor-by-wand", what, "an L-frame with long arms makes the floor more level")
 
 
+def performer_unseen(first: int, last: int) -> Finding:
+    """Fewer than two cameras have points of the performer in one place."""
+    what = f"fewer than two cameras have both feet and the head of the performer on frames {first} to {last}"
+    return Finding("performer-not-seen", what, "check the frames of [floor], or mark the points in more cameras")
+
+
+def performer_not_upright(worst: float) -> Finding:
+    """By the points the performer does not stand upright on a floor, or not in every place."""
+    what = f"the performer's heights in the places differ by {1000 * worst:.0f} mm, so they do not stand upright"
+    todo = "check the frames of [floor], and that the points are left foot, right foot and top of the head"
+    return Finding("performer-not-upright", what, todo)
+
+
+def performer_wrong_height(found: float, given: float) -> Finding:
+    """The height contradicts the wand's length."""
+    what = f"by the wand the performer is {found:.2f} m tall, not {given:.2f} m"
+    todo = "check the wand's length and the height, or leave the length out to take the scale from the height"
+    return Finding("performer-height-wrong", what, todo)
+
+
+def floor_by_performer(height: float, degrees: float, *, scaled: bool) -> Finding:
+    """The floor is that on which a performer stands."""
+    scale = "so is the scale" if scaled else f"by the wand they are {height:.3f} m tall"
+    what = f"floor, origin and axes are those of the performer's feet, level to about {degrees:.1f} degrees; {scale}"
+    return Finding("floor-by-performer", what, "an L-frame, or a wand on the floor, is more precise")
+
+
 def lframe_mirrored() -> Finding:
     """The L-frame's measures are mirrored."""
     todo = "turn the short arm's measure about (y to -y), or see that the balls come in the file's order"

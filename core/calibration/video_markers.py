@@ -81,6 +81,7 @@ class VideoMarkers:
             tuple(_capture_view(view, (cameras or {}).get(view.videos.camera)) for view in self.views),
             self.videos.floor,
             (self.videos.wand_diameter or 0.0) / 2,
+            self.videos.performer,
         )
 
 

@@ -19,6 +19,7 @@ from .findings import Finding
 from .first_cameras import FEWEST_SHARED, crossed_views, find_links, first_rig, unknown_lens
 from .floor import with_wand_on_floor
 from .pairwise import FOCAL_GRID, Lens
+from .performer_floor import on_performers_floor
 from .quality import measured_lengths
 from .synchrony import Synchrony, synchrony, with_capture_clock
 from .wand_matching import labelled
@@ -161,8 +162,13 @@ def _finished(
     if capture.floor:
         capture, finding = with_wand_on_floor(capture, draft.scene.rig)
         known_floor = (finding,)
+    elif capture.performer is not None:
+        standing = on_performers_floor(capture, draft.scene.rig)
+        capture, known_floor = standing.capture, (standing.finding,)
+        given = replace(given, wand_length=capture.wand_length)
+        draft = replace(draft, scene=draft.scene.scaled(standing.scale))
     resting = lframe.resting([view.lframe for view in capture.views])
-    moved = lframe.moved_since(draft.scene.rig, resting, draft.noise)
+    moved = {} if capture.performer is not None else lframe.moved_since(draft.scene.rig, resting, draft.noise)
     resting = resting.take(~np.isin(resting.camera, list(moved)))
     placement = lframe.place_lframe(draft.scene.rig, resting, capture.lframe_points, draft.noise)
     scene = draft.scene.in_world(placement.R, placement.t)
@@ -193,7 +199,7 @@ def _finished(
         free,
         covariance(scene, replace(evidence, lframe_sigma=_EXACT), fit.free) * max(noise, 1.0) ** 2 * inflation,
         noise,
-        np.nan if given.floor else placement.scale,
+        placement.scale if given.has_lframe else np.nan,
         moved,
         held_out,
         (),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,9 @@ from ..numerics.arrays import Array
 
 LFRAME_BALLS = 4
 WAND_BALLS = 2
+PERFORMER_POINTS = 3
+USUAL_WAND_LENGTH = 0.5
+"""Metres; what a wand whose length is not known is taken for until the scale is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +94,28 @@ class CaptureView:
 
 
 @dataclass(frozen=True, eq=False)
+class StandingPerformer:
+    """Somebody who stood upright in some places, where there is no L-frame.
+
+    Attributes
+    ----------
+    height : float
+        From the floor to the top of the head, as they stood there (shoes and hair included), metres.
+    places : tuple of tuple of int
+        First and last frame of the capture of each stretch during which they stand in one place.
+    points : mapping of str to Markers
+        By camera: where the left and the right foot meet the floor, and the top of the head, in this order.
+    gives_scale : bool
+        Whether the length of the wand is not known, so that the scale comes from the height.
+    """
+
+    height: float
+    places: tuple[tuple[int, int], ...]
+    points: Mapping[str, Markers]
+    gives_scale: bool = False
+
+
+@dataclass(frozen=True, eq=False)
 class Capture:
     """An L-frame on the floor and a waved wand, seen by several cameras.
 
@@ -106,6 +132,8 @@ class Capture:
         on the floor. `lframe_points` are NaN then.
     floor_height : float
         Height of the balls' centres above the floor while it lies there, metres.
+    performer : StandingPerformer, optional
+        Who takes the place of an L-frame. `lframe_points` are NaN then.
     """
 
     lframe_points: Array
@@ -113,3 +141,9 @@ class Capture:
     views: tuple[CaptureView, ...]
     floor: tuple[tuple[int, int], ...] = ()
     floor_height: float = 0.0
+    performer: StandingPerformer | None = None
+
+    @property
+    def has_lframe(self) -> bool:
+        """Whether an L-frame defines the world."""
+        return not self.floor and self.performer is None

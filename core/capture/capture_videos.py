@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..numerics.arrays import Array
+from .capture import StandingPerformer
 from .colours import Colour
 
 
@@ -45,6 +46,8 @@ class CaptureVideos:
     views : tuple of CaptureVideoView
     floor : tuple of tuple of int
         See `Capture.floor`. Points and colour of the L-frame have no meaning then.
+    performer : StandingPerformer, optional
+        See `Capture.performer`. The same holds then.
     """
 
     lframe_points: Array
@@ -55,3 +58,4 @@ class CaptureVideos:
     wand_diameter: float | None
     views: tuple[CaptureVideoView, ...]
     floor: tuple[tuple[int, int], ...] = ()
+    performer: StandingPerformer | None = None

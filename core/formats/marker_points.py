@@ -12,13 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..capture.capture import LFRAME_BALLS, WAND_BALLS, Capture, Markers
+from ..capture.capture import LFRAME_BALLS, PERFORMER_POINTS, WAND_BALLS, Capture, Markers
 from ..errors import CalibrationError
 from ..runtime.files import replacing
 from .reading import BEYOND, read_text, reading
 
-TAKES = {"lframe": LFRAME_BALLS, "wand": WAND_BALLS}
-"""Balls of each take."""
+TAKES = {"lframe": LFRAME_BALLS, "wand": WAND_BALLS, "performer": PERFORMER_POINTS}
+"""Points of each take."""
 _MOST_COLUMNS = 100
 COLUMNS = ("camera", "take", "frame", "marker", "u", "v")
 USUAL_SIGMA = 0.5
@@ -45,7 +45,7 @@ def _read_points(path: Path) -> dict[tuple[str, str], Markers]:
         if not camera:
             raise CalibrationError("the camera is empty", where=where)
         if take not in TAKES:
-            raise CalibrationError(f"unknown take '{take}'", where=where, todo=f"there are {' and '.join(TAKES)}")
+            raise CalibrationError(f"unknown take '{take}'", where=where, todo=f"there are {', '.join(TAKES)}")
         frame, marker = _whole(row, "frame", where), _whole(row, "marker", where)
         if marker >= TAKES[take]:
             what = f"there is no marker {marker}: those of the {take} are 0 to {TAKES[take] - 1}"
@@ -119,7 +119,9 @@ def write_marker_points(path: Path | str, capture: Capture) -> None:
         writer = csv.writer(file)
         writer.writerow((*COLUMNS, "sigma"))
         for view in capture.views:
-            for take, markers in (("lframe", view.lframe), ("wand", view.wand)):
+            performer = {} if capture.performer is None else capture.performer.points
+            takes = {"lframe": view.lframe, "wand": view.wand, "performer": performer.get(view.camera)}
+            for take, markers in ((take, markers) for take, markers in takes.items() if markers is not None):
                 for i, m in zip(*np.nonzero(markers.seen), strict=True):
                     u, v = (repr(float(x)) for x in markers.points[i, m])
                     sigma = repr(float(markers.sigma[i, m]))

@@ -9,7 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
-from ..capture.capture import LFRAME_BALLS, WAND_BALLS, Capture, CaptureView, Markers
+from ..capture.capture import (
+    LFRAME_BALLS,
+    USUAL_WAND_LENGTH,
+    WAND_BALLS,
+    Capture,
+    CaptureView,
+    Markers,
+    StandingPerformer,
+)
 from ..capture.capture_videos import CaptureVideos, CaptureVideoView
 from ..capture.colours import Colour, parsed
 from ..errors import CalibrationError, ShotError
@@ -34,42 +42,61 @@ def load_wand(path: Path | str) -> CaptureVideos | Capture:
     path = Path(path)
     with _as_calibration_error(), reading(path, "a capture file", CalibrationError):
         document = Table(read_toml(path, "the capture file", CalibrationError), str(path), _TABLES)
-        floor = _floor(document, path)
+        floor, performer = _floor(document, path)
         lframe = Table(document.value("lframe", {}), f"{path} [lframe]", ("colour", "points", "diameter"))
         wand = Table(document.value("wand"), f"{path} [wand]", ("colours", "length", "diameter"))
-        points = np.full((LFRAME_BALLS, 3), np.nan) if floor else _vectors(lframe, "points", (LFRAME_BALLS, 3))
-        length = _positive(wand, "length")
+        without = bool(floor) or performer is not None
+        points = np.full((LFRAME_BALLS, 3), np.nan) if without else _vectors(lframe, "points", (LFRAME_BALLS, 3))
+        scale_open = performer is not None and "length" not in wand
+        length = USUAL_WAND_LENGTH if scale_open else _positive(wand, "length")
+        performer = None if performer is None else replace(performer, gives_scale=scale_open)
         views = _views(document, path)
         if "points" in document:
             table = Table(document.value("points"), f"{path} [points]", ("file", "lframe", "origin"))
             diameter = _positive(wand, "diameter") if "diameter" in wand else 0.0
-            return replace(_capture(table, points, length, views, path), floor=floor, floor_height=diameter / 2)
+            capture = _capture(table, points, length, views, path)
+            return replace(capture, floor=floor, floor_height=diameter / 2, performer=performer)
         colours = _colours(wand)
         return CaptureVideos(
             points,
-            colours[0] if floor else parsed(lframe.value("colour"), f"{lframe.where} colour"),
+            colours[0] if without else parsed(lframe.value("colour"), f"{lframe.where} colour"),
             _positive(lframe, "diameter") if "diameter" in lframe else None,
             length,
             colours,
             _positive(wand, "diameter") if "diameter" in wand else None,
             tuple(_film_view(view, path.parent) for view in views),
             floor,
+            performer,
         )
 
 
-def _floor(document: Table, path: Path) -> tuple[tuple[int, int], ...]:
-    """The frames on which the wand lies on the floor, in place of an L-frame; none if there is an L-frame."""
+def _floor(document: Table, path: Path) -> tuple[tuple[tuple[int, int], ...], StandingPerformer | None]:
+    """What is on the floor in place of an L-frame: the frames on which the wand lies there, or who stands there."""
     if "floor" not in document:
-        return ()
-    floor = Table(document.value("floor"), f"{path} [floor]", ("wand",))
+        return (), None
+    floor = Table(document.value("floor"), f"{path} [floor]", ("wand", "performer", "height", "points"))
     if "lframe" in document:
         raise CalibrationError("there are both an L-frame and [floor]", where=str(path), todo="leave one of them out")
-    spans = _vectors(floor, "wand", (2, 2))
-    if not ((spans == spans.round()).all() and (spans[:, 0] < spans[:, 1]).all() and spans[0, 1] < spans[1, 0]):
-        what = "must be two stretches of frames, each with its first and last frame, the earlier one first"
-        raise floor.error("wand", what, "such as [[10, 40], [80, 110]]")
-    first, second = ((int(a), int(b)) for a, b in spans)
-    return first, second
+    if "performer" not in floor:
+        return _stretches(floor, "wand", 2), None
+    if "wand" in floor:
+        raise floor.error("performer", "there are both a performer and a wand on the floor", "leave one of them out")
+    file = floor.path("points", path.parent)
+    found = {camera: m for (camera, take), m in read_marker_points(file).items() if take == "performer"}
+    if not found:
+        raise floor.error("points", f"{file} has no points of the take 'performer'")
+    return (), StandingPerformer(_positive(floor, "height"), _stretches(floor, "performer"), found)
+
+
+def _stretches(floor: Table, key: str, count: int | None = None) -> tuple[tuple[int, int], ...]:
+    """Stretches of frames, one after the other: a number of them, or two at least."""
+    shape = (count or max(len(floor.value(key)) if isinstance(floor.value(key), list) else 0, 2), 2)
+    ends = _vectors(floor, key, shape).ravel()
+    if not ((ends == ends.round()).all() and (np.diff(ends) > 0).all()):
+        many = "two" if count else "two or more"
+        what = f"must be {many} stretches of frames, each with its first and last frame, the earlier one first"
+        raise floor.error(key, what, "such as [[10, 40], [80, 110]]")
+    return tuple((int(a), int(b)) for a, b in ends.reshape(-1, 2))
 
 
 @contextmanager
@@ -133,7 +160,7 @@ def _capture(table: Table, points: Array, length: float, views: list[Table], pat
         if not ((size == size.round()) & (size > 0)).all():
             raise view.error("size", "must be two whole numbers of pixels")
         fps = _positive(view, "fps") if "fps" in view else None
-        lframe, wand = (found.get((name, take), _nothing(balls)) for take, balls in TAKES.items())
+        lframe, wand = (found.get((name, take), _nothing(TAKES[take])) for take in ("lframe", "wand"))
         if digitised and table.value("origin", ORIGINS[0]) == ORIGINS[1]:
             lframe, wand = from_bottom(lframe, int(size[1])), from_bottom(wand, int(size[1]))
         known = _known_beforehand(view)

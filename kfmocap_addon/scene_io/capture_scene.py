@@ -199,7 +199,7 @@ def show_film(capture: KFMocapCapture, film: "CaptureVideos") -> None:
     CalibrationError
         It has no L-frame.
     """
-    if film.floor:
+    if film.floor or film.performer is not None:
         todo = "calibrate it with the kfmocap command, then import the cameras"
         raise CalibrationError("a capture without an L-frame cannot be edited in Blender", where="[floor]", todo=todo)
     capture.corner, capture.middle, capture.end, capture.side = film.lframe_points.tolist()
