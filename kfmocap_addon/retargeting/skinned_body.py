@@ -16,6 +16,8 @@ from .rig_reading import at_rest, moved_matrices, rest_matrices, with_settings
 from .send import target_bones
 
 _PART_ROLES = ("hips", "spine", "neck", "head", "upper_arm", "forearm", "hand", "thigh", "shin", "foot")
+_LIMB_ROLES = ("head", "upper_arm", "forearm", "hand", "thigh", "shin", "foot")
+"""Parts of their own also where they are small, as on figures with large heads and short limbs."""
 _FOLLOWS = 0.5
 """Share of a control's rotation from which on a deforming bone is counted as its."""
 _STILL = 1e-5
@@ -45,8 +47,9 @@ def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[b
     if bones is None:
         following = _following(armature)
         limbs = _limb_bones(armature)
-        loose = {name: what for name, what in following.items() if name not in limbs}
-        made = skinned_parts.add_parts(armature, collection, following=loose)
+        loose = {name: what for name, what in following.items() if name not in limbs.names()}
+        ends = [name for role, _, name in limbs.items() if role.partition(".")[0] in _LIMB_ROLES]
+        made = skinned_parts.add_parts(armature, collection, following=loose, limbs=ends)
         _refuse_following(armature, made.parts, following)
     else:
         controls = [name for role, _, name in bones.items() if role.partition(".")[0] in _PART_ROLES]
@@ -159,13 +162,13 @@ def _following(armature: bpy.types.Object) -> dict[str, str]:
     return own | {name: what for name, what in found.items() if name not in own}
 
 
-def _limb_bones(armature: bpy.types.Object) -> set[str]:
+def _limb_bones(armature: bpy.types.Object) -> BoneMap:
     """The bones that a human cannot do without; none where the armature is no human's."""
     try:
-        bones = target_bones(armature)
+        bones = target_bones(armature).bones
     except BodyError:
-        return set()
-    return {name for role, _, name in bones.items() if role.partition(".")[0] in _PART_ROLES}
+        return BoneMap({})
+    return BoneMap({role: names for role, names in bones.items() if role.partition(".")[0] in _PART_ROLES})
 
 
 def _refuse_following(armature: bpy.types.Object, parts: tuple[str, ...], following: dict[str, str]) -> None:

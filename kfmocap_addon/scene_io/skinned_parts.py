@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -25,6 +25,8 @@ _SMALL = 0.045
 _LEAST = 8
 _LED = 0.5
 """Share of a vertex's weight from which on a bone leads it."""
+_TWIST = ("twist", "roll")
+"""Words in the names of bones that divide the twist of the one above; importers lose where bones point."""
 _STRAIGHT = np.cos(np.radians(15))
 
 
@@ -77,6 +79,8 @@ def add_parts(
     collection: bpy.types.Collection,
     carriers: Mapping[str, str] | None = None,
     following: Mapping[str, str] = MappingProxyType({}),
+    *,
+    limbs: Collection[str] = (),
 ) -> SkinnedParts:
     """Give the bones of a skinned character the parts of a body, as meshes of their own.
 
@@ -91,6 +95,8 @@ def add_parts(
     following : mapping of str to str, optional
         What else than its own pose moves a bone, by the bone. Its skin belongs to the part above, unless another part
         hangs on it.
+    limbs : collection of str
+        Bones that are parts of their own, however small they are.
 
     Raises
     ------
@@ -110,7 +116,7 @@ def add_parts(
         raise BodyError("no bone carries a mesh, and no skin is bound to it", where=where, todo=todo)
     clouds = _clouds(armature, skin, carriers)
     height = float(np.ptp(skin.points, axis=0).max())
-    merged, left_out = _merged(armature, clouds, _SMALL * height, frozenset(following))
+    merged, left_out = _merged(armature, clouds, _SMALL * height, following, limbs)
     remarks += [f"bone {n}: it is moved by {following[n]}, so it is left out, and follows the body" for n in left_out]
     kept = {name: cloud for name, cloud in merged.items() if _is_solid(cloud)}
     if not kept:
@@ -200,23 +206,36 @@ def carries_its_parts(armature: bpy.types.Object) -> bool:
 
 
 def _merged(
-    armature: bpy.types.Object, clouds: Mapping[str, Array], small: float, following: frozenset[str]
+    armature: bpy.types.Object,
+    clouds: Mapping[str, Array],
+    small: float,
+    following: Collection[str],
+    limbs: Collection[str],
 ) -> tuple[dict[str, Array], list[str]]:
     """Clouds of the bones that are worth a part; those of small and of twist bones are added to what they hang on, and
     so are those of bones that something else moves and no part hangs on. These are named, if they are not small.
     """
     found, left_out = dict(clouds), list[str]()
-    bones = sorted(clouds, key=lambda name: -len(armature.data.bones[name].parent_recursive))
-    for name in bones:
-        bone = armature.data.bones[name]
+    for bone in sorted(armature.data.bones, key=lambda each: -len(each.parent_recursive)):
+        name = bone.name
+        if name not in found or bone.parent is None:
+            continue
+        last = not any(child.name in found for child in bone.children_recursive)
+        twist = last and name not in limbs and (_says_twist(name) or _is_twist(bone, found))
+        follows = last and name in following
+        slight = name not in limbs and np.linalg.norm(np.ptp(found[name], axis=0)) < 2 * small
         above = next((p.name for p in bone.parent_recursive if p.name in found), None)
-        extent = np.linalg.norm(np.ptp(found[name], axis=0))
-        slight = extent < 2 * small or _is_twist(bone, found)
-        last = name in following and not any(child.name in found for child in bone.children_recursive)
-        if above is not None and (slight or last):
-            found[above] = np.concatenate([found[above], found.pop(name)])
-            left_out += [] if slight else [name]
+        if (twist and bone.parent.use_deform) or (follows and bone.parent.name in limbs):
+            above = bone.parent.name  # where twist bones lead all of a limb's skin, its own bone leads none
+        if above is not None and (slight or twist or follows):
+            cloud = found.pop(name)
+            found[above] = np.concatenate([found[above], cloud]) if above in found else cloud
+            left_out += [] if slight or twist else [name]
     return found, sorted(left_out)
+
+
+def _says_twist(name: str) -> bool:
+    return any(word in name.casefold() for word in _TWIST)
 
 
 def _is_twist(bone: bpy.types.Bone, found: Mapping[str, Array]) -> bool:

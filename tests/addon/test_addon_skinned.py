@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -337,6 +339,37 @@ def test_bones_at_the_end_that_something_else_moves_are_left_out_with_a_word(hel
     assert {"pelvis", "forearm.R", "foot.L"} < names
     assert {text.split(":")[0] for text in remarks} == {f"bone {name}" for name in left}
     assert all("is left out, and follows the body" in text for text in remarks)
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_limbs_whose_skin_twist_bones_lead_are_parts(held):
+    """As MetaHumans have them: the limb's own bone leads none, and importers lose where the twist bones point."""
+    armature = skinned()
+    bpy.context.view_layer.objects.active = armature
+    bpy.ops.object.mode_set(mode="EDIT")
+    bones, limbs = armature.data.edit_bones, ("upper_arm.L", "forearm.R", "thigh.R", "shin.R")
+    for name in limbs:
+        above = bones[name]
+        bone = bones.new(name.replace(".", "_twist_01."))
+        bone.head, bone.tail, bone.parent = above.head, above.head + above.z_axis * 0.05, above
+    bpy.ops.object.mode_set(mode="OBJECT")
+    for skin in skinned_parts.skinned_meshes(armature):
+        for name in limbs:
+            if name in skin.vertex_groups:
+                skin.vertex_groups[name].name = name.replace(".", "_twist_01.")
+    for name in limbs if held else ():
+        copy = armature.pose.bones[name.replace(".", "_twist_01.")].constraints.new("COPY_ROTATION")
+        copy.target, copy.subtarget = armature, name
+    armature, remarks = use_as_body(bpy.context.scene, armature)
+    assert sorted(body_armature.body_from_armature(armature).names) == sorted(BODY.names)
+    assert not remarks
+
+
+def test_short_limbs_below_a_large_head_are_parts(monkeypatch):
+    short = {"thigh": 0.12, "shin": 0.10, "upper_arm": 0.09, "forearm": 0.08}
+    monkeypatch.setattr(sys.modules[__name__], "BODY", human(1.2, short))
+    armature, _ = use_as_body(bpy.context.scene, skinned())
+    assert sorted(body_armature.body_from_armature(armature).names) == sorted(BODY.names)
 
 
 def test_a_hand_or_a_foot_that_a_constraint_moves_is_not_left_out():
