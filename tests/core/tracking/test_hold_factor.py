@@ -19,7 +19,8 @@ from kfmocap.core.tracking.retracking import digest
 from kfmocap.core.tracking.segment_stages import SegmentData, TrackState, segment_problem
 from kfmocap.core.tracking.solvers.hold_factor import PLACE, TURN, HoldFactor, hold_factors, tied_systems
 from kfmocap.core.tracking.solvers.sequential_start import excerpt
-from synthetic import box, figure, random_motion, swing
+from kfmocap.core.tracking.tracker import track
+from synthetic import box, figure, film, look_at, random_motion, shot_of, swing
 
 Array = np.ndarray
 FRAMES = 12
@@ -230,3 +231,26 @@ def test_random_grips_are_met_by_their_own_motion() -> None:
     grip = Grip(np.array([0]), TURN_IN_HAND[None], PLACE_IN_HAND[None])
     factor = HoldFactor(1, 0, FOREARM, np.arange(FRAMES), *grip.at(np.arange(FRAMES)))
     assert np.abs(factor.residuals(BODIES, motions)[0]).max() < 1e-6
+
+
+@pytest.fixture(scope="module")
+def tracked(tmp_path_factory: pytest.TempPathFactory) -> dict[bool, tuple[Motion, ...]]:
+    """The motions that are found where the stick is held, and where nobody says so."""
+    cameras = [look_at(f"cam{i}", eye) for i, eye in enumerate(((0.3, -3.6, 1.6), (-2.4, -2.8, 1.0)))]
+    views = film(tmp_path_factory.mktemp("held"), BODIES, TRUTH, cameras)
+    shot = shot_of(views, BODIES, TRUTH, [0, FRAMES - 1])
+    hold = Hold("performer 1", "performer 0", "forearm.L", (0, FRAMES - 1))
+    return {held: track(replace(shot, holds=(hold,) if held else ())).motions for held in (False, True)}
+
+
+def test_a_held_prop_is_tracked_nearer_to_the_truth_and_in_the_hand(tracked: dict[bool, tuple[Motion, ...]]) -> None:
+    def ends(motions: tuple[Motion, ...]) -> Array:
+        """Both ends of the stick, (F, 2, 3)."""
+        R, T = (values[:, 0] for values in part_poses(STICK, motions[1]))
+        return np.stack([T, T + R @ [0.0, 0.4, 0.0]], axis=1)
+
+    errors = {held: np.linalg.norm(ends(found) - ends(TRUTH), axis=-1)[1:-1].mean() for held, found in tracked.items()}
+    assert errors[True] < 0.6 * errors[False]
+    place, turn = apart(tracked[True], slice(0, FRAMES))
+    assert place.max() < 2 * PLACE
+    assert turn.max() < 2 * TURN
