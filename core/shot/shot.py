@@ -277,15 +277,16 @@ class Settings:
         pixels, outlines = ONE_VIEW
         return self.correlation_length or pixels, self.outline_correlation or outlines
 
-    def for_shot(self, views: int, key_frames: int) -> Settings:
+    def for_shot(self, views: int, key_frames: int, keypoint_views: int = 0) -> Settings:
         """Return the settings with what is not given filled in for a shot of some views and key frames.
 
         In one view, errors that do not change with time, of the model's shape and of the calibration, look like
-        motion; two key poses say nothing of accelerations, from which an estimate could begin. There pixels count for
-        less, and of the accelerations only a common scale is estimated, which the frame rate that a shot claims would
-        change most. The relaxation needs none of this.
+        motion; two key poses say nothing of accelerations, from which an estimate could begin, unless keypoints in two
+        views do. There pixels count for less, and of the accelerations only a common scale is estimated, which the
+        frame rate that a shot claims would change most. The relaxation needs none of this.
         """
-        can_estimate = views > 1 and key_frames > 2 and self.solver == "gauss-newton"
+        shown = key_frames > 2 or keypoint_views > 1
+        can_estimate = views > 1 and shown and self.solver == "gauss-newton"
         pixels, outlines = SEVERAL_VIEWS if can_estimate else ONE_VIEW
         return replace(
             self,
@@ -323,7 +324,8 @@ class Shot:
     def with_settings_filled(self) -> Shot:
         """Return the shot with the settings that are not given filled in, see `Settings.for_shot`."""
         key_frames = min((len(p.key_poses.frames) for p in self.performers), default=0)
-        return replace(self, settings=self.settings.for_shot(len(self.views), key_frames))
+        keypoint_views = sum(view.keypoints is not None for view in self.views)
+        return replace(self, settings=self.settings.for_shot(len(self.views), key_frames, keypoint_views))
 
     def with_grips(self) -> Shot:
         """Return the shot with how props are held, as its key poses show it; see `core.shot.holds.with_grips`."""

@@ -20,7 +20,7 @@ from kfmocap.core.keypoints.observations import fit_keypoints, image_rays, perfo
 from kfmocap.core.keypoints.tracks import ViewDetections, detection_tracks
 from kfmocap.core.review.track_report import report, report_lines
 from kfmocap.core.shot.keypose_spline import spline
-from kfmocap.core.shot.shot import KeyPoses, Performer, PerformerRequest, Shot, View, fixed_degrees
+from kfmocap.core.shot.shot import KeyPoses, Performer, PerformerRequest, Settings, Shot, View, fixed_degrees
 from kfmocap.core.tracking.prepare import load_shot
 from kfmocap.core.tracking.segments import segments
 from kfmocap.core.tracking.selection import selected
@@ -51,6 +51,12 @@ def shot_with(folder: Path, motions: list[Motion], keys: list[int], views: int =
         for i, m in enumerate(motions)
     ]
     return Shot("keypoints", FPS, (0, FRAMES - 1), tuple(slots), tuple(performers))
+
+
+def with_keypoints_in(shot: Shot, count: int) -> Shot:
+    """The shot with the keypoints of its first views alone."""
+    views = tuple(view if v < count else replace(view, keypoints=None) for v, view in enumerate(shot.views))
+    return replace(shot, views=views)
 
 
 def own_keypoints(shot: Shot) -> list[Keypoints]:
@@ -237,6 +243,21 @@ def test_the_tracker_follows_keypoints_where_pictures_say_nothing(tmp_path: Path
     assert (result.motions[0].rotations[[0, 23]] == performer.key_poses.poses.rotations).all()
     curve = spline(performer.key_poses, FRAMES)
     assert joint_errors(performer.body, curve, body, truth).mean() > 0.05
+
+
+def test_keypoints_of_two_views_show_accelerations_that_two_key_poses_do_not(tmp_path: Path) -> None:
+    """Pixels count there as they do between many key poses, and accelerations are estimated joint by joint."""
+    shot = shot_with(tmp_path, people(1), [0, 23])
+    performer, keys = shot.performers[0], np.array([0, 8, 16, 23])
+    keyed = replace(performer, key_poses=KeyPoses.whole(keys, people(1)[0][keys]))
+    many = replace(shot, performers=(keyed,))
+    known = with_keypoints_in(many, 0).with_settings_filled().settings
+    assert known.estimate_smoothness
+    assert shot.with_settings_filled().settings == known
+    for unknown in (with_keypoints_in(shot, 1), with_keypoints_in(shot, 0), replace(shot, views=shot.views[:1])):
+        filled = unknown.with_settings_filled().settings
+        assert not filled.estimate_smoothness
+        assert filled.lengths == Settings().lengths > known.lengths
 
 
 def test_a_wanted_performer_has_no_pose_yet() -> None:
