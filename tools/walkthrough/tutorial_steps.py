@@ -203,11 +203,15 @@ def idle() -> bool:
     return not window().modal_operators
 
 
+SHOWN = 0.1
+"""Share of the tracking that is done when its picture is taken."""
+
+
 def track() -> Waits:
     """Track the frames between the key poses."""
     yield from only("Track")
     yield from click("Track All")
-    yield 4.0
+    yield from until(lambda: idle() or window().modal_operators[0].job.state[1] > SHOWN, 600)
     yield from picture("tracking")
     yield from until(lambda: idle() and tracked_keys(), 600)
     yield from to_frame(30)
