@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.kinematics import Poses
-from ..numerics.arrays import Array
+from ..numerics.arrays import Array, Bools
 from ..shot.continuity import single_frames
 from .contours import OutlineSums, outline_sums
 from .foreground import background_share, log_ratio
@@ -61,8 +61,8 @@ class SegmentEvidence:
     explained : ndarray, shape (V, M, F)
         Of each of M performers: sum of the log likelihood ratios of the pixels that show it.
     unhidden : ndarray, shape (M, F)
-        Its visible area over that which it would have without the others, over all views, each with the weight of what
-        a pixel explains there; 1 for those that are not sought.
+        Its visible area over that which it would have without the others, over all views and parts, each with the
+        weight of what a pixel explains there; 1 for those that are not sought.
     share : ndarray, shape (V, F, P)
         Visible share of every part, see `LabelImages`.
     agreeing : ndarray, shape (V, F, P)
@@ -165,11 +165,12 @@ def accumulate_evidence(
         return np.stack([np.concatenate(row, axis) for row in each])
 
     explained = by_frame(attrgetter("explained"), 1)
+    whose = geometry.performer == np.arange(int(geometry.performer.max()) + 1)[:, None]
     return SegmentEvidence(
         GradientSums(*(by_pair(attrgetter(f"gradients.{f.name}")) for f in fields(GradientSums))),
         OutlineSums(*(by_frame(attrgetter(f"outlines.{f.name}")) for f in fields(OutlineSums))),
-        explained,
-        _unhidden(by_frame(attrgetter("areas"), 2), explained),
+        np.asarray(whose @ explained),
+        _unhidden(by_frame(attrgetter("areas"), 2), explained, whose),
         by_frame(attrgetter("share")),
         by_frame(attrgetter("agreeing")),
         sampling,
@@ -177,13 +178,16 @@ def accumulate_evidence(
     )
 
 
-def _unhidden(areas: Array, explained: Array) -> Array:
-    """What others leave in sight of each performer (M, F), from the areas (V, 2, M, F) with and without them, and what
-    these explain (V, M, F): views in which a pixel explains nothing do not count.
+def _unhidden(areas: Array, explained: Array, whose: Bools) -> Array:
+    """What others leave in sight of each performer (M, F), from the areas (V, 2, P, F) of the parts with and without
+    them, and what these explain (V, P, F): views in which a pixel of a part explains nothing do not count.
+
+    `whose` (M, P) are the performers' parts. Parts that a view never sees explain what the performer's others do there.
     """
-    seen = areas[:, 0]
-    each = np.maximum(explained.sum(axis=2) / np.maximum(seen.sum(axis=2), 1), 0.0)
-    shown, alone = np.einsum("vm,vkmf->kmf", each, areas)
+    seen, found = areas[:, 0].sum(axis=2), explained.sum(axis=2)
+    others = (found @ whose.T / np.maximum(seen @ whose.T, 1)) @ whose
+    each = np.maximum(np.where(seen > 0, found / np.maximum(seen, 1), others), 0.0)
+    shown, alone = whose @ np.einsum("vp,vkpf->kpf", each, areas)
     return np.asarray(np.where(alone > 0, shown / np.where(alone > 0, alone, 1.0), 1.0))
 
 
@@ -257,16 +261,14 @@ def _run(
     summed = time.perf_counter()
     outlines = OutlineSums(np.zeros((*T.shape[:2], 6, 6)), np.zeros((*T.shape[:2], 6)), np.zeros(len(T)))
     areas = every.areas(sought)
-    explained = np.zeros(areas.shape[1:])
+    explained = np.zeros(areas.shape[1:])  # by part
     agreeing = np.ones(T.shape[:2])
     if foreground is not None:
         frame, u, v = every.places
-        whose = geometry.performer[every.part.ravel()[every.index]]
-        ratio = log_ratio(foreground[whose, frame, stride * v, stride * u])
+        part = every.part.ravel()[every.index].astype(np.intp)
+        ratio = log_ratio(foreground[geometry.performer[part], frame, stride * v, stride * u])
         explained = (
-            np.bincount(whose * len(T) + frame, stride**2 * ratio, explained.size)
-            .astype(float)
-            .reshape(explained.shape)
+            np.bincount(part * len(T) + frame, stride**2 * ratio, explained.size).astype(float).reshape(explained.shape)
         )
         count = np.diff(every.ends)
         nobody = background_share(log_ratio(foreground[:, frame, stride * v, stride * u].max(axis=0)))

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise, product
+from itertools import pairwise
 from typing import Any
 
 import cv2
@@ -166,6 +166,8 @@ class LabelImages:
     faces : Faces
     performer : ndarray of int, shape (P,)
         Whose part each is.
+    far_to_near : ndarray of int, shape (n, P)
+        The parts in the order in which they were drawn.
     """
 
     part: NDArray[np.int16]
@@ -175,6 +177,7 @@ class LabelImages:
     outlines: Outlines
     faces: Faces
     performer: Ints
+    far_to_near: Ints
 
     @cached_property
     def inverse_depth(self) -> NDArray[np.float32]:
@@ -190,25 +193,28 @@ class LabelImages:
         return np.maximum(entered, np.repeat(self.faces.farthest, np.diff(self.ends)))
 
     def areas(self, sought: Sequence[int] | None = None) -> Ints:
-        """Pixels that show each of M performers, and those that would without the others, shape (2, M, n).
+        """Pixels that show each part, and those that would without other performers, shape (2, P, n).
 
         The latter take time, and are those that show it for performers that are not sought; by default all are.
         """
         n, P = self.share.shape
+        shown = np.diff(self.ends).reshape(n, P).T
         M = int(self.performer.max()) + 1
-        shown = np.diff(self.ends).reshape(n, P)
-        seen = np.stack([shown[:, self.performer == m].sum(axis=1) for m in range(M)])
         if M == 1:
-            return np.stack([seen, seen])
+            return np.stack([shown, shown])
         corners, bounds = _subpixels(self.outlines.uv), self.outlines.ends.tolist()
-        alone = seen.copy()
-        for m, f in product(range(M) if sought is None else sought, range(n)):
-            image = np.zeros(self.part.shape[1:], np.uint8)
-            for k in f * P + np.flatnonzero(self.performer == m):
-                if bounds[k] < bounds[k + 1]:
-                    cv2.fillConvexPoly(image, corners[bounds[k] : bounds[k + 1]], 1, shift=_SHIFT)
-            alone[m, f] = cv2.countNonZero(image)
-        return np.stack([seen, alone])
+        alone = shown.copy()
+        for m in range(M) if sought is None else sought:
+            own = self.performer == m
+            number = np.cumsum(own)  # from 1 on
+            for f in range(n):
+                image = np.zeros(self.part.shape[1:], np.int16)
+                for i in self.far_to_near[f, own[self.far_to_near[f]]].tolist():
+                    a, b = bounds[f * P + i], bounds[f * P + i + 1]
+                    if a < b:
+                        cv2.fillConvexPoly(image, corners[a:b], int(number[i]), shift=_SHIFT)
+                alone[own, f] = np.bincount(image.ravel(), minlength=number[-1] + 1)[1:]
+        return np.stack([shown, alone])
 
     def of_performers(self, sought: Sequence[int]) -> LabelImages:
         """The same images, of whose pixels and outlines only those of some performers are listed."""
@@ -328,7 +334,7 @@ def render_labels(geometry: Geometry, camera: Camera, first: int, R: Array, T: A
         (1 / np.maximum(farthest, NEAR)).astype(np.float32).ravel(),
     )
     share = np.minimum(np.diff(ends) / _filled(outlines), 1.0).reshape(n, P)
-    return LabelImages(label, index, ends, share, outlines, faces, geometry.performer)
+    return LabelImages(label, index, ends, share, outlines, faces, geometry.performer, far_to_near)
 
 
 def _subpixels(uv: Array) -> NDArray[np.int32]:

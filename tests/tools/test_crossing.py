@@ -22,7 +22,8 @@ def hidden_frames(shot: Crossing) -> np.ndarray:
     R, T = (np.concatenate([own[k] for own in posed], axis=1) for k in range(2))
     hidden = []
     for camera in shot.cameras:
-        seen, alone = render_labels(Geometry.of(bodies), camera.subsampled(6), 0, R, T).areas()
+        labels = render_labels(Geometry.of(bodies), camera.subsampled(6), 0, R, T)
+        seen, alone = np.add.reduceat(labels.areas(), np.cumsum([0, *map(len, bodies[:-1])]), axis=1)
         hidden.append((seen < 0.5 * alone).any(axis=0).sum())
     return np.array(hidden)
 

@@ -60,6 +60,8 @@ ALIKE = np.radians(8)
 radians."""
 LOOKS = 5
 """How often limbs are looked for, at most."""
+VAIN_LOOKS = 2
+"""How many of them in turn may find nothing that covers as much as what is there."""
 WINDOW = (
     DescentStage(Sampling(2.0, 4.0, 4, 0.10), 2, small=ROUGH_STEP),
     DescentStage(Sampling(1.0, 1.0, 4, REACH), 2),
@@ -317,8 +319,9 @@ def searched(
 
     Of the solutions only equals of the best are looked around, or all where that is doubtful; they settle first. While
     all are doubtful, limbs are also looked for around a trunk that moves as at the start, which limbs in wrong places
-    have not led astray. Poses are drawn by chance: limbs stay where they were when what is found is no better than an
-    equal, unless it covers no less and costs clearly less. At last the solutions exchange limbs, see `recombined`.
+    have not led astray. It also ends after `VAIN_LOOKS` that cover clearly less than one of these solutions. Poses
+    are drawn by chance: limbs stay where they were when what is found is no better than an equal, unless it covers no
+    less and costs clearly less. At last the solutions exchange limbs, see `recombined`.
     `look` is how limbs are looked for, by default `look_for_limbs`.
     """
     look = look_for_limbs if look is None else look
@@ -335,7 +338,7 @@ def searched(
         best = better(problem, *settled, *found)
         if not begins and doubtful(problem, best) and around is not held:
             begins.append((start, held))
-        elif not begins and len(equals([*settled, *found])) == 1:
+        elif not begins and len(equals([*settled, *found])) == 1 and (best in found or len(found) < VAIN_LOOKS):
             begins.append((best.motions, problem))
     kept, new = better(problem, *settled), better(problem, *found)
     likelier = new.cover >= kept.cover and new.energy[-1] < LIKELIER * kept.energy[-1]

@@ -228,6 +228,22 @@ def test_limbs_are_looked_for_around_the_best_so_far_until_it_has_an_equal() -> 
     assert found in multi_start.equals([found, one_before]) and len(multi_start.equals([one_before, two_before])) == 1
 
 
+def test_limbs_are_not_looked_for_in_vain_again_and_again() -> None:
+    """Every look makes it worse by more than chance."""
+    landscape = Landscape(truth=TRUTH, reach=0.0)
+    looks: list[int] = []
+    before = landscape.solution(PROBLEM, off(TRUTH, ARMS, 0.1))
+
+    def look(
+        _problem: SegmentProblem, _around: object, motions: Sequence[Motion], seed: int, _: object
+    ) -> SegmentSolution:
+        looks.append(seed)
+        return landscape.solution(PROBLEM, off(TRUTH, ARMS, LOST))
+
+    assert error(multi_start.searched(PROBLEM, before.motions, [before], landscape, look)) < 1.01 * error(before)
+    assert looks == list(range(multi_start.VAIN_LOOKS))
+
+
 @pytest.mark.parametrize("begin", ["worse", "best", "start"])
 def test_where_the_best_is_doubtful_limbs_are_looked_for_around_all_solutions_and_around_the_start(begin: str) -> None:
     """Whichever of them a look finds the limbs from, they are found."""

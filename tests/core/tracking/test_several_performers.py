@@ -228,6 +228,24 @@ def test_views_that_tell_nothing_do_not_count_for_what_others_leave_in_sight() -
     assert (hidden < 0.9 * solution(problem, motions).unhidden[0]).all()
 
 
+def test_parts_that_tell_nothing_do_not_count_for_what_others_leave_in_sight() -> None:
+    """The second performer hides the lower half of the first one for a while; only one half looks like the first."""
+    path = np.full((FRAMES, 3), 0.5 * CAMERAS[0].centre_world() * [1, 1, 0] - [0, 0, 0.1])
+    path[[0, -1]] += [5, 0, 0]
+    rest = at_rest(BODY, FRAMES)
+    motions = [rest, moved(rest, path)]
+    view = coloured_views(motions)[0]
+    assert view.foreground is not None
+    middle = int(np.flatnonzero(log_ratio(view.foreground[0, 0]).max(axis=1) > 1).mean())
+    hidden = []
+    for half in (slice(0, middle), slice(middle, None)):
+        foreground = np.full_like(view.foreground, 128)
+        foreground[..., half, :] = view.foreground[..., half, :]
+        problem = SegmentProblem((replace(view, foreground=foreground),), (BODY, BODY), 0, 30.0, HELD)
+        hidden.append(solution(problem, motions).unhidden[0])
+    assert (hidden[0] > 1.4 * hidden[1])[1:-1].all()
+
+
 @pytest.mark.parametrize(("likes", "astray"), [(1, False), (None, True)])
 def test_a_limb_where_a_view_shows_somebody_else_is_not_on_the_background(likes: int | None, astray: bool) -> None:
     """Hair and clothes of who stands before a limb are not in the model, and hide more of it than that knows."""
