@@ -376,6 +376,27 @@ TERMS = (
         "track(excerpt(shot, first",
         f"{RUNS}::test_the_turn_is_tracked_with_one_camera_a_switched_one_and_all",
     ),
+    Term(
+        "paper 2, section 3.2: the model is laid over the outline",
+        "core/fitting/outline_fit.py",
+        "return 1 / (KEY_PIECE * self.tolerance**2)",
+        "return 0 / (KEY_PIECE * self.tolerance**2)",
+        "tests/core/fitting/test_body_fit.py::test_a_body_of_another_size_is_found_from_its_outlines",
+    ),
+    Term(
+        "paper 2, section 5: a day's shoot",
+        "core/calibration/resync.py",
+        "offset=together.offset)",
+        "offset=-together.offset)",
+        "tests/core/formats/test_wand_files.py::test_a_take_of_known_cameras_is_synchronised",
+    ),
+    Term(
+        "paper 2, figures 1 and 2: L-frame, wand, body model",
+        "core/calibration/lframe.py",
+        "shift = measures[known].mean(axis=0) - R @",
+        "shift = measures[known].mean(axis=0) + R @",
+        "tests/core/calibration/test_wand_solution.py::test_two_cameras_are_enough",
+    ),
 )
 
 
