@@ -17,8 +17,11 @@ from addon_shots import blender, joint_error, motion, shot, track_result  # noqa
 from kfmocap import kfmocap_addon  # noqa: E402
 from kfmocap.cli.services import OutputRequest  # noqa: E402
 from kfmocap.core.body import human, part_poses  # noqa: E402
+from kfmocap.core.body.finger_bones import finger_bones  # noqa: E402
 from kfmocap.core.body.motion import Motion  # noqa: E402
 from kfmocap.core.errors import OutputError, ShotError  # noqa: E402
+from kfmocap.core.formats.bvh import read_bvh  # noqa: E402
+from kfmocap.core.formats.keypoint_layouts import HAND_POINTS  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
 from kfmocap.kfmocap_addon import registration  # noqa: E402
 from kfmocap.kfmocap_addon.batch import BatchSession  # noqa: E402
@@ -497,3 +500,28 @@ def test_an_fbx_file_states_its_axes_and_its_unit(blender, tmp_path, preset):  #
     axes = ("UpAxis", "UpAxisSign", "FrontAxis", "FrontAxisSign", "CoordAxis", "CoordAxisSign")
     assert [fbx_setting(path, axis) for axis in axes] == [1, 1, 2, 1, 0, 1]
     assert fbx_setting(path, "UnitScaleFactor") == 1.0  # centimetres
+
+
+def test_files_have_the_fingers_of_hands_that_were_found(tmp_path):
+    original = shot(tmp_path)
+    result, body = result_of(original), original.performers[0].body
+    R, T = part_poses(body, result.motions[0])
+    hands = np.zeros((len(T), 2, len(HAND_POINTS), 3))
+    for side, letter in enumerate("LR"):
+        part = body.index(f"hand.{letter}")
+        bones = [bone for bone in finger_bones(body) if bone.name.endswith(letter)]
+        fingers = ("thumb", "f_index", "f_middle", "f_ring", "f_pinky")
+        chains = [[bone for bone in bones if bone.name.startswith(name)] for name in fingers]
+        rest = [body.parts[part].head_world]
+        for chain in chains:
+            rest += [*(bone.head_world for bone in chain), chain[-1].tail_world]
+        local = (np.array(rest) - body.parts[part].head_world) @ body.parts[part].R_world_rest
+        hands[:, side] = np.einsum("fab,kb->fka", R[:, part], local) + T[:, None, part]
+    BatchSession().write_outputs(original, result, OutputRequest(tmp_path / "out", tmp_path / "out", hands=(hands,)))
+    moved = read_bvh(tmp_path / "out" / "walk.bvh")
+    [index, middle] = moved.rest.indices(["f_index.01.L", "f_middle.01.L"])
+    where = hands[:, 0, [HAND_POINTS.index("Index1"), HAND_POINTS.index("Middle1")]]
+    assert np.abs(moved.positions[:, [index, middle]] - where).max() < 1e-3
+    assert b"f_pinky.03.R" in (tmp_path / "out" / "walk.fbx").read_bytes()
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "out" / "shot.blend"))
+    assert "thumb.02.L" in bpy.data.objects["man"].pose.bones
