@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..scene_io import active_performer
-from .conditions import Conditional
+from .conditions import Conditional, has_performer
 from .reporting import reported
 
 
@@ -26,7 +26,7 @@ class HoldProp(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.hold_prop"
     bl_label = "Hold Prop"
-    conditions = (_has_two,)
+    conditions = (has_performer, _has_two)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..scene_io import prop_holds
