@@ -204,7 +204,8 @@ def solve_segment(
     shot: Shot, solver: Solver, data: SegmentData, state: TrackState, workspace: Workspace
 ) -> SegmentState:
     """Solve a segment between what is known beside it."""
-    problem = segment_problem(shot, data, state)
+    refined = is_refined(shot, solver, data.segment, state)
+    problem = replace(segment_problem(shot, data, state), refined=refined)
     return SegmentState(data, problem, solver.solve(problem, _on(data.segment, state.motions), workspace))
 
 
