@@ -52,9 +52,20 @@ fps = 30.0
 [points]
 file = "points.csv"
 """
+STANDING = """[wand]
+[floor]
+performer = [[0, 1], [2, 3]]
+height = 1.78
+points = "points.csv"
+[[view]]
+camera = "cam01"
+size = [640, 360]
+[points]
+file = "points.csv"
+"""
 POINTS = "camera,take,frame,marker,u,v,sigma\n" + "".join(
     f"cam01,{take},{frame},{marker},{100 + 7 * frame}.5,{50 + 3 * marker}.25,0.5\n"
-    for take, markers in (("lframe", 4), ("wand", 2))
+    for take, markers in (("lframe", 4), ("wand", 2), ("performer", 3))
     for frame in range(4)
     for marker in range(markers)
 )
@@ -141,6 +152,7 @@ def samples(folder: Path) -> dict[str, Sample]:
     found["shot"] = Sample("shot.toml", shot, read_shot_spec)
     found["kind"] = Sample("any.toml", shot, file_kind)
     found["capture"] = Sample("capture.toml", CAPTURE.encode(), load_wand)
+    found["capture without L-frame"] = Sample("capture.toml", STANDING.encode(), load_wand)
     found["points"] = Sample("b.csv", POINTS.encode(), read_marker_points)
     found["dltdv"] = Sample("xypts.csv", DLTDV.encode(), read_wand_points)
     found["bone map"] = Sample("map.json", BONE_MAP.encode(), read_bone_map)
