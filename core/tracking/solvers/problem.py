@@ -118,11 +118,15 @@ class SegmentProblem:
         return list(range(len(self.bodies))) if self.only is None else [self.only]
 
     def alone(self, performer: int) -> SegmentProblem:
-        """Return the problem of one performer among the others, whose motion is given."""
+        """Return the problem of one performer among the others, whose motion is given.
+
+        What holds it leads it. What it holds does not: a lost arm could not be found if it were kept at a lost prop.
+        """
         if len(self.bodies) == 1:
             return self
         fixed = tuple(f if i == performer else np.ones_like(f) for i, f in enumerate(self.fixed))
-        return replace(self, only=performer, fixed=fixed)
+        holds = tuple(hold for hold in self.holds if hold.prop == performer)
+        return replace(self, only=performer, fixed=fixed, holds=holds)
 
     def tied(self, systems: Sequence[BandedBlocks], motions: Sequence[Motion]) -> TiedSystems:
         """The normal equations of the performers that are sought, with what holds say of them at motions."""

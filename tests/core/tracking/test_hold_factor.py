@@ -199,6 +199,8 @@ def test_a_part_of_a_segment_has_the_holds_of_its_frames(first: int, stop: int, 
     nothing = [BandedBlocks.zeros(stop - first, body.dof) for body in BODIES]
     assert part.tied(nothing, motions).cost == pytest.approx(0.0, abs=1e-9)
     assert part.alone(1).tied(nothing, motions).groups == ((1,),)
+    assert part.alone(1).holds == part.holds
+    assert part.alone(0).holds == ()  # an arm is looked for wherever the prop is
 
 
 @pytest.mark.parametrize(
