@@ -204,8 +204,7 @@ def solve_segment(
     shot: Shot, solver: Solver, data: SegmentData, state: TrackState, workspace: Workspace
 ) -> SegmentState:
     """Solve a segment between what is known beside it."""
-    refined = is_refined(shot, solver, data.segment, state)
-    problem = replace(segment_problem(shot, data, state), refined=refined)
+    problem = segment_problem(shot, data, state)
     return SegmentState(data, problem, solver.solve(problem, _on(data.segment, state.motions), workspace))
 
 

@@ -9,7 +9,7 @@ freedom are not among the unknowns.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -153,28 +153,14 @@ class _TestedStage:
         self._tied: TiedSystems | None = None
         self._pace = OVERRELAXATION
 
-    def minimise(
-        self, start: tuple[Motion, ...], there: MeasuredEquations
-    ) -> LeastSquaresResult[tuple[Motion, ...], MeasuredEquations]:
-        """Descend from the start, with the equations there."""
+    def minimise(self, start: tuple[Motion, ...]) -> LeastSquaresResult[tuple[Motion, ...], MeasuredEquations]:
+        """Descend from the start."""
         stopping = StoppingRule(self._stage.iterations + LONGER, SMALL_GAIN, self._stage.small, self._distance)
         return minimise(
-            start,
-            lambda motions: there if motions is start else self.linearised(motions),
-            self._moved,
-            damping=DAMPING,
-            stopping=stopping,
-            on_iteration=self._begin_step,
+            start, self._linearise, self._moved, damping=DAMPING, stopping=stopping, on_iteration=self._begin_step
         )
 
-    def stepped(self, motions: tuple[Motion, ...], equations: MeasuredEquations) -> tuple[Motion, ...]:
-        """Motions after the stage's only step, which is not tested."""
-        self._begin_step(0, motions)
-        self._pace = 1.0
-        with self.seconds.measure("solve"):
-            return self._moved(motions, equations.solve(0.0))
-
-    def linearised(self, motions: tuple[Motion, ...]) -> MeasuredEquations:
+    def _linearise(self, motions: tuple[Motion, ...]) -> MeasuredEquations:
         """The normal equations at motions."""
         problem, sampling = self._problem, self._stage.sampling_of(len(self._problem.views))
         deviation = None if self._noise is None else self._noise.deviation
@@ -197,25 +183,6 @@ class _TestedStage:
             systems = with_contact(systems, problem.contact, problem.bodies, motions)
             self._tied = problem.tied(systems, motions)
             return MeasuredEquations(self._tied.systems, measured)
-
-    def solution(
-        self, motions: tuple[Motion, ...], equations: MeasuredEquations, energies: tuple[float, ...]
-    ) -> SegmentSolution:
-        """The solution that motions are, with the equations there; time and iterations are those of this stage."""
-        evidence = equations.measured.evidence
-        return SegmentSolution(
-            motions,
-            self.trials,
-            energies,
-            evidence.share,
-            evidence.explained.sum(axis=0),
-            evidence.unhidden,
-            frame_residual(evidence),
-            self.seconds,
-            evidence,
-            self.smooth.variances,
-            self._problem.only,
-        )
 
     def _begin_step(self, done: int, motions: tuple[Motion, ...]) -> None:
         self.trials += 1
@@ -253,13 +220,10 @@ def descend(
     workspace: Workspace,
     stages: Sequence[DescentStage] = STAGES,
     noise: SegmentNoise | None = None,
-    *,
-    enough: Callable[[SegmentSolution], bool] | None = None,
 ) -> SegmentSolution:
     """Descend from a start to the nearest solution.
 
-    Every step of the last stage is tested. All that is returned was measured at the motions that are returned, but
-    where `enough` ends the descent.
+    Every step of the last stage is tested. All that is returned was measured at the motions that are returned.
 
     Parameters
     ----------
@@ -271,25 +235,29 @@ def descend(
     stages : sequence of DescentStage
     noise : SegmentNoise, optional
         The noise under which the last stage's costs are measured; by default that at its start.
-    enough : callable, optional
-        Whether what the stages before the last one led to will do: the last one then takes a single step, which is not
-        tested, and what is returned was measured before it.
     """
     *coarse, last = stages
     share = 1 - last.iterations / sum(stage.iterations for stage in stages)
     start, energies, seconds, smooth = approach(problem, start, workspace.part(0.0, share), coarse)
     stage = _TestedStage(problem, last, workspace.part(share, 1.0), smooth, noise)
-    begun = stage.linearised(start)
-    found = stage.solution(start, begun, (*energies, begun.cost))
-    if enough is not None and enough(found):
-        found = replace(found, motions=stage.stepped(start, begun))
-    else:
-        result = stage.minimise(start, begun)
-        with stage.seconds.measure("solve"):
-            equations = result.linearised()
-        found = stage.solution(result.state, equations, (*energies, *result.cost_history))
+    result = stage.minimise(start)
+    with stage.seconds.measure("solve"):
+        equations = result.linearised()
     seconds.add(stage.seconds)
-    return replace(found, iterations=len(energies) + stage.trials, seconds=seconds)
+    evidence = equations.measured.evidence
+    return SegmentSolution(
+        result.state,
+        len(energies) + stage.trials,
+        (*energies, *result.cost_history),
+        evidence.share,
+        evidence.explained.sum(axis=0),
+        evidence.unhidden,
+        frame_residual(evidence),
+        seconds,
+        evidence,
+        stage.smooth.variances,
+        problem.only,
+    )
 
 
 def approach(

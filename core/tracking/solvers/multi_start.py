@@ -75,28 +75,19 @@ LimbSearch = Callable[[SegmentProblem, SegmentProblem, Sequence[Motion], int, Wo
 def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
     """Fit the motion of all performers between their key poses.
 
-    The curve through the key poses is one start. Where its coarse stages leave no doubt, and the solution is refined
-    later, they are enough. Each performer of whom it leaves a doubt is then solved by itself from other starts, among
-    the others as they were found; see `best_of_own_starts`. At last all settle together, and like limbs are exchanged
-    where that is better.
+    The curve through the key poses is one start. Each performer of whom it leaves a doubt is then solved by itself from
+    other starts, among the others as they were found; see `best_of_own_starts`. At last all settle together, and like
+    limbs are exchanged where that is better.
     Parameters as of `gauss_newton.descend`.
     """
-    looked: list[list[int]] = []
-
-    def undoubted(solution: SegmentSolution) -> bool:
-        looked.append(doubted_performers(problem, start, solution))
-        return not looked[-1]
-
-    best = descend(problem, start, workspace.part(0.0, 0.2), enough=undoubted if problem.refined else None)
-    rough = looked == [[]]
+    best = descend(problem, start, workspace.part(0.0, 0.2))
     seconds = Seconds(best.seconds)
     if problem.keypoints:
         with seconds.measure("initial solution"):
             best = with_limbs_returned(problem, start, best, workspace.silent())
     if problem.search is not AccelerationSearch.JOINTS:
         problem = problem.with_smoothness(best.variances)
-    searching = problem.settings.limb_search and (problem.keypoints or not rough)
-    doubted = doubted_performers(problem, start, best) if searching else []
+    doubted = doubted_performers(problem, start, best) if problem.settings.limb_search else []
     motions = best.motions
     for k, i in enumerate(doubted):
         own_start = [start[j] if j == i else motion for j, motion in enumerate(motions)]

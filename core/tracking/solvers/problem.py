@@ -75,9 +75,6 @@ class SegmentProblem:
         Keeps performers out of each other.
     holds : tuple of HoldFactor
         Tie props to what holds them.
-    refined : bool
-        The solution is refined later, when the motion beside it is known: where the images leave no doubt of it, it
-        may be rough.
     """
 
     views: tuple[ViewFrames, ...]
@@ -97,7 +94,6 @@ class SegmentProblem:
     only: int | None = None
     contact: ContactFactor | None = None
     holds: tuple[HoldFactor, ...] = ()
-    refined: bool = False
 
     @property
     def length(self) -> int:

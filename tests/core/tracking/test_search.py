@@ -58,22 +58,6 @@ def test_without_the_search_a_doubted_solution_stands() -> None:
     assert "initial solution" not in without.seconds
 
 
-@pytest.mark.parametrize(("turn", "doubted"), [(0.2, False), (3.0, True)])
-def test_what_is_refined_later_is_settled_at_once_only_where_it_is_doubted(turn: float, doubted: bool) -> None:
-    truth = at_rest(BODY, 5)
-    away = np.zeros((5, BODY.dof))
-    away[1:4, 3:] = turn  # in reach of its true pose, or where nothing pulls it
-    settings = Settings(limb_search=False)
-    problem = SegmentProblem((), (BODY,), 0, FPS, (ends_held(BODY, 5),), settings=settings)
-    counts = []
-    for later in (False, True):
-        landscape = Landscape(truth=truth)
-        multi_start.best_of_starts(replace(problem, refined=later), [truth.moved(away)], landscape)
-        counts.append(len(landscape.measured))
-    whole, rough = counts
-    assert (rough == whole) if doubted else (rough < whole)
-
-
 def explained(problem: SegmentProblem, motion: Motion) -> SegmentSolution:
     """A motion as if it had been found."""
     evidence = Workspace().measure(problem, [motion], Sampling(1.0, 1.0, 2, 0.07)).evidence
