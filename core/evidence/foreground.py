@@ -41,7 +41,11 @@ MARGIN = 0.05
 
 NEAR = 0.4
 """How far from the performers it counts how much of the background is in shadow, metres: as far as they are looked for.
+Shadows are looked for as far from where some frame shows them.
 """
+
+SPECK = 0.02
+"""Radius of the least shadow that counts as one, metres: noise passes for smaller ones anywhere."""
 
 LEAST_SHADOW = 0.02
 """How much of the background must be seen in the light and in shadow to tell what shadows are like, square metres at
@@ -173,7 +177,7 @@ def performer_foregrounds(colour: Bytes, known: KnownPixels, fixed: bool) -> Ite
         b, g, r = cv2.split(cv2.LUT(cv2.absdiff(image, plate), squares))
         distance = cv2.min(cv2.add(cv2.add(b, g), r), 254) | unknown  # these sums end at 255
         if shadows is not None:
-            _shaded(distance, image, plate, shadows)
+            _shaded(distance, image, plate, *shadows)
         places = _bins(image).astype(np.intp) << 8 | distance
         images = np.empty((len(tables), *places.shape), np.uint8)
         for table, result in zip(tables, images, strict=True):
@@ -181,18 +185,18 @@ def performer_foregrounds(colour: Bytes, known: KnownPixels, fixed: bool) -> Ite
         yield images
 
 
-def _shaded(distance: Bytes, image: Bytes, plate: Bytes, shadows: ShadowModel) -> None:
-    """Lower distances from the plate, in place, where pixels more likely show it in shadow."""
+def _shaded(distance: Bytes, image: Bytes, plate: Bytes, shadows: ShadowModel, fall: Bools) -> None:
+    """Lower distances from the plate, in place, where shadows fall and pixels more likely show it in shadow."""
     apart = distance.ravel()
-    places = np.flatnonzero((apart >= _STEPS) & (apart < 255))
+    places = np.flatnonzero((apart >= _STEPS) & (apart < 255) & fall.ravel())
     colours, lit = (picture.reshape(-1, 3).take(places, axis=0) for picture in (image, plate))
     found = np.clip(np.rint(shadows.distances(colours, lit) * np.float32(_STEPS)), 0, 254)
     apart[places] = np.minimum(apart[places], found.astype(np.uint8))
 
 
-def _shadows(colour: Bytes, known: KnownPixels, plate: Bytes, deviation: float) -> ShadowModel | None:
-    """Learn shadows from places that some frames show in the light and others do not; there the plate becomes what it
-    is in the light, in place.
+def _shadows(colour: Bytes, known: KnownPixels, plate: Bytes, deviation: float) -> tuple[ShadowModel, Bools] | None:
+    """Learn shadows, and where they fall, from places that some frames show in the light and others do not; there the
+    plate becomes what it is in the light, in place.
     """
     shape, alike = plate.shape[:2], AGREEMENT * deviation
     regions = {**known.behind, **known.likely}
@@ -225,11 +229,15 @@ def _shadows(colour: Bytes, known: KnownPixels, plate: Bytes, deviation: float) 
         deviation=deviation,
         least=LEAST_SHADOW * known.pixels_per_metre**2,
     )
-    if found is not None:
-        dimmed[dimmed] = found.explains(colours[dimmed], lit[dimmed])
-        relit = dimmed.any(axis=0)
-        plate.reshape(-1, 3)[places[relit]] = _mean_colours(colours[:, relit], (shown & ~dimmed)[:, relit])
-    return found
+    if found is None:
+        return None
+    dimmed[dimmed] = found.explains(colours[dimmed], lit[dimmed])
+    relit = dimmed.any(axis=0)
+    plate.reshape(-1, 3)[places[relit]] = _mean_colours(colours[:, relit], (shown & ~dimmed)[:, relit])
+    fall = np.zeros(shape, bool)
+    fall.ravel()[places[relit]] = True
+    fall = cv2.morphologyEx(fall.astype(np.uint8), cv2.MORPH_OPEN, _disc(SPECK * known.pixels_per_metre))
+    return found, cv2.distanceTransform(1 - fall, cv2.DIST_L2, 3) <= NEAR * known.pixels_per_metre
 
 
 def _mean_colours(colours: Bytes, counted: Bools) -> Bytes:

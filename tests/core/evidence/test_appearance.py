@@ -179,6 +179,18 @@ def test_the_background_in_shadow_is_not_taken_for_clothes_of_that_colour() -> N
     assert found[inner(masks[BETWEEN])].mean() > 2.5
 
 
+def test_shadows_fall_near_where_some_frame_shows_them() -> None:
+    """What has such a colour elsewhere, half a metre away or more, is not the background in shadow."""
+    pictures, masks, shadows = shadow_footage()
+    still = ratios(pictures, masks, True)[BETWEEN]
+    beside = cv2.distanceTransform((~shadows[list(KEYS)].any(axis=0)).astype(np.uint8), cv2.DIST_L2, 5)
+    elsewhere = (beside > 0.5 * SCALE_AT_BODY) & away(masks, 5) & outer(masks[BETWEEN]) & ~shadows[BETWEEN]
+    assert elsewhere.sum() > 300
+    pictures[BETWEEN][elsewhere] = np.round(0.58 * pictures[BETWEEN][elsewhere])
+    assert (still[elsewhere] < -1).mean() > 0.98
+    assert (ratios(pictures, masks, True)[BETWEEN][elsewhere] > 1).mean() > 0.9
+
+
 def test_factors_and_tint_of_shadows_are_learned() -> None:
     rng = np.random.default_rng(0)
     lit = rng.uniform(80, 250, (4000, 3))
