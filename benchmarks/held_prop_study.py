@@ -18,6 +18,7 @@ from .footage_renderer import render
 from .rig_study import CACHE, KEY_EVERY, done, keep_keys, mesh_on_frames, skin_on_frames
 from .tables import markdown
 
+CREATURE = "worker"
 HAND = "Te_r"
 """The bone that truly holds the hammer."""
 HEADS = ["hammer in the hand", "person, mm", "right hand, mm", "hammer, mm", "hammer, worst frame, mm"]
@@ -68,10 +69,10 @@ def measured(folder: Path, *, held: bool, every: int = KEY_EVERY) -> list[Array]
 
 def main() -> int:
     """Measure with and without the hold, and print the table."""
-    render("render_creatures.py", ["worker", "--out", str(CACHE)], what="worker")
+    render("render_creatures.py", [CREATURE, "--out", str(CACHE)], what=CREATURE)
     rows = []
     for held in (False, True):
-        person, hand, thing = (1000 * errors for errors in measured(CACHE / "worker", held=held))
+        person, hand, thing = (1000 * errors for errors in measured(CACHE / CREATURE, held=held))
         values = (person.mean(), hand.mean(), thing.mean(), thing.max())
         rows.append(["held" if held else "not held", *(f"{value:.1f}" for value in values)])
     print(markdown(HEADS, rows))

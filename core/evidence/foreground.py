@@ -63,15 +63,12 @@ class KnownPixels:
         Per performer, by frame: where it is seen.
     behind : mapping of int to ndarray of bool, shape (h, w)
         By frame: where the background is seen.
-    likely : mapping of int to ndarray of bool, shape (h, w)
-        The same of frames on which it is only roughly known where the performers are.
     pixels_per_metre : float
         At the performers.
     """
 
     shown: tuple[Mapping[int, Bools], ...]
     behind: Mapping[int, Bools]
-    likely: Mapping[int, Bools]
     pixels_per_metre: float
 
     @classmethod
@@ -85,7 +82,6 @@ class KnownPixels:
         return cls(
             ({f: within(mask) for f, mask in (sure or masks).items()},),
             {f: beyond(mask, MARGIN * pixels_per_metre) for f, mask in masks.items()},
-            {},
             pixels_per_metre,
         )
 
@@ -161,10 +157,6 @@ def performer_foregrounds(colour: Bytes, known: KnownPixels, fixed: bool) -> Ite
     background = _histogram(colour, known.behind)
     plate, there = _plate(colour, known.behind)
     there &= fixed
-    if fixed and known.likely:
-        more, shown = _plate(colour, known.likely)
-        np.copyto(plate, more, where=(shown & ~there)[..., None])
-        there |= shown
     deviation = _deviation(colour, plate, there)
     shadows = _shadows(colour, known, plate, deviation) if fixed else None
     tables = [
@@ -199,7 +191,7 @@ def _shadows(colour: Bytes, known: KnownPixels, plate: Bytes, deviation: float) 
     plate becomes what it is in the light, in place.
     """
     shape, alike = plate.shape[:2], AGREEMENT * deviation
-    regions = {**known.behind, **known.likely}
+    regions = known.behind
     brightest, darkest, count = np.zeros(shape, np.uint8), np.full(shape, 255, np.uint8), np.zeros(shape, np.uint8)
     for frame, region in regions.items():
         grey, mask = cv2.cvtColor(colour[frame], cv2.COLOR_BGR2GRAY), region.astype(np.uint8)

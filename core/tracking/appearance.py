@@ -77,15 +77,9 @@ def frames_with_foreground(
     view = grey_frames(frames, store)
     if not len(keys.frames):
         return view
-    geometry = Geometry.of(bodies)
-
-    def known_on(posed: PosedFrames) -> KnownPixels:
-        poses = scene_poses(bodies, poses_after(motions, view.delay - footage_offset, posed.frames))
-        return known_pixels(view, geometry, poses, posed, np.minimum(AWAY + DRIFT * posed.apart / fps, FARTHEST))
-
-    known, between = known_on(keys), keys.between()
-    if view.camera.stands_still and len(between.frames):
-        known = replace(known, likely=known_on(between).behind)
+    poses = scene_poses(bodies, poses_after(motions, view.delay - footage_offset, keys.frames))
+    margins = np.minimum(AWAY + DRIFT * keys.apart / fps, FARTHEST)
+    known = known_pixels(view, Geometry.of(bodies), poses, keys, margins)
     if not any(mask.any() for shown in known.shown for mask in shown.values()):
         return view
     images = performer_foregrounds(frames.colour, known, view.camera.stands_still)
@@ -125,7 +119,7 @@ def known_pixels(view: ViewFrames, geometry: Geometry, poses: Poses, keys: Posed
         whose = np.where(labels[k] >= 0, geometry.performer[labels[k]], -1)
         for m in np.flatnonzero(keys.posed[k]):
             shown[m][row] = within(whose == m) & ~unsure[k]
-    return KnownPixels(tuple(shown), behind, {}, scale)
+    return KnownPixels(tuple(shown), behind, scale)
 
 
 def key_frame_shape(

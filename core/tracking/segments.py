@@ -17,8 +17,6 @@ Segment = tuple[int, int]
 LONGEST = 150
 """Frames that are solved together where key poses are proposed, or not on the same frames, at most."""
 
-_BETWEEN = 3
-"""Frames between two posed ones, at most, that are also looked at where performers surely are not."""
 NEVER = 1 << 30
 """Frames to the nearest pose of a performer that has none."""
 
@@ -48,13 +46,6 @@ class PosedFrames:
         frames = frames[(frames >= first) & (frames <= last)]
         apart = [np.abs(frames[:, None] - own).min(axis=1, initial=NEVER) for own in each]
         return cls(frames, np.stack([np.isin(frames, own) for own in each], axis=1), np.stack(apart, axis=1))
-
-    def between(self) -> PosedFrames:
-        """A few frames between these, on which nobody is posed."""
-        gaps = [np.round(np.linspace(a, b, _BETWEEN + 2)).astype(np.int64) for a, b in pairwise(self.frames)]
-        frames = np.setdiff1d(np.concatenate(gaps or [self.frames]), self.frames)
-        apart = [np.abs(frames[:, None] - self.frames[own]).min(axis=1, initial=NEVER) for own in (self.apart == 0).T]
-        return PosedFrames(frames, np.zeros((len(frames), len(apart)), bool), np.stack(apart, axis=1))
 
 
 def segments(shot: Shot) -> list[Segment]:

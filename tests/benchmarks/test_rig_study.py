@@ -7,6 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from kfmocap.benchmarks import held_prop_study  # noqa: E402
 from kfmocap.benchmarks.rig_study import CREATURES, RigRow, keep_keys, skin_on_frames  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import fcurves  # noqa: E402
 from render import creatures  # noqa: E402
@@ -42,4 +43,4 @@ def test_the_ratio_is_that_of_the_mean_errors():
 
 
 def test_every_character_that_can_be_rendered_is_measured():
-    assert set(CREATURES) == set(creatures.CREATURES)
+    assert {*CREATURES, held_prop_study.CREATURE} == set(creatures.CREATURES)
