@@ -6,6 +6,7 @@ factors and with which tint, the key frames show: where one of them has a place 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import cv2
@@ -13,10 +14,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..numerics.arrays import Bools
+from .masks import near, without_specks
 
 Bytes = NDArray[np.uint8]
 Array = NDArray[np.float32]
 
+REACH = 0.4
+"""How far from the performers it counts how much of the background is in shadow, metres: as far as they are looked for.
+Shadows are looked for as far from where some frame shows them.
+"""
+SPECK = 0.02
+"""Radius of the least shadow that counts as one, metres: noise passes for smaller ones anywhere."""
+LEAST = 0.02
+"""How much of the background must be seen in the light and in shadow to tell what shadows are like, square metres at
+the performers.
+"""
 AGREEMENT = 3.0
 """Standard deviations within which two frames show the same light."""
 _UNUSUAL = 0.05
@@ -120,3 +132,102 @@ class ShadowModel:
         light = np.maximum(_brightness(lit), np.float32(1))
         k = np.minimum(np.rint(_brightness(dark) / light * np.float32(_STEPS)), _STEPS).astype(np.intp)
         return k, np.rint(light).astype(np.intp), dark - self.dimmed[k] * lit
+
+
+@dataclass(frozen=True, eq=False)
+class CastShadows:
+    """The shadows before a fixed camera.
+
+    Attributes
+    ----------
+    model : ShadowModel
+    plate : ndarray of uint8, shape (h, w, 3)
+        The background, in the light where some frame shows it so.
+    fall : ndarray of bool, shape (h, w)
+        Where shadows are looked for.
+    """
+
+    model: ShadowModel
+    plate: Bytes
+    fall: Bools
+
+    @classmethod
+    def learned(
+        cls, colour: Bytes, behind: Mapping[int, Bools], plate: Bytes, deviation: float, pixels_per_metre: float
+    ) -> CastShadows | None:
+        """Learn them from places that some frames show in the light and others do not; None where nothing tells.
+
+        Parameters
+        ----------
+        colour : ndarray of uint8, shape (F, h, w, 3)
+        behind : mapping of int to ndarray of bool, shape (h, w)
+            By frame: where the background is seen.
+        plate : ndarray of uint8, shape (h, w, 3)
+            The background, as these frames show it on average.
+        deviation : float
+            Of colours where the light is the same, grey levels of 255.
+        pixels_per_metre : float
+            At the performers.
+        """
+        alike = AGREEMENT * deviation
+        changing, count = _changes(colour, behind, plate.shape[:2], alike)
+        places = np.flatnonzero(changing)
+        if not len(places):
+            return None
+        colours = np.stack([colour[frame].reshape(-1, 3).take(places, axis=0) for frame in behind])
+        shown = np.stack([region.take(places) for region in behind.values()])
+        light = np.where(shown, colours.mean(axis=-1), -np.inf)
+        level = _level_in_the_light(light, alike)
+        lit = np.broadcast_to(_mean_colours(colours, shown & (np.abs(light - level) <= alike)), colours.shape)
+        dimmed, close, seen = shown & (light < level - alike), np.empty_like(shown), 0
+        for k, region in enumerate(behind.values()):
+            apart = cv2.distanceTransform(region.astype(np.uint8), cv2.DIST_L2, 3)
+            beside = region & (apart < REACH * pixels_per_metre)
+            close[k] = beside.take(places)
+            seen += int(np.count_nonzero(beside & (count > 1)))
+        sure = dimmed & close
+        least = LEAST * pixels_per_metre**2
+        model = ShadowModel.of(colours[sure], lit[sure], seen=seen, deviation=deviation, least=least)
+        if model is None:
+            return None
+        dimmed[dimmed] = model.explains(colours[dimmed], lit[dimmed])
+        relit = dimmed.any(axis=0)
+        plate, fall = plate.copy(), np.zeros(plate.shape[:2], bool)
+        plate.reshape(-1, 3)[places[relit]] = _mean_colours(colours[:, relit], (shown & ~dimmed)[:, relit])
+        fall.ravel()[places[relit]] = True
+        fall = near(without_specks(fall, SPECK * pixels_per_metre), REACH * pixels_per_metre)
+        return cls(model, plate, fall)
+
+    def shade(self, distance: Bytes, image: Bytes, steps: int) -> None:
+        """Lower distances of a picture's pixels (h, w, 3) from the plate, in so many steps per unit and in place, where
+        they more likely show it in shadow; 255 is that of a pixel whose background is unknown.
+        """
+        apart = distance.ravel()
+        places = np.flatnonzero((apart >= steps) & (apart < 255) & self.fall.ravel())
+        colours, lit = (picture.reshape(-1, 3).take(places, axis=0) for picture in (image, self.plate))
+        found = np.clip(np.rint(self.model.distances(colours, lit) * np.float32(steps)), 0, 254)
+        apart[places] = np.minimum(apart[places], found.astype(np.uint8))
+
+
+def _changes(colour: Bytes, behind: Mapping[int, Bools], shape: tuple[int, ...], alike: float) -> tuple[Bools, Bytes]:
+    """Where the background does not always look alike, and how many frames show it."""
+    brightest, darkest, count = np.zeros(shape, np.uint8), np.full(shape, 255, np.uint8), np.zeros(shape, np.uint8)
+    for frame, region in behind.items():
+        grey, mask = cv2.cvtColor(colour[frame], cv2.COLOR_BGR2GRAY), region.astype(np.uint8)
+        cv2.copyTo(cv2.max(brightest, grey), mask, brightest)
+        cv2.copyTo(cv2.min(darkest, grey), mask, darkest)
+        cv2.add(count, mask, count)
+    return np.asarray(cv2.subtract(brightest, darkest) > alike), count
+
+
+def _level_in_the_light(light: Array, alike: float) -> Array:
+    """The brightest level (1, n), of frames (K, n), on which two agree; where none do, the brightest of all."""
+    order = np.sort(light, axis=0)[::-1]
+    agreed = np.isfinite(order[1:]) & (order[:-1] <= order[1:] + alike)
+    return np.take_along_axis(order, np.argmax(agreed, axis=0)[None], axis=0)
+
+
+def _mean_colours(colours: Bytes, counted: Bools) -> Bytes:
+    """Means over the first axis of colours (K, n, 3) of those that count (K, n)."""
+    total = (colours * counted[..., None]).sum(axis=0)
+    return np.round(total / np.maximum(counted.sum(axis=0), 1)[:, None]).astype(np.uint8)

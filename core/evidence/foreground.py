@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from ..numerics.arrays import Bools
 from ..runtime.shared_arrays import each_row
-from .cast_shadows import AGREEMENT, ShadowModel
+from .cast_shadows import CastShadows
+from .masks import beyond, within
 
 Bytes = NDArray[np.uint8]
 Array = NDArray[np.float32]
@@ -38,19 +39,6 @@ _UNKNOWN = 0.1
 _LEAST_DEVIATION = 4.0
 MARGIN = 0.05
 """How far beyond the model's outline the background begins, metres: clothes and hair are not in the model."""
-
-NEAR = 0.4
-"""How far from the performers it counts how much of the background is in shadow, metres: as far as they are looked for.
-Shadows are looked for as far from where some frame shows them.
-"""
-
-SPECK = 0.02
-"""Radius of the least shadow that counts as one, metres: noise passes for smaller ones anywhere."""
-
-LEAST_SHADOW = 0.02
-"""How much of the background must be seen in the light and in shadow to tell what shadows are like, square metres at
-the performers.
-"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,16 +72,6 @@ class KnownPixels:
             {f: beyond(mask, MARGIN * pixels_per_metre) for f, mask in masks.items()},
             pixels_per_metre,
         )
-
-
-def within(mask: Bools) -> Bools:
-    """A mask less its rim, where pixels show something of both sides."""
-    return np.asarray(cv2.erode(mask.astype(np.uint8), _disc(2)) > 0)
-
-
-def beyond(mask: Bools, margin: float) -> Bools:
-    """What is farther from a mask than a margin, pixels."""
-    return np.asarray(cv2.dilate(mask.astype(np.uint8), _disc(margin)) == 0)
 
 
 def log_ratio(foreground: Bytes) -> Array:
@@ -158,7 +136,9 @@ def performer_foregrounds(colour: Bytes, known: KnownPixels, fixed: bool) -> Ite
     plate, there = _plate(colour, known.behind)
     there &= fixed
     deviation = _deviation(colour, plate, there)
-    shadows = _shadows(colour, known, plate, deviation) if fixed else None
+    shadows = CastShadows.learned(colour, known.behind, plate, deviation, known.pixels_per_metre) if fixed else None
+    if shadows is not None:
+        plate = shadows.plate
     tables = [
         _table(own, background, deviation, [other for j, other in enumerate(bodies) if j != i])
         for i, own in enumerate(bodies)
@@ -169,73 +149,12 @@ def performer_foregrounds(colour: Bytes, known: KnownPixels, fixed: bool) -> Ite
         b, g, r = cv2.split(cv2.LUT(cv2.absdiff(image, plate), squares))
         distance = cv2.min(cv2.add(cv2.add(b, g), r), 254) | unknown  # these sums end at 255
         if shadows is not None:
-            _shaded(distance, image, plate, *shadows)
+            shadows.shade(distance, image, _STEPS)
         places = _bins(image).astype(np.intp) << 8 | distance
         images = np.empty((len(tables), *places.shape), np.uint8)
         for table, result in zip(tables, images, strict=True):
             table.take(places, out=result, mode="clip")
         yield images
-
-
-def _shaded(distance: Bytes, image: Bytes, plate: Bytes, shadows: ShadowModel, fall: Bools) -> None:
-    """Lower distances from the plate, in place, where shadows fall and pixels more likely show it in shadow."""
-    apart = distance.ravel()
-    places = np.flatnonzero((apart >= _STEPS) & (apart < 255) & fall.ravel())
-    colours, lit = (picture.reshape(-1, 3).take(places, axis=0) for picture in (image, plate))
-    found = np.clip(np.rint(shadows.distances(colours, lit) * np.float32(_STEPS)), 0, 254)
-    apart[places] = np.minimum(apart[places], found.astype(np.uint8))
-
-
-def _shadows(colour: Bytes, known: KnownPixels, plate: Bytes, deviation: float) -> tuple[ShadowModel, Bools] | None:
-    """Learn shadows, and where they fall, from places that some frames show in the light and others do not; there the
-    plate becomes what it is in the light, in place.
-    """
-    shape, alike = plate.shape[:2], AGREEMENT * deviation
-    regions = known.behind
-    brightest, darkest, count = np.zeros(shape, np.uint8), np.full(shape, 255, np.uint8), np.zeros(shape, np.uint8)
-    for frame, region in regions.items():
-        grey, mask = cv2.cvtColor(colour[frame], cv2.COLOR_BGR2GRAY), region.astype(np.uint8)
-        cv2.copyTo(cv2.max(brightest, grey), mask, brightest)
-        cv2.copyTo(cv2.min(darkest, grey), mask, darkest)
-        cv2.add(count, mask, count)
-    places = np.flatnonzero(cv2.subtract(brightest, darkest) > alike)
-    if not len(places):
-        return None
-    colours = np.stack([colour[frame].reshape(-1, 3).take(places, axis=0) for frame in regions])
-    shown = np.stack([region.take(places) for region in regions.values()])
-    light = np.where(shown, colours.mean(axis=-1), -np.inf)
-    order = np.sort(light, axis=0)[::-1]
-    agreed = np.isfinite(order[1:]) & (order[:-1] <= order[1:] + alike)
-    level = np.take_along_axis(order, np.argmax(agreed, axis=0)[None], axis=0)  # the brightest two agree on, or of all
-    lit = np.broadcast_to(_mean_colours(colours, shown & (np.abs(light - level) <= alike)), colours.shape)
-    dimmed, near, seen = shown & (light < level - alike), np.empty_like(shown), 0
-    for k, region in enumerate(regions.values()):
-        apart = cv2.distanceTransform(region.astype(np.uint8), cv2.DIST_L2, 3)
-        beside = region & (apart < NEAR * known.pixels_per_metre)
-        near[k] = beside.take(places)
-        seen += int(np.count_nonzero(beside & (count > 1)))
-    found = ShadowModel.of(
-        colours[dimmed & near],
-        lit[dimmed & near],
-        seen=seen,
-        deviation=deviation,
-        least=LEAST_SHADOW * known.pixels_per_metre**2,
-    )
-    if found is None:
-        return None
-    dimmed[dimmed] = found.explains(colours[dimmed], lit[dimmed])
-    relit = dimmed.any(axis=0)
-    plate.reshape(-1, 3)[places[relit]] = _mean_colours(colours[:, relit], (shown & ~dimmed)[:, relit])
-    fall = np.zeros(shape, bool)
-    fall.ravel()[places[relit]] = True
-    fall = cv2.morphologyEx(fall.astype(np.uint8), cv2.MORPH_OPEN, _disc(SPECK * known.pixels_per_metre))
-    return found, cv2.distanceTransform(1 - fall, cv2.DIST_L2, 3) <= NEAR * known.pixels_per_metre
-
-
-def _mean_colours(colours: Bytes, counted: Bools) -> Bytes:
-    """Means over the first axis of colours (K, n, 3) of those that count (K, n)."""
-    total = (colours * counted[..., None]).sum(axis=0)
-    return np.round(total / np.maximum(counted.sum(axis=0), 1)[:, None]).astype(np.uint8)
 
 
 def _table(body: Array, background: Array, deviation: float, others: Sequence[Array]) -> Bytes:
@@ -258,11 +177,6 @@ def _table(body: Array, background: Array, deviation: float, others: Sequence[Ar
     values *= np.float32(SCALE)
     values += np.float32(128.5)
     return values.astype(np.uint8)
-
-
-def _disc(radius: float) -> Bytes:
-    size = 2 * max(1, round(radius)) + 1
-    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)).astype(np.uint8))
 
 
 def _bins(image: Bytes) -> NDArray[np.uint16]:

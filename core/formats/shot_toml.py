@@ -9,7 +9,7 @@ from types import UnionType
 from typing import Any, get_args, get_origin, get_type_hints
 
 from ..errors import ShotError, located
-from ..shot.holds import Hold
+from ..shot.holds import Hold, check_names
 from ..shot.shot import FIELD_ORDERS, Settings
 from ..shot.shot_spec import (
     KeyFrames,
@@ -147,18 +147,14 @@ def _fingers(table: Table) -> bool:
 
 
 def _hold(table: Table, performers: Sequence[PerformerSpec], frames: tuple[int, int]) -> Hold:
-    names = [performer.name for performer in performers]
-    prop, holder = (table.text(key) for key in ("prop", "holder"))
-    for key, name in (("prop", prop), ("holder", holder)):
-        if name not in names:
-            raise table.error(key, f"there is no performer '{name}'", f"there are {', '.join(names)}")
-    if prop == holder:
-        raise table.error("prop", f"'{prop}' cannot hold itself")
     chosen = table.integers("frames")
     if len(chosen) != 2 or not frames[0] <= chosen[0] <= chosen[1] <= frames[1]:
         what = f"must be [first, last] within the shot's frames {frames[0]} to {frames[1]}, not {chosen}"
         raise table.error("frames", what)
-    return Hold(prop, holder, table.text("part"), (chosen[0], chosen[1]), where=table.where)
+    prop, holder, part = (table.text(key) for key in ("prop", "holder", "part"))
+    hold = Hold(prop, holder, part, (chosen[0], chosen[1]), where=table.where)
+    check_names(hold, [performer.name for performer in performers])
+    return hold
 
 
 def _person(table: Table) -> int | None:

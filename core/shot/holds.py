@@ -6,7 +6,7 @@ that holds it, its grip, is that of the key poses within the range.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -86,6 +86,10 @@ class Hold:
         """What messages call it."""
         return self.where or f"{self.prop} in {self.part} of {self.holder}"
 
+    def field(self, key: str) -> str:
+        """What messages call one of its fields: in a file it has a name."""
+        return f"{self.where} {key}" if self.where else self.place
+
 
 def holds_between(holds: Sequence[Hold], first: int, last: int) -> tuple[Hold, ...]:
     """Return the holds on shot frames first to last, counted from the first of these."""
@@ -129,6 +133,22 @@ def with_grips(holds: Sequence[Hold], performers: Sequence[Performer], zero: int
     return tuple(found)
 
 
+def check_names(hold: Hold, performers: Collection[str]) -> None:
+    """See that a hold is between two of some performers.
+
+    Raises
+    ------
+    ShotError
+        Names the field, where the hold comes from a file.
+    """
+    for key, name in (("prop", hold.prop), ("holder", hold.holder)):
+        if name not in performers:
+            what = f"there is no performer '{name}'"
+            raise ShotError(what, where=hold.field(key), todo=f"there are {', '.join(performers)}")
+    if hold.prop == hold.holder:
+        raise ShotError(f"'{hold.prop}' cannot hold itself", where=hold.field("prop"))
+
+
 def relative_pose(held: Poses, holding: Poses, part: int) -> tuple[Array, Array]:
     """Rotation (F, 3, 3) and place (F, 3) of a prop's topmost part relative to a part of what holds it."""
     (R_prop, T_prop), (R, T) = held, holding
@@ -138,11 +158,7 @@ def relative_pose(held: Poses, holding: Poses, part: int) -> tuple[Array, Array]
 
 def _checked(hold: Hold, by_name: Mapping[str, Performer]) -> tuple[Performer, Performer, int]:
     """The prop, its holder, and the number of the part that holds it."""
-    for name in (hold.prop, hold.holder):
-        if name not in by_name:
-            raise ShotError(f"there is no performer '{name}'", where=hold.place, todo=f"there are {', '.join(by_name)}")
-    if hold.prop == hold.holder:
-        raise ShotError(f"'{hold.prop}' cannot hold itself", where=hold.place)
+    check_names(hold, by_name)
     parts = by_name[hold.holder].body.names
     if hold.part not in parts:
         what = f"{hold.holder} has no part '{hold.part}'"

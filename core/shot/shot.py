@@ -331,6 +331,10 @@ class Shot:
         """Return the shot with how props are held, as its key poses show it; see `core.shot.holds.with_grips`."""
         return replace(self, holds=with_grips(self.holds, self.performers, self.frames[0]))
 
+    def completed(self) -> Shot:
+        """Return the shot with all that follows from the whole of it, so that a part of it can be tracked alone."""
+        return self.with_settings_filled().with_grips()
+
     def with_footage_offset(self, found: float | None) -> Shot:
         """Return the shot with the offset of all footage that was found, if any, unless its settings give one."""
         if found is None or self.settings.footage_offset is not None:

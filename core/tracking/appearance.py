@@ -12,8 +12,9 @@ from ..body import Body
 from ..body.kinematics import Poses, scene_poses
 from ..body.motion import Motion
 from ..body.time_shift import poses_after
-from ..evidence.foreground import HALO, MARGIN, KnownPixels, beyond, performer_foregrounds, within
+from ..evidence.foreground import HALO, MARGIN, KnownPixels, performer_foregrounds
 from ..evidence.label_images import Geometry, render_labels
+from ..evidence.masks import beyond, within
 from ..evidence.part_shapes import fitted_shape
 from ..evidence.view_frames import ViewFrames, views_with_foreground
 from ..numerics.arrays import Array, Bools

@@ -101,7 +101,7 @@ def track_excerpts(
     KFMocapError
         See `tracking.track`.
     """
-    shot = shot.with_settings_filled().with_grips()  # by the whole shot, also for a part of it
+    shot = shot.completed()
     ends = np.cumsum([0] + [part.last - part.first for part in excerpts])
     ends = ends / max(1, ends[-1])
     results = []
@@ -149,7 +149,7 @@ def glance(
         report_progress(progress, "looking ahead", 0.0)
         return len(seen) < GLANCED
 
-    asked = shot.with_settings_filled().with_grips().between(first, last).with_footage_offset(part.footage_offset)
+    asked = shot.completed().between(first, last).with_footage_offset(part.footage_offset)
     with contextlib.suppress(KFMocapError):  # it is cancelled, or the tracking that follows says what is wrong
         track(asked, looked, observed, run=RunContext(memory=memory))
 

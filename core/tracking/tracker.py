@@ -108,7 +108,7 @@ def track(
     order = sorted(range(len(shot.views)), key=lambda v: shot.views[v].camera.name)
     performers = tuple(replace(p, body=without_hidden_solids(p.body, p.unknown)) for p in shot.performers)
     shot = replace(shot, views=tuple(shot.views[v] for v in order), performers=performers)
-    shot = shot.with_settings_filled().with_grips()
+    shot = shot.completed()
     kept = frozenset(shot.frames[0] + frame for frame in pictures)
     albums = [Album(kept, working_factor(view, PICTURE_SIZE)) for view in shot.views]
     solver, seconds = solver_named(shot.settings.solver), Seconds()

@@ -120,7 +120,7 @@ def segment_doubts(problem: SegmentProblem, solution: SegmentSolution, threads: 
     gaps = misfit.mean_gaps(keys)
     systems = [images[i] + smooth.blocks(problem, i, motion) for i, motion in enumerate(motions)]
     tied = replace(problem, only=None).tied(systems, motions)
-    covariances = problem.by_performer(tied, [system.factor().covariances() for system in tied.systems])
+    covariances = tied.by_performer([system.factor().covariances() for system in tied.systems])
     doubts = []
     for i, (body, motion, fixed) in enumerate(zip(problem.bodies, motions, problem.fixed, strict=True)):
         held = np.repeat(fixed.all(axis=1)[:, None], len(body), axis=1)

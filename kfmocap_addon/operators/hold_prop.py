@@ -10,9 +10,8 @@ from .reporting import reported
 
 
 def _has_two(context: bpy.types.Context) -> str:
-    slots = context.scene.kfmocap.performers
-    present = [slot for slot in slots if active_performer.is_present(context.scene, slot)]
-    return "" if len(present) > 1 else "A performer and a prop are needed: select the prop, and Use Active Object"
+    enough = len(active_performer.present(context.scene)) > 1
+    return "" if enough else "A performer and a prop are needed: select the prop, and Use Active Object"
 
 
 def _has_holds(context: bpy.types.Context) -> str:
@@ -47,8 +46,7 @@ class HoldProp(Conditional, bpy.types.Operator):
 def _prop_and_holder(context: bpy.types.Context) -> tuple[bpy.types.PropertyGroup, bpy.types.PropertyGroup]:
     """Who is held, and who holds: the chosen performer is one of them, and the prop is the one with fewer bones."""
     chosen = active_performer.chosen(context)
-    slots = [slot for slot in context.scene.kfmocap.performers if active_performer.is_present(context.scene, slot)]
-    slots.sort(key=lambda slot: len(slot.armature.data.bones))
+    slots = sorted(active_performer.present(context.scene), key=lambda slot: len(slot.armature.data.bones))
     others = [slot for slot in slots if slot != chosen]
     is_prop = len(chosen.armature.data.bones) < len(others[-1].armature.data.bones)
     return (chosen, others[-1]) if is_prop else (others[0], chosen)

@@ -10,9 +10,8 @@ from ..scene_io import active_performer
 
 def in_order(context: bpy.types.Context) -> list[bpy.types.PropertyGroup]:
     """The performers whose bodies are in the scene, the chosen one first."""
-    slots = [s for s in context.scene.kfmocap.performers if active_performer.is_present(context.scene, s)]
     chosen = active_performer.chosen(context)
-    return sorted(slots, key=lambda slot: slot != chosen)
+    return sorted(active_performer.present(context.scene), key=lambda slot: slot != chosen)
 
 
 def draw_title(layout: bpy.types.UILayout, context: bpy.types.Context, slot: bpy.types.PropertyGroup) -> None:

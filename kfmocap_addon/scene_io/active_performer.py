@@ -11,13 +11,17 @@ def chosen(context: bpy.types.Context) -> bpy.types.PropertyGroup | None:
     It is the one whose armature, or a mesh of it, is the active object; else the one chosen by name in the panel; else
     the first. None where no performer has an armature in the scene.
     """
-    properties = context.scene.kfmocap
-    slots = [slot for slot in properties.performers if is_present(context.scene, slot)]
+    slots = present(context.scene)
     active = context.view_layer.objects.active if context.view_layer is not None else None
     for slot in slots:
         if active is not None and slot.armature in (active, active.parent):
             return slot
-    return next((slot for slot in slots if slot.name == properties.performer), slots[0] if slots else None)
+    return next((slot for slot in slots if slot.name == context.scene.kfmocap.performer), slots[0] if slots else None)
+
+
+def present(scene: bpy.types.Scene) -> list[bpy.types.PropertyGroup]:
+    """The performers whose armatures are in the scene."""
+    return [slot for slot in scene.kfmocap.performers if is_present(scene, slot)]
 
 
 def is_present(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> bool:

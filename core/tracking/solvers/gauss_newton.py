@@ -204,8 +204,7 @@ class _TestedStage:
 
     def _moved(self, motions: tuple[Motion, ...], steps: Sequence[Array]) -> tuple[Motion, ...]:
         assert self._tied is not None
-        each = self._problem.by_performer(self._tied, steps)
-        taken = {i: limited(self._pace * step) for i, step in each.items()}
+        taken = {i: limited(self._pace * step) for i, step in self._tied.by_performer(steps).items()}
         return tuple(m.moved(taken[i]) if i in taken else m for i, m in enumerate(motions))
 
 
@@ -296,7 +295,7 @@ def approach(
                 smooth = smooth.estimated(seen, motions, images, expected, rounds=ROUNDS, bursts=False)
                 systems = with_smoothness(seen, motions, images, smooth, expected)
                 tied = seen.tied(systems, motions)
-                each = seen.by_performer(tied, [system.solve(0.0) for system in tied.systems])
+                each = tied.by_performer([system.solve(0.0) for system in tied.systems])
                 steps = {i: limited(pace * step) for i, step in each.items()}
                 motions = tuple(m.moved(steps[i]) if i in steps else m for i, m in enumerate(motions))
                 energies.append(tied.cost)

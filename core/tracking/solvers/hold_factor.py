@@ -7,7 +7,7 @@ solved together: solved one by one, each would stay where the other is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -104,29 +104,33 @@ class TiedSystems:
 
     Attributes
     ----------
-    groups : tuple of tuple of int
-        The performers of each system, in the order of their degrees of freedom in it.
+    places : tuple of dict of int to slice
+        Of each system: the degrees of freedom of each of its performers in it.
     systems : tuple of BandedEquations
-        One per group.
     """
 
-    groups: tuple[tuple[int, ...], ...]
+    places: tuple[dict[int, slice], ...]
     systems: tuple[BandedEquations, ...]
+
+    @property
+    def groups(self) -> tuple[tuple[int, ...], ...]:
+        """The performers of each system, in the order of their degrees of freedom in it."""
+        return tuple(map(tuple, self.places))
 
     @property
     def cost(self) -> float:
         """Sum of all costs."""
         return sum(system.cost for system in self.systems)
 
-    def by_performer(self, values: Sequence[Array], dof: Callable[[int], int]) -> dict[int, Array]:
-        """Split what is given per system along the last axes of its degrees of freedom, `dof` of each performer: steps
-        (F, D), or covariances (F, D, D) of which the blocks of each performer are kept.
+    def by_performer(self, values: Sequence[Array]) -> dict[int, Array]:
+        """Split what is given per system along the last axes of its degrees of freedom: steps (F, D), or covariances
+        (F, D, D) of which the blocks of each performer are kept.
         """
-        found = {}
-        for members, value in zip(self.groups, values, strict=True):
-            for i, own in zip(members, slices_of(dof(i) for i in members), strict=True):
-                found[i] = value[:, own, own] if value.ndim == 3 else value[:, own]
-        return found
+        return {
+            i: value[:, own, own] if value.ndim == 3 else value[:, own]
+            for where, value in zip(self.places, values, strict=True)
+            for i, own in where.items()
+        }
 
 
 def tied_systems(
@@ -153,22 +157,20 @@ def tied_systems(
     fixed : sequence of ndarray of bool, shape (F, D)
     sought : sequence of int
     """
-    groups = _groups(sought, holds)
-    found = []
-    for members in groups:
-        if len(members) == 1 and not any(members[0] in (hold.prop, hold.holder) for hold in holds):
-            found.append(BandedEquations(systems[members[0]], fixed[members[0]]))
-            continue
+    places, found = [], []
+    for members in _groups(sought, holds):
         where = dict(zip(members, slices_of(bodies[i].dof for i in members), strict=True))
+        places.append(where)
+        ties = [hold for hold in holds if where.keys() & {hold.prop, hold.holder}]
+        if not ties:
+            (i,) = members
+            found.append(BandedEquations(systems[i], fixed[i]))
+            continue
         joined = _side_by_side([systems[i] for i in members], list(where.values()))
-        energy = joined.energy
-        for hold in holds:
-            if where.keys() & {hold.prop, hold.holder}:
-                energy += _add(joined, hold, where, hold.residuals(bodies, motions))
-        found.append(
-            BandedEquations(replace(joined, energy=energy), np.concatenate([fixed[i] for i in members], axis=1))
-        )
-    return TiedSystems(groups, tuple(found))
+        energy = joined.energy + sum(_add(joined, hold, where, hold.residuals(bodies, motions)) for hold in ties)
+        held = np.concatenate([fixed[i] for i in members], axis=1)
+        found.append(BandedEquations(replace(joined, energy=energy), held))
+    return TiedSystems(tuple(places), tuple(found))
 
 
 def _groups(sought: Sequence[int], holds: Sequence[HoldFactor]) -> tuple[tuple[int, ...], ...]:

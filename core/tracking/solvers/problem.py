@@ -128,10 +128,6 @@ class SegmentProblem:
         """The normal equations of the performers that are sought, with what holds say of them at motions."""
         return tied_systems(systems, self.holds, self.bodies, motions, fixed=self.fixed, sought=self.sought)
 
-    def by_performer(self, tied: TiedSystems, values: Sequence[Array]) -> dict[int, Array]:
-        """Split what was found of tied systems, see `TiedSystems.by_performer`."""
-        return tied.by_performer(values, lambda performer: self.bodies[performer].dof)
-
     def whole_keys(self, performer: int) -> NDArray[np.intp]:
         """Frames, of the F, on which every degree of freedom of a performer is fixed."""
         return np.flatnonzero(self.fixed[performer].all(axis=1))

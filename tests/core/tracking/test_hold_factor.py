@@ -89,7 +89,7 @@ def settled(
     motions = begin
     for _ in range(6):
         tied = tied_systems(prior(begin, motions, precisions), [factor], BODIES, motions, fixed=FREE, sought=sought)
-        steps = tied.by_performer([system.solve(0.0) for system in tied.systems], lambda i: BODIES[i].dof)
+        steps = tied.by_performer([system.solve(0.0) for system in tied.systems])
         motions = tuple(m.moved(steps[i]) if i in steps else m for i, m in enumerate(motions))
     return motions
 
