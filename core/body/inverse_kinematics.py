@@ -25,6 +25,10 @@ EVALUATIONS = 200
 """At most so many for a pose: landmarks that no pose fits would take thousands."""
 ACCEPTED_MISFIT = 0.03
 """A landmark farther than this from its place, metres, is reason to look for another pose."""
+GROSS_MISFIT = 0.06
+"""A landmark farther than this from its place after that, metres, is reason to begin from other poses of the limbs."""
+DRAWS = 12
+"""So many of them: of those drawn for a man who gets up from the floor, six in ten lead to the pose."""
 POSTURE_SIGMA = 2.0
 """Expected departure of a joint from its rest orientation, radians: only decides what no landmark shows."""
 LIMIT_SIGMA = 0.02
@@ -73,7 +77,7 @@ def _fit_poses(
     search: bool,
     tolerance: float = 1e-6,
 ) -> Motion:
-    """Fit poses; with `search`, one that does not fit is tried with its arms turned."""
+    """Fit poses; with `search`, one that does not fit is tried with its arms turned, then from others drawn."""
     used = [i for i, name in enumerate(names) if name in body.landmarks]
     known, targets = [names[i] for i in used], np.asarray(targets_world, float)[:, used]
     seen = np.isfinite(targets).all(axis=2)
@@ -93,9 +97,36 @@ def _fit_poses(
         turned = _elbow_turned(body, poses[tried], side)
         other = _descended(body, known, targets[tried], turned, tolerance)
         better = _misfits(body, known, targets[tried], other) < misfit[tried]
-        poses.translations[tried[better]] = other.translations[better]
-        poses.rotations[tried[better]] = other.rotations[better]
+        _replace(poses, tried[better], other[better])
+    if search:
+        misfit = _misfits(body, known, targets, poses)
+        for k in np.flatnonzero(misfit > GROSS_MISFIT):
+            aims = np.repeat(targets[k : k + 1], DRAWS, axis=0)
+            found = _descended(body, known, aims, _limbs_drawn(body, start[k : k + 1]), ROUGH)
+            best = int(np.argmin(_misfits(body, known, aims, found)))
+            other = _descended(body, known, targets[k : k + 1], found[best : best + 1], tolerance)
+            if _misfits(body, known, targets[k : k + 1], other)[0] < misfit[k]:
+                _replace(poses, np.array([k]), other)
     return poses
+
+
+def _replace(poses: Motion, which: NDArray[np.intp], others: Motion) -> None:
+    """Put others in the place of some poses."""
+    poses.translations[which] = others.translations
+    poses.rotations[which] = others.rotations
+
+
+def _limbs_drawn(body: Body, pose: Motion) -> Motion:
+    """The pose (1) with its joints but the root's drawn within their limits, the same for every pose, `DRAWS` times.
+
+    Limits are walls between poses: from the rest pose a fit may be caught with a leg on the wrong side of one, and the
+    trunk turned to make up for it.
+    """
+    low, high = body.limits[:, :, 0], body.limits[:, :, 1]
+    drawn = np.random.default_rng(0).uniform(low, high, size=(DRAWS, len(body), 3))
+    Q = rotations.exp(drawn)
+    Q[:, 0] = pose.rotations[0, 0]
+    return Motion(np.repeat(pose.translations, DRAWS, axis=0), Q)
 
 
 def _misfits(body: Body, names: list[str], targets: Array, poses: Motion) -> Array:

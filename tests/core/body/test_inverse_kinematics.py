@@ -12,6 +12,7 @@ from kfmocap.core.numerics import rotations
 from synthetic import at_rest, rigidly_moved
 
 BODY = human(1.78)
+HUMAN = human(1.75)
 NAMES = list(BODY.landmarks)
 # What Pose2Sim's trackers give: no hands.
 TRACKED = [name for name in NAMES if name not in ("LHand", "RHand")]
@@ -36,6 +37,14 @@ def test_poses_come_back_from_their_landmarks() -> None:
     truth = exercise(BODY, 12)
     targets = landmark_positions(BODY, truth, NAMES)
     assert error_mm(BODY, fit_poses(BODY, NAMES, targets), NAMES, targets).max() < 1
+
+
+def test_poses_near_the_joint_limits_come_back_from_their_landmarks() -> None:
+    """From the rest pose alone three of these forty end with a landmark 90 to 140 mm off."""
+    rng = np.random.default_rng(3)
+    vectors = rng.uniform(*np.moveaxis(0.8 * HUMAN.limits, 2, 0), size=(40, len(HUMAN), 3))
+    targets = landmark_positions(HUMAN, Motion(np.zeros((40, 3)), rotations.exp(vectors)), NAMES)
+    assert error_mm(HUMAN, fit_poses(HUMAN, NAMES, targets), NAMES, targets).max() < 30
 
 
 def test_poses_stay_within_the_joint_limits_even_where_landmarks_ask_for_more() -> None:
