@@ -29,6 +29,8 @@ GROSS_MISFIT = 0.06
 """A landmark farther than this from its place after that, metres, is reason to begin from other poses of the limbs."""
 DRAWS = 12
 """So many of them: of those drawn for a man who gets up from the floor, six in ten lead to the pose."""
+CLEARLY = 0.5
+"""Share of the misfit below which a pose found from there counts: on a body of other proportions all of them misfit."""
 POSTURE_SIGMA = 2.0
 """Expected departure of a joint from its rest orientation, radians: only decides what no landmark shows."""
 LIMIT_SIGMA = 0.02
@@ -77,12 +79,15 @@ def _fit_poses(
     search: bool,
     tolerance: float = 1e-6,
 ) -> Motion:
-    """Fit poses; with `search`, one that does not fit is tried with its arms turned, then from others drawn."""
+    """Fit poses; with `search`, one that does not fit is tried with its arms turned and, if no start was given, from
+    other poses drawn.
+    """
     used = [i for i, name in enumerate(names) if name in body.landmarks]
     known, targets = [names[i] for i in used], np.asarray(targets_world, float)[:, used]
     seen = np.isfinite(targets).all(axis=2)
     for k in np.flatnonzero(seen.sum(axis=1) < 3):
         raise LandmarkError("fewer than three landmarks", where=f"pose {k}", todo="choose another key frame")
+    drawing = search and start is None and bool(_limited(body).any())
     if start is None and len(targets):
         rows = zip(targets, seen, strict=True)
         start = stacked([_placed(body, [n for n, s in zip(known, on, strict=True) if s], p[on]) for p, on in rows])
@@ -98,14 +103,14 @@ def _fit_poses(
         other = _descended(body, known, targets[tried], turned, tolerance)
         better = _misfits(body, known, targets[tried], other) < misfit[tried]
         _replace(poses, tried[better], other[better])
-    if search:
+    if drawing:
         misfit = _misfits(body, known, targets, poses)
         for k in np.flatnonzero(misfit > GROSS_MISFIT):
             aims = np.repeat(targets[k : k + 1], DRAWS, axis=0)
             found = _descended(body, known, aims, _limbs_drawn(body, start[k : k + 1]), ROUGH)
             best = int(np.argmin(_misfits(body, known, aims, found)))
             other = _descended(body, known, targets[k : k + 1], found[best : best + 1], tolerance)
-            if _misfits(body, known, targets[k : k + 1], other)[0] < misfit[k]:
+            if _misfits(body, known, targets[k : k + 1], other)[0] < CLEARLY * misfit[k]:
                 _replace(poses, np.array([k]), other)
     return poses
 
@@ -116,16 +121,22 @@ def _replace(poses: Motion, which: NDArray[np.intp], others: Motion) -> None:
     poses.rotations[which] = others.rotations
 
 
+def _limited(body: Body) -> NDArray[np.bool_]:
+    """Which parts have joints that cannot turn all the way round, shape (P,)."""
+    limited = np.ptp(body.limits, axis=2).max(axis=1) < 2 * np.pi - 1e-6
+    limited[0] = False
+    return np.asarray(limited)
+
+
 def _limbs_drawn(body: Body, pose: Motion) -> Motion:
-    """The pose (1) with its joints but the root's drawn within their limits, the same for every pose, `DRAWS` times.
+    """The pose (1) with its joints that have limits drawn within them, the same for every pose, `DRAWS` times.
 
     Limits are walls between poses: from the rest pose a fit may be caught with a leg on the wrong side of one, and the
     trunk turned to make up for it.
     """
     low, high = body.limits[:, :, 0], body.limits[:, :, 1]
     drawn = np.random.default_rng(0).uniform(low, high, size=(DRAWS, len(body), 3))
-    Q = rotations.exp(drawn)
-    Q[:, 0] = pose.rotations[0, 0]
+    Q = np.where(_limited(body)[:, None, None], rotations.exp(drawn), pose.rotations)
     return Motion(np.repeat(pose.translations, DRAWS, axis=0), Q)
 
 
