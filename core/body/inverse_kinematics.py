@@ -67,7 +67,7 @@ def fit_poses(body: Body, names: Sequence[str], targets_world: Array, start: Mot
     LandmarkError
         If a pose has fewer than three landmarks.
     """
-    return _fit_poses(body, names, targets_world, start, search=True, tolerance=SETTLED)
+    return _fit_poses(body, names, targets_world, start, search=True, draw=start is None, tolerance=SETTLED)
 
 
 def _fit_poses(
@@ -77,17 +77,15 @@ def _fit_poses(
     start: Motion | None,
     *,
     search: bool,
+    draw: bool = False,
     tolerance: float = 1e-6,
 ) -> Motion:
-    """Fit poses; with `search`, one that does not fit is tried with its arms turned and, if no start was given, from
-    other poses drawn.
-    """
+    """Fit poses; with `search`, one that does not fit is tried with its arms turned, with `draw` from others drawn."""
     used = [i for i, name in enumerate(names) if name in body.landmarks]
     known, targets = [names[i] for i in used], np.asarray(targets_world, float)[:, used]
     seen = np.isfinite(targets).all(axis=2)
     for k in np.flatnonzero(seen.sum(axis=1) < 3):
         raise LandmarkError("fewer than three landmarks", where=f"pose {k}", todo="choose another key frame")
-    drawing = search and start is None and bool(_limited(body).any())
     if start is None and len(targets):
         rows = zip(targets, seen, strict=True)
         start = stacked([_placed(body, [n for n, s in zip(known, on, strict=True) if s], p[on]) for p, on in rows])
@@ -103,7 +101,7 @@ def _fit_poses(
         other = _descended(body, known, targets[tried], turned, tolerance)
         better = _misfits(body, known, targets[tried], other) < misfit[tried]
         _replace(poses, tried[better], other[better])
-    if drawing:
+    if draw and _limited(body).any():
         misfit = _misfits(body, known, targets, poses)
         for k in np.flatnonzero(misfit > GROSS_MISFIT):
             aims = np.repeat(targets[k : k + 1], DRAWS, axis=0)
@@ -228,7 +226,7 @@ def fit_body(names: Sequence[str], targets_world: Array, height: float | None = 
     body, poses = human(stature, measures), None
     for i in range(rounds):
         # With the second round the body nearly fits.
-        poses = _fit_poses(body, names, targets, poses, search=i == 1, tolerance=SETTLED if i else ROUGH)
+        poses = _fit_poses(body, names, targets, poses, search=i == 1, draw=i == 1, tolerance=SETTLED if i else ROUGH)
         measures = _fit_measures(stature, measures, poses, names, targets)
         body = human(stature, measures)
     return body
