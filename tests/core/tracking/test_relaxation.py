@@ -389,27 +389,6 @@ def test_gradients_alone_follow_an_arm_that_is_seen(passing: tuple[SegmentProble
     assert np.linalg.norm(gone - true * (gone @ true) / (true @ true)) < 0.05 * np.linalg.norm(true)
 
 
-def test_a_step_begins_with_the_one_before_and_stands_still_where_nothing_is_seen(
-    passing: tuple[SegmentProblem, list[Motion]],
-) -> None:
-    problem, start = passing
-    begun: dict[int, np.ndarray] = {}
-
-    def blind(problem: SegmentProblem, measured: MeasuredMotion) -> MeasuredMotion:
-        begun.setdefault(problem.first, Steps.of(measured.motions[0]).vectors()[0])
-        sums, seen = measured.evidence.gradients, problem.first < HIDDEN_FROM
-        return replace(
-            measured, evidence=replace(measured.evidence, gradients=replace(sums, H=sums.H * seen, g=sums.g * seen))
-        )
-
-    problem = replace(problem, settings=WITHOUT)
-    x = Steps.of(follow_gradients(problem, start, AlteredWorkspace(alter=blind))[0]).vectors()
-    np.testing.assert_allclose(begun[0], 0.0, atol=1e-12)
-    np.testing.assert_allclose([begun[j] for j in range(1, len(x))], x[:-1], atol=1e-9)
-    assert np.abs(x[HIDDEN_FROM - 1]).max() > 1e-2
-    np.testing.assert_allclose(x[HIDDEN_FROM:], 0.0, atol=1e-9)
-
-
 def limbs_alone(_problem: SegmentProblem, measured: MeasuredMotion) -> MeasuredMotion:
     """Nothing is seen of the trunk."""
     sums, limbs = measured.evidence.gradients, np.arange(PARTS) > 0
