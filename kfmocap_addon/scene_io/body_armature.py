@@ -189,6 +189,12 @@ def body_bones(armature: bpy.types.Object) -> list[bpy.types.Bone]:
     return bones
 
 
+def parents_of(bones: Sequence[bpy.types.Bone]) -> list[int]:
+    """The place of the part that each part of a body hangs on, -1 for none: the nearest bone above that is one."""
+    index = {bone.name: i for i, bone in enumerate(bones)}
+    return [next((index[above.name] for above in bone.parent_recursive if above.name in index), -1) for bone in bones]
+
+
 def body_from_armature(armature: bpy.types.Object) -> Body:
     """Read a body back from an armature and the meshes parented to its bones.
 
@@ -199,11 +205,9 @@ def body_from_armature(armature: bpy.types.Object) -> Body:
     """
     R_object, place, scale = object_pose(armature)
     bones, meshes = body_bones(armature), part_meshes.meshes_by_bone(armature)
-    index = {bone.name: i for i, bone in enumerate(bones)}
     parts: list[Part] = []
-    for bone, frame in zip(bones, standing_frames(armature, bones), strict=True):
-        above = next((p.name for p in bone.parent_recursive if p.name in index), None)
-        if above is None and parts:
+    for bone, above, frame in zip(bones, parents_of(bones), standing_frames(armature, bones), strict=True):
+        if above < 0 and parts:
             raise BodyError(
                 f"the bone hangs on no other part: {bones[0].name} is the top of the body",
                 where=f"armature {armature.name}, bone {bone.name}",
@@ -213,7 +217,7 @@ def body_from_armature(armature: bpy.types.Object) -> Body:
         head, tail = (scale * R_object @ point + place for point in (start, start + bone.length * R_rest[:, 1]))
         read = Part(
             name=bone.name,
-            parent=-1 if above is None else index[above],
+            parent=above,
             head_world=head,
             tail_world=tail,
             R_world_rest=R_object @ R_rest,

@@ -128,12 +128,11 @@ def _write_helpful(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> Non
     start, length = scene.kfmocap.frame_start, scene.kfmocap.length
     bones = body_armature.body_bones(slot.armature)
     names = [bone.name for bone in bones]
-    parents = [names.index(bone.parent.name) if bone.parent is not None else -1 for bone in bones]
     errors = read_confidence(slot.armature, start, length)
     slot.helpful.clear()
     keys = key_pose_curves.read_key_poses(slot.armature, start, length)
     unknown = [names.index(name) for name in unknown_bones.unknown_bones(slot.armature)]
-    for key in suggest_keys_by_error(errors, keys, parents, unknown):
+    for key in suggest_keys_by_error(errors, keys, body_armature.parents_of(bones), unknown):
         item = slot.helpful.add()
         item.name = ", ".join(names[part] for part in key.parts)
         item.frame = start + key.frame

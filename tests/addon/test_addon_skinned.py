@@ -23,6 +23,7 @@ from kfmocap.kfmocap_addon.scene_io import (  # noqa: E402
     skinned_parts,
 )
 from mathutils import Matrix  # noqa: E402
+from odd_characters import bind  # noqa: E402
 from scipy.spatial import ConvexHull  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
@@ -66,20 +67,6 @@ def made_motion(parts):
     """Four poses of that many parts."""
     dice = np.random.default_rng(3)
     return Motion(dice.normal(0, 1, (4, 3)), rotations.exp(dice.normal(0, 0.5, (4, parts, 3))))
-
-
-def bind(armature, name, clouds, groups=True):
-    mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata(np.concatenate([points for _, points in clouds]).tolist(), [], [])
-    skin = bpy.data.objects.new(name, mesh)
-    bpy.context.scene.collection.objects.link(skin)
-    modifier = skin.modifiers.new("Armature", "ARMATURE")
-    modifier.object, modifier.use_vertex_groups, modifier.use_bone_envelopes = armature, groups, not groups
-    start = 0
-    for bone, points in clouds:
-        skin.vertex_groups.new(name=bone).add(range(start, start + len(points)), 1.0, "REPLACE")
-        start += len(points)
-    return skin
 
 
 def test_every_bone_that_leads_skin_becomes_a_part_with_few_faces():

@@ -1,0 +1,316 @@
+"""Characters that nobody made for this program, with skins, for the tests of bodies and retargeting."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import bpy
+import numpy as np
+from kfmocap.core.body import Body, human
+from kfmocap.kfmocap_addon.scene_io import body_armature, skinned_parts
+from mathutils import Matrix
+
+BODY = human(1.75)
+CONTROL = "CTRL-"
+
+
+def skinned_human(names: Mapping[str, str] | None = None, body: Body = BODY) -> bpy.types.Object:
+    """The default body as an armature with one skin, its bones under other names."""
+    called = dict(names or {})
+    armature = body_armature.build_armature(body, "hero", bpy.context.scene.collection)
+    for child in list(armature.children):
+        bpy.data.objects.remove(child)
+    for bone in armature.data.bones:
+        for name in (body_armature.PART, body_armature.LIMITS, body_armature.LANDMARKS, body_armature.REST):
+            del bone[name]
+    for bone in list(armature.data.bones):
+        bone.name = called.get(bone.name, bone.name)
+    clouds = [
+        (called.get(part.name, part.name), part.vertices @ part.R_world_rest.T + part.head_world) for part in body.parts
+    ]
+    bind(armature, "skin", clouds)
+    return armature
+
+
+def bind(
+    armature: bpy.types.Object, name: str, clouds: Sequence[tuple[str, np.ndarray]], groups: bool = True
+) -> bpy.types.Object:
+    """A mesh of points without faces, each cloud (V, 3) led by a bone; `groups` false binds it by envelopes alone."""
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(np.concatenate([points for _, points in clouds]).tolist(), [], [])
+    skin = bpy.data.objects.new(name, mesh)
+    bpy.context.scene.collection.objects.link(skin)
+    modifier = skin.modifiers.new("Armature", "ARMATURE")
+    modifier.object, modifier.use_vertex_groups, modifier.use_bone_envelopes = armature, groups, not groups
+    start = 0
+    for bone, points in clouds:
+        skin.vertex_groups.new(name=bone).add(range(start, start + len(points)), 1.0, "REPLACE")
+        start += len(points)
+    return skin
+
+
+def add_bones(
+    armature: bpy.types.Object, bones: Iterable[tuple[str, str, Sequence[float], Sequence[float]]], deform: bool = False
+) -> None:
+    """Add bones: name, parent (empty for none), head and tail in the armature."""
+    with body_armature.edit_bones(armature) as edited:
+        for name, parent, head, tail in bones:
+            bone = edited.new(name)
+            bone.head, bone.tail = head, tail
+            bone.use_deform = deform
+            bone.parent = edited[parent] if parent else None
+
+
+def controlled_human(kind: str = "COPY_TRANSFORMS", prefix: str = "DEF-") -> bpy.types.Object:
+    """A home-made control rig: every deforming bone copies a control, whose names say nothing that a preset knows.
+
+    The controls hang on each other below a root; the deforming bones are in a hidden bone collection.
+    """
+    armature = skinned_human({name: prefix + name for name in BODY.names})
+    controls = armature.data.collections.new("Controls")
+    deform = armature.data.collections.new("Deform")
+    with body_armature.edit_bones(armature) as bones:
+        root = bones.new("root")
+        root.tail, root.use_deform = (0, 0.4, 0), False
+        for part in BODY.parts:
+            copied, bone = bones[prefix + part.name], bones.new(CONTROL + part.name)
+            bone.head, bone.tail, bone.roll = copied.head, copied.tail, copied.roll
+            bone.use_deform = False
+            bone.parent = bones[CONTROL + BODY.parts[part.parent].name] if part.parent >= 0 else root
+    for bone in armature.data.bones:
+        (deform if bone.use_deform else controls).assign(bone)
+    deform.is_visible = False
+    for name in BODY.names:
+        first = name == BODY.names[0]
+        _copy(armature, prefix + name, CONTROL + name, "COPY_TRANSFORMS" if first else kind)
+    return armature
+
+
+def switched_human(influence: float = 1.0) -> bpy.types.Object:
+    """The home-made rig with a switch from FK to IK on each hand and foot control, which stands at IK."""
+    armature = controlled_human()
+    for end, lower in (("hand", "forearm"), ("foot", "shin")):
+        for side in "LR":
+            _add_ik(armature, f"{end}.{side}", f"{lower}.{side}", influence)
+    bpy.context.view_layer.update()
+    return armature
+
+
+def _add_ik(armature: bpy.types.Object, end: str, lower: str, influence: float) -> None:
+    upper = BODY.parts[BODY.parents[BODY.index(lower)]].name
+    with body_armature.edit_bones(armature) as bones:
+        goal = bones.new(f"IK-{end}")
+        goal.head, goal.tail, goal.use_deform = bones[CONTROL + end].head, bones[CONTROL + end].tail, False
+        goal.parent = bones["root"]
+        last = bones[CONTROL + upper].parent
+        for name in (upper, lower):
+            bone, copied = bones.new(f"MCH-{name}"), bones[CONTROL + name]
+            bone.head, bone.tail, bone.roll, bone.use_deform = copied.head, copied.tail, copied.roll, False
+            bone.parent, last = last, bone
+    goal = armature.pose.bones[f"IK-{end}"]
+    goal["ik_fk"] = influence
+    chain = armature.pose.bones[f"MCH-{lower}"].constraints.new("IK")
+    chain.target, chain.subtarget, chain.chain_count = armature, f"IK-{end}", 2
+    for name, followed in ((upper, f"MCH-{upper}"), (lower, f"MCH-{lower}"), (end, f"IK-{end}")):
+        held = _copy(armature, f"DEF-{name}", followed, "COPY_TRANSFORMS" if name != end else "COPY_ROTATION")
+        driver = held.driver_add("influence").driver
+        variable = driver.variables.new()
+        variable.targets[0].id, variable.targets[0].data_path = armature, f'pose.bones["IK-{end}"]["ik_fk"]'
+        driver.type = "AVERAGE"
+
+
+def _copy(armature: bpy.types.Object, owner: str, followed: str, kind: str) -> bpy.types.Constraint:
+    held = armature.pose.bones[owner].constraints.new(kind)
+    held.target, held.subtarget = armature, followed
+    return held
+
+
+MIXAMO = {
+    "pelvis": "Hips",
+    "spine": "Spine",
+    "chest": "Spine1",
+    "head": "Head",
+    **{
+        f"{part}.{side}": f"{word}{name}"
+        for side, word in (("L", "Left"), ("R", "Right"))
+        for part, name in (
+            ("upper_arm", "Arm"),
+            ("forearm", "ForeArm"),
+            ("hand", "Hand"),
+            ("thigh", "UpLeg"),
+            ("shin", "Leg"),
+            ("foot", "Foot"),
+        )
+    },
+}
+UNREAL = {
+    "pelvis": "pelvis",
+    "spine": "spine_01",
+    "chest": "spine_02",
+    "head": "head",
+    **{
+        f"{part}.{side}": f"{name}_{side.lower()}"
+        for side in "LR"
+        for part, name in (
+            ("upper_arm", "upperarm"),
+            ("forearm", "lowerarm"),
+            ("hand", "hand"),
+            ("thigh", "thigh"),
+            ("shin", "calf"),
+            ("foot", "foot"),
+        )
+    },
+}
+JAPANESE = {
+    name: f"{word}{number}"
+    for name, word, number in (
+        ("pelvis", "腰", ""),
+        ("spine", "上半身", ""),
+        ("chest", "胸", ""),
+        ("head", "頭", ""),
+        *(
+            (f"{part}.{side}", word, number)
+            for side, number in (("L", "1"), ("R", "2"))
+            for part, word in (
+                ("upper_arm", "腕"),
+                ("forearm", "ひじ"),
+                ("hand", "手首"),
+                ("thigh", "足"),
+                ("shin", "ひざ"),
+                ("foot", "足首"),
+            )
+        ),
+    )
+}
+
+
+def mixamo_like() -> bpy.types.Object:
+    """Mixamo's names, as importers of FBX leave it: bones in centimetres, the object scaled and turned."""
+    armature = skinned_human({name: f"mixamorig:{other}" for name, other in MIXAMO.items()})
+    matrix = Matrix.Rotation(np.pi / 2, 4, "X") @ Matrix.Scale(0.01, 4)
+    armature.data.transform(matrix.inverted())
+    for skin in skinned_parts.skinned_meshes(armature):
+        skin.parent = armature
+        skin.data.transform(matrix.inverted())
+    armature.matrix_world = matrix
+    bpy.context.view_layer.update()
+    return armature
+
+
+def foreign() -> bpy.types.Object:
+    """Bones in Japanese, left and right told by numbers alone."""
+    return skinned_human(JAPANESE)
+
+
+def unreal_like() -> bpy.types.Object:
+    """Unreal's names, with a root and the bones of its inverse kinematics, which lead no skin."""
+    armature = skinned_human(UNREAL)
+    with body_armature.edit_bones(armature) as bones:
+        root = bones.new("root")
+        root.tail = (0, 0.3, 0)
+        bones["pelvis"].parent = root
+        for name, parent, like in (
+            ("ik_foot_root", "root", "root"),
+            ("ik_foot_l", "ik_foot_root", "foot_l"),
+            ("ik_foot_r", "ik_foot_root", "foot_r"),
+            ("ik_hand_root", "root", "root"),
+            ("ik_hand_gun", "ik_hand_root", "hand_r"),
+            ("ik_hand_l", "ik_hand_gun", "hand_l"),
+            ("ik_hand_r", "ik_hand_gun", "hand_r"),
+            ("interaction", "root", "root"),
+        ):
+            bone = bones.new(name)
+            bone.head, bone.tail, bone.parent = bones[like].head, bones[like].tail, bones[parent]
+    return armature
+
+
+def helped() -> bpy.types.Object:
+    """Leaf, twist and helper bones; arms that hang on no bone but follow the chest by a constraint."""
+    armature = skinned_human()
+    helpers: list[tuple[str, str, Sequence[float], Sequence[float]]] = []
+    for part in BODY.parts:
+        if part.name[:-2] in ("forearm", "thigh"):
+            a, b = part.head_world, part.tail_world
+            helpers.append((f"{part.name}_twist", part.name, a + 0.3 * (b - a), a + 0.6 * (b - a)))
+        if part.name[:-2] in ("hand", "foot") or part.name == "head":
+            way = part.tail_world - part.head_world
+            helpers.append((f"{part.name}_end", part.name, part.tail_world, part.tail_world + 0.3 * way))
+    add_bones(armature, helpers, deform=True)
+    dice = np.random.default_rng(0)
+    bind(
+        armature,
+        "twists",
+        [(n, np.array(h) + dice.uniform(-0.04, 0.04, (30, 3))) for n, _, h, _ in helpers if n.endswith("_twist")],
+    )
+    for name, above, _, _ in helpers:
+        if name.endswith("_twist"):
+            _copy(armature, name, above, "COPY_ROTATION").influence = 0.5
+    return armature
+
+
+def loose_arms() -> bpy.types.Object:
+    """Arms whose bones hang on none, and are held at the chest by a constraint, as some exporters leave them."""
+    armature = skinned_human()
+    with body_armature.edit_bones(armature) as bones:
+        for side in "LR":
+            bones[f"upper_arm.{side}"].use_connect, bones[f"upper_arm.{side}"].parent = False, None
+    for side in "LR":
+        held = armature.pose.bones[f"upper_arm.{side}"].constraints.new("CHILD_OF")
+        held.target, held.subtarget = armature, "chest"
+        held.inverse_matrix = armature.data.bones["chest"].matrix_local.inverted()
+    return armature
+
+
+def quadruped() -> bpy.types.Object:
+    """A four-legged animal with a neck and a tail of three bones."""
+    armature = bpy.data.objects.new("dog", bpy.data.armatures.new("dog"))
+    bpy.context.scene.collection.objects.link(armature)
+    chain: list[tuple[str, str, Sequence[float], Sequence[float]]] = [
+        ("hips", "", (0, 0.35, 0.6), (0, 0.1, 0.62)),
+        ("back", "hips", (0, 0.1, 0.62), (0, -0.25, 0.62)),
+        ("neck", "back", (0, -0.25, 0.62), (0, -0.45, 0.8)),
+        ("skull", "neck", (0, -0.45, 0.8), (0, -0.7, 0.78)),
+        ("tail_1", "hips", (0, 0.36, 0.62), (0, 0.55, 0.66)),
+        ("tail_2", "tail_1", (0, 0.55, 0.66), (0, 0.72, 0.74)),
+        ("tail_3", "tail_2", (0, 0.72, 0.74), (0, 0.86, 0.84)),
+    ]
+    for name, parent, x, y in (
+        ("leg_fl", "back", 0.12, -0.2),
+        ("leg_fr", "back", -0.12, -0.2),
+        ("leg_bl", "hips", 0.12, 0.3),
+        ("leg_br", "hips", -0.12, 0.3),
+    ):
+        chain += [
+            (f"{name}_1", parent, (x, y, 0.55), (x, y + 0.04, 0.3)),
+            (f"{name}_2", f"{name}_1", (x, y + 0.04, 0.3), (x, y, 0.06)),
+            (f"{name}_3", f"{name}_2", (x, y, 0.06), (x, y - 0.12, 0.0)),
+        ]
+    add_bones(armature, chain, deform=True)
+    dice = np.random.default_rng(4)
+    clouds = []
+    for name, _, head, tail in chain:
+        a, b = np.array(head), np.array(tail)
+        width = 0.13 if name in ("hips", "back") else 0.045
+        share = dice.uniform(0, 1, (60, 1))
+        round_it = dice.normal(size=(60, 3))
+        clouds.append((name, a + share * (b - a) + width * round_it / np.linalg.norm(round_it, axis=1, keepdims=True)))
+    bind(armature, "fur", clouds)
+    return armature
+
+
+def awkward() -> bpy.types.Object:
+    """Locked axes, every rotation order, below a scaled and turned parent."""
+    armature = skinned_human()
+    orders = ("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX", "AXIS_ANGLE", "QUATERNION")
+    for k, bone in enumerate(armature.pose.bones):
+        bone.rotation_mode = orders[k % len(orders)]
+    for side in "LR":
+        armature.pose.bones[f"shin.{side}"].lock_rotation = (False, True, True)
+    above = bpy.data.objects.new("above", None)
+    bpy.context.scene.collection.objects.link(above)
+    above.scale, above.rotation_euler, above.location = (0.5, 0.5, 0.5), (0, 0, 0.7), (0.3, -0.2, 0.0)
+    armature.parent = above
+    for skin in skinned_parts.skinned_meshes(armature):
+        skin.parent = armature
+    bpy.context.view_layer.update()
+    return armature
