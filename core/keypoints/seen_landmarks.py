@@ -56,8 +56,7 @@ def habit_precision(body: Body, keypoints: Keypoints, fps: float) -> Array:
 
 def usual_turns(motion: Motion, precision: Array) -> Array:
     """Return the mean rotations (P, 3, 3) of parts over the frames on which they are not out of sight."""
-    weight = (precision == 0).astype(float)
-    return rotations.orthonormal(np.einsum("fp,fpab->pab", weight, motion.rotations))
+    return rotations.mean(motion.rotations, (precision == 0).astype(float))
 
 
 def resting_degrees(body: Body, keypoints: Keypoints) -> Bools:

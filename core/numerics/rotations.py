@@ -35,6 +35,17 @@ def orthonormal(R: Array) -> Array:
     return np.asarray(Rotation.from_matrix(_listed(R, 2)).as_matrix().reshape(R.shape))
 
 
+def mean(R: Array, weight: Array) -> Array:
+    """The rotations (P, 3, 3) nearest on average to rotation matrices (F, P, 3, 3) of weights (F, P).
+
+    The square of their distance (Frobenius) is least, also where the matrices are so far apart that their sum mirrors.
+    Without any weight it is no turn.
+    """
+    left, _, right = np.linalg.svd(np.einsum("fp,fpab->pab", weight, R))
+    left[:, :, 2] *= np.linalg.det(left @ right)[:, None]
+    return np.asarray(left @ right)
+
+
 def _listed(values: Array, axes: int) -> Array:
     """Values of so many axes in a list, which may be written to: scipy takes no others, though it does not write."""
     return np.require(values.reshape(-1, *values.shape[-axes:]), requirements="W")

@@ -256,6 +256,16 @@ def with_settings(
 
     Gives what they were, by bone and property.
     """
+    before = set_settings(armature, settings)
+    try:
+        yield before
+    except BaseException:
+        restore_settings(armature, before)
+        raise
+
+
+def set_settings(armature: bpy.types.Object, settings: Mapping[str, Mapping[str, float]]) -> dict[tuple[str, str], Any]:
+    """Set custom properties of bones, where there are such; returns what they were, by bone and property."""
     before: dict[tuple[str, str], Any] = {}
     for name, values in settings.items():
         bone: Any = armature.pose.bones.get(name)
@@ -265,11 +275,7 @@ def with_settings(
                 bone[key] = type(bone[key])(value)
     armature.update_tag()
     update()
-    try:
-        yield before
-    except BaseException:
-        restore_settings(armature, before)
-        raise
+    return before
 
 
 def restore_settings(armature: bpy.types.Object, before: Mapping[tuple[str, str], Any]) -> None:

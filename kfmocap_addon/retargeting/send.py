@@ -18,6 +18,7 @@ from ...core.retargeting.control_rig import ControlRig, RigPoses, local_places, 
 from ...core.retargeting.retarget import Retargeted, limb_changes, plant_intervals, prepared, retarget
 from ...core.retargeting.roles import BoneMap
 from ...core.retargeting.transfer import RetargetOptions
+from .fk_controls import FkControls, through_controls
 from .ik_controls import ik_channels, ik_roles
 from .live import LiveSource, follow, refuse_inverse_kinematics, remember, stop_following
 from .rig_curves import ControlChannel, CurveOptions, rotation_channel, write_channels
@@ -139,6 +140,10 @@ def send_to_rig(
         refuse_inverse_kinematics(bones.preset, preset.ik)
         asked = replace(asked, feet="off", hands=False)
     stop_following(armature)
+    controls = FkControls({}, {})
+    if not preset.settings:
+        bones, controls = through_controls(armature, bones)
+    follows = {**preset.follows, **{control: bone for bone, control in controls.by_bone.items()}}
     used = _used(bones, of_source, asked)
     names = used.names()
     frames = frame_start + np.arange(len(source))
@@ -146,12 +151,12 @@ def send_to_rig(
     held = () if preset.settings else names  # the limbs of a rig with settings are switched by these
     with (
         at_rest(armature, [*names, *ik]),
-        with_settings(armature, preset.settings) as settings,
+        with_settings(armature, preset.settings or controls.settings) as settings,
         without_holds(armature, held) as holds,
     ):
         reading = read_rig(armature, used)
         rig = reading.rig
-        shown = [shown_bone(armature, preset.follows, name) for name in rig.rest.names]
+        shown = [shown_bone(armature, follows, name) for name in rig.rest.names]
         standing = world_matrices(armature, shown)
         result = retarget(source, of_source, rig, asked, options.planted)
         channels = control_channels(armature, rig, result.poses, ik_roles(rig, preset))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import bpy
 import numpy as np
 
@@ -12,6 +10,8 @@ from ...core.numerics import rotations
 from ...core.retargeting.bone_matching import preset_of
 from ...core.retargeting.roles import BoneMap
 from ..scene_io import body_armature, fcurves, part_meshes, performers, scene, skinned_parts
+from . import fk_controls
+from .fk_controls import FkControls
 from .rig_reading import at_rest, moved_matrices, rest_matrices, with_settings
 from .send import target_bones
 
@@ -24,9 +24,6 @@ _STILL = 1e-5
 """What keys of one channel may differ by where it stands still."""
 _SCALED = 0.01
 """Change of a bone's scale that is more than an importer's rounding."""
-_CHAINS = ("IK", "SPLINE_IK")
-"""Constraints that move the bones above as well."""
-_HARMLESS = ("LIMIT_ROTATION", "LIMIT_LOCATION", "LIMIT_SCALE")
 
 
 def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[bpy.types.Object, tuple[str, ...]]:
@@ -43,24 +40,72 @@ def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[b
     if skinned_parts.carries_its_parts(armature):
         return performers.take_armature(current, armature), _remarks(armature)
     collection = scene.ensure_collection(current, "Performers")
-    bones = _mechanism(armature)
-    if bones is None:
-        following = _following(armature)
+    mechanism = _mechanism(armature)
+    found = _controls(armature) if mechanism is None else None
+    if found is not None:
+        return _use_controls(current, armature, collection, found)
+    if mechanism is None:
+        following = fk_controls.following(armature)
         limbs = _limb_bones(armature)
         loose = {name: what for name, what in following.items() if name not in limbs.names()}
         ends = [name for role, _, name in limbs.items() if role.partition(".")[0] in _LIMB_ROLES]
         made = skinned_parts.add_parts(armature, collection, following=loose, limbs=ends)
         _refuse_following(armature, made.parts, following)
     else:
-        controls = [name for role, _, name in bones.items() if role.partition(".")[0] in _PART_ROLES]
-        with with_settings(armature, preset_of(bones).settings):
+        controls = [name for role, _, name in mechanism.items() if role.partition(".")[0] in _PART_ROLES]
+        with with_settings(armature, preset_of(mechanism).settings):
             made = skinned_parts.add_parts(armature, collection, _carriers(armature, controls))
     try:
         taken = performers.take_armature(current, armature)
-        return taken, (*made.remarks, *(_remarks(armature) if bones is None else ()))
+        return taken, (*made.remarks, *(_remarks(armature) if mechanism is None else ()))
     except BodyError:
         _remove(armature, made.parts)
         raise
+
+
+def _controls(armature: bpy.types.Object) -> FkControls | None:
+    """The controls of a rig that no preset knows; None where its deforming bones are posed themselves."""
+    led = skinned_parts.leading_bones(armature)
+    held = fk_controls.following(armature)
+    if not set(led) & set(held):
+        return None
+    controls = fk_controls.find_controls(armature, led, held)
+    return controls if any(controls.by_bone.get(name, name) != name for name in led if name in held) else None
+
+
+def _use_controls(
+    current: bpy.types.Scene, armature: bpy.types.Object, collection: bpy.types.Collection, controls: FkControls
+) -> tuple[bpy.types.Object, tuple[str, ...]]:
+    """Make a rig a performer through its controls; see `use_as_body`."""
+    held = fk_controls.following(armature)
+    roles = _limb_bones(armature)
+    ends = [name for role, _, name in roles.items() if role.partition(".")[0] in _LIMB_ROLES]
+    carriers, remarks = dict(controls.by_bone), list[str]()
+    led = skinned_parts.leading_bones(armature)
+    for name in sorted(set(led) - set(carriers), key=lambda each: len(armature.data.bones[each].parent_recursive)):
+        above = next((p.name for p in armature.data.bones[name].parent_recursive if p.name in carriers), None)
+        if above is None or name in roles.names():
+            raise BodyError(
+                f"no control was found that turns the bone: it is moved by {held.get(name, 'the one above')}",
+                where=f"armature {armature.name}, bone {name}",
+                todo="switch its limb to forward kinematics (FK), or mute what moves it",
+            )
+        carriers[name] = carriers[above]
+        if name in held and not skinned_parts.says_twist(name):
+            remarks.append(f"bone {name}: it is moved by {held[name]}, so it is left out, and follows the body")
+    with with_settings(armature, controls.settings):
+        made = skinned_parts.add_parts(armature, collection, carriers, limbs=[carriers.get(n, n) for n in ends])
+        try:
+            fk_controls.refuse_otherwise_moved(armature, controls.by_bone)
+            taken = performers.take_armature(current, armature)
+            remarks += [*made.remarks, *_remarks(armature)]
+        except BodyError:
+            _remove(armature, made.parts)
+            raise
+    for name, values in controls.settings.items():
+        for key, value in values.items():
+            remarks.append(f"bone {name}: its property '{key}' is {value:g} now: the limb is turned by FK controls")
+    return taken, tuple(remarks)
 
 
 def _mechanism(armature: bpy.types.Object) -> BoneMap | None:
@@ -139,27 +184,6 @@ def _refuse_moving_object(armature: bpy.types.Object) -> None:
                 where=f"armature {armature.name}",
                 todo="delete them, and key the topmost bone of the body instead",
             )
-
-
-def _following(armature: bpy.types.Object) -> dict[str, str]:
-    """What else than its own pose moves a bone, by the bone."""
-    data = armature.animation_data
-    driven = (
-        {driver.data_path.split('"')[1] for driver in data.drivers if driver.data_path.count('"') > 1}
-        if data
-        else set()
-    )
-    own = {name: "a driver" for name in driven}
-    found: dict[str, str] = {}
-    for bone in armature.pose.bones:
-        constraints = list[Any](bone.constraints)
-        holds = next((c for c in constraints if not c.mute and c.influence and c.type not in _HARMLESS), None)
-        if holds is not None:
-            own[bone.name] = f"its constraint '{holds.name}'"
-            if holds.type in _CHAINS:
-                above = bone.parent_recursive[: holds.chain_count - 1 if holds.chain_count else None]
-                found |= {each.name: f"the constraint '{holds.name}' of {bone.name}" for each in above}
-    return own | {name: what for name, what in found.items() if name not in own}
 
 
 def _limb_bones(armature: bpy.types.Object) -> BoneMap:

@@ -130,6 +130,12 @@ def add_parts(
     return SkinnedParts(tuple(kept), tuple(remarks))
 
 
+def leading_bones(armature: bpy.types.Object) -> list[str]:
+    """Bones that lead enough of the skin to be a solid, the others being of no use for a body."""
+    skin = read_skin(armature)
+    return [name for number, name in enumerate(skin.names) if int((skin.leaders == number).sum()) >= _LEAST]
+
+
 def read_skin(armature: bpy.types.Object) -> Skin:
     """Read the skin at rest: modifiers before and beside the armature's are respected."""
     names = [bone.name for bone in armature.data.bones if bone.use_deform]
@@ -221,7 +227,7 @@ def _merged(
         if name not in found or bone.parent is None:
             continue
         last = not any(child.name in found for child in bone.children_recursive)
-        twist = last and name not in limbs and (_says_twist(name) or _is_twist(bone, found))
+        twist = last and name not in limbs and (says_twist(name) or _is_twist(bone, found))
         follows = last and name in following
         slight = name not in limbs and np.linalg.norm(np.ptp(found[name], axis=0)) < 2 * small
         above = next((p.name for p in bone.parent_recursive if p.name in found), None)
@@ -234,7 +240,8 @@ def _merged(
     return found, sorted(left_out)
 
 
-def _says_twist(name: str) -> bool:
+def says_twist(name: str) -> bool:
+    """Whether a bone's name says that it divides the twist of the one above."""
     return any(word in name.casefold() for word in _TWIST)
 
 

@@ -1,4 +1,4 @@
-"""Characters that nobody made for this program are tracked on their own bones, from key poses to motion."""
+"""Characters that nobody made for this program: tracked from key poses on their own bones, and moved."""
 
 from __future__ import annotations
 
@@ -8,14 +8,26 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from addon_shots import blender, joint_error  # noqa: E402, F401
+from kfmocap.core.errors import BodyError  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting import send, source_motion  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import (  # noqa: E402
     added_views,
     body_armature,
     key_pose_curves,
+    motion_curves,
     shown_pose,
 )
-from odd_characters import quadruped, unreal_like  # noqa: E402
+from odd_characters import (  # noqa: E402
+    BODY,
+    CONTROL,
+    add_bones,
+    bind,
+    controlled_human,
+    quadruped,
+    switched_human,
+    unreal_like,
+)
 from synthetic import film, look_at, swing  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
@@ -31,7 +43,7 @@ def error_of(armature, body, truth):
     return float(np.mean(errors))
 
 
-@pytest.mark.parametrize("made", [unreal_like, quadruped])
+@pytest.mark.parametrize("made", [unreal_like, quadruped, switched_human])
 def test_a_character_is_tracked_on_its_own_bones(made, tmp_path):
     scene = bpy.context.scene
     armature, _ = use_as_body(scene, made())
@@ -51,3 +63,85 @@ def test_a_character_is_tracked_on_its_own_bones(made, tmp_path):
     assert error_of(armature, body, truth) < 0.3 * curves
     for frame in (0, FRAMES - 1):
         assert joint_error(armature, body, truth[[frame]], first + frame) < 0.1
+
+
+@pytest.mark.parametrize("kind", ["COPY_TRANSFORMS", "COPY_ROTATION"])
+def test_parts_hang_on_the_controls_that_deforming_bones_copy(kind):
+    armature, remarks = use_as_body(bpy.context.scene, controlled_human(kind))
+    body = body_armature.body_from_armature(armature)
+    assert {name.removeprefix(CONTROL) for name in body.names} == set(BODY.names)
+    assert not remarks
+    truth = swing(body, FRAMES)
+    motion_curves.write_motion(armature, truth, 1)
+    assert joint_error(armature, body, truth) < 0.1
+    bpy.context.scene.frame_set(4)
+    posed = armature.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones
+    for name in BODY.names:
+        assert np.allclose(posed[f"DEF-{name}"].matrix, posed[CONTROL + name].matrix, atol=1e-5)
+
+
+def test_limbs_that_a_property_switches_are_switched_to_their_fk_controls_with_a_word():
+    armature = switched_human()
+    armature, remarks = use_as_body(bpy.context.scene, armature)
+    goals = [f"IK-{end}.{side}" for end in ("hand", "foot") for side in "LR"]
+    assert sorted(text.split(":")[0] for text in remarks) == sorted(f"bone {name}" for name in goals)
+    assert all(armature.pose.bones[name]["ik_fk"] == 0 for name in goals)
+    names = body_armature.body_from_armature(armature).names
+    assert {name.removeprefix(CONTROL) for name in names} == set(BODY.names)
+
+
+def test_a_limb_that_has_inverse_kinematics_alone_is_named_with_what_to_do():
+    armature = controlled_human()
+    for name in ("upper_arm.L", "forearm.L"):
+        held = armature.pose.bones[f"DEF-{name}"].constraints
+        held.remove(held[0])
+    chain = armature.pose.bones["DEF-forearm.L"].constraints.new("IK")
+    chain.target, chain.subtarget, chain.chain_count = armature, "CTRL-hand.L", 2
+    with pytest.raises(BodyError, match=r"bone DEF-upper_arm.L: no control .* of DEF-forearm.L .*switch its limb to f"):
+        use_as_body(bpy.context.scene, armature)
+    assert not armature.children
+
+
+def test_a_control_that_does_not_turn_with_the_one_above_is_named():
+    armature = controlled_human()
+    armature.data.bones["CTRL-head"].use_inherit_rotation = False
+    with pytest.raises(BodyError, match=r"bone CTRL-head: it does not move with CTRL-chest .*it does not inherit rot"):
+        use_as_body(bpy.context.scene, armature)
+    assert not armature.children
+    assert not bpy.context.scene.kfmocap.performers
+
+
+def test_bones_that_follow_a_controlled_one_in_part_are_left_out_with_a_word():
+    armature = controlled_human()
+    top = BODY.parts[BODY.index("head")].tail_world
+    add_bones(armature, [("plume", "DEF-head", top, top + [0, 0.3, 0])], deform=True)
+    bind(armature, "plume", [("plume", top + np.random.default_rng(0).uniform(-0.1, 0.1, (40, 3)) + [0, 0.2, 0])])
+    held = armature.pose.bones["plume"].constraints.new("COPY_ROTATION")
+    held.target, held.subtarget, held.influence = armature, "CTRL-chest", 0.5
+    armature, remarks = use_as_body(bpy.context.scene, armature)
+    assert [text.split(",")[0] for text in remarks] == ["bone plume: it is moved by its constraint 'Copy Rotation'"]
+    assert len(body_armature.body_from_armature(armature)) == len(BODY)
+
+
+@pytest.mark.parametrize("made", [controlled_human, switched_human])
+def test_motion_is_sent_to_the_controls_of_a_rig_that_no_preset_knows(made):
+    scene = bpy.context.scene
+    target = made()
+    source = body_armature.build_armature(BODY, "source", scene.collection)
+    motion_curves.write_motion(source, swing(BODY, FRAMES), 1)
+    scene.frame_start, scene.frame_end = 1, FRAMES
+    motion, bones = source_motion.motion_of_armature(scene, source, (1, FRAMES))
+    report = send.send_to_rig(scene, motion, target, 1, send.SendOptions(source_bones=bones))
+    assert report["warnings"] == []
+    assert all(
+        name.startswith(CONTROL)
+        for role, names in report["target"]["bones"].items()
+        if role != "root"
+        for name in names
+    )
+    assert max(limb["worst_degrees"] for limb in report["error"].values()) < 0.1
+    scene.frame_set(4)
+    graph = bpy.context.evaluated_depsgraph_get()
+    shown, wanted = (one.evaluated_get(graph).pose.bones for one in (target, source))
+    for name in BODY.names:
+        assert np.allclose(shown[f"DEF-{name}"].head, wanted[name].head, atol=1e-3)

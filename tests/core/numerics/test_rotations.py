@@ -95,3 +95,21 @@ def test_orthonormal_takes_rounding_away() -> None:
     clean = rotations.orthonormal(R + rng.normal(0, 1e-7, R.shape))
     np.testing.assert_allclose(clean @ np.swapaxes(clean, 1, 2), np.broadcast_to(np.eye(3), R.shape), atol=1e-14)
     np.testing.assert_allclose(clean, R, atol=1e-6)
+
+
+def test_the_mean_of_rotations_is_nearest_to_them_also_where_their_sum_mirrors() -> None:
+    rng = np.random.default_rng(2)
+    R = rotations.exp(rng.normal(0, 3, (4, 200, 3)))
+    weight = (rng.random((4, 200)) < 0.8).astype(float)
+    mirrored = np.linalg.det(np.einsum("fp,fpab->pab", weight, R)) < 0
+    assert mirrored.sum() > 20
+
+    def misfit(candidate: np.ndarray) -> np.ndarray:
+        return np.einsum("fp,fpab->p", weight, (R - candidate) ** 2)
+
+    found = rotations.mean(R, weight)
+    np.testing.assert_allclose(np.linalg.det(found), 1)
+    for _ in range(50):
+        beside = found @ rotations.exp(rng.normal(0, 0.5, (200, 3)))
+        assert (misfit(beside) > misfit(found) - 1e-9).all()
+    np.testing.assert_allclose(rotations.mean(R, np.zeros((4, 200))), np.broadcast_to(np.eye(3), (200, 3, 3)))

@@ -1,0 +1,281 @@
+"""Controls of a rig that no preset knows: which bone an animator turns to move each deforming bone.
+
+Constraints and drivers are not understood but observed: each bone that may be a control is turned a little, and what
+moves rigidly with it hangs on it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from ...core.errors import BodyError
+from ...core.numerics import rotations
+from ...core.numerics.arrays import Array
+from ...core.retargeting.roles import BoneMap
+from ..scene_io import body_armature
+from .rig_reading import at_rest, moved_matrices, rest_matrices, restore_settings, set_settings, update
+
+_RIGID = 1e-3
+"""Radians, and lengths of the rig, within which two bones move as one."""
+_HARMLESS = ("LIMIT_ROTATION", "LIMIT_LOCATION", "LIMIT_SCALE")
+_CHAINS = ("IK", "SPLINE_IK")
+"""Constraints that move the bones above as well."""
+_MOVING = (".location", ".rotation_quaternion", ".rotation_euler", ".rotation_axis_angle", ".scale")
+_HUGE = 1e3
+"""Ends of a property's range that are none."""
+_SWITCHES = 24
+"""Custom properties that are tried at most, those of most constraints first."""
+
+Settings = dict[str, dict[str, float]]
+
+
+@dataclass(frozen=True)
+class FkControls:
+    """Controls of deforming bones.
+
+    Attributes
+    ----------
+    by_bone : mapping of str to str
+        The bone that is turned, by the deforming bone that moves with it. Bones that nothing turns about their own
+        heads are absent.
+    settings : mapping of str to mapping of str to float
+        Custom properties by bone that must have these values for that, where they have others now.
+    """
+
+    by_bone: Mapping[str, str]
+    settings: Mapping[str, Mapping[str, float]]
+
+
+def following(armature: bpy.types.Object) -> dict[str, str]:
+    """Return what else than its own pose moves a bone, by the bone; those with a constraint of their own first."""
+    data = armature.animation_data
+    paths = [driver.data_path for driver in data.drivers] if data else []
+    own = {
+        path.split('"')[1]: "a driver" for path in paths if path.startswith("pose.bones[") and path.endswith(_MOVING)
+    }
+    found: dict[str, str] = {}
+    for bone in armature.pose.bones:
+        constraints = list[Any](bone.constraints)
+        holds = next((c for c in constraints if not c.mute and c.influence and c.type not in _HARMLESS), None)
+        if holds is not None:
+            own[bone.name] = f"its constraint '{holds.name}'"
+            if holds.type in _CHAINS:
+                above = bone.parent_recursive[: holds.chain_count - 1 if holds.chain_count else None]
+                found |= {each.name: f"the constraint '{holds.name}' of {bone.name}" for each in above}
+    return own | {name: what for name, what in found.items() if name not in own}
+
+
+def find_controls(armature: bpy.types.Object, bones: Sequence[str], held: Collection[str]) -> FkControls:
+    """Find which bones are turned to move deforming bones.
+
+    Where constraints are switched by custom properties (from inverse kinematics to forward kinematics, say), those
+    values are chosen with which controls move more.
+
+    Parameters
+    ----------
+    bones : sequence of str
+        Deforming bones, also those that are posed themselves.
+    held : collection of str
+        Bones that something else than their own pose moves, see `following`.
+    """
+    candidates = [name for name in _upstream(armature, bones) if _may_be_turned(armature, name, bones, held)]
+    with at_rest(armature, [bone.name for bone in armature.data.bones]):
+        moved = _moved(armature, bones, candidates)
+        switched = _switched(armature, bones, moved)
+        if switched:
+            before = set_settings(armature, switched)
+            moved = _moved(armature, bones, candidates)
+            restore_settings(armature, before)
+    return FkControls(_chosen(armature, bones, moved), switched)
+
+
+def through_controls(armature: bpy.types.Object, bones: BoneMap) -> tuple[BoneMap, FkControls]:
+    """Return a map with the controls of those bones that something else moves, where there are controls, and these."""
+    held = following(armature)
+    names = bones.names()
+    if not set(names) & set(held):
+        return bones, FkControls({}, {})
+    found = find_controls(armature, names, held)
+    used = [found.by_bone.get(name, name) if name in held else name for name in names]
+    by_bone = {
+        name: control for name, control in zip(names, used, strict=True) if name != control and used.count(control) == 1
+    }
+    roles = {role: tuple(by_bone.get(name, name) for name in played) for role, played in bones.bones.items()}
+    return BoneMap(roles, bones.preset, bones.found_by), FkControls(by_bone, found.settings if by_bone else {})
+
+
+def refuse_otherwise_moved(armature: bpy.types.Object, carriers: Mapping[str, str]) -> None:
+    """Raise a BodyError where the skin of a body does not move as its parts do, alone by the turns of their bones.
+
+    Parameters
+    ----------
+    carriers : mapping of str to str
+        The bone of the part, by the deforming bone.
+    """
+    parts = body_armature.body_bones(armature)
+    names = [bone.name for bone in parts]
+    above, standing = body_armature.parents_of(parts), body_armature.standing_frames(armature, parts)
+    bones = [bone for bone in carriers if carriers[bone] in names]
+    dice = np.random.default_rng(0)
+    with at_rest(armature, [bone.name for bone in armature.data.bones]):
+        rest = rest_matrices(armature, [*names, *bones])
+        size = float(np.ptp(rest[:, :3, 3], axis=0).max()) or 1.0
+        posed: list[Array] = []
+        for i, name in enumerate(names):
+            own = np.eye(4)
+            own[:3, :3] = rotations.exp(dice.normal(0, 0.3, 3))
+            start = standing[i] if above[i] < 0 else posed[above[i]] @ np.linalg.inv(standing[above[i]]) @ standing[i]
+            posed.append(start @ own)
+            armature.pose.bones[name].matrix_basis = Matrix(own.tolist())
+        update()
+        shown = rest_matrices(armature, [*names, *bones])
+    wanted = [*posed, *(posed[names.index(carriers[bone])] for bone in bones)]
+    frames = [*standing, *(standing[names.index(carriers[bone])] for bone in bones)]
+    for k, name in enumerate([*names, *bones]):
+        goal = wanted[k] @ np.linalg.inv(frames[k]) @ rest[k]
+        turn = rotations.log(rotations.orthonormal(goal[:3, :3].T @ shown[k][:3, :3]))
+        apart = np.linalg.norm(goal[:3, 3] - shown[k][:3, 3])
+        if np.linalg.norm(turn) > 10 * _RIGID or apart > 10 * _RIGID * size:
+            part = above[k] if k < len(names) else names.index(carriers[name])
+            with_whom = f" with {names[part]}" if part >= 0 else ""
+            raise BodyError(
+                f"it does not move{with_whom} alone, as a part of a body does{_held_by(armature, name)}",
+                where=f"armature {armature.name}, bone {name}",
+                todo="mute what frees it from the bone above, or give the character a rig of plain bones",
+            )
+
+
+def _held_by(armature: bpy.types.Object, name: str) -> str:
+    """What besides their own pose moves a bone, or one above it."""
+    moved = following(armature)
+    for bone in (armature.pose.bones[name], *armature.pose.bones[name].parent_recursive):
+        if bone.name in moved:
+            return f": {'it' if bone.name == name else bone.name} is moved by {moved[bone.name]}"
+        if not bone.bone.use_inherit_rotation:
+            return f": {'it' if bone.name == name else bone.name} does not inherit rotation"
+    return ""
+
+
+def _upstream(armature: bpy.types.Object, bones: Iterable[str]) -> list[str]:
+    """Bones that others hang on, by parents and constraints, and these themselves."""
+    found: dict[str, None] = {}
+    waiting = list(bones)
+    while waiting:
+        name = waiting.pop()
+        bone: Any = armature.pose.bones.get(name)
+        if bone is None or name in found:
+            continue
+        found[name] = None
+        if bone.parent is not None:
+            waiting.append(bone.parent.name)
+        for constraint in list[Any](bone.constraints):
+            targets = [constraint, *getattr(constraint, "targets", ())]
+            waiting += [t.subtarget for t in targets if getattr(t, "target", None) == armature]
+            if getattr(constraint, "pole_target", None) == armature:
+                waiting.append(constraint.pole_subtarget)
+    return list(found)
+
+
+def _may_be_turned(armature: bpy.types.Object, name: str, bones: Collection[str], held: Collection[str]) -> bool:
+    bone = armature.pose.bones[name]
+    hangs = any(above.name in held and above.name in bones for above in bone.parent_recursive)
+    return name not in held and not all(bone.lock_rotation) and not hangs
+
+
+def _moved(armature: bpy.types.Object, bones: Sequence[str], candidates: Sequence[str]) -> dict[str, set[str]]:
+    """The bones that move rigidly with each candidate."""
+    rest, standing = rest_matrices(armature, bones), rest_matrices(armature, candidates)
+    size = float(np.ptp(rest[:, :3, 3], axis=0).max()) or 1.0
+    found = {}
+    for name, own in zip(candidates, standing, strict=True):
+        matrices = moved_matrices(armature, name, [name, *bones])
+        change = matrices[1:] @ np.linalg.inv(rest)
+        turned = matrices[0] @ np.linalg.inv(own)
+        found[name] = {bone for bone, one in zip(bones, _alike(change, turned, rest, size), strict=True) if one}
+    update()
+    return found
+
+
+def _alike(changes: Array, change: Array, rest: Array, size: float) -> Array:
+    """Which of some changes (B, 4, 4) of bones that stand at `rest` are one and the same change (4, 4), of any size."""
+    apart = rotations.orthonormal(change[:3, :3]).T @ rotations.orthonormal(changes[:, :3, :3])
+    heads = rest[:, :3, 3]
+    goals = heads @ change[:3, :3].T + change[:3, 3]
+    places = np.einsum("bij,bj->bi", changes[:, :3, :3], heads) + changes[:, :3, 3]
+    turned = np.linalg.norm(rotations.log(rotations.orthonormal(change[:3, :3]))) > _RIGID
+    still = np.linalg.norm(rotations.log(apart), axis=-1) < _RIGID
+    return np.asarray(turned & still & (np.linalg.norm(places - goals, axis=-1) < _RIGID * size))
+
+
+def _switched(armature: bpy.types.Object, bones: Sequence[str], moved: Mapping[str, set[str]]) -> Settings:
+    """Values of properties that switch constraints with which controls move more bones than they do now."""
+    found: Settings = {}
+    first: dict[tuple[str, str], Any] = {}
+    for (name, key), owners in _switches(armature).items():
+        bone: Any = armature.pose.bones[name]
+        before = first[name, key] = bone[key]
+        concerned = [other for other in _upstream(armature, owners) if other in moved]
+        best = sum(map(len, _moved(armature, bones, concerned).values()))
+        for value in sorted({*_ends(bone, key)} - {float(before)}):
+            set_settings(armature, {name: {key: value}})
+            count = sum(map(len, _moved(armature, bones, concerned).values()))
+            if count > best:
+                best, found[name] = count, {**found.get(name, {}), key: value}
+        set_settings(armature, {name: {key: found.get(name, {}).get(key, before)}})
+    restore_settings(armature, first)
+    update()
+    return found
+
+
+def _ends(bone: Any, key: str) -> tuple[float, float]:
+    """The ends of a custom property's range; 0 and 1 where it has none."""
+    if isinstance(bone[key], bool):
+        return 0.0, 1.0
+    shown = bone.id_properties_ui(key).as_dict()
+    ends = float(shown.get("soft_min", 0.0)), float(shown.get("soft_max", 1.0))
+    return ends if max(map(abs, ends)) < _HUGE else (0.0, 1.0)
+
+
+def _switches(armature: bpy.types.Object) -> dict[tuple[str, str], list[str]]:
+    """Custom properties of bones that drive constraints, and the bones whose they drive; those of most bones first."""
+    found: dict[tuple[str, str], list[str]] = {}
+    data = armature.animation_data
+    for curve in data.drivers if data else ():
+        if ".constraints[" not in curve.data_path:
+            continue
+        for variable in curve.driver.variables:
+            path = variable.targets[0].data_path.split('"')
+            if variable.targets[0].id == armature and len(path) == 5 and path[0] == "pose.bones[":
+                name, key = path[1], path[3]
+                bone: Any = armature.pose.bones.get(name)
+                if bone is not None and isinstance(bone.get(key), (int, float)):
+                    found.setdefault((name, key), []).append(curve.data_path.split('"')[1])
+    return dict(sorted(found.items(), key=lambda item: -len(item[1]))[:_SWITCHES])
+
+
+def _chosen(armature: bpy.types.Object, bones: Sequence[str], moved: Mapping[str, set[str]]) -> dict[str, str]:
+    """The control of each bone: of those that it moves with and that turn about its head, one that has a shape, and
+    moves most; of equals the one that lies on the bone, or the lowest.
+    """
+    rest = armature.data.bones
+    size = float(np.ptp([bone.head_local for bone in rest], axis=0).max()) or 1.0
+
+    def rank(bone: bpy.types.Bone, control: bpy.types.Bone) -> tuple[object, ...]:
+        shaped = armature.pose.bones[control.name].custom_shape is not None
+        along = (bone.tail_local - control.tail_local).length < _RIGID * size and not control.use_deform
+        return shaped, len(moved[control.name]), along, len(control.parent_recursive)
+
+    found = {}
+    for name in bones:
+        bone = rest[name]
+        able = [rest[c] for c in moved if name in moved[c]]
+        able = [c for c in able if (c.head_local - bone.head_local).length < _RIGID * size]
+        if able:
+            found[name] = max(able, key=lambda control: rank(bone, control)).name
+    return found
