@@ -59,7 +59,7 @@ def _character(context: bpy.types.Context) -> bpy.types.Object | None:
 class FingersFromKeypoints(Conditional, bpy.types.Operator):
     """Move the fingers of a character as the keypoints show the chosen performer's: of OpenPose, COCO-WholeBody or
     MediaPipe Holistic, with hands, in two views or more. The character is the active armature, or else the one chosen
-    here, or the performer's own body. Track first; your own keys of the fingers stay"""
+    here, or the performer's own body, which gets fingers. Track first; your own keys of the fingers stay"""
 
     bl_idname = "kfmocap.fingers_from_keypoints"
     bl_label = "Fingers from Keypoints"
@@ -71,9 +71,10 @@ class FingersFromKeypoints(Conditional, bpy.types.Operator):
         with reported(self) as outcome:
             slot = active_performer.chosen(context)
             active = context.view_layer.objects.active
-            candidates = (active, context.scene.kfmocap.retarget.target, slot.armature)
-            armature, bones = finger_tracking.armature_with_fingers(candidates)
-            count = finger_tracking.key_fingers(context.scene, slot, armature, bones)
+            hands = finger_tracking.seen_hands(context.scene, slot)
+            others = (active, context.scene.kfmocap.retarget.target)
+            armature, bones = finger_tracking.with_fingers(slot.armature, others)
+            count = finger_tracking.write_fingers(context.scene, armature, bones, hands)
             self.report({"INFO"} if count else {"WARNING"}, f"{count} finger bones of {armature.name} move")
         return outcome.value
 

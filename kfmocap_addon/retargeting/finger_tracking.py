@@ -45,17 +45,8 @@ def armature_with_fingers(candidates: Sequence[bpy.types.Object | None]) -> tupl
     )
 
 
-def key_fingers(
-    current: bpy.types.Scene, slot: bpy.types.PropertyGroup, armature: bpy.types.Object, bones: BoneMap
-) -> int:
-    """Key the fingers of an armature on every frame of the shot, as the keypoints show the performer's.
-
-    Keys of the animator's own stay.
-
-    Returns
-    -------
-    int
-        Bones that move.
+def seen_hands(current: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> Array:
+    """Return points of a performer's hands as the keypoints show them, (F, 2, 21, 3) in the world, metres.
 
     Raises
     ------
@@ -68,8 +59,7 @@ def key_fingers(
         raise BodyError("the body has no hands", where=f"performer {slot.name}", todo="use a body with hands")
     wrists = source.rest.indices([roles[f"hand.{side}"][0] for side in SIDES])
     shot = scene.shot_from_scene(current)
-    hands = hand_points(shot, read_shot_keypoints(shot, hands=True), source.positions[:, wrists])
-    return write_fingers(current, armature, bones, hands)
+    return hand_points(shot, read_shot_keypoints(shot, hands=True), source.positions[:, wrists])
 
 
 def add_fingers(current: bpy.types.Scene, hands: Sequence[Array | None]) -> None:
@@ -79,16 +69,20 @@ def add_fingers(current: bpy.types.Scene, hands: Sequence[Array | None]) -> None
             write_fingers(current, *with_fingers(slot.armature), points)
 
 
-def with_fingers(armature: bpy.types.Object) -> tuple[bpy.types.Object, BoneMap]:
-    """Return a performer's armature and the roles of its bones; finger bones are added to a body of ours without any.
+def with_fingers(
+    armature: bpy.types.Object, others: Sequence[bpy.types.Object | None] = ()
+) -> tuple[bpy.types.Object, BoneMap]:
+    """Return the first of some others and a performer's armature that has fingers, and the roles of its bones.
+
+    Where none has, a body of ours gets finger bones.
 
     Raises
     ------
     BodyError
-        It has no fingers that are known, and is no body of ours.
+        None has fingers that are known, and the performer's is no body of ours.
     """
     try:
-        return armature_with_fingers([armature])
+        return armature_with_fingers([*others, armature])
     except BodyError:
         body = body_armature.body_from_armature(armature)
         if {"hand.L", "hand.R"} - set(body.names):

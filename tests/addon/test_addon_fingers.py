@@ -15,14 +15,17 @@ from addon_shots import blender, metarig  # noqa: E402, F401
 from keypoint_shots import cameras, person_with_hands  # noqa: E402
 from kfmocap.cli import track_command  # noqa: E402
 from kfmocap.core.body import landmark_positions  # noqa: E402
+from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.formats.bvh import read_bvh  # noqa: E402
 from kfmocap.core.formats.keypoint_layouts import HAND_POINTS  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
 from kfmocap.core.retargeting.roles import FINGERS  # noqa: E402
 from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting import finger_tracking  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import body_armature, fcurves, motion_curves  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene as scenes  # noqa: E402
+from odd_characters import unreal_like  # noqa: E402
 from test_addon_posing import BENT, BODY, WALK, walk_scene  # noqa: E402
 
 pytestmark = pytest.mark.blender
@@ -104,11 +107,33 @@ def test_without_fingers_or_hands_it_is_said_what_is_missing(blender, tmp_path):
     with pytest.raises(RuntimeError, match="No view has 2D keypoints yet"):
         bpy.ops.kfmocap.fingers_from_keypoints()
     bpy.context.scene.kfmocap.views[0].keypoints = str(tmp_path / "none.json")
-    with pytest.raises(RuntimeError, match="no armature has fingers"):
-        bpy.ops.kfmocap.fingers_from_keypoints()
-    metarig()
-    with pytest.raises(RuntimeError, match=r"none\.json"):
-        bpy.ops.kfmocap.fingers_from_keypoints()
+    for make in (lambda: None, metarig):
+        make()
+        with pytest.raises(RuntimeError, match=r"none\.json"):
+            bpy.ops.kfmocap.fingers_from_keypoints()
+    armature = bpy.context.scene.kfmocap.performers[0].armature
+    assert len(armature.data.bones) == len(BODY), "no fingers are added in vain"
+
+
+def test_an_armature_without_fingers_that_is_no_body_of_ours_is_said_to_have_none(blender):  # noqa: F811
+    armature = unreal_like()
+    with pytest.raises(BodyError, match="no armature has fingers that are known"):
+        finger_tracking.with_fingers(use_as_body(bpy.context.scene, armature)[0])
+
+
+def test_the_button_gives_a_body_without_fingers_some_that_move_as_seen(blender, tmp_path):  # noqa: F811
+    slot = walk_scene(tmp_path, tracked=True)
+    rig = metarig()
+    bpy.ops.kfmocap.hand_shape(shape="grip")
+    bpy.context.view_layer.update()
+    hands, wanted = np.stack([points(rig, side) for side in "LR"]), bends(rig)
+    bpy.data.objects.remove(rig)
+    write_hands(tmp_path, hands)
+    for _ in range(2):  # again: the fingers that are there move
+        assert bpy.ops.kfmocap.fingers_from_keypoints() == {"FINISHED"}
+    assert len(slot.armature.data.bones) == len(BODY) + 30
+    bpy.context.scene.frame_set(20)
+    assert np.abs(bends(slot.armature) - wanted).max() < 3
 
 
 def test_the_body_gets_fingers_and_files_have_them(blender, tmp_path, capsys):  # noqa: F811
