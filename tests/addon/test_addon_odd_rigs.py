@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
 
+import addon_utils  # noqa: E402
 from addon_shots import blender, joint_error  # noqa: E402, F401
+from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting import send, source_motion  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
@@ -145,3 +149,17 @@ def test_motion_is_sent_to_the_controls_of_a_rig_that_no_preset_knows(made):
     shown, wanted = (one.evaluated_get(graph).pose.bones for one in (target, source))
     for name in BODY.names:
         assert np.allclose(shown[f"DEF-{name}"].head, wanted[name].head, atol=1e-3)
+
+
+def test_a_thousand_frames_reach_a_rig_of_700_bones_in_20_seconds():
+    addon_utils.enable("rigify", default_set=True)
+    bpy.ops.object.armature_human_metarig_add()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert bpy.ops.pose.rigify_generate() == {"FINISHED"}
+    rig = bpy.data.objects["rig"]
+    assert len(rig.data.bones) > 700
+    motion = motion_of_body(BODY, swing(BODY, 1000, 0.4), "man", 30.0)
+    begun = time.process_time()
+    report = send.send_to_rig(bpy.context.scene, motion, rig, 1)
+    assert time.process_time() - begun < 20
+    assert report["frames"] == [1, 1000]
