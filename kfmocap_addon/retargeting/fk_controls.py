@@ -64,7 +64,9 @@ def following(armature: bpy.types.Object) -> dict[str, str]:
         constraints = list[Any](bone.constraints)
         holds = next((c for c in constraints if not c.mute and c.influence and c.type not in _HARMLESS), None)
         if holds is not None:
-            own[bone.name] = f"its constraint '{holds.name}'"
+            other = getattr(holds, "target", None)
+            whose = f" to {other.name}" if other is not None and other != armature else ""
+            own[bone.name] = f"its constraint '{holds.name}'{whose}"
             if holds.type in _CHAINS:
                 above = bone.parent_recursive[: holds.chain_count - 1 if holds.chain_count else None]
                 found |= {each.name: f"the constraint '{holds.name}' of {bone.name}" for each in above}

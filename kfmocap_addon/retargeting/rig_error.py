@@ -12,6 +12,7 @@ from ...core.numerics.arrays import Array, Ints
 from ...core.retargeting.control_rig import ControlRig, RigPoses
 from ...core.retargeting.roles import LIMBS, BoneMap
 from ..scene_io.body_armature import world_frame
+from .rig_reading import evaluated
 
 
 def world_matrices(armature: bpy.types.Object, names: Sequence[str]) -> tuple[Array, Array]:
@@ -50,13 +51,14 @@ def measured_errors(
     R_rest, heads = at_rest
     angles = np.empty((len(sample), len(shown)))
     apart = np.empty_like(angles)
-    for i, f in enumerate(sample):
-        scene.frame_set(int(frames[f]))
-        R, T = world_matrices(armature, shown)
-        wanted = poses.turns[f] @ R_rest
-        places = poses.places[f] + np.einsum("bij,bj->bi", poses.turns[f], heads - rig.rest.heads)
-        angles[i] = np.degrees(np.linalg.norm(rotations.log(np.swapaxes(R, -1, -2) @ wanted), axis=-1))
-        apart[i] = 1000 * np.linalg.norm(T - places, axis=-1)
+    with evaluated(armature):
+        for i, f in enumerate(sample):
+            scene.frame_set(int(frames[f]))
+            R, T = world_matrices(armature, shown)
+            wanted = poses.turns[f] @ R_rest
+            places = poses.places[f] + np.einsum("bij,bj->bi", poses.turns[f], heads - rig.rest.heads)
+            angles[i] = np.degrees(np.linalg.norm(rotations.log(np.swapaxes(R, -1, -2) @ wanted), axis=-1))
+            apart[i] = 1000 * np.linalg.norm(T - places, axis=-1)
     scene.frame_set(now)
     return _by_limb(rig.bones, rig, poses, angles, apart)
 

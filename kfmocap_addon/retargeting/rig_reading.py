@@ -78,32 +78,41 @@ def at_rest(armature: bpy.types.Object, controls: Sequence[str]) -> Iterator[Non
     data = armature.animation_data
     before = (data.action, data.action_slot, data.use_nla) if data else None
     poses = {name: _channels(armature.pose.bones[name]) for name in controls}
-    hidden = armature.hide_viewport
     update()
+    with evaluated(armature):
+        if data:
+            data.action, data.use_nla = None, False
+        try:
+            for name in controls:
+                armature.pose.bones[name].matrix_basis = Matrix.Identity(4)
+            update()
+            yield
+        finally:
+            for name, values in poses.items():
+                for attribute, value in values.items():
+                    setattr(armature.pose.bones[name], attribute, value)
+            if data:
+                data.action, data.use_nla = before[0], before[2]
+                if before[1] is not None:
+                    data.action_slot = before[1]
+    update()
+
+
+@contextmanager
+def evaluated(armature: bpy.types.Object) -> Iterator[None]:
+    """Have Blender evaluate an armature while the block runs: it does not in excluded collections, nor when hidden."""
+    hidden = armature.hide_viewport
     home = bpy.context.scene.collection.objects
-    away = armature.name not in bpy.context.view_layer.objects  # Blender evaluates nothing in excluded collections
+    away = armature.name not in bpy.context.view_layer.objects
     if away:
         home.link(armature)
     armature.hide_viewport = False
-    if data:
-        data.action, data.use_nla = None, False
     try:
-        for name in controls:
-            armature.pose.bones[name].matrix_basis = Matrix.Identity(4)
-        update()
         yield
     finally:
-        for name, values in poses.items():
-            for attribute, value in values.items():
-                setattr(armature.pose.bones[name], attribute, value)
-        if data:
-            data.action, data.use_nla = before[0], before[2]
-            if before[1] is not None:
-                data.action_slot = before[1]
         armature.hide_viewport = hidden
         if away:
             home.unlink(armature)
-        update()
 
 
 def _channels(bone: bpy.types.PoseBone) -> dict[str, tuple[float, ...]]:

@@ -161,13 +161,13 @@ def send_to_rig(
         result = retarget(source, of_source, rig, asked, options.planted)
         channels = control_channels(armature, rig, result.poses, ik_roles(rig, preset))
         channels += ik_channels(armature, rig, result.poses, preset)
+        channels += [_setting_channel(armature, *setting) for setting in settings]  # here: keys may set them otherwise
     if options.live is not None:
         link = (source, of_source, options.live)
         follow(scene, armature, rig, link, placement=result.placement, root=asked.root)
         remember(armature, holds, settings)
         keys = 0
     else:
-        channels += [_setting_channel(armature, *setting) for setting in settings]
         channels += [_hold_channel(*hold) for hold in holds]
         keys = write_channels(armature, channels, frames, f"{armature.name} {source.name}", options.curves)
     sample = np.unique(np.linspace(0, len(frames) - 1, _SAMPLE).astype(int))

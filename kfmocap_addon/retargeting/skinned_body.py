@@ -12,6 +12,7 @@ from ...core.retargeting.roles import BoneMap
 from ..scene_io import body_armature, fcurves, part_meshes, performers, scene, skinned_parts
 from . import fk_controls
 from .fk_controls import FkControls
+from .overrides import editable
 from .rig_reading import at_rest, moved_matrices, rest_matrices, with_settings
 from .send import target_bones
 
@@ -20,6 +21,8 @@ _LIMB_ROLES = ("head", "upper_arm", "forearm", "hand", "thigh", "shin", "foot")
 """Parts of their own also where they are small, as on figures with large heads and short limbs."""
 _FOLLOWS = 0.5
 """Share of a control's rotation from which on a deforming bone is counted as its."""
+_APART = 0.5
+"""Share of the deforming bones that hang on no other one from which on they hang on controls."""
 _STILL = 1e-5
 """What keys of one channel may differ by where it stands still."""
 _SCALED = 0.01
@@ -29,13 +32,15 @@ _SCALED = 0.01
 def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[bpy.types.Object, tuple[str, ...]]:
     """Make an armature a performer of the scene's shot; returns it, and what of it could not be used.
 
-    A skinned character gets parts made of its skin. On a generated Rigify rig they hang on the FK controls.
+    A skinned character gets parts made of its skin. On a control rig they hang on the FK controls. Of a linked
+    character a library override is used.
 
     Raises
     ------
     BodyError
         It cannot be a body; names the bone.
     """
+    armature = editable(armature, current)
     _refuse_moving_object(armature)
     if skinned_parts.carries_its_parts(armature):
         return performers.take_armature(current, armature), _remarks(armature)
@@ -66,11 +71,13 @@ def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[b
 def _controls(armature: bpy.types.Object) -> FkControls | None:
     """The controls of a rig that no preset knows; None where its deforming bones are posed themselves."""
     led = skinned_parts.leading_bones(armature)
-    held = fk_controls.following(armature)
-    if not set(led) & set(held):
+    held = set(fk_controls.following(armature)) & set(led)
+    loose = {n for n in led if not any(above.name in led for above in armature.data.bones[n].parent_recursive)}
+    if not led or (not held and len(loose) < _APART * len(led)):
         return None
     controls = fk_controls.find_controls(armature, led, held)
-    return controls if any(controls.by_bone.get(name, name) != name for name in led if name in held) else None
+    concerned = held or loose  # deforming bones may hang each on a control of its own
+    return controls if any(controls.by_bone.get(name, name) != name for name in concerned) else None
 
 
 def _use_controls(
@@ -86,9 +93,11 @@ def _use_controls(
         above = next((p.name for p in armature.data.bones[name].parent_recursive if p.name in carriers), None)
         if above is None or name in roles.names():
             raise BodyError(
-                f"no control was found that turns the bone: it is moved by {held.get(name, 'the one above')}",
+                f"no control was found that turns the bone about its head: it is moved by "
+                f"{held.get(name, 'the one above')}",
                 where=f"armature {armature.name}, bone {name}",
-                todo="switch its limb to forward kinematics (FK), or mute what moves it",
+                todo="switch its limb to forward kinematics (FK), give its control the bone's own place and roll, "
+                "or mute what moves it",
             )
         carriers[name] = carriers[above]
         if name in held and not skinned_parts.says_twist(name):
@@ -104,7 +113,9 @@ def _use_controls(
             raise
     for name, values in controls.settings.items():
         for key, value in values.items():
-            remarks.append(f"bone {name}: its property '{key}' is {value:g} now: the limb is turned by FK controls")
+            keyed = _moves(armature, name, f'["{bpy.utils.escape_identifier(key)}"]', -1.0)
+            what = f"has keys: delete them, and leave it at {value:g}" if keyed else f"is {value:g} now"
+            remarks.append(f"bone {name}: its property '{key}' {what}: the limb is turned by FK controls")
     return taken, tuple(remarks)
 
 
@@ -147,6 +158,12 @@ def _remarks(armature: bpy.types.Object) -> tuple[str, ...]:
     said = [text for text, name in zip(said, carrying, strict=True) if _moves(armature, name, "")]
     top = parts[0].name
     if parts[0].use_connect:
+        if armature.data.library is not None or armature.data.override_library is not None:
+            raise BodyError(
+                "it is connected to the bone above, which keeps it from moving, and its armature is linked",
+                where=f"armature {armature.name}, bone {top}",
+                todo="disconnect it in the character's own file (Alt P in edit mode)",
+            )
         with body_armature.edit_bones(armature) as bones:
             bones[top].use_connect = False
         said.append(f"bone {top}: it was connected to the bone above, which kept it from moving, and is no longer")
@@ -166,7 +183,8 @@ def _remarks(armature: bpy.types.Object) -> tuple[str, ...]:
 def _moves(armature: bpy.types.Object, bone: str, attribute: str, still: float = _STILL) -> bool:
     """Whether keys of a bone's attributes that begin so change anything."""
     bag = fcurves.find_channelbag(armature)
-    path = f'pose.bones["{bpy.utils.escape_identifier(bone)}"].{attribute}'
+    dot = "" if attribute.startswith("[") else "."
+    path = f'pose.bones["{bpy.utils.escape_identifier(bone)}"]{dot}{attribute}'
     return any(
         curve.data_path.startswith(path) and np.ptp(fcurves.get_keys(curve)["co"][:, 1]) > still
         for curve in (bag.fcurves if bag else ())

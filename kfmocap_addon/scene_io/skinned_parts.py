@@ -295,7 +295,8 @@ def _one_tree(
     best = max(tops, key=lambda top: sum(len(kept[name]) for name in below(top)))
     for top in tops:
         if top != best:
-            remarks.append(f"bone {top}: left out, it does not hang on {best} with the rest of the body")
+            todo = "give it a parent there in edit mode (Ctrl P)"
+            remarks.append(f"bone {top}: left out, it does not hang on {best} with the rest of the body: {todo}")
     return {name: kept[name] for name in below(best)}
 
 

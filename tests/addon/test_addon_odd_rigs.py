@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -28,6 +29,9 @@ from odd_characters import (  # noqa: E402
     add_bones,
     bind,
     controlled_human,
+    hung_on_controls,
+    linked,
+    loose_arms,
     quadruped,
     switched_human,
     unreal_like,
@@ -69,9 +73,12 @@ def test_a_character_is_tracked_on_its_own_bones(made, tmp_path):
         assert joint_error(armature, body, truth[[frame]], first + frame) < 0.1
 
 
-@pytest.mark.parametrize("kind", ["COPY_TRANSFORMS", "COPY_ROTATION"])
-def test_parts_hang_on_the_controls_that_deforming_bones_copy(kind):
-    armature, remarks = use_as_body(bpy.context.scene, controlled_human(kind))
+COPYING = [controlled_human, partial(controlled_human, "COPY_ROTATION"), hung_on_controls]
+
+
+@pytest.mark.parametrize("made", COPYING, ids=["transforms", "rotation", "parents"])
+def test_parts_hang_on_the_controls_that_deforming_bones_follow(made):
+    armature, remarks = use_as_body(bpy.context.scene, made())
     body = body_armature.body_from_armature(armature)
     assert {name.removeprefix(CONTROL) for name in body.names} == set(BODY.names)
     assert not remarks
@@ -92,6 +99,54 @@ def test_limbs_that_a_property_switches_are_switched_to_their_fk_controls_with_a
     assert all(armature.pose.bones[name]["ik_fk"] == 0 for name in goals)
     names = body_armature.body_from_armature(armature).names
     assert {name.removeprefix(CONTROL) for name in names} == set(BODY.names)
+
+
+def test_a_property_with_keys_that_would_switch_a_limb_back_is_named():
+    armature = switched_human()
+    armature.pose.bones["IK-hand.L"].keyframe_insert('["ik_fk"]', frame=1)
+    _, remarks = use_as_body(bpy.context.scene, armature)
+    [said] = [text for text in remarks if "has keys" in text]
+    assert said.startswith("bone IK-hand.L: its property 'ik_fk' has keys: delete them, and leave it at 0")
+
+
+def test_motion_is_sent_past_keys_that_switch_a_limb_to_inverse_kinematics():
+    scene, target = bpy.context.scene, switched_human()
+    target.pose.bones["IK-hand.L"].keyframe_insert('["ik_fk"]', frame=1)
+    motion = motion_of_body(BODY, swing(BODY, FRAMES), "man", 30.0)
+    report = send.send_to_rig(scene, motion, target, 1)
+    assert report["warnings"] == []
+    assert report["error"]["arm.L"]["worst_degrees"] < 0.1
+
+
+def test_the_error_of_a_character_in_an_excluded_collection_is_measured():
+    scene, target = bpy.context.scene, unreal_like()
+    kept = bpy.data.collections.new("kept")
+    scene.collection.children.link(kept)
+    scene.collection.objects.unlink(target)
+    kept.objects.link(target)
+    bpy.context.view_layer.layer_collection.children["kept"].exclude = True
+    report = send.send_to_rig(scene, motion_of_body(BODY, swing(BODY, FRAMES), "man", 30.0), target, 1)
+    assert report["warnings"] == []
+    assert bpy.context.view_layer.layer_collection.children["kept"].exclude
+
+
+def test_a_linked_character_is_tracked_on_an_override_that_a_saved_file_keeps(tmp_path):
+    given = linked(unreal_like, tmp_path)  # opens another file
+    armature, _ = use_as_body(bpy.context.scene, given)
+    assert armature.library is None
+    key_pose_curves.key_current_pose(armature, 1)
+    body = body_armature.body_from_armature(armature)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"))
+    [slot] = bpy.context.scene.kfmocap.performers
+    assert body_armature.body_from_armature(slot.armature).names == body.names
+    assert key_pose_curves.read_key_poses(slot.armature, 1, 5).frames.tolist() == [0]
+
+
+def test_limbs_that_hang_on_no_bone_are_named_with_what_to_do():
+    _, remarks = use_as_body(bpy.context.scene, loose_arms())
+    assert len(remarks) == 2
+    assert all("does not hang on pelvis" in text and "Ctrl P" in text for text in remarks)
 
 
 def test_a_limb_that_has_inverse_kinematics_alone_is_named_with_what_to_do():

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 
 import bpy
 import numpy as np
@@ -94,6 +95,32 @@ def switched_human(influence: float = 1.0) -> bpy.types.Object:
             _add_ik(armature, f"{end}.{side}", f"{lower}.{side}", influence)
     bpy.context.view_layer.update()
     return armature
+
+
+def hung_on_controls() -> bpy.types.Object:
+    """Deforming bones that hang each on a control of its own, without a constraint."""
+    armature = controlled_human()
+    with body_armature.edit_bones(armature) as bones:
+        for name in BODY.names:
+            bones[f"DEF-{name}"].use_connect, bones[f"DEF-{name}"].parent = False, bones[CONTROL + name]
+    for name in BODY.names:
+        held = armature.pose.bones[f"DEF-{name}"].constraints
+        held.remove(held[0])
+    return armature
+
+
+def linked(made: Callable[[], bpy.types.Object], folder: Path) -> bpy.types.Object:
+    """A character that is linked into an empty file, with its skin, from another one."""
+    armature = made()
+    collection = bpy.data.collections.new("character")
+    for owner in (armature, *skinned_parts.skinned_meshes(armature)):
+        collection.objects.link(owner)
+    bpy.data.libraries.write(str(folder / "character.blend"), {collection})
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    with bpy.data.libraries.load(str(folder / "character.blend"), link=True) as (_, loaded):
+        loaded.collections = ["character"]
+    bpy.context.scene.collection.children.link(loaded.collections[0])
+    return next(owner for owner in loaded.collections[0].objects if owner.type == "ARMATURE")
 
 
 def _add_ik(armature: bpy.types.Object, end: str, lower: str, influence: float) -> None:
