@@ -73,13 +73,14 @@ def _parsed(words: Iterator[str], name: str) -> SkeletonMotion:
     if not names or len(names) > _MOST_JOINTS or count * len(names) > max(len(numbers), 1):
         raise ValueError(f"{len(numbers)} numbers for {count} frames of {len(names)} joints")
     values = numbers.reshape(count, sum(map(len, channels)))
-    root, turns = _motion(values, channels, parents)
+    moved, turns = _motion(values, channels, parents, np.array(offsets))
     C = _WORLD_OF_BVH
-    root, turns, steps = root @ C.T, C @ turns @ C.T, np.array(offsets) @ C.T
+    moved, turns, steps = moved @ C.T, C @ turns @ C.T, np.array(offsets) @ C.T
     heads, positions = np.zeros_like(steps), np.empty(turns.shape[:3])
     for j, p in enumerate(parents):
         heads[j] = steps[j] if p < 0 else heads[p] + steps[j]
-        positions[:, j] = root if p < 0 else positions[:, p] + turns[:, p] @ steps[j]
+        way = moved[:, j, :, None]
+        positions[:, j] = moved[:, j] if p < 0 else positions[:, p] + (turns[:, p] @ way)[..., 0]
     rest = RestSkeleton(tuple(names), tuple(parents), heads, heads + np.array(tips) @ C.T)
     return SkeletonMotion(name, rest, turns, positions, 1 / frame_time if 1e-5 < frame_time < 1e5 else 0.0)
 
@@ -96,9 +97,13 @@ def _expect(word: str, wanted: str) -> None:
         raise ValueError(f"{wanted} is missing, or it is cut off")
 
 
-def _motion(values: Array, channels: list[list[str]], parents: list[int]) -> tuple[Array, Array]:
-    """The root's position (F, 3) and every joint's global turn (F, J, 3, 3), in the file's axes."""
-    positions = np.zeros((len(values), 3))
+def _motion(values: Array, channels: list[list[str]], parents: list[int], offsets: Array) -> tuple[Array, Array]:
+    """Every joint's position from the one above (F, J, 3) and its global turn (F, J, 3, 3), in the file's axes.
+
+    Position channels stand in place of the joint's offset (J, 3), and so do those of joints below the root, as other
+    programs write them.
+    """
+    positions = np.tile(offsets, (len(values), 1, 1))
     turns = np.empty((len(values), len(channels), 3, 3))
     column = 0
     for j, names in enumerate(channels):
@@ -111,10 +116,9 @@ def _motion(values: Array, channels: list[list[str]], parents: list[int]) -> tup
         angles = block[:, [i for i, name in enumerate(names) if name.endswith("rotation")]]
         local = Rotation.from_euler(axes, angles, degrees=True).as_matrix()  # capitals: about the turned axes
         turns[:, j] = local if parents[j] < 0 else turns[:, parents[j]] @ local
-        if parents[j] < 0:
-            for i, name in enumerate(names):
-                if name.endswith("position"):
-                    positions[:, "XYZ".index(name[0].upper())] = block[:, i]
+        for i, name in enumerate(names):
+            if name.endswith("position"):
+                positions[:, j, "XYZ".index(name[0].upper())] = block[:, i]
     return positions, turns
 
 

@@ -22,7 +22,7 @@ from ...core.errors import OutputError, ShotError
 from ...core.numerics.arrays import Array
 from ...core.numerics.resampling import sample_times, slerped
 from ...core.runtime.files import replacing
-from ..scene_io import body_armature, body_channels, fcurves, unknown_bones
+from ..scene_io import body_armature, body_channels, fcurves, followed_bones, unknown_bones
 from ..scene_io.scene import set_rate
 from . import destinations, vrm_animation
 from .presets import PRESETS
@@ -99,8 +99,8 @@ def export_bvh(
 ) -> None:
     """Write an armature's motion as BVH.
 
-    The root alone has position channels. The frame time has ten digits: Blender's six would drift by a frame
-    in minutes at some rates.
+    The root alone has position channels, unless bones below it are moved, too. The frame time has ten digits:
+    Blender's six would drift by a frame in minutes at some rates.
 
     Raises
     ------
@@ -113,12 +113,19 @@ def export_bvh(
                 filepath=str(target),
                 frame_start=stage.frame_start,
                 frame_end=stage.frame_end,
-                root_transform_only=True,
+                root_transform_only=not _others_move(stage.objects[0]),
             )
             seconds = stage.render.fps_base / stage.render.fps
         text = target.read_text(encoding="utf-8")
         text = re.sub(r"Frame Time: .*", f"Frame Time: {seconds:.10f}", text)
         target.write_text(text, encoding="utf-8", newline="\n")
+
+
+def _others_move(armature: bpy.types.Object) -> bool:
+    """Whether keys move bones that hang on others."""
+    bag = fcurves.find_channelbag(armature)
+    paths = {curve.data_path for curve in bag.fcurves} if bag is not None else set()
+    return any(f"{bone.path_from_id()}.location" in paths for bone in armature.pose.bones if bone.parent is not None)
 
 
 def export_fbx(
@@ -273,6 +280,7 @@ def _stage(
     try:
         first, times = _set_time(stage, scene, options)
         _sample(copy, armature, first, times, options)
+        _sample_followed(copy, armature, scene, (first, times), options)
         copy.rename(preset.node or name, mode="ALWAYS")  # the files shall have the armature's name
         copy.parent = None
         copy.data.transform(Matrix.Scale(preset.scale, 4) @ turn @ armature.matrix_world)
@@ -350,6 +358,39 @@ def _sample(
     for (path, index), row in _at_times(values, frames, times).items():
         keys = fcurves.new_keys(first + np.arange(len(times)), row, "KEYFRAME", "LINEAR")
         fcurves.set_keys(fcurves.ensure_fcurve(sampled, path, index, armature.name), [keys])
+
+
+def _sample_followed(
+    copy: bpy.types.Object,
+    armature: bpy.types.Object,
+    scene: bpy.types.Scene,
+    frames: tuple[int, Array],
+    options: ExportOptions,
+) -> None:
+    """Give bones of the copy of a rig that constraints or drivers move keys of what they do, in place of these.
+
+    They would follow the rig itself, which is in another scene, and is not turned and scaled as the copy.
+    """
+    followed = followed_bones.following(armature)
+    data = copy.animation_data
+    if not followed or data is None or data.action is None:
+        return
+    first, times = frames
+    for driver in list(data.drivers):
+        data.drivers.remove(driver)
+    for bone in copy.pose.bones:
+        for constraint in list(bone.constraints):
+            bone.constraints.remove(constraint)
+    bag = fcurves.ensure_channelbag(copy, armature.name)
+    unit = PRESETS[options.preset].scale * body_armature.object_pose(armature)[2]
+    for name, (place, turn, size) in followed_bones.read_followed(scene, armature, followed, times).items():
+        bone = copy.pose.bones[name]
+        bone.rotation_mode = "QUATERNION"
+        for attribute, values in (("location", unit * place), ("rotation_quaternion", turn), ("scale", size)):
+            path = bone.path_from_id(attribute)
+            for index, row in enumerate(values.T):
+                keys = fcurves.new_keys(first + np.arange(len(times)), row, "KEYFRAME", "LINEAR")
+                fcurves.set_keys(fcurves.ensure_fcurve(bag, path, index, armature.name), [keys])
 
 
 def _at_times(values: dict[tuple[str, int], Array], frames: Array, times: Array) -> dict[tuple[str, int], Array]:

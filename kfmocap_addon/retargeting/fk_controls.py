@@ -19,14 +19,11 @@ from ...core.numerics import rotations
 from ...core.numerics.arrays import Array
 from ...core.retargeting.roles import BoneMap
 from ..scene_io import body_armature
+from ..scene_io.followed_bones import following
 from .rig_reading import at_rest, moved_matrices, rest_matrices, restore_settings, set_settings, update
 
 _RIGID = 1e-3
 """Radians, and lengths of the rig, within which two bones move as one."""
-_HARMLESS = ("LIMIT_ROTATION", "LIMIT_LOCATION", "LIMIT_SCALE")
-_CHAINS = ("IK", "SPLINE_IK")
-"""Constraints that move the bones above as well."""
-_MOVING = (".location", ".rotation_quaternion", ".rotation_euler", ".rotation_axis_angle", ".scale")
 _HUGE = 1e3
 """Ends of a property's range that are none."""
 _SWITCHES = 24
@@ -52,27 +49,6 @@ class FkControls:
     settings: Mapping[str, Mapping[str, float]]
 
 
-def following(armature: bpy.types.Object) -> dict[str, str]:
-    """Return what else than its own pose moves a bone, by the bone; those with a constraint of their own first."""
-    data = armature.animation_data
-    paths = [driver.data_path for driver in data.drivers] if data else []
-    own = {
-        path.split('"')[1]: "a driver" for path in paths if path.startswith("pose.bones[") and path.endswith(_MOVING)
-    }
-    found: dict[str, str] = {}
-    for bone in armature.pose.bones:
-        constraints = list[Any](bone.constraints)
-        holds = next((c for c in constraints if not c.mute and c.influence and c.type not in _HARMLESS), None)
-        if holds is not None:
-            other = getattr(holds, "target", None)
-            whose = f" to {other.name}" if other is not None and other != armature else ""
-            own[bone.name] = f"its constraint '{holds.name}'{whose}"
-            if holds.type in _CHAINS:
-                above = bone.parent_recursive[: holds.chain_count - 1 if holds.chain_count else None]
-                found |= {each.name: f"the constraint '{holds.name}' of {bone.name}" for each in above}
-    return own | {name: what for name, what in found.items() if name not in own}
-
-
 def find_controls(armature: bpy.types.Object, bones: Sequence[str], held: Collection[str]) -> FkControls:
     """Find which bones are turned to move deforming bones.
 
@@ -84,7 +60,7 @@ def find_controls(armature: bpy.types.Object, bones: Sequence[str], held: Collec
     bones : sequence of str
         Deforming bones, also those that are posed themselves.
     held : collection of str
-        Bones that something else than their own pose moves, see `following`.
+        Bones that something else than their own pose moves, see `scene_io.followed_bones`.
     """
     candidates = [name for name in _upstream(armature, bones) if _may_be_turned(armature, name, bones, held)]
     with at_rest(armature, [bone.name for bone in armature.data.bones]):

@@ -10,6 +10,7 @@ from ...core.numerics import rotations
 from ...core.retargeting.bone_matching import preset_of
 from ...core.retargeting.roles import BoneMap
 from ..scene_io import body_armature, fcurves, part_meshes, performers, scene, skinned_parts
+from ..scene_io.followed_bones import following
 from . import fk_controls
 from .fk_controls import FkControls
 from .overrides import editable
@@ -50,12 +51,12 @@ def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[b
     if found is not None:
         return _use_controls(current, armature, collection, found)
     if mechanism is None:
-        following = fk_controls.following(armature)
+        followed = following(armature)
         limbs = _limb_bones(armature)
-        loose = {name: what for name, what in following.items() if name not in limbs.names()}
+        loose = {name: what for name, what in followed.items() if name not in limbs.names()}
         ends = [name for role, _, name in limbs.items() if role.partition(".")[0] in _LIMB_ROLES]
         made = skinned_parts.add_parts(armature, collection, following=loose, limbs=ends)
-        _refuse_following(armature, made.parts, following)
+        _refuse_following(armature, made.parts, followed)
     else:
         controls = [name for role, _, name in mechanism.items() if role.partition(".")[0] in _PART_ROLES]
         with with_settings(armature, preset_of(mechanism).settings):
@@ -71,7 +72,7 @@ def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[b
 def _controls(armature: bpy.types.Object) -> FkControls | None:
     """The controls of a rig that no preset knows; None where its deforming bones are posed themselves."""
     led = skinned_parts.leading_bones(armature)
-    held = set(fk_controls.following(armature)) & set(led)
+    held = set(following(armature)) & set(led)
     loose = {n for n in led if not any(above.name in led for above in armature.data.bones[n].parent_recursive)}
     if not led or (not held and len(loose) < _APART * len(led)):
         return None
@@ -84,7 +85,7 @@ def _use_controls(
     current: bpy.types.Scene, armature: bpy.types.Object, collection: bpy.types.Collection, controls: FkControls
 ) -> tuple[bpy.types.Object, tuple[str, ...]]:
     """Make a rig a performer through its controls; see `use_as_body`."""
-    held = fk_controls.following(armature)
+    held = following(armature)
     roles = _limb_bones(armature)
     ends = [name for role, _, name in roles.items() if role.partition(".")[0] in _LIMB_ROLES]
     carriers, remarks = dict(controls.by_bone), list[str]()
@@ -213,9 +214,9 @@ def _limb_bones(armature: bpy.types.Object) -> BoneMap:
     return BoneMap({role: names for role, names in bones.items() if role.partition(".")[0] in _PART_ROLES})
 
 
-def _refuse_following(armature: bpy.types.Object, parts: tuple[str, ...], following: dict[str, str]) -> None:
+def _refuse_following(armature: bpy.types.Object, parts: tuple[str, ...], followed: dict[str, str]) -> None:
     """Raise a BodyError where something else than its pose moves a part's bone."""
-    held = [name for name in following if name in parts]  # those with a constraint of their own come first
+    held = [name for name in followed if name in parts]  # those with a constraint of their own come first
     for name in (*held, *parts):
         bone = armature.pose.bones[name]
         if bone.parent is not None and not bone.bone.use_inherit_rotation:
@@ -225,10 +226,10 @@ def _refuse_following(armature: bpy.types.Object, parts: tuple[str, ...], follow
                 where=f"armature {armature.name}, bone {name}",
                 todo="switch Inherit Rotation on in its bone properties, under Relations",
             )
-        if name in following:
+        if name in followed:
             _remove(armature, parts)
             raise BodyError(
-                f"the bone is moved by {following[name]}: it cannot be tracked",
+                f"the bone is moved by {followed[name]}: it cannot be tracked",
                 where=f"armature {armature.name}, bone {name}",
                 todo="mute it, or use the armature that it follows",
             )

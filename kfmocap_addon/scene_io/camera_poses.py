@@ -54,7 +54,7 @@ def read_poses(
         frames = list(range(frame_start, frame_start + length))
     matrices = np.empty((len(frames), len(cameras), 4, 4))
     layer = _view_layer(scene, cameras)
-    with _coming_back(scene) if len(frames) > 1 else contextlib.nullcontext():
+    with coming_back(scene) if len(frames) > 1 else contextlib.nullcontext():
         for i, frame in enumerate(frames):
             if len(frames) > 1:
                 scene.frame_set(frame)
@@ -65,7 +65,7 @@ def read_poses(
 
 
 @contextlib.contextmanager
-def _coming_back(scene: bpy.types.Scene) -> Iterator[None]:
+def coming_back(scene: bpy.types.Scene) -> Iterator[None]:
     """Other frames are visited in the block; then the frame is shown again, with poses that nobody has keyed yet."""
     before = scene.frame_current, scene.frame_subframe
     bones = [bone for thing in scene.objects if thing.pose for bone in thing.pose.bones]

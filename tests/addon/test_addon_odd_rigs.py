@@ -14,6 +14,8 @@ import addon_utils  # noqa: E402
 from addon_shots import blender, joint_error  # noqa: E402, F401
 from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
+from kfmocap.core.formats.bvh import read_bvh  # noqa: E402
+from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting import send, source_motion  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import (  # noqa: E402
@@ -204,6 +206,35 @@ def test_motion_is_sent_to_the_controls_of_a_rig_that_no_preset_knows(made):
     shown, wanted = (one.evaluated_get(graph).pose.bones for one in (target, source))
     for name in BODY.names:
         assert np.allclose(shown[f"DEF-{name}"].head, wanted[name].head, atol=1e-3)
+
+
+def shown_heads(armature, names):
+    """Heads of bones in the world on the frames of the shot as Blender shows them, (F, B, 3)."""
+    found = []
+    for frame in range(1, FRAMES + 1):
+        bpy.context.scene.frame_set(frame)
+        posed = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
+        found.append([posed.matrix_world @ posed.pose.bones[name].head for name in names])
+    return np.array(found)
+
+
+@pytest.mark.parametrize("made", [unreal_like, controlled_human, switched_human, hung_on_controls])
+def test_files_have_what_blender_shows_of_bones_below_a_root_and_of_those_that_follow_controls(made, tmp_path):
+    scene = bpy.context.scene
+    armature, _ = use_as_body(scene, made())
+    body = body_armature.body_from_armature(armature)
+    motion_curves.write_motion(armature, swing(body, FRAMES), 1)
+    armature.location = (0.3, -0.4, 0.0)
+    options = exporters.ExportOptions(frames=(1, FRAMES))
+    names = [bone.name for bone in armature.data.bones if bone.name in body.names or bone.use_deform]
+    wanted = shown_heads(armature, names)
+    exporters.export_bvh(tmp_path / "motion.bvh", armature, scene, options)
+    moved = read_bvh(tmp_path / "motion.bvh")
+    assert np.abs(moved.positions[:, moved.rest.indices(names)] - wanted).max() < 1e-4
+    exporters.export_fbx(tmp_path / "motion.fbx", armature, scene, options)
+    bpy.ops.import_scene.fbx(filepath=str(tmp_path / "motion.fbx"), anim_offset=0.0)
+    assert np.abs(shown_heads(bpy.context.object, names) - wanted).max() < 1e-3
+    assert np.abs(shown_heads(armature, names) - wanted).max() < 1e-5, "the rig itself is as it was"
 
 
 def test_a_thousand_frames_reach_a_rig_of_700_bones_in_20_seconds():

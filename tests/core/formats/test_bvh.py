@@ -121,3 +121,18 @@ def test_key_poses_go_through_our_own_exporter(tmp_path: Path) -> None:
     names = list(body.landmarks)
     joints = landmark_positions(body, poses, names) - landmark_positions(performer.body, motion[keys], names)
     assert np.linalg.norm(joints, axis=2).max() < 1e-4
+
+
+def test_positions_of_joints_below_the_root_stand_in_place_of_their_offsets(tmp_path: Path) -> None:
+    path = tmp_path / "moved.bvh"
+    channels = "CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation"
+    path.write_text(
+        f"HIERARCHY\nROOT root {{ OFFSET 0 0 0\n{channels}\nJOINT hips {{ OFFSET 0 1 0\n{channels}\n"
+        "End Site { OFFSET 0 1 0 } } }\n"
+        "MOTION\nFrames: 2\nFrame Time: 0.04\n"
+        "0 0 0 0 0 0 0 1 0 0 0 0\n5 0 0 0 0 90 0.1 1.2 0.3 0 0 0\n"
+    )
+    moved = read_bvh(path)  # x, y up, z forward become x, -z, y
+    np.testing.assert_allclose(moved.rest.heads[1], [0, 0, 1])
+    np.testing.assert_allclose(moved.positions[0], [[0, 0, 0], [0, 0, 1]], atol=1e-12)
+    np.testing.assert_allclose(moved.positions[1], [[5, 0, 0], [5.3, 0.1, 1.2]], atol=1e-12)
