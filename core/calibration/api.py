@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from ..runtime.progress import Progress, share
 from ..shot.footage import probe
 from .calibration_result import CalibrationResult
 from .clocks import Clocks
+from .findings import lframe_missed
 from .remeasure import remeasured
 from .resync import known_camera, synchronise
 from .video_markers import find_all, find_wand
@@ -48,7 +50,9 @@ def calibrate(
     middle = (_SEEING + _MEASURED) / 2
     first = solve_capture(found.capture(), share(progress, _SEEING, middle), drift=drift)
     found = remeasured(found, first, share(progress, middle, _MEASURED))
-    return solve_capture(found.capture(first.cameras), share(progress, _MEASURED, 1.0), drift=drift)
+    solution = solve_capture(found.capture(first.cameras), share(progress, _MEASURED, 1.0), drift=drift)
+    missed = tuple(lframe_missed(camera) for camera in found.without_lframe())
+    return replace(solution, findings=(*solution.findings, *missed))
 
 
 def synchronise_take(

@@ -78,6 +78,12 @@ def lframe_unseen(what: str) -> Finding:
     return Finding("lframe-not-seen", what, todo)
 
 
+def lframe_missed(camera: str) -> Finding:
+    """A camera's video of the L-frame does not show it to be found."""
+    what = "the L-frame was not found in its video: where it stands follows from the wand and the other cameras"
+    return Finding("lframe-missed", what, "see that the L-frame is in the picture and lit, and its colour", camera)
+
+
 def floor_unseen(first: int, last: int) -> Finding:
     """Fewer than two cameras see the wand at rest on the floor."""
     what = f"fewer than two cameras see both balls of the wand at rest on frames {first} to {last}"

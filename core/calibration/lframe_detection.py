@@ -48,6 +48,10 @@ def standing(seen: Sequence[Balls]) -> Balls:
     return Balls.joined([found[i] for i in order])
 
 
+class LFrameUnseenError(CalibrationError):
+    """A picture shows nothing that could be the L-frame."""
+
+
 @dataclass(frozen=True)
 class _LFrameFit:
     """How well four balls are an L-frame: squared deviations in standard deviations, and which balls."""
@@ -95,11 +99,13 @@ def identified(balls: Balls, frame: LFrameModel, where: str) -> list[int]:
 
     Raises
     ------
+    LFrameUnseenError
+        No four of the balls are an L-frame that is seen from above.
     CalibrationError
-        No four of the balls are an L-frame that is seen from above, or only a mirrored one.
+        Only its mirror image is seen.
     """
     if len(balls) < 4:
-        raise CalibrationError(
+        raise LFrameUnseenError(
             f"{len(balls)} of the L-frame's 4 balls were found",
             where=where,
             todo="see that all four are in the picture and lit, and that the colour is theirs",
@@ -115,7 +121,7 @@ def identified(balls: Balls, frame: LFrameModel, where: str) -> list[int]:
             todo="x goes along the long arm from the corner, y along the short one, z up: check the signs",
         )
     if right is None or not np.isfinite(right.cost):
-        raise CalibrationError(
+        raise LFrameUnseenError(
             f"no four of {len(balls)} balls of its colour lie as the L-frame's do", where=where, todo="check its points"
         )
     return list(right.balls)

@@ -21,7 +21,7 @@ from ..shot.footage import pictures
 from .ball_images import BallGuess, BallImage, fit_ball
 from .calibration_result import CalibrationResult
 from .camera_rig import Rig, Wand
-from .video_markers import ARMS, SeenBalls, SeenView, VideoMarkers, spread_out
+from .video_markers import ARMS, SeenBalls, SeenView, VideoMarkers, still_picture
 from .wand_triangulation import projected
 
 Image = NDArray[Any]
@@ -183,7 +183,7 @@ class _View:
     @property
     def is_small(self) -> bool:
         """Whether any of its balls is."""
-        return bool(self.wand.small.any() or (self.lframe.small.any() and len(self.seen.lframe.markers)))
+        return bool(self.wand.small.any() or (self.lframe.small.any() and self.seen.videos.lframe is not None))
 
     def measured(self, progress: Progress | None) -> SeenView:
         """The view with its small balls measured again."""
@@ -278,25 +278,48 @@ class _View:
         return ball
 
     def _lframe(self, plate: Image) -> SeenBalls:
-        before, path = self.seen.lframe, self.seen.videos.lframe
+        path = self.seen.videos.lframe
         assert path is not None
-        image = np.mean(spread_out(path), axis=0)
+        before = self._lframe_before()
+        image = still_picture(path)
         m = before.markers
         rows = _Rows(m.points.copy(), m.sigma.copy(), before.radii.copy(), np.zeros_like(m.points))
         empty = None if self._stays(image, plate) else plate
-        for k in np.flatnonzero(self.lframe.small[0]):
+        fitted: dict[int, BallImage] = {}
+        for k in np.flatnonzero(self.lframe.small[0]).tolist():
             rods, starts = self.lframe.rods(0, k, [b if a == k else a for a, b in ARMS if k in (a, b)])
-            guess = BallGuess(m.points[0, k], float(self.lframe.radii[0, k]), self.radius_sigma[0])
+            missed = bool(np.isnan(m.points[0, k]).any())
+            expected = self.lframe.centres[0, k]
+            guess = BallGuess(
+                expected if missed else m.points[0, k], float(self.lframe.radii[0, k]), self.radius_sigma[0]
+            )
             ball = fit_ball(image, empty, replace(guess, rods=rods, starts=starts))
-            if ball is not None and ball.explained > _EXPLAINED:
-                rows.put(0, int(k), ball)
+            far = missed and ball is not None and np.linalg.norm(ball.centre - expected) > _ASIDE
+            if ball is not None and ball.explained > _EXPLAINED and not far:
+                fitted[k] = ball
+        usual = np.median([np.log(ball.light) for ball in fitted.values()], axis=0) if fitted else np.zeros(3)
+        for k, ball in fitted.items():
+            alike = np.abs(np.log(ball.light) - usual).max() < np.log(_LIGHT_RATIO)
+            if alike or not np.isnan(m.points[0, k]).any():
+                rows.put(0, k, ball)
+        if np.isnan(rows.points).any(axis=-1).all():
+            return self.seen.lframe
         return SeenBalls(Markers(m.frames, rows.points, rows.sigma, rows.elongation), rows.radii)
+
+    def _lframe_before(self) -> SeenBalls:
+        """What was found of the L-frame before; a row of nothing where that was nothing."""
+        if len(self.seen.lframe.markers):
+            return self.seen.lframe
+        nothing = np.full((1, LFRAME_BALLS), np.nan)
+        return SeenBalls(Markers(np.zeros(1, np.int64), np.stack([nothing, nothing], axis=-1), nothing), nothing)
 
     def _stays(self, image: Image, plate: Image) -> bool:
         """Whether the L-frame also lies there while the wand is waved."""
-        u, v = np.round(self.seen.lframe.markers.points[0]).astype(int).T
+        size = np.array(plate.shape[1::-1])
+        places = np.round(np.nan_to_num(self.lframe.centres[0], nan=-1.0)).astype(int)
+        u, v = places[((places >= 0) & (places < size)).all(axis=1)].T
         same = np.abs(image[v, u] - plate[v, u]).max(axis=1) < _SAME_LEVELS
-        return bool(same.sum() > LFRAME_BALLS / 2)
+        return bool(same.sum() > len(same) / 2)
 
 
 @dataclass(frozen=True, eq=False)

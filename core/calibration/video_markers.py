@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -19,10 +19,15 @@ from ..runtime.progress import Progress, report_progress, share
 from ..shot.footage import Footage, pictures, probe
 from .ball_centres import centres_of
 from .ball_detection import Balls, Picture, find_balls, without_rods
-from .lframe_detection import FOCALS, LFrameModel, identified, standing
+from .lframe_detection import FOCALS, LFrameModel, LFrameUnseenError, identified, standing
 from .wand_detection import Pairs, find_pairs, told_apart, wand_path
 
+FEWEST_LFRAMES = 2
+"""Views in which the L-frame has to be found."""
 _LFRAME_PICTURES = 15
+_LFRAME_MOST = 200
+_LFRAMES = 0.05
+"""Share of the work that the L-frame's videos are."""
 ARMS = ((0, 1), (1, 2), (0, 3))
 _LEAST_SHARE = 0.02
 _USUAL_FOCAL = 1.0  # of the longer side
@@ -84,6 +89,12 @@ class VideoMarkers:
             self.videos.performer,
         )
 
+    def without_lframe(self) -> tuple[str, ...]:
+        """Cameras in whose video of the L-frame it was not found."""
+        return tuple(
+            view.videos.camera for view in self.views if view.videos.lframe is not None and not len(view.lframe.markers)
+        )
+
 
 def _capture_view(view: SeenView, camera: Camera | None) -> CaptureView:
     videos, size = view.videos, view.footage.size
@@ -113,6 +124,8 @@ def _usual_matrix(size: tuple[int, int], focal: float | None) -> Array:
 def find_all(videos: CaptureVideos, progress: Progress | None = None) -> VideoMarkers:
     """Find the balls in all videos, one frame after the other.
 
+    A view in which the L-frame is not found counts as one that lacks it, if enough others show it.
+
     Raises
     ------
     FootageError
@@ -122,18 +135,40 @@ def find_all(videos: CaptureVideos, progress: Progress | None = None) -> VideoMa
     CancelledError
         `progress` returned False.
     """
-    seen = []
     count = len(videos.views)
-    for k, view in enumerate(videos.views):
-        part = share(progress, k / count, (k + 1) / count)
-        footage = probe(view.wand)
-        before = footage if view.lframe is None else probe(view.lframe)
-        if footage.size != before.size:
-            sizes = " and ".join(f"{f.size[0]}x{f.size[1]}" for f in (before, footage))
-            raise CalibrationError(f"the videos of L-frame and wand are {sizes}", where=f"camera {view.camera}")
-        lframe = find_lframe(view, videos, footage.size, part)
+    footages = [_footage(view) for view in videos.views]
+    lframes: list[SeenBalls] = []
+    missed: list[LFrameUnseenError] = []
+    for k, (view, footage) in enumerate(zip(videos.views, footages, strict=True)):
+        try:
+            part = share(progress, _LFRAMES * k / count, _LFRAMES * (k + 1) / count)
+            lframes.append(find_lframe(view, videos, footage.size, part))
+        except LFrameUnseenError as error:
+            lframes.append(_no_lframe())
+            missed.append(error)
+    if missed and sum(len(seen.markers) > 0 for seen in lframes) < FEWEST_LFRAMES:
+        raise missed[0]
+    seen = []
+    for k, (view, footage, lframe) in enumerate(zip(videos.views, footages, lframes, strict=True)):
+        begin, end = (_LFRAMES + (1 - _LFRAMES) * done / count for done in (k, k + 1))
+        part = share(progress, begin, end)
         seen.append(SeenView(view, footage, lframe, find_wand(view, videos, footage.count, part)))
     return VideoMarkers(videos, tuple(seen))
+
+
+def _footage(view: CaptureVideoView) -> Footage:
+    """A camera's video of the wand, which must be as large as that of the L-frame."""
+    footage = probe(view.wand)
+    before = footage if view.lframe is None else probe(view.lframe)
+    if footage.size != before.size:
+        sizes = " and ".join(f"{f.size[0]}x{f.size[1]}" for f in (before, footage))
+        raise CalibrationError(f"the videos of L-frame and wand are {sizes}", where=f"camera {view.camera}")
+    return footage
+
+
+def _no_lframe() -> SeenBalls:
+    nothing = np.zeros((0, LFRAME_BALLS))
+    return SeenBalls(Markers(np.zeros(0, np.int64), np.zeros((0, LFRAME_BALLS, 2)), nothing), nothing)
 
 
 def find_lframe(
@@ -143,15 +178,15 @@ def find_lframe(
 
     Raises
     ------
+    LFrameUnseenError
+        They cannot be found or distinguished.
     CalibrationError
-        They cannot be found or distinguished; names the video.
+        They are a mirrored L-frame's. Both name the video.
     """
     if view.lframe is None:
-        nothing = np.zeros((0, LFRAME_BALLS))
-        return SeenBalls(Markers(np.zeros(0, np.int64), np.zeros((0, LFRAME_BALLS, 2)), nothing), nothing)
+        return _no_lframe()
     report_progress(progress, f"{view.camera}: L-frame", 0.0)
-    frames = spread_out(view.lframe)
-    images = [Picture.of(image) for image in frames]
+    images = [Picture.of(image) for image in spread_out(view.lframe)]
     known = view.focal if view.matrix is None else float(view.matrix[0, 0])
     focals = [known] if known else [share * max(size) for share in FOCALS]
     frame = LFrameModel(videos.lframe_points, videos.lframe_diameter, (np.array(size) - 1) / 2, focals)
@@ -159,9 +194,9 @@ def find_lframe(
     balls = standing([find_balls(picture, videos.lframe_colour) for picture in images])
     try:
         four = balls[identified(balls, frame, where)]
-    except CalibrationError:
+    except LFrameUnseenError:
         # Small balls drown in the noise of single frames, not in that of all of them together.
-        images = [Picture.of(np.mean(frames, axis=0).round().astype(np.uint8))]
+        images = [Picture.of(still_picture(view.lframe).round().astype(np.uint8))]
         balls = standing([find_balls(images[0], videos.lframe_colour)])
         four = balls[identified(balls, frame, where)]
     four = _without_arms(images, _as_spheres(four, size))
@@ -192,10 +227,17 @@ def _as_spheres(balls: Balls, size: tuple[int, int]) -> Balls:
     return replace(balls, shapes=balls.semi_axes[:, 1, None, None] * longer)
 
 
-def spread_out(path: Path) -> list[NDArray[np.uint8]]:
+def spread_out(path: Path, most: int = _LFRAME_PICTURES) -> Iterator[NDArray[np.uint8]]:
     """Some frames from all over a video."""
-    step = max(1, probe(path).count // _LFRAME_PICTURES)
-    return list(islice(islice(pictures(path), 0, None, step), _LFRAME_PICTURES))
+    return islice(islice(pictures(path), 0, None, max(1, probe(path).count // most)), most)
+
+
+def still_picture(path: Path) -> Array:
+    """The mean of the frames of a video in which nothing moves, shape (h, w, 3), levels."""
+    total, count = np.zeros(1), 0
+    for image in spread_out(path, _LFRAME_MOST):
+        total, count = total + image, count + 1
+    return total / max(count, 1)
 
 
 def find_wand(view: CaptureVideoView, videos: CaptureVideos, count: int, progress: Progress | None = None) -> SeenBalls:

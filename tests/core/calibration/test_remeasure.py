@@ -13,8 +13,9 @@ from kfmocap.core.calibration.video_markers import SeenBalls, SeenView, VideoMar
 from kfmocap.core.capture.capture import Markers
 from kfmocap.core.formats.wand_toml import load_wand
 from kfmocap.core.shot.footage import probe
-from render.waving import VGA_CAMERAS, vga_take
-from render_wand import write_take
+from render.drawing import Canvas, Rod
+from render.waving import PAINT, VGA_CAMERAS, SensorNoise, vga_take
+from render_wand import write_take, write_video
 
 FRAMES = 20
 TAKE = replace(vga_take(), cameras=VGA_CAMERAS[:1], offsets=(0.0,), frames=FRAMES, lframe_frames=3)
@@ -39,13 +40,22 @@ def before(tmp_path_factory: pytest.TempPathFactory) -> VideoMarkers:
 
 @pytest.fixture(scope="module")
 def again(before: VideoMarkers) -> VideoMarkers:
+    return remeasured(before, true_solution())
+
+
+def true_solution() -> SimpleNamespace:
     frames = np.arange(0, FRAMES, 2)
     ends = TAKE.wand(frames / TAKE.fps)
     across = (ends[:, 0] - ends[:, 1]) / TAKE.length
-    solution = SimpleNamespace(
-        rig=rig_of([CAMERA]), wand=Wand(frames, ends.mean(axis=1), across, TAKE.length), lframe_world=TAKE.lframe_points
-    )
-    return remeasured(before, solution)
+    wand = Wand(frames, ends.mean(axis=1), across, TAKE.length)
+    return SimpleNamespace(rig=rig_of([CAMERA]), wand=wand, lframe_world=TAKE.lframe_points)
+
+
+def without_lframe(found: VideoMarkers) -> VideoMarkers:
+    """The same where the first look did not find the L-frame."""
+    nothing = np.zeros((0, 4))
+    lframe = SeenBalls(Markers(np.zeros(0, int), np.zeros((0, 4, 2)), nothing), nothing)
+    return replace(found, views=(replace(found.views[0], lframe=lframe),))
 
 
 def test_balls_of_the_wand_are_measured_on_all_frames_to_a_tenth_of_a_pixel_across_the_rod(before, again):
@@ -64,6 +74,30 @@ def test_balls_of_the_wand_are_measured_on_all_frames_to_a_tenth_of_a_pixel_acro
 def test_balls_of_the_lframe_are_measured_to_a_quarter_of_a_pixel(again):
     markers = again.views[0].lframe.corrected(CAMERA.matrix, CAMERA.distortions)
     np.testing.assert_allclose(markers.points[0], CAMERA.project(TAKE.lframe_points), atol=0.25)
+
+
+def test_balls_of_the_lframe_that_the_first_look_missed_are_found_where_they_are_expected(before):
+    solution = true_solution()
+    solution.lframe_world = TAKE.lframe_points + [0.005, -0.005, 0.0]
+    seen = remeasured(without_lframe(before), solution).views[0].lframe
+    markers = seen.corrected(CAMERA.matrix, CAMERA.distortions)
+    np.testing.assert_allclose(markers.points[0], CAMERA.project(TAKE.lframe_points), atol=0.25)
+
+
+def test_a_ball_of_the_lframe_that_is_covered_is_not_found_and_its_others_are(before, tmp_path):
+    """A table's leg stands before the short arm's ball."""
+    ball = TAKE.lframe_points[3]
+    towards = CAMERA.centre_world() - ball
+    leg = ball + 0.2 * towards / np.linalg.norm(towards)
+    things = [*TAKE.lframe_things(), Rod((leg - [0, 0, 0.15])[None], (leg + [0, 0, 0.1])[None], 0.05, PAINT["cloth"])]
+    picture = SensorNoise(CAMERA.size, 7).record(Canvas(CAMERA).drawn(things))
+    video = tmp_path / "covered.avi"
+    write_video(video, [picture] * 3, TAKE.fps, CAMERA.size)
+    found = without_lframe(before)
+    [view] = found.views
+    found = replace(found, views=(replace(view, videos=replace(view.videos, lframe=video)),))
+    points = remeasured(found, true_solution()).views[0].lframe.markers.points[0]
+    assert np.isfinite(points).all(axis=1).tolist() == [True, True, True, False]
 
 
 def test_large_balls_keep_their_outlines(before):

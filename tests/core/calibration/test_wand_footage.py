@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from kfmocap.core.calibration import video_markers
+from kfmocap.core.calibration.lframe_detection import LFrameUnseenError
 from kfmocap.core.calibration.quality import quality_numbers
 from kfmocap.core.calibration.video_markers import VideoMarkers, find_all, find_lframe
 from kfmocap.core.calibration.wand_calibration import solve_capture
@@ -67,3 +69,22 @@ def test_a_colour_that_is_not_there_is_told_with_its_video(folder):
     film = load_wand(folder / "wand.toml")
     with pytest.raises(CalibrationError, match=r"cam01_lframe.*of the L-frame's 4 balls"):
         find_lframe(film.views[0], replace(film, lframe_colour=film.wand_colours[0]), SMALL[0].size)
+
+
+def test_one_view_may_miss_the_lframe_but_not_all_but_one(folder, sightings, monkeypatch):
+    film = load_wand(folder / "wand.toml")
+    missing = {film.views[1].camera}
+
+    def found(view, *_):
+        if view.camera in missing:
+            raise LFrameUnseenError("3 of the L-frame's 4 balls were found", where=view.camera)
+        return next(seen.lframe for seen in sightings.views if seen.videos.camera == view.camera)
+
+    monkeypatch.setattr(video_markers, "find_lframe", found)
+    monkeypatch.setattr(video_markers, "find_wand", lambda view, *_: next(iter(sightings.views)).wand)
+    seen = find_all(film)
+    assert [len(view.lframe.markers) for view in seen.views] == [1, 0, 1]
+    assert seen.without_lframe() == ("cam02",)
+    missing.add(film.views[2].camera)
+    with pytest.raises(CalibrationError, match=r"cam02.*3 of the L-frame's 4 balls"):
+        find_all(film)
