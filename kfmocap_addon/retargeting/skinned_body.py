@@ -54,13 +54,12 @@ def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[b
         followed = following(armature)
         limbs = _limb_bones(armature)
         loose = {name: what for name, what in followed.items() if name not in limbs.names()}
-        ends = [name for role, _, name in limbs.items() if role.partition(".")[0] in _LIMB_ROLES]
-        made = skinned_parts.add_parts(armature, collection, following=loose, limbs=ends)
+        made = skinned_parts.add_parts(armature, collection, following=loose, limbs=_limbs(limbs))
         _refuse_following(armature, made.parts, followed)
     else:
         controls = [name for role, _, name in mechanism.items() if role.partition(".")[0] in _PART_ROLES]
         with with_settings(armature, preset_of(mechanism).settings):
-            made = skinned_parts.add_parts(armature, collection, _carriers(armature, controls))
+            made = skinned_parts.add_parts(armature, collection, _carriers(armature, controls), limbs=_limbs(mechanism))
     try:
         taken = performers.take_armature(current, armature)
         return taken, (*made.remarks, *(_remarks(armature) if mechanism is None else ()))
@@ -87,7 +86,6 @@ def _use_controls(
     """Make a rig a performer through its controls; see `use_as_body`."""
     held = following(armature)
     roles = _limb_bones(armature)
-    ends = [name for role, _, name in roles.items() if role.partition(".")[0] in _LIMB_ROLES]
     carriers, remarks = dict(controls.by_bone), list[str]()
     led = skinned_parts.leading_bones(armature)
     for name in sorted(set(led) - set(carriers), key=lambda each: len(armature.data.bones[each].parent_recursive)):
@@ -104,7 +102,9 @@ def _use_controls(
         if name in held and not skinned_parts.says_twist(name):
             remarks.append(f"bone {name}: it is moved by {held[name]}, so it is left out, and follows the body")
     with with_settings(armature, controls.settings):
-        made = skinned_parts.add_parts(armature, collection, carriers, limbs=[carriers.get(n, n) for n in ends])
+        made = skinned_parts.add_parts(
+            armature, collection, carriers, limbs=[carriers.get(n, n) for n in _limbs(roles)]
+        )
         try:
             fk_controls.refuse_otherwise_moved(armature, controls.by_bone)
             taken = performers.take_armature(current, armature)
@@ -212,6 +212,11 @@ def _limb_bones(armature: bpy.types.Object) -> BoneMap:
     except BodyError:
         return BoneMap({})
     return BoneMap({role: names for role, names in bones.items() if role.partition(".")[0] in _PART_ROLES})
+
+
+def _limbs(bones: BoneMap) -> list[str]:
+    """The bones of a map that are parts however small they are."""
+    return [name for role, _, name in bones.items() if role.partition(".")[0] in _LIMB_ROLES]
 
 
 def _refuse_following(armature: bpy.types.Object, parts: tuple[str, ...], followed: dict[str, str]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
+import addon_utils
 import bpy
 import numpy as np
 from kfmocap.core.body import Body, human
@@ -13,6 +14,9 @@ from mathutils import Matrix
 
 BODY = human(1.75)
 CONTROL = "CTRL-"
+_RIGIFY_SKIN = tuple(
+    f"DEF-{name}" for name in ("spine", "upper_arm", "forearm", "hand", "thigh", "shin", "foot", "toe", "shoulder")
+)
 
 
 def skinned_human(names: Mapping[str, str] | None = None, body: Body = BODY) -> bpy.types.Object:
@@ -121,6 +125,24 @@ def linked(made: Callable[[], bpy.types.Object], folder: Path) -> bpy.types.Obje
         loaded.collections = ["character"]
     bpy.context.scene.collection.children.link(loaded.collections[0])
     return next(owner for owner in loaded.collections[0].objects if owner.type == "ARMATURE")
+
+
+def generated_rig() -> bpy.types.Object:
+    """Rigify's human as it is generated, with a skin of small clouds around the deforming bones of trunk and limbs."""
+    addon_utils.enable("rigify", default_set=True)
+    bpy.ops.object.armature_human_metarig_add()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    bpy.ops.pose.rigify_generate()
+    rig = bpy.data.objects["rig"]
+    dice, clouds = np.random.default_rng(1), []
+    for bone in rig.data.bones:
+        if bone.name.startswith(_RIGIFY_SKIN):
+            head, tail = np.array(bone.head_local), np.array(bone.tail_local)
+            width = 0.6 * min(0.13, bone.length)
+            around = dice.uniform(-1, 1, (40, 3)).clip(-0.6, 0.6) * width
+            clouds.append((bone.name, head + dice.uniform(0, 1, (40, 1)) * (tail - head) + around))
+    bind(rig, "skin", clouds)
+    return rig
 
 
 def _add_ik(armature: bpy.types.Object, end: str, lower: str, influence: float) -> None:
