@@ -115,8 +115,8 @@ def _armature_is_new(context: bpy.types.Context) -> str:
 
 class UseArmature(Conditional, bpy.types.Operator):
     """Make the active armature a performer of the shot: one whose bones carry meshes, or a skinned character, whose
-    skin is divided into parts. A generated Rigify rig is tracked through its FK controls. An active mesh without an
-    armature becomes a prop: it gets a bone that moves it, and its keys become those of the bone"""
+    skin is divided into parts. Control rigs, such as Rigify's, are tracked through their FK controls. An active mesh
+    without an armature becomes a prop: it gets a bone that moves it, and its keys become those of the bone"""
 
     bl_idname = "kfmocap.use_armature"
     bl_label = "Use Active Object"
