@@ -76,6 +76,19 @@ class RenderedShot:
         others = [] if among is None else np.setdiff1d(np.arange(len(motion)), among).tolist()
         return joint_error(found, self.truth, sorted({*self.keys, *others}))
 
+    def sight_errors(self, motion: Motion) -> tuple[float, float]:
+        """Mean joint errors across the first camera's line of sight, as its pictures show them, and along it, mm."""
+        body, truth = self.shot.performers[0].body, self.truth
+        R, t = self.shot.views[0].camera.poses(0, len(motion))
+        true = truth.points_world[: len(motion)]
+        sight = true + (np.swapaxes(R, 1, 2) @ t[..., None])[:, None, :, 0]
+        sight /= np.linalg.norm(sight, axis=2, keepdims=True)
+        error = landmark_positions(body, motion, list(truth.names)) - true
+        along = (error * sight).sum(axis=2, keepdims=True) * sight
+        parts = (replace(truth, points_world=true + part) for part in (error - along, along))
+        across, depth = (joint_error(part, truth, self.keys).mean for part in parts)
+        return across, depth
+
 
 @dataclass(frozen=True, eq=False)
 class ExperimentResult:
@@ -169,11 +182,15 @@ def throw(footage: RenderedShot) -> ExperimentResult:
         result, motion = _watched(footage, solver, sweeps)
         results.append(result)
         motions[sweeps] = motion
-    curve = footage.score(spline(footage.shot.performers[0].key_poses, footage.shot.length))
+    key_curve = spline(footage.shot.performers[0].key_poses, footage.shot.length)
+    curve = footage.score(key_curve)
     shown = {sweeps: footage.score(motion, [SHOWN_FIELD]).mean for sweeps, motion in motions.items()}
     swept = ", ".join(f"{shown[sweeps]:.0f} mm after {sweeps} sweeps" for sweeps in SWEEPS)
+    seen = {"the curves": key_curve, f"{SWEEPS[-1]} sweeps": motions[SWEEPS[-1]], "Gauss-Newton": motions[None]}
+    sight = [[name, *(f"{error:.1f}" for error in footage.sight_errors(motion))] for name, motion in seen.items()]
     text = (
-        f"{convergence(results)}\n\nThe curves through the key poses alone: {curve.mean:.1f} mm. "
+        f"{convergence(results)}\n\n{markdown(('errors, mm', 'across the line of sight', 'along it'), sight)}\n\n"
+        f"The curves through the key poses alone: {curve.mean:.1f} mm. "
         f"On field {SHOWN_FIELD} alone: {swept}; {shown[None]:.0f} mm with Gauss-Newton."
     )
     panels = Panels(footage.shot, footage.truth)

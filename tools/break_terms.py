@@ -113,8 +113,8 @@ TERMS = (
     Term(
         "(12)",
         RELAXATION,
-        "np.linalg.solve(A, -blocks.gradient[1])",
-        "np.linalg.solve(A, blocks.gradient[1])",
+        "-np.linalg.solve(A, blocks.gradient[1] + damped)",
+        "np.linalg.solve(A, blocks.gradient[1] + damped)",
         f"{SWEEPS}::test_gradients_alone_follow_an_arm_that_is_seen",
     ),
     Term(

@@ -120,9 +120,25 @@ def test_the_throw_is_solved_both_ways(tracked: list[Shot], tmp_path: Path) -> N
     assert solved[0][0] == "gauss-newton"
     assert solved[1:] == [("relaxation", sweeps) for sweeps in SWEEPS]
     assert all(keys_of(s) == [0, 15, 26, 41, 52, 61, 66, 71] for s in tracked)
-    assert [row[2] for row in table(outcome.text)[1:]] == ["0", *map(str, SWEEPS)]
+    assert [row[2] for row in table(outcome.text.split("\n\n")[0])[1:]] == ["0", *map(str, SWEEPS)]
+    assert [row[0] for row in table(outcome.text.split("\n\n")[1])[1:]] == ["the curves", "1000 sweeps", "Gauss-Newton"]
     assert f"On field {SHOWN_FIELD} alone: " in outcome.text and "mm after 1000 sweeps; " in outcome.text
     assert set(outcome.pictures) == {"throw", "throw_convergence"}
+
+
+def test_errors_are_split_into_those_that_the_camera_sees_and_depth(tmp_path: Path) -> None:
+    footage = footage_of("throw", tmp_path)
+    true = make_take("throw").motion
+    R, t = footage.shot.views[0].camera.poses(0, 1)
+    centre = -R[0].T @ t[0]
+    farther = Motion(true.translations + 0.1 * R[0][2], true.rotations)
+    aside = Motion(true.translations + 0.1 * R[0][1], true.rotations)
+    assert np.linalg.norm(centre - true.translations[0]) > 3
+    np.testing.assert_allclose(footage.sight_errors(true), 0.0, atol=1e-6)
+    across, along = footage.sight_errors(farther)
+    assert across < 25 and 95 < along < 100
+    across, along = footage.sight_errors(aside)
+    assert along < 25 and 95 < across <= 100
 
 
 def test_the_turn_is_tracked_with_one_camera_a_switched_one_and_all(tracked: list[Shot], tmp_path: Path) -> None:

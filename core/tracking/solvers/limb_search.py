@@ -13,7 +13,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-import cv2
 import numpy as np
 import scipy  # its parts are loaded when they are used
 from numpy.random import Generator
@@ -25,7 +24,7 @@ from ...body.kinematics import scene_poses
 from ...body.motion import Motion
 from ...cameras.camera import Camera
 from ...evidence.foreground import log_ratio
-from ...evidence.label_images import NEAR, Geometry, LabelImages, render_labels
+from ...evidence.label_images import NEAR, Geometry, LabelImages, pixels_at, render_labels
 from ...evidence.view_frames import ViewFrames, views_with_foreground
 from ...numerics import rotations
 from ...numerics.arrays import Array
@@ -168,14 +167,13 @@ class _ViewRatios:
         """Ratios of the pixels that points (m, 3, K, points) of some frames fall on, 0 beyond the picture."""
         Rc, tc = self.camera.poses(self.first + frames.start, len(points_world))
         K = self.camera.matrix
-        x = (K @ Rc).astype(np.float32) @ points_world.reshape(len(points_world), 3, -1)
+        m, _, *shape = points_world.shape
+        x = (K @ Rc).astype(np.float32) @ points_world.reshape(m, 3, -1)
         x += (tc @ K.T).astype(np.float32)[..., None]
-        places = x[:, :2] / np.maximum(x[:, 2:], np.float32(NEAR))
-        columns, rows = places.reshape(points_world[:, :2].shape).swapaxes(0, 1)
-        ratio = np.empty(columns.shape, np.float32)
-        for image, u, v, out in zip(self.ratio[frames], columns, rows, ratio, strict=True):
-            cv2.remap(image, u, v, cv2.INTER_NEAREST, out, cv2.BORDER_CONSTANT, 0.0)
-        return ratio
+        depth = np.maximum(x[:, 2], np.float32(NEAR))
+        places = np.arange(m)[:, None]
+        ratio = pixels_at(self.ratio[frames], places, x[:, 0] / depth, x[:, 1] / depth, np.float32(0))
+        return ratio.reshape(m, *shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,10 +270,11 @@ def _anywhere(
     """Poses of the limb (F, `ANYWHERE`, n, 3) drawn between bounds (n, 3), the same on all frames, of which every frame
     has its own winners: what is far from where the limb begins is hardly met by drawing around it.
     """
-    drawn = rng.uniform(*bounds, size=(ANYWHERE * HEAT, *limb.range.shape))
-    score = _covered(replace(limb, points=limb.points[:, :_FEW_POINTS]), uncovered, drawn[None])
+    drawn = rng.uniform(*bounds, size=(1, ANYWHERE * HEAT, *limb.range.shape))
+    drawn = np.broadcast_to(drawn, (len(limb.held), *drawn.shape[1:]))
+    score = _covered(replace(limb, points=limb.points[:, :_FEW_POINTS]), uncovered, drawn)
     winner = score.reshape(len(score), ANYWHERE, HEAT).argmax(axis=2) + HEAT * np.arange(ANYWHERE)
-    return np.asarray(drawn[winner])
+    return np.take_along_axis(drawn, winner[..., None, None], axis=1)
 
 
 def _held(looks: Sequence[_ViewRatios], geometry: Geometry, poses: tuple[Array, Array], parts: list[int]) -> Array:
@@ -310,14 +309,10 @@ def shown_areas(geometry: Geometry, parts: Sequence[int]) -> Array:
 
 
 def _covered(limb: _Limb, uncovered: Sequence[_ViewRatios], drawn: Array) -> Array:
-    """How much likelier the images are with the limb in each of K poses drawn (F, K, n, 3), shape (F, K).
-
-    Poses that are the same on all frames may be (1, K, n, 3).
-    """
-    score = np.zeros((len(limb.held), drawn.shape[1]))
-    for some in _chunks(len(score)):
-        poses = drawn if len(drawn) == 1 else drawn[some]
-        for area, world in zip(limb.areas, _placed(limb, some, poses), strict=True):
+    """How much likelier the images are with the limb in each of K poses drawn (F, K, n, 3), shape (F, K)."""
+    score = np.zeros(drawn.shape[:2])
+    for some in _chunks(len(drawn)):
+        for area, world in zip(limb.areas, _placed(limb, some, drawn[some]), strict=True):
             for look in uncovered:
                 score[some] += area / PATCH**2 * look.at(some, world).mean(axis=-1)
     return score
@@ -328,7 +323,7 @@ def _chunks(frames: int) -> Iterator[slice]:
 
 
 def _placed(limb: _Limb, frames: slice, drawn: Array) -> Iterator[NDArray[np.float32]]:
-    """World points (m, 3, K, points) of each of the limb's parts on m frames, in poses drawn (m or 1, K, n, 3)."""
+    """World points (m, 3, K, points) of each of the limb's parts in poses drawn (m, K, n, 3)."""
     R, T = limb.parent[0][frames, None], limb.parent[1][frames, None]
     Q = rotations.exp(drawn)
     for k, part in enumerate(limb.chain):

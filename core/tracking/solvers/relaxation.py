@@ -48,7 +48,7 @@ NU = 20.0
 SMOOTHNESS = 1.0
 """Weight of the smoothness of every motion parameter."""
 DAMPING = 0.01
-"""Of the initial solution's steps, so that a direction that no pixel measures does not move: the variance of a patch's
+"""Of the initial solution's steps, so that a direction that no pixel measures stands still: the variance of a patch's
 grey level, about 0.01 of the scale, over that of a step, about 0.1 radians."""
 RELINEARISE = 10
 """Sweeps between two measurements of the gradients around the current motion."""
@@ -56,6 +56,9 @@ STRIDE = 2
 """Every how many pixels, each way, the gradients are taken."""
 INITIAL = (Sampling(2.0, 8.0, STRIDE), Sampling(1.0, 4.0, STRIDE), Sampling(1.0, 4.0, STRIDE))
 """Sampling for the steps from one frame to the next that make the initial solution."""
+FIRST = (Sampling(8.0, 8.0, STRIDE), Sampling(4.0, 8.0, STRIDE), *INITIAL)
+"""Sampling for the first of them, which has none before it to begin with: gradients reach about as far as the images
+are smoothed."""
 FINE = Sampling(1.0, 1.0, STRIDE)
 """Sampling for the sweeps."""
 
@@ -139,8 +142,10 @@ def relaxed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
 def follow_gradients(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> list[Motion]:
     """Initial solution: from the first pose on, each frame from the one before by its gradients alone, equation (12).
 
-    A direction that no pixel measures does not move. With prediction, parts that are out of sight move as predicted
-    until they are seen again (section 5.4). The first frame is that of `start`.
+    The gradients are taken where the step before would lead, equation (20): a limb that is on its way has gone too far
+    for gradients around the pose that it left. The first step goes from coarse images to fine ones instead. A direction
+    that no pixel measures does not move. With prediction, parts that are out of sight move as predicted until they are
+    seen again (section 5.4). The first frame is that of `start`.
     """
     motions = [motion[:1] for motion in start]
     hidden = [np.zeros((0, len(body)), dtype=bool) for body in problem.bodies]
@@ -149,11 +154,13 @@ def follow_gradients(problem: SegmentProblem, start: Sequence[Motion], workspace
         pair = replace(problem, first=problem.first + j - 1, fixed=tuple(f[j - 1 : j + 1] for f in problem.fixed))
         here = [stacked([motion[-1:], motion[-1:]]) for motion in motions]
         gone = [np.zeros(len(body), dtype=bool) for body in problem.bodies]
+        begun = [_last_step(motion) for motion in motions]
         if problem.settings.prediction:
             x = [predicted_step(motion, h) for motion, h in zip(motions, hidden, strict=True)]
             gone = out_of_sight(pair, [_advanced(h, step) for h, step in zip(here, x, strict=True)])
-            here = [_advanced(h, step * _degrees(g)) for h, step, g in zip(here, x, gone, strict=True)]
-        here = _moved_by_gradients(pair, here, gone, workspace)
+            begun = [np.where(_degrees(g), step, own) for g, step, own in zip(gone, x, begun, strict=True)]
+        here = [_advanced(h, step) for h, step in zip(here, begun, strict=True)]
+        here = _moved_by_gradients(pair, here, gone, workspace, FIRST if j == 1 else INITIAL)
         motions = [stacked([motion, h[1:]]) for motion, h in zip(motions, here, strict=True)]
         hidden = [np.concatenate([h, g[None]]) for h, g in zip(hidden, gone, strict=True)]
     return motions
@@ -202,11 +209,15 @@ def out_of_sight(pair: SegmentProblem, motions: Sequence[Motion]) -> list[NDArra
 
 
 def _moved_by_gradients(
-    pair: SegmentProblem, motions: Sequence[Motion], gone: Sequence[NDArray[np.bool_]], workspace: Workspace
+    pair: SegmentProblem,
+    motions: Sequence[Motion],
+    gone: Sequence[NDArray[np.bool_]],
+    workspace: Workspace,
+    samplings: Sequence[Sampling],
 ) -> list[Motion]:
     """Two poses per performer, the second moved by the gradients on all parts but those that are gone."""
     here, seen = list(motions), ~np.concatenate(gone)
-    for sampling in INITIAL:
+    for sampling in samplings:
         measured = workspace.measure(pair, here, sampling)
         sums, count = measured.evidence.gradients, _pixel_counts(pair, measured.evidence)
         systems = [BandedBlocks.zeros(2, body.dof) for body in pair.bodies]
@@ -219,8 +230,14 @@ def _moved_by_gradients(
                 systems[i] += instants.on_frames(i, blocks)
         for i, (body, blocks) in enumerate(zip(pair.bodies, systems, strict=True)):
             A = blocks.diagonal[1] + DAMPING * np.eye(body.dof)
-            here[i] = _advanced(here[i], np.linalg.solve(A, -blocks.gradient[1]))
+            damped = DAMPING * _last_step(here[i]) * ~_degrees(gone[i])
+            here[i] = _advanced(here[i], -np.linalg.solve(A, blocks.gradient[1] + damped))
     return here
+
+
+def _last_step(motion: Motion) -> Array:
+    """The motion parameters to a motion's last pose, shape (D,); none before the first one."""
+    return Steps.of(motion[-2:]).vectors()[0] if len(motion) > 1 else np.zeros(3 + 3 * motion.rotations.shape[1])
 
 
 def _degrees(parts: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -389,6 +389,40 @@ def test_gradients_alone_follow_an_arm_that_is_seen(passing: tuple[SegmentProble
     assert np.linalg.norm(gone - true * (gone @ true) / (true @ true)) < 0.05 * np.linalg.norm(true)
 
 
+@pytest.mark.parametrize("metres", [0.1, 0.2, 0.3])
+def test_a_first_step_that_leaves_the_pattern_behind_is_followed_from_coarse_to_fine(metres: float) -> None:
+    """It goes sideways by up to 19 pixels; the arms are 9 pixels wide."""
+    motion = at_rest(BODY, 2)
+    motion.translations[1, 0] += metres
+    camera = look_at("front", (0.0, -3.0, 1.3), (0, 0, 1.2))
+    grey = np.stack([picture([BODY], poses_of([BODY], [motion]), f, camera) for f in range(2)])
+    problem = SegmentProblem((ViewFrames(camera, grey, 0),), (BODY,), 0, 30.0, (np.zeros((2, D), bool),))
+    settings = replace(WITHOUT, correlation_length=0.03)
+    [found] = follow_gradients(replace(problem, settings=settings), [stacked([motion[:1]] * 2)], Workspace())
+    np.testing.assert_allclose(found.translations[1], motion.translations[1], atol=0.01)
+
+
+def test_a_step_begins_with_the_one_before_and_stands_still_where_nothing_is_seen(
+    passing: tuple[SegmentProblem, list[Motion]],
+) -> None:
+    problem, start = passing
+    begun: dict[int, np.ndarray] = {}
+
+    def blind(problem: SegmentProblem, measured: MeasuredMotion) -> MeasuredMotion:
+        begun.setdefault(problem.first, Steps.of(measured.motions[0]).vectors()[0])
+        sums, seen = measured.evidence.gradients, problem.first < HIDDEN_FROM
+        return replace(
+            measured, evidence=replace(measured.evidence, gradients=replace(sums, H=sums.H * seen, g=sums.g * seen))
+        )
+
+    problem = replace(problem, settings=WITHOUT)
+    x = Steps.of(follow_gradients(problem, start, AlteredWorkspace(alter=blind))[0]).vectors()
+    np.testing.assert_allclose(begun[0], 0.0, atol=1e-12)
+    np.testing.assert_allclose([begun[j] for j in range(1, len(x))], x[:-1], atol=1e-9)
+    assert np.abs(x[HIDDEN_FROM - 1]).max() > 1e-2
+    np.testing.assert_allclose(x[HIDDEN_FROM:], 0.0, atol=1e-9)
+
+
 def limbs_alone(_problem: SegmentProblem, measured: MeasuredMotion) -> MeasuredMotion:
     """Nothing is seen of the trunk."""
     sums, limbs = measured.evidence.gradients, np.arange(PARTS) > 0
