@@ -343,10 +343,12 @@ def _best_way(score: Array, places: Array) -> tuple[NDArray[np.intp], float]:
     F, K = score.shape
     best, total = np.zeros(F, np.intp), score[0]
     back = np.zeros((F, K), np.intp)
+    before, after = _link_factors(places)
     for f in range(1, F):
-        through = total[:, None] + _link(places[f - 1], places[f])
+        through = before[f - 1] @ after[f].T
+        through += total[:, None]
         back[f] = through.argmax(axis=0)
-        total = np.take_along_axis(through, back[f][None], axis=0)[0] + score[f]
+        total = through.max(axis=0) + score[f]
     best[-1] = total.argmax()
     for f in range(F - 1, 0, -1):
         best[f - 1] = back[f, best[f]]
@@ -357,11 +359,12 @@ def _shares(score: Array, places: Array) -> Array:
     """The probability of every place, (F, K), where ways are the likelier the better; parameters as of `_best_way`."""
     last = len(score) - 1
     ahead, behind = score.copy(), np.zeros(score.shape)
+    before, after = _link_factors(places)
     # The factors between neighbouring frames are made twice: those of a long segment would fill the memory.
     for f in range(last):
-        ahead[f + 1] += _log_sum(ahead[f], np.exp(_link(places[f], places[f + 1])))
+        ahead[f + 1] += _log_sum(ahead[f], np.exp(before[f] @ after[f + 1].T))
     for f in range(last - 1, -1, -1):
-        behind[f] = _log_sum(behind[f + 1] + score[f + 1], np.exp(_link(places[f], places[f + 1])).T)
+        behind[f] = _log_sum(behind[f + 1] + score[f + 1], np.exp(before[f] @ after[f + 1].T).T)
     log = ahead + behind
     share = np.exp(log - log.max(axis=1, keepdims=True))
     return np.asarray(share / share.sum(axis=1, keepdims=True))
@@ -373,11 +376,13 @@ def _log_sum(log: Array, factors: Array) -> Array:
     return np.asarray(top + np.log(np.maximum(np.exp(log - top) @ factors, np.finfo(float).tiny)))
 
 
-def _link(a: Array, b: Array) -> Array:
-    """Less half the squared distance from each of the places (K, d) to each of the next, (K, K)."""
-    here, there = (-0.5 * np.einsum("kd,kd->k", p, p)[:, None] for p in (a, b))
-    one = np.ones_like(here)
-    return np.asarray(np.concatenate([a, here, one], axis=1) @ np.concatenate([b, one, there], axis=1).T)
+def _link_factors(places: Array) -> tuple[Array, Array]:
+    """Rows before[f] and after[f], (K, d + 2), of places (F, K, d): before[f] @ after[f + 1].T is less half the squared
+    distance from each of a frame's places to each of the next frame's, (K, K).
+    """
+    norm = -0.5 * np.einsum("fkd,fkd->fk", places, places)[..., None]
+    one = np.ones_like(norm)
+    return np.concatenate([places, norm, one], axis=2), np.concatenate([places, one, norm], axis=2)
 
 
 def untangled(
