@@ -59,7 +59,8 @@ class SegmentEvidence:
     outlines : OutlineSums
         Arrays of shape (V, F, ...); zero where a view has no foreground images.
     explained : ndarray, shape (V, M, F)
-        Of each of M performers: sum of the log likelihood ratios of the pixels that show it.
+        Of each of M performers: sum of the log likelihood ratios of the pixels that show it, with the colours of the
+        part that each shows.
     unhidden : ndarray, shape (M, F)
         Its visible area over that which it would have without the others, over all views and parts, each with the
         weight of what a pixel explains there; 1 for those that are not sought.
@@ -267,6 +268,9 @@ def _run(
         frame, u, v = every.places
         part = every.part.ravel()[every.index].astype(np.intp)
         ratio = log_ratio(foreground[geometry.performer[part], frame, stride * v, stride * u])
+        coloured = view.part_colours(first, len(R))
+        if coloured is not None:
+            ratio += coloured.colours.ratio[part, coloured.palette[frame, stride * v, stride * u]]
         explained = (
             np.bincount(part * len(T) + frame, stride**2 * ratio, explained.size).astype(float).reshape(explained.shape)
         )
@@ -283,6 +287,7 @@ def _run(
             reach=max(4, round(sampling.reach * view.pixels_per_metre(T.mean(axis=(0, 1)), first))),
             tolerance=sampling.tolerance,
             halo=view.halo,
+            coloured=coloured,
         )
     seconds = {
         "label images": drawn - begin,

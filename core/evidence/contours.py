@@ -18,7 +18,8 @@ from ..cameras.camera import Camera
 from ..numerics.arrays import Array, Bools
 from .foreground import log_ratio
 from .gradients import camera_twist, wrenches
-from .label_images import LabelImages
+from .label_images import LabelImages, pixels_at
+from .part_colours import ColouredFrames
 from .view_frames import interpolated, stacked_places
 
 Indices = NDArray[np.intp]
@@ -136,12 +137,15 @@ def outline_sums(
     reach: int,
     tolerance: float,
     halo: float = 0.0,
+    coloured: ColouredFrames | None = None,
 ) -> OutlineSums:
     """Sum the outline evidence of n frames of one view.
 
     `first` is the shot frame of the first of them; the other parameters are those of `outline_lines`.
     """
-    lines = outline_lines(camera, foreground, labels, stride=stride, reach=reach, tolerance=tolerance, halo=halo)
+    lines = outline_lines(
+        camera, foreground, labels, stride=stride, reach=reach, tolerance=tolerance, halo=halo, coloured=coloured
+    )
     n, P = labels.share.shape
     sums = lines.products(np.concatenate([lines.wrenches(camera), -lines.shift[:, None]], axis=1), n, P)
     A = camera_twist(*camera.poses(first, n))[:, None]
@@ -159,6 +163,7 @@ def outline_lines(
     reach: int,
     tolerance: float,
     halo: float = 0.0,
+    coloured: ColouredFrames | None = None,
 ) -> Lines:
     """Look for the body's outline along lines across the model's.
 
@@ -178,17 +183,23 @@ def outline_lines(
         Factor on the limit of the robust weights: 1 near the solution, more far from it.
     halo : float
         How far the foreground images show the body beyond its edge, pixels.
+    coloured : ColouredFrames, optional
+        The parts' colours: with them, outlines of parts in front of others of the same performer are looked for, too.
     """
-    pieces = _against_background(labels, stride)
+    pieces = _seen_pieces(labels, stride, None if coloured is None else coloured.colours.distinct)
     places = np.arange(-reach, reach + 1)
     # In double precision: processors differ in the exponentials of single precision.
-    ratio = _along(foreground, labels, pieces, places, stride).astype(float)
+    ratio = np.zeros((len(pieces.uv), len(places)))
+    own = pieces.behind >= 0
+    ratio[~own] = _along(foreground, labels, pieces.where(~own), places, stride)
+    if coloured is not None:
+        ratio[own] = _along_within(coloured, labels, pieces.where(own), places, stride)
     inside = np.cumsum(ratio, axis=1)
     score = CONTRAST * (2 * inside - inside[:, -1:])  # of an end between a place and the next: inside less outside
     likely = np.exp(score - score.max(axis=1, keepdims=True, initial=-np.inf))
     likely /= likely.sum(axis=1, keepdims=True)
-    ends = places + 0.5 - halo
-    shift = likely @ ends
+    ends = places + 0.5 - np.where(own, 0.0, halo)[:, None]
+    shift = (likely * ends).sum(axis=1)
     variance = (likely * (ends - shift[:, None]) ** 2).sum(axis=1) + EDGE_DEVIATION**2
     ignorance = len(places) ** 2 / 12 + EDGE_DEVIATION**2  # of a line along which nothing is seen
     information = np.maximum(1 / variance - 1 / ignorance, 0)
@@ -214,10 +225,11 @@ def outline_lines(
 
 @dataclass(frozen=True, eq=False)
 class _Pieces:
-    """N pieces of the parts' outlines that separate the body from the background.
+    """N pieces of the parts' outlines that are seen.
 
     `uv` (N, 2) are their middles and `length` (N,) their lengths, pixels; `normal` (N, 2) points outward, and `depth`
-    (N,) is the distance along the camera's axis, metres.
+    (N,) is the distance along the camera's axis, metres. `behind` (N,) is the part that is seen beyond, or -1 where the
+    background is.
     """
 
     frame: Indices
@@ -226,10 +238,17 @@ class _Pieces:
     normal: Array
     depth: Array
     length: Array
+    behind: Indices
+
+    def where(self, kept: Bools) -> _Pieces:
+        """Some of the pieces."""
+        return _Pieces(**{item.name: getattr(self, item.name)[kept] for item in fields(self)})
 
 
-def _against_background(labels: LabelImages, stride: int) -> _Pieces:
-    """The pieces of outline that have their part on one side and background on the other."""
+def _seen_pieces(labels: LabelImages, stride: int, distinct: Bools | None) -> _Pieces:
+    """The pieces of outline that have their part on one side and on the other one the background, or a part that is
+    behind it and may be told from it.
+    """
     outlines, after = labels.outlines, labels.outlines.following
     group = outlines.group
     a, z_a = stride * outlines.uv, outlines.depth
@@ -245,10 +264,36 @@ def _against_background(labels: LabelImages, stride: int) -> _Pieces:
     normal = np.stack([along[:, 1], -along[:, 0]], axis=1) / length[edge, None]
     frame, part = np.divmod(group[edge], labels.share.shape[1])
     within = labels.part_at(frame, *(uv - 0.75 * stride * normal).T / stride) == part
-    beyond = labels.part_at(frame, *(uv + stride * normal).T / stride) == -1
-    kept = within & beyond
+    beyond = labels.part_at(frame, *(uv + stride * normal).T / stride).astype(np.intp)
     each = (length / np.maximum(pieces, 1))[edge]
-    return _Pieces(frame[kept], part[kept], uv[kept], normal[kept], z[kept], each[kept])
+    seen = beyond == -1
+    if distinct is not None:
+        nearness = np.argsort(labels.far_to_near, axis=1)
+        seen |= (beyond >= 0) & distinct[part, beyond] & (nearness[frame, part] > nearness[frame, beyond])
+    return _Pieces(frame, part, uv, normal, z, each, beyond).where(within & seen)
+
+
+def _along_within(
+    coloured: ColouredFrames,
+    labels: LabelImages,
+    pieces: _Pieces,
+    places: NDArray[np.int_],
+    stride: int,
+) -> Array:
+    """How much likelier the colours along lines are on the part than on those behind it, shape (N, len(places)).
+
+    It is 0 where the model predicts something else, as in `_along`.
+    """
+    ratio, distinct = coloured.colours.ratio, coloured.colours.distinct
+    u, v = (pieces.uv[:, k, None] + pieces.normal[:, k, None] * places for k in range(2))
+    frame, part = pieces.frame[:, None], pieces.part[:, None]
+    colour = pixels_at(coloured.palette, frame, u, v, np.uint8(0))
+    label = labels.part_at(frame, u / stride, v / stride).astype(np.intp)
+    near = np.abs(places) <= stride
+    other = (label >= 0) & distinct[part, label]
+    predicted = np.where(places > 0, other, label == part) | near
+    behind = np.where((places > 0) & other, label, pieces.behind[:, None])
+    return np.where(predicted & (label != -2), ratio[part, colour] - ratio[behind, colour], np.float32(0))
 
 
 def _along(

@@ -9,7 +9,7 @@ be anybody's.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -31,7 +31,8 @@ SCALE = 31.0
 """Steps of a foreground image per unit of the log likelihood ratio; 128 is zero."""
 HALO = 0.25
 """How far beyond the body's edge pixels show enough of it to be unlike the background, pixels."""
-_LEVELS = 16
+LEVELS = 16
+"""Bins of each of the three channels of colour."""
 _STEPS = 16
 """Of the distance from the background, per unit of the logarithm of how likely it is; there are 255 of them at most."""
 _UNKNOWN = 0.1
@@ -53,11 +54,14 @@ class KnownPixels:
         By frame: where the background is seen.
     pixels_per_metre : float
         At the performers.
+    parts : mapping of int to ndarray of int, shape (h, w)
+        By frame: the part, counted over all performers, that is known to be seen; -1 where none is.
     """
 
     shown: tuple[Mapping[int, Bools], ...]
     behind: Mapping[int, Bools]
     pixels_per_metre: float
+    parts: Mapping[int, NDArray[np.int16]] = field(default_factory=dict)
 
     @classmethod
     def of_masks(
@@ -150,7 +154,7 @@ def performer_foregrounds(colour: Bytes, known: KnownPixels, fixed: bool) -> Ite
         distance = cv2.min(cv2.add(cv2.add(b, g), r), 254) | unknown  # these sums end at 255
         if shadows is not None:
             shadows.shade(distance, image, _STEPS)
-        places = _bins(image).astype(np.intp) << 8 | distance
+        places = bins(image).astype(np.intp) << 8 | distance
         images = np.empty((len(tables), *places.shape), np.uint8)
         for table, result in zip(tables, images, strict=True):
             table.take(places, out=result, mode="clip")
@@ -163,7 +167,7 @@ def _table(body: Array, background: Array, deviation: float, others: Sequence[Ar
     The last distance is that of pixels where no plate is known. Others' colours count for so little that a pixel of a
     colour that all of them wear is as surely a performer's as any can be.
     """
-    volume = (256 / _LEVELS) ** 3  # of a bin of the histograms, whose values are per bin
+    volume = (256 / LEVELS) ** 3  # of a bin of the histograms, whose values are per bin
     nearness = volume * np.exp(-np.arange(255) / _STEPS) / (np.sqrt(2 * np.pi) * deviation) ** 3
     still = ((1 - _UNKNOWN) * np.minimum(nearness, 1)).astype(np.float32)
     values = np.empty((len(body), len(still) + 1), np.float32)  # a million: worked on in place
@@ -179,25 +183,31 @@ def _table(body: Array, background: Array, deviation: float, others: Sequence[Ar
     return values.astype(np.uint8)
 
 
-def _bins(image: Bytes) -> NDArray[np.uint16]:
-    """The histogram bin of every pixel."""
-    b, g, r = cv2.split(image // (256 // _LEVELS))
-    return np.asarray((b.astype(np.uint16) * _LEVELS + g) * _LEVELS + r)
+def bins(image: Bytes) -> NDArray[np.uint16]:
+    """The histogram bin of every pixel of a picture (h, w, 3)."""
+    b, g, r = cv2.split(image // (256 // LEVELS))
+    return np.asarray((b.astype(np.uint16) * LEVELS + g) * LEVELS + r)
 
 
 def _histogram(colour: Bytes, regions: Mapping[int, Bools]) -> Array:
-    """How often each colour occurs in regions of frames, smoothed, shape (`_LEVELS`^3,); of none all are as likely."""
-    counts = np.zeros(_LEVELS**3)
+    """How often each colour occurs in regions of frames, smoothed, shape (`LEVELS`^3,); of none all are as likely."""
+    counts = np.zeros(LEVELS**3)
     for frame, region in regions.items():
-        counts += np.bincount(_bins(colour[frame])[region], minlength=len(counts))
+        counts += np.bincount(bins(colour[frame])[region], minlength=len(counts))
     if not counts.any():
         counts += 1
-    cube = counts.reshape(_LEVELS, -1)  # in double precision: see `view_frames`
+    share = smoothed(counts)
+    share /= max(float(share.sum()), 1e-9)
+    return ((1 - _UNKNOWN) * share + _UNKNOWN / len(counts)).astype(np.float32)
+
+
+def smoothed(counts: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Counts of colours (LEVELS^3,), each spread over the bins around its own."""
+    cube = counts.reshape(LEVELS, -1)  # in double precision: see `view_frames`
     for _ in range(3):  # blurs one axis of colour, then goes on to the next
         cube = cv2.GaussianBlur(cube, (1, 0), 0, sigmaY=0.7, borderType=cv2.BORDER_REPLICATE)
-        cube = cube.reshape(_LEVELS, _LEVELS, _LEVELS).transpose(1, 2, 0).reshape(_LEVELS, -1)
-    share = cube.ravel() / max(float(cube.sum()), 1e-9)
-    return ((1 - _UNKNOWN) * share + _UNKNOWN / len(counts)).astype(np.float32)
+        cube = cube.reshape(LEVELS, LEVELS, LEVELS).transpose(1, 2, 0).reshape(LEVELS, -1)
+    return np.asarray(cube.ravel())
 
 
 def _plate(colour: Bytes, behind: Mapping[int, Bools]) -> tuple[Bytes, Bools]:

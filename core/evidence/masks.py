@@ -11,9 +11,9 @@ RIM = 2
 """Pixels at a mask's edge that show something of both sides."""
 
 
-def within(mask: Bools) -> Bools:
-    """A mask less its rim."""
-    return np.asarray(cv2.erode(mask.astype(np.uint8), _disc(RIM)) > 0)
+def within(mask: Bools, rim: int = RIM) -> Bools:
+    """A mask less its rim of so many pixels."""
+    return np.asarray(cv2.erode(mask.astype(np.uint8), _disc(rim)) > 0)
 
 
 def beyond(mask: Bools, margin: float) -> Bools:

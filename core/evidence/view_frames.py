@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..cameras.camera import Camera
 from ..runtime.shared_arrays import looked_at
+from .part_colours import ColouredFrames, PartColours
 
 Image = NDArray[np.float32]
 
@@ -162,6 +163,10 @@ class ViewFrames:
         How much later than the shot's frames these were taken, frames; see `core.body.time_shift`.
     torn : ndarray of bool, shape (N - 1,), optional
         Which pairs of frames do not fit together, and say nothing; see `core.shot.continuity`.
+    colours : PartColours, optional
+        Of the performers' parts, by a palette.
+    palette : ndarray of uint8, shape (N, h, w), optional
+        The palette's colour of every pixel.
     """
 
     camera: Camera
@@ -171,6 +176,15 @@ class ViewFrames:
     halo: float = 0.0
     delay: float = 0.0
     torn: NDArray[np.bool_] | None = None
+    colours: PartColours | None = None
+    palette: NDArray[np.uint8] | None = None
+
+    def part_colours(self, first: int, count: int, stride: int = 1) -> ColouredFrames | None:
+        """The colours of consecutive shot frames: of every so many pixels, each way; None if nothing is known."""
+        if self.colours is None or self.palette is None:
+            return None
+        start = first - self.first
+        return ColouredFrames(self.colours, looked_at(self.palette[start : start + count, ::stride, ::stride]))
 
     def foreground_at(self, first: int, count: int, stride: int = 1) -> NDArray[np.uint8]:
         """The foreground images of consecutive shot frames, shape (M, count, h, w): every so many pixels, each way."""

@@ -15,11 +15,12 @@ from ..body.time_shift import poses_after
 from ..evidence.foreground import HALO, MARGIN, KnownPixels, performer_foregrounds
 from ..evidence.label_images import Geometry, render_labels
 from ..evidence.masks import beyond, within
+from ..evidence.part_colours import PartColours
 from ..evidence.part_shapes import fitted_shape
 from ..evidence.view_frames import ViewFrames, views_with_foreground
 from ..numerics.arrays import Array, Bools
 from ..runtime.shared_arrays import each_row
-from .picture_store import FOREGROUND, GREY, PictureStore
+from .picture_store import FOREGROUND, GREY, PALETTE, PictureStore
 from .reader import ColourFrames
 from .segments import PosedFrames
 
@@ -80,12 +81,33 @@ def frames_with_foreground(
         return view
     poses = scene_poses(bodies, poses_after(motions, view.delay - footage_offset, keys.frames))
     margins = np.minimum(AWAY + DRIFT * keys.apart / fps, FARTHEST)
-    known = known_pixels(view, Geometry.of(bodies), poses, keys, margins)
+    geometry = Geometry.of(bodies)
+    known = known_pixels(view, geometry, poses, keys, margins)
     if not any(mask.any() for shown in known.shown for mask in shown.values()):
         return view
     images = performer_foregrounds(frames.colour, known, view.camera.stands_still)
     foreground = np.moveaxis(store.kept(FOREGROUND, images, len(frames.colour)), 1, 0)
-    return replace(view, foreground=foreground, halo=HALO)
+    view = replace(view, foreground=foreground, halo=HALO)
+    colours = PartColours.learned(
+        frames.colour, known.parts, geometry.performer, parts_apart(bodies), known.pixels_per_metre
+    )
+    if colours is None:
+        return view
+    palette = store.kept(PALETTE, colours.images(frames.colour), len(frames.colour))
+    return replace(view, colours=colours, palette=palette)
+
+
+def parts_apart(bodies: Sequence[Body]) -> Bools:
+    """Which parts of all performers belong to one body and do not meet, shape (P, P)."""
+    sizes = [len(body) for body in bodies]
+    apart = np.zeros((sum(sizes), sum(sizes)), bool)
+    for body, end in zip(bodies, np.cumsum(sizes), strict=True):
+        own = slice(end - len(body), end)
+        apart[own, own] = ~np.eye(len(body), dtype=bool)
+        for part, parent in enumerate(body.parents):
+            if parent >= 0:
+                apart[own, own][[part, parent], [parent, part]] = False
+    return apart
 
 
 def known_pixels(view: ViewFrames, geometry: Geometry, poses: Poses, keys: PosedFrames, margins: Array) -> KnownPixels:
@@ -108,19 +130,20 @@ def known_pixels(view: ViewFrames, geometry: Geometry, poses: Poses, keys: Posed
     for m in np.flatnonzero(~keys.posed.all(axis=0)):
         (loose,), own = np.nonzero(~keys.posed[:, m]), np.flatnonzero(geometry.performer == m)
         alone = view.camera.at(keys.frames[loose].tolist())
-        parts = render_labels(
+        roughly = render_labels(
             geometry.subset(own.tolist()), alone, 0, R[np.ix_(loose, own)], T[np.ix_(loose, own)]
         ).part
-        for k, image in zip(loose, parts, strict=True):
+        for k, image in zip(loose, roughly, strict=True):
             unsure[k] |= cv2.distanceTransform((image < 0).astype(np.uint8), cv2.DIST_L2, 3) < scale * margins[k, m]
     shown: list[dict[int, Bools]] = [{} for _ in range(M)]
-    behind = {}
+    behind, parts = {}, {}
     for k, row in enumerate((keys.frames - view.first).tolist()):
         behind[row] = beyond(labels[k] >= 0, MARGIN * scale) & ~unsure[k]
         whose = np.where(labels[k] >= 0, geometry.performer[labels[k]], -1)
+        parts[row] = np.where(np.isin(whose, np.flatnonzero(keys.posed[k])) & ~unsure[k], labels[k], np.int16(-1))
         for m in np.flatnonzero(keys.posed[k]):
             shown[m][row] = within(whose == m) & ~unsure[k]
-    return KnownPixels(tuple(shown), behind, scale)
+    return KnownPixels(tuple(shown), behind, scale, parts)
 
 
 def key_frame_shape(

@@ -15,7 +15,7 @@ from ..runtime.shared_arrays import SharedArray
 
 Images = NDArray[np.uint8]
 
-COLOUR, GREY, FOREGROUND = "colour", "grey", "foreground"
+COLOUR, GREY, FOREGROUND, PALETTE = "colour", "grey", "foreground", "palette"
 
 
 @dataclass(frozen=True)
@@ -64,8 +64,9 @@ class PictureStore:
         foreground = None
         if view.foreground is not None:
             foreground = SharedArray(self._path(FOREGROUND), np.moveaxis(view.foreground, 1, 0).shape)
-        bare = replace(view, grey=np.zeros((0, 0, 0), np.uint8), foreground=None)
-        return StoredView(bare, SharedArray(self._path(GREY), view.grey.shape), foreground)
+        palette = None if view.palette is None else SharedArray(self._path(PALETTE), view.palette.shape)
+        bare = replace(view, grey=np.zeros((0, 0, 0), np.uint8), foreground=None, palette=None)
+        return StoredView(bare, SharedArray(self._path(GREY), view.grey.shape), foreground, palette)
 
     def _path(self, kind: str) -> Path:
         assert self.folder is not None
@@ -84,19 +85,23 @@ class StoredView:
         Of shape (N, h, w).
     foreground : SharedArray, optional
         Of shape (N, M, h, w).
+    palette : SharedArray, optional
+        Of shape (N, h, w).
     """
 
     frames: ViewFrames
     grey: SharedArray
     foreground: SharedArray | None
+    palette: SharedArray | None
 
     def opened(self) -> ViewFrames:
         """The view with its pictures."""
         foreground = None if self.foreground is None else np.moveaxis(self.foreground.array(), 1, 0)
-        return replace(self.frames, grey=self.grey.array(), foreground=foreground)
+        palette = None if self.palette is None else self.palette.array()
+        return replace(self.frames, grey=self.grey.array(), foreground=foreground, palette=palette)
 
     def remove(self) -> None:
         """Remove the files."""
-        for pictures in (self.grey, self.foreground):
+        for pictures in (self.grey, self.foreground, self.palette):
             if pictures is not None:
                 pictures.remove()

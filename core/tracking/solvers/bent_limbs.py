@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from operator import attrgetter
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from . import gauss_newton
 from .gauss_newton import descend
 from .limb_search import freed_limb, limbs
 from .measurement import Workspace
-from .multi_start import LOOKS, SETTLED, equals
+from .multi_start import LOOKS, SETTLED, likeliest, noise_of
 from .problem import SegmentProblem, SegmentSolution
 
 BENT = 3.0
@@ -108,18 +107,19 @@ def with_limb_regained(
     """
     i = place[0]
     alone, seconds = problem.alone(i), Seconds(solution.seconds)
-    settled = [descend(alone, solution.motions, workspace.silent(), SETTLED)]
+    noise = noise_of(problem, solution)
+    settled = [descend(alone, solution.motions, workspace.silent(), SETTLED, noise)]
     for look in range(LOOKS):
         motions = settled[-1].motions
         with seconds.measure("initial solution"):
             found = freed_limb(alone, motions, place, look)
         begin = (*motions[:i], found, *motions[i + 1 :])
-        settled.append(descend(alone, begin, workspace.part(look / LOOKS, (look + 1) / LOOKS), SETTLED))
+        settled.append(descend(alone, begin, workspace.part(look / LOOKS, (look + 1) / LOOKS), SETTLED, noise))
     for each in settled:
         seconds.add(each.seconds)
-    kept, *others = settled
-    best = max(others, key=attrgetter("cover"))
-    if best.cover < kept.cover or kept in equals([kept, best]):
+    kept = settled[0]
+    best = likeliest(alone, *settled)
+    if best is kept:
         return replace(solution, seconds=dict(seconds))
     ended = gauss_newton.refine(problem, best.motions, workspace.silent())
     seconds.add(ended.seconds)

@@ -12,7 +12,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
+import cv2
 import numpy as np
 import scipy  # its parts are loaded when they are used
 from numpy.random import Generator
@@ -23,8 +25,9 @@ from ...body import Body, part_poses
 from ...body.kinematics import scene_poses
 from ...body.motion import Motion
 from ...cameras.camera import Camera
-from ...evidence.foreground import log_ratio
-from ...evidence.label_images import NEAR, Geometry, LabelImages, pixels_at, render_labels
+from ...evidence.foreground import SCALE, STRONGEST, log_ratio
+from ...evidence.label_images import NEAR, Geometry, LabelImages, render_labels
+from ...evidence.part_colours import ColouredFrames
 from ...evidence.view_frames import ViewFrames, views_with_foreground
 from ...numerics import rotations
 from ...numerics.arrays import Array
@@ -56,6 +59,11 @@ PARTED = 0.75
 """Limbs meet where they are less far apart than this share of how far they part in between."""
 BESIDE = 0.2
 """How long before and after a meeting their velocities are compared, seconds."""
+ZERO = 128
+"""What a foreground image has where a performer is as likely as anything else."""
+DEPTH_STEP = 0.002
+NOBODY = (1 << 16) - 1
+"""Depth where there is no part, in steps of `DEPTH_STEP`, metres."""
 _STRIDE = 3
 _POINTS = 16
 _FEW_POINTS = 2
@@ -144,36 +152,84 @@ def untangled_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[
 
 @dataclass(frozen=True, eq=False)
 class _ViewRatios:
-    """Every _STRIDE-th pixel of a view's frames: a performer's log likelihood ratios, (F, h, w)."""
+    """Every _STRIDE-th pixel of a view's frames: a performer's log likelihood ratios, (F, h, w), and the colours of its
+    parts.
+    """
 
     camera: Camera
     first: int
     ratio: NDArray[np.float32]
+    coloured: ColouredFrames | None
 
     @classmethod
     def of(cls, view: ViewFrames, problem: SegmentProblem, performer: int) -> _ViewRatios:
         foreground = view.foreground_at(problem.first, problem.length, _STRIDE)[performer]
-        return cls(view.camera.subsampled(_STRIDE), problem.first, log_ratio(foreground))
+        coloured = view.part_colours(problem.first, problem.length, _STRIDE)
+        return cls(view.camera.subsampled(_STRIDE), problem.first, log_ratio(foreground), coloured)
 
     def labels(self, geometry: Geometry, poses: tuple[Array, Array]) -> LabelImages:
         return render_labels(geometry, self.camera, self.first, *poses)
 
-    def uncovered(self, geometry: Geometry, poses: tuple[Array, Array]) -> _ViewRatios:
-        """The same, zero where parts cover it."""
-        labels = self.labels(geometry, poses)
-        return _ViewRatios(self.camera, self.first, np.where(labels.part < 0, self.ratio, np.float32(0)))
+    def uncovered(self, geometry: Geometry, poses: tuple[Array, Array], parts: Sequence[int]) -> _Uncovered:
+        """What it shows for some parts of a performer, where the others do not hide them."""
+        rest = [part for part in range(len(geometry.spans)) if part not in parts]
+        labels = self.labels(geometry.subset(rest), (poses[0][:, rest], poses[1][:, rest]))
+        nobody = labels.part < 0
+        beside = np.where(nobody, self.ratio, np.float32(0))
+        if self.coloured is None:
+            return _Uncovered(self.camera, self.first, (_as_steps(beside),) * len(parts), None)
+        ratio, palette = self.coloured.colours.ratio, self.coloured.palette
+        behind = np.array(rest)[labels.part]  # of nobody, anyone
+        images = []
+        for part in parts:
+            own = self.coloured.of(part)
+            before = np.where(self.coloured.colours.distinct[part][behind], own - ratio[behind, palette], np.float32(0))
+            images.append(_as_steps(np.where(nobody, beside + own, before)))
+        depth = np.minimum(labels.depth_images() / np.float32(DEPTH_STEP), np.float32(NOBODY)).astype(np.uint16)
+        return _Uncovered(self.camera, self.first, tuple(images), depth)
 
-    def at(self, frames: slice, points_world: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Ratios of the pixels that points (m, 3, K, points) of some frames fall on, 0 beyond the picture."""
+
+def _as_steps(ratio: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Log likelihood ratios as foreground images have them: there may be many images."""
+    return np.rint(np.clip(ratio, -STRONGEST, STRONGEST) * np.float32(SCALE) + np.float32(ZERO)).astype(np.uint8)
+
+
+def _looked_up(images: NDArray[Any], columns: Array, rows: Array, beyond: float) -> NDArray[Any]:
+    """The nearest pixels of images (m, h, w) to places (m, K, points) in them."""
+    found = np.empty(columns.shape, images.dtype)
+    for image, u, v, out in zip(images, columns, rows, found, strict=True):
+        cv2.remap(image, u, v, cv2.INTER_NEAREST, out, cv2.BORDER_CONSTANT, beyond)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Uncovered:
+    """How much likelier each pixel of a view is with each of some parts there than as the others are.
+
+    `ratio` are n images (F, h, w) as foreground images are; `depth` (F, h, w) is how far the others are, in steps of
+    `DEPTH_STEP`, if it matters.
+    """
+
+    camera: Camera
+    first: int
+    ratio: tuple[NDArray[np.uint8], ...]
+    depth: NDArray[np.uint16] | None
+
+    def at(self, part: int, frames: slice, points_world: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Ratios of the pixels that points (m, 3, K, points) of a part on some frames fall on, 0 beyond the picture and
+        behind others; shape (m, K).
+        """
         Rc, tc = self.camera.poses(self.first + frames.start, len(points_world))
         K = self.camera.matrix
-        m, _, *shape = points_world.shape
-        x = (K @ Rc).astype(np.float32) @ points_world.reshape(m, 3, -1)
+        x = (K @ Rc).astype(np.float32) @ points_world.reshape(len(points_world), 3, -1)
         x += (tc @ K.T).astype(np.float32)[..., None]
-        depth = np.maximum(x[:, 2], np.float32(NEAR))
-        places = np.arange(m)[:, None]
-        ratio = pixels_at(self.ratio[frames], places, x[:, 0] / depth, x[:, 1] / depth, np.float32(0))
-        return ratio.reshape(m, *shape)
+        depth = np.maximum(x[:, 2:], np.float32(NEAR))
+        columns, rows = (x[:, :2] / depth).reshape(points_world[:, :2].shape).swapaxes(0, 1)
+        steps = _looked_up(self.ratio[part][frames], columns, rows, ZERO).astype(np.int16) - np.int16(ZERO)
+        if self.depth is not None:
+            others = _looked_up(self.depth[frames], columns, rows, 0)
+            steps *= depth.reshape(others.shape) < others * np.float32(DEPTH_STEP)
+        return np.asarray(steps.mean(axis=-1, dtype=np.float32) / np.float32(SCALE))
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +265,6 @@ def _with_limb_found(
     body, motion = problem.bodies[i], motions[i]
     span, geometry = problem.spans()[i], problem.geometry()
     parts = [span.start + part for part in chain]
-    rest = [part for part in range(len(geometry.spans)) if part not in parts]
     R, T = scene_poses(problem.bodies, motions)
     hangs_on = span.start + body.parents[chain[0]]
     held = np.zeros((problem.length, len(chain))) if free else _held(looks, geometry, (R, T), parts)
@@ -222,7 +277,7 @@ def _with_limb_found(
         problem.fixed[i][:, 3:].reshape(problem.length, -1, 3)[:, chain],
         np.maximum(held, LEAST_HELD),
     )
-    uncovered = [look.uncovered(geometry.subset(rest), (R[:, rest], T[:, rest])) for look in looks]
+    uncovered = [look.uncovered(geometry, (R, T), parts) for look in looks]
     path, gain = _likeliest(limb, uncovered, rotations.log(motion.rotations[:, chain]), problem.fps, rng)
     if gain < LEAST_GAIN:
         return motion
@@ -232,7 +287,7 @@ def _with_limb_found(
 
 
 def _likeliest(
-    limb: _Limb, uncovered: Sequence[_ViewRatios], begin: Array, fps: float, rng: Generator
+    limb: _Limb, uncovered: Sequence[_Uncovered], begin: Array, fps: float, rng: Generator
 ) -> tuple[Array, float]:
     """The limb's rotation vectors (F, n, 3) that are likeliest around those it begins with, and by how much.
 
@@ -265,20 +320,20 @@ def _likeliest(
 
 
 def _anywhere(
-    limb: _Limb, uncovered: Sequence[_ViewRatios], bounds: tuple[Array, Array], rng: Generator
+    limb: _Limb, uncovered: Sequence[_Uncovered], bounds: tuple[Array, Array], rng: Generator
 ) -> NDArray[np.float64]:
     """Poses of the limb (F, `ANYWHERE`, n, 3) drawn between bounds (n, 3), the same on all frames, of which every frame
     has its own winners: what is far from where the limb begins is hardly met by drawing around it.
     """
-    drawn = rng.uniform(*bounds, size=(1, ANYWHERE * HEAT, *limb.range.shape))
-    drawn = np.broadcast_to(drawn, (len(limb.held), *drawn.shape[1:]))
-    score = _covered(replace(limb, points=limb.points[:, :_FEW_POINTS]), uncovered, drawn)
+    drawn = rng.uniform(*bounds, size=(ANYWHERE * HEAT, *limb.range.shape))
+    score = _covered(replace(limb, points=limb.points[:, :_FEW_POINTS]), uncovered, drawn[None])
     winner = score.reshape(len(score), ANYWHERE, HEAT).argmax(axis=2) + HEAT * np.arange(ANYWHERE)
-    return np.take_along_axis(drawn, winner[..., None, None], axis=1)
+    return np.asarray(drawn[winner])
 
 
 def _held(looks: Sequence[_ViewRatios], geometry: Geometry, poses: tuple[Array, Array], parts: list[int]) -> Array:
-    """The share of each part that is seen and on foreground, in the view that shows most of it, (F, n).
+    """The share of each part that is seen and on foreground of its own colours, in the view that shows most of it,
+    (F, n).
 
     A part that is mostly on the background in another view is not there: it is held the less, the more of it is seen.
     """
@@ -288,7 +343,9 @@ def _held(looks: Sequence[_ViewRatios], geometry: Geometry, poses: tuple[Array, 
         labels, performer = look.labels(geometry, poses), look.ratio > 0
         for k, part in enumerate(parts):
             seen = labels.part == part
-            right = (seen & performer).sum(axis=(1, 2)) / np.maximum(seen.sum(axis=(1, 2)), 1)
+            like = 1.0 if look.coloured is None else np.exp(np.minimum(look.coloured.of(part), 0).astype(float))
+            right = (seen & performer) * like
+            right = right.sum(axis=(1, 2)) / np.maximum(seen.sum(axis=(1, 2)), 1)
             held[:, k] = np.maximum(held[:, k], labels.share[:, part] * right)
             free[:, k] = np.maximum(free[:, k], labels.share[:, part] * np.clip(1 - 2 * right, 0, 1))
     return held * (1 - free)
@@ -308,13 +365,17 @@ def shown_areas(geometry: Geometry, parts: Sequence[int]) -> Array:
     return np.array([ConvexHull(geometry.vertices[geometry.spans[part]]).area / 4 for part in parts])
 
 
-def _covered(limb: _Limb, uncovered: Sequence[_ViewRatios], drawn: Array) -> Array:
-    """How much likelier the images are with the limb in each of K poses drawn (F, K, n, 3), shape (F, K)."""
-    score = np.zeros(drawn.shape[:2])
-    for some in _chunks(len(drawn)):
-        for area, world in zip(limb.areas, _placed(limb, some, drawn[some]), strict=True):
+def _covered(limb: _Limb, uncovered: Sequence[_Uncovered], drawn: Array) -> Array:
+    """How much likelier the images are with the limb in each of K poses drawn (F, K, n, 3), shape (F, K).
+
+    Poses that are the same on all frames may be (1, K, n, 3).
+    """
+    score = np.zeros((len(limb.held), drawn.shape[1]))
+    for some in _chunks(len(score)):
+        poses = drawn if len(drawn) == 1 else drawn[some]
+        for part, (area, world) in enumerate(zip(limb.areas, _placed(limb, some, poses), strict=True)):
             for look in uncovered:
-                score[some] += area / PATCH**2 * look.at(some, world).mean(axis=-1)
+                score[some] += area / PATCH**2 * look.at(part, some, world)
     return score
 
 
@@ -323,7 +384,7 @@ def _chunks(frames: int) -> Iterator[slice]:
 
 
 def _placed(limb: _Limb, frames: slice, drawn: Array) -> Iterator[NDArray[np.float32]]:
-    """World points (m, 3, K, points) of each of the limb's parts in poses drawn (m, K, n, 3)."""
+    """World points (m, 3, K, points) of each of the limb's parts on m frames, in poses drawn (m or 1, K, n, 3)."""
     R, T = limb.parent[0][frames, None], limb.parent[1][frames, None]
     Q = rotations.exp(drawn)
     for k, part in enumerate(limb.chain):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import islice, pairwise
 
 import numpy as np
@@ -51,8 +52,6 @@ no other stage follows."""
 EQUAL = 0.005
 """Solutions whose covers of the performers differ by less than this share of them are equals: which of them covers the
 most is chance."""
-LIKELIER = 0.97
-"""Share of an equal's cost below which another one counts, if it covers no less."""
 NEAR = 0.03
 """A solution that covers less than the best by more than this share has no limbs to lend to it."""
 ALIKE = np.radians(8)
@@ -319,15 +318,15 @@ def searched(
 
     Of the solutions only equals of the best are looked around, or all where that is doubtful; they settle first. While
     all are doubtful, limbs are also looked for around a trunk that moves as at the start, which limbs in wrong places
-    have not led astray. It also ends after `VAIN_LOOKS` that cover clearly less than one of these solutions. Poses
-    are drawn by chance: limbs stay where they were when what is found is no better than an equal, unless it covers no
-    less and costs clearly less. At last the solutions exchange limbs, see `recombined`.
+    have not led astray. It also ends after `VAIN_LOOKS` that cover clearly less than one of these solutions. The
+    likeliest of all counts, and exchanges limbs with the others, see `recombined`.
     `look` is how limbs are looked for, by default `look_for_limbs`.
     """
-    look = look_for_limbs if look is None else look
     held = replace(problem, fixed=tuple(fixed | (np.arange(fixed.shape[1]) < 6) for fixed in problem.fixed))
-    likely = solutions if doubtful(problem, better(problem, *solutions)) else equals(solutions)
-    settled = [descend(problem, solution.motions, workspace.silent(), SETTLED) for solution in likely]
+    first = better(problem, *solutions)
+    likely, noise = solutions if doubtful(problem, first) else equals(solutions), noise_of(problem, first)
+    look = look or partial(look_for_limbs, noise=noise)
+    settled = [descend(problem, solution.motions, workspace.silent(), SETTLED, noise) for solution in likely]
     begins: list[tuple[Sequence[Motion], SegmentProblem]] = [(solution.motions, problem) for solution in settled]
     found: list[SegmentSolution] = []
     looking, exchanging = workspace.part(0.0, 0.7), workspace.part(0.7, 1.0)
@@ -340,23 +339,23 @@ def searched(
             begins.append((start, held))
         elif not begins and len(equals([*settled, *found])) == 1 and (best in found or len(found) < VAIN_LOOKS):
             begins.append((best.motions, problem))
-    kept, new = better(problem, *settled), better(problem, *found)
-    likelier = new.cover >= kept.cover and new.energy[-1] < LIKELIER * kept.energy[-1]
-    best = kept if kept in equals([*settled, *found]) and not likelier else new
-    return recombined(problem, best, [*settled, *found], exchanging)
+    best = likeliest(problem, *settled, *found)
+    return recombined(problem, best, [*settled, *found], noise, exchanging)
 
 
 def recombined(
-    problem: SegmentProblem, best: SegmentSolution, others: Sequence[SegmentSolution], workspace: Workspace
+    problem: SegmentProblem,
+    best: SegmentSolution,
+    others: Sequence[SegmentSolution],
+    noise: SegmentNoise,
+    workspace: Workspace,
 ) -> SegmentSolution:
-    """The best of some solutions, or with like limbs exchanged with others where that covers more of the performers.
+    """The best of some solutions, or with like limbs exchanged with others where that is likelier.
 
     What is drawn by chance may bring the arms to their places in one solution and the legs in another. Limbs do not
     fit a trunk that others have led, so they settle before they are compared. Of equals the
     likeliest counts; all are compared under one noise.
     """
-    assert best.evidence is not None
-    noise = SegmentNoise.of(best.evidence, problem.settings)
     lenders = equals(others, NEAR)
     tried = [solution.motions for solution in lenders]
     places = [(i, left + right) for i in problem.sought for left, right in pairs(problem.bodies[i])]
@@ -373,9 +372,29 @@ def recombined(
         for n, motions in enumerate(mixtures):
             part = share.part(n / len(mixtures), (n + 1) / len(mixtures))
             found.append(descend(problem, motions, part, SETTLED, noise))
-        if best not in equals(found):
-            best = min(equals(found), key=lambda solution: solution.energy[-1])
+        best = likeliest(problem, *found)
     return best
+
+
+def noise_of(problem: SegmentProblem, solution: SegmentSolution) -> SegmentNoise:
+    """The noise of the images at a solution, under which others can be compared with it."""
+    assert solution.evidence is not None
+    return SegmentNoise.of(solution.evidence, problem.settings)
+
+
+def likeliest(problem: SegmentProblem, *solutions: SegmentSolution) -> SegmentSolution:
+    """The likeliest of some solutions whose costs were measured under one noise: what they cost, less what the pixels
+    say that show the performers and the background, those that repeat one another counted once.
+    """
+    return max(solutions, key=lambda solution: merit(problem, solution))
+
+
+def merit(problem: SegmentProblem, solution: SegmentSolution) -> float:
+    """The logarithm of how likely a solution is, but for a constant."""
+    evidence = solution.evidence
+    assert evidence is not None
+    whole = evidence.pixel_share(problem.settings.lengths[0]) / evidence.sampling.stride**2
+    return float(whole @ evidence.explained.sum(axis=(1, 2))) - solution.energy[-1]
 
 
 def with_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspace: Workspace) -> SegmentSolution:
@@ -400,8 +419,7 @@ def with_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspa
 
 def _with_own_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspace: Workspace) -> SegmentSolution:
     """The same for the performer that is sought."""
-    assert best.evidence is not None
-    noise = SegmentNoise.of(best.evidence, problem.settings)
+    noise = noise_of(problem, best)
     count = len(list(exchanges(problem, best.motions)))
     if count:
         best = _continued(best, descend(problem, best.motions, workspace.part(0.0, 1 / (1 + count)), SETTLED, noise))
@@ -429,12 +447,18 @@ def equals(solutions: Sequence[SegmentSolution], share: float = EQUAL) -> list[S
 
 
 def look_for_limbs(
-    problem: SegmentProblem, around: SegmentProblem, motions: Sequence[Motion], seed: int, workspace: Workspace
+    problem: SegmentProblem,
+    around: SegmentProblem,
+    motions: Sequence[Motion],
+    seed: int,
+    workspace: Workspace,
+    *,
+    noise: SegmentNoise | None = None,
 ) -> SegmentSolution:
     """The solution from looking for limbs around motions, which settle first with what `around` has fixed."""
     begin = found_limbs(problem, motions, seed, workspace.part(0.0, 0.6))
     settled, *_ = approach(around, begin, workspace.part(0.6, 0.8), SETTLING)
-    return descend(problem, untangled_limbs(problem, settled), workspace.part(0.8, 1.0), SETTLED)
+    return descend(problem, untangled_limbs(problem, settled), workspace.part(0.8, 1.0), SETTLED, noise)
 
 
 def followed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> list[Motion]:

@@ -10,14 +10,17 @@ import pytest
 from kfmocap.core.body import human, landmark_positions, part_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.errors import CancelledError
-from kfmocap.core.evidence.label_images import Geometry
+from kfmocap.core.evidence.foreground import SCALE
+from kfmocap.core.evidence.label_images import NEAR, Geometry
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.shot import Settings
 from kfmocap.core.tracking.solvers.limb_search import (
+    DEPTH_STEP,
     _best_way,
     _held,
     _shares,
+    _Uncovered,
     _ViewRatios,
     exchanges,
     found_limbs,
@@ -153,6 +156,29 @@ def test_a_limb_that_a_view_sees_on_the_background_is_not_held_by_the_other_view
 
     assert held(views[0]).min() > 0.4 and held(*views).min() > 0.4
     assert held(views[0], empty).max() < 0.3
+
+
+def test_points_show_the_pixel_nearest_to_them_and_nothing_beyond_the_picture_or_behind_others() -> None:
+    rng = np.random.default_rng(2)
+    images = rng.integers(4, 253, (2, 5, *CAMERA.size[::-1]), np.uint8)
+    depth = rng.integers(1500, 2500, images.shape[1:], np.uint16)
+    points = rng.normal((0.3, 0.0, 1.0), (2.0, 1.0, 1.5), size=(3, 200, 4, 3))
+    world = np.moveaxis(points, -1, 1).astype(np.float32)
+    R, t = CAMERA.pose(0)
+    x = points @ R.T + t
+    far = x[..., 2]
+    x = x @ CAMERA.matrix.T
+    column, row = np.rint(x[..., :2] / np.maximum(x[..., 2:], NEAR)).astype(int).transpose(3, 0, 1, 2)
+    inside = (column >= 0) & (column < CAMERA.size[0]) & (row >= 0) & (row < CAMERA.size[1])
+    frame = np.broadcast_to(np.arange(1, 4)[:, None, None], inside.shape)
+    assert 0.2 < inside.mean() < 0.8
+    for part, others in product((0, 1), (None, depth)):
+        expected, place = np.zeros(inside.shape), (frame[inside], row[inside], column[inside])
+        expected[inside] = (images[part][place] - 128.0) / SCALE
+        if others is not None:
+            expected[inside] *= far[inside] < others[place] * DEPTH_STEP
+        found = _Uncovered(CAMERA, 0, tuple(images), others).at(part, slice(1, 4), world)
+        np.testing.assert_allclose(found, expected.mean(axis=-1), atol=1e-5)
 
 
 def test_an_arm_that_points_the_other_way_is_found() -> None:

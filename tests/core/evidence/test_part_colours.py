@@ -1,0 +1,213 @@
+"""Colours of parts: learned on frames where the parts are known, and what they say of limbs in front of the body."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from kfmocap.core.body import Body, human, landmark_positions
+from kfmocap.core.body.motion import Motion
+from kfmocap.core.cameras.camera import Camera
+from kfmocap.core.evidence.accumulate import Sampling, accumulate_evidence
+from kfmocap.core.evidence.contours import Lines, outline_lines
+from kfmocap.core.evidence.foreground import STRONGEST
+from kfmocap.core.evidence.label_images import Geometry, render_labels
+from kfmocap.core.evidence.part_colours import ColouredFrames, PartColours
+from kfmocap.core.evidence.view_frames import ViewFrames
+from kfmocap.core.numerics import rotations
+from kfmocap.core.tracking.appearance import parts_apart
+from kfmocap.core.tracking.solvers.limb_search import found_limbs
+from kfmocap.core.tracking.solvers.measurement import Workspace
+from kfmocap.core.tracking.solvers.problem import SegmentProblem
+from synthetic import at_rest, ends_held, figure, look_at, part, poses_of, silhouette
+
+Array = np.ndarray
+FIGURE = figure()
+BODY = Body(
+    (
+        FIGURE.parts[0],
+        part("upper_arm.L", 0, (0.27, 0, 1.35), (0.3, -0.32, 1.2), 0.05, 0.05),
+        part("forearm.L", 1, (0.3, -0.32, 1.2), (-0.1, -0.36, 1.1), 0.05, 0.05),
+        part("lid", 0, (0, 0, 1.5), (0, 0, 1.6), 0.1, 0.1),
+    ),
+    {},
+)
+"""A trunk, an arm of two parts that lies across it in front, and a lid; trunk and forearm may be told apart."""
+FOREARM = BODY.index("forearm.L")
+CAMERA = look_at("front", (0.1, -2.6, 1.3))
+COLOURS = np.array([[60, 60, 60], [60, 60, 60], [70, 100, 190], [60, 60, 60]], np.uint8)
+"""Of the parts: the forearm is bare."""
+STRIDE, REACH = 1, 10
+
+
+def painted(
+    body: Body, motion: Motion, colours: Array, shift: tuple[int, int] = (0, 0), camera: Camera = CAMERA
+) -> Array:
+    """Pictures (F, h, w, 3) of parts of one colour each, moved by whole pixels, before a blue wall."""
+    labels = render_labels(Geometry.of([body]), camera, 0, *poses_of([body], [motion])).part
+    return np.roll(np.concatenate([colours, [[200, 80, 40]]]).astype(np.uint8)[labels], shift[::-1], axis=(1, 2))
+
+
+def learned(body: Body, motion: Motion, pictures: Array) -> PartColours:
+    labels = render_labels(Geometry.of([body]), CAMERA, 0, *poses_of([body], [motion])).part
+    found = PartColours.learned(
+        pictures, dict(enumerate(labels)), np.zeros(len(body), np.int64), parts_apart([body]), 60.0
+    )
+    assert found is not None
+    return found
+
+
+def of_frames(colours: PartColours, pictures: Array) -> ColouredFrames:
+    return ColouredFrames(colours, np.stack(list(colours.images(pictures))))
+
+
+MOTION = at_rest(BODY)
+KEY = painted(BODY, MOTION, COLOURS)
+KNOWN = learned(BODY, MOTION, KEY)
+
+
+def lines_within(shift: tuple[int, int] = (0, 0), colours: Array = COLOURS) -> Lines:
+    """Lines where the body is not told from the background."""
+    labels = render_labels(Geometry.of([BODY]), CAMERA, 0, *poses_of([BODY], [MOTION]))
+    known = learned(BODY, MOTION, painted(BODY, MOTION, colours))
+    coloured = of_frames(known, painted(BODY, MOTION, colours, shift))
+    nothing = np.full((1, 1, *CAMERA.size[::-1]), 128, np.uint8)
+    lines = outline_lines(
+        CAMERA, nothing, labels, stride=STRIDE, reach=REACH, tolerance=4.0, halo=0.25, coloured=coloured
+    )
+    return lines.where(lines.weight > 1e-3)
+
+
+def test_colours_are_likely_on_the_parts_that_have_them() -> None:
+    bare, dressed = (KNOWN.nearest[int(np.array([16 * 16, 16, 1]) @ (COLOURS[p] // 16))] for p in (FOREARM, 0))
+    assert KNOWN.ratio[FOREARM, bare] > 1 > 0 > -1 > KNOWN.ratio[FOREARM, dressed]
+    assert KNOWN.ratio[0, dressed] > 0 > -1 > KNOWN.ratio[0, bare]
+    assert np.abs(KNOWN.ratio).max() <= STRONGEST
+
+
+def test_parts_that_no_frame_shows_have_no_colours_of_their_own() -> None:
+    labels = render_labels(Geometry.of([BODY]), CAMERA, 0, *poses_of([BODY], [MOTION])).part
+    whose, apart = np.zeros(len(BODY), np.int64), parts_apart([BODY])
+    without = PartColours.learned(KEY, {0: np.where(labels[0] == FOREARM, -1, labels[0])}, whose, apart, 60.0)
+    assert without is not None and not without.ratio[FOREARM].any()
+    assert PartColours.learned(KEY, {0: np.full_like(labels[0], -1)}, whose, apart, 60.0) is None
+
+
+def test_every_pixel_has_the_colour_of_the_palette_that_is_nearest() -> None:
+    other = painted(BODY, MOTION, COLOURS + np.array([0, 0, 17], np.uint8))
+    [exact], [near] = (KNOWN.images(pictures) for pictures in (KEY, other))
+    labels = render_labels(Geometry.of([BODY]), CAMERA, 0, *poses_of([BODY], [MOTION])).part[0]
+    np.testing.assert_array_equal(near[labels >= 0], exact[labels >= 0])
+
+
+def test_parts_that_meet_are_not_told_apart() -> None:
+    apart = parts_apart([BODY, FIGURE])
+    assert apart[0, FOREARM] and apart[FOREARM, 0]
+    assert not apart[0, BODY.index("upper_arm.L")] and not apart[1, FOREARM] and not apart.diagonal().any()
+    assert not apart[: len(BODY), len(BODY) :].any(), "whose a pixel is, the foreground images say"
+
+
+@pytest.mark.parametrize("shift", [(0, 0), (3, 0), (-2, 4), (0, -5)])
+def test_a_limb_before_the_trunk_is_displaced_as_its_colours_are(shift: tuple[int, int]) -> None:
+    lines = lines_within(shift)
+    assert len(lines.shift) > 30
+    assert set(lines.part.tolist()) == {FOREARM}
+    # To a pixel: the painted parts are whole pixels, those at their rims among them.
+    assert np.median(np.abs(lines.shift - lines.normal @ shift)) < 1.1
+
+
+def test_parts_of_like_colours_say_nothing_of_where_they_end() -> None:
+    assert not len(lines_within(colours=np.full((4, 3), 90, np.uint8)).shift)
+
+
+def test_lines_before_the_background_and_before_the_body_are_sorted_together() -> None:
+    labels = render_labels(Geometry.of([BODY]), CAMERA, 0, *poses_of([BODY], [MOTION]))
+    seen = silhouette([BODY], poses_of([BODY], [MOTION]), 0, CAMERA)[None, None]
+    both, outer = (
+        outline_lines(CAMERA, seen, labels, stride=STRIDE, reach=REACH, tolerance=1.0, coloured=coloured)
+        for coloured in (of_frames(KNOWN, KEY), None)
+    )
+    assert (np.diff(both.frame * len(BODY) + both.part) >= 0).all()
+    assert len(both.shift) > len(outer.shift)
+    at = (both.uv[:, None] == outer.uv[None]).all(axis=-1).argmax(axis=0)
+    np.testing.assert_array_equal(both.shift[at], outer.shift)
+
+
+def test_what_a_pose_explains_grows_with_the_colours_that_its_parts_lie_on() -> None:
+    poses = poses_of([BODY], [MOTION])
+    seen = silhouette([BODY], poses, 0, CAMERA)[None].repeat(2, axis=0)[None]
+    pictures = KEY.repeat(2, axis=0)
+    view = ViewFrames(CAMERA, np.zeros(seen.shape[1:], np.uint8), 0, seen)
+    palette = np.stack(list(KNOWN.images(pictures)))
+    twice = tuple(a.repeat(2, axis=0) for a in poses)
+    right, lifted = twice, (twice[0], twice[1] + 0.12 * np.eye(len(BODY))[FOREARM][:, None] * np.array([0, 0, 1.0]))
+
+    def explained(view: ViewFrames, poses: tuple[Array, Array]) -> float:
+        evidence = accumulate_evidence(
+            (view,), Geometry.of([BODY]), {0.0: poses}, Sampling(1.0, 1.0, 1, 0.1), first=0, threads=1
+        )
+        return float(evidence.explained.sum())
+
+    plain = explained(view, right) - explained(view, lifted)
+    view = replace(view, colours=KNOWN, palette=palette)
+    assert explained(view, right) - explained(view, lifted) > plain + 500
+
+
+HUMAN = human(1.75)
+NEARER = [
+    look_at(name, eye, size=(320, 240), focal=330)
+    for name, eye in (("front", (0.1, -2.9, 1.3)), ("right", (-1.6, -2.4, 1.4)), ("left", (1.7, -2.3, 1.2)))
+]
+FRAMES = 11
+
+
+def crossing() -> tuple[Motion, Motion]:
+    """A bare arm that moves before the trunk, and the same motion with the arm elsewhere before the trunk."""
+    truth = at_rest(HUMAN, FRAMES)
+    t = np.sin(np.linspace(0, np.pi, FRAMES))
+    for side, sign in (("L", -1.0), ("R", 1.0)):
+        truth.rotations[:, HUMAN.index(f"upper_arm.{side}")] = rotations.exp(np.array([0.0, 0.0, 1.35 * sign]))
+    arm = HUMAN.index("upper_arm.R")
+    truth.rotations[:, arm] = truth.rotations[:, arm] @ rotations.exp(np.array([0.0, -1.2, 0.0]))
+    bend = HUMAN.index("forearm.R")
+    still = truth.rotations[0, bend] @ rotations.exp(np.array([1.9, 0.0, 0.0]))
+    truth.rotations[:, bend] = still
+    lost = Motion(truth.translations, truth.rotations.copy())
+    swing = rotations.exp(t[:, None] * np.array([-0.7, 0.0, 0.0]))
+    truth.rotations[:, bend] = truth.rotations[:, bend] @ swing
+    return truth, lost
+
+
+def views_of(truth: Motion, colours: Array) -> list[ViewFrames]:
+    """Views that tell parts of some colours apart by what the first and the last frame show."""
+    found = []
+    for camera in NEARER:
+        pictures, poses = painted(HUMAN, truth, colours, camera=camera), poses_of([HUMAN], [truth])
+        seen = np.stack([silhouette([HUMAN], poses, f, camera, samples=1) for f in range(FRAMES)])
+        labels = render_labels(Geometry.of([HUMAN]), camera, 0, *poses).part
+        ends = {f: labels[f] for f in (0, FRAMES - 1)}
+        known = PartColours.learned(pictures, ends, np.zeros(len(HUMAN), np.int64), parts_apart([HUMAN]), 120.0)
+        assert known is not None
+        palette = np.stack(list(known.images(pictures)))
+        found.append(ViewFrames(camera, np.zeros_like(seen), 0, seen[None], colours=known, palette=palette))
+    return found
+
+
+def test_a_bare_arm_is_found_before_the_shirt() -> None:
+    truth, lost = crossing()
+    colours = np.full((len(HUMAN), 3), 60, np.uint8)
+    colours[[HUMAN.index(f"{name}.{side}") for name in ("forearm", "hand") for side in "LR"]] = [70, 100, 190]
+    views = views_of(truth, colours)
+
+    def apart(found: Motion) -> float:
+        wrist, true = (landmark_positions(HUMAN, motion, ["RWrist"]) for motion in (found, truth))
+        return float(np.linalg.norm(wrist - true, axis=-1).mean())
+
+    def error(*views: ViewFrames) -> float:
+        problem = SegmentProblem(views, (HUMAN,), 0, 30.0, (ends_held(HUMAN, FRAMES),))
+        return apart(found_limbs(problem, [lost], 0, Workspace())[0])
+
+    assert apart(lost) > 0.1
+    assert error(*views) < 0.5 * apart(lost)
+    assert error(*(replace(view, colours=None) for view in views)) > 0.8 * apart(lost), "silhouettes do not show it"
