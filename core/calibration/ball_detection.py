@@ -45,6 +45,8 @@ _SHARED = 3.0  # neighbouring rays share pixels: so many count as one
 _HOLD = np.cos(np.radians(42))
 _FLOOR = 0.1
 _BLUR_SHARE = 0.35
+_MIXED = 3.0  # how many times the share that a ball may have in a pixel is contained in the whole
+_LEAST_CHANGE, _SURE_CHANGE = 8.0, 5.0  # of what passes from the background: levels, and deviations of the noise
 
 
 @dataclass(frozen=True)
@@ -109,15 +111,40 @@ class Picture:
         and an edge that is sharp in the one and soft in the other would seem to lie elsewhere than it does.
     hsv : ndarray of uint8, shape (h, w, 3)
         By `to_hsv`, as sharp as it is.
+    passing : ndarray of uint8, shape (h, w, 3), optional
+        By `to_hsv`: what passes before a background that is known, brought out of it; black elsewhere.
     """
 
     even: Image
     hsv: Image
+    passing: Image | None = None
 
     @classmethod
-    def of(cls, image: Image) -> Picture:
-        """From blue, green and red, uint8, shape (h, w, 3)."""
-        return cls(cv2.GaussianBlur(image, (0, 0), _EVEN), to_hsv(image))
+    def of(cls, image: Image, background: Image | None = None) -> Picture:
+        """From blue, green and red, uint8, shape (h, w, 3); see `background_of`."""
+        even = cv2.GaussianBlur(image, (0, 0), _EVEN)
+        return cls(even, to_hsv(image), None if background is None else to_hsv(_brought_out(even, background)))
+
+
+def background_of(images: Sequence[Image]) -> Image:
+    """What some pictures of a camera that stands show behind all that moves, as `Picture.of` takes it."""
+    return cv2.GaussianBlur(np.median(images, axis=0).astype(np.uint8), (0, 0), _EVEN)
+
+
+def _brought_out(even: Image, background: Image) -> Image:
+    """What passes before a background, as it would look if the exposure had seen it alone.
+
+    A small ball that moves, or a soft lens, leaves a mixture of the ball's colour and the background's in each pixel,
+    too pale for the ball's. Its difference from the background goes the ball's way, and is taken several times.
+    """
+    differs = np.abs(even.astype(np.int16) - background).max(axis=2)
+    noise = 1.4826 * float(np.median(differs))
+    passes = differs > max(_LEAST_CHANGE, _SURE_CHANGE * noise)
+    out = np.zeros_like(even)
+    behind = _LIGHT[background[passes]] - _PEDESTAL
+    light = behind + _MIXED * (_LIGHT[even[passes]] - _PEDESTAL - behind)
+    out[passes] = (255 * np.clip(light, 0, 1) ** (1 / _GAMMA)).round()
+    return out
 
 
 def find_balls(picture: Picture, colour: Colour) -> Balls:
@@ -130,7 +157,10 @@ def find_balls(picture: Picture, colour: Colour) -> Balls:
     balls = balls[2 * balls.semi_axes[:, 0] < _LARGEST_SHARE * image.shape[0]]
     balls, good = _refined(image, balls, np.zeros((len(balls), _RAYS), bool), _SEARCHED)
     balls = balls[good & ~_is_small(balls)]
-    small = find_small_balls(image, _LIGHT, (coloured, colour.paler().mask(picture.hsv)))
+    masks = [coloured, colour.paler().mask(picture.hsv)]
+    if picture.passing is not None:
+        masks.append(colour.mask(picture.passing))
+    small = find_small_balls(image, _LIGHT, masks)
     tiny = Balls(small.centres, small.shapes, small.sigma)
     return Balls.joined([balls, tiny[_is_small(tiny) & ~_within_others(tiny, balls)]])
 

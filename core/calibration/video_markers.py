@@ -18,7 +18,7 @@ from ..numerics.arrays import Array
 from ..runtime.progress import Progress, report_progress, share
 from ..shot.footage import Footage, pictures, probe
 from .ball_centres import centres_of
-from .ball_detection import Balls, Picture, find_balls, without_rods
+from .ball_detection import Balls, Picture, background_of, find_balls, without_rods
 from .lframe_detection import FOCALS, LFrameModel, LFrameUnseenError, identified, standing
 from .wand_detection import Pairs, find_pairs, told_apart, wand_path
 
@@ -249,10 +249,11 @@ def find_wand(view: CaptureVideoView, videos: CaptureVideos, count: int, progres
         They are hardly ever seen; names the video.
     """
     longest = videos.wand_length / videos.wand_diameter if videos.wand_diameter else None
+    behind = background_of(list(spread_out(view.wand)))
     seen: list[Pairs] = []
     for k, image in enumerate(pictures(view.wand)):
         report_progress(progress, f"{view.camera}: wand", min(k / max(count, 1), 1.0))
-        seen.append(find_pairs(image, videos.wand_colours, longest))
+        seen.append(find_pairs(image, videos.wand_colours, longest, behind))
     path = wand_path(seen)
     frames = np.flatnonzero(path >= 0)
     if len(frames) < max(3, _LEAST_SHARE * len(seen)):

@@ -69,7 +69,9 @@ class Pairs:
         return np.stack([b.sigma for b in self.balls], axis=1)
 
 
-def find_pairs(image: Image, colours: Sequence[Colour], longest: float | None) -> Pairs:
+def find_pairs(
+    image: Image, colours: Sequence[Colour], longest: float | None, background: Image | None = None
+) -> Pairs:
     """Every two balls in a picture that could be a wand.
 
     Parameters
@@ -80,8 +82,10 @@ def find_pairs(image: Image, colours: Sequence[Colour], longest: float | None) -
         The first ball's and the second's, or one for both.
     longest : float or None
         The wand's length over the balls' diameter, where it is known.
+    background : ndarray, optional
+        See `background_of`.
     """
-    picture = Picture.of(image)
+    picture = Picture.of(image, background)
     found = [find_balls(picture, colour)[:_MOST_OF_A_COLOUR] for colour in colours]
     first, second = found[0], found[-1]
     i, j = np.triu_indices(len(first), 1) if len(found) == 1 else np.indices((len(first), len(second))).reshape(2, -1)

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from kfmocap.core.calibration.ball_centres import centres_of
-from kfmocap.core.calibration.ball_detection import Balls, Picture, find_balls, without_rods
+from kfmocap.core.calibration.ball_detection import Balls, Picture, background_of, find_balls, without_rods
 from kfmocap.core.calibration.lframe_detection import FOCALS, LFrameModel, identified, standing
 from kfmocap.core.calibration.wand_detection import Pairs, told_apart, wand_path
 from kfmocap.core.capture.colours import parsed
@@ -31,6 +31,11 @@ def canvas() -> Canvas:
 
 def seen_by(canvas: Canvas, things: list[Ball | Rod], seed: int = 0) -> np.ndarray:
     return SensorNoise(SIZE, seed).record(canvas.drawn(things))
+
+
+def filmed_by(canvas: Canvas, things: list[Ball | Rod], seed: int = 0) -> np.ndarray:
+    """As Motion JPEG keeps it: a colour for every other pixel alone."""
+    return cv2.imdecode(cv2.imencode(".jpg", seen_by(canvas, things, seed))[1], cv2.IMREAD_COLOR)
 
 
 def found(image: np.ndarray, colour: str) -> Balls:
@@ -122,6 +127,38 @@ def test_motion_blur_is_weighted_down_and_its_middle_taken(canvas):
         sigmas.append(float(ball.sigma[0]))
     assert sigmas[0] < sigmas[1] < sigmas[2]
     assert all(e < 3 * s for e, s in zip(errors, sigmas, strict=True))
+
+
+@pytest.mark.parametrize("colour", ["green", "blue"])
+def test_a_small_ball_that_its_motion_makes_pale_is_found_before_a_background_that_is_known(canvas, colour):
+    """It is four pixels wide, its path four to six."""
+    alone, before, errors = 0, 0, []
+    background = background_of([filmed_by(canvas, [], seed) for seed in range(100, 105)])
+    for seed in range(24):
+        rng = np.random.default_rng([seed, 11])
+        place = np.array([rng.uniform(-0.9, 0.9), rng.uniform(-0.3, 0.3), rng.uniform(0.6, 1.6)])
+        path = rng.normal(size=3) * [1, 0, 1]
+        way = np.linspace(-0.5, 0.5, 15)[:, None] * path / np.linalg.norm(path) * rng.uniform(0.03, 0.045)
+        image = filmed_by(canvas, [Ball(way + place, 0.015, PAINT[colour])], seed)
+        true = CAMERA.project(place)
+        for known in (None, background):
+            balls = find_balls(Picture.of(image, known), parsed(colour, "here"))
+            off = np.linalg.norm(middles(balls) - true, axis=1)
+            if known is None:
+                alone += bool((off < 2).any())
+            elif (off < 2).any():
+                before += 1
+                errors.append(off.min())
+    assert before > 1.2 * alone
+    assert np.median(errors) < 0.5
+
+
+def test_nothing_passes_before_a_background_that_is_known(canvas):
+    background = background_of([filmed_by(canvas, [], seed) for seed in range(100, 105)])
+    for seed in range(3):
+        image = filmed_by(canvas, [], seed)
+        for colour in ("red", "green", "blue"):
+            assert len(find_balls(Picture.of(image, background), parsed(colour, "here"))) == len(found(image, colour))
 
 
 def test_what_a_rod_hides_does_not_shift_the_ball(canvas):
