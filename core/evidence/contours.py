@@ -263,14 +263,17 @@ def _seen_pieces(labels: LabelImages, stride: int, distinct: Bools | None) -> _P
     # Outlines go clockwise as the picture is seen: outward lies to the left.
     normal = np.stack([along[:, 1], -along[:, 0]], axis=1) / length[edge, None]
     frame, part = np.divmod(group[edge], labels.share.shape[1])
-    within = labels.part_at(frame, *(uv - 0.75 * stride * normal).T / stride) == part
-    beyond = labels.part_at(frame, *(uv + stride * normal).T / stride).astype(np.intp)
     each = (length / np.maximum(pieces, 1))[edge]
+    kept = np.flatnonzero(labels.part_at(frame, *(uv - 0.75 * stride * normal).T / stride) == part)
+    frame, part, uv, normal, z, each = (values[kept] for values in (frame, part, uv, normal, z, each))
+    beyond = labels.part_at(frame, *(uv + stride * normal).T / stride).astype(np.intp)
     seen = beyond == -1
     if distinct is not None:
         nearness = np.argsort(labels.far_to_near, axis=1)
-        seen |= (beyond >= 0) & distinct[part, beyond] & (nearness[frame, part] > nearness[frame, beyond])
-    return _Pieces(frame, part, uv, normal, z, each, beyond).where(within & seen)
+        others = np.flatnonzero(beyond >= 0)
+        f, own, other = frame[others], part[others], beyond[others]
+        seen[others] = distinct[own, other] & (nearness[f, own] > nearness[f, other])
+    return _Pieces(frame, part, uv, normal, z, each, beyond).where(seen)
 
 
 def _along_within(
