@@ -319,7 +319,7 @@ def searched(
     Of the solutions only equals of the best are looked around, or all where that is doubtful; they settle first. While
     all are doubtful, limbs are also looked for around a trunk that moves as at the start, which limbs in wrong places
     have not led astray. It also ends after `VAIN_LOOKS` that cover clearly less than one of these solutions. The
-    likeliest of all counts, and exchanges limbs with the others, see `recombined`.
+    likeliest of all counts, see `likeliest`, and exchanges limbs with the others, see `recombined`.
     `look` is how limbs are looked for, by default `look_for_limbs`.
     """
     held = replace(problem, fixed=tuple(fixed | (np.arange(fixed.shape[1]) < 6) for fixed in problem.fixed))
@@ -339,7 +339,7 @@ def searched(
             begins.append((start, held))
         elif not begins and len(equals([*settled, *found])) == 1 and (best in found or len(found) < VAIN_LOOKS):
             begins.append((best.motions, problem))
-    best = likeliest(problem, *settled, *found)
+    best = likeliest(problem, better(problem, *settled), *settled, *found)
     return recombined(problem, best, [*settled, *found], noise, exchanging)
 
 
@@ -383,14 +383,20 @@ def noise_of(problem: SegmentProblem, solution: SegmentSolution) -> SegmentNoise
 
 
 def likeliest(problem: SegmentProblem, *solutions: SegmentSolution) -> SegmentSolution:
-    """The likeliest of some solutions whose costs were measured under one noise: what they cost, less what the pixels
-    say that show the performers and the background, those that repeat one another counted once.
+    """The likeliest of some solutions whose costs were measured under one noise.
+
+    One view does not show how far away a limb is: there the smoothest motion costs the least, and the true one more.
+    Of what one view shows the first solution counts, unless another one covers clearly more.
     """
+    if len(problem.views) == 1:
+        return solutions[0] if solutions[0] in equals(solutions) else better(problem, *solutions)
     return max(solutions, key=lambda solution: merit(problem, solution))
 
 
 def merit(problem: SegmentProblem, solution: SegmentSolution) -> float:
-    """The logarithm of how likely a solution is, but for a constant."""
+    """The logarithm of how likely a solution is, but for a constant: what the pixels say that show the performers,
+    those that repeat one another counted once, less the cost.
+    """
     evidence = solution.evidence
     assert evidence is not None
     whole = evidence.pixel_share(problem.settings.lengths[0]) / evidence.sampling.stride**2

@@ -218,6 +218,19 @@ def test_limbs_go_where_what_they_cover_there_is_worth_more_than_what_it_costs(p
     assert (error(found) < 0.01) == (paid < 1)
 
 
+@pytest.mark.parametrize(("gain", "moved"), [(0.5, False), (3, True)])
+def test_in_one_view_limbs_stay_where_they_were_unless_others_cover_more_than_chance_would(
+    gain: float, moved: bool
+) -> None:
+    """Putting the arms right costs nothing, and covers the given multiple of what is chance more."""
+    problem = replace(PROBLEM, views=dark(CAMERAS[0], LENGTH))
+    turn = gain * EQUAL * len(HUMAN) / len(ARMS) * np.pi * LENGTH / (LENGTH - 2)
+    landscape = Landscape(truth=TRUTH, reach=0.0)
+    before, right = (landscape.solution(problem, motion) for motion in (off(TRUTH, ARMS, turn), TRUTH))
+    assert multi_start.merit(problem, right) > multi_start.merit(problem, before)
+    assert (multi_start.likeliest(problem, before, right) is right) == moved
+
+
 def test_limbs_are_looked_for_around_the_best_so_far_until_it_has_an_equal() -> None:
     """Every look halves what is wrong with the motion that it begins with."""
     landscape = Landscape(truth=TRUTH, reach=0.0)
