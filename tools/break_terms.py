@@ -239,8 +239,8 @@ TERMS = (
     Term(
         "section 5.4, figure 2",
         RELAXATION,
-        "here = _moved_by_gradients(pair, here, gone, workspace)",
-        "here = _moved_by_gradients(pair, here, [np.zeros_like(g) for g in gone], workspace)",
+        "_moved_by_gradients(pair, here, gone, workspace, FIRST",
+        "_moved_by_gradients(pair, here, [np.zeros_like(g) for g in gone], workspace, FIRST",
         f"{SWEEPS}::test_a_hidden_parts_pixels_move_nothing_in_the_initial_solution",
     ),
     Term(

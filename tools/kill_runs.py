@@ -6,7 +6,9 @@
 
 OUT in the arguments stands for a folder that is made for each run. Each run is forked from a process that has loaded
 everything, begins with old results in its folder, and gets SIGKILL, SIGTERM or SIGINT. Its processes must be gone in
-two seconds, and what a SIGKILL leaves after the next run into the folder.
+two seconds, its exit code and its message must say what it left, and what a SIGKILL leaves must be gone as soon as the
+next run begins and ends; every tenth time that is a run of the command itself. Runs that ended before the signal came
+do not count.
 """
 
 from __future__ import annotations
@@ -22,11 +24,13 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 from kfmocap.__main__ import main as run_command
 from kfmocap.cli import batch_command, calibrate_command, track_command  # noqa: F401  loaded once, for all runs
 from kfmocap.core.runtime.files import check_writable
+from kfmocap.core.runtime.interrupts import WRITTEN
 from kfmocap.core.tracking.journal import UNFINISHED, journal_beside
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
@@ -35,28 +39,39 @@ PATIENCE = 2.0
 """Seconds after which no process of a run may be left."""
 
 
-def run(arguments: Sequence[str], out: Path, number: int | None = None, after: float = 0.0) -> tuple[int, int]:
-    """Run a command in a session of its own, which gets a signal after some seconds.
+@dataclass(frozen=True)
+class Ended:
+    """A run that has ended: its exit code, its session, and the last line that it printed on standard error."""
 
-    Returns
-    -------
-    tuple of int
-        Its exit code, and the session.
-    """
+    code: int
+    session: int
+    said: str
+
+
+def run(arguments: Sequence[str], out: Path, number: int | None = None, after: float = 0.0) -> Ended:
+    """Run a command in a session of its own, which gets a signal after some seconds."""
+    messages = out.parent / "messages"
+    ready, begun = os.pipe()
     process = os.fork()
     if process == 0:
         os.setsid()
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-        os.dup2(1, 2)
+        os.dup2(os.open(messages, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 2)
+        os.write(begun, b"!")
         code = 1
         try:
             code = run_command([argument.replace("OUT", str(out)) for argument in arguments])
         finally:
             os._exit(code)
+    os.read(ready, 1)
+    os.close(ready)
+    os.close(begun)
     if number is not None:
         time.sleep(after)
         os.kill(process, number)  # until it is waited for its id is its own
-    return os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]), process
+    code = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
+    lines = messages.read_text(errors="replace").splitlines()
+    return Ended(code, process, lines[-1] if lines else "")
 
 
 def left(session: int) -> int:
@@ -75,6 +90,19 @@ def left(session: int) -> int:
 def contents(out: Path) -> dict[Path, bytes]:
     """The results of a run."""
     return {file.relative_to(out): file.read_bytes() for file in out.rglob("*") if file.is_file()}
+
+
+def untrue(ended: Ended, number: int, found: str, *, apart: bool) -> list[str]:
+    """What a run that ended by a signal says and does not hold: its exit code, and what it wrote."""
+    codes = {signal.SIGKILL: -signal.SIGKILL, signal.SIGTERM: 143, signal.SIGINT: 130}
+    if ended.code == 0:
+        return [] if found == "new" else [f"exit code 0 with {found} results"]
+    if ended.code != codes[signal.Signals(number)]:
+        return [f"exit code {ended.code}: {ended.said}"]
+    if number == signal.SIGKILL or apart:
+        return []
+    said = {"old": "nothing was written", "new": WRITTEN}.get(found, "")
+    return [] if said in ended.said else [f"'{ended.said}' with {found} results"]
 
 
 def faults_of(out: Path, names: Sequence[Path], number: int, *, apart: bool) -> tuple[str, list[str]]:
@@ -103,6 +131,17 @@ def faults_of(out: Path, names: Sequence[Path], number: int, *, apart: bool) -> 
     return "/".join(sorted(set().union(*kinds.values()))), faults
 
 
+def faults_of_the_next(command: Sequence[str], out: Path, names: Sequence[Path]) -> list[str]:
+    """What is wrong once a run has ended of itself where another one was killed."""
+    ended = run(command, out)
+    if ended.code:
+        return [f"the next run ends with code {ended.code}: {ended.said}"]
+    stay = [entry.name for entry in out.parent.rglob("*") if entry.name.startswith(".kfmocap-")]
+    found = contents(out)
+    old = [str(name) for name in names if found.get(name) in (None, OLD.encode())]
+    return [f"{', '.join(fault)} after the next run" for fault in (stay, old) if fault]
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Kill runs, print what came of them; returns 1 if any left what it should not."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -117,23 +156,32 @@ def main(argv: Sequence[str] | None = None) -> int:
     with tempfile.TemporaryDirectory() as folder:
         begun, first = time.monotonic(), Path(folder, "first", "out")
         first.mkdir(parents=True)
-        if run(args.command, first)[0]:
+        if run(args.command, first).code:
             print("the command fails by itself", file=sys.stderr)
             return 1
+        begun = time.monotonic()  # the second time, as all others, with files that the system knows
+        run(args.command, first)
         seconds, names = time.monotonic() - begun, sorted(contents(first))
         for number in map(signal.Signals.__getitem__, args.signals.split(",")):
-            for k in range(args.kills):
+            hits = k = 0
+            while hits < args.kills:
+                k += 1
                 out = Path(folder, f"{number.name}{k}", "out")
                 if k % 2:
                     (out / "folder").mkdir(parents=True)  # files are moved one by one then
                 for name in names:
                     (out / name).parent.mkdir(parents=True, exist_ok=True)
                     (out / name).write_text(OLD)
-                code, session = run(args.command, out, number, chance.uniform(0, 1.1 * seconds))
-                processes = left(session)
+                ended = run(args.command, out, number, chance.uniform(0, seconds))
+                processes = left(ended.session)
                 found, faults = faults_of(out, names, number, apart=args.apart)
+                faults += untrue(ended, number, found, apart=args.apart)
+                if number == signal.SIGKILL and hits % 10 == 0:
+                    run(args.command, out, number, chance.uniform(0, seconds))
+                    faults += faults_of_the_next(args.command, out, names)
                 faults += [f"{processes} processes live on after {PATIENCE:g} s"] if processes else []
-                outcomes[number.name, code, found] += 1
+                outcomes[number.name, ended.code, found] += 1
+                hits += ended.code != 0
                 wrong += len(faults)
                 for fault in faults:
                     print(f"{number.name} {k}: {fault}", flush=True)
