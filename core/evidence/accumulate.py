@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from itertools import pairwise
 from operator import attrgetter
 
@@ -268,12 +269,12 @@ def _run(
         frame, u, v = every.places
         part = every.part.ravel()[every.index].astype(np.intp)
         ratio = log_ratio(foreground[geometry.performer[part], frame, stride * v, stride * u])
+        by_part = partial(np.bincount, part * len(T) + frame, minlength=explained.size)
+        explained = by_part(stride**2 * ratio).astype(float).reshape(explained.shape)
         coloured = view.part_colours(first, len(R))
         if coloured is not None:
-            ratio += coloured.colours.ratio[part, coloured.palette[frame, stride * v, stride * u]]
-        explained = (
-            np.bincount(part * len(T) + frame, stride**2 * ratio, explained.size).astype(float).reshape(explained.shape)
-        )
+            own = coloured.colours.ratio[part, coloured.palette[frame, stride * v, stride * u]]
+            explained = explained + by_part(stride**2 * own).astype(float).reshape(explained.shape)
         count = np.diff(every.ends)
         nobody = background_share(log_ratio(foreground[:, frame, stride * v, stride * u].max(axis=0)))
         unlike = np.bincount(np.repeat(np.arange(len(count)), count), nobody, len(count))

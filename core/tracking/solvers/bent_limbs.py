@@ -118,7 +118,7 @@ def with_limb_regained(
     for each in settled:
         seconds.add(each.seconds)
     kept = settled[0]
-    best = likeliest(alone, *settled)
+    best = likeliest(alone, noise, *settled)
     if best is kept:
         return replace(solution, seconds=dict(seconds))
     ended = gauss_newton.refine(problem, best.motions, workspace.silent())

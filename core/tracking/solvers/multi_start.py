@@ -339,7 +339,7 @@ def searched(
             begins.append((start, held))
         elif not begins and len(equals([*settled, *found])) == 1 and (best in found or len(found) < VAIN_LOOKS):
             begins.append((best.motions, problem))
-    best = likeliest(problem, better(problem, *settled), *settled, *found)
+    best = likeliest(problem, noise, better(problem, *settled), *settled, *found)
     return recombined(problem, best, [*settled, *found], noise, exchanging)
 
 
@@ -372,7 +372,7 @@ def recombined(
         for n, motions in enumerate(mixtures):
             part = share.part(n / len(mixtures), (n + 1) / len(mixtures))
             found.append(descend(problem, motions, part, SETTLED, noise))
-        best = likeliest(problem, *found)
+        best = likeliest(problem, noise, *found)
     return best
 
 
@@ -382,25 +382,29 @@ def noise_of(problem: SegmentProblem, solution: SegmentSolution) -> SegmentNoise
     return SegmentNoise.of(solution.evidence, problem.settings)
 
 
-def likeliest(problem: SegmentProblem, *solutions: SegmentSolution) -> SegmentSolution:
-    """The likeliest of some solutions whose costs were measured under one noise.
+def likeliest(problem: SegmentProblem, noise: SegmentNoise, *solutions: SegmentSolution) -> SegmentSolution:
+    """The one of some solutions, measured under one noise, with which the pictures are likeliest.
 
-    One view does not show how far away a limb is: there the smoothest motion costs the least, and the true one more.
-    Of what one view shows the first solution counts, unless another one covers clearly more.
+    One view does not show how far away a limb is: what it shows of the true motion is no likelier than of others. There
+    the first solution counts, unless another one covers clearly more.
     """
     if len(problem.views) == 1:
         return solutions[0] if solutions[0] in equals(solutions) else better(problem, *solutions)
-    return max(solutions, key=lambda solution: merit(problem, solution))
+    return max(solutions, key=lambda solution: likelihood(problem, noise, solution))
 
 
-def merit(problem: SegmentProblem, solution: SegmentSolution) -> float:
-    """The logarithm of how likely a solution is, but for a constant: what the pixels say that show the performers,
-    those that repeat one another counted once, less the cost.
+def likelihood(problem: SegmentProblem, noise: SegmentNoise, solution: SegmentSolution) -> float:
+    """The logarithm of how likely the pictures are with a solution that was measured under a noise, but for a constant.
+
+    It is what the pixels say that show the performers, those that repeat one another counted once, less the costs of
+    gradients and outlines. That of smoothness has no part in it: how smooth the motion is, each solution found itself.
     """
     evidence = solution.evidence
     assert evidence is not None
-    whole = evidence.pixel_share(problem.settings.lengths[0]) / evidence.sampling.stride**2
-    return float(whole @ evidence.explained.sum(axis=(1, 2))) - solution.energy[-1]
+    once = evidence.pixel_share(problem.settings.lengths[0]) / evidence.sampling.stride**2
+    shown = once @ evidence.explained.sum(axis=(1, 2))
+    outlines = evidence.outlines.energy.sum() / (problem.settings.lengths[1] * evidence.sampling.tolerance**2)
+    return float(shown - np.sum(noise.weight * evidence.gradients.cost) - outlines)
 
 
 def with_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspace: Workspace) -> SegmentSolution:

@@ -202,17 +202,22 @@ class Finding:
 @pytest.mark.parametrize("paid", [0.5, 0.99, 1.01, 2.0])
 def test_limbs_go_where_what_they_cover_there_is_worth_more_than_what_it_costs(paid: float) -> None:
     """A landscape in which putting the arms right costs a multiple of what it is worth, pixels that repeat one another
-    counted once.
+    counted once. Smoothness, which each solution has found itself, has no part in it.
     """
     landscape = Landscape(truth=TRUTH, reach=0.0)
     before = landscape.solution(PROBLEM, off(TRUTH, ARMS, 0.2))
     right = landscape.solution(PROBLEM, TRUTH)
-    gain = (right.cover - before.cover) / PROBLEM.settings.lengths[0] ** 2
-    cost = before.energy[-1] + paid * gain
+    pixels, outlines = PROBLEM.settings.lengths
+    gain = (right.cover - before.cover) / pixels**2
     find = Finding(landscape, 1.0)
 
     def look(*given: object) -> SegmentSolution:
-        return replace(find(*given), energy=(cost,))
+        found = find(*given)
+        assert found.evidence is not None and before.evidence is not None
+        energy = np.full_like(before.evidence.outlines.energy, 0.0)
+        energy[0, 0] = before.evidence.outlines.energy.sum() + paid * gain * outlines
+        evidence = replace(found.evidence, outlines=replace(found.evidence.outlines, energy=energy))
+        return replace(found, evidence=evidence, energy=(np.inf,))
 
     found = multi_start.searched(PROBLEM, before.motions, [before], landscape, look)
     assert (error(found) < 0.01) == (paid < 1)
@@ -227,8 +232,10 @@ def test_in_one_view_limbs_stay_where_they_were_unless_others_cover_more_than_ch
     turn = gain * EQUAL * len(HUMAN) / len(ARMS) * np.pi * LENGTH / (LENGTH - 2)
     landscape = Landscape(truth=TRUTH, reach=0.0)
     before, right = (landscape.solution(problem, motion) for motion in (off(TRUTH, ARMS, turn), TRUTH))
-    assert multi_start.merit(problem, right) > multi_start.merit(problem, before)
-    assert (multi_start.likeliest(problem, before, right) is right) == moved
+    noise = multi_start.noise_of(problem, before)
+    worth = [multi_start.likelihood(problem, noise, solution) for solution in (before, right)]
+    assert worth[1] > worth[0]
+    assert (multi_start.likeliest(problem, noise, before, right) is right) == moved
 
 
 def test_limbs_are_looked_for_around_the_best_so_far_until_it_has_an_equal() -> None:
