@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.kinematics import Poses
-from ..numerics.arrays import Array, Bools
+from ..numerics.arrays import Array, Bools, Ints
 from ..shot.continuity import single_frames
 from .contours import OutlineSums, outline_sums
 from .foreground import background_share, log_ratio
 from .gradients import GradientSums, brightness_constancy
-from .label_images import Geometry, render_labels
-from .view_frames import GradientImageCache, ViewFrames
+from .label_images import Geometry, LabelImages, StillParts, render_labels
+from .view_frames import KEPT_BYTES, GradientImageCache, ViewFrames
 
 RUN = 32
 """Pairs of frames that are worked on at a time, about: enough to keep NumPy busy, few enough to stay in the cache."""
@@ -104,6 +104,69 @@ class SegmentEvidence:
         )
 
 
+class StillPartsCache:
+    """Label images of the performers whose motion is given, kept from one evaluation of the evidence to the next.
+
+    Threads may share a cache, and what it returns does not depend on which of them comes first.
+    """
+
+    def __init__(self) -> None:
+        self._kept: dict[ViewFrames, dict[tuple[int, int], _StillEvidence]] = {}
+        self._moving: dict[tuple[Geometry, tuple[int, ...]], tuple[Ints, Geometry]] = {}
+
+    def moving(self, geometry: Geometry, sought: Sequence[int]) -> tuple[Ints, Geometry]:
+        """The parts of the performers that are sought, and a geometry of them alone."""
+        key = geometry, tuple(sought)
+        found = self._moving.get(key)
+        if found is None:
+            parts = np.flatnonzero(np.isin(geometry.performer, sought))
+            found = parts, geometry.subset(parts.tolist())
+            self._moving = {key: found}  # one performer is solved at a time
+        return found
+
+    def drawn(
+        self, view: ViewFrames, geometry: Geometry, poses: Poses, parts: Ints, *, stride: int, first: int
+    ) -> _StillEvidence:
+        """What some parts show in consecutive shot frames, the first of which is given, in poses of all parts."""
+        count = len(poses[0])
+        own = tuple(a[:, parts] for a in poses)
+        kept = self._kept.setdefault(view, {})
+        found = kept.get((first, count))
+        if found is not None and found.of(stride, geometry, own):
+            return found
+        camera = view.camera.subsampled(stride)
+        still = StillParts.drawn(geometry, parts, camera, first, poses)
+        explained = np.zeros((len(parts), count))
+        if view.foreground is not None:
+            foreground = view.foreground_at(first, count)
+            explained = _explained(view, foreground, still.labels, parts, stride=stride, first=first)
+        found = _StillEvidence(still, explained, stride, geometry, (own[0], own[1]))
+        for begin, length in list(kept):
+            if min(begin + length, first + count) - max(begin, first) > 1:
+                kept.pop((begin, length), None)  # another thread may have done it
+        if (1 + (first - view.first) / max(count - 1, 1)) * still.nbytes <= KEPT_BYTES:
+            kept[first, count] = found
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class _StillEvidence:
+    """Parts that stay where they are, with what they explain by part (S, n), and what they were drawn from."""
+
+    still: StillParts
+    explained: Array
+    stride: int
+    geometry: Geometry
+    poses: Poses
+
+    def of(self, stride: int, geometry: Geometry, poses: Sequence[Array]) -> bool:
+        return (
+            self.stride == stride
+            and self.geometry is geometry
+            and all(np.array_equal(a, b) for a, b in zip(self.poses, poses, strict=True))
+        )
+
+
 def accumulate_evidence(
     views: Sequence[ViewFrames],
     geometry: Geometry,
@@ -115,6 +178,7 @@ def accumulate_evidence(
     cache: GradientImageCache | None = None,
     threads: int = 1,
     sought: Sequence[int] | None = None,
+    still: StillPartsCache | None = None,
 ) -> SegmentEvidence:
     """Collect the evidence of F frames; the result does not depend on the number of threads.
 
@@ -136,8 +200,11 @@ def accumulate_evidence(
     threads : int
     sought : sequence of int, optional
         Performers whose gradients and outlines are wanted; by default all.
+    still : StillPartsCache, optional
+        Keeps the label images of the others for the next call.
     """
     cache = GradientImageCache() if cache is None else cache
+    still = StillPartsCache() if still is None else still
     F = len(next(iter(poses.values()))[0])
     runs = max(round((F - 1) / RUN), 1)
     bounds = [(F - 1) * k // runs for k in range(runs + 1)]
@@ -147,8 +214,8 @@ def accumulate_evidence(
         v, a, b = span
         R, T = poses[views[v].delay]
         own = R[a : b + 1], T[a : b + 1]
-        given = None if noise is None else noise[v, a:b]
-        return _run(views[v], geometry, own, sampling, first=first + a, noise=given, cache=cache, sought=sought)
+        given, caches = None if noise is None else noise[v, a:b], (cache, still)
+        return _run(views[v], geometry, own, sampling, first=first + a, noise=given, caches=caches, sought=sought)
 
     if threads == 1:
         done = [run(span) for span in spans]
@@ -237,14 +304,27 @@ def _run(
     *,
     first: int,
     noise: Array | None,
-    cache: GradientImageCache,
+    caches: tuple[GradientImageCache, StillPartsCache],
     sought: Sequence[int] | None,
 ) -> _Run:
     """Evidence of some frames of one view, the first of which is shot frame `first`."""
     begin = time.perf_counter()
+    cache, still = caches
     (R, T), stride = poses, sampling.stride
-    every = render_labels(geometry, view.camera.subsampled(stride), first, R, T)
-    labels = every if sought is None else every.of_performers(sought)
+    given: tuple[_StillEvidence, LabelImages] | None = None
+    camera = view.camera.subsampled(stride)
+    own = np.arange(T.shape[1])
+    if sought is None or len(sought) > geometry.performer.max():
+        labels = render_labels(geometry, camera, first, R, T)
+        areas = labels.areas()
+    else:
+        own, moving = still.moving(geometry, sought)
+        rest = np.setdiff1d(np.arange(T.shape[1]), own)
+        others = still.drawn(view, geometry, poses, rest, stride=stride, first=first)
+        alone = render_labels(moving, camera, first, R[:, own], T[:, own])
+        labels = others.still.among(alone, own)
+        given = others, others.still.hidden(labels)
+        areas = others.still.areas(labels, given[1], alone, own)
     drawn = time.perf_counter()
     left, top, right, bottom = (stride * edge for edge in labels.box())
     images = cache.images(view, range(first, first + len(R)), sampling.sigma, (left, top, right, bottom))
@@ -262,20 +342,19 @@ def _run(
     )
     summed = time.perf_counter()
     outlines = OutlineSums(np.zeros((*T.shape[:2], 6, 6)), np.zeros((*T.shape[:2], 6)), np.zeros(len(T)))
-    areas = every.areas(sought)
     explained = np.zeros(areas.shape[1:])  # by part
     agreeing = np.ones(T.shape[:2])
+    coloured = view.part_colours(first, len(R)) if foreground is not None else None
     if foreground is not None:
-        frame, u, v = every.places
-        part = every.part.ravel()[every.index].astype(np.intp)
-        ratio = log_ratio(foreground[geometry.performer[part], frame, stride * v, stride * u])
-        by_part = partial(np.bincount, part * len(T) + frame, minlength=explained.size)
-        explained = by_part(stride**2 * ratio).astype(float).reshape(explained.shape)
-        coloured = view.part_colours(first, len(R))
-        if coloured is not None:
-            own = coloured.colours.ratio[part, coloured.palette[frame, stride * v, stride * u]]
-            explained = explained + by_part(stride**2 * own).astype(float).reshape(explained.shape)
-        count = np.diff(every.ends)
+        parts = np.arange(T.shape[1])
+        explained = _explained(view, foreground, labels, parts, stride=stride, first=first)
+        if given is not None:
+            others, hidden = given
+            numbers = others.still.parts
+            lost = _explained(view, foreground, hidden, numbers, stride=stride, first=first)
+            explained[numbers] = others.explained - lost
+        frame, u, v = labels.places
+        count = np.diff(labels.ends)
         nobody = background_share(log_ratio(foreground[:, frame, stride * v, stride * u].max(axis=0)))
         unlike = np.bincount(np.repeat(np.arange(len(count)), count), nobody, len(count))
         agreeing = np.asarray(1.0 - unlike / np.maximum(count, 1), float).reshape(agreeing.shape)
@@ -296,3 +375,25 @@ def _run(
         "outlines": time.perf_counter() - summed,
     }
     return _Run(gradients, outlines, explained, areas, labels.share, agreeing, seconds).of_whole_frames(view, first)
+
+
+def _explained(
+    view: ViewFrames, foreground: NDArray[np.uint8], labels: LabelImages, parts: Ints, *, stride: int, first: int
+) -> Array:
+    """How much likelier the pixels that labels list are with the parts that they show: sums by part and frame, (P, n).
+
+    `foreground` (M, n, h, w) are the images of the labels' frames, the first of which is a shot frame; `parts` (P,) are
+    the numbers of the labels' parts among those of all performers.
+    """
+    frame, u, v = labels.places
+    n, P = labels.share.shape
+    group = np.repeat(np.arange(n * P), np.diff(labels.ends))
+    part = group % P
+    by_part = partial(np.bincount, part * n + frame, minlength=n * P)
+    ratio = log_ratio(foreground[labels.performer[part], frame, stride * v, stride * u])
+    explained = by_part(stride**2 * ratio).astype(float).reshape(P, n)
+    coloured = view.part_colours(first, n)
+    if coloured is not None:
+        own = coloured.colours.ratio[parts[part], coloured.palette[frame, stride * v, stride * u]]
+        explained = explained + by_part(stride**2 * own).astype(float).reshape(P, n)
+    return np.asarray(explained)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from ..body import Body
+from ..body.kinematics import Poses
 from ..cameras.camera import Camera
 from ..numerics.arrays import Array, Bools, Ints, slices_of
 
@@ -166,8 +167,11 @@ class LabelImages:
     faces : Faces
     performer : ndarray of int, shape (P,)
         Whose part each is.
-    far_to_near : ndarray of int, shape (n, P)
-        The parts in the order in which they were drawn.
+    distance : ndarray, shape (n, P)
+        Of the middle of each part's vertices along the camera's axis, metres: the farthest part is drawn first.
+    still : StillParts, optional
+        The parts that were drawn before; `index`, `outlines` and `faces` list the pixels, corners and planes of the
+        others.
     """
 
     part: NDArray[np.int16]
@@ -177,7 +181,13 @@ class LabelImages:
     outlines: Outlines
     faces: Faces
     performer: Ints
-    far_to_near: Ints
+    distance: Array
+    still: StillParts | None = None
+
+    @cached_property
+    def far_to_near(self) -> Ints:
+        """The parts in the order in which they were drawn, shape (n, P)."""
+        return np.argsort(-self.distance, axis=1)
 
     @cached_property
     def inverse_depth(self) -> NDArray[np.float32]:
@@ -192,11 +202,8 @@ class LabelImages:
                 np.minimum.reduce(planes[c:d] @ rays[:, a:b], axis=0, out=entered[a:b])
         return np.maximum(entered, np.repeat(self.faces.farthest, np.diff(self.ends)))
 
-    def areas(self, sought: Sequence[int] | None = None) -> Ints:
-        """Pixels that show each part, and those that would without other performers, shape (2, P, n).
-
-        The latter take time, and are those that show it for performers that are not sought; by default all are.
-        """
+    def areas(self) -> Ints:
+        """Pixels that show each part, and those that would without other performers, shape (2, P, n)."""
         n, P = self.share.shape
         shown = np.diff(self.ends).reshape(n, P).T
         M = int(self.performer.max()) + 1
@@ -204,7 +211,7 @@ class LabelImages:
             return np.stack([shown, shown])
         corners, bounds = _subpixels(self.outlines.uv), self.outlines.ends.tolist()
         alone = shown.copy()
-        for m in range(M) if sought is None else sought:
+        for m in range(M):
             own = self.performer == m
             number = np.cumsum(own)  # from 1 on
             for f in range(n):
@@ -215,25 +222,6 @@ class LabelImages:
                         cv2.fillConvexPoly(image, corners[a:b], int(number[i]), shift=_SHIFT)
                 alone[own, f] = np.bincount(image.ravel(), minlength=number[-1] + 1)[1:]
         return np.stack([shown, alone])
-
-    def of_performers(self, sought: Sequence[int]) -> LabelImages:
-        """The same images, of whose pixels and outlines only those of some performers are listed."""
-        n = len(self.part)
-        kept = np.tile(np.isin(self.performer, sought), n)
-        outlines, faces = self.outlines, self.faces
-        return replace(
-            self,
-            index=self.index[np.repeat(kept, np.diff(self.ends))],
-            ends=_kept_ends(self.ends, kept),
-            outlines=Outlines(
-                outlines.uv[np.repeat(kept, np.diff(outlines.ends))],
-                outlines.depth[np.repeat(kept, np.diff(outlines.ends))],
-                _kept_ends(outlines.ends, kept),
-            ),
-            faces=replace(
-                faces, planes=faces.planes[np.repeat(kept, np.diff(faces.ends))], ends=_kept_ends(faces.ends, kept)
-            ),
-        )
 
     def box(self) -> tuple[int, int, int, int]:
         """Left, top, right and bottom of the pixels that show a part in any frame, the latter two exclusive."""
@@ -258,9 +246,118 @@ class LabelImages:
 
     def depth_images(self) -> NDArray[np.float32]:
         """Depth z in metres, infinite where there is no part, shape (n, h, w)."""
-        images = np.full(self.part.size, np.inf, dtype=np.float32)
+        images = np.full(self.part.size, np.inf, np.float32) if self.still is None else self.still.depth.flatten()
         images[self.index] = 1 / self.inverse_depth
         return images.reshape(self.part.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class StillParts:
+    """Some of P parts, drawn once while the others move before and behind them.
+
+    Attributes
+    ----------
+    parts : ndarray of int, shape (S,)
+        Their numbers.
+    labels : LabelImages
+        Of these alone.
+    performer : ndarray of int, shape (P,)
+        Whose part each of all is.
+    """
+
+    parts: Ints
+    labels: LabelImages
+    performer: Ints
+
+    @classmethod
+    def drawn(cls, geometry: Geometry, parts: Ints, camera: Camera, first: int, poses: Poses) -> StillParts:
+        """Draw some of the parts of a geometry; the rest are those of `render_labels`, with the poses of all parts."""
+        R, T = poses
+        alone = render_labels(geometry.subset(parts.tolist()), camera, first, R[:, parts], T[:, parts])
+        return cls(parts, alone, geometry.performer)
+
+    @cached_property
+    def depth(self) -> NDArray[np.float32]:
+        """Their depth images."""
+        return self.labels.depth_images()
+
+    @cached_property
+    def _filled(self) -> Array:
+        return _filled(self.labels.outlines)
+
+    def among(self, moving: LabelImages, parts: Ints) -> LabelImages:
+        """The label images of all parts from those of the others alone, whose numbers are given, ascending; parts that
+        are neither are nowhere.
+        """
+        n, P = len(moving.part), len(self.performer)
+        distance = np.full((n, P), np.inf)
+        distance[:, self.parts], distance[:, parts] = self.labels.distance, moving.distance
+        rank = np.empty((n, P), np.int64)
+        np.put_along_axis(rank, np.argsort(-distance, axis=1), np.arange(P)[None], axis=1)
+        counts = np.diff(moving.ends)
+        number = np.repeat(np.tile(parts, n), counts)
+        frame = np.repeat(np.arange(n), counts.reshape(n, -1).sum(axis=1))
+        there = self.labels.part.ravel()[moving.index].astype(np.intp)
+        hidden = there >= 0
+        hidden[hidden] = rank[frame[hidden], self.parts[there[hidden]]] > rank[frame[hidden], number[hidden]]
+        seen = ~hidden
+        index = moving.index[seen]
+        part = np.append(self.parts, -1)[self.labels.part].astype(np.int16)  # -1 is the last
+        part.ravel()[index] = number[seen]
+        count = np.zeros((n, P), np.intp)
+        count[:, parts] = np.bincount((frame * P + number)[seen], minlength=n * P).reshape(n, P)[:, parts]
+        covered = seen & (there >= 0)
+        lost = np.bincount(frame[covered] * len(self.parts) + there[covered], minlength=n * len(self.parts))
+        left = (np.diff(self.labels.ends) - lost).reshape(n, -1)
+        share = np.zeros((n, P))
+        share[:, self.parts] = np.minimum(left / self._filled.reshape(left.shape), 1.0)
+        share[:, parts] = np.minimum(count[:, parts] / _filled(moving.outlines).reshape(n, -1), 1.0)
+        farthest = np.zeros((n, P), np.float32)
+        farthest[:, parts] = moving.faces.farthest.reshape(n, -1)
+
+        def spread(ends: NDArray[np.intp]) -> NDArray[np.intp]:
+            each = np.zeros((n, P), np.intp)
+            each[:, parts] = np.diff(ends).reshape(n, -1)
+            return np.concatenate([[0], np.cumsum(each)])
+
+        return LabelImages(
+            part,
+            index,
+            np.concatenate([[0], np.cumsum(count)]),
+            share,
+            replace(moving.outlines, ends=spread(moving.outlines.ends)),
+            Faces(moving.faces.planes, spread(moving.faces.ends), farthest.ravel()),
+            self.performer,
+            distance,
+            self,
+        )
+
+    def hidden(self, seen: LabelImages) -> LabelImages:
+        """Their pixels that others hide in label images of all parts (`among`), listed by part."""
+        n = len(seen.part)
+        there = self.labels.part.ravel()[seen.index]
+        covered = np.flatnonzero(there >= 0)
+        group = seen.index[covered] // seen.part[0].size * len(self.parts) + there[covered]
+        order = np.argsort(group, kind="stable")
+        ends = np.searchsorted(group[order], np.arange(n * len(self.parts) + 1))
+        return replace(self.labels, index=seen.index[covered[order]], ends=ends)
+
+    def areas(self, seen: LabelImages, hidden: LabelImages, moving: LabelImages, parts: Ints) -> Ints:
+        """Pixels that show each of all parts, and those that would show one that moves without these, shape (2, P, n):
+        from label images of all, what is hidden there, and label images of those that move, with their numbers.
+        """
+        n, P = seen.share.shape
+        shown, alone = np.zeros((2, P, n), np.intp)
+        left = np.diff(self.labels.ends) - np.diff(hidden.ends)
+        shown[self.parts] = alone[self.parts] = left.reshape(n, -1).T
+        shown[parts] = np.diff(seen.ends).reshape(n, P).T[parts]
+        alone[parts] = np.diff(moving.ends).reshape(n, -1).T
+        return np.stack([shown, alone])
+
+    @property
+    def nbytes(self) -> int:
+        """Size of what is kept of them, but for little."""
+        return self.labels.part.nbytes + self.labels.index.nbytes
 
 
 def pixels_at(
@@ -312,9 +409,9 @@ def render_labels(geometry: Geometry, camera: Camera, first: int, R: Array, T: A
     corners = _subpixels(outlines.uv)
 
     label = np.full((n, camera.size[1], camera.size[0]), -1, dtype=np.int16)
-    far_to_near = np.argsort(-np.add.reduceat(points[:, 2], starts, axis=1) / geometry.counts, axis=1)
+    middle = np.add.reduceat(points[:, 2], starts, axis=1) / geometry.counts
     bounds = outlines.ends.tolist()
-    for j, order in enumerate(far_to_near.tolist()):
+    for j, order in enumerate(np.argsort(-middle, axis=1).tolist()):
         image = label[j]
         for i in order:
             a, b = bounds[j * P + i], bounds[j * P + i + 1]
@@ -334,17 +431,12 @@ def render_labels(geometry: Geometry, camera: Camera, first: int, R: Array, T: A
         (1 / np.maximum(farthest, NEAR)).astype(np.float32).ravel(),
     )
     share = np.minimum(np.diff(ends) / _filled(outlines), 1.0).reshape(n, P)
-    return LabelImages(label, index, ends, share, outlines, faces, geometry.performer, far_to_near)
+    return LabelImages(label, index, ends, share, outlines, faces, geometry.performer, middle)
 
 
 def _subpixels(uv: Array) -> NDArray[np.int32]:
     """Corners of outlines as OpenCV fills them."""
     return np.clip(np.round(uv * (1 << _SHIFT)), -_FARTHEST, _FARTHEST).astype(np.int32)
-
-
-def _kept_ends(ends: NDArray[np.intp], kept: Bools) -> NDArray[np.intp]:
-    """The ends of runs some of which are left out."""
-    return np.concatenate([[0], np.cumsum(np.diff(ends) * kept)])
 
 
 def _turned(vectors: Array, owner: Ints, R: Array) -> Array:

@@ -107,7 +107,7 @@ def with_limb_regained(
     """
     i = place[0]
     alone, seconds = problem.alone(i), Seconds(solution.seconds)
-    noise = noise_of(problem, solution)
+    noise = noise_of(alone, solution, workspace)
     settled = [descend(alone, solution.motions, workspace.silent(), SETTLED, noise)]
     for look in range(LOOKS):
         motions = settled[-1].motions

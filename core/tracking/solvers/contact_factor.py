@@ -80,8 +80,10 @@ class ContactFactor:
             touching,
         )
 
-    def blocks(self, bodies: Sequence[Body], poses: Poses) -> list[BandedBlocks]:
+    def blocks(self, bodies: Sequence[Body], poses: Poses, sought: Sequence[int] | None = None) -> list[BandedBlocks]:
         """The normal equations of every performer around poses of all parts on F frames.
+
+        Contact among those that are not sought is left out; by default all are.
 
         Each is solved without the others: its blocks are as large as those of both in contact together, so that the
         steps of both do not add up to more than the depth.
@@ -91,6 +93,8 @@ class ContactFactor:
         H, g, energy = np.zeros((F, P, 6, 6)), np.zeros((F, P, 6)), np.zeros(len(bodies))
         kernel = Huber(LIMIT)
         for i, j in permutations(range(len(bodies)), 2):
+            if sought is not None and i not in sought and j not in sought:
+                continue
             for part, other, near in self._near(poses, i, j):
                 frames, depth, rows = self._deepest(poses, part, other, near)
                 r = np.maximum(depth - SLACK, 0.0) / DEVIATION
@@ -161,10 +165,14 @@ def surface_points(vertices: Array) -> Array:
 
 
 def with_contact(
-    systems: Sequence[BandedBlocks], contact: ContactFactor | None, bodies: Sequence[Body], motions: Sequence[Motion]
+    systems: Sequence[BandedBlocks],
+    contact: ContactFactor | None,
+    bodies: Sequence[Body],
+    motions: Sequence[Motion],
+    sought: Sequence[int] | None = None,
 ) -> list[BandedBlocks]:
-    """Add the contact of performers to their normal equations."""
+    """Add the contact of the performers that are sought, by default all, to their normal equations."""
     if contact is None:
         return list(systems)
-    blocks = contact.blocks(bodies, scene_poses(bodies, motions))
+    blocks = contact.blocks(bodies, scene_poses(bodies, motions), sought)
     return [system + own for system, own in zip(systems, blocks, strict=True)]

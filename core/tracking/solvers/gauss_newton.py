@@ -180,7 +180,7 @@ class _TestedStage:
                 self.smooth = self.smooth.estimated(problem, motions, images, self._expected, rounds=ROUNDS)
             systems = with_smoothness(problem, motions, images, self.smooth, self._expected)
             systems = with_plants(systems, self._plants, problem.bodies, motions)
-            systems = with_contact(systems, problem.contact, problem.bodies, motions)
+            systems = with_contact(systems, problem.contact, problem.bodies, motions, problem.sought)
             self._tied = problem.tied(systems, motions)
             return MeasuredEquations(self._tied.systems, measured)
 

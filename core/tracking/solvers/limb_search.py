@@ -26,7 +26,7 @@ from ...body.kinematics import scene_poses
 from ...body.motion import Motion
 from ...cameras.camera import Camera
 from ...evidence.foreground import SCALE, STRONGEST, log_ratio
-from ...evidence.label_images import NEAR, Geometry, LabelImages, render_labels
+from ...evidence.label_images import NEAR, Geometry, LabelImages, StillParts, render_labels
 from ...evidence.part_colours import ColouredFrames
 from ...evidence.view_frames import ViewFrames, views_with_foreground
 from ...numerics import rotations
@@ -106,7 +106,7 @@ def found_limbs(problem: SegmentProblem, motions: Sequence[Motion], seed: int, w
         Progress is reported before each limb.
     """
     views = views_with_foreground(problem.views)
-    looks = {i: [_ViewRatios.of(view, problem, i) for view in views] for i in problem.sought}
+    looks = {i: [_ViewRatios.of(view, problem, i, motions) for view in views] for i in problem.sought}
     found, rng = list(motions), np.random.default_rng([seed, problem.settings.search_seed])
     chains = [(i, chain) for i in problem.sought for chain in limbs(problem.bodies[i])]
     for done, (i, chain) in enumerate(chains):
@@ -135,7 +135,7 @@ def freed_limb(problem: SegmentProblem, motions: Sequence[Motion], place: tuple[
         That of the performer.
     """
     rng = np.random.default_rng([seed, problem.settings.search_seed])
-    looks = [_ViewRatios.of(view, problem, place[0]) for view in views_with_foreground(problem.views)]
+    looks = [_ViewRatios.of(view, problem, place[0], motions) for view in views_with_foreground(problem.views)]
     return _with_limb_found(problem, looks, motions, place, rng, free=True)
 
 
@@ -160,26 +160,39 @@ class _ViewRatios:
     first: int
     ratio: NDArray[np.float32]
     coloured: ColouredFrames | None
+    still: StillParts | None
 
     @classmethod
-    def of(cls, view: ViewFrames, problem: SegmentProblem, performer: int) -> _ViewRatios:
+    def of(cls, view: ViewFrames, problem: SegmentProblem, performer: int, motions: Sequence[Motion]) -> _ViewRatios:
         foreground = view.foreground_at(problem.first, problem.length, _STRIDE)[performer]
         coloured = view.part_colours(problem.first, problem.length, _STRIDE)
-        return cls(view.camera.subsampled(_STRIDE), problem.first, log_ratio(foreground), coloured)
+        camera, still = view.camera.subsampled(_STRIDE), None
+        if problem.only is not None:
+            geometry = problem.geometry()
+            others = np.flatnonzero(geometry.performer != performer)
+            still = StillParts.drawn(geometry, others, camera, problem.first, scene_poses(problem.bodies, motions))
+        return cls(camera, problem.first, log_ratio(foreground), coloured, still)
 
-    def labels(self, geometry: Geometry, poses: tuple[Array, Array]) -> LabelImages:
-        return render_labels(geometry, self.camera, self.first, *poses)
+    def labels(self, geometry: Geometry, poses: tuple[Array, Array], without: Sequence[int] = ()) -> LabelImages:
+        """Label images of all parts but for some; beside those that are still, numbered as all are."""
+        parts = np.setdiff1d(np.arange(len(geometry.spans)), without)
+        if self.still is not None:
+            parts = np.setdiff1d(parts, self.still.parts)
+        some = geometry if len(parts) == len(geometry.spans) else geometry.subset(parts.tolist())
+        moving = render_labels(some, self.camera, self.first, poses[0][:, parts], poses[1][:, parts])
+        return moving if self.still is None else self.still.among(moving, parts)
 
     def uncovered(self, geometry: Geometry, poses: tuple[Array, Array], parts: Sequence[int]) -> _Uncovered:
         """What it shows for some parts of a performer, where the others do not hide them."""
-        rest = [part for part in range(len(geometry.spans)) if part not in parts]
-        labels = self.labels(geometry.subset(rest), (poses[0][:, rest], poses[1][:, rest]))
+        labels = self.labels(geometry, poses, parts)
         nobody = labels.part < 0
         beside = np.where(nobody, self.ratio, np.float32(0))
         if self.coloured is None:
             return _Uncovered(self.camera, self.first, (_as_steps(beside),) * len(parts), None)
         ratio, palette = self.coloured.colours.ratio, self.coloured.palette
-        behind = np.array(rest)[labels.part]  # of nobody, anyone
+        behind = labels.part  # of nobody, anyone
+        if self.still is None:
+            behind = np.setdiff1d(np.arange(len(geometry.spans)), parts)[behind]
         images = []
         for part in parts:
             own = self.coloured.of(part)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...body.kinematics import Poses, scene_poses
 from ...body.motion import Motion
 from ...body.time_shift import Delayed, delayed
-from ...evidence.accumulate import Sampling, SegmentEvidence, accumulate_evidence
+from ...evidence.accumulate import Sampling, SegmentEvidence, StillPartsCache, accumulate_evidence
 from ...evidence.occlusion import unseen
 from ...evidence.view_frames import GradientImageCache
 from ...numerics.arrays import Array
@@ -79,12 +79,15 @@ class Workspace:
     threads : int
     cache : GradientImageCache
         Gradient images from one evaluation to the next.
+    still : StillPartsCache
+        Label images of performers whose motion is given, likewise.
     on_step : callable, optional
         See `StepCallback`.
     """
 
     threads: int = 1
     cache: GradientImageCache = field(default_factory=GradientImageCache)
+    still: StillPartsCache = field(default_factory=StillPartsCache)
     on_step: StepCallback | None = None
 
     def report(self, done: float, motions: Sequence[Motion]) -> None:
@@ -115,6 +118,7 @@ class Workspace:
             cache=self.cache,
             threads=self.threads,
             sought=None if problem.only is None else problem.sought,
+            still=self.still,
         )
         return MeasuredMotion(tuple(motions), instants, evidence)
 

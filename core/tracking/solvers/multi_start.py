@@ -324,7 +324,7 @@ def searched(
     """
     held = replace(problem, fixed=tuple(fixed | (np.arange(fixed.shape[1]) < 6) for fixed in problem.fixed))
     first = better(problem, *solutions)
-    likely, noise = solutions if doubtful(problem, first) else equals(solutions), noise_of(problem, first)
+    likely, noise = solutions if doubtful(problem, first) else equals(solutions), noise_of(problem, first, workspace)
     look = look or partial(look_for_limbs, noise=noise)
     settled = [descend(problem, solution.motions, workspace.silent(), SETTLED, noise) for solution in likely]
     begins: list[tuple[Sequence[Motion], SegmentProblem]] = [(solution.motions, problem) for solution in settled]
@@ -376,10 +376,16 @@ def recombined(
     return best
 
 
-def noise_of(problem: SegmentProblem, solution: SegmentSolution) -> SegmentNoise:
-    """The noise of the images at a solution, under which others can be compared with it."""
-    assert solution.evidence is not None
-    return SegmentNoise.of(solution.evidence, problem.settings)
+def noise_of(problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SegmentNoise:
+    """The noise of the images at a solution, under which others of the performers that are sought can be compared.
+
+    That of more performers has more pixels: the gradients of the one that is sought would count too much.
+    """
+    evidence = solution.evidence
+    assert evidence is not None
+    if problem.only is not None:
+        evidence = workspace.measure(problem, solution.motions, evidence.sampling).evidence
+    return SegmentNoise.of(evidence, problem.settings)
 
 
 def likeliest(problem: SegmentProblem, noise: SegmentNoise, *solutions: SegmentSolution) -> SegmentSolution:
@@ -429,7 +435,7 @@ def with_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspa
 
 def _with_own_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspace: Workspace) -> SegmentSolution:
     """The same for the performer that is sought."""
-    noise = noise_of(problem, best)
+    noise = noise_of(problem, best, workspace)
     count = len(list(exchanges(problem, best.motions)))
     if count:
         best = _continued(best, descend(problem, best.motions, workspace.part(0.0, 1 / (1 + count)), SETTLED, noise))

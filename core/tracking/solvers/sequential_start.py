@@ -68,7 +68,9 @@ def follow(
         solution = solve(window, [guess[first:stop] for guess in guesses], workspace.silent())
         motions = [guess.replaced(first, found) for guess, found in zip(guesses, solution.motions, strict=True)]
         if problem.settings.prediction:
-            for i, span in enumerate(problem.spans()):
+            spans = problem.spans()
+            for i in problem.sought:
+                span = spans[i]
                 hidden[i][new] = unseen(solution.share[:, [f - first for f in new]][..., span])
                 so_far = order[: known + len(new)]
                 motions[i] = _predicted(motions[i], so_far, hidden[i], problem.fixed[i])

@@ -11,7 +11,7 @@ import pytest
 from kfmocap.core.body import Body, human
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
-from kfmocap.core.evidence.label_images import Geometry, LabelImages, render_labels
+from kfmocap.core.evidence.label_images import Geometry, LabelImages, StillParts, render_labels
 from kfmocap.core.numerics import rotations
 from synthetic import (
     at_rest,
@@ -266,3 +266,32 @@ def test_some_parts_alone_are_seen_as_if_the_others_were_away() -> None:
     whole = render_labels(geometry, camera, 0, R, away)
     np.testing.assert_array_equal(np.array([*kept, -1])[alone.part], whole.part)
     np.testing.assert_allclose(alone.depth_images(), whole.depth_images(), rtol=1e-5)
+
+
+@pytest.mark.parametrize("moving", [0, 1, 2])
+def test_parts_that_are_drawn_once_are_seen_among_others_as_if_all_were_drawn_together(moving: int) -> None:
+    bodies = [human(1.7), human(1.8), human(1.6)]
+    motions = [swing(body, 4, 0.5, k) for k, body in enumerate(bodies)]
+    motions = [Motion(m.translations + [0.15 * k, 0.3 * k, 0], m.rotations) for k, m in enumerate(motions)]
+    camera, geometry, poses = NEARBY, Geometry.of(bodies), poses_of(bodies, motions)
+    own, rest = (np.flatnonzero(mask) for mask in (geometry.performer == moving, geometry.performer != moving))
+    whole = render_labels(geometry, camera, 0, *poses)
+    still = StillParts.drawn(geometry, rest, camera, 0, poses)
+    alone = render_labels(geometry.subset(own.tolist()), camera, 0, *(a[:, own] for a in poses))
+    seen = still.among(alone, own)
+    hidden = still.hidden(seen)
+    np.testing.assert_array_equal(seen.part, whole.part)
+    np.testing.assert_array_equal(seen.share, whole.share)
+    np.testing.assert_array_equal(seen.far_to_near, whole.far_to_near)
+    np.testing.assert_array_equal(seen.depth_images(), whole.depth_images())
+    P = len(geometry.performer)
+    for f, k in np.ndindex(4, P):
+        listed = seen.index[slice(*seen.ends[f * P + k :][:2])]
+        expected = whole.index[slice(*whole.ends[f * P + k :][:2])] if k in own else []
+        np.testing.assert_array_equal(listed, expected)
+    shown, without = whole.areas()
+    areas = still.areas(seen, hidden, alone, own)
+    np.testing.assert_array_equal(areas[0], shown)
+    np.testing.assert_array_equal(areas[1, own], without[own])
+    assert len(hidden.index) > 50, "they do hide each other"
+    assert (whole.part.ravel()[hidden.index] // len(bodies[0]) == moving).all()

@@ -151,7 +151,7 @@ def test_a_limb_that_a_view_sees_on_the_background_is_not_held_by_the_other_view
     left = [BODY.index(f"{name}.L") for name in ("upper_arm", "forearm")]
 
     def held(*views: ViewFrames) -> Array:
-        looks = [_ViewRatios.of(view, problem_of(truth, *views), 0) for view in views]
+        looks = [_ViewRatios.of(view, problem_of(truth, *views), 0, [truth]) for view in views]
         return _held(looks, Geometry.of([BODY]), poses_of([BODY], [truth]), left)
 
     assert held(views[0]).min() > 0.4 and held(*views).min() > 0.4

@@ -232,7 +232,7 @@ def test_in_one_view_limbs_stay_where_they_were_unless_others_cover_more_than_ch
     turn = gain * EQUAL * len(HUMAN) / len(ARMS) * np.pi * LENGTH / (LENGTH - 2)
     landscape = Landscape(truth=TRUTH, reach=0.0)
     before, right = (landscape.solution(problem, motion) for motion in (off(TRUTH, ARMS, turn), TRUTH))
-    noise = multi_start.noise_of(problem, before)
+    noise = multi_start.noise_of(problem, before, Workspace())
     worth = [multi_start.likelihood(problem, noise, solution) for solution in (before, right)]
     assert worth[1] > worth[0]
     assert (multi_start.likeliest(problem, noise, before, right) is right) == moved
@@ -280,7 +280,7 @@ def test_where_the_best_is_doubtful_limbs_are_looked_for_around_all_solutions_an
 def recombined(landscape: Landscape, *motions: Motion) -> tuple[SegmentSolution, list[SegmentSolution]]:
     """What comes of some solutions, the best first, and these solutions."""
     solutions = [landscape.solution(PROBLEM, motion) for motion in motions]
-    noise = multi_start.noise_of(PROBLEM, solutions[0])
+    noise = multi_start.noise_of(PROBLEM, solutions[0], landscape)
     return multi_start.recombined(PROBLEM, solutions[0], solutions, noise, landscape), solutions
 
 

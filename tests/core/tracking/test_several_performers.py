@@ -304,6 +304,40 @@ def test_only_the_performer_that_is_sought_moves_and_only_its_evidence_is_gather
         assert (alone.evidence.explained[:, other] > 0).all(), "what others cover is needed to compare solutions"
 
 
+def test_evidence_of_one_among_others_is_that_of_all_whether_the_others_were_drawn_before_or_not() -> None:
+    """Others who have moved since they were drawn are drawn anew."""
+    start = [moved(TRUTHS[0], np.array([1.4, 0.1, 0])), TRUTHS[1]]
+    aside = [moved(TRUTHS[0], np.array([1.3, 0.1, 0])), moved(TRUTHS[1], np.array([0.1, 0, 0]))]
+    problem, workspace = SegmentProblem(coloured_views(start), (BODY, BODY), 0, 30.0, HELD), Workspace()
+    alone, sampling = problem.alone(0), Sampling(1.0, 1.0, 2, 0.07)
+    for motions in (start, aside, [start[0], aside[1]], start, start):
+        both = workspace.measure(problem, motions, sampling).evidence
+        found = workspace.measure(alone, motions, sampling).evidence
+        np.testing.assert_allclose(found.explained, both.explained, rtol=1e-9)
+        np.testing.assert_allclose(found.unhidden[0], both.unhidden[0])
+        np.testing.assert_array_equal(found.share, both.share)
+        np.testing.assert_array_equal(found.agreeing[..., :P], both.agreeing[..., :P])
+        np.testing.assert_allclose(found.outlines.H[:, :, :P], both.outlines.H[:, :, :P])
+    assert both.unhidden.min() < 0.9, "one hides the other"
+
+
+def test_the_noise_under_which_one_of_several_is_judged_is_of_its_own_pixels() -> None:
+    """That of all has more pixels: beside what is shown, gradients would count the more, the more others there are."""
+    problem, workspace = SegmentProblem(coloured_views(TRUTHS), (BODY, BODY), 0, 30.0, HELD), Workspace()
+    both = multi_start.descend(problem, TRUTHS, workspace)
+    for i in range(2):
+        alone = problem.alone(i)
+        own = workspace.measure(alone, both.motions, both.evidence.sampling).evidence
+        noise = multi_start.noise_of(alone, replace(both, only=i), workspace)
+        count = own.gradients.count.sum()
+        assert count < 0.7 * both.evidence.gradients.count.sum()
+        np.testing.assert_allclose(noise.weight, multi_start.SegmentNoise.of(own, problem.settings).weight)
+    np.testing.assert_array_equal(
+        multi_start.noise_of(problem, both, workspace).weight,
+        multi_start.SegmentNoise.of(both.evidence, problem.settings).weight,
+    )
+
+
 def test_limbs_are_exchanged_by_solving_their_own_performer_and_all_settle_at_last(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -327,6 +361,7 @@ def test_limbs_are_exchanged_by_solving_their_own_performer_and_all_settle_at_la
 
     monkeypatch.setattr(multi_start, "descend", found)
     monkeypatch.setattr(multi_start, "exchanges", exchanged)
+    monkeypatch.setattr(multi_start, "noise_of", lambda *_: None)
     problem = SegmentProblem((), (BODY, BODY), 0, 30.0, (ends_held(BODY, FRAMES),) * 2)
     best = multi_start.with_limbs_exchanged(problem, found(problem, wrong), Workspace())
     assert best.motions == tuple(TRUTHS)
