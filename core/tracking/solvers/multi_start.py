@@ -99,7 +99,7 @@ def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: 
     if motions is not best.motions:
         settled = descend(problem, motions, workspace.silent(), SETTLED)
         seconds.add(settled.seconds)
-        best = _continued(best, settled)
+        best = continued(best, settled)
     if doubted and not problem.keypoints:  # keypoints show where limbs are
         # Of all performers: who stands before the one that is doubted may have had limbs exchanged for its.
         with seconds.measure("initial solution"):
@@ -107,7 +107,7 @@ def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: 
     return replace(best, seconds=seconds)
 
 
-def _continued(before: SegmentSolution, after: SegmentSolution) -> SegmentSolution:
+def continued(before: SegmentSolution, after: SegmentSolution) -> SegmentSolution:
     """A solution that another one led to, with the iterations of both."""
     return replace(after, iterations=before.iterations + after.iterations, energy=(*before.energy, *after.energy))
 
@@ -161,7 +161,7 @@ def with_limbs_returned(
         if strayed_limbs(problem, i, start[i], found[0].motions[i]):
             found.append(descend(with_limbs_held(alone, i, strayed), motions, workspace, SETTLED))
         best = better(alone, solution, *found)
-        solution = solution if best is solution else replace(_continued(solution, best), only=problem.only)
+        solution = solution if best is solution else replace(continued(solution, best), only=problem.only)
     return solution
 
 
@@ -430,7 +430,7 @@ def with_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspa
         motions = _with_own_limbs_exchanged(alone, own, part).motions
     if motions is best.motions:
         return best
-    return _continued(best, descend(problem, motions, workspace.silent(), SETTLED))
+    return continued(best, descend(problem, motions, workspace.silent(), SETTLED))
 
 
 def _with_own_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspace: Workspace) -> SegmentSolution:
@@ -438,14 +438,14 @@ def _with_own_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, wo
     noise = noise_of(problem, best, workspace)
     count = len(list(exchanges(problem, best.motions)))
     if count:
-        best = _continued(best, descend(problem, best.motions, workspace.part(0.0, 1 / (1 + count)), SETTLED, noise))
+        best = continued(best, descend(problem, best.motions, workspace.part(0.0, 1 / (1 + count)), SETTLED, noise))
     for k in range(count):
         part = workspace.part((k + 1) / (1 + count), (k + 2) / (1 + count))
         # Anew of what is best by now: an exchange that was accepted leaves the limbs meeting where they did.
         for motions in islice(exchanges(problem, best.motions), k, k + 1):
             found = descend(problem, motions, part, (*SETTLING, *SETTLED), noise)
             if found.cover > best.cover and found.energy[-1] < best.energy[-1]:
-                best = _continued(best, found)
+                best = continued(best, found)
     return best
 
 

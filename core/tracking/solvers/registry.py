@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from . import bent_limbs, multi_start, relaxation
+from . import bent_limbs, leaping_limbs, multi_start, relaxation
 from .protocol import Solver
 
 GAUSS_NEWTON = Solver(
-    multi_start.best_of_starts,
+    leaping_limbs.solved,
     bent_limbs.refined,
     multi_start.resumed,
     uses_keypoints=True,

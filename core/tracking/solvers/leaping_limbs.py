@@ -1,0 +1,153 @@
+"""Limbs that leap away and back for a moment, where a way straight across may be better.
+
+While others hide a limb, or two legs pass each other, a few frames may have it where something else is: each of them is
+near a solution of its own, and as it lasts for less than the images need to tell, the search around the whole motion
+seldom draws its way out. Next to how the limb moves otherwise, the leaps stand out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...body import part_poses
+from ...body.motion import Motion
+from ...evidence.view_frames import views_with_foreground
+from ...numerics import rotations
+from ...numerics.arrays import Bools
+from ...runtime.timing import Seconds
+from .gauss_newton import descend
+from .limb_search import limbs
+from .measurement import Workspace
+from .multi_start import SETTLED, SETTLING, best_of_starts, continued, likeliest, noise_of
+from .problem import SegmentProblem, SegmentSolution
+
+LEAP = 6.0
+"""How much larger than usual, the median over the frames, the acceleration of a limb's joint is where it leaps."""
+LEAST = 0.05
+"""A smaller one is no leap, metres per frame squared: heels that meet the floor are stopped as fast."""
+LONGEST = 0.3
+"""For how long a limb may be away, seconds: beyond that, a straight way back is far from its own."""
+NEXT = 0.1
+"""Leaps within this time of each other are there and back, seconds."""
+
+BRIDGING = (*SETTLING, *SETTLED, *SETTLED)
+"""From a straight way to the solution: all else must have settled again as far as before, or it outweighs the limb."""
+
+
+@dataclass(frozen=True)
+class Leap:
+    """Frames, from the first to the last, on which limbs are away.
+
+    Attributes
+    ----------
+    first, last : int
+    parts : tuple of int
+        Of all limbs that leap there, among the parts of their body.
+    """
+
+    first: int
+    last: int
+    parts: tuple[int, ...]
+
+
+def solved(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
+    """The best of solutions from several starts; where limbs leap in it, the way across is tried.
+
+    Parameters as of `gauss_newton.descend`.
+    """
+    solution = best_of_starts(problem, start, workspace.part(0.0, 0.9))
+    if problem.keypoints or not (problem.settings.limb_search and views_with_foreground(problem.views)):
+        return solution  # keypoints show where limbs are
+    return with_leaps_bridged(problem, solution, workspace.part(0.9, 1.0))
+
+
+def with_leaps_bridged(problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SegmentSolution:
+    """A solution, or with limbs that leap on a straight way where the pictures are likelier with that.
+
+    Performers take turns, each among the others as they are by then.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+    solution : SegmentSolution
+    workspace : Workspace
+    """
+    best, seconds = solution, Seconds(solution.seconds)
+    for k, i in enumerate(problem.sought):
+        part = workspace.part(k / len(problem.sought), (k + 1) / len(problem.sought))
+        found = leaps(problem, i, best.motions[i])
+        if not found:
+            continue
+        alone = problem.alone(i)
+        with seconds.measure("initial solution"):
+            bridged = _bridged(alone, i, replace(best, only=alone.only), found, part)
+        if bridged is not None:
+            best = continued(best, replace(bridged, only=problem.only))
+    if best is solution:
+        return replace(solution, seconds=seconds)
+    if len(problem.sought) > 1:
+        ended = descend(problem, best.motions, workspace.silent(), SETTLED)
+        seconds.add(ended.seconds)
+        best = continued(best, ended)
+    return replace(best, seconds=seconds)
+
+
+def _bridged(
+    problem: SegmentProblem, performer: int, before: SegmentSolution, found: Sequence[Leap], workspace: Workspace
+) -> SegmentSolution | None:
+    """The solution with those leaps bridged that are better so; None if none of them is."""
+    noise = noise_of(problem, before, workspace)
+    settled = best = descend(problem, before.motions, workspace.silent(), SETTLED, noise)
+    for k, leap in enumerate(found):
+        motion = bridged_motion(best.motions[performer], leap, problem.fixed[performer])
+        motions = (*best.motions[:performer], motion, *best.motions[performer + 1 :])
+        part = workspace.part(k / len(found), (k + 1) / len(found))
+        best = likeliest(problem, noise, best, descend(problem, motions, part, BRIDGING, noise))
+    return None if best is settled else best
+
+
+def leaps(problem: SegmentProblem, performer: int, motion: Motion) -> list[Leap]:
+    """Where limbs of a performer leap, between frames that hold them.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+    performer : int
+    motion : Motion
+        F poses.
+    """
+    body, F = problem.bodies[performer], len(motion)
+    if F < 4:
+        return []
+    _, T = part_poses(body, motion)
+    held = problem.fixed[performer][:, 3:].reshape(F, -1, 3).all(axis=2)
+    away: dict[int, list[int]] = {}
+    for chain in limbs(body):
+        joints = T[:, chain[1:]] - T[:, [chain[0]]]
+        change = np.linalg.norm(np.diff(joints, 2, axis=0), axis=-1).max(axis=1)
+        leaping = np.concatenate([[False], change > max(LEAP * float(np.median(change)), LEAST), [False]])
+        for f in np.flatnonzero(leaping & ~held[:, chain].any(axis=1)).tolist():
+            away.setdefault(f, []).extend(chain)
+    found: list[Leap] = []
+    for f in sorted(away):
+        near = found and f - found[-1].last <= max(1, round(NEXT * problem.fps))
+        if near and not held[found[-1].last : f].any():
+            found[-1] = Leap(found[-1].first, f, tuple(sorted({*found[-1].parts, *away[f]})))
+        else:
+            found.append(Leap(f, f, tuple(sorted(away[f]))))
+    return [leap for leap in found if 1 <= leap.last - leap.first <= max(2, round(LONGEST * problem.fps))]
+
+
+def bridged_motion(motion: Motion, leap: Leap, fixed: Bools) -> Motion:
+    """A motion whose limbs turn evenly from before a leap to what is after it, but for what is fixed (F, D)."""
+    parts, Q = list(leap.parts), motion.rotations.copy()
+    before, after = Q[leap.first - 1, parts], Q[leap.last + 1, parts]
+    turn = rotations.log(np.swapaxes(before, -1, -2) @ after)
+    share = np.linspace(0, 1, leap.last - leap.first + 3)[1:-1, None, None]
+    frames = np.arange(leap.first, leap.last + 1)
+    kept = fixed[frames, 3:].reshape(len(frames), -1, 3)[:, parts].any(axis=2)[..., None, None]
+    Q[frames[:, None], parts] = np.where(kept, Q[frames[:, None], parts], before @ rotations.exp(share * turn))
+    return Motion(motion.translations, Q)
