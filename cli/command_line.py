@@ -12,7 +12,7 @@ from importlib import import_module
 
 from ..core.errors import KFMocapError
 from ..core.runtime.decoder_log import DecoderLog
-from ..core.runtime.interrupts import Interruptions, interrupted_text
+from ..core.runtime.interrupts import Interruptions, interrupted_text, results_seen
 from .arguments import parser
 from .services import Services
 
@@ -35,6 +35,12 @@ def main(argv: Sequence[str] | None = None, services: Services | None = None) ->
     _quiet_libraries()
     args = parser().parse_args(argv)
     with DecoderLog(), Interruptions() as interruptions:
+        before = results_seen(getattr(args, "out", None))
+
+        def said(error: BaseException) -> str:
+            # Looked at now: the signal may have come between putting the results in place and saying so.
+            return interrupted_text(error, written=results_seen(getattr(args, "out", None)) != before)
+
         try:
             command = import_module(f".{args.command}_command", __package__)
             exit_code: int = command.run(args, services or Services())
@@ -43,10 +49,10 @@ def main(argv: Sequence[str] | None = None, services: Services | None = None) ->
                 print(f"kfmocap: error: {' '.join(str(error).split())}", file=sys.stderr)
                 return 1
             # Blender makes errors of its own of an interrupt.
-            print(f"kfmocap: {interrupted_text(error)}", file=sys.stderr)
+            print(f"kfmocap: {said(error)}", file=sys.stderr)
             return interruptions.exit_code
         except KeyboardInterrupt as interrupt:
-            print(f"kfmocap: {interrupted_text(interrupt)}", file=sys.stderr)
+            print(f"kfmocap: {said(interrupt)}", file=sys.stderr)
             return interruptions.exit_code
     return exit_code
 

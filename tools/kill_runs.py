@@ -41,26 +41,56 @@ PATIENCE = 2.0
 
 @dataclass(frozen=True)
 class Ended:
-    """A run that has ended: its exit code, its session, and the last line that it printed on standard error."""
+    """A run that has ended: its exit code, its session, and what it printed on standard error."""
 
     code: int
     session: int
-    said: str
+    text: str
+
+    @property
+    def said(self) -> str:
+        """The last line of it."""
+        return (self.text.splitlines() or [""])[-1]
 
 
-def run(arguments: Sequence[str], out: Path, number: int | None = None, after: float = 0.0) -> Ended:
-    """Run a command in a session of its own, which gets a signal after some seconds."""
-    messages = out.parent / "messages"
+def run(
+    arguments: Sequence[str],
+    out: Path,
+    number: int | None = None,
+    after: float = 0.0,
+    *,
+    temporary: Path | None = None,
+) -> Ended:
+    """Run a command in a session of its own, which gets a signal after some seconds.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+    out : Path
+        What OUT in the arguments stands for.
+    number : int, optional
+        The signal.
+    after : float
+        Seconds from the start.
+    temporary : Path, optional
+        Where the run keeps temporary files.
+    """
+    messages, name = tempfile.mkstemp()
     ready, begun = os.pipe()
     process = os.fork()
     if process == 0:
         os.setsid()
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-        os.dup2(os.open(messages, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 2)
+        os.dup2(messages, 2)
+        if temporary is not None:
+            os.environ["TMPDIR"] = tempfile.tempdir = str(temporary)
         os.write(begun, b"!")
         code = 1
         try:
             code = run_command([argument.replace("OUT", str(out)) for argument in arguments])
+        except KeyboardInterrupt:  # before the command handles it: Python ends by the signal then
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
+            os.kill(os.getpid(), signal.SIGINT)
         finally:
             os._exit(code)
     os.read(ready, 1)
@@ -70,8 +100,10 @@ def run(arguments: Sequence[str], out: Path, number: int | None = None, after: f
         time.sleep(after)
         os.kill(process, number)  # until it is waited for its id is its own
     code = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
-    lines = messages.read_text(errors="replace").splitlines()
-    return Ended(code, process, lines[-1] if lines else "")
+    os.close(messages)
+    text = Path(name).read_text(errors="replace")
+    Path(name).unlink()
+    return Ended(code, process, text)
 
 
 def left(session: int) -> int:
@@ -97,6 +129,8 @@ def untrue(ended: Ended, number: int, found: str, *, apart: bool) -> list[str]:
     codes = {signal.SIGKILL: -signal.SIGKILL, signal.SIGTERM: 143, signal.SIGINT: 130}
     if ended.code == 0:
         return [] if found == "new" else [f"exit code 0 with {found} results"]
+    if ended.code == -number:  # the command had not begun to handle it, or was done
+        return []
     if ended.code != codes[signal.Signals(number)]:
         return [f"exit code {ended.code}: {ended.said}"]
     if number == signal.SIGKILL or apart:
@@ -154,14 +188,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     chance, outcomes, wrong = random.Random(args.seed), Counter(), 0
     with tempfile.TemporaryDirectory() as folder:
-        begun, first = time.monotonic(), Path(folder, "first", "out")
-        first.mkdir(parents=True)
-        if run(args.command, first).code:
-            print("the command fails by itself", file=sys.stderr)
-            return 1
-        begun = time.monotonic()  # the second time, as all others, with files that the system knows
-        run(args.command, first)
-        seconds, names = time.monotonic() - begun, sorted(contents(first))
+        seconds, names = 0.0, list[Path]()
+        for kind in ("first", "second"):  # the second, as all others, with files that the system knows
+            out, begun = Path(folder, kind, "out"), time.monotonic()
+            out.mkdir(parents=True)  # a batch would find its results there already
+            if (ended := run(args.command, out)).code:
+                print(f"the command fails by itself: {ended.said}", file=sys.stderr)
+                return 1
+            seconds, names = time.monotonic() - begun, sorted(contents(out))
         for number in map(signal.Signals.__getitem__, args.signals.split(",")):
             hits = k = 0
             while hits < args.kills:

@@ -21,7 +21,7 @@ from typing import Any
 from ..errors import OutputError
 from .exchange import exchanged
 from .interrupts import WRITTEN, held_signals
-from .workplaces import MOVING, RESULTS, move_files, remove_leftovers, workplace
+from .workplaces import MOVING, RESULTS, in_workplace, move_files, remove_leftovers, workplace
 
 _MOST_LINKED = 1000  # other files in a folder that is exchanged
 
@@ -153,7 +153,7 @@ class Outputs:
                     with suppress(OSError):
                         _flush(output.path.parent)
         except KeyboardInterrupt as interrupt:
-            if done:
+            if done and not any(in_workplace(output.path) for output in self._places):
                 interrupt.add_note(WRITTEN)
             raise
 

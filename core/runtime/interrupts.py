@@ -5,7 +5,8 @@ from __future__ import annotations
 import signal
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
@@ -13,6 +14,8 @@ ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP",
 """The signals that ask a program to end and let it tidy up."""
 WRITTEN = "the results had been written"
 """Note of an interrupt that came when they had."""
+REPORT = "report.json"
+"""Is among the results wherever they are a folder."""
 
 
 class Interruptions:
@@ -81,10 +84,39 @@ def results_are_written() -> Iterator[None]:
         raise
 
 
-def interrupted_text(interrupt: BaseException) -> str:
-    """Say what an interrupt left: a note of a KeyboardInterrupt says it where that is neither all nor nothing."""
+def results_seen(out: object) -> tuple[int, int] | None:
+    """Say which results are there: another value before and after a run tells that it has put its own in place.
+
+    Parameters
+    ----------
+    out : object
+        The file that a command writes or the folder of its report.json, as a path; of anything else nothing is seen.
+
+    Returns
+    -------
+    tuple of int, optional
+        The file's number, and when it was written.
+    """
+    for file in (out / REPORT, out) if isinstance(out, Path) else ():
+        with suppress(OSError, ValueError):
+            if file.is_file():
+                found = file.stat()
+                return found.st_ino, found.st_mtime_ns
+    return None
+
+
+def interrupted_text(interrupt: BaseException, *, written: bool = False) -> str:
+    """Say what an interrupt left.
+
+    Parameters
+    ----------
+    interrupt : BaseException
+        A note of a KeyboardInterrupt says what it left where that is neither all nor nothing.
+    written : bool
+        Its results are seen to be there.
+    """
     notes: Sequence[str] = getattr(interrupt, "__notes__", ())
-    if WRITTEN in notes:
+    if written or WRITTEN in notes:
         return f"interrupted when {WRITTEN}"
     partly = isinstance(interrupt, KeyboardInterrupt) and notes
     return f"interrupted: {notes[0]}" if partly else "interrupted, nothing was written"

@@ -50,6 +50,11 @@ def workplace(beside: Path) -> Iterator[Path]:
                 _remove(place)
 
 
+def in_workplace(path: Path) -> bool:
+    """Whether a path is within a workplace: what is put there is no result yet."""
+    return any(part.startswith(PREFIX) for part in path.absolute().parts)
+
+
 def _made(beside: Path) -> tuple[Path, IO[bytes]]:
     """A new workplace and its lock."""
     for _ in range(_ATTEMPTS):

@@ -25,8 +25,10 @@ from kfmocap.core.fitting.shot_cameras import CameraFit
 from kfmocap.core.formats import load_cameras, read_trc, save_cameras, write_trc
 from kfmocap.core.numerics import rotations
 from kfmocap.core.review.suggestions import KeySuggestion
+from kfmocap.core.runtime import files
 from kfmocap.core.shot.footage_damage import FootageDamage
 from kfmocap.core.shot.shot import Shot
+from kfmocap.core.tracking import journal
 from kfmocap.core.tracking.track_result import TrackResult
 from kfmocap.core.tracking.uncertainty import JointErrors
 
@@ -374,6 +376,31 @@ def test_an_interrupt_after_the_results_says_so(
     assert track(folder) == 130
     assert "kfmocap: interrupted when the results had been written" in capsys.readouterr().err
     assert (folder / "out" / "tiny.trc").is_file()
+
+
+def test_an_interrupt_while_the_report_is_put_among_the_temporary_files_says_that_nothing_was_written(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    put = files._put_file
+    monkeypatch.setattr(files, "_put_file", lambda *args: (signal.raise_signal(signal.SIGTERM), put(*args))[1])
+    assert track(folder) == 143
+    assert "interrupted, nothing was written" in capsys.readouterr().err
+    assert not (folder / "out" / "report.json").exists()
+
+
+def test_an_interrupt_just_after_the_results_were_put_in_place_says_that_they_were(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    discard, came = journal.Journal.discard, []
+
+    def interrupted(self: journal.Journal) -> None:
+        discard(self)
+        if (folder / "out" / "report.json").exists() and not came:
+            came.append(signal.raise_signal(signal.SIGTERM))
+
+    monkeypatch.setattr(journal.Journal, "discard", interrupted)
+    assert track(folder) == 143
+    assert "interrupted when the results had been written" in capsys.readouterr().err
 
 
 def broken(error: BaseException):
