@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from ..core.formats.html_page import html_page
-from ..core.runtime.files import replacing
+from ..core.runtime.files import together
 from .batch_shot import DONE, ShotOutcome
 
 COLUMNS = ("shot", "state", "expected_error_mm", "seconds", "warnings", "message", "file")
@@ -37,9 +37,9 @@ def write_summary(out: Path, outcomes: Sequence[ShotOutcome]) -> list[Path]:
         warnings = "; ".join(outcome.warnings)
         writer.writerow([outcome.name, outcome.state, error, seconds, warnings, outcome.message, outcome.file])
     contents = {"summary.csv": table.getvalue(), "summary.html": _page(out, outcomes)}
-    for name, content in contents.items():
-        with replacing(out / name) as temporary:
-            temporary.write_text(content, encoding="utf-8", newline="")
+    with together() as outputs:
+        for name, content in contents.items():
+            outputs.file(out / name).write_text(content, encoding="utf-8", newline="")
     return [out / name for name in contents]
 
 

@@ -29,6 +29,7 @@ from pathlib import Path
 
 from kfmocap.__main__ import main as run_command
 from kfmocap.cli import batch_command, calibrate_command, track_command  # noqa: F401  loaded once, for all runs
+from kfmocap.cli.batch_shot import STATUS
 from kfmocap.core.runtime.files import check_writable
 from kfmocap.core.runtime.interrupts import WRITTEN
 from kfmocap.core.tracking.journal import UNFINISHED, journal_beside
@@ -147,6 +148,8 @@ def faults_of(out: Path, names: Sequence[Path], number: int, *, apart: bool) -> 
     faults = []
     if number != signal.SIGKILL and list(out.parent.rglob(".kfmocap-*")):
         faults.append("it left temporary files")
+    # In a batch each shot has its folder and its state.
+    groups = {name: name if name.parent.name == STATUS else name.parent for name in names}
     folders = sorted({out / name.parent for name in names})
     if number != signal.SIGKILL and not apart and list(out.parent.rglob(f"*{UNFINISHED}")):
         faults.append("it left a journal")
@@ -157,11 +160,10 @@ def faults_of(out: Path, names: Sequence[Path], number: int, *, apart: bool) -> 
     if stay := [*out.parent.rglob(".kfmocap-*"), *out.parent.rglob(f"*{UNFINISHED}")]:
         faults.append(f"{', '.join(entry.name for entry in stay)} stayed after the next run")
     found = contents(out)
-    kinds = {
-        folder: {OLD if found[name] == OLD.encode() else "new" for name in names if out / name.parent == folder}
-        for folder in (folders if apart else [])
-    } or {out: {OLD if found[name] == OLD.encode() else "new" for name in names}}
-    faults += [f"results in {folder.name} are mixed" for folder, kind in kinds.items() if len(kind) > 1]
+    kinds: dict[Path, set[str]] = {}
+    for name in names:
+        kinds.setdefault(groups[name] if apart else Path(), set()).add(OLD if found[name] == OLD.encode() else "new")
+    faults += [f"results in '{group}' are mixed" for group, kind in kinds.items() if len(kind) > 1]
     return "/".join(sorted(set().union(*kinds.values()))), faults
 
 
