@@ -74,17 +74,24 @@ class StoppingRule(Generic[State]):
         When the size of a step is less.
     step_size : callable, optional
         Size of the step from one state to the next, in the unit of `small_step`.
+    small_refused : bool
+        Such a step ends it where it is refused as well: shorter ones are not tried then.
     """
 
     iterations: int = 50
     relative_gain: float = 1e-7
     small_step: float = 0.0
     step_size: Callable[[State, State], float] | None = None
+    small_refused: bool = False
 
     def converged(self, before: State, after: State, cost_before: float, cost_after: float) -> bool:
         """Whether the accepted step between two states is the last."""
         if cost_before - cost_after <= self.relative_gain * cost_after:
             return True
+        return self.small(before, after)
+
+    def small(self, before: State, after: State) -> bool:
+        """Whether the step between two states is so small that no other follows it."""
         return self.step_size is not None and self.step_size(before, after) < self.small_step
 
 
@@ -182,6 +189,7 @@ def minimise(
         else:
             # A step that promises next to nothing is refused only for rounding: the state is the minimum.
             converged = -equations.slope(step) <= stopping.relative_gain * equations.cost
+            converged |= stopping.small_refused and stopping.small(state, trial)
             share = damping.after_refusal(share)
     last = (lambda: linearise(state)) if stale else (lambda: equations)
     return LeastSquaresResult(state, tuple(history), converged, last)

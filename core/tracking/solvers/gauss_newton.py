@@ -70,12 +70,15 @@ class DescentStage:
         At least that many views are looked at in an iteration, in turn; None looks at all.
     small : float
         The stage ends when steps are smaller, see `SMALL_STEP`.
+    small_refused : bool
+        It also ends when such a step is refused, instead of trying shorter ones.
     """
 
     sampling: Sampling
     iterations: int
     views: int | None = None
     small: float = SMALL_STEP
+    small_refused: bool = False
 
     def sampling_of(self, views: int) -> Sampling:
         """The sampling of so many views: the more there are, the fewer pixels of each are needed."""
@@ -155,7 +158,10 @@ class _TestedStage:
 
     def minimise(self, start: tuple[Motion, ...]) -> LeastSquaresResult[tuple[Motion, ...], MeasuredEquations]:
         """Descend from the start."""
-        stopping = StoppingRule(self._stage.iterations + LONGER, SMALL_GAIN, self._stage.small, self._distance)
+        stage = self._stage
+        stopping = StoppingRule(
+            stage.iterations + LONGER, SMALL_GAIN, stage.small, self._distance, small_refused=stage.small_refused
+        )
         return minimise(
             start, self._linearise, self._moved, damping=DAMPING, stopping=stopping, on_iteration=self._begin_step
         )

@@ -46,7 +46,7 @@ SETTLING = (
 """Of limbs that were looked for, around a trunk that is held."""
 SETTLED = (DescentStage(Sampling(1.0, 1.0, 3, REACH), 3),)
 """From there to the solution."""
-RESUMED = (DescentStage(Sampling(1.0, 1.0, 2, REACH), 5, small=0.003),)
+RESUMED = (DescentStage(Sampling(1.0, 1.0, 2, REACH), 5, small=0.003, small_refused=True),)
 """From a motion that was found before to the one with the key poses as they are now. All of it may be a little off, and
 no other stage follows."""
 EQUAL = 0.005

@@ -184,6 +184,24 @@ def test_the_small_step_is_measured_between_states() -> None:
     assert size(states[-1], result.state) < 0.05
 
 
+@pytest.mark.parametrize(("small", "tried"), [(2.0, 1), (0.7, 3), (0.0, 4)])
+def test_a_refused_step_that_is_small_is_not_shortened_any_further(small: float, tried: int) -> None:
+    """All steps from 0 raise the cost here; with damping 0, 1e-4, 1 and 1e4 they are 1, 0.9999, 1/2 and 1e-4 long."""
+    seen: list[float] = []
+
+    def linearise(x: np.ndarray) -> DenseEquations:
+        seen.append(float(x[0]))
+        return DenseEquations(np.eye(1), np.array([-1.0]), 10.0 + abs(float(x[0])))
+
+    stopping = StoppingRule[np.ndarray](
+        relative_gain=0.0, small_step=small, step_size=lambda a, b: float(np.abs(b - a).max()), small_refused=True
+    )
+    damping = Damping(initial=0.0, grow=1e4, most=1e5)
+    result = minimise(np.zeros(1), linearise, added, damping=damping, stopping=stopping)
+    assert result.state == 0.0 and len(seen) - 1 == tried
+    assert result.converged == (small > 0)
+
+
 def test_raising_in_the_callback_cancels() -> None:
     class CancelledForTestError(Exception):
         pass
