@@ -132,7 +132,7 @@ class StillPartsCache:
         own = tuple(a[:, parts] for a in poses)
         kept = self._kept.setdefault(view, {})
         found = kept.get((first, count))
-        if found is not None and found.of(stride, geometry, own):
+        if found is not None and found.matches(stride, geometry, own):
             return found
         camera = view.camera.subsampled(stride)
         still = StillParts.drawn(geometry, parts, camera, first, poses)
@@ -159,7 +159,8 @@ class _StillEvidence:
     geometry: Geometry
     poses: Poses
 
-    def of(self, stride: int, geometry: Geometry, poses: Sequence[Array]) -> bool:
+    def matches(self, stride: int, geometry: Geometry, poses: Sequence[Array]) -> bool:
+        """Whether it is what the same parts show in these poses."""
         return (
             self.stride == stride
             and self.geometry is geometry

@@ -20,8 +20,7 @@ def test_killed_workers_and_blenders_leave_the_scene_and_no_process(tmp_path: Pa
     )
     if b"ModuleNotFoundError" in libraries.stderr + libraries.stdout:
         pytest.skip("the application's Python has not what the extension needs")
-    shot = short_walk(tmp_path / "walk", 3) / "shot.toml"
-    shot.write_text(shot.read_text().replace("[0, 1, 2]", "[0, 2]") + "\n[track]\nworking_size = 120\n")
+    shot = short_walk(tmp_path / "walk", 3, keyframes=(0, 2), settings=["working_size = 120"]) / "shot.toml"
     (tmp_path / "package").mkdir()
     (tmp_path / "package" / "kfmocap").symlink_to(ROOT)
     command = [sys.executable, str(ROOT / "tools" / "kill_blender.py"), "--shot", str(shot), "--work", str(tmp_path)]

@@ -41,8 +41,7 @@ def results(folder: Path) -> dict[str, object]:
 
 
 def test_a_killed_run_is_taken_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    shot = short_walk(tmp_path / "walk", 7) / "shot.toml"
-    shot.write_text(shot.read_text().replace("[0, 3, 6]", "[0, 2, 4, 6]") + "\n[track]\nworking_size = 120\n")
+    short_walk(tmp_path / "walk", 7, keyframes=(0, 2, 4, 6), settings=["working_size = 120"])
     assert main(arguments(tmp_path, "whole")) == 0
     assert killed(tmp_path) == -signal.SIGKILL
     assert not (tmp_path / "out").exists()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from conftest import ROOT
@@ -10,15 +11,22 @@ from kfmocap.core.formats import read_trc, write_trc
 WALK = ROOT / "examples" / "walk"
 
 
-def short_walk(folder: Path, frames: int) -> Path:
-    """Write a shot of the walk's first frames into a new folder, with key poses at both ends and in the middle."""
+def short_walk(
+    folder: Path, frames: int, *, name: str = "walk", keyframes: Sequence[int] = (), settings: Sequence[str] = ()
+) -> Path:
+    """Write a shot of the walk's first frames into a new folder, by default with key poses at both ends and in the
+    middle; settings are lines of its section [track].
+    """
     folder.mkdir()
-    for name in ("calibration.toml", "cam01.mp4", "cam02.mp4", "cam03.mp4"):
-        (folder / name).symlink_to(WALK / name)
+    for file in ("calibration.toml", "cam01.mp4", "cam02.mp4", "cam03.mp4"):
+        (folder / file).symlink_to(WALK / file)
     landmarks = read_trc(WALK / "landmarks.trc")
     write_trc(folder / "landmarks.trc", landmarks.names, landmarks.points_world[:frames], landmarks.fps)
     text = (WALK / "shot.toml").read_text()
     text = text.replace("frames = [0, 59]", f"frames = [0, {frames - 1}]")
-    text = text.replace("[0, 20, 39, 59]", f"[0, {frames // 2}, {frames - 1}]")
+    text = text.replace("[0, 20, 39, 59]", str(list(keyframes) or [0, frames // 2, frames - 1]))
+    text = text.replace('name = "walk"', f'name = "{name}"', 1)
+    if settings:
+        text = "\n".join([text, "[track]", *settings, ""])
     (folder / "shot.toml").write_text(text)
     return folder

@@ -14,18 +14,6 @@ from short_walk import short_walk
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="runs are forked from a process that has all loaded")
 
 
-@pytest.fixture(scope="module")
-def shots(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """Two short shots."""
-    found = []
-    for name in ("one", "other"):
-        shot = short_walk(tmp_path_factory.mktemp(name) / "walk", 7) / "shot.toml"
-        text = shot.read_text().replace('name = "walk"', f'name = "{name}"', 1)
-        shot.write_text(f"{text}\n[track]\nworking_size = 120\n")
-        found.append(shot)
-    return found
-
-
 def ended(*arguments: str) -> str:
     """What `kill_runs` says of ten runs for each signal; fails where one left what it should not."""
     command = [sys.executable, str(ROOT / "tools" / "kill_runs.py"), "--kills", "10", *arguments]
@@ -34,14 +22,15 @@ def ended(*arguments: str) -> str:
     return process.stdout
 
 
-def test_tracking_leaves_all_or_nothing(shots: list[Path]) -> None:
-    said = ended("track", str(shots[0]), "--out", "OUT", "--no-blender", "--views", "cam01")
+def test_tracking_leaves_all_or_nothing(tmp_path: Path) -> None:
+    shot = short_walk(tmp_path / "walk", 7, settings=["working_size = 120"]) / "shot.toml"
+    said = ended("track", str(shot), "--out", "OUT", "--no-blender", "--views", "cam01")
     for code in (-9, 143, 130):
         assert f"exit code {code} and old results" in said
 
 
-def test_a_batch_leaves_all_or_nothing_of_every_shot(shots: list[Path]) -> None:
+def test_a_batch_leaves_all_or_nothing_of_every_shot(tmp_path: Path) -> None:
     """Limbs are not looked for: it is the batch that is ended, whose whole time each run is measured against."""
-    for shot in shots:
-        shot.write_text(f"{shot.read_text()}limb_search = false\nprediction = false\n")
+    settings = ["working_size = 120", "limb_search = false", "prediction = false"]
+    shots = [short_walk(tmp_path / name, 7, name=name, settings=settings) / "shot.toml" for name in ("one", "other")]
     ended("--apart", "batch", *map(str, shots), "--out", "OUT", "--no-blender")

@@ -33,13 +33,12 @@ def needs_disks() -> None:
 @pytest.fixture(scope="module")
 def shots(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """Two shots that take a second each."""
-    found = []
-    for name in ("one", "other"):
-        shot = short_walk(tmp_path_factory.mktemp(name) / "walk", 3) / "shot.toml"
-        text = shot.read_text().replace('name = "walk"', f'name = "{name}"', 1).replace("[0, 1, 2]", "[0, 2]")
-        shot.write_text(f"{text}\n[track]\nworking_size = 120\nlimb_search = false\nprediction = false\n")
-        found.append(shot)
-    return found
+    settings = ["working_size = 120", "limb_search = false", "prediction = false"]
+    return [
+        short_walk(tmp_path_factory.mktemp(name) / "walk", 3, name=name, keyframes=(0, 2), settings=settings)
+        / "shot.toml"
+        for name in ("one", "other")
+    ]
 
 
 def ended(*arguments: str) -> str:

@@ -14,12 +14,11 @@ import numpy as np
 
 from ...body import part_poses
 from ...body.motion import Motion, stacked
-from ...evidence.view_frames import views_with_foreground
 from ...numerics.arrays import Array
 from ...runtime.timing import Seconds
 from . import gauss_newton
 from .gauss_newton import descend
-from .limb_search import freed_limb, limbs
+from .limb_search import freed_limb, limbs, pictures_find_limbs
 from .measurement import Workspace
 from .multi_start import LOOKS, SETTLED, likeliest, noise_of
 from .problem import SegmentProblem, SegmentSolution
@@ -36,8 +35,8 @@ def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
     bent are looked for again. Parameters as of `gauss_newton.descend`.
     """
     solution = gauss_newton.refine(problem, start, workspace.part(0.0, 0.3))
-    if problem.keypoints or not (problem.settings.limb_search and views_with_foreground(problem.views)):
-        return solution  # keypoints show where limbs are
+    if not pictures_find_limbs(problem):
+        return solution
     bent = [(i, chain) for i in problem.sought for chain in bent_limbs(problem, i, solution.motions[i])]
     for k, (i, chain) in enumerate(bent):
         part = workspace.part(0.3 + 0.7 * k / len(bent), 0.3 + 0.7 * (k + 1) / len(bent))

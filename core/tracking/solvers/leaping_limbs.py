@@ -14,12 +14,11 @@ import numpy as np
 
 from ...body import part_poses
 from ...body.motion import Motion
-from ...evidence.view_frames import views_with_foreground
 from ...numerics import rotations
 from ...numerics.arrays import Bools
 from ...runtime.timing import Seconds
 from .gauss_newton import descend
-from .limb_search import limbs
+from .limb_search import limbs, pictures_find_limbs
 from .measurement import Workspace
 from .multi_start import SETTLED, SETTLING, best_of_starts, continued, likeliest, noise_of
 from .problem import SegmentProblem, SegmentSolution
@@ -59,8 +58,8 @@ def solved(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspac
     Parameters as of `gauss_newton.descend`.
     """
     solution = best_of_starts(problem, start, workspace.part(0.0, 0.9))
-    if problem.keypoints or not (problem.settings.limb_search and views_with_foreground(problem.views)):
-        return solution  # keypoints show where limbs are
+    if not pictures_find_limbs(problem):
+        return solution
     return with_leaps_bridged(problem, solution, workspace.part(0.9, 1.0))
 
 

@@ -91,6 +91,11 @@ def pairs(body: Body) -> list[tuple[list[int], list[int]]]:
     return [(chains[left], chains[right]) for left, right in sides if left != right and right in chains]
 
 
+def pictures_find_limbs(problem: SegmentProblem) -> bool:
+    """Whether limbs may be looked for in the pictures; where there are keypoints, these show where limbs are."""
+    return not problem.keypoints and problem.settings.limb_search and bool(views_with_foreground(problem.views))
+
+
 def found_limbs(problem: SegmentProblem, motions: Sequence[Motion], seed: int, workspace: Workspace) -> list[Motion]:
     """Look for every limb of every performer; the trunk stays as it is.
 

@@ -10,6 +10,7 @@ from kfmocap.core.body import human
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.shot import Settings
+from kfmocap.core.tracking.solvers import leaping_limbs
 from kfmocap.core.tracking.solvers.leaping_limbs import bridged_motion, leaps, solved, with_leaps_bridged
 from kfmocap.core.tracking.solvers.problem import SegmentProblem
 from made_evidence import Landscape
@@ -88,8 +89,6 @@ def test_a_leap_is_bridged_only_where_the_pictures_are_likelier_with_that(right:
 
 
 def test_without_foreground_no_leaps_are_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    from kfmocap.core.tracking.solvers import leaping_limbs
-
     landscape = Landscape(truth=TRUTH)
     solution = landscape.solution(PROBLEM, leaping(slice(10, 13)))
     monkeypatch.setattr(leaping_limbs, "best_of_starts", lambda *_: solution)
