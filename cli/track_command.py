@@ -6,7 +6,8 @@ import argparse
 import json
 import sys
 from collections.abc import Mapping, Sequence
-from contextlib import closing
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -19,6 +20,7 @@ from ..core.errors import InputError, ShotError, located
 from ..core.fitting.camera_refinement import Refinement
 from ..core.fitting.shot_cameras import camera_fits, checked_frames, for_camera_fits, refine_shot_cameras
 from ..core.formats.keypoint_files import read_shot_keypoints
+from ..core.formats.shot_toml import read_shot_spec
 from ..core.formats.toml_cameras import save_cameras
 from ..core.formats.trc import write_trc
 from ..core.keypoints.hand_points import tracked_hands
@@ -34,13 +36,13 @@ from ..core.runtime.worker_memory import WorkerMemory
 from ..core.shot.footage_damage import shot_damage
 from ..core.shot.footage_times import footage_rate
 from ..core.shot.shot import Shot
-from ..core.shot.shot_spec import result_names
+from ..core.shot.shot_spec import ShotSpec, result_names
 from ..core.tracking.journal import Journal, journal_beside
-from ..core.tracking.prepare import load_shot
+from ..core.tracking.prepare import prepare_shot
 from ..core.tracking.run_context import RunContext
 from ..core.tracking.selection import selected
 from ..core.tracking.track_result import TrackResult
-from ..core.tracking.tracker import track
+from ..core.tracking.tracker import SOLVING, track, workers_for
 from .printed import print_outcome
 from .progress_bar import progress_bar
 from .services import BlenderSession, OutputRequest, Services
@@ -53,6 +55,15 @@ REFINED = "refined.toml"
 def run(args: argparse.Namespace, services: Services) -> int:
     """Carry out the command; returns the exit code."""
     check_writable(args.out)
+    with closing(WorkerMemory(limit=0)) as memory:
+        if args.shot is not None:
+            # Other processes load what they need while this one does.
+            memory.expect(workers_for(_spec(args), args.threads), SOLVING)
+        return _run(args, services, memory)
+
+
+def _run(args: argparse.Namespace, services: Services, memory: WorkerMemory) -> int:
+    """Carry out the command with processes that are kept."""
     blender = None if args.no_blender else services.blender()
     seconds = Seconds()
     with seconds.measure("shot"):
@@ -77,6 +88,7 @@ def run(args: argparse.Namespace, services: Services) -> int:
             refined=refined,
             leave_out_unknown=args.leave_out_unknown,
             journal=journal,
+            memory=memory,
         )
     with results_are_written():
         if args.resume:
@@ -97,6 +109,7 @@ def run_track(
     refined: Refinement | None = None,
     leave_out_unknown: bool = False,
     journal: Journal | None = None,
+    memory: WorkerMemory | None = None,
 ) -> list[Path]:
     """Track a shot; write NAME.trc, overlay.png and report.json, and with Blender NAME.bvh, NAME.fbx and shot.blend.
 
@@ -118,6 +131,8 @@ def run_track(
         The files have no landmarks and bones of parts that nothing shows.
     journal : Journal, optional
         Where finished segments are kept, and taken from; see `core.tracking.journal`.
+    memory : WorkerMemory, optional
+        With processes that are used; by default they are started, and ended at last.
 
     Returns
     -------
@@ -141,7 +156,9 @@ def run_track(
     names = [f"{name}{ending}" for name in motions for ending in endings]
     cameras = () if refined is None else (REFINED,)
     in_stage = staged(out_dir, [*names, *scene, *cameras, "overlay.png", "report.json"])
-    with in_stage as stage, closing(WorkerMemory(limit=0)) as memory:
+    with in_stage as stage, ExitStack() as stack:
+        if memory is None:
+            memory = stack.enter_context(closing(WorkerMemory(limit=0)))
         shown = sheet_frames(shot)
         pictures = sorted({*shown, *checked_frames(shot)})
         with DecoderLog() as log:
@@ -150,21 +167,27 @@ def run_track(
         if log.complaints:
             result = replace(result, damage=shot_damage(shot))
         times = Seconds(seconds or {})
-        with memory.pool(memory.workers) as pool:
-            checking = pool.submit(partial(camera_fits, shot, for_camera_fits(shot, result)), lambda _: None)
+
+        def draw() -> None:
             with times.measure("overlay"):
-                files = [stage / f"{name}.trc" for name in motions]
-                _write_landmarks(shot, result, files, leave_out_unknown=leave_out_unknown)
                 in_step, drawing = shot.with_footage_offset(result.footage_offset), share(progress, 0.95, 1.0)
                 sheet = contact_sheet(in_step, result.motions, shown, drawing, result.pictures)
                 write_contact_sheet(stage / "overlay.png", sheet)
+
+        # Blender keeps one core busy, in this thread; the others check the cameras and draw meanwhile.
+        with memory.pool(memory.workers) as pool, ThreadPoolExecutor(1) as beside:
+            checking = pool.submit(partial(camera_fits, shot, for_camera_fits(shot, result)), lambda _: None)
+            drawing = beside.submit(draw)
+            files = [stage / f"{name}.trc" for name in motions]
+            _write_landmarks(shot, result, files, leave_out_unknown=leave_out_unknown)
+            if blender is not None:
+                with times.measure("Blender"):
+                    hands = _hands(shot, result)
+                    request = OutputRequest(stage, out_dir, open_scene, leave_out_unknown, hands)
+                    blender.write_outputs(shot, result, request)
+            drawing.result()
             with times.measure("camera check"):
                 fits = checking.result()
-        if blender is not None:
-            with times.measure("Blender"):
-                hands = _hands(shot, result)
-                request = OutputRequest(stage, out_dir, open_scene, leave_out_unknown, hands)
-                blender.write_outputs(shot, result, request)
         if refined is not None:
             save_cameras(stage / REFINED, refined.cameras)
         write_json(stage / "report.json", report(shot, result, times, fits=fits, refined=refined))
@@ -174,18 +197,27 @@ def run_track(
 
 def _shot(args: argparse.Namespace, services: Services, cameras: Mapping[str, Camera] | None = None) -> Shot:
     """Read the shot of the file or, inside Blender, of the open scene; `cameras` are used instead of the file's."""
-    views = None if args.views is None else [name for name in args.views.split(",") if name]
-    keyframes = _keyframes(args.keyframes)
     if args.shot is not None:
-        shot = load_shot(args.shot, views=views, keyframes=keyframes, solver=args.solver, cameras=cameras)
+        shot = prepare_shot(_spec(args), cameras)
     elif services.in_blender:
-        shot = selected(services.blender().read_shot(), views, keyframes, args.solver)
+        shot = selected(services.blender().read_shot(), _views(args), _keyframes(args.keyframes), args.solver)
     else:
         raise ShotError("no shot file is named", where="kfmocap track", todo="kfmocap track SHOT.toml --out DIR")
     if args.threads is None:
         return shot
     with located("--threads"):
         return replace(shot, settings=replace(shot.settings, threads=args.threads))
+
+
+def _spec(args: argparse.Namespace) -> ShotSpec:
+    """What the shot file says, with the choices of the command line."""
+    return read_shot_spec(args.shot).selected(
+        views=_views(args), keyframes=_keyframes(args.keyframes), solver=args.solver
+    )
+
+
+def _views(args: argparse.Namespace) -> list[str] | None:
+    return None if args.views is None else [name for name in args.views.split(",") if name]
 
 
 def _keyframes(text: str | None) -> list[int] | Literal["auto"] | None:

@@ -75,6 +75,11 @@ class WorkerMemory:
             raise
         self._pool = pool
 
+    def expect(self, workers: int, imports: Sequence[str] = ()) -> None:
+        """Start the processes of a pool of so many workers: they are ready by the time that it is asked for."""
+        with self.pool(workers, imports):
+            pass
+
     @property
     def workers(self) -> int:
         """How many workers the pool has that is kept; 1 where none is."""

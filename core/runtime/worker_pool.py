@@ -44,15 +44,19 @@ class WorkerPool:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Close the processes; where an exception ends the block, work that is not done is given up."""
+        """End the processes; where an exception ends the block, work that is not done is given up."""
         self._ended.set()
-        for process in self._processes:
-            if kind is not None:
-                process.kill()
+        if kind is not None:
+            self._kill()
         if self._threads is not None:
             self._threads.shutdown(cancel_futures=True)
+        self._kill()  # they have nothing to do, and Python takes its time to end
         for process in self._processes:
             process.close()
+
+    def _kill(self) -> None:
+        for process in self._processes:
+            process.kill()
 
     def submit(self, work: Work, progress: Callable[[float], object]) -> Future[Any]:
         """Have a piece of work done.

@@ -36,9 +36,10 @@ from ..runtime.worker_memory import WorkerMemory
 from ..runtime.worker_pool import WorkerPool
 from ..runtime.workplaces import RESULTS, workplace
 from ..shot.footage import PICTURE_SIZE, Album, check_view, working_factor
-from ..shot.footage_times import footage_rate
+from ..shot.footage_times import FootageRate, footage_rate
 from ..shot.keypose_spline import spline
 from ..shot.shot import Performer, Shot, fixed_degrees
+from ..shot.shot_spec import ShotSpec
 from .appearance import frames_with_foreground, grey_frames
 from .body_doubt import body_covariances
 from .earlier_motion import carried, with_keys
@@ -112,7 +113,7 @@ def track(
     kept = frozenset(shot.frames[0] + frame for frame in pictures)
     albums = [Album(kept, working_factor(view, PICTURE_SIZE)) for view in shot.views]
     solver, seconds = solver_named(shot.settings.solver), Seconds()
-    with _footage_checked(shot, run):  # SciPy's splines take as long to be loaded
+    with _footage_checked(shot, run) as rates:  # SciPy's splines take as long to be loaded
         curves = tuple(spline(p.key_poses, shot.length) for p in shot.performers)
     observed = _first_pass(shot, solver, seconds, progress)
     begin = TrackState(tuple(own.motion for own in observed.performers) or curves, around)
@@ -156,7 +157,7 @@ def track(
         pictures=tuple({f - shot.frames[0]: image for f, image in albums[v].pictures.items()} for v in views_as_given),
         observed=observed.of_views(views_as_given),
         torn=tuple(tuple(torn[v]) for v in views_as_given),
-        rates=tuple(footage_rate(shot, shot.views[v]) for v in views_as_given),
+        rates=tuple(rates[v].result() for v in views_as_given),
     )
 
 
@@ -187,8 +188,13 @@ def _check(shot: Shot) -> None:
 
 
 @contextmanager
-def _footage_checked(shot: Shot, run: RunContext) -> Iterator[None]:
+def _footage_checked(shot: Shot, run: RunContext) -> Iterator[list[Future[FootageRate | None]]]:
     """See while the block runs that all footage can serve, unless that is known; of what is kept it is.
+
+    Yields
+    ------
+    list of Future
+        The rate of each view's frames, known when the block has ended.
 
     Raises
     ------
@@ -201,7 +207,7 @@ def _footage_checked(shot: Shot, run: RunContext) -> Iterator[None]:
     ]
     with ThreadPoolExecutor(worker_count(shot.settings.threads)) as pool:
         checked = [pool.submit(check_view, view, shot.frames[0], shot.length) for view in unseen_views]
-        yield
+        yield [pool.submit(footage_rate, shot, view) for view in shot.views]
         for check in checked:
             check.result()
 
@@ -269,8 +275,29 @@ def _footage_by_segment(
 
 def _workers(shot: Shot, threads: int) -> int:
     """How many segments are worked on at a time: a process takes as long to start as a small shot to solve."""
-    work = shot.length * len(shot.views) * len(shot.performers)
-    return min(threads, len(segments(shot))) if work >= WORTH_PROCESSES else 1
+    return min(threads, len(segments(shot))) if _worth(shot.length, shot.views, shot.performers) else 1
+
+
+def workers_for(spec: ShotSpec, threads: int | None = None) -> int:
+    """How many workers the shot of a shot file is going to have; 1 where only its files tell.
+
+    Parameters
+    ----------
+    spec : ShotSpec
+    threads : int, optional
+        Used instead of the file's.
+    """
+    first, last = spec.frames
+    keyed = [set(p.keyframes) for p in spec.performers if isinstance(p.keyframes, tuple)]
+    if len(keyed) < max(len(spec.performers), 1) or not _worth(last + 1 - first, spec.views, spec.performers):
+        return 1
+    cuts = {first, last}.union(set.intersection(*keyed))
+    return min(worker_count(spec.settings.threads if threads is None else threads), len(cuts) - 1)
+
+
+def _worth(frames: int, views: Sequence[object], performers: Sequence[object]) -> bool:
+    """Whether so much work is worth processes."""
+    return frames * len(views) * len(performers) >= WORTH_PROCESSES
 
 
 def _held_easily(shot: Shot) -> bool:

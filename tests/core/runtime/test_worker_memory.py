@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import closing
+
 import job_functions
 import numpy as np
 from kfmocap.core.runtime.job import Job
@@ -37,3 +39,15 @@ def test_a_worker_remembers_from_one_job_to_the_next() -> None:
         worker.close()
     assert found == [1, 2]
     assert Remembering(job_functions.counted)(lambda *_: True) == 1  # where there is no worker
+
+
+def test_processes_that_are_expected_are_those_of_the_pool() -> None:
+    with closing(WorkerMemory()) as memory:
+        memory.expect(2)
+        with memory.pool(2) as pool:
+            started = pool
+        assert memory.workers == 2
+        memory.expect(2)
+        with memory.pool(2) as pool:
+            assert pool is started
+    assert memory.workers == 1 and not any(process.alive for process in started._processes)

@@ -14,11 +14,13 @@ import pytest
 from kfmocap.core.body import landmark_positions
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.errors import WorkerEndedError
+from kfmocap.core.formats.shot_toml import read_shot_spec
 from kfmocap.core.runtime.worker_memory import WorkerMemory
 from kfmocap.core.runtime.worker_pool import WorkerPool
 from kfmocap.core.shot.image_sequences import image_files
 from kfmocap.core.shot.shot import Shot, View
 from kfmocap.core.tracking import reader, tracker
+from kfmocap.core.tracking.prepare import prepare_shot
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts
 from kfmocap.core.tracking.run_context import RunContext
 from kfmocap.core.tracking.track_result import TrackResult
@@ -104,6 +106,20 @@ def test_a_correction_solves_the_two_segments_beside_it_and_decodes_nothing(
     assert not decoded and not checked and [(s.first, s.last) for s in warm.segments] == [(0, 4), (4, 8)]
     [cold] = track_excerpts(moved, [excerpt])
     assert decoded and same(warm.motions[0], cold.motions[0])
+
+
+@pytest.mark.parametrize(("keys", "threads"), [((0, 20, 39, 59), None), ((10, 30), 2), ((0, 59), 4), ((20, 39), 1)])
+def test_a_shot_file_tells_how_many_workers_its_shot_has(
+    keys: tuple[int, ...], threads: int | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tracker, "worker_count", lambda given=None: given or 8)
+    spec = read_shot_spec(Path(__file__).parents[3] / "examples/walk/shot.toml")
+    for least in (1, 100_000):
+        monkeypatch.setattr(tracker, "WORTH_PROCESSES", least)
+        posed = spec.selected(keyframes=keys)
+        shot = prepare_shot(posed)
+        assert tracker.workers_for(posed, threads) == tracker._workers(shot, threads or 8)
+    assert tracker.workers_for(spec.selected(keyframes="auto")) == 1
 
 
 @pytest.mark.parametrize("known", [False, True])
