@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -41,9 +42,12 @@ _LOGARITHMS = np.log(np.maximum(np.arange(256), 1)).astype(np.float32)
 
 
 def _brightness(colours: Bytes) -> Array:
-    """Mean of the colours of pixels (N, 3), grey levels of 255."""
-    b, g, r = colours.astype(np.float32).T
-    return np.asarray((b + g + r) * np.float32(1 / 3))
+    """Mean of the colours of pixels (3, N), grey levels of 255."""
+    b, g, r = colours.astype(np.float32)
+    b += g
+    b += r
+    b *= np.float32(1 / 3)
+    return np.asarray(b)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,24 +118,32 @@ class ShadowModel:
         -------
         ndarray of float32, shape (N,)
         """
-        brighter = (_brightness(colours) > _brightness(plate))[:, None]
-        k, light, miss = self._explained(*(np.where(brighter, a, b) for a, b in ((plate, colours), (colours, plate))))
-        squares = np.square(miss)
-        misfit = (squares[:, 0] + squares[:, 1] + squares[:, 2]) * np.float32(0.5 / self.deviation**2)
+        seen, plain = colours.T, plate.T
+        own, usual = _brightness(seen), _brightness(plain)
+        swapped = (seen ^ plain) & np.negative((own > usual).view(np.uint8))  # the darker of the two comes first
+        bounds = np.minimum(own, usual), np.maximum(own, usual)
+        k, light, miss = self._explained(seen ^ swapped, plain ^ swapped, *bounds)
+        np.square(miss, out=miss)
+        misfit = (miss[0] + miss[1] + miss[2]) * np.float32(0.5 / self.deviation**2)
         # Of all factors those explain the pixel that are as near to this one as the deviation leaves open.
-        within = np.float32(np.log(np.sqrt(3) / np.sqrt(2 * np.pi) / self.deviation)) + _LOGARITHMS[light]
-        return np.asarray(misfit + self.cost[k] + within)
+        within = np.float32(np.log(np.sqrt(3) / np.sqrt(2 * np.pi) / self.deviation)) + _LOGARITHMS.take(light)
+        return np.asarray(misfit + self.cost.take(k) + within)
 
     def explains(self, colours: Bytes, lit: Bytes) -> Bools:
         """Whether colours (N, 3) are those of places in shadow whose colours in the light (N, 3) are known."""
-        k, _, miss = self._explained(colours, lit)
-        return (np.abs(miss).max(axis=1, initial=0) < AGREEMENT * self.deviation) & (k < _STEPS)
+        dark, light = colours.T, lit.T
+        k, _, miss = self._explained(dark, light, _brightness(dark), _brightness(light))
+        return (np.abs(miss).max(axis=0, initial=0) < AGREEMENT * self.deviation) & (k < _STEPS)
 
-    def _explained(self, dark: Bytes, lit: Bytes) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-        """Steps of factors, brightness in the light, and what of the dark colours (N, 3) is left unexplained."""
-        light = np.maximum(_brightness(lit), np.float32(1))
-        k = np.minimum(np.rint(_brightness(dark) / light * np.float32(_STEPS)), _STEPS).astype(np.intp)
-        return k, np.rint(light).astype(np.intp), dark - self.dimmed[k] * lit
+    def _explained(
+        self, dark: Bytes, lit: Bytes, darkness: Array, light: Array
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+        """Steps of factors, brightness in the light, and what of dark colours (3, N) is left unexplained."""
+        light = np.maximum(light, np.float32(1))
+        k = np.minimum(np.rint(darkness / light * np.float32(_STEPS)), _STEPS).astype(np.intp)
+        miss = np.stack([dimmed.take(k) for dimmed in self.dimmed.T])
+        miss *= lit
+        return k, np.rint(light).astype(np.intp), np.subtract(dark, miss, out=miss)
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,11 +214,20 @@ class CastShadows:
         """Lower distances of a picture's pixels (h, w, 3) from the plate, in so many steps per unit and in place, where
         they more likely show it in shadow; 255 is that of a pixel whose background is unknown.
         """
-        apart = distance.ravel()
-        places = np.flatnonzero((apart >= steps) & (apart < 255) & self.fall.ravel())
-        colours, lit = (picture.reshape(-1, 3).take(places, axis=0) for picture in (image, self.plate))
-        found = np.clip(np.rint(self.model.distances(colours, lit) * np.float32(steps)), 0, 254)
-        apart[places] = np.minimum(apart[places], found.astype(np.uint8))
+        apart, (fall, plate) = distance.ravel(), self._lit
+        some = apart.take(fall)
+        chosen = np.flatnonzero((some >= steps) & (some < 255))
+        places = fall.take(chosen)
+        colours = np.stack([channel.ravel().take(places) for channel in cv2.split(image)])
+        found = self.model.distances(colours.T, plate.take(chosen, axis=1).T) * np.float32(steps)
+        np.clip(np.rint(found, out=found), 0, 254, out=found)
+        apart[places] = np.minimum(some.take(chosen), found.astype(np.uint8))
+
+    @cached_property
+    def _lit(self) -> tuple[NDArray[np.intp], Bytes]:
+        """The pixels where shadows are looked for, and the plate's colours there, shape (3, N)."""
+        places = np.flatnonzero(self.fall)
+        return places, np.ascontiguousarray(self.plate.reshape(-1, 3).take(places, axis=0).T)
 
 
 def _changes(colour: Bytes, behind: Mapping[int, Bools], shape: tuple[int, ...], alike: float) -> tuple[Bools, Bytes]:

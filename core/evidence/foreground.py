@@ -186,7 +186,11 @@ def _table(body: Array, background: Array, deviation: float, others: Sequence[Ar
 def bins(image: Bytes) -> NDArray[np.uint16]:
     """The histogram bin of every pixel of a picture (h, w, 3)."""
     b, g, r = cv2.split(image // (256 // LEVELS))
-    return np.asarray((b.astype(np.uint16) * LEVELS + g) * LEVELS + r)
+    places = b.astype(np.uint16)
+    for channel in (g, r):
+        places *= LEVELS
+        places += channel
+    return places
 
 
 def _histogram(colour: Bytes, regions: Mapping[int, Bools]) -> Array:
