@@ -34,7 +34,7 @@ from ..keypoints.observations import performer_keypoints
 from ..numerics.arrays import Array, slices_of
 from ..numerics.normal_equations import DenseEquations, IndependentEquations
 from ..runtime.progress import Progress
-from ..runtime.threads import one_blas_thread
+from ..runtime.threads import one_library_thread
 from ..shot.keypose_spline import spline
 from ..shot.shot import Shot
 from .key_frame_views import KeyFrameView, posed_key_frames, read_key_frames
@@ -84,7 +84,7 @@ class BodyFit:
     growth: tuple[float, ...]
 
 
-@one_blas_thread()
+@one_library_thread()
 def fit_bodies(shot: Shot, progress: Progress | None = None) -> BodyFit:
     """Fit the bodies of a shot's performers to its key poses of the whole body.
 

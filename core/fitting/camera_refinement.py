@@ -21,7 +21,7 @@ from ..errors import CalibrationError
 from ..evidence.gradients import wrenches
 from ..numerics.arrays import Array
 from ..runtime.progress import Progress
-from ..runtime.threads import one_blas_thread
+from ..runtime.threads import one_library_thread
 from ..shot.keypose_spline import spline
 from ..shot.shot import Shot
 from .key_frame_views import KeyFrameView, on_frames, posed_key_frames, read_key_frames
@@ -115,7 +115,7 @@ class Refinement:
         return replace(shot, views=tuple(views))
 
 
-@one_blas_thread()
+@one_library_thread()
 def refine_cameras(
     shot: Shot,
     progress: Progress | None = None,

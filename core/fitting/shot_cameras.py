@@ -22,7 +22,7 @@ from ..keypoints.observations import correlated_frames, performer_keypoints
 from ..keypoints.view_agreement import without_midpoints
 from ..runtime.decoder_log import DecoderLog
 from ..runtime.progress import Progress, share
-from ..runtime.threads import one_blas_thread
+from ..runtime.threads import one_library_thread
 from ..runtime.worker_memory import WorkerMemory
 from ..shot.footage_damage import shot_damage
 from ..shot.shot import Shot
@@ -89,7 +89,7 @@ def fit_by_keypoints(shot: Shot, performers: Sequence[Keypoints]) -> tuple[Camer
     return tuple(CameraFit(s.shift, s.deviation, s.limit, names[v], "keypoints") for v, s in shifts.items())
 
 
-@one_blas_thread()
+@one_library_thread()
 def fit_by_key_poses(
     shot: Shot,
     pictures: Sequence[Mapping[int, NDArray[np.uint8]]] | None = None,

@@ -29,7 +29,7 @@ from ..numerics.arrays import Array
 from ..numerics.banded_blocks import BandedBlocks, block_diagonal, with_translation
 from ..numerics.least_squares import Damping, StoppingRule, minimise
 from ..numerics.normal_equations import BandedEquations
-from ..runtime.threads import one_blas_thread
+from ..runtime.threads import one_library_thread
 
 CLICK_DEVIATION = 0.008
 """Usual error of a click, metres across the ray: a pixel or two of a person who fills the picture."""
@@ -160,7 +160,7 @@ class ClickSolver:
                 raise KeypointError(f"the body has no landmark '{name}'", todo="take its mark away")
         if not clicks.confidence.any():
             return ClickFit(self.given, self.given)
-        with one_blas_thread():
+        with one_library_thread():
             return self._fitted(clicks, ClickFit(self.given, self.given) if start is None else start, steps, search)
 
     def _fitted(self, clicks: Keypoints, begin: ClickFit, steps: int, search: bool) -> ClickFit:

@@ -13,7 +13,7 @@ from ..evidence.view_frames import ViewFrames
 from ..keypoints.observations import ShotKeypoints
 from ..numerics.arrays import Array
 from ..runtime.progress import Progress, report_progress
-from ..runtime.threads import one_blas_thread
+from ..runtime.threads import one_library_thread
 from ..runtime.timing import Seconds
 from ..shot.acceleration_prior import usual_variances
 from ..shot.shot import Shot
@@ -106,7 +106,7 @@ class SolvedSegment:
     finished: FinishedSegment | None = None
 
 
-@one_blas_thread()
+@one_library_thread()
 def solve_task(
     task: SegmentTask,
     observed: ShotKeypoints,
@@ -144,7 +144,7 @@ def solve_task(
     return SolvedSegment(replace(data, views=()), slim, offset, dict(seconds))
 
 
-@one_blas_thread()
+@one_library_thread()
 def refine_task(
     task: SegmentTask, solved: SolvedSegment, progress: Progress | None = None, watch: Watcher | None = None
 ) -> RefinedSegment:

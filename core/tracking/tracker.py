@@ -30,7 +30,7 @@ from ..keypoints.observations import ShotKeypoints, fit_keypoints
 from ..keypoints.seen_landmarks import found_landmarks
 from ..numerics.arrays import Array, slices_of
 from ..runtime.progress import Progress, report_progress
-from ..runtime.threads import one_blas_thread, worker_count
+from ..runtime.threads import one_library_thread, worker_count
 from ..runtime.timing import Seconds
 from ..runtime.worker_memory import WorkerMemory
 from ..runtime.worker_pool import WorkerPool
@@ -64,7 +64,7 @@ SOLVING = (solve_task.__module__,)
 """What these processes need; they import it while the first footage is decoded."""
 
 
-@one_blas_thread()
+@one_library_thread()
 def track(
     shot: Shot,
     progress: Progress | None = None,

@@ -1,13 +1,14 @@
-"""BLAS uses one thread inside the block, and what it used before after it; workers are as many as the cores."""
+"""BLAS and OpenCV use one thread inside the block, and as many as before after it; workers are as many as the cores."""
 
 from __future__ import annotations
 
 import os
 
+import cv2
 import numpy as np  # noqa: F401  (loads a BLAS)
 import pytest
 import scipy.linalg  # noqa: F401
-from kfmocap.core.runtime.threads import one_blas_thread, worker_count
+from kfmocap.core.runtime.threads import one_library_thread, worker_count
 from threadpoolctl import threadpool_info, threadpool_limits
 
 
@@ -21,7 +22,7 @@ def test_threads_are_one_inside_and_restored_after_an_error() -> None:
     with threadpool_limits(2, user_api="blas"):
         if blas_threads() != {2}:
             pytest.skip("this BLAS cannot use two threads")
-        with pytest.raises(ZeroDivisionError), one_blas_thread():
+        with pytest.raises(ZeroDivisionError), one_library_thread():
             assert blas_threads() == {1}
             raise ZeroDivisionError
         assert blas_threads() == {2}
@@ -31,11 +32,25 @@ def test_the_inner_of_two_blocks_leaves_the_limit_of_the_outer() -> None:
     with threadpool_limits(2, user_api="blas"):
         if blas_threads() != {2}:
             pytest.skip("this BLAS cannot use two threads")
-        with one_blas_thread():
-            with one_blas_thread():
+        with one_library_thread():
+            with one_library_thread():
                 assert blas_threads() == {1}
             assert blas_threads() == {1}
         assert blas_threads() == {2}
+
+
+def test_opencv_has_one_thread_inside_and_those_of_before_after_it() -> None:
+    before = cv2.getNumThreads()
+    try:
+        cv2.setNumThreads(2)
+        with pytest.raises(ZeroDivisionError), one_library_thread():
+            with one_library_thread():
+                assert cv2.getNumThreads() == 1
+            assert cv2.getNumThreads() == 1
+            raise ZeroDivisionError
+        assert cv2.getNumThreads() == 2
+    finally:
+        cv2.setNumThreads(before)
 
 
 def test_a_worker_for_every_core_unless_the_user_says_otherwise() -> None:
