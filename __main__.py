@@ -4,14 +4,28 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
 
 from .cli import command_line
-from .cli.services import BenchmarkRequest, BlenderSession, Services
+from .cli.services import BenchmarkRequest, BlenderSession, Services, blender_needed
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from .cli.services import OutputRequest
+    from .core.runtime.progress import Progress
+    from .core.shot.shot import Shot
+    from .core.tracking.track_result import TrackResult
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; see `kfmocap.cli.command_line.main`."""
-    return command_line.main(argv, Services(load_blender=_load_blender, run_benchmark=_run_benchmark))
+    services = Services(load_blender=_load_blender, start_blender=_BlenderProcess, run_benchmark=_run_benchmark)
+    return command_line.main(argv, services)
 
 
 def _load_blender() -> BlenderSession:
@@ -20,6 +34,54 @@ def _load_blender() -> BlenderSession:
     from .kfmocap_addon.batch import BatchSession
 
     return BatchSession()
+
+
+class _BlenderProcess:
+    """Blender's module in a process of its own; see `kfmocap.cli.services.BlenderProcess`."""
+
+    def __init__(self) -> None:
+        if find_spec("bpy") is None:
+            import bpy  # noqa: F401  says that it is missing
+        from .core.runtime.worker_process import WorkerProcess
+
+        self._process = WorkerProcess(yields=False)
+        self._thread = ThreadPoolExecutor(1)
+        self._loaded = self._thread.submit(self._process.call, _loaded_blender)
+
+    def check(self) -> None:
+        """Raise what went wrong with loading it, if that is known."""
+        if self._loaded.done():
+            with blender_needed():
+                self._loaded.result()
+
+    def write_outputs(self, shot: Shot, result: TrackResult, request: OutputRequest) -> list[Path]:
+        """Write the BVH and FBX files and shot.blend; returns the files written."""
+        small = replace(result, pictures=(), segments=())
+        try:
+            with blender_needed():
+                self._loaded.result()
+            files: list[Path] = self._process.call(partial(_written_outputs, shot, small, request))
+        except BaseException:
+            self.close()  # it must not go on writing to a folder that is removed
+            raise
+        return files
+
+    def close(self) -> None:
+        """End it."""
+        self._process.kill()
+        self._thread.shutdown()
+        self._process.close()
+
+
+def _loaded_blender(_: Progress) -> None:
+    """Load Blender's module, and what writes results with it."""
+    _load_blender()
+    from .kfmocap_addon.export import blender_outputs  # noqa: F401
+
+
+def _written_outputs(shot: Shot, result: TrackResult, request: OutputRequest, _: Progress) -> list[Path]:
+    """Have Blender write what was tracked."""
+    return _load_blender().write_outputs(shot, result, request)
 
 
 def _run_benchmark(request: BenchmarkRequest) -> int:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, Protocol
@@ -43,16 +44,16 @@ class OutputRequest:
     hands: tuple[Array | None, ...] = ()
 
 
-class BlenderSession(Protocol):
-    """Blender as the commands use it."""
+class BlenderWriter(Protocol):
+    """Blender as it writes results."""
 
-    def read_shot(self) -> Shot:
-        """Read the shot that the open scene shows.
+    def check(self) -> None:
+        """See that it loads, as far as that is known already.
 
         Raises
         ------
-        ShotError
-            The scene shows none, or it cannot be tracked.
+        OutputError
+            It does not, as writing says as well.
         """
 
     def write_outputs(self, shot: Shot, result: TrackResult, request: OutputRequest) -> list[Path]:
@@ -62,6 +63,19 @@ class BlenderSession(Protocol):
         ------
         OutputError
             A file cannot be written.
+        """
+
+
+class BlenderSession(BlenderWriter, Protocol):
+    """Blender as the commands use it."""
+
+    def read_shot(self) -> Shot:
+        """Read the shot that the open scene shows.
+
+        Raises
+        ------
+        ShotError
+            The scene shows none, or it cannot be tracked.
         """
 
     def retarget(self, request: RetargetRequest) -> dict[str, Any]:
@@ -76,6 +90,13 @@ class BlenderSession(Protocol):
         OutputError
             The file cannot be written.
         """
+
+
+class BlenderProcess(BlenderWriter, Protocol):
+    """Blender in a process of its own, where no scene is open: it is loaded while this one does other things."""
+
+    def close(self) -> None:
+        """End it."""
 
 
 @dataclass(frozen=True)
@@ -128,6 +149,8 @@ class Services:
     ----------
     load_blender : callable
         Gives a `BlenderSession`, or raises ImportError where Blender's module is missing or does not load.
+    start_blender : callable, optional
+        Gives a `BlenderProcess`, or raises ImportError where Blender's module is missing.
     in_blender : bool
         The program runs inside Blender: `track` without a shot file tracks the open scene.
     run_benchmark : callable, optional
@@ -135,6 +158,7 @@ class Services:
     """
 
     load_blender: Callable[[], BlenderSession] = no_blender
+    start_blender: Callable[[], BlenderProcess] | None = None
     in_blender: bool = False
     run_benchmark: Callable[[BenchmarkRequest], int] | None = None
 
@@ -146,10 +170,34 @@ class Services:
         OutputError
             It is missing, or does not load.
         """
-        try:
+        with blender_needed():
             return self.load_blender()
-        except ImportError as error:
-            raise OutputError(
-                f"BVH, FBX and .blend need Blender's module bpy: {error}",
-                todo="pip install 'kfmocap[blender]', or leave these files out with --no-blender",
-            ) from error
+
+    @contextmanager
+    def blender_beside(self) -> Iterator[BlenderWriter]:
+        """Start Blender for writing results, in a process of its own where the program can.
+
+        Raises
+        ------
+        OutputError
+            Blender is missing, or does not load here.
+        """
+        if self.start_blender is None:
+            yield self.blender()
+            return
+        with blender_needed():
+            process = self.start_blender()
+        with closing(process):
+            yield process
+
+
+@contextmanager
+def blender_needed() -> Iterator[None]:
+    """Say what to do where Blender's module is missing or does not load."""
+    try:
+        yield
+    except ImportError as error:
+        raise OutputError(
+            f"BVH, FBX and .blend need Blender's module bpy: {error}",
+            todo="pip install 'kfmocap[blender]', or leave these files out with --no-blender",
+        ) from error

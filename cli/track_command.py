@@ -7,7 +7,7 @@ import json
 import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -45,7 +45,7 @@ from ..core.tracking.track_result import TrackResult
 from ..core.tracking.tracker import SOLVING, track, workers_for
 from .printed import print_outcome
 from .progress_bar import progress_bar
-from .services import BlenderSession, OutputRequest, Services
+from .services import BlenderWriter, OutputRequest, Services
 
 REFINING = 0.2
 """Share of the work that is refining the cameras, where that is asked for."""
@@ -58,16 +58,23 @@ def run(args: argparse.Namespace, services: Services) -> int:
     with closing(WorkerMemory(limit=0)) as memory:
         if args.shot is not None:
             # Other processes load what they need while this one does.
-            memory.expect(workers_for(_spec(args), args.threads), SOLVING)
-        return _run(args, services, memory)
+            memory.expect(workers_for(_spec(args), args.threads), (*SOLVING, camera_fits.__module__))
+        with nullcontext() if args.no_blender else services.blender_beside() as blender:
+            return _run(args, services, memory, blender)
 
 
-def _run(args: argparse.Namespace, services: Services, memory: WorkerMemory) -> int:
-    """Carry out the command with processes that are kept."""
-    blender = None if args.no_blender else services.blender()
+def _run(
+    args: argparse.Namespace,
+    services: Services,
+    memory: WorkerMemory,
+    blender: BlenderWriter | None,
+) -> int:
+    """Carry out the command with processes that are kept, and with Blender."""
     seconds = Seconds()
     with seconds.measure("shot"):
         shot = _shot(args, services)
+    if blender is not None:
+        blender.check()
     for view in shot.views:
         rate = footage_rate(shot, view)
         if rate is not None and rate.varies:  # it may not be worth the time then
@@ -102,7 +109,7 @@ def run_track(
     shot: Shot,
     out_dir: Path,
     *,
-    blender: BlenderSession | None = None,
+    blender: BlenderWriter | None = None,
     progress: Progress | None = None,
     seconds: Mapping[str, float] | None = None,
     open_scene: bool = False,
@@ -118,7 +125,7 @@ def run_track(
     shot : Shot
     out_dir : Path
         Made if it does not exist; other files in it stay as they are.
-    blender : BlenderSession, optional
+    blender : BlenderWriter, optional
         By default the files that need Blender are left out.
     progress : callable, optional
     seconds : mapping of str to float, optional

@@ -41,6 +41,9 @@ class BatchSession:
         with registration.registered():
             return scene.shot_from_scene(bpy.context.scene)
 
+    def check(self) -> None:
+        """It is loaded."""
+
     def write_outputs(self, shot: Shot, result: TrackResult, request: OutputRequest) -> list[Path]:
         """Write the BVH and FBX files and shot.blend; returns the files written."""
         from .export import blender_outputs

@@ -13,8 +13,9 @@ import cv2
 import numpy as np
 import pytest
 from kfmocap.__main__ import main
-from kfmocap.cli import example_footage, progress_bar, track_command
+from kfmocap.cli import command_line, example_footage, progress_bar, track_command
 from kfmocap.cli.arguments import parser
+from kfmocap.cli.services import Services, blender_needed
 from kfmocap.core.body import human, landmark_positions
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
@@ -431,6 +432,33 @@ def test_without_bpy_the_error_says_how_to_get_it(
     monkeypatch.setitem(sys.modules, "bpy", None)
     code = main(["track", str(folder / "shot.toml"), "--out", str(folder / "out")])
     assert_refused(folder, capsys, code, "pip install 'kfmocap[blender]'", "--no-blender")
+
+
+class UnloadableBlender:
+    """Blender's module, started in a process, whose libraries are missing."""
+
+    closed = False
+
+    def check(self) -> None:
+        with blender_needed():
+            raise ImportError("libX11.so.6: cannot open shared object file")
+
+    def write_outputs(self, *_: object) -> list[Path]:
+        raise AssertionError("nothing can be written")
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def test_a_blender_that_does_not_load_is_said_before_the_tracking(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    blender = UnloadableBlender()
+    monkeypatch.setattr(track_command, "track", broken(AssertionError("it was tracked")))
+    arguments = ["track", str(folder / "shot.toml"), "--out", str(folder / "out")]
+    code = command_line.main(arguments, Services(start_blender=lambda: blender))
+    assert_refused(folder, capsys, code, "libX11.so.6", "--no-blender")
+    assert blender.closed
 
 
 def test_without_a_shot_file_outside_blender_one_is_asked_for(
