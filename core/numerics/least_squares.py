@@ -76,6 +76,8 @@ class StoppingRule(Generic[State]):
         Size of the step from one state to the next, in the unit of `small_step`.
     small_refused : bool
         Such a step ends it where it is refused as well: shorter ones are not tried then.
+    least_promise : float
+        A step that promises to lower the cost by less is not tried.
     """
 
     iterations: int = 50
@@ -83,6 +85,7 @@ class StoppingRule(Generic[State]):
     small_step: float = 0.0
     step_size: Callable[[State, State], float] | None = None
     small_refused: bool = False
+    least_promise: float = 0.0
 
     def converged(self, before: State, after: State, cost_before: float, cost_after: float) -> bool:
         """Whether the accepted step between two states is the last."""
@@ -175,6 +178,9 @@ def minimise(
         if step is None:
             share = damping.after_refusal(share)
             continue
+        # Without damping, half of what the slope is: the other half is lost on the way to the minimum.
+        if converged := -equations.slope(step) / 2 < stopping.least_promise:
+            break
         trial = move(state, step)
         if trial_cost is None:
             ahead = linearise(trial)

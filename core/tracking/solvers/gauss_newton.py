@@ -45,6 +45,9 @@ LONGER = 6
 """By so many iterations at most."""
 SMALL_GAIN = 1e-6
 """Share of the cost that a step should gain at least to be followed by another."""
+NOTICED = 0.2
+"""Root mean square of a step, in standard deviations that the evidence leaves open, below which it is not tested: it
+would make the expected error smaller by 2 % at most."""
 OVERRELAXATION = 1.5
 """All steps of a stage but its last are taken this much longer, where all views are looked at: weights that follow the
 residuals, and slopes measured beside the solution, make every step too short by about the same share."""
@@ -72,6 +75,9 @@ class DescentStage:
         The stage ends when steps are smaller, see `SMALL_STEP`.
     small_refused : bool
         It also ends when such a step is refused, instead of trying shorter ones.
+    noticed : float
+        The stage ends before a step that is shorter, root mean square in standard deviations that the evidence leaves
+        open, see `NOTICED`.
     """
 
     sampling: Sampling
@@ -79,6 +85,7 @@ class DescentStage:
     views: int | None = None
     small: float = SMALL_STEP
     small_refused: bool = False
+    noticed: float = 0.0
 
     def sampling_of(self, views: int) -> Sampling:
         """The sampling of so many views: the more there are, the fewer pixels of each are needed."""
@@ -160,7 +167,14 @@ class _TestedStage:
         """Descend from the start."""
         stage = self._stage
         stopping = StoppingRule(
-            stage.iterations + LONGER, SMALL_GAIN, stage.small, self._distance, small_refused=stage.small_refused
+            stage.iterations + LONGER,
+            SMALL_GAIN,
+            stage.small,
+            self._distance,
+            small_refused=stage.small_refused,
+            # A step's gain is the square of its length in standard deviations.
+            least_promise=stage.noticed**2
+            * sum(np.count_nonzero(~self._problem.fixed[i]) for i in self._problem.sought),
         )
         return minimise(
             start, self._linearise, self._moved, damping=DAMPING, stopping=stopping, on_iteration=self._begin_step

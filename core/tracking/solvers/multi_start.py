@@ -19,7 +19,7 @@ from ...evidence.misfit import beyond_known, measured_misfit
 from ...evidence.occlusion import LONG, intervals
 from ...evidence.view_frames import views_with_foreground
 from ...runtime.timing import Seconds
-from .gauss_newton import REACH, ROUGH_STEP, DescentStage, SegmentNoise, approach, descend
+from .gauss_newton import NOTICED, REACH, ROUGH_STEP, DescentStage, SegmentNoise, approach, descend
 from .limb_search import exchanges, found_limbs, limbs, pairs, shown_areas, untangled_limbs
 from .measurement import Workspace, hidden_parts, keypoint_agreement, poses_by_delay, view_instants
 from .problem import AccelerationSearch, SegmentProblem, SegmentSolution
@@ -46,7 +46,7 @@ SETTLING = (
 """Of limbs that were looked for, around a trunk that is held."""
 SETTLED = (DescentStage(Sampling(1.0, 1.0, 3, REACH), 3),)
 """From there to the solution."""
-RESUMED = (DescentStage(Sampling(1.0, 1.0, 2, REACH), 5, small=0.003, small_refused=True),)
+RESUMED = (DescentStage(Sampling(1.0, 1.0, 2, REACH), 5, small=0.003, small_refused=True, noticed=NOTICED),)
 """From a motion that was found before to the one with the key poses as they are now. All of it may be a little off, and
 no other stage follows."""
 EQUAL = 0.005

@@ -79,6 +79,28 @@ def test_a_quadratic_is_solved_in_one_step(kind: str) -> None:
     assert result.iterations == 1
 
 
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_a_step_that_promises_too_little_is_not_tried(share: float) -> None:
+    A, minimum = quadratic()
+    tried = []
+
+    def move(x: np.ndarray, step: np.ndarray) -> np.ndarray:
+        tried.append(step)
+        return x + step
+
+    begin = dense(A, np.zeros(UNKNOWNS), minimum)
+    least = share * float(begin.gradient @ np.linalg.solve(A, begin.gradient))
+    result = minimise(
+        np.zeros(UNKNOWNS),
+        lambda x: dense(A, x, minimum),
+        move,
+        damping=GAUSS_NEWTON,
+        stopping=StoppingRule(iterations=1, least_promise=least),
+    )
+    assert len(tried) == result.iterations == (1 if share < 1 else 0)
+    assert result.converged or share < 1
+
+
 def test_a_banded_quadratic_is_solved_in_one_step_but_for_what_is_fixed() -> None:
     A, minimum = quadratic()
     A, minimum = A[: F * D, : F * D], minimum[: F * D]
