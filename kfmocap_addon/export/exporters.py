@@ -428,15 +428,22 @@ def writing(path: Path) -> Iterator[Path]:
     """Like `replacing`; makes the folder where it is missing, and raises Blender's failures as OutputError, also those
     that it does not report: see `check_whole`.
 
-    Blender's exporters also print; that is not for the user of a batch.
+    Blender's exporters also print, and tracebacks where they fail; that is not for the user of a batch.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"the folder cannot be made: {error.strerror}", where=str(path.parent)) from error
-    with replacing(path) as target, contextlib.redirect_stdout(io.StringIO()):
+    printed = io.StringIO()
+    with replacing(path) as target, contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
         try:
             yield target
         except RuntimeError as error:
-            raise OutputError(f"Blender cannot write it: {error}", where=str(path)) from error
+            raise OutputError(f"Blender cannot write it: {_reason(error)}", where=str(path)) from error
         check_whole(target, path)
+
+
+def _reason(error: RuntimeError) -> str:
+    """What an operator failed with: where that was an exception in Python, Blender tells its traceback instead."""
+    said = str(error).partition("\nLocation:")[0].strip()
+    return said.splitlines()[-1] if "Traceback" in said else said

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import re
 import shutil
 import struct
@@ -373,6 +375,22 @@ def test_what_cannot_be_written_is_named_and_leaves_nothing(blender, tmp_path): 
     with pytest.raises(ShotError, match=r"a/b"):
         exporters.export_performers(built, tmp_path / "out")
     assert len(bpy.data.scenes) == 1
+
+
+def test_what_blenders_exporter_failed_with_is_said_in_a_line(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on a full disk: Blender prints the traceback of an exporter in Python, and has it in its own message."""
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("io_scene_fbx.export_fbx_bin.save", full)
+    with pytest.raises(OutputError) as refused, exporters.writing(tmp_path / "walk.fbx") as target:
+        bpy.ops.export_scene.fbx(filepath=str(target))
+    assert str(refused.value).endswith("walk.fbx: Blender cannot write it: OSError: [Errno 28] No space left on device")
+    assert "Traceback" not in "".join(capfd.readouterr())
+    assert not list(tmp_path.iterdir())
 
 
 def glb_content(path: Path) -> tuple[dict, bytes]:
