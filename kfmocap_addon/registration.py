@@ -12,7 +12,7 @@ from typing import Any
 
 import bpy
 
-from . import keymap, panels, properties
+from . import keymap, panels, properties, toolbar
 from .operators import (
     add_footage,
     bake,
@@ -108,6 +108,7 @@ def register() -> None:
     key_list.register()
     missing_footage.register()
     keymap.register()
+    toolbar.register()
     view, sheet = bpy.types.SpaceView3D, bpy.types.SpaceDopeSheetEditor
     _drawings.append((view, view.draw_handler_add(_draw_outlines, (), "WINDOW", "POST_VIEW")))
     _drawings.append((view, view.draw_handler_add(_draw_marks, (), "WINDOW", "POST_PIXEL")))
@@ -119,6 +120,7 @@ def unregister() -> None:
     """Remove everything from Blender again."""
     for menu, entry in MENUS:
         getattr(bpy.types, menu).remove(entry)
+    toolbar.unregister()
     keymap.unregister()
     missing_footage.unregister()
     key_list.unregister()

@@ -1,7 +1,8 @@
 """Make the pictures of docs/tutorial.md: follow the tutorial in Blender with mouse and keyboard, taking screenshots.
 
-It needs the Blender application, Xvfb, xdotool and ImageMagick. If they are installed in another root file system,
-`--run` gives the command that runs a program there; it must see the work folder under the same path.
+Other steps go through the animator's tools instead, and check what each does. It needs the Blender application, Xvfb,
+xdotool and ImageMagick. If they are installed in another root file system, `--run` gives the command that runs a
+program there; it must see the work folder under the same path.
 
     python tools/tutorial.py --zip dist/kfmocap-0.1.0-linux_x64.zip
 """
@@ -19,6 +20,8 @@ from pathlib import Path
 import cv2
 
 ROOT = Path(__file__).resolve().parents[1]
+STEPS = ("tutorial", "tool")
+"""Scripts in tools/walkthrough, without their ending `_steps.py`."""
 SIZE = (1440, 900)
 WIDTH, QUALITY = 1200, 78
 """Width in pixels and JPEG quality of the pictures on the page."""
@@ -37,14 +40,14 @@ def prepare(work: Path, extension: Path) -> None:
     shutil.copy(extension, work / "kfmocap.zip")
 
 
-def run_blender(work: Path, prefix: str, seconds: int) -> int:
-    """Follow the tutorial; returns Blender's exit code."""
+def run_blender(work: Path, steps: str, prefix: str, seconds: int) -> int:
+    """Carry out steps in Blender; returns its exit code."""
     width, height = SIZE
     command = [
         *shlex.split(prefix.format(work=work)),
         *("xvfb-run", "-a", "-s", f"-screen 0 {width}x{height}x24", "timeout", str(seconds)),
         *("blender", "--gpu-backend", "opengl", "--window-geometry", "0", "0", str(width), str(height)),
-        *("--python", str(work / "walkthrough" / "tutorial_steps.py"), "--", str(work)),
+        *("--python", str(work / "walkthrough" / f"{steps}_steps.py"), "--", str(work)),
     ]
     environment = os.environ | {"BLENDER_USER_RESOURCES": str(work / "user"), "KEEP": "BLENDER_USER_RESOURCES"}
     return subprocess.run(command, env=environment, check=False).returncode
@@ -55,6 +58,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--zip", type=Path, required=True, help="the extension, built for that Blender's Python")
     parser.add_argument("--work", type=Path, default=ROOT / "build" / "tutorial")
+    parser.add_argument("--steps", choices=STEPS, default=STEPS[0], help="only those of the tutorial have --out")
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "tutorial")
     parser.add_argument(
         "--run",
@@ -67,10 +71,12 @@ def main() -> int:
 
     work = arguments.work.resolve()
     prepare(work, arguments.zip)
-    code = run_blender(work, arguments.run, arguments.seconds)
+    code = run_blender(work, arguments.steps, arguments.run, arguments.seconds)
     if code:
         print(f"The walkthrough failed: see {work / 'pictures' / 'failed.png'}")
         return code
+    if arguments.steps != "tutorial":
+        return 0
     arguments.out.mkdir(parents=True, exist_ok=True)
     for picture in sorted((work / "pictures").glob("*.png")):
         image = cv2.imread(str(picture))

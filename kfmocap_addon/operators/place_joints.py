@@ -68,6 +68,9 @@ class PlacingTool(Conditional):
         self._drawing = bpy.types.SpaceView3D.draw_handler_add(self._draw, (), "WINDOW", "POST_PIXEL")
         context.window.cursor_modal_set("CROSSHAIR")
         context.window_manager.modal_handler_add(self)
+        look = self._look(context)
+        if event.type == "LEFTMOUSE" and event.value == "PRESS" and look is not None and self._is_inside(look):
+            self._press = self._pointer  # the toolbar's tool: the click that begins it marks the first joint
         self._tell(context)
         return {"RUNNING_MODAL"}
 

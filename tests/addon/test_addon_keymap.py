@@ -1,4 +1,4 @@
-"""The add-on's keys beside Blender's."""
+"""The add-on's keys and its tool beside Blender's."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from addon_shots import blender, shot  # noqa: E402, F401
+from bl_ui.space_toolsystem_toolbar import VIEW3D_PT_tools_active  # noqa: E402
+from kfmocap import kfmocap_addon  # noqa: E402
 from kfmocap.kfmocap_addon import keymap  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
 
@@ -59,3 +61,25 @@ def test_one_steps_through_key_poses_and_suggestions(blender, tmp_path):  # noqa
         bpy.ops.kfmocap.next_suggestion()
         visited.append(built.frame_current)
     assert visited in ([3, 7, 3], [7, 3, 7])
+
+
+def tools_in(mode: str) -> list[str]:
+    """Names of the tools in the toolbar of 3D views."""
+    shown = VIEW3D_PT_tools_active._tools[mode]
+    return [tool.idname for tool in VIEW3D_PT_tools_active._tools_flatten(shown) if tool is not None]
+
+
+@pytest.mark.parametrize("mode", ["OBJECT", "POSE"])
+def test_place_joints_is_in_the_toolbar_while_the_add_on_is(mode):
+    before = tools_in(mode)
+    for _ in range(2):
+        kfmocap_addon.register()
+        assert tools_in(mode) == [*before, "kfmocap.place_joints_tool"]
+        [keys] = [
+            keys
+            for keys in bpy.context.window_manager.keyconfigs.addon.keymaps
+            if keys.name.endswith(f"{mode.title()}, Place Joints")
+        ]
+        assert [item.idname for item in keys.keymap_items] == ["kfmocap.place_joints"]
+        kfmocap_addon.unregister()
+        assert tools_in(mode) == before

@@ -1,4 +1,4 @@
-"""The tutorial, done in the application with mouse and keyboard."""
+"""The tutorial and the tools, in the application with mouse and keyboard."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ import pytest
 from conftest import ROOT
 
 NEEDED = ("xvfb-run", "xdotool", "import")
+in_a_window = pytest.mark.skipif(
+    not all(map(shutil.which, NEEDED)), reason=f"needs {', '.join(NEEDED)} beside the Blender application"
+)
 
 
 @pytest.mark.application
-@pytest.mark.skipif(
-    not all(map(shutil.which, NEEDED)), reason=f"needs {', '.join(NEEDED)} beside the Blender application"
-)
+@in_a_window
 def test_the_tutorial_can_be_done_as_it_is_written(extension_zip: Path, tmp_path: Path) -> None:
     """From installing the zip to the exported motion; each step waits for what it should bring."""
     command = [sys.executable, ROOT / "tools" / "tutorial.py", "--zip", extension_zip]
@@ -28,6 +29,15 @@ def test_the_tutorial_can_be_done_as_it_is_written(extension_zip: Path, tmp_path
     page = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
     named = {line.split("tutorial/")[1].split(".jpg")[0] for line in page.splitlines() if line.startswith("![")}
     assert shown >= {name for name in named if not name.startswith("beam")}
+
+
+@pytest.mark.application
+@in_a_window
+def test_the_tools_do_what_they_say_with_mouse_and_keyboard(extension_zip: Path, tmp_path: Path) -> None:
+    """Each step checks what came of it: files dropped onto the 3D view, the tool in the toolbar."""
+    command = [sys.executable, ROOT / "tools" / "tutorial.py", "--zip", extension_zip, "--steps", "tool"]
+    run = subprocess.run([*command, "--work", tmp_path / "work"], capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stdout + run.stderr
 
 
 def test_the_tutorials_pictures_are_there() -> None:
