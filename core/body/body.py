@@ -19,6 +19,8 @@ from ..errors import BodyError
 from ..numerics.arrays import Array
 
 UNLIMITED = ((-np.pi, np.pi),) * 3
+AT_EASE = 2.0
+"""Usual departure from its rest orientation of a joint that turns as it likes, radians."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +41,8 @@ class Part:
         The polyhedron's vertices in the part's frame, metres. Their convex hull is what is projected.
     limits : ndarray, shape (3, 2)
         Smallest and largest value of each component of Q's rotation vector, radians.
+    departure : float
+        Usual departure from the rest orientation, radians: decides what landmarks and pictures do not show.
     """
 
     name: str
@@ -48,6 +52,7 @@ class Part:
     R_world_rest: Array
     vertices: Array
     limits: Array = field(default_factory=lambda: np.array(UNLIMITED))
+    departure: float = AT_EASE
 
     @cached_property
     def faces(self) -> NDArray[np.int64]:
@@ -135,6 +140,16 @@ class Body:
     def limits(self) -> Array:
         """Limits of all rotation vectors, radians, shape (P, 3, 2)."""
         return np.stack([part.limits for part in self.parts])
+
+    @cached_property
+    def departures(self) -> Array:
+        """Usual departures of all parts from their rest orientations, radians, shape (P,)."""
+        return np.array([part.departure for part in self.parts])
+
+    @cached_property
+    def is_stiff(self) -> NDArray[np.bool_]:
+        """Which parts usually stay near their rest orientation, as trunk and collar bones do, shape (P,)."""
+        return np.asarray(self.departures < AT_EASE)
 
     def landmark_arrays(self, names: list[str]) -> tuple[NDArray[np.int64], Array]:
         """Part indices (L,) and places in the part frames (L, 3) of the named landmarks."""

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ..errors import BodyError
 from ..numerics.arrays import Array
-from .body import Body, Part
+from .body import AT_EASE, Body, Part
 
 FRACTIONS: dict[str, float] = {
     "hip_width": 0.115,
@@ -52,6 +53,7 @@ _LIMITS: dict[str, Array] = {
     "spine": _limits((-40, 40), (-30, 30), (-30, 30)),
     "chest": _limits((-40, 40), (-30, 30), (-30, 30)),
     "head": _limits((-60, 60), (-80, 80), (-45, 45)),
+    "shoulder": _limits((-20, 30), (-5, 5), (-15, 40)),
     "upper_arm": _limits((-120, 120), (-100, 100), (-120, 120)),
     "forearm": _limits((-5, 150), (-80, 80), (-8, 8)),
     "hand": _limits((-70, 70), (-30, 30), (-70, 70)),
@@ -60,6 +62,9 @@ _LIMITS: dict[str, Array] = {
     "foot": _limits((-50, 50), (-30, 30), (-30, 30)),
 }
 _FREE = _limits((-180, 180), (-180, 180), (-180, 180))
+_DEPARTURES = {"spine": 0.7, "chest": 0.7, "shoulder": 0.5}
+"""Where landmarks leave open how a bend is shared: spine and chest alike, and a turn of the shoulders is mostly theirs.
+"""
 
 # Rings of each part: (place along the bone as a fraction of its length, half width, half depth, shift in depth), the
 # last three in metres for a height of 1.75 m; width along the bone's x axis, depth along its z axis.
@@ -68,13 +73,17 @@ _RINGS: dict[str, list[tuple[float, float, float, float]]] = {
     "spine": [(0.0, 0.145, 0.095, 0.0), (1.0, 0.15, 0.105, 0.0)],
     "chest": [(0.0, 0.15, 0.105, 0.0), (0.6, 0.165, 0.11, 0.0), (0.95, 0.13, 0.08, 0.0), (1.1, 0.06, 0.05, 0.0)],
     "head": [(0.0, 0.055, 0.055, 0.0), (0.35, 0.065, 0.08, 0.02), (0.7, 0.075, 0.095, 0.02), (1.0, 0.04, 0.05, 0.0)],
+    "shoulder": [(0.0, 0.04, 0.04, 0.0), (1.0, 0.05, 0.05, 0.0)],
     "upper_arm": [(-0.1, 0.035, 0.035, 0.0), (0.15, 0.052, 0.052, 0.0), (1.0, 0.042, 0.042, 0.0)],
     "forearm": [(0.0, 0.042, 0.042, 0.0), (0.25, 0.044, 0.042, 0.0), (1.0, 0.027, 0.027, 0.0)],
     "hand": [(0.0, 0.02, 0.028, 0.0), (0.45, 0.016, 0.042, 0.0), (0.95, 0.008, 0.03, 0.0)],
     "thigh": [(-0.1, 0.06, 0.065, 0.0), (0.12, 0.085, 0.085, 0.0), (1.0, 0.053, 0.055, 0.0)],
     "shin": [(0.0, 0.052, 0.055, 0.0), (0.3, 0.056, 0.06, -0.012), (1.0, 0.034, 0.036, 0.0)],
 }
+_COLLAR_BEGINS = 0.15
+"""Where collar bones begin, as a share of the way from the middle of the body to the shoulder joints."""
 _SIDES = 10
+_FORWARD, _UP = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0])
 _SOLE = 0.016  # below the heel and toe landmarks, metres for a height of 1.75 m
 
 
@@ -94,7 +103,13 @@ def measure_names(name: str) -> tuple[str, ...]:
     return (name,) if name in _CENTRAL else (f"{name}.L", f"{name}.R")
 
 
-def human(height: float = 1.75, measures: Mapping[str, float] | None = None, solid: bool = True) -> Body:
+def human(
+    height: float = 1.75,
+    measures: Mapping[str, float] | None = None,
+    *,
+    solid: bool = True,
+    collar_bones: bool = True,
+) -> Body:
     """Build the default body.
 
     Parameters
@@ -105,12 +120,14 @@ def human(height: float = 1.75, measures: Mapping[str, float] | None = None, sol
         Measures in metres by the names of `default_measures`; a name without its side sets both.
     solid : bool
         Give the parts their polyhedra; joints and landmarks, which are there sooner, need none.
+    collar_bones : bool
+        Give the arms collar bones, named shoulder; without them they hang on the chest.
 
     Returns
     -------
     Body
-        Parts pelvis (root), spine, chest, head, and on each side upper_arm, forearm, hand, thigh, shin, foot; landmarks
-        named as Pose2Sim's.
+        Parts pelvis (root), spine, chest, head, and on each side shoulder, upper_arm, forearm, hand, thigh, shin, foot;
+        landmarks named as Pose2Sim's.
     """
     m = default_measures(height)
     for name, value in (measures or {}).items():
@@ -121,69 +138,91 @@ def human(height: float = 1.75, measures: Mapping[str, float] | None = None, sol
             raise BodyError(f"measure '{name}' is {value}", todo="give a positive number of metres")
         for key in keys:
             m[key] = value
-    return _assemble(m, height / 1.75, solid)
+    return _assemble(m, height / 1.75, solid=solid, collar_bones=collar_bones)
 
 
-def _assemble(m: Mapping[str, float], girth: float, solid: bool) -> Body:
-    parts: list[Part] = []
-    landmarks: dict[str, tuple[int, Array]] = {}
-    forward, up = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+class _Assembly:
+    """A body under construction."""
 
-    def add(name: str, parent: str | None, head: Array, tail: Array, z_hint: Array, *, vertices: Array) -> int:
-        index = next((i for i, part in enumerate(parts) if part.name == parent), -1)
-        limits = _LIMITS.get(name.split(".", maxsplit=1)[0], _FREE)
+    def __init__(self, girth: float, *, solid: bool) -> None:
+        self.parts: list[Part] = []
+        self.landmarks: dict[str, tuple[int, Array]] = {}
+        self._girth, self._solid = girth, solid
+
+    def add(self, name: str, parent: str | None, head: Array, tail: Array, z_hint: Array = _FORWARD) -> int:
+        """Add a part, of rings along its bone where it has some, and return its index."""
+        kind = name.split(".", maxsplit=1)[0]
+        limits = _LIMITS.get(kind, _FREE)
         if name.endswith(".R"):  # mirrored across x = 0: turns about y and z change sign
             limits = np.stack([limits[0], -limits[1, ::-1], -limits[2, ::-1]])
-        parts.append(Part(name, index, head, tail, bone_axes(tail - head, z_hint), vertices, limits))
-        return len(parts) - 1
+        index = next((i for i, part in enumerate(self.parts) if part.name == parent), -1)
+        axes, length = bone_axes(tail - head, z_hint), float(np.linalg.norm(tail - head))
+        vertices = np.empty((0, 3))
+        if self._solid and kind in _RINGS:
+            rings = [(y * length, *(self._girth * r for r in ring)) for y, *ring in _RINGS[kind]]
+            vertices = tapered(rings, _SIDES)
+        departure = _DEPARTURES.get(kind, AT_EASE)
+        self.parts.append(Part(name, index, head, tail, axes, vertices, limits, departure))
+        return len(self.parts) - 1
 
-    def ringed(name: str, length: float) -> Array:
-        if not solid:
-            return np.empty((0, 3))
-        rings = _RINGS[name.split(".", maxsplit=1)[0]]
-        return tapered([(y * length, *(girth * r for r in ring)) for y, *ring in rings], _SIDES)
+    def add_trunk(self, m: Mapping[str, float], hip: Array) -> Array:
+        """Add pelvis, spine, chest and head above the root's joint, and return the neck."""
+        tops = np.array([0.25, 0.55, 1.0]) * (m["torso"] + m["neck_rise"])  # of pelvis, spine and chest
+        waist, breast, neck = (hip + h * _UP for h in tops)
+        pelvis = self.add("pelvis", None, hip, waist)
+        self.add("spine", "pelvis", waist, breast)
+        self.add("chest", "spine", breast, neck)
+        head = self.add("head", "chest", neck, neck + m["head"] * _UP)
+        self.landmarks["Hip"] = (pelvis, np.zeros(3))
+        self.landmarks["Neck"] = (head, np.zeros(3))
+        self.landmarks["Head"] = (head, np.array([0.0, m["head"], 0.0]))
+        self.landmarks["Nose"] = (head, np.array([0.0, m["nose_up"], m["nose_forward"]]))
+        return neck
 
-    legs = [m[f"thigh.{s}"] + m[f"shin.{s}"] + m[f"foot_down.{s}"] for s in "LR"]
-    hip_height = max(legs) + _SOLE * girth - m["hips_rise"]
-    hip = np.array([0.0, 0.0, hip_height])
-    trunk = np.array([0.25, 0.55, 1.0]) * (m["torso"] + m["neck_rise"])  # tops of pelvis, spine and chest
-    waist, breast, neck = (hip + h * up for h in trunk)
-    pelvis = add("pelvis", None, hip, waist, forward, vertices=ringed("pelvis", trunk[0]))
-    add("spine", "pelvis", waist, breast, forward, vertices=ringed("spine", trunk[1] - trunk[0]))
-    add("chest", "spine", breast, neck, forward, vertices=ringed("chest", trunk[2] - trunk[1]))
-    head = add("head", "chest", neck, neck + m["head"] * up, forward, vertices=ringed("head", m["head"]))
-    landmarks["Hip"] = (pelvis, np.zeros(3))
-    landmarks["Neck"] = (head, np.zeros(3))
-    landmarks["Head"] = (head, np.array([0.0, m["head"], 0.0]))
-    landmarks["Nose"] = (head, np.array([0.0, m["nose_up"], m["nose_forward"]]))
-
-    for side, sign in (("L", 1.0), ("R", -1.0)):
-        out = np.array([sign, 0.0, 0.0])
-        joint = neck + out * m["shoulder_width"] / 2 + forward * m["shoulders_forward"] - up * m["neck_rise"]
-        parent = "chest"
+    def add_arm(self, m: Mapping[str, float], side: str, middle: Array, *, collar_bone: bool) -> None:
+        """Add an arm, and its collar bone, on the line through the shoulders."""
+        out = np.array([1.0 if side == "L" else -1.0, 0.0, 0.0])
+        joint, parent = middle + out * m["shoulder_width"] / 2, "chest"
+        if collar_bone:
+            parent = f"shoulder.{side}"
+            self.add(parent, "chest", middle + _COLLAR_BEGINS * (joint - middle), joint)
         for bone, landmark in (("upper_arm", "Shoulder"), ("forearm", "Elbow"), ("hand", "Wrist")):
-            length = m[f"{bone}.{side}"]
-            index = add(f"{bone}.{side}", parent, joint, joint + out * length, forward, vertices=ringed(bone, length))
-            landmarks[side + landmark] = (index, np.zeros(3))
-            joint, parent = joint + out * length, f"{bone}.{side}"
-        landmarks[side + "Hand"] = (index, np.array([0.0, length, 0.0]))
+            name, tip = f"{bone}.{side}", joint + out * m[f"{bone}.{side}"]
+            index = self.add(name, parent, joint, tip)
+            self.landmarks[side + landmark] = (index, np.zeros(3))
+            joint, parent = tip, name
+        self.landmarks[side + "Hand"] = (index, np.array([0.0, m[f"hand.{side}"], 0.0]))
 
-        joint = hip + out * m["hip_width"] / 2 + up * m["hips_rise"]
+    def add_leg(self, m: Mapping[str, float], side: str, joint: Array) -> None:
+        """Add a leg below its hip joint."""
         parent = "pelvis"
         for bone, landmark in (("thigh", "Hip"), ("shin", "Knee")):
-            length = m[f"{bone}.{side}"]
-            index = add(f"{bone}.{side}", parent, joint, joint - up * length, forward, vertices=ringed(bone, length))
-            landmarks[side + landmark] = (index, np.zeros(3))
-            joint, parent = joint - up * length, f"{bone}.{side}"
-        toe = joint + forward * m[f"foot_forward.{side}"] - up * m[f"foot_down.{side}"]
-        heel = joint - forward * m[f"heel_back.{side}"] - up * m[f"foot_down.{side}"]
-        axes = bone_axes(toe - joint, up)
-        shape = (_foot(joint, toe, heel, girth) - joint) @ axes if solid else np.empty((0, 3))
-        index = add(f"foot.{side}", parent, joint, toe, up, vertices=shape)
-        landmarks[side + "Ankle"] = (index, np.zeros(3))
-        landmarks[side + "BigToe"] = (index, axes.T @ (toe - joint))
-        landmarks[side + "Heel"] = (index, axes.T @ (heel - joint))
-    return Body(tuple(parts), landmarks)
+            name, tip = f"{bone}.{side}", joint - _UP * m[f"{bone}.{side}"]
+            index = self.add(name, parent, joint, tip)
+            self.landmarks[side + landmark] = (index, np.zeros(3))
+            joint, parent = tip, name
+        toe = joint + _FORWARD * m[f"foot_forward.{side}"] - _UP * m[f"foot_down.{side}"]
+        heel = joint - _FORWARD * m[f"heel_back.{side}"] - _UP * m[f"foot_down.{side}"]
+        index = self.add(f"foot.{side}", parent, joint, toe, _UP)
+        axes = self.parts[index].R_world_rest
+        if self._solid:
+            vertices = (_foot(joint, toe, heel, self._girth) - joint) @ axes
+            self.parts[index] = replace(self.parts[index], vertices=vertices)
+        self.landmarks[side + "Ankle"] = (index, np.zeros(3))
+        self.landmarks[side + "BigToe"] = (index, axes.T @ (toe - joint))
+        self.landmarks[side + "Heel"] = (index, axes.T @ (heel - joint))
+
+
+def _assemble(m: Mapping[str, float], girth: float, *, solid: bool, collar_bones: bool) -> Body:
+    body = _Assembly(girth, solid=solid)
+    legs = [m[f"thigh.{s}"] + m[f"shin.{s}"] + m[f"foot_down.{s}"] for s in "LR"]
+    hip = np.array([0.0, 0.0, max(legs) + _SOLE * girth - m["hips_rise"]])
+    neck = body.add_trunk(m, hip)
+    shoulders = neck + _FORWARD * m["shoulders_forward"] - _UP * m["neck_rise"]
+    for side, sign in (("L", 1.0), ("R", -1.0)):
+        body.add_arm(m, side, shoulders, collar_bone=collar_bones)
+        body.add_leg(m, side, hip + np.array([sign * m["hip_width"] / 2, 0.0, m["hips_rise"]]))
+    return Body(tuple(body.parts), body.landmarks)
 
 
 def bone_axes(direction: Array, z_hint: Array) -> Array:

@@ -24,15 +24,12 @@ SETTLED = 1e-9
 EVALUATIONS = 200
 """At most so many for a pose: landmarks that no pose fits would take thousands."""
 ACCEPTED_MISFIT = 0.03
-"""A landmark farther than this from its place, metres, is reason to look for another pose."""
-GROSS_MISFIT = 0.06
-"""A landmark farther than this from its place after that, metres, is reason to begin from other poses of the limbs."""
+"""A landmark farther than this from its place, metres, is reason to look for another pose, first with the arms turned,
+then from other poses of the limbs."""
 DRAWS = 12
 """So many of them: of those drawn for a man who gets up from the floor, six in ten lead to the pose."""
 CLEARLY = 0.5
 """Share of the misfit below which a pose found from there counts: on a body of other proportions all of them misfit."""
-POSTURE_SIGMA = 2.0
-"""Expected departure of a joint from its rest orientation, radians: only decides what no landmark shows."""
 LIMIT_SIGMA = 0.02
 """How far a joint may go beyond its limits while the fit is searching, radians."""
 MEASURE_SIGMA = 0.12
@@ -103,7 +100,7 @@ def _fit_poses(
         _replace(poses, tried[better], other[better])
     if draw and _limited(body).any():
         misfit = _misfits(body, known, targets, poses)
-        for k in np.flatnonzero(misfit > GROSS_MISFIT):
+        for k in np.flatnonzero(misfit > ACCEPTED_MISFIT):
             aims = np.repeat(targets[k : k + 1], DRAWS, axis=0)
             found = _descended(body, known, aims, _limbs_drawn(body, start[k : k + 1]), ROUGH)
             best = int(np.argmin(_misfits(body, known, aims, found)))
@@ -173,7 +170,7 @@ def _descended(body: Body, names: list[str], targets: Array, start: Motion, tole
     low, high = np.full(body.dof, -np.inf), np.full(body.dof, np.inf)
     low[6:], high[6:] = body.limits[1:, :, 0].ravel(), body.limits[1:, :, 1].ravel()
     posture = np.zeros(body.dof)
-    posture[6:] = (LANDMARK_SIGMA / POSTURE_SIGMA) ** 2
+    posture[6:] = np.repeat((LANDMARK_SIGMA / body.departures[1:]) ** 2, 3)
     stop = (LANDMARK_SIGMA / LIMIT_SIGMA) ** 2
     moves = body.ancestry[parts].astype(float)  # which joints move each landmark, (L, P)
     known = np.isfinite(targets).all(axis=2)

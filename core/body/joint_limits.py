@@ -12,11 +12,9 @@ from .motion import Motion
 
 LIMIT_DEVIATION = 0.05
 """How far a joint may go beyond its limits, radians."""
-POSTURE_DEVIATION = 2.0
-"""Usual departure of a joint from its rest orientation, radians: only decides what nothing else shows."""
 
 
-def posture_prior(body: Body, motion: Motion, deviation: float = POSTURE_DEVIATION) -> BandedBlocks:
+def posture_prior(body: Body, motion: Motion, *, rest: bool = True) -> BandedBlocks:
     """Return the normal equations of joint limits and of the departure from rest, which counts once per motion.
 
     Parameters
@@ -24,13 +22,13 @@ def posture_prior(body: Body, motion: Motion, deviation: float = POSTURE_DEVIATI
     body : Body
     motion : Motion
         F poses. The root is free.
-    deviation : float
-        Usual departure from rest, radians; infinite for limits alone.
+    rest : bool
+        Count the departure; otherwise limits alone.
     """
     turns = rotations.log(motion.rotations[:, 1:])
     beyond = turns - np.clip(turns, body.limits[1:, :, 0], body.limits[1:, :, 1])
-    stop, ease = (beyond != 0) / LIMIT_DEVIATION**2, 1 / (len(motion) * deviation**2)
-    energy = float(np.sum(stop * beyond**2) + ease * np.sum(turns**2))
+    stop, ease = (beyond != 0) / LIMIT_DEVIATION**2, rest / (len(motion) * body.departures[1:, None] ** 2)
+    energy = float(np.sum(stop * beyond**2 + ease * turns**2))
     return _turn_equations(turns, stop + ease, stop * beyond + ease * turns, energy)
 
 
@@ -43,10 +41,10 @@ def habitual_prior(motion: Motion, precision: Array, usual: Array) -> BandedBloc
         F poses.
     precision : ndarray, shape (F, P)
         Of each part's turn from its usual one, 1/radians^2. The root is free.
-    usual : ndarray, shape (P, 3, 3)
+    usual : ndarray, shape (P, 3, 3) or (F, P, 3, 3)
         The usual rotations.
     """
-    turns = rotations.log(np.swapaxes(usual[1:], -1, -2) @ motion.rotations[:, 1:])
+    turns = rotations.log(np.swapaxes(usual[..., 1:, :, :], -1, -2) @ motion.rotations[:, 1:])
     ease = precision[:, 1:, None]
     return _turn_equations(turns, np.repeat(ease, 3, axis=2), ease * turns, float(np.sum(ease * turns**2)))
 

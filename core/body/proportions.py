@@ -22,12 +22,15 @@ _ACROSS, _ALONG = 0, 1
 
 @dataclass(frozen=True)
 class _Measure:
-    """A distance between two ends of bones, and the parts that grow with it along one of their axes."""
+    """A distance between two ends of bones, the parts that grow with it along one of their axes, and others that grow
+    with it along the bone, where a body has them.
+    """
 
     start: tuple[str, int]
     end: tuple[str, int]
     parts: tuple[str, ...]
     axis: int = _ALONG
+    bones: tuple[str, ...] = ()
 
 
 def _limb(bone: str, below: str | None) -> dict[str, _Measure]:
@@ -40,7 +43,9 @@ def _limb(bone: str, below: str | None) -> dict[str, _Measure]:
 
 
 _MEASURES: dict[str, _Measure] = {
-    "shoulder_width": _Measure(("upper_arm.L", _HEAD), ("upper_arm.R", _HEAD), ("chest",), _ACROSS),
+    "shoulder_width": _Measure(
+        ("upper_arm.L", _HEAD), ("upper_arm.R", _HEAD), ("chest",), _ACROSS, ("shoulder.L", "shoulder.R")
+    ),
     "hip_width": _Measure(("thigh.L", _HEAD), ("thigh.R", _HEAD), ("pelvis",), _ACROSS),
     "torso": _Measure(("pelvis", _HEAD), ("head", _HEAD), ("pelvis", "spine", "chest")),
     "head": _Measure(("head", _HEAD), ("head", _TAIL), ("head",)),
@@ -91,6 +96,8 @@ def with_measure(body: Body, name: str, value: float) -> Body:
             raise BodyError(f"the body has no measure '{name}'", todo="its bones are not the default body's")
         for part in _MEASURES[key].parts:
             stretch[body.index(part), _MEASURES[key].axis] = value / length - 1
+        for part in set(_MEASURES[key].bones) & set(body.names):
+            stretch[body.index(part), _ALONG] = value / length - 1
     return shaped(body, stretch, np.zeros((len(body), 3)))
 
 

@@ -282,7 +282,7 @@ def _prior(estimate: BodyEstimate) -> DenseEquations:
     weight = 1 / np.tile([POSED_ROOT] * 3 + [POSED_JOINT] * (D - 3), K) ** 2
     posed = np.arange(n, n + K * D)
     H[posed, posed], g[n:] = weight, weight * estimate.posed.ravel()
-    limits = posture_prior(estimate.body, estimate.motions[0.0], np.inf)
+    limits = posture_prior(estimate.body, estimate.motions[0.0], rest=False)
     for k, own in enumerate(posed.reshape(K, D)):
         H[np.ix_(own, own)] += limits.diagonal[k]
         g[own] += limits.gradient[k]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -136,7 +136,7 @@ def body_of_bvh(skeleton: SkeletonMotion, height: float | None = None) -> Body:
     BodyError
         The skeleton is not that of our default human.
     """
-    strange = sorted(set(human().names) ^ set(skeleton.rest.names))
+    strange = sorted(set(_human_like(skeleton).names) ^ set(skeleton.rest.names))
     if strange:
         todo = f"the joints must be {', '.join(human().names)}"
         raise BodyError(f"its joints are not the default body's: {', '.join(strange[:4])}", todo=todo)
@@ -144,7 +144,7 @@ def body_of_bvh(skeleton: SkeletonMotion, height: float | None = None) -> Body:
         measures = _fitted_measures(skeleton, 1.75)
         ratios = [measures[f"{limb}.{side}"] / FRACTIONS[limb] for limb in _LIMBS for side in "LR"]
         height = float(np.median(ratios))
-    body = human(height, _fitted_measures(skeleton, height))
+    body = _human_like(skeleton, height, _fitted_measures(skeleton, height))
     apart = np.nan_to_num(np.abs(_rest(body) - _rest_of_bvh(skeleton, body))).max(axis=(1, 2))
     if apart.max() > _TOLERANCE:
         worst = body.names[int(apart.argmax())]
@@ -152,15 +152,21 @@ def body_of_bvh(skeleton: SkeletonMotion, height: float | None = None) -> Body:
     return body
 
 
+def _human_like(skeleton: SkeletonMotion, height: float = 1.75, measures: Mapping[str, float] | None = None) -> Body:
+    """The default human, without collar bones where the skeleton has none: those of other makers do not always."""
+    collar_bones = any(name.startswith("shoulder.") for name in skeleton.rest.names)
+    return human(height, measures, collar_bones=collar_bones)
+
+
 def _fitted_measures(skeleton: SkeletonMotion, height: float) -> dict[str, float]:
     """The measures whose rest pose is the BVH's; where it shows nothing, an average person's."""
     average = default_measures(height)
     start = np.array(list(average.values()))
-    target = _rest_of_bvh(skeleton, human())
+    target = _rest_of_bvh(skeleton, _human_like(skeleton))
     seen = np.isfinite(target)
 
     def residuals(x: Array) -> Array:
-        body = human(height, dict(zip(average, x.tolist(), strict=True)))
+        body = _human_like(skeleton, height, dict(zip(average, x.tolist(), strict=True)))
         return np.concatenate([(_rest(body) - target)[seen], 1e-4 * (x - start)])
 
     # The rest pose is linear in the measures: one step of any length leads there.

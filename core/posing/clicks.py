@@ -239,7 +239,7 @@ class _Problem:
         poses = part_poses(self.body, pose)
         weights = self.clicks.confidence / CLICK_DEVIATION**2
         blocks = keypoint_system(self.body, poses, self.clicks, self._places, weights).blocks
-        blocks = blocks + posture_prior(self.body, pose, np.inf) + movement(self.given, pose, self.precision)
+        blocks = blocks + posture_prior(self.body, pose, rest=False) + movement(self.given, pose, self.precision)
         blocks = blocks + self._depths(poses)
         in_front = np.isfinite(self._residuals(poses)[self._seen]).all()
         return BandedEquations(blocks if in_front else replace(blocks, energy=np.inf), self.held)

@@ -12,7 +12,7 @@ import numpy as np
 from mathutils import Vector
 
 from ...core.body import Body, Part
-from ...core.body.body import UNLIMITED
+from ...core.body.body import AT_EASE, UNLIMITED
 from ...core.errors import BodyError
 from ...core.numerics import rotations
 from ...core.numerics.arrays import Array
@@ -20,7 +20,9 @@ from . import lossless, part_meshes
 from .sides import SIDES, colour_of, side_of
 
 PART, LIMITS, LANDMARKS, REST = "kfmocap_part", "kfmocap_limits", "kfmocap_landmarks", "kfmocap_rest"
-"""Custom properties of a bone: its rank in the body; limits and landmarks as JSON, name: [rank, x, y, z].
+DEPARTURE = "kfmocap_departure"
+"""Custom properties of a bone: its rank in the body; limits and landmarks as JSON, name: [rank, x, y, z]; how far it
+usually is from its rest orientation, radians.
 
 They sit on the bones and not in a table of names, so that renaming a bone loses nothing.
 """
@@ -112,6 +114,7 @@ def _describe(armature: bpy.types.Object, body: Body) -> None:
         bone = armature.data.bones[part.name]
         bone[PART] = rank
         lossless.keep(bone, REST, _rest(part))
+        bone[DEPARTURE] = part.departure
         bone[LIMITS] = json.dumps(np.asarray(part.limits).tolist())
         bone[LANDMARKS] = json.dumps(
             {
@@ -225,6 +228,7 @@ def body_from_armature(armature: bpy.types.Object) -> Body:
             limits=np.array(json.loads(bone[LIMITS]))
             if LIMITS in bone
             else joint_limits(armature.pose.bones[bone.name]),
+            departure=bone.get(DEPARTURE, AT_EASE),
         )
         part_meshes.check_solid(read.vertices, armature, bone)
         rest = lossless.recall(bone, REST, _rest(read), 1.0 + float(np.abs(head).max()))

@@ -121,7 +121,7 @@ EXERCISES = Movement(
 
 def person(voxel: float = 0.012) -> Creature:
     """A person, as importers of FBX leave one: an armature of scale 0.01, bones beside the limbs' directions."""
-    body = human(1.68, {"thigh": 0.43, "forearm": 0.26})
+    body = human(1.68, {"thigh": 0.43, "forearm": 0.26}, collar_bones=False)
     names = {
         "pelvis": "J_Root", "spine": "J_Waist", "chest": "J_Thorax", "head": "J_Skull",
         "upper_arm": "Ude_1", "forearm": "Ude_2", "hand": "Te", "thigh": "Momo", "shin": "Sune", "foot": "Ashi",

@@ -77,7 +77,7 @@ class Person:
         usual = default_measures(self.height)
         sides = {name: [key for key in usual if key.split(".")[0] == name] for name in self.proportions}
         measures = {key: usual[key] * self.proportions[name] for name, keys in sides.items() for key in keys}
-        return human(self.height, measures)
+        return human(self.height, measures, collar_bones=False)
 
     def figure(self, body: Body, voxel: float) -> Figure:
         """The skin with its clothes."""

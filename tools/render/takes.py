@@ -113,7 +113,7 @@ def make_take(name: str, frames: int | None = None, board: bool = False) -> Take
     if board and plan.person is not None:
         raise ValueError(f"no board is painted before the person of '{name}'")
     usual = {"shoulder_width": 0.375, "upper_arm": 0.298, "torso": 0.52, "head": 0.32396}
-    body = human(1.78, usual) if plan.person is None else plan.person.body()
+    body = human(1.78, usual, collar_bones=False) if plan.person is None else plan.person.body()
     x = np.linspace(1.2, -1.2, length)
     path = np.stack([x, np.full(length, -1.3), np.full(length, 0.75)], axis=1) if board else None
     moving = MOTIONS[plan.motion]

@@ -28,6 +28,7 @@ from ...runtime.timing import Seconds
 from ...shot.shot import Settings
 from ..prediction import predict_unseen
 from .contact_factor import with_contact
+from .curve_factor import with_curves
 from .hold_factor import TiedSystems
 from .measurement import Instants, MeasuredMotion, Workspace, hidden_parts, keypoint_instants
 from .plant_factor import PlantFactor, plants_of, with_plants
@@ -371,11 +372,13 @@ def with_smoothness(
     smooth: SegmentSmoothness,
     expected: Sequence[Array] = (),
 ) -> list[BandedBlocks]:
-    """The normal equations of the evidence with those of smoothness; parameters as in `normal_equations`."""
+    """The normal equations of the evidence, of smoothness, and of stiff parts that leave the curve of the key poses;
+    parameters as in `normal_equations`.
+    """
     systems = list(images)
     for i in problem.sought:
         systems[i] = images[i] + smooth.blocks(problem, i, motions[i], expected[i] if expected else None)
-    return systems
+    return with_curves(problem, systems, tuple(motions))
 
 
 def evidence_equations(

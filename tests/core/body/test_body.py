@@ -37,7 +37,7 @@ def distance(body: Body, a: str, b: str) -> float:
 def test_the_default_body_is_a_tree_of_the_named_parts() -> None:
     body = human()
     assert body.parents[0] == -1 and all(0 <= p < i for i, p in enumerate(body.parents) if i)
-    sides = ("upper_arm", "forearm", "hand", "thigh", "shin", "foot")
+    sides = ("shoulder", "upper_arm", "forearm", "hand", "thigh", "shin", "foot")
     expected = {"pelvis", "spine", "chest", "head"} | {f"{name}.{side}" for name in sides for side in "LR"}
     assert set(body.names) == expected and len(body) == len(expected)
     assert body.names[body.parents[body.index("shin.L")]] == "thigh.L"
@@ -47,7 +47,15 @@ def test_the_default_body_is_a_tree_of_the_named_parts() -> None:
 def test_ancestry_lists_the_chain_to_the_root() -> None:
     body = human()
     chain = {body.names[k] for k in np.flatnonzero(body.ancestry[body.index("hand.R")])}
-    assert chain == {"pelvis", "spine", "chest", "upper_arm.R", "forearm.R", "hand.R"}
+    assert chain == {"pelvis", "spine", "chest", "shoulder.R", "upper_arm.R", "forearm.R", "hand.R"}
+
+
+def test_without_collar_bones_arms_hang_on_the_chest_with_all_joints_where_they_were() -> None:
+    with_them, without = human(), human(collar_bones=False)
+    assert set(with_them.names) - set(without.names) == {"shoulder.L", "shoulder.R"}
+    assert without.names[without.parents[without.index("upper_arm.L")]] == "chest"
+    for name in without.landmarks:
+        np.testing.assert_allclose(at(without, name), at(with_them, name), atol=1e-12)
 
 
 @pytest.mark.parametrize("parents", [(-1, 1), (-1, -1), (0, 0), (-1, 2, 0)])

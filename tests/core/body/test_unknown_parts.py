@@ -29,8 +29,8 @@ def of_both(*names: str) -> set[str]:
         ([*ARMS, *HIPS, *KNEES, "Nose"], of_both("shin", "foot")),
         ([*ARMS, *HIPS, "Nose"], of_both("thigh", "shin", "foot")),
         ([*ARMS, "Nose"], {"pelvis", "spine", *of_both("thigh", "shin", "foot")}),
-        ([*HIPS, *KNEES, *ANKLES], {"spine", "chest", "head", *of_both("upper_arm", "forearm", "hand")}),
-        (["LWrist", *HIPS, *ANKLES], {"head", "upper_arm.R", "forearm.R", "hand.R"}),
+        ([*HIPS, *KNEES, *ANKLES], {"spine", "chest", "head", *of_both("shoulder", "upper_arm", "forearm", "hand")}),
+        (["LWrist", *HIPS, *ANKLES], {"head", "shoulder.R", "upper_arm.R", "forearm.R", "hand.R"}),
         ([], set()),
     ],
 )
