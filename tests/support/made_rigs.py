@@ -30,14 +30,14 @@ def joint_places(body: Body) -> dict[str, np.ndarray]:
             found[f"{limb}.{side}"] = part[f"{limb}.{side}"].head_world
         found[f"fingertip.{side}"] = part[f"hand.{side}"].tail_world
         found[f"tiptoe.{side}"] = part[f"foot.{side}"].tail_world
-        found[f"shoulder.{side}"] = 0.8 * found["head"] + 0.2 * found[f"upper_arm.{side}"]
+        found[f"shoulder.{side}"] = part[f"shoulder.{side}"].head_world
     return found
 
 
 def made_rig(preset: str, body: Body, droop: float = 0.0, seed: int = 0, scale: float = 1.0) -> ControlRig:
     """A rig with a preset's names in the proportions of a body, its arms lowered by an angle, its rolls at random.
 
-    It has neither toes nor fingers nor shoulders: those of the preset's bones that the human has.
+    It has neither toes nor fingers: those of the preset's bones that the human has.
     """
     at = joint_places(body)
     for side, sign in (("L", 1.0), ("R", -1.0)):
@@ -52,7 +52,7 @@ def made_rig(preset: str, body: Body, droop: float = 0.0, seed: int = 0, scale: 
     bones: dict[str, tuple[str, ...]] = {}
     for role in PARENTS:
         base, _, side = role.partition(".")
-        if role not in wanted or base in ("root", "toe", "shoulder", "thumb", "index", "middle", "ring", "pinky"):
+        if role not in wanted or base in ("root", "toe", "thumb", "index", "middle", "ring", "pinky"):
             continue
         names = wanted[role]
         above = parent_role(role, bones)
@@ -77,7 +77,8 @@ def made_rig(preset: str, body: Body, droop: float = 0.0, seed: int = 0, scale: 
 
 
 def _ends(role: str, base: str, side: str, at: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    following = {"upper_arm": "forearm", "forearm": "hand", "hand": "fingertip", "thigh": "shin", "shin": "foot"}
+    following = {"shoulder": "upper_arm", "upper_arm": "forearm", "forearm": "hand", "hand": "fingertip"}
+    following |= {"thigh": "shin", "shin": "foot"}
     if base == "foot":
         return at[role], at[f"tiptoe.{side}"]
     if base in following:
