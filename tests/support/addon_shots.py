@@ -30,6 +30,7 @@ from kfmocap.kfmocap_addon.scene_io import fcurves
 SIZE = (320, 240)
 FIRST, FRAMES = 5, 12
 """First frame of the shot in its footage's count, and its length."""
+PARTS = len(human(solid=False))
 LENS = (0.1, -0.05, 0.002, -0.003, 0.01)
 
 
@@ -68,7 +69,7 @@ def camera(seed: int, poses: int = 1, distortions: tuple[float, ...] = LENS, fis
     return Camera.create(f"cam{seed:02d}", SIZE, matrix, turn, place, distortions=distortions, fisheye=fisheye)
 
 
-def motion(frames: int, seed: int = 0, parts: int = 16) -> Motion:
+def motion(frames: int, seed: int = 0, parts: int = PARTS) -> Motion:
     """A wild motion with big rotations, several metres long, around 5 m from the origin."""
     rng = np.random.default_rng(seed)
     path = np.cumsum(rng.normal(0, 0.3, (frames, 3)), axis=0) + [4.0, 3.0, 1.0]

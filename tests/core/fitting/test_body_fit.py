@@ -37,17 +37,19 @@ def lengths(body: Body) -> Array:
     return np.array([np.linalg.norm(part.tail_world - part.head_world) for part in body.parts])
 
 
-def test_a_stretch_acts_on_all_that_a_part_carries():
-    body = human()
+@pytest.mark.parametrize(("collar_bones", "carried"), [(True, "shoulder"), (False, "upper_arm")])
+def test_a_stretch_acts_on_all_that_a_part_carries(collar_bones, carried):
+    body = human(collar_bones=collar_bones)
     stretch = np.zeros((len(body), 3))
     thigh, chest = body.index("thigh.L"), body.index("chest")
     stretch[thigh, 1], stretch[chest, 0] = 0.2, 0.1
     wide = shaped(body, stretch, np.zeros_like(stretch))
     ratio = lengths(wide) / lengths(body)
     assert np.allclose(ratio, np.where(np.arange(len(body)) == thigh, 1.2, 1.0))
-    shoulders = [wide.parts[wide.index(f"upper_arm.{s}")].head_world[0] for s in "LR"]
-    before = [body.parts[body.index(f"upper_arm.{s}")].head_world[0] for s in "LR"]
-    assert np.allclose(shoulders, 1.1 * np.array(before))
+    joints, before = (np.array([b.parts[b.index(f"{carried}.{s}")].head_world[0] for s in "LR"]) for b in (wide, body))
+    assert np.allclose(joints, 1.1 * before)
+    arms, own = (np.array([b.parts[b.index(f"upper_arm.{s}")].head_world[0] for s in "LR"]) for b in (wide, body))
+    assert np.allclose(arms - joints, own - before)  # the collar bones are as long as they were
     assert np.array_equal(wide.parts[0].head_world, body.parts[0].head_world)
     assert np.allclose(wide.parts[thigh].vertices, body.parts[thigh].vertices * [1, 1.2, 1])
     knee, shin = wide.landmarks["LKnee"], wide.parts[wide.index("shin.L")]
