@@ -275,7 +275,10 @@ class Limb:
         """Rotation vectors of both parts that point along directions, from a trunk's orientations (F, 3, 3)."""
         name = self.body.names[self.parts[0]]
         sign, farthest = next((float(s), float(f)) for part, *_, s, f in LIMBS if name.startswith(part))
-        R0_upper, R0_lower = (self.body.R_parent_rest[part] for part in self.parts)
+        # The arms hang on the chest through collar bones, which rest here.
+        carrier = self.body.parts[self.body.index("chest" if name.startswith("upper_arm") else "pelvis")]
+        R0_upper = carrier.R_world_rest.T @ self.body.parts[self.parts[0]].R_world_rest
+        R0_lower = self.body.R_parent_rest[self.parts[1]]
         rest = np.broadcast_to(trunk @ R0_upper, (*upper.shape, 3))
         first, second = limb_orientations(rest, upper, lower, sign=sign, farthest=farthest, fps=None)
         return [

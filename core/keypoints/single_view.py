@@ -25,7 +25,8 @@ def lifted_fit(
     """Fit a body's motion to the keypoints of one view, with depths by the lengths of the bones.
 
     Of two hypotheses, the likeliest path and one whose trunk is turned to the other side of the picture's plane, the
-    one counts whose limbs and trunk together cost less.
+    one counts whose limbs and trunk together cost less. Collar bones rest: in one view their turns look as a turn of the
+    trunk does.
 
     Parameters
     ----------
@@ -39,7 +40,7 @@ def lifted_fit(
         See `fit_motion`.
     fps : float
     """
-    own = without_midpoints(keypoints.of_views([view]))
+    own, fixed = without_midpoints(keypoints.of_views([view])), fixed | _collar_bones(body)
     hypotheses = [lifted_points(body, own, fps, mirrored=mirrored) for mirrored in (False, True)]
     points, _ = min(hypotheses, key=lambda one: one[1])
     agreement = with_imagined_view(own, points, fps)
@@ -50,14 +51,20 @@ def lifted_fit(
 def corrected_fit(
     body: Body, start: Motion, keypoints: Keypoints, view: int, *, fixed: Bools, precision: Array, fps: float
 ) -> KeypointFit:
-    """Fit a body's motion to the keypoints of one view, with depths as they are at the start.
+    """Fit a body's motion to the keypoints of one view, with depths and collar bones as they are at the start.
 
     Parameters are those of `lifted_fit`.
     """
     own = without_midpoints(keypoints.of_views([view]))
     points = Places.on(body, own.names).world(part_poses(body, start))
     agreement = with_imagined_view(own, points, fps)
+    fixed = fixed | _collar_bones(body)
     return _fitted(body, start, keypoints, view, agreement, fixed=fixed, precision=precision)
+
+
+def _collar_bones(body: Body) -> Bools:
+    """The degrees of freedom of the default body's collar bones, shape (D,); none where it has none."""
+    return np.repeat([False] + [name.startswith("shoulder.") for name in body.names], 3)
 
 
 def _fitted(

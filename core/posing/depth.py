@@ -28,12 +28,13 @@ def limb_flipped(body: Body, pose: Motion, landmark: str, axis_world: Array) -> 
     pose : Motion
         One pose.
     landmark : str
-        A joint or the tip of a part; where a part of the trunk leads to it, one that carries several, the pose stays.
+        A joint or the tip of a part; where a part of the trunk leads to it, one that carries several, or a collar bone,
+        the pose stays.
     axis_world : ndarray, shape (3,)
         The camera's optical axis, of length one.
     """
     (carrier, local), part = body.landmarks[landmark], leading_part(body, landmark)
-    if part < 1 or body.parents.count(part) > 1:
+    if part < 1 or body.parents.count(part) > 1 or body.is_stiff[part]:
         return pose
     R, T = (x[0] for x in part_poses(body, pose))
     limb = R[carrier] @ local + T[carrier] - T[part]

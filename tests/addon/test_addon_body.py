@@ -174,7 +174,7 @@ def test_the_model_is_drawn_as_asked(armature):
         shot.display = display
         assert {c.hide_viewport for c in armature.children} == {hidden}
         assert {c.display_type for c in armature.children} == {kind}
-        assert len(body_armature.body_from_armature(armature)) == 16
+        assert len(body_armature.body_from_armature(armature)) == len(human())
 
 
 def test_height_is_a_field_that_scales_the_body_and_leaves_it_on_its_feet(armature):

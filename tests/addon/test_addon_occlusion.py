@@ -9,7 +9,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, motion, shot, track_result  # noqa: E402, F401
+from addon_shots import PARTS, blender, motion, shot, track_result  # noqa: E402, F401
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.kfmocap_addon import panels  # noqa: E402
 from kfmocap.kfmocap_addon.export import blender_outputs, exporters  # noqa: E402
@@ -81,7 +81,7 @@ def test_the_next_tracking_replaces_it(blender, tmp_path):  # noqa: F811
     assert fcurves.get_keys(views_curve(armature))["co"].tolist() == [[1, 1], [3, 0], [5, 1]]
     assert armature.pose.bones["hand.L"].id_properties_ui(bone_visibility.VIEWS).as_dict()["max"] == 1
     assert not built.kfmocap.performers[0].suggestions
-    assert sum(bone_visibility.VIEWS in curve.data_path for curve in fcurves.find_channelbag(armature).fcurves) == 16
+    assert sum(bone_visibility.VIEWS in curve.data_path for curve in fcurves.find_channelbag(armature).fcurves) == PARTS
 
 
 def test_the_animators_keys_and_key_poses_stay(blender, tmp_path):  # noqa: F811

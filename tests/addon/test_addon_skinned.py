@@ -164,7 +164,7 @@ def test_a_control_above_the_body_may_have_been_moved():
     bpy.context.view_layer.update()
     _, remarks = use_as_body(bpy.context.scene, armature)
     assert remarks == ()
-    body, motion = body_armature.body_from_armature(armature), made_motion(16)
+    body, motion = body_armature.body_from_armature(armature), made_motion(len(BODY))
     motion_curves.write_motion(armature, motion, 1)
     assert joint_error(armature, body, motion) < 0.05
 
@@ -261,7 +261,7 @@ def test_the_top_of_a_body_moves_though_it_was_connected_to_a_bone_above():
     bpy.ops.object.mode_set(mode="OBJECT")
     _, remarks = use_as_body(bpy.context.scene, armature)
     assert [text.split(",")[0] for text in remarks] == ["bone pelvis: it was connected to the bone above"]
-    body, motion = body_armature.body_from_armature(armature), made_motion(16)
+    body, motion = body_armature.body_from_armature(armature), made_motion(len(BODY))
     motion_curves.write_motion(armature, motion, 1)
     assert joint_error(armature, body, motion) < 0.05
 

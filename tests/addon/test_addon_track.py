@@ -15,7 +15,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 import job_functions  # noqa: E402
-from addon_shots import blender, keys_of, motion, shot, tracker  # noqa: E402, F401
+from addon_shots import PARTS, blender, keys_of, motion, shot, tracker  # noqa: E402, F401
 from kfmocap.core.errors import CancelledError, CaptureError, ShotError  # noqa: E402
 from kfmocap.core.runtime.job import Job, duration  # noqa: E402
 from kfmocap.core.runtime.worker_memory import Remembering  # noqa: E402
@@ -170,10 +170,10 @@ def test_what_the_cameras_saw_of_other_stretches_stays(built, tracker):  # noqa:
     from kfmocap.kfmocap_addon.scene_io import bone_visibility
 
     given = scene.shot_from_scene(built)
-    blind = [np.ones((2, 12, 16))]
+    blind = [np.ones((2, 12, PARTS))]
     blind[0][:, 2:9] = 0
     bone_visibility.write_occlusion(built, given, blind)
-    bone_visibility.write_occlusion(built, given.between(5, 11), [np.ones((2, 7, 16))], first=5)
+    bone_visibility.write_occlusion(built, given.between(5, 11), [np.ones((2, 7, PARTS))], first=5)
     bag = fcurves.find_channelbag(armature_of(built))
     curve = bag.fcurves.find('pose.bones["hand.L"]["kfmocap_views"]')
     assert [curve.evaluate(FRAME + f) for f in range(12)] == [2, 2, 0, 0, 0] + 7 * [2]

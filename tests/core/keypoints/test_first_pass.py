@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from keypoint_shots import NAMES, cameras, joint_errors, keypoints_of, seen_places, strolling
 from kfmocap.core.body import Body, human, landmark_positions, part_poses
 from kfmocap.core.body.motion import Motion
@@ -120,11 +121,12 @@ def test_of_two_views_the_one_that_exchanges_sides_is_told_by_what_three_agreed_
     assert changed[:, 1, 14:22].sum() > 0.95 * changed.sum()
 
 
-def test_shoulders_and_hips_of_a_detector_stay_on_the_trunk() -> None:
-    body = human()
+@pytest.mark.parametrize(("collar_bones", "carrier"), [(True, "shoulder.L"), (False, "chest")])
+def test_shoulders_and_hips_of_a_detector_stay_on_what_the_limbs_hang_on(collar_bones: bool, carrier: str) -> None:
+    body = human(collar_bones=collar_bones)
     places = Places.on(body, NAMES)
     carriers = {n: body.names[places.parts[NAMES.index(n)]] for n in ("LShoulder", "RHip", "LElbow")}
-    assert carriers == {"LShoulder": "chest", "RHip": "pelvis", "LElbow": "forearm.L"}
+    assert carriers == {"LShoulder": carrier, "RHip": "pelvis", "LElbow": "forearm.L"}
     motion = strolling(body, 4)
     found = places.world(part_poses(body, motion))[:, COLUMNS]
     np.testing.assert_allclose(found, landmark_positions(body, motion, JOINTS), atol=1e-12)
