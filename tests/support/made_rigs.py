@@ -99,11 +99,12 @@ def moved_rig(rig: ControlRig, poses: RigPoses, fps: float = 30.0) -> SkeletonMo
     return SkeletonMotion("rig", rig.rest, poses.turns, poses.places, fps)
 
 
-def wild_motion(frames: int = 5, seed: int = 0) -> Motion:
+def wild_motion(frames: int = 5, seed: int = 0, *, collar_bones: bool = True) -> Motion:
     """Any poses of the default body."""
+    parts = len(human(collar_bones=collar_bones))
     dice = np.random.default_rng(seed)
     path = np.cumsum(dice.normal(0, 0.1, (frames, 3)), axis=0) + [1.0, 2.0, 1.0]
-    return Motion(path, rotations.exp(np.cumsum(dice.normal(0, 0.2, (frames, len(human()), 3)), axis=0)))
+    return Motion(path, rotations.exp(np.cumsum(dice.normal(0, 0.2, (frames, parts, 3)), axis=0)))
 
 
 __all__ = ["by_preset", "joint_places", "made_rig", "moved_body", "moved_rig", "wild_motion"]

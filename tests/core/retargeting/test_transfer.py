@@ -46,6 +46,19 @@ def test_joint_angles_come_back_from_every_pair_of_skeletons(there, over):
     assert np.abs(back.positions[:, own] - direct.positions[:, own]).max() < 1e-4
 
 
+@pytest.mark.parametrize("name", KINDS)
+def test_a_motion_without_collar_bones_comes_back_from_rigs_that_have_them(name):
+    body = human(1.75, collar_bones=False)
+    source = moved_body(body, wild_motion(collar_bones=False))
+    there = through(source, rig_of(name))
+    back = through(there, rig_of("kfmocap"))
+    k = back.rest.indices(body.names)
+    direct = through(source, rig_of("kfmocap"))
+    assert degrees(back.turns[:, k], direct.turns[:, k]).max() < 0.1
+    collar = rig_of("kfmocap").rest.indices(["shoulder.L", "chest"])
+    assert degrees(direct.turns[:, collar[0]], direct.turns[:, collar[1]]).max() < 1e-6  # they rest
+
+
 def test_limbs_of_an_a_pose_point_where_those_of_the_t_pose_point():
     source = moved_body(BODY, wild_motion())
     result = through(source, made_rig("mixamo", BODY, np.radians(45), 3))
