@@ -11,7 +11,8 @@ bpy = pytest.importorskip("bpy")
 
 from addon_shots import blender  # noqa: E402, F401
 from conftest import ROOT  # noqa: E402
-from kfmocap.core.body import landmark_positions  # noqa: E402
+from kfmocap.core.body import human, inverse_kinematics, landmark_positions  # noqa: E402
+from kfmocap.core.body.body import AT_EASE  # noqa: E402
 from kfmocap.core.formats import read_trc  # noqa: E402
 from kfmocap.core.tracking.prepare import load_shot  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import body_channels, fcurves, key_ownership, motion_curves, scene  # noqa: E402
@@ -37,7 +38,14 @@ def tracked_frames(armature) -> set[int]:
     return set(fcurves.frames_of(keys)[keys["type"] == fcurves.enum_value("type", "GENERATED")].tolist())
 
 
-def test_the_saved_shot_is_that_of_the_shot_file(opened) -> None:
+def human_of_then(*arguments, **options):
+    """The default body of version 0.1.0: no collar bones, and a trunk that turns as it likes."""
+    body = human(*arguments, **options, collar_bones=False)
+    return replace(body, parts=tuple(replace(part, departure=AT_EASE) for part in body.parts))
+
+
+def test_the_saved_shot_is_that_of_the_shot_file(opened, monkeypatch) -> None:
+    monkeypatch.setattr(inverse_kinematics, "human", human_of_then)
     read, original = scene.shot_from_scene(opened), load_shot(WALK / "shot.toml")
     assert (read.name, read.fps, read.frames) == (original.name, original.fps, original.frames)
     usual = {"joint_acceleration": 30.0, "root_acceleration": 2.0}
@@ -55,7 +63,7 @@ def test_the_saved_shot_is_that_of_the_shot_file(opened) -> None:
     assert performer.name == expected.name
     assert list(performer.body.landmarks) == list(expected.body.landmarks)
     for part, other in zip(performer.body.parts, expected.body.parts, strict=True):
-        assert (part.name, part.parent) == (other.name, other.parent)
+        assert (part.name, part.parent, part.departure) == (other.name, other.parent, other.departure)
         np.testing.assert_allclose(part.vertices, other.vertices, atol=1e-5)  # the shot file's body is fitted anew
     keys = performer.key_poses
     assert keys.frames.tolist() == expected.key_poses.frames.tolist() == KEYS
