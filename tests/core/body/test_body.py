@@ -17,8 +17,10 @@ from kfmocap.core.body import (
 )
 from kfmocap.core.body.body import Part
 from kfmocap.core.body.human import FRACTIONS, SHIFTS, measure_names
+from kfmocap.core.body.joint_limits import posture_prior
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.errors import BodyError
+from kfmocap.core.numerics import rotations
 from synthetic import at_rest, figure, numeric_jacobian, random_motion, rigidly_moved
 
 BODIES = {"figure": figure(), "human": human(1.8)}
@@ -263,3 +265,24 @@ def test_replaced_leaves_the_original_alone() -> None:
     np.testing.assert_array_equal(new.translations[2:4], other.translations)
     np.testing.assert_array_equal(new.rotations[[0, 1, 4]], motion.rotations[[0, 1, 4]])
     np.testing.assert_array_equal(motion.translations, before)
+
+
+def test_trunk_and_collar_bones_are_stiff_and_nothing_else() -> None:
+    body = human()
+    stiff = {name for name, is_stiff in zip(body.names, body.is_stiff, strict=True) if is_stiff}
+    assert stiff == {"spine", "chest", "shoulder.L", "shoulder.R"}
+    assert not figure().is_stiff.any()
+
+
+@pytest.mark.parametrize("rest", [True, False])
+def test_the_posture_prior_is_the_departures_share_of_every_turn(rest: bool) -> None:
+    body = human()
+    motion = random_motion(body, 3, turn=0.02)
+    found = posture_prior(body, motion, rest=rest)
+    turns = rotations.log(motion.rotations[:, 1:])
+    inside = (turns == np.clip(turns, body.limits[1:, :, 0], body.limits[1:, :, 1])).all()
+    assert inside and found.energy == pytest.approx(rest * np.sum((turns / body.departures[1:, None]) ** 2) / 3)
+    numeric = numeric_jacobian(
+        lambda d: posture_prior(body, motion.moved(d.reshape(3, -1)), rest=rest).energy / 2, np.zeros(3 * body.dof), 1e-6
+    )
+    np.testing.assert_allclose(found.gradient.ravel(), numeric.ravel(), rtol=1e-5, atol=1e-6)

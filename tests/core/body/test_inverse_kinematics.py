@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from kfmocap.core.body import Body, human, landmark_positions
@@ -53,6 +55,30 @@ def test_poses_stay_within_the_joint_limits_even_where_landmarks_ask_for_more() 
     vectors = rotations.log(fit_poses(BODY, NAMES, targets).rotations)[:, 1:]
     limits = BODY.limits[1:]
     assert (vectors >= limits[..., 0] - 1e-6).all() and (vectors <= limits[..., 1] + 1e-6).all()
+
+
+def test_a_turn_that_landmarks_leave_open_is_shared_by_the_usual_departures() -> None:
+    """Shoulders turned against the hips: spine and chest bend alike, and no more than that of it."""
+    body = human()
+    truth = at_rest(body)
+    truth.rotations[:, body.index("chest")] = rotations.exp(np.array([0.0, 0.4, 0.0]))
+    names = [name for name in body.landmarks if name not in ("Head", "Nose", "Neck", "Hip")]
+    found = fit_poses(body, names, landmark_positions(body, truth, names))
+    turns = np.linalg.norm(rotations.log(found.rotations[0]), axis=-1)
+    spine, chest = turns[[body.index("spine"), body.index("chest")]]
+    assert spine == pytest.approx(chest, rel=0.1) and spine + chest > 0.3
+
+
+def test_a_larger_usual_departure_takes_more_of_a_turn() -> None:
+    body = human()
+    parts = tuple(replace(part, departure=2.0) if part.name == "spine" else part for part in body.parts)
+    loose = replace(body, parts=parts)
+    truth = at_rest(body)
+    truth.rotations[:, body.index("chest")] = rotations.exp(np.array([0.0, 0.4, 0.0]))
+    names = [name for name in body.landmarks if name not in ("Head", "Nose", "Neck", "Hip")]
+    aims = landmark_positions(body, truth, names)
+    turns = [np.linalg.norm(rotations.log(fit_poses(b, names, aims).rotations[0]), axis=-1) for b in (body, loose)]
+    assert turns[1][body.index("spine")] > 1.5 * turns[0][body.index("spine")]
 
 
 def test_a_knee_does_not_bend_forward() -> None:

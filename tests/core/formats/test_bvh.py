@@ -66,6 +66,27 @@ def test_poses_and_body_are_those_written(tmp_path: Path, order: str) -> None:
     assert np.abs(back.difference(motion[[3, 1]])).max() < 1e-6
 
 
+@pytest.mark.parametrize("collar_bones", [True, False])
+def test_the_body_of_a_bvh_has_collar_bones_where_the_file_has_them(tmp_path: Path, collar_bones: bool) -> None:
+    body = human(1.7, {"shoulder_width": 0.42, "neck_rise": 0.05}, collar_bones=collar_bones)
+    motion = wild(body)
+    path = tmp_path / "poses.bvh"
+    path.write_text(bvh_text(body, motion))
+    skeleton = read_bvh(path)
+    found = body_of_bvh(skeleton, 1.7)
+    assert found.names == body.names
+    np.testing.assert_allclose(found.offsets, body.offsets, atol=1e-6)
+    assert np.abs(poses_of_bvh(skeleton, found, np.arange(4)).difference(motion)).max() < 1e-6
+
+
+def test_one_collar_bone_alone_is_refused_by_name(tmp_path: Path) -> None:
+    body = human()
+    path = tmp_path / "poses.bvh"
+    path.write_text(bvh_text(body, wild(body)).replace("shoulder.R", "clavicle_r"))
+    with pytest.raises(BodyError, match=r"clavicle_r.*shoulder\.R"):
+        body_of_bvh(read_bvh(path))
+
+
 def test_the_height_is_judged_from_the_bones(tmp_path: Path) -> None:
     path = tmp_path / "poses.bvh"
     path.write_text(bvh_text(human(1.64), wild(human(1.64))))
