@@ -141,8 +141,8 @@ _FACE = {"Eye": (0.11, 0.62, 0.17), "Ear": (0.26, 0.55, 0.0)}
 def keypoint_on_body(body: Body, name: str) -> tuple[int, Array]:
     """Return the part that carries a keypoint, and the keypoint's landmark in its frame, metres.
 
-    What a detector calls a shoulder or a hip is a point of what the limb hangs on, collar bone or trunk: it does not turn
-    about the joint with the limb.
+    What a detector calls a shoulder or a hip is a point of what the limb hangs on, collar bone or trunk: it does not
+    turn about the joint with the limb.
     """
     if name[1:] in _FACE and "Head" in body.landmarks:
         part, top = body.landmarks["Head"]

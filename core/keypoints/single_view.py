@@ -25,8 +25,8 @@ def lifted_fit(
     """Fit a body's motion to the keypoints of one view, with depths by the lengths of the bones.
 
     Of two hypotheses, the likeliest path and one whose trunk is turned to the other side of the picture's plane, the
-    one counts whose limbs and trunk together cost less. Collar bones rest: in one view their turns look as a turn of the
-    trunk does.
+    one counts whose limbs and trunk together cost less. Collar bones rest: in one view their turns look as one of
+    the trunk does.
 
     Parameters
     ----------

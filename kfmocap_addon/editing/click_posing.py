@@ -29,6 +29,8 @@ ASKED += ["Head", "Nose", "Neck", "LBigToe", "RBigToe", "LHeel", "RHeel", "LHand
 DRAGGING_STEPS = 4
 """Of the fit, while a joint is dragged."""
 
+_State = tuple[joint_marks.Snapshot, ClickFit]
+
 
 class Placing:
     """Marks of one frame, and the pose that is fitted to them.
@@ -57,8 +59,8 @@ class Placing:
         self._held = _held(self.body, self.bones)
         self._given = shown_pose.read_shown_pose(slot.armature)
         self._solver = ClickSolver(self.body, self._given, self._held)
-        self._history: list[joint_marks.Snapshot] = []
-        self._undone: list[joint_marks.Snapshot] = []
+        self._history: list[_State] = []
+        self._undone: list[_State] = []
         self.fitted = ClickFit(self._given, self._given)
         self.alternatives: list[Motion] = []
         """Poses that look alike from one view, likeliest first; those of the marks as they are, once asked for."""
@@ -106,24 +108,25 @@ class Placing:
         return bool(self._history)
 
     def remember(self) -> None:
-        """Keep the marks as they are, for `undo`."""
-        self._history.append(dict(self.marks))
+        """Keep marks and pose as they are, for `undo`."""
+        self._history.append((dict(self.marks), self.fitted))
         self._undone.clear()
 
     def undo(self) -> bool:
-        """Take the last change of the marks back; whether there was one."""
+        """Take the last change of the marks back, and the pose that they had; whether there was one."""
         return self._exchange(self._history, self._undone)
 
     def redo(self) -> bool:
         """Make the last change again that was undone; whether there was one."""
         return self._exchange(self._undone, self._history)
 
-    def _exchange(self, source: list[joint_marks.Snapshot], other: list[joint_marks.Snapshot]) -> bool:
+    def _exchange(self, source: list[_State], other: list[_State]) -> bool:
         if not source:
             return False
-        other.append(dict(self.marks))
-        self.marks = source.pop()
-        self._fit_afresh()
+        other.append((dict(self.marks), self.fitted))
+        self.marks, self.fitted = source.pop()
+        self.alternatives = []
+        self.show()
         return True
 
     def mark(self, view: str, landmark: str, place: tuple[float, float], dragging: bool = False) -> None:

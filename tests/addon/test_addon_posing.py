@@ -467,7 +467,7 @@ def test_alternatives_of_one_view_are_gone_through_and_undone(tool):
     assert placing.alternative == count - 1
     tool.event("Z", ctrl=True)
     assert not placing.alternatives and len(placing.marks) == 2
-    assert np.abs(placing.pose.difference(before)).max() < 1e-2
+    assert np.abs(placing.pose.difference(before)).max() < 1e-12
 
 
 def test_every_alternative_has_a_box_to_click():

@@ -13,10 +13,11 @@ bpy = pytest.importorskip("bpy")
 from addon_shots import blender, joint_error, keys_of, motion, shot, tracker  # noqa: E402, F401
 from kfmocap import kfmocap_addon  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
+from kfmocap.core.body.body import AT_EASE  # noqa: E402
 from kfmocap.core.errors import CancelledError, FootageError, ShotError  # noqa: E402
 from kfmocap.core.shot.shot import KeyPoses, Settings, View  # noqa: E402
 from kfmocap.kfmocap_addon import registration  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import body_armature, scene  # noqa: E402
 from test_addon_views import largest_difference  # noqa: E402
 
 pytestmark = pytest.mark.blender
@@ -274,3 +275,18 @@ def test_every_tool_and_property_explains_itself(blender):  # noqa: F811
         if issubclass(cls, bpy.types.Operator):
             tool = getattr(bpy.ops.kfmocap, cls.bl_idname.split(".")[1])
             assert tool.get_rna_type().description
+
+
+@pytest.mark.parametrize("collar_bones", [True, False])
+def test_usual_departures_survive_saving_and_old_bodies_have_none(blender, tmp_path, collar_bones):  # noqa: F811
+    body = human(collar_bones=collar_bones)
+    armature = body_armature.build_armature(body, "man", bpy.context.scene.collection)
+    armature.data.bones["chest"].name = "ribs"
+    if not collar_bones:
+        for bone in armature.data.bones:
+            del bone[body_armature.DEPARTURE]
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "body.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "body.blend"))
+    read = body_armature.body_from_armature(bpy.data.objects["man"])
+    assert read.departures.tolist() == (body.departures.tolist() if collar_bones else [AT_EASE] * len(body))
+    assert read.is_stiff.any() == collar_bones

@@ -283,6 +283,8 @@ def test_the_posture_prior_is_the_departures_share_of_every_turn(rest: bool) -> 
     inside = (turns == np.clip(turns, body.limits[1:, :, 0], body.limits[1:, :, 1])).all()
     assert inside and found.energy == pytest.approx(rest * np.sum((turns / body.departures[1:, None]) ** 2) / 3)
     numeric = numeric_jacobian(
-        lambda d: posture_prior(body, motion.moved(d.reshape(3, -1)), rest=rest).energy / 2, np.zeros(3 * body.dof), 1e-6
+        lambda d: posture_prior(body, motion.moved(d.reshape(3, -1)), rest=rest).energy / 2,
+        np.zeros(3 * body.dof),
+        1e-6,
     )
     np.testing.assert_allclose(found.gradient.ravel(), numeric.ravel(), rtol=1e-5, atol=1e-6)

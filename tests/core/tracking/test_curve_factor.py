@@ -82,7 +82,7 @@ def test_only_stiff_parts_are_held_and_between_key_poses_closer_than_before_and_
     stiff = rows(BODY, STIFF)
     assert not np.delete(held, stiff, axis=1).any()
     departures = np.repeat([BODY.departures[BODY.index(name)] for name in STIFF], 3)
-    usual = near_curve(problem_of(), 0, at_rest(BODY, F)).diagonal  # where nothing is turned, rotation vectors are metric
+    usual = near_curve(problem_of(), 0, at_rest(BODY, F)).diagonal  # at rest, rotation vectors are metric
     np.testing.assert_allclose(np.diagonal(usual, axis1=1, axis2=2)[[0, 8]][:, stiff], [1 / departures**2] * 2)
     np.testing.assert_allclose(held[4, stiff] / held[0, stiff], BETWEEN**-2, rtol=1e-9)
 
