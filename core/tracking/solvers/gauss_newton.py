@@ -99,8 +99,8 @@ STAGES = (
     DescentStage(Sampling(1.0, 1.0, 3, REACH), 2),
 )
 """From the curve through the key poses to the solution."""
-REFINEMENT = (DescentStage(Sampling(1.0, 1.0, 2, REACH), 2),)
-"""From a solution to the better one that motion known on both sides allows."""
+REFINEMENT = (DescentStage(Sampling(1.0, 1.0, 2, REACH), 6, small=0.004),)
+"""From a solution to the better one that motion known on both sides allows: no other stage follows."""
 DAMPING = Damping(initial=0.0, grow=1e4, most=1.0)
 """None but where a step was refused: smoothness makes the diagonal so large that the least share of it stops slow, wide
 corrections."""
