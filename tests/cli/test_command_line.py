@@ -212,7 +212,8 @@ def test_what_no_camera_saw_is_told_beside_the_list_of_files(
     assert captured.err == "kfmocap: man: frames on which no camera sees a part: hand.L 2\n"
     assert len(captured.out.split()) == 3
     monkeypatch.setattr(
-        "kfmocap.core.review.track_report.suggest_keys_beside_hidden", lambda *_: [KeySuggestion(4, (6,), (1, 2))]
+        "kfmocap.core.review.track_report.suggest_keys_beside_hidden",
+        lambda *_: [KeySuggestion(4, (human().index("hand.L"),), (1, 2))],
     )
     assert track(folder) == 0
     assert "kfmocap: man: key poses would help at 4 (hand.L hidden 1-2)\n" in capsys.readouterr().err

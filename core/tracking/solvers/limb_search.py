@@ -72,12 +72,15 @@ _LEAST_RANGE = 0.05
 
 
 def limbs(body: Body) -> list[list[int]]:
-    """Chains of at least two parts from where the tree branches last to its tips, as indices, the tip last."""
+    """Chains of at least two parts from where the tree branches last to its tips, as indices, the tip last.
+
+    Collar bones are not of them: poses drawn of an arm would be spread over turns that move it little.
+    """
     children = np.bincount([p for p in body.parents if p >= 0], minlength=len(body))
     chains = []
     for tip in np.flatnonzero(children == 0):
         chain = [int(tip)]
-        while (parent := body.parents[chain[0]]) > 0 and children[parent] == 1:
+        while (parent := body.parents[chain[0]]) > 0 and children[parent] == 1 and not body.is_stiff[parent]:
             chain.insert(0, parent)
         if len(chain) > 1:
             chains.append(chain)
@@ -518,7 +521,8 @@ def _meetings(
 ) -> tuple[Array, NDArray[np.intp]]:
     """How far apart two like limbs are in the directions of their bones, (F, d), and where that is least."""
     R, _ = part_poses(body, motion)
-    left, right = (np.swapaxes(R[:, [body.parents[chain[0]]]], -1, -2) @ R[:, chain] for chain in pair)
+    trunk = np.flatnonzero(body.ancestry[pair[0][0]] & body.ancestry[pair[1][0]])[-1]
+    left, right = (np.swapaxes(R[:, [trunk]], -1, -2) @ R[:, chain] for chain in pair)
     apart = (right - left)[..., 1].reshape(len(motion), -1)
     apart = scipy.ndimage.gaussian_filter1d(apart, MEETING * fps, axis=0, mode="nearest")
     distance = np.linalg.norm(apart, axis=1)

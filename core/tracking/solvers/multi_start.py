@@ -303,7 +303,6 @@ def concealed(problem: SegmentProblem, solution: SegmentSolution) -> bool:
         if len(problem.whole_keys(i)) > 1
         for chain in limbs(problem.bodies[i])
         for part in chain[: max(2, len(chain) - 1)]
-        if not problem.bodies[i].is_stiff[part]  # collar bones are nearly always out of sight
         for first, last in intervals(hidden[i][:, part])
     )
 

@@ -76,7 +76,7 @@ def test_what_no_keypoint_shows_rests_and_is_told(tmp_path: Path, hidden: tuple[
     assert set(performer.unknown) <= unknown <= {*performer.unknown, "hand.L", "hand.R"}  # hands may be too low as well
     assert not set(values["performers"][0]["unseen"]) & unknown
     assert any(line.startswith("man: unknown") and "shin.R" in line for line in report_lines(values))
-    assert max(values["performers"][0]["expected_error"]) < 60  # mm: without what is unknown
+    assert max(values["performers"][0]["expected_error"]) < 65  # mm: without what is unknown, a hand at its limit with
     assert (result.deviation[0][:, BODY.index("shin.L")] > 0.7).all()
 
 
