@@ -27,12 +27,16 @@ from ...body.motion import Motion
 from ...cameras.camera import Camera
 from ...evidence.foreground import SCALE, STRONGEST, log_ratio
 from ...evidence.label_images import NEAR, Geometry, LabelImages, StillParts, render_labels
+from ...evidence.limb_sides import PartSides, SideRatios, SlopeImages
 from ...evidence.part_colours import ColouredFrames
 from ...evidence.view_frames import ViewFrames, views_with_foreground
 from ...numerics import rotations
-from ...numerics.arrays import Array
+from ...numerics.arrays import Array, Bools
 from .measurement import Workspace
 from .problem import SegmentProblem
+
+Poses = tuple[NDArray[np.float32], NDArray[np.float32]]
+"""Orientations and places of a part on m frames, K each: (m, K, 3, 3) and (m, K, 3)."""
 
 SPREADS = (1.0, 0.5, 0.25, 0.12)
 """Standard deviations of the poses drawn, round after round, radians: of a joint that can turn half a circle; that of
@@ -59,6 +63,8 @@ PARTED = 0.75
 """Limbs meet where they are less far apart than this share of how far they part in between."""
 BESIDE = 0.2
 """How long before and after a meeting their velocities are compared, seconds."""
+ELSEWHERE = 60
+"""Poses drawn around each key pose that show how brightness changes where no limb ends."""
 ZERO = 128
 """What a foreground image has where a performer is as likely as anything else."""
 DEPTH_STEP = 0.002
@@ -161,7 +167,7 @@ def untangled_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[
 @dataclass(frozen=True, eq=False)
 class _ViewRatios:
     """Every _STRIDE-th pixel of a view's frames: a performer's log likelihood ratios, (F, h, w), and the colours of its
-    parts.
+    parts; and how brightness changes.
     """
 
     camera: Camera
@@ -169,6 +175,7 @@ class _ViewRatios:
     ratio: NDArray[np.float32]
     coloured: ColouredFrames | None
     still: StillParts | None
+    slopes: SlopeImages | None
 
     @classmethod
     def of(cls, view: ViewFrames, problem: SegmentProblem, performer: int, motions: Sequence[Motion]) -> _ViewRatios:
@@ -179,7 +186,9 @@ class _ViewRatios:
             geometry = problem.geometry()
             others = np.flatnonzero(geometry.performer != performer)
             still = StillParts.drawn(geometry, others, camera, problem.first, scene_poses(problem.bodies, motions))
-        return cls(camera, problem.first, log_ratio(foreground), coloured, still)
+        ratio = log_ratio(foreground)
+        slopes = None if coloured is None else _slopes_around(view, problem, ratio)
+        return cls(camera, problem.first, ratio, coloured, still, slopes)
 
     def labels(self, geometry: Geometry, poses: tuple[Array, Array], without: Sequence[int] = ()) -> LabelImages:
         """Label images of all parts but for some; beside those that are still, numbered as all are."""
@@ -196,7 +205,7 @@ class _ViewRatios:
         nobody = labels.part < 0
         beside = np.where(nobody, self.ratio, np.float32(0))
         if self.coloured is None:
-            return _Uncovered(self.camera, self.first, (_as_steps(beside),) * len(parts), None)
+            return _Uncovered(self.camera, self.first, (_as_steps(beside),) * len(parts), None, None)
         ratio, palette = self.coloured.colours.ratio, self.coloured.palette
         behind = labels.part  # of nobody, anyone
         if self.still is None:
@@ -207,7 +216,20 @@ class _ViewRatios:
             before = np.where(self.coloured.colours.distinct[part][behind], own - ratio[behind, palette], np.float32(0))
             images.append(_as_steps(np.where(nobody, beside + own, before)))
         depth = np.minimum(labels.depth_images() / np.float32(DEPTH_STEP), np.float32(NOBODY)).astype(np.uint16)
-        return _Uncovered(self.camera, self.first, tuple(images), depth)
+        return _Uncovered(self.camera, self.first, tuple(images), depth, self.slopes)
+
+
+def _slopes_around(view: ViewFrames, problem: SegmentProblem, ratio: NDArray[np.float32]) -> SlopeImages | None:
+    """How brightness changes where some frame may show the performer."""
+    shown = (ratio > 0).any(axis=0)
+    if not shown.any():
+        return None
+    rows, columns = (np.flatnonzero(shown.any(axis=axis)) for axis in (1, 0))
+    left, top = _STRIDE * int(columns[0]), _STRIDE * int(rows[0])
+    right, bottom = _STRIDE * (int(columns[-1]) + 1), _STRIDE * (int(rows[-1]) + 1)
+    start = problem.first - view.first
+    grey = view.grey[start : start + problem.length, top:bottom, left:right]
+    return SlopeImages.of(view.camera, problem.first, grey, (left, top))
 
 
 def _as_steps(ratio: NDArray[np.float32]) -> NDArray[np.uint8]:
@@ -235,6 +257,26 @@ class _Uncovered:
     first: int
     ratio: tuple[NDArray[np.uint8], ...]
     depth: NDArray[np.uint16] | None
+    slopes: SlopeImages | None
+    sides: SideRatios | None = None
+
+    def changes(self, sides: PartSides, frames: slice, poses: Poses) -> tuple[NDArray[np.float32], Bools]:
+        """The changes of brightness across the sides of a part in its poses on some frames, grey levels per pixel, and
+        which of them others do not hide; shape (m, 2, n, K).
+        """
+        assert self.slopes is not None and self.depth is not None
+        Rc, tc = self.camera.poses(self.first + frames.start, len(poses[0]))
+        centre = -np.einsum("mji,mj->mi", Rc, tc).astype(np.float32)
+        change, seen = self.slopes.steepest(frames, *sides.seen_from(centre, *poses))
+        pixels = seen[:, :2].reshape(len(seen), 2, -1, seen.shape[-1]) / np.float32(_STRIDE)
+        others = _looked_up(self.depth[frames], pixels[:, 0], pixels[:, 1], 0).reshape(change.shape)
+        return change, seen[:, 2] < others * np.float32(DEPTH_STEP)
+
+    def beside(self, sides: PartSides | None, frames: slice, poses: Poses) -> NDArray[np.float32]:
+        """How much likelier what shows across the sides of a part is with it in its poses, (m, K)."""
+        if sides is None or self.sides is None:
+            return np.zeros(poses[1].shape[:2], np.float32)
+        return self.sides.of(*self.changes(sides, frames, poses)).sum(axis=(1, 2))
 
     def at(self, part: int, frames: slice, points_world: NDArray[np.float32]) -> NDArray[np.float32]:
         """Ratios of the pixels that points (m, 3, K, points) of a part on some frames fall on, 0 beyond the picture and
@@ -259,7 +301,8 @@ class _Limb:
 
     `range` is (n, 3), 1 for half a circle; points (n, points, 3) are in the parts' frames, and each part shows its
     area, square metres, on the average; `parent` are the poses of what the limb hangs on; `fixed` (F, n, 3) are the
-    degrees of freedom that stay; `held` (F, n) is how surely it is where it is.
+    degrees of freedom that stay; `held` (F, n) is how surely it is where it is; `sides` are those of the
+    parts whose sides are looked at.
     """
 
     body: Body
@@ -270,6 +313,7 @@ class _Limb:
     parent: tuple[Array, Array]
     fixed: NDArray[np.bool_]
     held: Array
+    sides: tuple[PartSides | None, ...]
 
 
 def _with_limb_found(
@@ -297,14 +341,54 @@ def _with_limb_found(
         (R[:, hangs_on], T[:, hangs_on]),
         problem.fixed[i][:, 3:].reshape(problem.length, -1, 3)[:, chain],
         np.maximum(held, LEAST_HELD),
+        tuple(_sides(body, chain)),
     )
     uncovered = [look.uncovered(geometry, (R, T), parts) for look in looks]
+    begin = rotations.log(motion.rotations[:, chain])
+    uncovered = [_with_sides_learned(limb, look, begin, problem.whole_keys(i), rng.spawn(1)[0]) for look in uncovered]
+    limb = replace(limb, held=np.maximum(limb.held * _side_belief(limb, uncovered, begin), LEAST_HELD))
     path, gain = _likeliest(limb, uncovered, rotations.log(motion.rotations[:, chain]), problem.fps, rng)
     if gain < LEAST_GAIN:
         return motion
     Q = motion.rotations.copy()
     Q[:, chain] = np.where(limb.fixed.all(axis=-1)[..., None, None], Q[:, chain], rotations.exp(path))
     return Motion(motion.translations, Q)
+
+
+def _sides(body: Body, chain: Sequence[int]) -> Iterator[PartSides | None]:
+    """The sides of a limb's parts that say where it is: not those of its end."""
+    for k, part in enumerate(chain):
+        yield PartSides.of(body.parts[part]) if k < max(2, len(chain) - 1) else None
+
+
+def _with_sides_learned(
+    limb: _Limb, look: _Uncovered, begin: Array, keys: NDArray[np.intp], rng: Generator
+) -> _Uncovered:
+    """A view that also knows how brightness changes across the limb's sides, as its key poses show it."""
+    if look.slopes is None or not len(keys):
+        return look
+    drawn = begin[keys, None] + rng.normal(size=(len(keys), ELSEWHERE, *limb.range.shape)) * SPREADS[1] * limb.range
+    found: list[list[NDArray[np.float32]]] = [[], []]
+    for k, key in enumerate(keys.tolist()):
+        frame = slice(key, key + 1)
+        for kind, poses in enumerate((begin[None, frame], drawn[k][None])):
+            for sides, (_, *placed) in zip(limb.sides, _placed(limb, frame, poses), strict=True):
+                if sides is not None:
+                    change, visible = look.changes(sides, frame, (placed[0], placed[1]))
+                    found[kind].append(change[visible])
+    if not found[0]:
+        return look
+    return replace(look, sides=SideRatios.learned(*map(np.concatenate, found)))
+
+
+def _side_belief(limb: _Limb, uncovered: Sequence[_Uncovered], begin: Array) -> Array:
+    """How much what the limb's sides show speaks for where it begins, 0 to 1, shape (F, 1)."""
+    score = np.zeros(len(begin))
+    for some in _chunks(len(begin)):
+        for sides, (_, *placed) in zip(limb.sides, _placed(limb, some, begin[some, None]), strict=True):
+            for look in uncovered:
+                score[some] += look.beside(sides, some, (placed[0], placed[1]))[:, 0]
+    return np.asarray(scipy.special.expit(score))[:, None]
 
 
 def _likeliest(
@@ -347,7 +431,7 @@ def _anywhere(
     has its own winners: what is far from where the limb begins is hardly met by drawing around it.
     """
     drawn = rng.uniform(*bounds, size=(ANYWHERE * HEAT, *limb.range.shape))
-    score = _covered(replace(limb, points=limb.points[:, :_FEW_POINTS]), uncovered, drawn[None])
+    score = _covered(replace(limb, points=limb.points[:, :_FEW_POINTS]), uncovered, drawn[None], with_sides=False)
     winner = score.reshape(len(score), ANYWHERE, HEAT).argmax(axis=2) + HEAT * np.arange(ANYWHERE)
     return np.asarray(drawn[winner])
 
@@ -386,7 +470,7 @@ def shown_areas(geometry: Geometry, parts: Sequence[int]) -> Array:
     return np.array([ConvexHull(geometry.vertices[geometry.spans[part]]).area / 4 for part in parts])
 
 
-def _covered(limb: _Limb, uncovered: Sequence[_Uncovered], drawn: Array) -> Array:
+def _covered(limb: _Limb, uncovered: Sequence[_Uncovered], drawn: Array, *, with_sides: bool = True) -> Array:
     """How much likelier the images are with the limb in each of K poses drawn (F, K, n, 3), shape (F, K).
 
     Poses that are the same on all frames may be (1, K, n, 3).
@@ -394,9 +478,11 @@ def _covered(limb: _Limb, uncovered: Sequence[_Uncovered], drawn: Array) -> Arra
     score = np.zeros((len(limb.held), drawn.shape[1]))
     for some in _chunks(len(score)):
         poses = drawn if len(drawn) == 1 else drawn[some]
-        for part, (area, world) in enumerate(zip(limb.areas, _placed(limb, some, poses), strict=True)):
+        for part, (area, (world, *placed)) in enumerate(zip(limb.areas, _placed(limb, some, poses), strict=True)):
             for look in uncovered:
                 score[some] += area / PATCH**2 * look.at(part, some, world)
+                if with_sides:
+                    score[some] += look.beside(limb.sides[part], some, (placed[0], placed[1]))
     return score
 
 
@@ -404,8 +490,12 @@ def _chunks(frames: int) -> Iterator[slice]:
     return (slice(f, min(f + _AT_A_TIME, frames)) for f in range(0, frames, _AT_A_TIME))
 
 
-def _placed(limb: _Limb, frames: slice, drawn: Array) -> Iterator[NDArray[np.float32]]:
-    """World points (m, 3, K, points) of each of the limb's parts on m frames, in poses drawn (m or 1, K, n, 3)."""
+def _placed(
+    limb: _Limb, frames: slice, drawn: Array
+) -> Iterator[tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]]:
+    """World points (m, 3, K, points) of each of the limb's parts on m frames, in poses drawn (m or 1, K, n, 3), and
+    those poses, (m, K, 3, 3) and (m, K, 3).
+    """
     R, T = limb.parent[0][frames, None], limb.parent[1][frames, None]
     Q = rotations.exp(drawn)
     for k, part in enumerate(limb.chain):
@@ -414,7 +504,7 @@ def _placed(limb: _Limb, frames: slice, drawn: Array) -> Iterator[NDArray[np.flo
         # Coordinate by coordinate: one product of matrices for all poses, and long rows for what follows.
         turned = np.moveaxis(R, 2, 1).astype(np.float32, order="C") @ limb.points[k].T.astype(np.float32)
         turned += np.moveaxis(T, 2, 1)[..., None].astype(np.float32)
-        yield turned
+        yield turned, R.astype(np.float32), T.astype(np.float32)
 
 
 def _best_way(score: Array, places: Array) -> tuple[NDArray[np.intp], float]:

@@ -1,0 +1,192 @@
+"""Edges along the sides of limbs: where an arm of the same colours as the trunk ends in front of it.
+
+Neither foreground images nor colours show that. Along both sides of a limb, however, brightness changes more steeply,
+and across them, than it does elsewhere on a performer and in the room: by how much, the key frames tell, with the key
+poses and with poses that are drawn around them (after Sidenbladh and Black 2001).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body import Part
+from ..cameras.camera import Camera
+from ..numerics.arrays import Bools
+from ..runtime.shared_arrays import each_row
+from .label_images import NEAR
+from .view_frames import GradientImages
+
+PLACES = np.array([0.2, 0.5, 0.8])
+"""Where along its bone a part is looked at, as shares of the bone's length."""
+DIRECTIONS = 16
+"""Directions around the bone for which its width is known."""
+NEAREST = (-1.5, 0.0, 1.5)
+"""Where the steepest change is looked for across a side, pixels."""
+SLOPE_LIMITS = np.array([1.0, 2.0, 4.0, 6.0, 9.0, 13.0, 18.0, 25.0, 35.0, 50.0])
+"""Between these, changes of brightness count as one, grey levels (of 256) per pixel."""
+UNSURE = 8.0
+"""So many sides of unknown kind are counted with those that key poses show: a few of them teach little."""
+_SMOOTHING = 1.0  # pixels
+_SCALE = 2.0  # steps per grey level
+_ZERO = 128
+
+
+@dataclass(frozen=True, eq=False)
+class PartSides:
+    """The two sides that a part shows, whatever it is looked at from.
+
+    Attributes
+    ----------
+    length : float
+        Of its bone, metres.
+    half_width : ndarray of float32, shape (DIRECTIONS, n)
+        How far from the bone the part reaches, at `PLACES`, metres.
+    """
+
+    length: float
+    half_width: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, part: Part) -> PartSides:
+        """Those of a part's polyhedron."""
+        length = float(np.linalg.norm(part.tail_world - part.head_world))
+        angle = 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+        across = np.stack([np.cos(angle), np.zeros(DIRECTIONS), np.sin(angle)], axis=1)
+        width = np.zeros((DIRECTIONS, len(PLACES)), np.float32)
+        for k, y in enumerate(PLACES * length):
+            below, above = (part.vertices[side] for side in (part.vertices[:, 1] <= y, part.vertices[:, 1] > y))
+            if len(below) and len(above):
+                share = (y - below[:, None, 1]) / (above[None, :, 1] - below[:, None, 1])
+                section = below[:, None] + share[..., None] * (above - below[:, None])
+                width[:, k] = (section.reshape(-1, 3) @ across.T).max(axis=0)
+        return cls(length, width)
+
+    def seen_from(
+        self, centre: NDArray[np.float32], R: NDArray[np.float32], T: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """The places along both sides, and the direction from one side to the other.
+
+        Parameters
+        ----------
+        centre : ndarray, shape (m, 3)
+            The camera's centre on each of m frames, in the world.
+        R, T : ndarray, shapes (m, K, 3, 3) and (m, K, 3)
+            Poses of the part.
+
+        Returns
+        -------
+        points_world : ndarray of float32, shape (m, 3, 2, n, K)
+        across : ndarray of float32, shape (m, 3, K)
+            Unit vectors.
+        """
+        turned, head = np.moveaxis(R, 1, 3), np.moveaxis(T, 1, 2)  # coordinates first: long rows are fast
+        axis = np.ascontiguousarray(turned[:, :, 1])
+        view = head + np.float32(self.length / 2) * axis - centre[:, :, None]
+        across = np.stack([axis[:, i - 2] * view[:, i - 1] - axis[:, i - 1] * view[:, i - 2] for i in range(3)], axis=1)
+        across /= np.maximum(np.sqrt((across**2).sum(axis=1, keepdims=True)), np.float32(1e-9))
+        x, z = ((turned[:, :, k] * across).sum(axis=1) for k in (0, 2))
+        direction = np.rint(np.arctan2(z, x) * np.float32(DIRECTIONS / (2 * np.pi))).astype(np.intp)
+        both = np.stack([direction, direction + DIRECTIONS // 2], axis=1) % DIRECTIONS
+        reach = np.moveaxis(self.half_width[both], 3, 2) * np.array([1, -1], np.float32)[:, None, None]
+        along = (self.length * PLACES).astype(np.float32)[:, None]
+        bone = head[:, :, None] + along * axis[:, :, None]
+        return bone[:, :, None] + reach[:, None] * across[:, :, None, None], across
+
+
+@dataclass(frozen=True, eq=False)
+class SlopeImages:
+    """How brightness changes at every pixel of consecutive frames of a view.
+
+    Attributes
+    ----------
+    camera : Camera
+    first : int
+        Shot frame of the first of them.
+    slopes : ndarray of uint8, shape (F, h, w, 2)
+        By u and v, half grey levels per pixel, from 128.
+    origin : tuple of int
+        The frames' pixel (u, v) that is the first of these.
+    """
+
+    camera: Camera
+    first: int
+    slopes: NDArray[np.uint8]
+    origin: tuple[int, int] = (0, 0)
+
+    @classmethod
+    def of(cls, camera: Camera, first: int, grey: NDArray[np.uint8], origin: tuple[int, int] = (0, 0)) -> SlopeImages:
+        """Those of windows of frames of 8 bits (F, h, w) that begin at a pixel (u, v)."""
+        slopes = np.empty((*grey.shape, 2), np.uint8)
+        for image, out in zip(each_row(grey), slopes, strict=True):
+            by_pixel = GradientImages.of(image[None], _SMOOTHING).values[..., 1:]
+            out[:] = np.clip(np.rint(255 * _SCALE * by_pixel + _ZERO), 0, 255)
+        return cls(camera, first, slopes, origin)
+
+    def steepest(
+        self, frames: slice, points_world: NDArray[np.float32], across: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """The steepest change of brightness across sides on m consecutive frames.
+
+        Parameters
+        ----------
+        frames : slice
+        points_world, across : ndarray, shapes (m, 3, 2, n, K) and (m, 3, K)
+            As `PartSides.seen_from` returns them.
+
+        Returns
+        -------
+        change : ndarray of float32, shape (m, 2, n, K)
+            Grey levels per pixel.
+        seen : ndarray of float32, shape (m, 3, 2, n, K)
+            The places' pixels in the frames (u, v) and their depth, metres.
+        """
+        Rc, tc = self.camera.poses(self.first + frames.start, len(points_world))
+        to_picture = (self.camera.matrix @ Rc).astype(np.float32)
+        seen = (to_picture @ points_world.reshape(len(points_world), 3, -1)).reshape(points_world.shape)
+        seen += (tc @ self.camera.matrix.T).astype(np.float32)[:, :, None, None, None]
+        np.maximum(seen[:, 2], np.float32(NEAR), out=seen[:, 2])
+        seen[:, :2] /= seen[:, 2:]
+        # The direction in the picture in which a point moves that moves across the bone.
+        turned = (to_picture @ across)[:, :, None, None]
+        way = turned[:, :2] - seen[:, :2] * turned[:, 2:]
+        way /= np.maximum(np.sqrt((way**2).sum(axis=1, keepdims=True)), np.float32(1e-9))
+        corner = np.array(self.origin, np.float32)[:, None, None, None]
+        places = np.stack([seen[:, :2] - corner + np.float32(step) * way for step in NEAREST], axis=2)
+        change = np.empty(way[:, 0].shape, np.float32)
+        for image, place, (du, dv), out in zip(self.slopes[frames], places, way, change, strict=True):
+            u, v = place.reshape(2, -1, place.shape[-1])
+            found = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(_ZERO, _ZERO))
+            slopes = found.reshape(*place.shape[1:], 2).astype(np.float32) - np.float32(_ZERO)
+            np.abs(slopes[..., 0] * du + slopes[..., 1] * dv).max(axis=0, out=out)
+        return change / np.float32(_SCALE), seen
+
+
+@dataclass(frozen=True, eq=False)
+class SideRatios:
+    """How much likelier a change of brightness is across a limb's side than across a line elsewhere.
+
+    Attributes
+    ----------
+    ratio : ndarray of float32, shape (L + 1,)
+        Logarithm of it, by the limits between which the change is.
+    """
+
+    ratio: NDArray[np.float32]
+
+    @classmethod
+    def learned(cls, sides: NDArray[np.floating[Any]], elsewhere: NDArray[np.floating[Any]]) -> SideRatios:
+        """From changes of brightness, grey levels per pixel, as they were found at both."""
+        bins = len(SLOPE_LIMITS) + 1
+        right, wrong = (np.bincount(np.digitize(found, SLOPE_LIMITS), minlength=bins) for found in (sides, elsewhere))
+        usual = (wrong + 1) / (wrong + 1).sum()
+        own = (right + UNSURE * usual) / (right.sum() + UNSURE)
+        return cls(np.log(own / usual).astype(np.float32))
+
+    def of(self, change: NDArray[np.float32], visible: Bools) -> NDArray[np.float32]:
+        """The ratios of changes; 0 for what is hidden."""
+        return self.ratio[np.digitize(change, SLOPE_LIMITS)] * visible
