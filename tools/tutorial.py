@@ -20,7 +20,7 @@ from pathlib import Path
 import cv2
 
 ROOT = Path(__file__).resolve().parents[1]
-STEPS = ("tutorial", "tool")
+STEPS = {"tutorial": "tutorial", "tools": "tool", "walk": "shot", "beam": "shot"}
 """Scripts in tools/walkthrough, without their ending `_steps.py`."""
 SIZE = (1440, 900)
 WIDTH, QUALITY = 1200, 78
@@ -47,7 +47,7 @@ def run_blender(work: Path, steps: str, prefix: str, seconds: int) -> int:
         *shlex.split(prefix.format(work=work)),
         *("xvfb-run", "-a", "-s", f"-screen 0 {width}x{height}x24", "timeout", str(seconds)),
         *("blender", "--gpu-backend", "opengl", "--window-geometry", "0", "0", str(width), str(height)),
-        *("--python", str(work / "walkthrough" / f"{steps}_steps.py"), "--", str(work)),
+        *("--python", str(work / "walkthrough" / f"{STEPS[steps]}_steps.py"), "--", str(work), steps),
     ]
     environment = os.environ | {"BLENDER_USER_RESOURCES": str(work / "user"), "KEEP": "BLENDER_USER_RESOURCES"}
     return subprocess.run(command, env=environment, check=False).returncode
@@ -58,7 +58,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--zip", type=Path, required=True, help="the extension, built for that Blender's Python")
     parser.add_argument("--work", type=Path, default=ROOT / "build" / "tutorial")
-    parser.add_argument("--steps", choices=STEPS, default=STEPS[0], help="only those of the tutorial have --out")
+    parser.add_argument("--steps", choices=STEPS, default="tutorial", help="only those of the tutorial have --out")
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "tutorial")
     parser.add_argument(
         "--run",

@@ -53,6 +53,7 @@ class JobOperator(OperatorMixin):
         return ""
 
     def execute(self, context: bpy.types.Context) -> set[str]:
+        self.blocks = True
         with progress_shown(context) as progress, reported(self) as outcome:
             self.finish(context, self.prepare(context)(progress))
         return outcome.value

@@ -119,7 +119,7 @@ class Tracking(Conditional, JobOperator):
         if scene is None:
             raise ShotError("the scene is gone", where=f"scene {name}")
         results = tracked.results
-        tracked_segments.write(scene, asked, parts, results)
+        tracked_segments.write(scene, asked, parts, results, unwatched=not self.blocks)
         sole_plants.refresh(scene)
         unfinished_tracking.discard(scene)
         if tracked.fits is not None:

@@ -115,7 +115,7 @@ def _replace(armature: bpy.types.Object, frames: NDArray[np.int64], errors: NDAr
         bone = armature.pose.bones[rest.name]
         curve = fcurves.ensure_fcurve(bag, bone_visibility.property_path(bone, ERROR), 0, bone.name)
         old = fcurves.get_keys(curve)
-        kept = [old[~np.isin(fcurves.frames_of(old), frames)]]
+        kept = [old[~fcurves.are_among(fcurves.frames_of(old), frames)]]
         if errors is not None:
             bone[ERROR] = float(errors[0, rank])
             bone.id_properties_ui(ERROR).update(min=0.0, soft_max=100.0, precision=1, description=_DESCRIPTION)

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 
 import bpy
 import numpy as np
+from mathutils import Matrix, Quaternion, Vector
 from scipy.spatial.transform import Rotation
 
 from ...core.cameras.camera import Camera
@@ -46,12 +47,13 @@ def read_poses(
 ) -> list[tuple[Array, Array]]:
     """World to camera rotations (N, 3, 3) and translations (N, 3) of every camera; N is 1 where it is fixed.
 
-    However a camera is moved (keys, constraints, Blender's camera solver), it is evaluated on every frame.
+    However a camera is moved (keys, constraints, Blender's camera solver), it is evaluated on every frame: of one that
+    its own keys alone move, the curves; for all others the scene goes through the frames.
     """
-    if all(_stands_still(camera) for camera in cameras):
+    frames = list(range(frame_start, frame_start + length))
+    followed = [_along_curves(camera, frames) for camera in cameras]
+    if all(_stands_still(camera) or keyed is not None for camera, keyed in zip(cameras, followed, strict=True)):
         frames = [scene.frame_current]
-    else:
-        frames = list(range(frame_start, frame_start + length))
     matrices = np.empty((len(frames), len(cameras), 4, 4))
     layer = _view_layer(scene, cameras)
     with coming_back(scene) if len(frames) > 1 else contextlib.nullcontext():
@@ -61,7 +63,7 @@ def read_poses(
             layer.update()
             for c, camera in enumerate(cameras):
                 matrices[i, c] = np.array(camera.evaluated_get(layer.depsgraph).matrix_world)
-    return [_cv_poses(matrices[:, c]) for c in range(len(cameras))]
+    return [_cv_poses(matrices[:, c] if keyed is None else keyed) for c, keyed in enumerate(followed)]
 
 
 @contextlib.contextmanager
@@ -80,6 +82,35 @@ def coming_back(scene: bpy.types.Scene) -> Iterator[None]:
 
 def _stands_still(camera: bpy.types.Object) -> bool:
     return camera.animation_data is None and camera.parent is None and not camera.constraints
+
+
+def _along_curves(camera: bpy.types.Object, frames: list[int]) -> Array | None:
+    """Matrices (F, 4, 4) of a camera on scene frames by its curves; None where more than these may move it."""
+    data, bag = camera.animation_data, fcurves.find_channelbag(camera)
+    if bag is None or camera.parent is not None or camera.constraints or camera.rotation_mode != "QUATERNION":
+        return None
+    if data.drivers or data.nla_tracks or (data.action_influence, data.action_blend_type) != (1.0, "REPLACE"):
+        return None
+    if len(data.action.layers) > 1 or len(data.action.layers[0].strips) > 1 or _has_delta(camera):
+        return None
+    paths = {"location": np.array(camera.location), "rotation_quaternion": np.array(camera.rotation_quaternion)}
+    values = {path: np.tile(value, (len(frames), 1)) for path, value in paths.items()}
+    for curve in bag.fcurves:
+        if curve.data_path not in values or curve.mute or (curve.group is not None and curve.group.mute):
+            return None
+        values[curve.data_path][:, curve.array_index] = [curve.evaluate(frame) for frame in frames]
+    places, turns = (values[path].tolist() for path in paths)
+    scale = camera.scale
+    return np.array(
+        [Matrix.LocRotScale(Vector(p), Quaternion(q).normalized(), scale) for p, q in zip(places, turns, strict=True)]
+    )
+
+
+def _has_delta(camera: bpy.types.Object) -> bool:
+    """Whether a camera is moved by more than its location, rotation and scale."""
+    deltas = camera.delta_location, camera.delta_rotation_quaternion, camera.delta_scale
+    rest = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
+    return any(not np.array_equal(np.array(delta), still) for delta, still in zip(deltas, rest, strict=True))
 
 
 def _view_layer(scene: bpy.types.Scene, cameras: list[bpy.types.Object]) -> bpy.types.ViewLayer:

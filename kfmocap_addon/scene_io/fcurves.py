@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+_FEW = 100_000  # frames: a table of as many is made faster than numbers are sorted
 Keys = NDArray[np.void]
 """Keys of one F-curve, shape (K,), with a field for every property of a Blender key."""
 
@@ -124,15 +125,33 @@ def frames_of(keys: Keys) -> NDArray[np.int64]:
     return np.rint(keys["co"][:, 0]).astype(np.int64)
 
 
+def are_among(numbers: NDArray[np.int64], frames: ArrayLike) -> NDArray[np.bool_]:
+    """Which of some frame numbers are among others; for so few numbers NumPy's `isin` takes five times as long."""
+    chosen = np.asarray(frames, np.int64).ravel()
+    if not len(chosen) or not len(numbers):
+        return np.zeros(numbers.shape, bool)
+    first, last = int(chosen.min()), int(chosen.max())
+    if last - first > _FEW:
+        return np.isin(numbers, chosen)
+    there = np.zeros(last - first + 1, bool)
+    there[chosen - first] = True
+    places = numbers - first
+    inside = (places >= 0) & (places < len(there))
+    places[~inside] = 0
+    return inside & there[places]
+
+
 def set_keys(curve: bpy.types.FCurve, groups: Sequence[Keys]) -> None:
     """Replace all keys of an F-curve by those of the groups, in the order of their frames."""
-    keys = np.concatenate(list(groups))
-    keys = keys[np.argsort(keys["co"][:, 0], kind="stable")]
+    filled = [group for group in groups if len(group)] or list(groups[:1])
+    keys = np.concatenate(filled) if len(filled) > 1 else filled[0]
+    if (np.diff(keys["co"][:, 0]) < 0).any():
+        keys = keys[np.argsort(keys["co"][:, 0], kind="stable")]
     points = curve.keyframe_points
     points.clear()
     points.add(len(keys))
     for field in KEY_TYPE.names or ():
-        points.foreach_set(field, np.ascontiguousarray(keys[field]).ravel())
+        points.foreach_set(field, keys[field].ravel())
     curve.update()
     _restore_handles(curve, keys)
 

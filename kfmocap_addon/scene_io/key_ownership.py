@@ -59,11 +59,13 @@ def proposal_frames(keys: fcurves.Keys, own: NDArray[np.bool_]) -> FrameNumbers:
 def lie_on_frames(keys: fcurves.Keys, frames: FrameNumbers) -> NDArray[np.bool_]:
     """Which keys lie on one of the scene frames, shape (K,)."""
     on = fcurves.frames_of(keys)
-    return np.isin(on, frames) & (np.abs(keys["co"][:, 0] - on) <= _SAME_FRAME)
+    return fcurves.are_among(on, frames) & (np.abs(keys["co"][:, 0] - on) <= _SAME_FRAME)
 
 
 def refuse_subframes(armature: bpy.types.Object, channel: body_channels.Channel, keys: fcurves.Keys) -> None:
     """Raise a ShotError where a key lies between frames."""
+    if not len(keys):
+        return
     between = np.abs(keys["co"][:, 0] - fcurves.frames_of(keys)) > _SAME_FRAME
     if between.any():
         frame = float(keys["co"][between, 0][0])

@@ -7,6 +7,7 @@ file does. What was changed in Blender is taken from Blender.
 from __future__ import annotations
 
 import json
+from functools import lru_cache
 
 import bpy
 import numpy as np
@@ -35,10 +36,18 @@ def recall(owner: Owner, name: str, read: ArrayLike, scale: float = 1.0) -> Arra
         Size of the numbers that went into the values, in their unit: it sets what rounding can have done.
     """
     read = np.asarray(read, float)
-    stored = np.array(json.loads(owner[name]), float) if name in owner else None
+    stored = _stored(owner[name]) if name in owner else None
     if stored is not None and stored.shape == read.shape and same(stored, read, scale):
         return stored
     return read
+
+
+@lru_cache(maxsize=1024)
+def _stored(text: str) -> Array:
+    """Values as they were stored; a body is read often, and its parts are long texts."""
+    values = np.array(json.loads(text), float)
+    values.setflags(write=False)
+    return values
 
 
 def same(a: Array, b: Array, scale: float = 1.0) -> bool:

@@ -44,14 +44,19 @@ def write_motion(
     own = [key_ownership.are_animators(k, record, c) for k, c in zip(keys, channels, strict=True)]
     if proposed is None:
         proposed = key_ownership.proposal_frames(keys[0], own[0])
-    held = np.stack([np.isin(frames, fcurves.frames_of(k[o])) for k, o in zip(keys, own, strict=True)], axis=1)
+    held = np.stack(
+        [fcurves.are_among(frames, fcurves.frames_of(k[o])) for k, o in zip(keys, own, strict=True)], axis=1
+    )
     values, breaks = _beside_keys(body_channels.channel_values(armature, motion), before, held)
 
     recorded = {}
+    blank = fcurves.new_keys(frames, np.zeros(len(frames)), "GENERATED", "LINEAR")
+    blank["type"][fcurves.are_among(frames, proposed)] = fcurves.enum_value("type", key_ownership.PROPOSAL)
     for c, channel in enumerate(channels):
         free = ~held[:, c]
-        new = fcurves.new_keys(frames[free], values[free, c], "GENERATED", "LINEAR")
-        new["type"][np.isin(frames[free], proposed)] = fcurves.enum_value("type", key_ownership.PROPOSAL)
+        new = blank[free]
+        for point in ("co", "handle_left", "handle_right"):
+            new[point][:, 1] = values[free, c]
         new["interpolation"][breaks[free, c]] = fcurves.enum_value("interpolation", "CONSTANT")
         kept = keys[c][own[c] | ~key_ownership.lie_on_frames(keys[c], frames)]
         fcurves.set_keys(curves[c], [kept, new])
@@ -97,7 +102,7 @@ def keyed_frames(armature: bpy.types.Object, frame_start: int, length: int) -> N
     keyed = np.full(length, bag is not None)
     for channel in body_channels.list_channels(armature) if bag else ():
         curve = bag.fcurves.find(channel.path, index=channel.index)
-        keyed &= np.isin(frames, fcurves.frames_of(fcurves.get_keys(curve, fcurves.PLACES)) if curve else [])
+        keyed &= fcurves.are_among(frames, fcurves.frames_of(fcurves.get_keys(curve, fcurves.PLACES)) if curve else [])
     return keyed
 
 
@@ -140,7 +145,7 @@ def _turn_proposals(armature: bpy.types.Object, frames: Collection[int], kind: s
     for _, curve, keys, own in key_ownership.channel_keys(armature, body_channels.list_channels(armature)):
         proposed = (
             ~own
-            & np.isin(fcurves.frames_of(keys), list(frames))
+            & fcurves.are_among(fcurves.frames_of(keys), list(frames))
             & (keys["type"] == fcurves.enum_value("type", key_ownership.PROPOSAL))
         )
         if proposed.any():

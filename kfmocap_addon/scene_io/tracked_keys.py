@@ -38,6 +38,8 @@ class Written:
             return None
         index = frames - self.first
         inside = (index >= 0) & (index < len(values))
+        if inside.all():
+            return values[index]
         return np.where(inside, values[np.where(inside, index, 0)], np.float32(np.nan))
 
     def updated(self, first: int, values: Mapping[str, NDArray[np.float32]]) -> Written:

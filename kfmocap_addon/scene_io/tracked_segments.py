@@ -115,16 +115,27 @@ def excerpts(
 
 
 def write(
-    scene: bpy.types.Scene, asked: AskedTracking, parts: Sequence[Excerpt], results: Sequence[TrackResult]
+    scene: bpy.types.Scene,
+    asked: AskedTracking,
+    parts: Sequence[Excerpt],
+    results: Sequence[TrackResult],
+    *,
+    unwatched: bool = True,
 ) -> None:
     """Write what was tracked into the scene that the shot was read from.
+
+    Parameters
+    ----------
+    unwatched : bool
+        The scene may have changed since it was read: then it is read again and compared.
 
     Raises
     ------
     KFMocapError
         The scene is no longer what was tracked. Nothing was written then.
     """
-    _check_unchanged(scene, asked.whole, parts)
+    if unwatched:
+        _check_unchanged(scene, asked.whole, parts)
     shot, slots = asked.shot, list(asked.slots.values())
     for part, result in zip(parts, results, strict=True):
         scenes.write_motions(scene, [result.motions[i] for i in asked.slots], first=part.first, slots=slots)

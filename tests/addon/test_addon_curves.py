@@ -275,3 +275,9 @@ def test_what_cannot_be_a_key_pose_is_named():
 def test_a_motion_of_another_body_is_refused():
     with pytest.raises(BodyError, match="armature man"):
         motion_curves.write_motion(build(), motion(FRAMES, parts=3), START)
+
+
+@given(st.lists(st.integers(-40, 40)), st.lists(st.integers(-40, 40) | st.integers(-(10**6), 10**6)))
+def test_frames_are_found_among_others(numbers, frames):
+    found = fcurves.are_among(np.array(numbers, np.int64), frames)
+    assert found.tolist() == [number in frames for number in numbers]

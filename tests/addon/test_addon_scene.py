@@ -17,7 +17,7 @@ from kfmocap.core.body.body import AT_EASE  # noqa: E402
 from kfmocap.core.errors import CancelledError, FootageError, ShotError  # noqa: E402
 from kfmocap.core.shot.shot import KeyPoses, Settings, View  # noqa: E402
 from kfmocap.kfmocap_addon import registration  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import body_armature, scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import body_armature, camera_poses, scene  # noqa: E402
 from test_addon_views import largest_difference  # noqa: E402
 
 pytestmark = pytest.mark.blender
@@ -249,6 +249,39 @@ def test_looking_through_a_view_shows_it_at_its_size(blender, tmp_path):  # noqa
     assert bpy.ops.kfmocap.look_through(view=1) == {"FINISHED"}
     assert built.camera == built.kfmocap.views[1].camera
     assert (built.render.resolution_x, built.render.resolution_y) == (240, 320)
+
+
+def constrained(camera):
+    camera.constraints.new("COPY_LOCATION").target = None
+
+
+def muted(camera):
+    camera.animation_data.action.layers[0].strips[0].channelbags[0].fcurves[0].mute = True
+
+
+def moved_beside(camera):
+    camera.delta_location.x = 0.5
+
+
+def scaled_by_keys(camera):
+    camera.keyframe_insert("scale", frame=3)
+
+
+@pytest.mark.parametrize("change", [constrained, muted, moved_beside, scaled_by_keys, None])
+def test_a_moving_camera_is_read_as_the_scene_shows_it(blender, tmp_path, change):  # noqa: F811
+    """By its curves alone where nothing else moves it, to the last bit."""
+    built = scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    camera = built.kfmocap.views[1].camera
+    camera.scale = (2.0, 2.0, 2.0)
+    if change is not None:
+        change(camera)
+    assert (camera_poses._along_curves(camera, [1]) is None) == (change is not None)
+    [(R, t)] = camera_poses.read_poses(built, [camera], 1, 5)
+    for frame in range(5):
+        built.frame_set(1 + frame)
+        seen = np.array(camera.evaluated_get(bpy.context.evaluated_depsgraph_get()).matrix_world)
+        (expected_R,), (expected_t,) = camera_poses._cv_poses(seen[None])
+        assert np.array_equal(R[frame], expected_R) and np.array_equal(t[frame], expected_t)
 
 
 def test_registering_again_works_and_unregistering_leaves_nothing():

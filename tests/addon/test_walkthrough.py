@@ -35,7 +35,19 @@ def test_the_tutorial_can_be_done_as_it_is_written(extension_zip: Path, tmp_path
 @in_a_window
 def test_the_tools_do_what_they_say_with_mouse_and_keyboard(extension_zip: Path, tmp_path: Path) -> None:
     """Each step checks what came of it: files dropped onto the 3D view, the tool in the toolbar."""
-    command = [sys.executable, ROOT / "tools" / "tutorial.py", "--zip", extension_zip, "--steps", "tool"]
+    command = [sys.executable, ROOT / "tools" / "tutorial.py", "--zip", extension_zip, "--steps", "tools"]
+    run = subprocess.run([*command, "--work", tmp_path / "work"], capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stdout + run.stderr
+
+
+@pytest.mark.application
+@in_a_window
+@pytest.mark.parametrize("example", ["walk", "beam"])
+def test_a_shot_is_done_in_one_go_with_twelve_clicks(extension_zip: Path, tmp_path: Path, example: str) -> None:
+    """Tracked, reviewed, corrected and exported; clicks on joints are not counted."""
+    if not (ROOT / "examples" / example / "cam01.mp4").exists():
+        pytest.skip("its footage is not downloaded: run make demo")
+    command = [sys.executable, ROOT / "tools" / "tutorial.py", "--zip", extension_zip, "--steps", example]
     run = subprocess.run([*command, "--work", tmp_path / "work"], capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stdout + run.stderr
 

@@ -1,11 +1,12 @@
 """The animator's tools in Blender's window, with mouse and keyboard: what each does, and what it leaves alone.
 
-Run by `tools/tutorial.py --steps tool`; the argument after `--` is the folder with the examples and the extension's
+Run by `tools/tutorial.py --steps tools`; the argument after `--` is the folder with the examples and the extension's
 zip. Every step checks what came of it.
 """
 
 from __future__ import annotations
 
+import importlib
 import subprocess
 import sys
 from pathlib import Path
@@ -19,7 +20,7 @@ sys.path.insert(0, str(HERE))
 import blender_screen as screen  # noqa: E402
 import tutorial_steps as tutorial  # noqa: E402
 from blender_screen import Place, Waits, click, click_at, press, until  # noqa: E402
-from tutorial_steps import PICTURES, WORK, idle, in_view, picture, scene, window  # noqa: E402
+from tutorial_steps import PICTURES, WORK, idle, in_view, only, picture, scene, window  # noqa: E402
 
 
 def expect(held: object, claim: str) -> None:
@@ -41,7 +42,8 @@ def install() -> Waits:
         filepath=str(WORK / "kfmocap.zip"), repo="user_default", enable_on_install=True
     )
     yield 1.0
-    yield from click("Continue")
+    if screen.is_shown("Continue"):  # Blender's first start
+        yield from click("Continue")
     yield from press("Escape", in_view())
     yield from press("n", in_view())
     yield from click("KF Mocap", sideways=True)
@@ -89,6 +91,121 @@ def toolbar() -> Waits:
     yield from picture("toolbar_marks")
 
 
+def placing() -> Waits:
+    """While joints are placed everything beside the footage is the user's; only Enter keys a pose."""
+    marks = tutorial.placing()._placing.marks
+    yield from tutorial.to_frame(30)
+    expect(not idle() and scene().frame_current == 30, "a click in the timeline shows another frame, the tool waits")
+    yield from tutorial.to_frame(12)
+    yield from press("ctrl+z", in_view())
+    expect(len(tutorial.placing()._placing.marks) == len(marks) - 1, "Ctrl Z takes back the last mark only")
+    yield from press("ctrl+shift+z", in_view())
+    expect(len(tutorial.placing()._placing.marks) == len(marks), "Ctrl Shift Z brings it again")
+    yield from press("n", in_view())
+    yield from press("n", in_view())
+    yield from click_at(in_view((0.3, 0.3)), button=4)
+    yield from click_at(in_view((0.3, 0.3)), button=5)
+    yield from click_at((screen.screenshot().shape[1] - 150, 400))  # the editor beside the view
+    expect(not idle() and scene().frame_current == 12, "N, the wheel and clicks in other editors are not the tool's")
+    yield from click_at(in_view((0.3, 0.3)), button=3)
+    expect(not idle(), "a right-click asks before it throws marks away")
+    yield from picture("asked")
+    yield from press("Tab", in_view((0.3, 0.3)))
+    yield from press("a", in_view((0.3, 0.3)))
+    yield 2.0
+    expect(tutorial.placing()._placing.alternatives, "A shows poses that look alike from this camera")
+    yield from picture("alternatives")
+    before = key_frames()
+    yield from press("Return", in_view((0.3, 0.3)))
+    expect(idle() and key_frames() == sorted([*before, 12]), "Enter keys the pose")
+    yield from press("ctrl+z", in_view((0.3, 0.3)))
+    expect(key_frames() == before, "one undo takes it back")
+    yield from press("ctrl+shift+z", in_view((0.3, 0.3)))
+    expect(key_frames() == sorted([*before, 12]), "a redo brings it again")
+
+
+def keys() -> Waits:
+    """The keys of the 3D view, the pie menu, and the preferences that show them."""
+    yield from press("ctrl+alt+comma", in_view())
+    expect(scene().frame_current == 1, "a key goes to the key pose before")
+    camera = scene().camera
+    yield from press("ctrl+alt+Next", in_view())
+    expect(scene().camera != camera, "a key looks through the next view")
+    yield from press("ctrl+alt+Prior", in_view())
+    yield from press("ctrl+alt+m", in_view((0.4, 0.5)))
+    yield from picture("pie")
+    yield from click("Next Key Pose")
+    expect(scene().frame_current == 12, "the pie menu goes to the next key pose")
+    yield from click("Edit", within=(0, 0, 300, 30))
+    yield from click("Preferences...")
+    yield from click("Add-ons")
+    yield from click("KF Mocap")
+    yield from picture("preferences")
+    yield from click("Back to Previous")
+
+
+def tracking() -> Waits:
+    """Frames fill in, can be gone through, and a click on Cancel takes everything back."""
+    yield from only("Track")
+    yield from click("Track All")
+    yield from until(lambda: idle() or tutorial.tracked_keys(), 600)
+    expect(not idle(), "frames fill in while it tracks")
+    yield from tutorial.to_frame(20)
+    expect(not idle() and scene().frame_current == 20, "other frames can be shown meanwhile")
+    yield from picture("filling_in")
+    height, width = screen.screenshot().shape[:2]
+    yield from click("Cancel", within=(0, height - 40, width, height))
+    expect(idle() and not tutorial.tracked_keys(), "Cancel in the status bar takes everything back")
+    yield from click("Track All")
+    yield from until(lambda: idle() and tutorial.tracked_keys(), 600)
+
+
+def exporting() -> Waits:
+    """The file browser says which files it replaces, and comes back to the last choice."""
+    height, width = screen.screenshot().shape[:2]
+    accept = (width // 2, height - 60, width, height)
+    yield from only("Export")
+    yield from click("Export", within=tutorial.below("Root Motion"))
+    yield from click("Export", within=accept)
+    yield from until(lambda: scene().kfmocap.export.written)
+    yield from picture("exported")
+    yield from click("Export", within=tutorial.below("Root Motion"))
+    expect(screen.is_shown("Replaces walk.bvh"), "exporting again says which files are replaced")
+    yield from picture("replaces")
+    yield from press("Escape", (width // 2, height // 2))
+
+
+def recovering() -> Waits:
+    """A body that was deleted comes back by a click."""
+    armature = scene().kfmocap.performers[0].armature
+    with bpy.context.temp_override(window=window()):
+        for thing in scene().objects:
+            thing.select_set(thing == armature)
+        window().view_layer.objects.active = armature
+    yield from press("x", in_view())
+    yield from press("Return")
+    yield from until(lambda: armature.name not in scene().objects)
+    yield from only("Body")
+    yield from picture("deleted")
+    yield from click("Bring Back")
+    expect(armature.name in scene().objects, "a deleted body comes back")
+
+
+def proposing() -> Waits:
+    """Key poses proposed from keypoints, with pictures to accept or refuse."""
+    yield from drop(WORK / "beam" / "shot_keypoints.toml")
+    yield from until(lambda: scene().name.startswith("beam"), 60)
+    yield from only("Key Poses")
+    yield from picture("keypoints")
+
+
+def key_frames() -> list[int]:
+    """Scene frames of the performer's own key poses."""
+    package = type(scene().kfmocap).__module__.rpartition(".properties")[0]
+    curves = importlib.import_module(f"{package}.scene_io.key_pose_curves")
+    return sorted(curves.keyed_bones(scene().kfmocap.performers[0].armature)[0])
+
+
 def active_tool() -> str:
     """The tool of the 3D view's toolbar that a click uses."""
     tool = window().workspace.tools.from_space_view3d_mode(bpy.context.mode)
@@ -105,18 +222,27 @@ def tool_button() -> Place:
     return region.x + 28, int(top + rows[-1] - 10)
 
 
+def set_up() -> None:
+    """Have Blender show what a script can find: browsers that fill the window, no splash screen, no tooltips."""
+    view = bpy.context.preferences.view
+    view.show_splash = view.show_tooltips = False
+    view.filebrowser_display_type = view.preferences_display_type = "SCREEN"
+
+
 def steps() -> Waits:
     """All steps, one after the other."""
-    preferences = bpy.context.preferences
-    preferences.view.show_splash = False
-    preferences.view.filebrowser_display_type = preferences.view.preferences_display_type = "SCREEN"
-    preferences.view.show_tooltips = False
-    yield 1.0
     yield from install()
     yield from drops()
     yield from toolbar()
+    yield from placing()
+    yield from keys()
+    yield from tracking()
+    yield from exporting()
+    yield from recovering()
+    yield from proposing()
 
 
 if __name__ == "__main__":
     PICTURES.mkdir(exist_ok=True)
+    set_up()
     screen.run(steps(), PICTURES / "failed.png")
