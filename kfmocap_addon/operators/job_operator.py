@@ -32,7 +32,14 @@ class JobOperator(OperatorMixin):
     operator runs modally; without one, and from scripts, it blocks until the work is done. While it runs modally the
     3D views can be turned and zoomed and other frames shown; everything else waits. Work that hands out interim results
     has them shown by `show`; `hide` takes these away again without a trace, before `finish` is called.
+
+    Attributes
+    ----------
+    blocks : bool
+        Nobody can change the scene while the work is done.
     """
+
+    blocks = False
 
     def prepare(self, context: bpy.types.Context) -> Work:
         """Read the scene; returns the work to do."""

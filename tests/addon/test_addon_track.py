@@ -22,6 +22,7 @@ from kfmocap.core.runtime.worker_memory import Remembering  # noqa: E402
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts  # noqa: E402
 from kfmocap.kfmocap_addon.operators import job_operator  # noqa: E402
 from kfmocap.kfmocap_addon.operators.job_operator import JobOperator  # noqa: E402
+from kfmocap.kfmocap_addon.operators.track_motion import Tracking  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import fcurves, key_pose_curves, motion_curves, scene, tracked_segments  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.tracking_preview import TrackingPreview  # noqa: E402
 from scene_state import differences, state  # noqa: E402
@@ -206,6 +207,33 @@ def test_a_scene_that_changed_meanwhile_is_left_alone(built, tracker):  # noqa: 
     with pytest.raises(ShotError, match="changed while"):
         tracked_segments.write(built, asked, parts, results)
     assert keys_of(armature_of(built)) == before
+
+
+class Beside(Tracking):
+    """Tracking whose work was done in another process, as in a window."""
+
+    bl_label = "Track All"
+
+    def __init__(self):
+        self.reports = []
+
+    def report(self, kind, text):
+        self.reports.append(text)
+
+
+@pytest.mark.parametrize("changed", [False, True])
+def test_what_was_tracked_in_a_window_is_written_unless_the_scene_changed(built, tracker, changed):  # noqa: F811
+    tool = Beside()
+    tool.prepare(bpy.context)
+    _, asked, parts = tool._asked
+    tracked = SimpleNamespace(results=track_excerpts(asked.shot, parts), fits=None)
+    if not changed:
+        tool.finish(bpy.context, tracked)
+        assert tool.reports == ["Tracked 12 frames in 1.0 s"]
+        return
+    shift_key_pose(built, 5)
+    with pytest.raises(ShotError, match="changed while"):
+        tool.finish(bpy.context, tracked)
 
 
 @pytest.fixture
