@@ -44,9 +44,9 @@ def _show_opacity(self: bpy.types.PropertyGroup, _context: bpy.types.Context) ->
 
 
 def _show_model(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
-    from .scene_io import part_meshes
+    from .scene_io import shown_model
 
-    part_meshes.show_parts(self.id_data)
+    shown_model.show_model(self.id_data)
 
 
 def _show_performer(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
@@ -518,7 +518,7 @@ class KFMocapScene(bpy.types.PropertyGroup):
                 "one where it is hidden",
             ),
             ("SOLID", "Solid", "The parts before the footage"),
-            ("NONE", "Bones", "The bones alone"),
+            ("NONE", "Bones", "The bones alone, as rings around the parts"),
         ],
         default="OUTLINE",
         update=_show_model,

@@ -8,7 +8,7 @@ import bpy
 
 from ...core.body import Body
 from ...core.errors import BodyError
-from . import body_armature, part_meshes, rotation_modes, scene
+from . import body_armature, part_meshes, rotation_modes, scene, shown_model
 
 
 def add_performer(
@@ -28,7 +28,7 @@ def restore(current: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> None:
     for owner in (slot.armature, *part_meshes.parts_of(slot.armature)):
         if owner.name not in current.objects:
             home.objects.link(owner)
-    part_meshes.show_parts(current)
+    shown_model.show_model(current)
 
 
 def remove(current: bpy.types.Scene, number: int) -> None:
@@ -62,5 +62,5 @@ def take_armature(current: bpy.types.Scene, armature: bpy.types.Object) -> bpy.t
     scene.add_slot(current, scene.free_name(armature.name, current.kfmocap.performers), armature)
     if not current.kfmocap.shot:
         current.kfmocap.shot = "shot"
-    part_meshes.show_parts(current)
+    shown_model.show_model(current)
     return armature

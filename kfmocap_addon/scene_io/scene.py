@@ -24,8 +24,8 @@ from . import (
     key_pose_curves,
     lossless,
     motion_curves,
-    part_meshes,
     prop_holds,
+    shown_model,
     unknown_bones,
     view_cameras,
 )
@@ -75,7 +75,7 @@ def build_scene(
             first_pass = spline(performer.key_poses, shot.length)
             motion_curves.write_motion(slot.armature, first_pass, FRAME_START, FRAME_START + proposed)
     prop_holds.write_holds(scene, shot)
-    part_meshes.show_parts(scene)
+    shown_model.show_model(scene)
     if motions is not None:
         write_motions(scene, motions)
     return scene

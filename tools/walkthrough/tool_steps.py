@@ -20,7 +20,7 @@ sys.path.insert(0, str(HERE))
 import blender_screen as screen  # noqa: E402
 import tutorial_steps as tutorial  # noqa: E402
 from blender_screen import Place, Waits, click, click_at, press, until  # noqa: E402
-from tutorial_steps import PICTURES, WORK, idle, in_view, only, picture, scene, window  # noqa: E402
+from tutorial_steps import PICTURES, WORK, idle, in_view, only, picture, scene, sidebar, window  # noqa: E402
 
 
 def expect(held: object, claim: str) -> None:
@@ -74,6 +74,23 @@ def drops() -> Waits:
     yield from until(lambda: len(scene().kfmocap.performers) == 1)
     expect(tutorial.tracked_keys() == 0, "a dropped shot is a scene of its own")
     yield from picture("dropped_shot")
+
+
+def drawing() -> Waits:
+    """The model over the footage: outlines at first, and bones as rings to take hold of."""
+    yield from only("Look Through")
+    expect(scene().kfmocap.display == "OUTLINE", "outlines are drawn at first")
+    yield from click("Bones", within=sidebar())
+    armature = scene().kfmocap.performers[0].armature
+    expect(armature.data.show_bone_custom_shapes, "bones are drawn as rings")
+    yield from picture("rings")
+    with bpy.context.temp_override(window=window()):
+        window().view_layer.objects.active = armature
+    yield from press("ctrl+Tab", in_view((0.6, 0.8)))
+    expect(armature.mode == "POSE", "Ctrl Tab goes to pose mode")
+    yield from picture("rings_posing")
+    yield from press("ctrl+Tab", in_view((0.6, 0.8)))
+    yield from click("Outline", within=sidebar())
 
 
 def toolbar() -> Waits:
@@ -139,7 +156,9 @@ def keys() -> Waits:
     yield from click("Edit", within=(0, 0, 300, 30))
     yield from click("Preferences...")
     yield from click("Add-ons")
-    yield from click("KF Mocap")
+    x, y = screen.find("KF Mocap")
+    yield from click_at((x - 63, y))  # the arrow that unfolds it
+    expect(screen.is_shown("Keys in the 3D view"), "the preferences show the keys")
     yield from picture("preferences")
     yield from click("Back to Previous")
 
@@ -193,17 +212,43 @@ def recovering() -> Waits:
 
 def proposing() -> Waits:
     """Key poses proposed from keypoints, with pictures to accept or refuse."""
+    if not (WORK / "beam" / "cam01.mp4").exists():
+        return
     yield from drop(WORK / "beam" / "shot_keypoints.toml")
     yield from until(lambda: scene().name.startswith("beam"), 60)
     yield from only("Key Poses")
-    yield from picture("keypoints")
+    yield from click("From Keypoints and Landmarks")
+    yield from picture("from_keypoints")
+    yield from click("Pose from Keypoints")
+    yield from until(lambda: idle() and proposals(), 300)
+    proposed = proposals()
+    yield from click("From Keypoints and Landmarks")
+    yield from click("Pictures", within=sidebar())
+    yield from click("Show Pictures")
+    yield 1.0
+    yield from until(idle, 120)
+    yield from picture("proposals")
+    label = str(proposed[0])
+    x, y = screen.find(label, within=tutorial.below("Show Pictures"))
+    row = screen.screenshot()
+    left, _, right, _ = sidebar()
+    print("proposal", label, "at", x, y, row.shape, left, right, flush=True)
 
 
 def key_frames() -> list[int]:
     """Scene frames of the performer's own key poses."""
+    return sorted(_keyed()[0])
+
+
+def proposals() -> list[int]:
+    """Scene frames of proposed key poses."""
+    return sorted(_keyed()[1])
+
+
+def _keyed() -> tuple[dict[int, set[str]], list[int]]:
     package = type(scene().kfmocap).__module__.rpartition(".properties")[0]
     curves = importlib.import_module(f"{package}.scene_io.key_pose_curves")
-    return sorted(curves.keyed_bones(scene().kfmocap.performers[0].armature)[0])
+    return curves.keyed_bones(scene().kfmocap.performers[0].armature)
 
 
 def active_tool() -> str:
@@ -233,6 +278,7 @@ def steps() -> Waits:
     """All steps, one after the other."""
     yield from install()
     yield from drops()
+    yield from drawing()
     yield from toolbar()
     yield from placing()
     yield from keys()
