@@ -89,7 +89,7 @@ OPERATORS = (
 )
 MODULES = (properties, capture_scene, *OPERATORS, *panels.SECTIONS, keymap)
 CLASSES = tuple(cls for module in MODULES for cls in module.CLASSES)
-MENUS = edit_body.MENUS
+MENUS = tuple(entry for module in (edit_body, load_shot, export_motion) for entry in module.MENUS)
 """Names of Blender's menus and what is appended to them."""
 
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(CLASSES)

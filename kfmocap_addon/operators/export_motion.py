@@ -106,4 +106,10 @@ class OpenExportFolder(Conditional, bpy.types.Operator):
         return {"FINISHED"}
 
 
+def add_to_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
+    """Draw the entry of the menu File > Export."""
+    self.layout.operator(Export.bl_idname, text="KF Mocap Motion")
+
+
+MENUS = (("TOPBAR_MT_file_export", add_to_menu),)
 CLASSES = (Export, OpenExportFolder)

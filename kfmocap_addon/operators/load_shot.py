@@ -35,4 +35,10 @@ class LoadShot(bpy.types.Operator, ImportHelper):
         return outcome.value
 
 
+def add_to_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
+    """Draw the entry of the menu File > Import."""
+    self.layout.operator(LoadShot.bl_idname, text="KF Mocap Shot (.toml)")
+
+
+MENUS = (("TOPBAR_MT_file_import", add_to_menu),)
 CLASSES = (LoadShot,)

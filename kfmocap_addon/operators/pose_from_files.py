@@ -99,7 +99,8 @@ class PoseFromKeypoints(_FromKeypoints, JobOperator, bpy.types.Operator):
         for other, found in zip(scene.kfmocap.performers, result, strict=True):
             identities.write_identity(other, found.identity)
         if scene.kfmocap.key_frames.choice == "AUTO":
-            self.report({"INFO"}, f"{keyframing.propose(scene, slot, seen)} key poses are proposed")
+            count = keyframing.propose(scene, slot, seen)
+            self.report({"INFO"}, f"{count} key pose{' is' if count == 1 else 's are'} proposed")
         else:
             poses = seen.motion[seen.frames]
             _tell(self, keyframing.set_key_poses(scene, slot, seen.frames.tolist(), poses), len(seen.frames))

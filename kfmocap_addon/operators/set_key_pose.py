@@ -89,7 +89,8 @@ class AcceptProposals(_Proposals, bpy.types.Operator):
             if not chosen:
                 return {"CANCELLED"}
             motion_curves.accept_proposals(active_performer.chosen(context).armature, chosen)
-            self.report({"INFO"}, f"{len(chosen)} proposals are key poses now")
+            text = "The proposal is a key pose" if len(chosen) == 1 else f"{len(chosen)} proposals are key poses"
+            self.report({"INFO"}, f"{text} now")
         return outcome.value
 
 

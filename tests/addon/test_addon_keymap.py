@@ -1,9 +1,10 @@
-"""The add-on's keys and its tool beside Blender's."""
+"""The add-on's keys and its tool, and its menu entries beside Blender's."""
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -83,3 +84,14 @@ def test_place_joints_is_in_the_toolbar_while_the_add_on_is(mode):
         assert [item.idname for item in keys.keymap_items] == ["kfmocap.place_joints"]
         kfmocap_addon.unregister()
         assert tools_in(mode) == before
+
+
+def test_shots_are_imported_and_motion_exported_from_the_file_menu(blender):  # noqa: F811
+    for menu, label in (("import", "KF Mocap Shot (.toml)"), ("export", "KF Mocap Motion")):
+        drawn: list[str] = []
+        layout = SimpleNamespace(operator=lambda _name, text="", drawn=drawn, **_more: drawn.append(text))
+        entries = getattr(bpy.types, f"TOPBAR_MT_file_{menu}")._dyn_ui_initialize()
+        for entry in entries:
+            if entry.__module__.startswith("kfmocap."):
+                entry(SimpleNamespace(layout=layout), bpy.context)
+        assert drawn == [label]

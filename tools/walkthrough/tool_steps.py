@@ -141,6 +141,16 @@ def placing() -> Waits:
     expect(key_frames() == sorted([*before, 12]), "a redo brings it again")
 
 
+def menus() -> Waits:
+    """File > Import has shots."""
+    yield from click("File", within=(0, 0, 300, 30))
+    yield from click("Import")
+    expect(screen.is_shown("KF Mocap Shot (.toml)"), "File > Import has shots")
+    yield from picture("import")
+    yield from press("Escape")
+    yield from press("Escape")
+
+
 def keys() -> Waits:
     """The keys of the 3D view, the pie menu, and the preferences that show them."""
     yield from press("ctrl+alt+comma", in_view())
@@ -214,7 +224,10 @@ def proposing() -> Waits:
     """Key poses proposed from keypoints, with pictures to accept or refuse."""
     if not (WORK / "beam" / "cam01.mp4").exists():
         return
-    yield from drop(WORK / "beam" / "shot_keypoints.toml")
+    given = (WORK / "beam" / "shot_keypoints.toml").read_text()
+    sparse = WORK / "beam" / "sparse.toml"
+    sparse.write_text(given.replace("keyframes = [0, 33, 66, 99]", "keyframes = [0]"))
+    yield from drop(sparse)
     yield from until(lambda: scene().name.startswith("beam"), 60)
     yield from only("Key Poses")
     yield from click("From Keypoints and Landmarks")
@@ -222,17 +235,22 @@ def proposing() -> Waits:
     yield from click("Pose from Keypoints")
     yield from until(lambda: idle() and proposals(), 300)
     proposed = proposals()
-    yield from click("From Keypoints and Landmarks")
     yield from click("Pictures", within=sidebar())
     yield from click("Show Pictures")
     yield 1.0
     yield from until(idle, 120)
     yield from picture("proposals")
-    label = str(proposed[0])
-    x, y = screen.find(label, within=tutorial.below("Show Pictures"))
-    row = screen.screenshot()
-    left, _, right, _ = sidebar()
-    print("proposal", label, "at", x, y, row.shape, left, right, flush=True)
+    accepted, refused = proposed[:2]
+    for frame, beside in ((accepted, _ACCEPT), (refused, _REFUSE)):
+        x, y = screen.find(str(frame), within=tutorial.below("Show Pictures"))
+        yield from click_at((x + beside, y))
+    expect(accepted in key_frames(), "a click below its picture accepts a proposal")
+    expect(refused not in key_frames() and refused not in proposals(), "and refuses another")
+    yield from picture("accepted")
+
+
+_ACCEPT, _REFUSE = 47, 68
+"""Pixels from the number of a proposal's frame to the buttons beside it."""
 
 
 def key_frames() -> list[int]:
@@ -277,6 +295,7 @@ def set_up() -> None:
 def steps() -> Waits:
     """All steps, one after the other."""
     yield from install()
+    yield from menus()
     yield from drops()
     yield from drawing()
     yield from toolbar()
