@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection
 
 import bpy
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.body.motion import Motion
+from ...core.numerics.arrays import Array
 from ...core.shot.shot import KeyPoses
 from . import body_channels, fcurves, key_ownership, lossless
 
@@ -128,7 +128,7 @@ def _remember(armature: bpy.types.Object, frames: FrameNumbers, poses: Motion) -
     """Keep poses of scene frames as they were before rounding, beside those of other frames."""
     T, Q = poses.translations, poses.rotations
     if KEY_FRAMES in armature:
-        old, T0, Q0 = (np.array(json.loads(armature[n])) for n in (KEY_FRAMES, KEY_TRANSLATIONS, KEY_ROTATIONS))
+        old, T0, Q0 = _remembered(armature)
         kept = ~np.isin(old, frames)
         if kept.any() and Q0.shape[1:] == Q.shape[1:]:
             frames, T, Q = (np.concatenate(pair) for pair in ((old[kept], frames), (T0[kept], T), (Q0[kept], Q)))
@@ -137,17 +137,23 @@ def _remember(armature: bpy.types.Object, frames: FrameNumbers, poses: Motion) -
     lossless.keep(armature, KEY_ROTATIONS, Q)
 
 
+def _remembered(armature: bpy.types.Object) -> tuple[FrameNumbers, Array, Array]:
+    """Scene frames (K,) of the poses that are kept, their translations and rotations."""
+    frames, T, Q = (lossless.stored(armature[name]) for name in (KEY_FRAMES, KEY_TRANSLATIONS, KEY_ROTATIONS))
+    return frames.astype(np.int64), T, Q
+
+
 def _unrounded(armature: bpy.types.Object, frames: FrameNumbers, read: Motion) -> Motion:
     """The poses that `write_key_poses` was given, where the keys still have them; else those read."""
     if KEY_FRAMES not in armature:
         return read
-    first, T0, Q0 = (np.array(json.loads(armature[name])) for name in (KEY_FRAMES, KEY_TRANSLATIONS, KEY_ROTATIONS))
+    first, T0, Q0 = _remembered(armature)
     T, Q = read.translations.copy(), read.rotations.copy()
     for i, frame in enumerate(frames):
         for k in np.flatnonzero(first == frame):
             if lossless.same(T0[k], T[i]):
                 T[i] = T0[k]
-            for p in range(min(len(Q[i]), len(Q0[k]))):
-                if lossless.same(Q0[k, p], Q[i, p]):
-                    Q[i, p] = Q0[k, p]
+            parts = min(len(Q[i]), len(Q0[k]))
+            kept = lossless.alike(Q0[k, :parts], Q[i, :parts]).all(axis=(1, 2))
+            Q[i, :parts][kept] = Q0[k, :parts][kept]
     return Motion(T, Q)

@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.numerics.arrays import Array
+from ...core.numerics.arrays import Array, Bools
 
 Owner = bpy.types.ID | bpy.types.Bone
 
@@ -36,15 +36,13 @@ def recall(owner: Owner, name: str, read: ArrayLike, scale: float = 1.0) -> Arra
         Size of the numbers that went into the values, in their unit: it sets what rounding can have done.
     """
     read = np.asarray(read, float)
-    stored = _stored(owner[name]) if name in owner else None
-    if stored is not None and stored.shape == read.shape and same(stored, read, scale):
-        return stored
-    return read
+    kept = stored(owner[name]) if name in owner else None
+    return kept if kept is not None and kept.shape == read.shape and same(kept, read, scale) else read
 
 
 @lru_cache(maxsize=1024)
-def _stored(text: str) -> Array:
-    """Values as they were stored; a body is read often, and its parts are long texts."""
+def stored(text: str) -> Array:
+    """Values as they were stored, which must not be written to: a body is read often, and its parts are long texts."""
     values = np.array(json.loads(text), float)
     values.setflags(write=False)
     return values
@@ -52,4 +50,9 @@ def _stored(text: str) -> Array:
 
 def same(a: Array, b: Array, scale: float = 1.0) -> bool:
     """Whether values differ by rounding alone."""
-    return bool((np.abs(a - b) <= _ROUNDING * (scale + np.abs(b))).all())  # NumPy's allclose takes ten times as long
+    return bool(alike(a, b, scale).all())
+
+
+def alike(a: Array, b: Array, scale: float = 1.0) -> Bools:
+    """Which values differ by rounding alone; NumPy's `isclose` takes ten times as long."""
+    return np.asarray(np.abs(a - b) <= _ROUNDING * (scale + np.abs(b)))

@@ -230,7 +230,8 @@ def proposing() -> Waits:
     yield from drop(sparse)
     yield from until(lambda: scene().name.startswith("beam"), 60)
     yield from only("Key Poses")
-    yield from click("From Keypoints and Landmarks")
+    yield from click("From Other Poses", within=sidebar())  # folds, so that what is below is shown
+    yield from click("From Keypoints and Landmarks", within=sidebar())
     yield from picture("from_keypoints")
     yield from click("Pose from Keypoints")
     yield from until(lambda: idle() and proposals(), 300)
