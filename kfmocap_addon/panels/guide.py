@@ -32,7 +32,10 @@ def is_done(context: bpy.types.Context, section: str) -> bool:
 
 
 def current_step(context: bpy.types.Context) -> str | None:
-    """The section of the first step that is not done; None while that is being looked up."""
+    """The section of the first step that is not done; None while that is being looked up.
+
+    Proposed key poses wait there to be accepted or refused until the performers are tracked.
+    """
     shot = context.scene.kfmocap
     if not shot.views or any(view.missing or not view.is_calibrated for view in shot.views):
         return "footage"
@@ -43,7 +46,9 @@ def current_step(context: bpy.types.Context) -> str | None:
         return None
     if any(len(entries) < LEAST_KEYS for entries in keys if entries is not None):
         return "key_poses"
-    return "review" if all(bone_visibility.is_tracked(slot.armature) for slot in shot.performers) else "track"
+    if all(bone_visibility.is_tracked(slot.armature) for slot in shot.performers):
+        return "review"
+    return "key_poses" if any(entry.proposed for entries in keys if entries for entry in entries) else "track"
 
 
 def follow(context: bpy.types.Context) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from addon_shots import blender, shot, tracker  # noqa: E402, F401
+from kfmocap.core.shot.shot import KeyPoses  # noqa: E402
 from kfmocap.kfmocap_addon import panels  # noqa: E402
 from kfmocap.kfmocap_addon.operators.open_section import SECTIONS, sections_of  # noqa: E402
 from kfmocap.kfmocap_addon.operators.track_motion import TrackAll  # noqa: E402
@@ -61,6 +63,25 @@ def test_what_is_done_folds_and_the_next_step_opens(tmp_path, tracker):  # noqa:
         "key_poses",
         "track",
     ]
+
+
+@pytest.mark.parametrize("tracked", [False, True])
+def test_proposals_wait_to_be_accepted_or_refused_until_the_shot_is_tracked(tmp_path, tracker, tracked):  # noqa: F811
+    original = shot(tmp_path)
+    [man] = original.performers
+    keys = KeyPoses.proposed(man.key_poses.frames, man.key_poses.poses)
+    built = scenes.build_scene(replace(original, performers=(replace(man, key_poses=keys),)), scene=bpy.context.scene)
+    first, second, last = (built.kfmocap.frame_start + int(frame) for frame in keys.frames)
+    assert step() == "key_poses"
+    bpy.ops.kfmocap.accept_proposals(frame=first)
+    bpy.ops.kfmocap.accept_proposals(frame=last)
+    assert step() == "key_poses"
+    if tracked:
+        bpy.ops.kfmocap.track()
+        assert step() == "review"
+    else:
+        bpy.ops.kfmocap.refuse_proposal(frame=second)
+        assert step() == "track"
 
 
 def test_a_second_performer_folds_everything_but_its_key_poses(tmp_path, tracker):  # noqa: F811
