@@ -96,18 +96,22 @@ def _aspect(scene: bpy.types.Scene) -> float:
 
 
 def show_keys(context: bpy.types.Context) -> None:
-    """Let the timelines and dope sheets of a context's window show the whole shot, with the keys of all performers.
+    """Let timelines and dope sheets, of all workspaces, show the keys of all performers; those of a context's window
+    show the whole shot.
 
     By default they show those of bones that are selected in pose mode alone: none, after a shot is loaded.
     """
     if context.window is None or context.screen is None:
         return
     context.window.scene.show_keys_from_selected_only = False  # of the timeline
+    for screen in bpy.data.screens:
+        for area in screen.areas:
+            for space in area.spaces:
+                if space.type == "DOPESHEET_EDITOR":
+                    space.dopesheet.show_only_selected = False
     for area in context.screen.areas:
-        if area.type != "DOPESHEET_EDITOR":
-            continue
-        area.spaces.active.dopesheet.show_only_selected = False
-        _fit(context.window, context.screen, area, bpy.ops.action.view_all)
+        if area.type == "DOPESHEET_EDITOR":
+            _fit(context.window, context.screen, area, bpy.ops.action.view_all)
 
 
 def view3d_of(context: bpy.types.Context) -> bpy.types.Area | None:

@@ -251,6 +251,17 @@ def test_looking_through_a_view_shows_it_at_its_size(blender, tmp_path):  # noqa
     assert (built.render.resolution_x, built.render.resolution_y) == (240, 320)
 
 
+def test_dope_sheets_of_all_workspaces_show_the_keys_of_a_loaded_shot(blender, tmp_path, monkeypatch):  # noqa: F811
+    from kfmocap.core.tracking import prepare
+
+    monkeypatch.setattr(prepare, "load_shot", lambda path: shot(tmp_path))
+    bpy.ops.kfmocap.load_shot(filepath=str(tmp_path / "shot.toml"))
+    spaces = [space for screen in bpy.data.screens for area in screen.areas for space in area.spaces]
+    sheets = [space.dopesheet for space in spaces if space.type == "DOPESHEET_EDITOR"]
+    assert len(sheets) > 1 and not any(sheet.show_only_selected for sheet in sheets)
+    assert not bpy.context.window.scene.show_keys_from_selected_only
+
+
 def constrained(camera):
     camera.constraints.new("COPY_LOCATION").target = None
 

@@ -189,6 +189,22 @@ def tracking() -> Waits:
     yield from until(lambda: idle() and tutorial.tracked_keys(), 600)
 
 
+def sheets() -> Waits:
+    """The dope sheet of another workspace shows the keys, without a bone being selected."""
+    width = screen.screenshot().shape[1]
+    yield from click("Animation", within=(0, 0, width, 30))
+    yield 2.0
+    expect(not any(s.show_only_selected for s in _dope_sheets()), "dope sheets show the keys of all bones")
+    yield from picture("dope_sheet")
+    yield from click("Layout", within=(0, 0, width, 30))
+    yield 2.0
+
+
+def _dope_sheets() -> list[bpy.types.DopeSheet]:
+    spaces = [area.spaces.active for area in window().screen.areas]
+    return [space.dopesheet for space in spaces if space.type == "DOPESHEET_EDITOR"]
+
+
 def exporting() -> Waits:
     """The file browser says which files it replaces, and comes back to the last choice."""
     height, width = screen.screenshot().shape[:2]
@@ -236,6 +252,7 @@ def proposing() -> Waits:
     yield from click("Pose from Keypoints")
     yield from until(lambda: idle() and proposals(), 300)
     proposed = proposals()
+    yield from screen.settled()  # the list of key poses has grown
     yield from click("Pictures", within=sidebar())
     yield from click("Show Pictures")
     yield 1.0
@@ -303,6 +320,7 @@ def steps() -> Waits:
     yield from placing()
     yield from keys()
     yield from tracking()
+    yield from sheets()
     yield from exporting()
     yield from recovering()
     yield from proposing()
