@@ -123,8 +123,9 @@ class SlopeImages:
         """Those of windows of frames of 8 bits (F, h, w) that begin at a pixel (u, v)."""
         slopes = np.empty((*grey.shape, 2), np.uint8)
         for image, out in zip(each_row(grey), slopes, strict=True):
-            by_pixel = GradientImages.of(image[None], _SMOOTHING).values[..., 1:]
-            out[:] = np.clip(np.rint(255 * _SCALE * by_pixel + _ZERO), 0, 255)
+            values = GradientImages.of(image[None], _SMOOTHING).values
+            rows = cv2.max(values.reshape(len(values), -1), -_ZERO / (255 * _SCALE))
+            out[:] = cv2.convertScaleAbs(rows, None, 255 * _SCALE, _ZERO).reshape(values.shape)[..., 1:]
         return cls(camera, first, slopes, origin)
 
     def steepest(

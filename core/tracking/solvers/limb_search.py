@@ -215,8 +215,7 @@ class _ViewRatios:
             own = self.coloured.of(part)
             before = np.where(self.coloured.colours.distinct[part][behind], own - ratio[behind, palette], np.float32(0))
             images.append(_as_steps(np.where(nobody, beside + own, before)))
-        depth = np.minimum(labels.depth_images() / np.float32(DEPTH_STEP), np.float32(NOBODY)).astype(np.uint16)
-        return _Uncovered(self.camera, self.first, tuple(images), depth, self.slopes)
+        return _Uncovered(self.camera, self.first, tuple(images), _depth_steps(labels), self.slopes)
 
 
 def _slopes_around(view: ViewFrames, problem: SegmentProblem, ratio: NDArray[np.float32]) -> SlopeImages | None:
@@ -230,6 +229,11 @@ def _slopes_around(view: ViewFrames, problem: SegmentProblem, ratio: NDArray[np.
     start = problem.first - view.first
     grey = view.grey[start : start + problem.length, top:bottom, left:right]
     return SlopeImages.of(view.camera, problem.first, grey, (left, top))
+
+
+def _depth_steps(labels: LabelImages) -> NDArray[np.uint16]:
+    """How far the parts are, in steps of `DEPTH_STEP`."""
+    return np.minimum(labels.depth_images() / np.float32(DEPTH_STEP), np.float32(NOBODY)).astype(np.uint16)
 
 
 def _as_steps(ratio: NDArray[np.float32]) -> NDArray[np.uint8]:
@@ -300,9 +304,9 @@ class _Limb:
     """One limb and what is known of it: n parts, F frames.
 
     `range` is (n, 3), 1 for half a circle; points (n, points, 3) are in the parts' frames, and each part shows its
-    area, square metres, on the average; `parent` are the poses of what the limb hangs on; `fixed` (F, n, 3) are the
-    degrees of freedom that stay; `held` (F, n) is how surely it is where it is; `sides` are those of the
-    parts whose sides are looked at.
+    area, square metres, on the average; `parent` are the poses of what the limb hangs on; `begin` (F, n, 3) are the
+    rotation vectors of where it is; `fixed` (F, n, 3) are the degrees of freedom that stay; `held` (F, n) is how surely
+    it is where it is; `sides` are those of the parts whose sides are looked at.
     """
 
     body: Body
@@ -311,9 +315,45 @@ class _Limb:
     points: Array
     areas: Array
     parent: tuple[Array, Array]
+    begin: Array
     fixed: NDArray[np.bool_]
     held: Array
     sides: tuple[PartSides | None, ...]
+
+
+def sides_of_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[tuple[int, list[int], Array]]:
+    """How much likelier what shows across the sides of each limb is with it where it is than where no limb ends.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+    motions : sequence of Motion
+        F poses per performer.
+
+    Yields
+    ------
+    int
+        Index of the performer.
+    list of int
+        The limb as a chain of its parts.
+    ndarray, shape (F,)
+        Logarithm of the ratio of likelihoods on each frame.
+    """
+    rng = np.random.default_rng(problem.settings.search_seed)
+    views = [view for view in views_with_foreground(problem.views) if view.colours is not None]
+    geometry, poses = problem.geometry(), scene_poses(problem.bodies, motions)
+    for i in problem.sought if views else ():
+        looks = [_ViewRatios.of(view, problem, i, motions) for view in views]
+        labels = [look.labels(geometry, poses) for look in looks]
+        depths = [_depth_steps(each) for each in labels]
+        for chain in limbs(problem.bodies[i]):
+            limb, parts = _limb_in(problem, motions, (i, chain), rng)
+            own = np.isin(np.arange(len(geometry.spans) + 1), parts)  # the last is nobody
+            beside = [
+                _Uncovered(look.camera, look.first, (), np.where(own[shown.part], NOBODY, depth), look.slopes)
+                for look, shown, depth in zip(looks, labels, depths, strict=True)
+            ]
+            yield i, chain, _sides_shown(limb, _with_sides_learned(limb, beside, problem.whole_keys(i), rng))
 
 
 def _with_limb_found(
@@ -327,32 +367,42 @@ def _with_limb_found(
 ) -> Motion:
     """One performer's motion with one limb, a chain of its parts, where it is likeliest; `free` as in `freed_limb`."""
     i, chain = place
-    body, motion = problem.bodies[i], motions[i]
-    span, geometry = problem.spans()[i], problem.geometry()
-    parts = [span.start + part for part in chain]
-    R, T = scene_poses(problem.bodies, motions)
-    hangs_on = span.start + body.parents[chain[0]]
-    held = np.zeros((problem.length, len(chain))) if free else _held(looks, geometry, (R, T), parts)
-    limb = _Limb(
-        body,
-        chain,
-        np.clip(np.ptp(body.limits[chain], axis=2) / np.pi, _LEAST_RANGE, 1.0),
-        *_samples(geometry, parts, rng),
-        (R[:, hangs_on], T[:, hangs_on]),
-        problem.fixed[i][:, 3:].reshape(problem.length, -1, 3)[:, chain],
-        np.maximum(held, LEAST_HELD),
-        tuple(_sides(body, chain)),
-    )
-    uncovered = [look.uncovered(geometry, (R, T), parts) for look in looks]
-    begin = rotations.log(motion.rotations[:, chain])
-    uncovered = [_with_sides_learned(limb, look, begin, problem.whole_keys(i), rng.spawn(1)[0]) for look in uncovered]
-    limb = replace(limb, held=np.maximum(limb.held * _side_belief(limb, uncovered, begin), LEAST_HELD))
-    path, gain = _likeliest(limb, uncovered, rotations.log(motion.rotations[:, chain]), problem.fps, rng)
+    motion = motions[i]
+    limb, parts = _limb_in(problem, motions, place, rng)
+    geometry, poses = problem.geometry(), scene_poses(problem.bodies, motions)
+    uncovered = [look.uncovered(geometry, poses, parts) for look in looks]
+    uncovered = _with_sides_learned(limb, uncovered, problem.whole_keys(i), rng)
+    if not free:
+        shown = scipy.special.expit(_sides_shown(limb, uncovered))[:, None]
+        limb = replace(limb, held=np.maximum(_held(looks, geometry, poses, parts) * shown, LEAST_HELD))
+    path, gain = _likeliest(limb, uncovered, problem.fps, rng)
     if gain < LEAST_GAIN:
         return motion
     Q = motion.rotations.copy()
     Q[:, chain] = np.where(limb.fixed.all(axis=-1)[..., None, None], Q[:, chain], rotations.exp(path))
     return Motion(motion.translations, Q)
+
+
+def _limb_in(
+    problem: SegmentProblem, motions: Sequence[Motion], place: tuple[int, list[int]], rng: Generator
+) -> tuple[_Limb, list[int]]:
+    """A limb as motions have it, seen nowhere where it is, and its parts of all performers'."""
+    i, chain = place
+    body, span = problem.bodies[i], problem.spans()[i]
+    parts = [span.start + part for part in chain]
+    R, T = part_poses(body, motions[i])
+    limb = _Limb(
+        body,
+        chain,
+        np.clip(np.ptp(body.limits[chain], axis=2) / np.pi, _LEAST_RANGE, 1.0),
+        *_samples(problem.geometry(), parts, rng),
+        (R[:, body.parents[chain[0]]], T[:, body.parents[chain[0]]]),
+        rotations.log(motions[i].rotations[:, chain]),
+        problem.fixed[i][:, 3:].reshape(problem.length, -1, 3)[:, chain],
+        np.full((problem.length, len(chain)), LEAST_HELD),
+        tuple(_sides(body, chain)),
+    )
+    return limb, parts
 
 
 def _sides(body: Body, chain: Sequence[int]) -> Iterator[PartSides | None]:
@@ -362,16 +412,21 @@ def _sides(body: Body, chain: Sequence[int]) -> Iterator[PartSides | None]:
 
 
 def _with_sides_learned(
-    limb: _Limb, look: _Uncovered, begin: Array, keys: NDArray[np.intp], rng: Generator
-) -> _Uncovered:
-    """A view that also knows how brightness changes across the limb's sides, as its key poses show it."""
+    limb: _Limb, looks: Sequence[_Uncovered], keys: NDArray[np.intp], rng: Generator
+) -> list[_Uncovered]:
+    """Views that also know how brightness changes across the limb's sides, as its key poses show it."""
+    return [_with_learned(limb, look, keys, own) for look, own in zip(looks, rng.spawn(len(looks)), strict=True)]
+
+
+def _with_learned(limb: _Limb, look: _Uncovered, keys: NDArray[np.intp], rng: Generator) -> _Uncovered:
     if look.slopes is None or not len(keys):
         return look
-    drawn = begin[keys, None] + rng.normal(size=(len(keys), ELSEWHERE, *limb.range.shape)) * SPREADS[1] * limb.range
+    drawn = rng.normal(size=(len(keys), ELSEWHERE, *limb.range.shape)) * SPREADS[1] * limb.range
+    drawn += limb.begin[keys, None]
     found: list[list[NDArray[np.float32]]] = [[], []]
     for k, key in enumerate(keys.tolist()):
         frame = slice(key, key + 1)
-        for kind, poses in enumerate((begin[None, frame], drawn[k][None])):
+        for kind, poses in enumerate((limb.begin[None, frame], drawn[k][None])):
             for sides, (_, *placed) in zip(limb.sides, _placed(limb, frame, poses), strict=True):
                 if sides is not None:
                     change, visible = look.changes(sides, frame, (placed[0], placed[1]))
@@ -381,23 +436,22 @@ def _with_sides_learned(
     return replace(look, sides=SideRatios.learned(*map(np.concatenate, found)))
 
 
-def _side_belief(limb: _Limb, uncovered: Sequence[_Uncovered], begin: Array) -> Array:
-    """How much what the limb's sides show speaks for where it begins, 0 to 1, shape (F, 1)."""
-    score = np.zeros(len(begin))
-    for some in _chunks(len(begin)):
-        for sides, (_, *placed) in zip(limb.sides, _placed(limb, some, begin[some, None]), strict=True):
-            for look in uncovered:
+def _sides_shown(limb: _Limb, looks: Sequence[_Uncovered]) -> Array:
+    """How much what the limb's sides show speaks for where it begins, (F,)."""
+    score = np.zeros(len(limb.begin))
+    for some in _chunks(len(score)):
+        for sides, (_, *placed) in zip(limb.sides, _placed(limb, some, limb.begin[some, None]), strict=True):
+            for look in looks:
                 score[some] += look.beside(sides, some, (placed[0], placed[1]))[:, 0]
-    return np.asarray(scipy.special.expit(score))[:, None]
+    return score
 
 
-def _likeliest(
-    limb: _Limb, uncovered: Sequence[_Uncovered], begin: Array, fps: float, rng: Generator
-) -> tuple[Array, float]:
+def _likeliest(limb: _Limb, uncovered: Sequence[_Uncovered], fps: float, rng: Generator) -> tuple[Array, float]:
     """The limb's rotation vectors (F, n, 3) that are likeliest around those it begins with, and by how much.
 
     How far they are from those costs by how fast it changes; how fast the limb itself moves costs nothing.
     """
+    begin = limb.begin
     low = np.minimum(limb.body.limits[limb.chain, :, 0], begin.min(axis=0))
     high = np.maximum(limb.body.limits[limb.chain, :, 1], begin.max(axis=0))
     cost = SPEED * limb.range / fps

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from . import bent_limbs, leaping_limbs, multi_start, relaxation
+from . import leaping_limbs, multi_start, regained_limbs, relaxation
 from .protocol import Solver
 
 GAUSS_NEWTON = Solver(
     leaping_limbs.solved,
-    bent_limbs.refined,
+    regained_limbs.refined,
     multi_start.resumed,
     uses_keypoints=True,
     uses_foreground=True,

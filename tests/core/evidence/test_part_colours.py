@@ -14,14 +14,14 @@ from kfmocap.core.evidence.accumulate import Sampling, accumulate_evidence
 from kfmocap.core.evidence.contours import Lines, outline_lines
 from kfmocap.core.evidence.foreground import STRONGEST
 from kfmocap.core.evidence.label_images import Geometry, render_labels
-from kfmocap.core.evidence.limb_sides import PartSides, SideRatios, SlopeImages
 from kfmocap.core.evidence.part_colours import ColouredFrames, PartColours
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
 from kfmocap.core.tracking.appearance import parts_apart
-from kfmocap.core.tracking.solvers.limb_search import found_limbs
+from kfmocap.core.tracking.solvers.limb_search import found_limbs, sides_of_limbs
 from kfmocap.core.tracking.solvers.measurement import Workspace
 from kfmocap.core.tracking.solvers.problem import SegmentProblem
+from kfmocap.core.tracking.solvers.regained_limbs import refuted_limbs
 from synthetic import at_rest, ends_held, figure, look_at, part, poses_of, silhouette
 
 Array = np.ndarray
@@ -229,29 +229,14 @@ def test_a_bare_arm_is_found_before_the_shirt() -> None:
 
 def test_an_arm_of_the_shirts_colour_is_told_by_its_sides_from_one_elsewhere() -> None:
     truth, lost = crossing()
-    part = HUMAN.index("forearm.R")
-    sides = PartSides.of(HUMAN.parts[part])
-    rng = np.random.default_rng(0)
-
-    def across(view: ViewFrames, slopes: SlopeImages, motion: Motion) -> Array:
-        """How brightness changes across the forearm's sides, (F, 2, n, 1)."""
-        R, T = (poses[:, [part]].astype(np.float32) for poses in poses_of([HUMAN], [motion]))
-        Rc, tc = view.camera.poses(0, FRAMES)
-        centre = -np.einsum("fji,fj->fi", Rc, tc).astype(np.float32)
-        return slopes.steepest(slice(0, FRAMES), *sides.seen_from(centre, R, T))[0]
-
-    def drawn() -> Motion:
-        motion = Motion(truth.translations, truth.rotations.copy())
-        motion.rotations[:, part] = truth.rotations[:, part] @ rotations.exp(rng.normal(0, 0.5, (FRAMES, 3)))
-        return motion
-
-    likelier = np.zeros(FRAMES)
-    for view in views_of(truth, with_bare_arms((63, 57, 57)), brightness=True):  # of the same bin of colours
-        slopes = SlopeImages.of(view.camera, 0, view.grey)
-        there = across(view, slopes, truth)
-        elsewhere = np.concatenate([across(view, slopes, drawn()) for _ in range(10)])
-        learned = SideRatios.learned(there[[0, -1]].ravel(), elsewhere.ravel())
-        seen = np.ones(there.shape, bool)
-        right, wrong = (learned.of(found, seen).sum(axis=(1, 2, 3)) for found in (there, across(view, slopes, lost)))
-        likelier += right - wrong
-    assert (likelier[3:-3] > 3).all()
+    views = views_of(truth, with_bare_arms((63, 57, 57)), brightness=True)  # of the same bin of colours
+    problem = SegmentProblem(tuple(views), (HUMAN,), 0, 30.0, (ends_held(HUMAN, FRAMES),))
+    arm = HUMAN.index("upper_arm.R")
+    right, wrong = (
+        next(shown for _, chain, shown in sides_of_limbs(problem, [motion]) if chain[0] == arm)
+        for motion in (truth, lost)
+    )
+    assert (right > 0).all() and (wrong[2:-2] < 0).all()
+    (refuted,) = refuted_limbs(problem, [lost])
+    assert refuted[1][0] == arm
+    assert not refuted_limbs(problem, [truth])

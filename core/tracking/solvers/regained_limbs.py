@@ -1,7 +1,8 @@
-"""Limbs whose motion is bent at a key pose, and that are looked for again beside it.
+"""Limbs that are looked for again once a segment is solved: bent at a key pose, or refuted by their sides.
 
 Key poses are put on frames that the performer knows nothing of: a fist that flies through one at a steady speed and
-turns away exactly there has been lost on one side of it. Next to the body this leaves no other trace, since the limb
+turns away exactly there has been lost on one side of it. Where brightness does not change across a limb's sides as it
+does across those of the key poses, the limb is not there. Next to the body a lost limb leaves no other trace, since it
 lies on what looks like the performer; and as it seems right where it is, the usual search holds it there.
 """
 
@@ -18,7 +19,7 @@ from ...numerics.arrays import Array
 from ...runtime.timing import Seconds
 from . import gauss_newton
 from .gauss_newton import descend
-from .limb_search import freed_limb, limbs, pictures_find_limbs
+from .limb_search import LEAST_GAIN, freed_limb, limbs, pictures_find_limbs, sides_of_limbs
 from .measurement import Workspace
 from .multi_start import LOOKS, SETTLED, likeliest, noise_of
 from .problem import SegmentProblem, SegmentSolution
@@ -32,16 +33,40 @@ KEY_ERROR = 0.01
 
 def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
     """Continue from a solution when more is known of the motion around the segment; limbs whose motion that shows to be
-    bent are looked for again. Parameters as of `gauss_newton.descend`.
+    bent, and those that their sides refute, are looked for again. Parameters as of `gauss_newton.descend`.
     """
     solution = gauss_newton.refine(problem, start, workspace.part(0.0, 0.3))
     if not pictures_find_limbs(problem):
         return solution
-    bent = [(i, chain) for i in problem.sought for chain in bent_limbs(problem, i, solution.motions[i])]
-    for k, (i, chain) in enumerate(bent):
-        part = workspace.part(0.3 + 0.7 * k / len(bent), 0.3 + 0.7 * (k + 1) / len(bent))
+    lost = [(i, chain) for i in problem.sought for chain in bent_limbs(problem, i, solution.motions[i])]
+    lost += [place for place in refuted_limbs(problem, solution.motions) if place not in lost]
+    for k, (i, chain) in enumerate(lost):
+        part = workspace.part(0.3 + 0.7 * k / len(lost), 0.3 + 0.7 * (k + 1) / len(lost))
         solution = with_limb_regained(problem, solution, (i, chain), part)
     return solution
+
+
+def refuted_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[tuple[int, list[int]]]:
+    """The limbs that are, on some frames in turn, where what shows is likelier without them, by `LEAST_GAIN`, across
+    their sides.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+    motions : sequence of Motion
+        F poses per performer.
+
+    Returns
+    -------
+    list of tuple
+        Indices of performers, and limbs as chains of their parts.
+    """
+    found = []
+    for i, chain, shown in sides_of_limbs(problem, motions):
+        upto = np.cumsum([0.0, *shown])
+        if (np.maximum.accumulate(upto) - upto).max() > LEAST_GAIN:
+            found.append((i, chain))
+    return found
 
 
 def bent_limbs(problem: SegmentProblem, performer: int, motion: Motion) -> list[list[int]]:

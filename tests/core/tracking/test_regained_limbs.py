@@ -12,9 +12,9 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence.accumulate import Sampling
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
-from kfmocap.core.tracking.solvers.bent_limbs import bend_of, bent_limbs, refined
 from kfmocap.core.tracking.solvers.measurement import Workspace
 from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
+from kfmocap.core.tracking.solvers.regained_limbs import bend_of, bent_limbs, refined
 from synthetic import at_rest, ends_held, look_at, poses_of, silhouette
 
 BODY, FRAMES, FPS = human(1.75), 12, 30.0
@@ -92,7 +92,7 @@ def without_descent(monkeypatch: pytest.MonkeyPatch) -> None:
         )
 
     monkeypatch.setattr("kfmocap.core.tracking.solvers.gauss_newton.refine", measured)
-    monkeypatch.setattr("kfmocap.core.tracking.solvers.bent_limbs.descend", measured)
+    monkeypatch.setattr("kfmocap.core.tracking.solvers.regained_limbs.descend", measured)
 
 
 @pytest.mark.usefixtures("without_descent")
