@@ -52,7 +52,7 @@ def run(steps: Waits, picture: Path) -> None:
             os._exit(1)
         return None
 
-    bpy.app.timers.register(tick, first_interval=1.5)
+    bpy.app.timers.register(tick, first_interval=1.5, persistent=True)
 
 
 def click(label: str, **where: Any) -> Waits:

@@ -7,6 +7,7 @@ zip. Every step checks what came of it.
 from __future__ import annotations
 
 import importlib
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -236,6 +237,24 @@ def recovering() -> Waits:
     expect(armature.name in scene().objects, "a deleted body comes back")
 
 
+def relinking() -> Waits:
+    """Footage that was moved since the scene was saved is said to be missing, and found again."""
+    saved = WORK / "scene.blend"
+    with bpy.context.temp_override(window=window()):
+        bpy.ops.wm.save_as_mainfile(filepath=str(saved))
+        shutil.move(WORK / "walk", WORK / "moved")
+        bpy.ops.wm.open_mainfile(filepath=str(saved))
+    yield 3.0
+    expect(all(view.missing for view in scene().kfmocap.views), "moved footage is missed when the file is opened")
+    yield from only("Footage and Cameras")
+    yield from picture("missing")
+    yield from click("Relink", within=sidebar())
+    yield from screen.choose_file(f"{WORK / 'moved'}/", "Relink")
+    yield from until(lambda: not any(view.missing for view in scene().kfmocap.views), 30)
+    expect(idle(), "Relink finds it in the folder that is chosen")
+    yield from picture("relinked")
+
+
 def proposing() -> Waits:
     """Key poses proposed from keypoints, with pictures to accept or refuse."""
     if not (WORK / "beam" / "cam01.mp4").exists():
@@ -323,6 +342,7 @@ def steps() -> Waits:
     yield from sheets()
     yield from exporting()
     yield from recovering()
+    yield from relinking()
     yield from proposing()
 
 
