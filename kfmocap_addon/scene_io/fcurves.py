@@ -126,7 +126,7 @@ def frames_of(keys: Keys) -> NDArray[np.int64]:
 
 
 def are_among(numbers: NDArray[np.int64], frames: ArrayLike) -> NDArray[np.bool_]:
-    """Which of some frame numbers are among others; for so few numbers NumPy's `isin` takes five times as long."""
+    """Which of some frame numbers are among others; for so few numbers NumPy's `isin` takes three times as long."""
     chosen = np.asarray(frames, np.int64).ravel()
     if not len(chosen) or not len(numbers):
         return np.zeros(numbers.shape, bool)

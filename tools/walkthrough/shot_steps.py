@@ -82,5 +82,5 @@ def shot() -> Waits:
 
 if __name__ == "__main__":
     PICTURES.mkdir(exist_ok=True)
-    tools.set_up()
+    tutorial.set_up()
     screen.run(shot(), PICTURES / "failed.png")

@@ -322,13 +322,6 @@ def tool_button() -> Place:
     return region.x + 28, int(top + rows[-1] - 10)
 
 
-def set_up() -> None:
-    """Have Blender show what a script can find: browsers that fill the window, no splash screen, no tooltips."""
-    view = bpy.context.preferences.view
-    view.show_splash = view.show_tooltips = False
-    view.filebrowser_display_type = view.preferences_display_type = "SCREEN"
-
-
 def steps() -> Waits:
     """All steps, one after the other."""
     yield from install()
@@ -348,5 +341,5 @@ def steps() -> Waits:
 
 if __name__ == "__main__":
     PICTURES.mkdir(exist_ok=True)
-    set_up()
+    tutorial.set_up()
     screen.run(steps(), PICTURES / "failed.png")

@@ -284,13 +284,16 @@ def below(label: str) -> screen.Box:
     return left, find(label, within=sidebar())[1] + 8, right, bottom
 
 
+def set_up() -> None:
+    """Have Blender show what a script can find: browsers that fill the window, no splash screen, no tooltips."""
+    view = bpy.context.preferences.view
+    view.show_splash = view.show_tooltips = False
+    view.filebrowser_display_type = view.preferences_display_type = "SCREEN"
+
+
 def steps() -> Waits:
     """All steps of the tutorial in their order."""
-    preferences = bpy.context.preferences
-    preferences.view.show_splash = False
-    preferences.view.filebrowser_display_type = preferences.view.preferences_display_type = "SCREEN"
-    preferences.view.show_tooltips = False
-    preferences.system.use_region_overlap = False
+    bpy.context.preferences.system.use_region_overlap = False
     yield 1.0
     yield from install()
     yield from open_tab()
@@ -305,4 +308,5 @@ def steps() -> Waits:
 
 if __name__ == "__main__":
     PICTURES.mkdir(exist_ok=True)
+    set_up()
     screen.run(steps(), PICTURES / "failed.png")

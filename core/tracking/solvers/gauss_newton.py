@@ -199,7 +199,7 @@ class _TestedStage:
             images = evidence_equations(problem, measured, self._hidden, self._noise)
             if begins:
                 self.smooth = self.smooth.estimated(problem, motions, images, self._expected, rounds=ROUNDS)
-            systems = with_smoothness(problem, motions, images, self.smooth, self._expected)
+            systems = with_priors(problem, motions, images, self.smooth, self._expected)
             systems = with_plants(systems, self._plants, problem.bodies, motions)
             systems = with_contact(systems, problem.contact, problem.bodies, motions, problem.sought)
             self._tied = problem.tied(systems, motions)
@@ -314,7 +314,7 @@ def approach(
                     expected = predicted_accelerations(motions, hidden)
                 images = evidence_equations(seen, measured, hidden)
                 smooth = smooth.estimated(seen, motions, images, expected, rounds=ROUNDS, bursts=False)
-                systems = with_smoothness(seen, motions, images, smooth, expected)
+                systems = with_priors(seen, motions, images, smooth, expected)
                 tied = seen.tied(systems, motions)
                 each = tied.by_performer([system.solve(0.0) for system in tied.systems])
                 steps = {i: limited(pace * step) for i, step in each.items()}
@@ -362,10 +362,10 @@ def normal_equations(
         The noise under which the cost of the gradients is measured; by default that at the motions.
     """
     images = evidence_equations(problem, measured, hidden, noise)
-    return with_smoothness(problem, measured.motions, images, smooth or SegmentSmoothness.start(problem), expected)
+    return with_priors(problem, measured.motions, images, smooth or SegmentSmoothness.start(problem), expected)
 
 
-def with_smoothness(
+def with_priors(
     problem: SegmentProblem,
     motions: Sequence[Motion],
     images: Sequence[BandedBlocks],

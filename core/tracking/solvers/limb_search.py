@@ -35,7 +35,7 @@ from ...numerics.arrays import Array, Bools
 from .measurement import Workspace
 from .problem import SegmentProblem
 
-Poses = tuple[NDArray[np.float32], NDArray[np.float32]]
+Poses = tuple[Array, Array]
 """Orientations and places of a part on m frames, K each: (m, K, 3, 3) and (m, K, 3)."""
 
 SPREADS = (1.0, 0.5, 0.25, 0.12)
@@ -91,6 +91,11 @@ def limbs(body: Body) -> list[list[int]]:
         if len(chain) > 1:
             chains.append(chain)
     return chains
+
+
+def without_end(chain: Sequence[int]) -> list[int]:
+    """The parts of a limb that say where it is: how a hand or a foot is turned, the last of three, is hardly seen."""
+    return list(chain[: max(2, len(chain) - 1)])
 
 
 def pairs(body: Body) -> list[tuple[list[int], list[int]]]:
@@ -271,14 +276,15 @@ class _Uncovered:
         assert self.slopes is not None and self.depth is not None
         Rc, tc = self.camera.poses(self.first + frames.start, len(poses[0]))
         centre = -np.einsum("mji,mj->mi", Rc, tc).astype(np.float32)
-        change, seen = self.slopes.steepest(frames, *sides.seen_from(centre, *poses))
+        R, T = (each.astype(np.float32) for each in poses)
+        change, seen = self.slopes.steepest(frames, *sides.seen_from(centre, R, T))
         pixels = seen[:, :2].reshape(len(seen), 2, -1, seen.shape[-1]) / np.float32(_STRIDE)
         others = _looked_up(self.depth[frames], pixels[:, 0], pixels[:, 1], 0).reshape(change.shape)
         return change, seen[:, 2] < others * np.float32(DEPTH_STEP)
 
-    def beside(self, sides: PartSides | None, frames: slice, poses: Poses) -> NDArray[np.float32]:
+    def beside(self, sides: PartSides, frames: slice, poses: Poses) -> NDArray[np.float32]:
         """How much likelier what shows across the sides of a part is with it in its poses, (m, K)."""
-        if sides is None or self.sides is None:
+        if self.sides is None:
             return np.zeros(poses[1].shape[:2], np.float32)
         return self.sides.of(*self.changes(sides, frames, poses)).sum(axis=(1, 2))
 
@@ -306,7 +312,7 @@ class _Limb:
     `range` is (n, 3), 1 for half a circle; points (n, points, 3) are in the parts' frames, and each part shows its
     area, square metres, on the average; `parent` are the poses of what the limb hangs on; `begin` (F, n, 3) are the
     rotation vectors of where it is; `fixed` (F, n, 3) are the degrees of freedom that stay; `held` (F, n) is how surely
-    it is where it is; `sides` are those of the parts whose sides are looked at.
+    it is where it is; `sides` are those of its first parts, see `without_end`.
     """
 
     body: Body
@@ -318,7 +324,7 @@ class _Limb:
     begin: Array
     fixed: NDArray[np.bool_]
     held: Array
-    sides: tuple[PartSides | None, ...]
+    sides: tuple[PartSides, ...]
 
 
 def sides_of_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[tuple[int, list[int], Array]]:
@@ -400,15 +406,9 @@ def _limb_in(
         rotations.log(motions[i].rotations[:, chain]),
         problem.fixed[i][:, 3:].reshape(problem.length, -1, 3)[:, chain],
         np.full((problem.length, len(chain)), LEAST_HELD),
-        tuple(_sides(body, chain)),
+        tuple(PartSides.of(body.parts[part]) for part in without_end(chain)),
     )
     return limb, parts
-
-
-def _sides(body: Body, chain: Sequence[int]) -> Iterator[PartSides | None]:
-    """The sides of a limb's parts that say where it is: not those of its end."""
-    for k, part in enumerate(chain):
-        yield PartSides.of(body.parts[part]) if k < max(2, len(chain) - 1) else None
 
 
 def _with_sides_learned(
@@ -426,13 +426,10 @@ def _with_learned(limb: _Limb, look: _Uncovered, keys: NDArray[np.intp], rng: Ge
     found: list[list[NDArray[np.float32]]] = [[], []]
     for k, key in enumerate(keys.tolist()):
         frame = slice(key, key + 1)
-        for kind, poses in enumerate((limb.begin[None, frame], drawn[k][None])):
-            for sides, (_, *placed) in zip(limb.sides, _placed(limb, frame, poses), strict=True):
-                if sides is not None:
-                    change, visible = look.changes(sides, frame, (placed[0], placed[1]))
-                    found[kind].append(change[visible])
-    if not found[0]:
-        return look
+        for kind, turns in enumerate((limb.begin[None, frame], drawn[k][None])):
+            for sides, poses in zip(limb.sides, _posed(limb, frame, turns), strict=False):
+                change, visible = look.changes(sides, frame, poses)
+                found[kind].append(change[visible])
     return replace(look, sides=SideRatios.learned(*map(np.concatenate, found)))
 
 
@@ -440,9 +437,9 @@ def _sides_shown(limb: _Limb, looks: Sequence[_Uncovered]) -> Array:
     """How much what the limb's sides show speaks for where it begins, (F,)."""
     score = np.zeros(len(limb.begin))
     for some in _chunks(len(score)):
-        for sides, (_, *placed) in zip(limb.sides, _placed(limb, some, limb.begin[some, None]), strict=True):
+        for sides, poses in zip(limb.sides, _posed(limb, some, limb.begin[some, None]), strict=False):
             for look in looks:
-                score[some] += look.beside(sides, some, (placed[0], placed[1]))[:, 0]
+                score[some] += look.beside(sides, some, poses)[:, 0]
     return score
 
 
@@ -485,7 +482,7 @@ def _anywhere(
     has its own winners: what is far from where the limb begins is hardly met by drawing around it.
     """
     drawn = rng.uniform(*bounds, size=(ANYWHERE * HEAT, *limb.range.shape))
-    score = _covered(replace(limb, points=limb.points[:, :_FEW_POINTS]), uncovered, drawn[None], with_sides=False)
+    score = _covered(replace(limb, points=limb.points[:, :_FEW_POINTS], sides=()), uncovered, drawn[None])
     winner = score.reshape(len(score), ANYWHERE, HEAT).argmax(axis=2) + HEAT * np.arange(ANYWHERE)
     return np.asarray(drawn[winner])
 
@@ -524,19 +521,20 @@ def shown_areas(geometry: Geometry, parts: Sequence[int]) -> Array:
     return np.array([ConvexHull(geometry.vertices[geometry.spans[part]]).area / 4 for part in parts])
 
 
-def _covered(limb: _Limb, uncovered: Sequence[_Uncovered], drawn: Array, *, with_sides: bool = True) -> Array:
+def _covered(limb: _Limb, uncovered: Sequence[_Uncovered], drawn: Array) -> Array:
     """How much likelier the images are with the limb in each of K poses drawn (F, K, n, 3), shape (F, K).
 
     Poses that are the same on all frames may be (1, K, n, 3).
     """
     score = np.zeros((len(limb.held), drawn.shape[1]))
     for some in _chunks(len(score)):
-        poses = drawn if len(drawn) == 1 else drawn[some]
-        for part, (area, (world, *placed)) in enumerate(zip(limb.areas, _placed(limb, some, poses), strict=True)):
+        chosen = drawn if len(drawn) == 1 else drawn[some]
+        for part, (area, poses) in enumerate(zip(limb.areas, _posed(limb, some, chosen), strict=True)):
+            world = _placed(limb.points[part], poses)
             for look in uncovered:
                 score[some] += area / PATCH**2 * look.at(part, some, world)
-                if with_sides:
-                    score[some] += look.beside(limb.sides[part], some, (placed[0], placed[1]))
+                if part < len(limb.sides):
+                    score[some] += look.beside(limb.sides[part], some, poses)
     return score
 
 
@@ -544,21 +542,23 @@ def _chunks(frames: int) -> Iterator[slice]:
     return (slice(f, min(f + _AT_A_TIME, frames)) for f in range(0, frames, _AT_A_TIME))
 
 
-def _placed(
-    limb: _Limb, frames: slice, drawn: Array
-) -> Iterator[tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]]:
-    """World points (m, 3, K, points) of each of the limb's parts on m frames, in poses drawn (m or 1, K, n, 3), and
-    those poses, (m, K, 3, 3) and (m, K, 3).
-    """
+def _posed(limb: _Limb, frames: slice, drawn: Array) -> Iterator[Poses]:
+    """The poses of each of the limb's parts on m frames as drawn, rotation vectors (m or 1, K, n, 3)."""
     R, T = limb.parent[0][frames, None], limb.parent[1][frames, None]
     Q = rotations.exp(drawn)
     for k, part in enumerate(limb.chain):
         T = T + R @ limb.body.offsets[part]
         R = R @ (limb.body.R_parent_rest[part] @ Q[:, :, k])
-        # Coordinate by coordinate: one product of matrices for all poses, and long rows for what follows.
-        turned = np.moveaxis(R, 2, 1).astype(np.float32, order="C") @ limb.points[k].T.astype(np.float32)
-        turned += np.moveaxis(T, 2, 1)[..., None].astype(np.float32)
-        yield turned, R.astype(np.float32), T.astype(np.float32)
+        yield R, T
+
+
+def _placed(points: Array, poses: Poses) -> NDArray[np.float32]:
+    """World points (m, 3, K, points) of a part in poses, from points in its frame."""
+    # Coordinate by coordinate: one product of matrices for all poses, and long rows for what follows.
+    R, T = poses
+    turned = np.moveaxis(R, 2, 1).astype(np.float32, order="C") @ points.T.astype(np.float32)
+    turned += np.moveaxis(T, 2, 1)[..., None].astype(np.float32)
+    return np.asarray(turned)
 
 
 def _best_way(score: Array, places: Array) -> tuple[NDArray[np.intp], float]:

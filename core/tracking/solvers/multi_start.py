@@ -20,7 +20,7 @@ from ...evidence.occlusion import LONG, intervals
 from ...evidence.view_frames import views_with_foreground
 from ...runtime.timing import Seconds
 from .gauss_newton import NOTICED, REACH, ROUGH_STEP, DescentStage, SegmentNoise, approach, descend
-from .limb_search import exchanges, found_limbs, limbs, pairs, shown_areas, untangled_limbs
+from .limb_search import exchanges, found_limbs, limbs, pairs, shown_areas, untangled_limbs, without_end
 from .measurement import Workspace, hidden_parts, keypoint_agreement, poses_by_delay, view_instants
 from .problem import AccelerationSearch, SegmentProblem, SegmentSolution
 from .sequential_start import blended, excerpt, follow
@@ -302,7 +302,7 @@ def concealed(problem: SegmentProblem, solution: SegmentSolution) -> bool:
         for i in problem.sought
         if len(problem.whole_keys(i)) > 1
         for chain in limbs(problem.bodies[i])
-        for part in chain[: max(2, len(chain) - 1)]
+        for part in without_end(chain)
         for first, last in intervals(hidden[i][:, part])
     )
 

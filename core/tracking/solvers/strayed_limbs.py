@@ -15,7 +15,7 @@ from ...body import part_poses
 from ...body.kinematics import tip_positions
 from ...body.motion import Motion
 from ...evidence.occlusion import intervals
-from .limb_search import limbs
+from .limb_search import limbs, without_end
 from .problem import SegmentProblem
 
 STRAYED = 4.0
@@ -39,8 +39,7 @@ def strayed_limbs(problem: SegmentProblem, performer: int, first_pass: Motion, f
     body = problem.bodies[performer]
     tips = [tip_positions(body, part_poses(body, motion)) for motion in (first_pass, found)]
     away = np.linalg.norm(tips[0] - tips[1], axis=-1)
-    # How hands and feet are turned is hardly seen: they count by where they begin.
-    chains = [(chain, chain[: max(2, len(chain) - 1)]) for chain in limbs(body)]
+    chains = [(chain, without_end(chain)) for chain in limbs(body)]
     if not chains:
         return []
     usual = float(np.median(np.concatenate([away[:, joints] for _, joints in chains], axis=1)))
