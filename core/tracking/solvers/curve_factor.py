@@ -16,8 +16,8 @@ from ...numerics.arrays import Array
 from ...numerics.banded_blocks import BandedBlocks
 from .problem import SegmentProblem
 
-BETWEEN = 1 / 3
-"""Usual departure from the curve between two key poses, as a share of that from rest."""
+ON_A_FRAME = 1 / 3
+"""Usual departure from the curve on a frame, as a share of that of a whole motion from rest."""
 
 
 def with_curves(
@@ -44,7 +44,7 @@ def near_curve(problem: SegmentProblem, performer: int, motion: Motion) -> Bande
     """Normal equations of the departures of one performer's stiff parts from the curve through their key poses.
 
     The curve turns steadily from one key pose to the next. Before the first and after the last it is that key pose, and
-    without any the rest orientation; there the usual departure is that from rest.
+    without any the rest orientation.
     """
     body, F = problem.bodies[performer], len(motion)
     fixed = problem.fixed[performer][:, 3:].reshape(F, -1, 3).all(axis=2)
@@ -52,12 +52,11 @@ def near_curve(problem: SegmentProblem, performer: int, motion: Motion) -> Bande
     precision = np.zeros((F, len(body)))
     frames = np.arange(F)
     for part in np.flatnonzero(body.is_stiff):
-        keys, deviation = np.flatnonzero(fixed[:, part]), np.full(F, body.departures[part])
+        keys = np.flatnonzero(fixed[:, part])
         if len(keys):
             curve[:, part] = motion.rotations[keys[np.abs(frames[:, None] - keys).argmin(axis=1)], part]
         if len(keys) > 1:
             inside = frames[keys[0] : keys[-1] + 1]
             curve[inside, part] = Slerp(keys, Rotation.from_matrix(motion.rotations[keys, part]))(inside).as_matrix()
-            deviation[inside] *= BETWEEN
-        precision[:, part] = 1 / deviation**2
+        precision[:, part] = 1 / (ON_A_FRAME * body.departures[part]) ** 2
     return habitual_prior(motion, precision, curve)

@@ -644,7 +644,7 @@ def exchanges(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[tu
     """The motions with two like limbs exchanged between two of their meetings, one such stretch at a time.
 
     A solver that took the limbs for one another at both meetings has made its way between them smooth: that they were
-    exchanged, only the images show.
+    exchanged, only the images show. Key poses are meetings too: limbs may be taken for one another right beside them.
     """
     for i in problem.sought:
         body, motion = problem.bodies[i], motions[i]
@@ -652,10 +652,11 @@ def exchanges(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[tu
             apart, meetings = _meetings(body, motion, pair, problem.fps)
             distance = np.linalg.norm(apart, axis=1)
             fixed = problem.fixed[i][:, 3:].reshape(len(motion), -1, 3)[:, pair[0] + pair[1]].any(axis=(1, 2))
-            for a, b in pairwise(meetings):
-                if not fixed[a:b].any() and max(distance[a], distance[b]) < PARTED * distance[a:b].max():
-                    frames = np.zeros(len(motion), dtype=bool)
-                    frames[a:b] = True
+            ends = np.flatnonzero(fixed[[0, -1]]) * (len(motion) - 1)
+            for a, b in pairwise(sorted({*meetings.tolist(), *ends.tolist()})):
+                frames = np.zeros(len(motion), dtype=bool)
+                frames[a + fixed[a] : b] = True
+                if not (fixed & frames).any() and max(distance[a], distance[b]) < PARTED * distance[a:b].max():
                     new = exchanged(body, motion, pair, frames)
                     yield (*motions[:i], new, *motions[i + 1 :])
 

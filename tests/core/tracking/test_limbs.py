@@ -243,6 +243,7 @@ def test_like_limbs_that_meet_twice_are_exchanged_in_between() -> None:
     truth = walk(20)
     meetings = np.flatnonzero(np.diff(np.sign(np.sin(2 * np.pi * (np.arange(20) / FPS + 0.1))))) + 1
     problem = problem_of(truth)
+    problem = replace(problem, fixed=(np.zeros_like(problem.fixed[0]),))
     found = [motion for (motion,) in exchanges(problem, [truth])]
     assert len(found) == len(pairs(BODY))
     for pair, motion in zip(pairs(BODY), found, strict=True):
@@ -253,6 +254,18 @@ def test_like_limbs_that_meet_twice_are_exchanged_in_between() -> None:
     posed = problem.fixed[0].copy()
     posed[9] = True
     assert not list(exchanges(replace(problem, fixed=(posed,)), [truth]))
+
+
+def test_like_limbs_are_exchanged_between_a_meeting_and_a_key_pose_where_they_are_near_each_other() -> None:
+    """At the first key pose the legs are 0.6 times as far apart as they come to be, at the last one 0.75 times."""
+    truth = walk(20)
+    problem = problem_of(truth)
+    (legs,) = [pair for pair in pairs(BODY) if BODY.index("thigh.L") in pair[0]]
+    changed = []
+    for (motion,) in exchanges(problem, [truth]):
+        frames = np.flatnonzero(np.abs(motion.rotations - truth.rotations)[:, legs[0]].max(axis=(1, 2, 3)) > 1e-6)
+        changed += [(frames[0], frames[-1])] if len(frames) else []
+    assert problem.fixed[0][[0, -1]].all() and changed == [(1, 5), (7, 13)]
 
 
 def test_limbs_that_slowly_turn_back_are_not_exchanged() -> None:
