@@ -290,6 +290,7 @@ class _Run:
                 energy=g.energy * pairs,
                 weight=g.weight * pairs,
                 count=g.count * pairs,
+                gain=g.gain * pairs,
             ),
             outlines=OutlineSums(o.H * frames[:, None, None, None], o.g * frames[:, None, None], o.energy * frames),
             explained=self.explained * frames,

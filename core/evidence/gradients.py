@@ -53,6 +53,8 @@ class GradientSums:
         Number of pixels that count.
     cost : ndarray, shape (m,)
         Mean of Huber's error of these pixels under a given noise, (grey level 0 to 1)^2.
+    gain : ndarray, shape (m,)
+        How much larger the sum of these errors would be if what the pixels show stood still in the picture.
     """
 
     H: Array
@@ -63,6 +65,7 @@ class GradientSums:
     density: Array
     count: Array
     cost: Array
+    gain: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,6 +167,7 @@ def brightness_constancy(
     error = huber_errors(residual, deviation)
     count = np.bincount(pixels.frame, seen, minlength=m).astype(float)
     error_sum = np.bincount(pixels.frame, error * seen, minlength=m)
+    still = huber_errors(images.at(pixels.frame + 1, pixels.uv)[0] - here[0], deviation)
 
     rows = np.empty((13, len(residual)), np.float32)
     rows[:6], rows[6:12], rows[12] = -wrenches(x_a, slope, focal).T, wrenches(x_b, slope, focal).T, residual
@@ -181,6 +185,7 @@ def brightness_constancy(
         / np.maximum(np.diff(bounds), 1),
         count,
         error_sum / np.maximum(count, 1),
+        np.bincount(pixels.frame, (still - error) * seen, minlength=m).astype(float),
     )
 
 

@@ -116,16 +116,20 @@ class SegmentNoise:
         Standard deviation of the residuals of each pair of frames, grey level 0 to 1.
     weight : ndarray, shape (V, F - 1)
         What the mean error of each pair's pixels counts.
+    precision : ndarray, shape (V,)
+        What the error of a pixel counts.
     """
 
     deviation: Array
     weight: Array
+    precision: Array
 
     @classmethod
     def of(cls, evidence: SegmentEvidence, settings: Settings) -> SegmentNoise:
         """The noise at the motions whose evidence this is."""
         sums = evidence.gradients
-        return cls(sums.noise, view_precision(evidence, settings)[:, None] * sums.count)
+        precision = view_precision(evidence, settings)
+        return cls(sums.noise, precision[:, None] * sums.count, precision)
 
 
 @dataclass(frozen=True, eq=False)

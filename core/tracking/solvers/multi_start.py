@@ -57,6 +57,12 @@ NEAR = 0.03
 ALIKE = np.radians(8)
 """Motions of a performer are one once they are solved if their parts' rotations differ by less, root mean square,
 radians."""
+FINALISTS = 2
+"""So many of the likeliest solutions are settled on until they rest, before the likeliest counts."""
+FURTHER = 4
+"""How often a finalist is settled on, at most."""
+RESTING = 10.0
+"""A finalist rests when settling makes the pictures likelier by less, in natural units."""
 LOOKS = 5
 """How often limbs are looked for, at most."""
 VAIN_LOOKS = 2
@@ -319,7 +325,7 @@ def searched(
     Of the solutions only equals of the best are looked around, or all where that is doubtful; they settle first. While
     all are doubtful, limbs are also looked for around a trunk that moves as at the start, which limbs in wrong places
     have not led astray. It also ends after `VAIN_LOOKS` that cover clearly less than one of these solutions. The
-    likeliest of all counts, see `likeliest`, and exchanges limbs with the others, see `recombined`.
+    likeliest of all counts, see `likeliest_at_rest`, and exchanges limbs with the others, see `recombined`.
     `look` is how limbs are looked for, by default `look_for_limbs`.
     """
     held = replace(problem, fixed=tuple(fixed | (np.arange(fixed.shape[1]) < 6) for fixed in problem.fixed))
@@ -339,7 +345,7 @@ def searched(
             begins.append((start, held))
         elif not begins and len(equals([*settled, *found])) == 1 and (best in found or len(found) < VAIN_LOOKS):
             begins.append((best.motions, problem))
-    best = likeliest(problem, noise, better(problem, *settled), *settled, *found)
+    best = likeliest_at_rest(problem, noise, better(problem, *settled), *settled, *found, workspace=workspace)
     return recombined(problem, best, [*settled, *found], noise, exchanging)
 
 
@@ -372,7 +378,7 @@ def recombined(
         for n, motions in enumerate(mixtures):
             part = share.part(n / len(mixtures), (n + 1) / len(mixtures))
             found.append(descend(problem, motions, part, SETTLED, noise))
-        best = likeliest(problem, noise, *found)
+        best = likeliest_at_rest(problem, noise, *found, workspace=workspace)
     return best
 
 
@@ -391,12 +397,44 @@ def noise_of(problem: SegmentProblem, solution: SegmentSolution, workspace: Work
 def likeliest(problem: SegmentProblem, noise: SegmentNoise, *solutions: SegmentSolution) -> SegmentSolution:
     """The one of some solutions, measured under one noise, with which the pictures are likeliest.
 
-    One view does not show how far away a limb is: what it shows of the true motion is no likelier than of others. There
-    the first solution counts, unless another one covers clearly more.
+    A single view that moves shows neither how far away a limb is nor what stands still: the true motion is no likelier
+    there than others. The first solution counts, unless another one covers clearly more.
     """
-    if len(problem.views) == 1:
+    if len(problem.views) == 1 and not problem.views[0].camera.stands_still:
         return solutions[0] if solutions[0] in equals(solutions) else better(problem, *solutions)
     return max(solutions, key=lambda solution: likelihood(problem, noise, solution))
+
+
+def likeliest_at_rest(
+    problem: SegmentProblem, noise: SegmentNoise, *solutions: SegmentSolution, workspace: Workspace
+) -> SegmentSolution:
+    """The likeliest of some solutions once the first `FINALISTS` of them have settled until they rest.
+
+    A limb that has just been brought to its place is still a few centimetres off, which costs more than a limb in a
+    wrong place that has long settled. Parameters as of `likeliest`.
+    """
+    finalists: list[SegmentSolution] = []
+    for solution in sorted(solutions, key=lambda one: -likelihood(problem, noise, one)):
+        if len(finalists) < FINALISTS and not any(alike(solution.motions, other.motions) for other in finalists):
+            finalists.append(solution)
+    if len(finalists) == 1:
+        return likeliest(problem, noise, *solutions)
+    rested = [settled_further(problem, noise, solution, workspace) for solution in finalists]
+    return likeliest(problem, noise, *rested, *solutions)
+
+
+def settled_further(
+    problem: SegmentProblem, noise: SegmentNoise, solution: SegmentSolution, workspace: Workspace
+) -> SegmentSolution:
+    """A solution, settled on until it rests, or `FURTHER` times."""
+    for _ in range(FURTHER):
+        found = descend(problem, solution.motions, workspace.silent(), SETTLED, noise)
+        gain = likelihood(problem, noise, found) - likelihood(problem, noise, solution)
+        if gain > 0:
+            solution = continued(solution, found)
+        if gain < RESTING:
+            break
+    return solution
 
 
 def likelihood(problem: SegmentProblem, noise: SegmentNoise, solution: SegmentSolution) -> float:
@@ -404,13 +442,19 @@ def likelihood(problem: SegmentProblem, noise: SegmentNoise, solution: SegmentSo
 
     It is what the pixels say that show the performers, those that repeat one another counted once, less the costs of
     gradients and outlines. That of smoothness has no part in it: how smooth the motion is, each solution found itself.
+    The gradients of a view that stands still cost what they do less what the same pixels would cost if nothing moved in
+    the picture: a limb that is left alone in one place, because pixels are easier to follow elsewhere, moves all the
+    same.
     """
     evidence = solution.evidence
     assert evidence is not None
     once = evidence.pixel_share(problem.settings.lengths[0]) / evidence.sampling.stride**2
     shown = once @ evidence.explained.sum(axis=(1, 2))
     outlines = evidence.outlines.energy.sum() / (problem.settings.lengths[1] * evidence.sampling.tolerance**2)
-    return float(shown - np.sum(noise.weight * evidence.gradients.cost) - outlines)
+    still = np.array([view.camera.stands_still for view in problem.views])
+    gradients = evidence.gradients
+    moved = np.where(still[:, None], noise.precision[:, None] * gradients.gain, -noise.weight * gradients.cost)
+    return float(shown + moved.sum() - outlines)
 
 
 def with_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspace: Workspace) -> SegmentSolution:

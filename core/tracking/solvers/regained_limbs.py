@@ -21,7 +21,7 @@ from . import gauss_newton
 from .gauss_newton import descend
 from .limb_search import LEAST_GAIN, freed_limb, limbs, pictures_find_limbs, sides_of_limbs
 from .measurement import Workspace
-from .multi_start import LOOKS, SETTLED, likeliest, noise_of
+from .multi_start import LOOKS, SETTLED, likeliest_at_rest, noise_of
 from .problem import SegmentProblem, SegmentSolution
 
 BENT = 3.0
@@ -142,7 +142,7 @@ def with_limb_regained(
     for each in settled:
         seconds.add(each.seconds)
     kept = settled[0]
-    best = likeliest(alone, noise, *settled)
+    best = likeliest_at_rest(alone, noise, *settled, workspace=workspace)
     if best is kept:
         return replace(solution, seconds=dict(seconds))
     ended = gauss_newton.refine(problem, best.motions, workspace.silent())

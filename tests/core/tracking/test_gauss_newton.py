@@ -111,7 +111,7 @@ def test_a_segment_leaves_a_known_frame_with_its_speed() -> None:
     start = stacked([whole[[1]]] * F)
     fixed = np.zeros((F, D), bool)
     fixed[0] = True
-    problem = SegmentProblem(dark(CAMERAS[0], F), (BODY,), 1, FPS, (fixed,), (whole[[0]],))
+    problem = SegmentProblem(dark(CAMERAS[0], 1 + F), (BODY,), 1, FPS, (fixed,), (whole[[0]],))
     found = gauss_newton.descend(problem, [start], Workspace(), CONVERGED).motions[0]
     np.testing.assert_allclose(whole[1:].difference(found), 0, atol=5e-3)
 
@@ -396,6 +396,22 @@ def test_costs_under_one_noise_are_those_of_the_same_problem() -> None:
     )
     assert under_one[0] == pytest.approx(under_own[0])
     assert under_one[1] / under_one[0] > 1.5 * under_own[1] / under_own[0]
+
+
+def test_gradients_speak_for_following_a_limb_and_neither_way_for_one_that_stands_still() -> None:
+    """An arm swings: one that is followed is worth what it would cost if it stood still, one at rest aside nothing."""
+    frames = 6
+    turns = np.zeros((frames, D))
+    turns[:, 3 + 3 * BODY.index("upper_arm.L")] = np.linspace(-0.6, 0.6, frames)
+    truth, aside = (at_rest(BODY, frames).moved(turn) for turn in (turns, np.tile(3 * turns[-1], (frames, 1))))
+    problem = SegmentProblem(filmed(truth), (BODY,), 0, 12.0, (ends_held(BODY, frames),))
+    sampling = CONVERGED[0].sampling_of(2)
+    noise = gauss_newton.SegmentNoise.of(Workspace().measure(problem, [truth], sampling).evidence, SETTINGS)
+    followed, still = (
+        Workspace().measure(problem, [m], sampling, noise.deviation).evidence.gradients for m in (truth, aside)
+    )
+    np.testing.assert_allclose(still.gain, 0, atol=1e-9)
+    assert (followed.gain.sum(axis=1) > (followed.cost * followed.count).sum(axis=1)).all()
 
 
 def test_the_last_stage_goes_on_while_a_joint_is_under_way() -> None:

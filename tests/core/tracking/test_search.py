@@ -224,11 +224,13 @@ def test_limbs_go_where_what_they_cover_there_is_worth_more_than_what_it_costs(p
 
 
 @pytest.mark.parametrize(("gain", "moved"), [(0.5, False), (3, True)])
-def test_in_one_view_limbs_stay_where_they_were_unless_others_cover_more_than_chance_would(
+def test_in_one_view_that_moves_limbs_stay_where_they_were_unless_others_cover_more_than_chance_would(
     gain: float, moved: bool
 ) -> None:
     """Putting the arms right costs nothing, and covers the given multiple of what is chance more."""
-    problem = replace(PROBLEM, views=dark(CAMERAS[0], LENGTH))
+    places = CAMERAS[0].t_cam_world + np.linspace(0, 0.1, LENGTH)[:, None]
+    panned = replace(CAMERAS[0], R_cam_world=np.repeat(CAMERAS[0].R_cam_world, LENGTH, axis=0), t_cam_world=places)
+    problem = replace(PROBLEM, views=dark(panned, LENGTH))
     turn = gain * EQUAL * len(HUMAN) / len(ARMS) * np.pi * LENGTH / (LENGTH - 2)
     landscape = Landscape(truth=TRUTH, reach=0.0)
     before, right = (landscape.solution(problem, motion) for motion in (off(TRUTH, ARMS, turn), TRUTH))
@@ -236,6 +238,7 @@ def test_in_one_view_limbs_stay_where_they_were_unless_others_cover_more_than_ch
     worth = [multi_start.likelihood(problem, noise, solution) for solution in (before, right)]
     assert worth[1] > worth[0]
     assert (multi_start.likeliest(problem, noise, before, right) is right) == moved
+    assert multi_start.likeliest(replace(problem, views=dark(CAMERAS[0], LENGTH)), noise, before, right) is right
 
 
 def test_limbs_are_looked_for_around_the_best_so_far_until_it_has_an_equal() -> None:
