@@ -99,8 +99,9 @@ def bend_of(problem: SegmentProblem, performer: int, motion: Motion, chain: Sequ
     start = 0 if before is None else 1
     change = _joint_changes(problem, performer, known, chain)
     frames = np.arange(1, len(known) - 1) - start
-    usual = np.sqrt(np.mean(change[(np.abs(frames[:, None] - keys[None]) > 1).all(axis=1)] ** 2, axis=0))
-    least = np.maximum(BENT * np.nan_to_num(usual), 2 * KEY_ERROR)
+    between = change[(np.abs(frames[:, None] - keys[None]) > 1).all(axis=1)]
+    usual = np.sqrt(np.sum(between**2, axis=0) / max(len(between), 1))
+    least = np.maximum(BENT * usual, 2 * KEY_ERROR)
     ends = np.isin(frames, [end for end in (0, F - 1) if end in keys])
     return float((change[ends] / least).max(initial=0.0))
 

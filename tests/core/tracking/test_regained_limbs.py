@@ -71,6 +71,16 @@ def test_nothing_is_bent_where_no_motion_is_known_beside_the_segment(problem: Se
     assert bent_limbs(replace(problem, before=None, after=None), 0, astray()) == []
 
 
+@pytest.mark.filterwarnings("error")
+def test_between_key_poses_next_to_each_other_what_counts_as_bent_is_the_error_of_a_key_pose(
+    problem: SegmentProblem,
+) -> None:
+    """No frame there shows how the limb moves otherwise."""
+    short = replace(problem, fixed=(ends_held(BODY, 3),), after=(WHOLE[4:5],))
+    assert bend_of(short, 0, TRUTH[:3], ARM) < 1
+    assert bend_of(short, 0, astray()[:3], ARM) > 1
+
+
 def test_who_moves_as_suddenly_between_the_key_poses_may_do_so_at_one(problem: SegmentProblem) -> None:
     """Blows follow one another: one of them begins at a key pose."""
     jerky = TRUTH.rotations.copy()
