@@ -8,7 +8,7 @@ OUT in the arguments stands for a folder that is made for each run. Each run is 
 everything, begins with old results in its folder, and gets SIGKILL, SIGTERM or SIGINT. Its processes must be gone in
 two seconds, its exit code and its message must say what it left, and what a SIGKILL leaves must be gone as soon as the
 next run begins and ends; every tenth time that is a run of the command itself. Runs that ended before the signal came
-do not count.
+do not count; where most do, it fails.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import os
 import random
+import select
 import shutil
 import signal
 import sys
@@ -38,15 +39,20 @@ SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 OLD = "old"
 PATIENCE = 2.0
 """Seconds after which no process of a run may be left."""
+MOST_RUNS = 20
+"""Runs for each that is to be hit, at most."""
+HANGING = 120.0
+"""Seconds from a signal to the end of a run, at most."""
 
 
 @dataclass(frozen=True)
 class Ended:
-    """A run that has ended: its exit code, its session, and what it printed on standard error."""
+    """A run that has ended: its exit code, its session, what it printed on standard error, and how long it took."""
 
     code: int
     session: int
     text: str
+    seconds: float
 
     @property
     def said(self) -> str:
@@ -72,7 +78,7 @@ def run(
     number : int, optional
         The signal.
     after : float
-        Seconds from the start.
+        Seconds from the start; a run that ends sooner is not waited for any longer.
     temporary : Path, optional
         Where the run keeps temporary files.
     """
@@ -81,6 +87,9 @@ def run(
     process = os.fork()
     if process == 0:
         os.setsid()
+        # A program in a shell's background ignores SIGINT, and so would all runs.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         os.dup2(messages, 2)
         if temporary is not None:
@@ -94,17 +103,21 @@ def run(
             os.kill(os.getpid(), signal.SIGINT)
         finally:
             os._exit(code)
-    os.read(ready, 1)
-    os.close(ready)
     os.close(begun)
-    if number is not None:
-        time.sleep(after)
+    os.read(ready, 1)
+    started = time.monotonic()
+    # From now on the pipe is silent, and closed when the process ends.
+    if number is not None and not select.select([ready], [], [], after)[0]:
         os.kill(process, number)  # until it is waited for its id is its own
+        if not select.select([ready], [], [], HANGING)[0]:
+            os.kill(process, signal.SIGKILL)
     code = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
+    seconds = time.monotonic() - started
+    os.close(ready)
     os.close(messages)
     text = Path(name).read_text(errors="replace")
     Path(name).unlink()
-    return Ended(code, process, text)
+    return Ended(code, process, text, seconds)
 
 
 def left(session: int) -> int:
@@ -130,6 +143,8 @@ def untrue(ended: Ended, number: int, found: str, *, apart: bool) -> list[str]:
     codes = {signal.SIGKILL: -signal.SIGKILL, signal.SIGTERM: 143, signal.SIGINT: 130}
     if ended.code == 0:
         return [] if found == "new" else [f"exit code 0 with {found} results"]
+    if ended.code == -signal.SIGKILL != -number:
+        return [f"it went on for {HANGING:g} s"]
     if ended.code == -number:  # the command had not begun to handle it, or was done
         return []
     if ended.code != codes[signal.Signals(number)]:
@@ -192,15 +207,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     with tempfile.TemporaryDirectory() as folder:
         seconds, names = 0.0, list[Path]()
         for kind in ("first", "second"):  # the second, as all others, with files that the system knows
-            out, begun = Path(folder, kind, "out"), time.monotonic()
+            out = Path(folder, kind, "out")
             out.mkdir(parents=True)  # a batch would find its results there already
             if (ended := run(args.command, out)).code:
                 print(f"the command fails by itself: {ended.said}", file=sys.stderr)
                 return 1
-            seconds, names = time.monotonic() - begun, sorted(contents(out))
+            seconds, names = ended.seconds, sorted(contents(out))
         for number in map(signal.Signals.__getitem__, args.signals.split(",")):
             hits = k = 0
             while hits < args.kills:
+                if k == MOST_RUNS * args.kills:
+                    print(f"only {hits} of {k} runs were ended by {number.name}", file=sys.stderr)
+                    return 1
                 k += 1
                 out = Path(folder, f"{number.name}{k}", "out")
                 if k % 2:
@@ -209,6 +227,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                     (out / name).parent.mkdir(parents=True, exist_ok=True)
                     (out / name).write_text(OLD)
                 ended = run(args.command, out, number, chance.uniform(0, seconds))
+                if ended.code == 0:  # how long a run takes changes with what else the machine does
+                    seconds = ended.seconds
                 processes = left(ended.session)
                 found, faults = faults_of(out, names, number, apart=args.apart)
                 faults += untrue(ended, number, found, apart=args.apart)

@@ -12,10 +12,16 @@ WALK = ROOT / "examples" / "walk"
 
 
 def short_walk(
-    folder: Path, frames: int, *, name: str = "walk", keyframes: Sequence[int] = (), settings: Sequence[str] = ()
+    folder: Path,
+    frames: int,
+    *,
+    name: str = "walk",
+    keyframes: Sequence[int] = (),
+    views: int = 3,
+    settings: Sequence[str] = (),
 ) -> Path:
-    """Write a shot of the walk's first frames into a new folder, by default with key poses at both ends and in the
-    middle; settings are lines of its section [track].
+    """Write a shot of the walk's first frames and views into a new folder, by default with key poses at both ends and
+    in the middle; settings are lines of its section [track].
     """
     folder.mkdir()
     for file in ("calibration.toml", "cam01.mp4", "cam02.mp4", "cam03.mp4"):
@@ -26,6 +32,8 @@ def short_walk(
     text = text.replace("frames = [0, 59]", f"frames = [0, {frames - 1}]")
     text = text.replace("[0, 20, 39, 59]", str(list(keyframes) or [0, frames // 2, frames - 1]))
     text = text.replace('name = "walk"', f'name = "{name}"', 1)
+    for camera in ("cam02", "cam03")[views - 1 :]:
+        text = text.replace(f'[[view]]\ncamera = "{camera}"\nfootage = "{camera}.mp4"\n', "")
     if settings:
         text = "\n".join([text, "[track]", *settings, ""])
     (folder / "shot.toml").write_text(text)

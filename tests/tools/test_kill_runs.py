@@ -3,34 +3,80 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
+import kill_runs
 import pytest
 from conftest import ROOT
+from kill_runs import Ended
+from made_capture import made_capture
 from short_walk import short_walk
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="runs are forked from a process that has all loaded")
+SETTINGS = ["working_size = 120", "limb_search = false", "prediction = false"]
+"""It is the command that is ended: tracking itself may be short."""
 
 
-def ended(*arguments: str) -> str:
-    """What `kill_runs` says of ten runs for each signal; fails where one left what it should not."""
-    command = [sys.executable, str(ROOT / "tools" / "kill_runs.py"), "--kills", "10", *arguments]
-    process = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert process.returncode == 0, process.stdout + process.stderr
-    return process.stdout
+def killed(*arguments: str, interrupts: signal.Handlers = signal.SIG_DFL) -> str:
+    """What `kill_runs` says of runs, ten of which SIGKILL ends, and five each SIGTERM and SIGINT; fails where one left
+    what it should not. The tool is started with SIGINT handled in a given way.
+    """
+    command = [sys.executable, str(ROOT / "tools" / "kill_runs.py")]
+    said = []
+    for kills, signals in (("10", "SIGKILL"), ("5", "SIGTERM,SIGINT")):
+        process = subprocess.run(
+            [*command, "--kills", kills, "--signals", signals, *arguments],
+            capture_output=True,
+            text=True,
+            check=False,
+            preexec_fn=lambda: signal.signal(signal.SIGINT, interrupts),
+        )
+        assert process.returncode == 0, process.stdout + process.stderr
+        said.append(process.stdout)
+    return "".join(said)
 
 
 def test_tracking_leaves_all_or_nothing(tmp_path: Path) -> None:
-    shot = short_walk(tmp_path / "walk", 7, settings=["working_size = 120"]) / "shot.toml"
-    said = ended("track", str(shot), "--out", "OUT", "--no-blender", "--views", "cam01")
+    shot = short_walk(tmp_path / "walk", 7, settings=SETTINGS) / "shot.toml"
+    said = killed("track", str(shot), "--out", "OUT", "--no-blender", "--views", "cam01")
+    for code in (-9, 143, 130):
+        assert f"exit code {code} and old results" in said
+
+
+def test_calibrating_leaves_all_or_nothing_though_the_tool_runs_in_the_background(tmp_path: Path) -> None:
+    """A shell has its background programs ignore SIGINT: that must not pass on to the runs."""
+    wand = made_capture(tmp_path)
+    said = killed(
+        "calibrate", str(wand), "--out", "OUT/cameras.toml", "--report", "OUT/report", interrupts=signal.SIG_IGN
+    )
     for code in (-9, 143, 130):
         assert f"exit code {code} and old results" in said
 
 
 def test_a_batch_leaves_all_or_nothing_of_every_shot(tmp_path: Path) -> None:
-    """Limbs are not looked for: it is the batch that is ended, whose whole time each run is measured against."""
-    settings = ["working_size = 120", "limb_search = false", "prediction = false"]
-    shots = [short_walk(tmp_path / name, 7, name=name, settings=settings) / "shot.toml" for name in ("one", "other")]
-    ended("--apart", "batch", *map(str, shots), "--out", "OUT", "--no-blender")
+    shots = [
+        short_walk(tmp_path / name, 3, name=name, keyframes=(0, 2), views=1, settings=SETTINGS) / "shot.toml"
+        for name in ("one", "other")
+    ]
+    killed("--apart", "batch", *map(str, shots), "--out", "OUT", "--no-blender")
+
+
+def test_a_command_that_signals_do_not_end_is_a_failure(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def done(_: object, out: Path, *__: object) -> Ended:
+        (out / "result").write_text("new")
+        return Ended(0, -1, "", 0.0)
+
+    monkeypatch.setattr(kill_runs, "run", done)
+    assert kill_runs.main(["--kills", "2", "--signals", "SIGINT", "track"]) == 1
+    assert "only 0 of 40 runs were ended by SIGINT" in capsys.readouterr().err
+
+
+def test_no_time_is_spent_on_a_run_that_has_ended(tmp_path: Path) -> None:
+    """The moment may lie long after its end where the machine was slower when a run was timed."""
+    ended = kill_runs.run(["track", str(tmp_path / "none.toml"), "--out", "OUT"], tmp_path / "out", signal.SIGTERM, 600)
+    assert ended.code == 1 and ended.seconds < 300

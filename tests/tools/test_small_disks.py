@@ -8,17 +8,9 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
-from kfmocap.benchmarks.wand_captures import capture, ring, scattered
-from kfmocap.core.formats.marker_points import write_marker_points
+from made_capture import made_capture
 from short_walk import short_walk
 from small_disks import disk, is_whole
-
-WAND = """
-[lframe]
-points = [[0,0,0],[0.3,0,0],[0.6,0,0],[0,0.2,0]]
-[wand]
-length = 0.5
-"""
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -63,13 +55,8 @@ def test_the_files_that_blender_writes_are_whole_or_the_run_fails(shots: list[Pa
 
 
 def test_calibrating_writes_all_or_says_that_the_disk_is_full(tmp_path: Path) -> None:
-    given = capture(ring(3), [scattered(40)] * 3)
-    write_marker_points(tmp_path / "points.csv", given)
-    views = "".join(
-        f'[[view]]\ncamera = "{view.camera}"\nsize = [1920, 1080]\nfps = 30\noffset = 0\n' for view in given.views
-    )
-    (tmp_path / "wand.toml").write_text(f'{WAND}{views}[points]\nfile = "points.csv"\n')
-    command = ["calibrate", str(tmp_path / "wand.toml"), "--out", "OUT/cameras.toml", "--report", "OUT/report"]
+    wand = made_capture(tmp_path)
+    command = ["calibrate", str(wand), "--out", "OUT/cameras.toml", "--report", "OUT/report"]
     assert "1 runs done, 3 ended with an error" in ended("--sizes", "0.02,0.1,0.2,3", *command)
 
 
