@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
+from functools import cache
 from itertools import chain
 from pathlib import Path, PurePath
 from typing import Any
@@ -24,25 +25,37 @@ def checksum(*sources: Iterable[bytes]) -> str:
     return sha.hexdigest()
 
 
-def value_bytes(value: Any) -> Iterable[bytes]:
+def value_bytes(value: Any) -> list[bytes]:
     """A value piece by piece; fields of dataclasses that do not count in comparisons are left out, paths but for
     their names.
     """
-    if is_dataclass(value):
-        for item in (item for item in fields(value) if item.compare):
-            yield item.name.encode()
-            yield from value_bytes(getattr(value, item.name))
-    elif isinstance(value, np.ndarray):
-        yield f"{value.dtype}{value.shape}".encode()
-        yield np.ascontiguousarray(value).tobytes()
-    elif isinstance(value, Mapping):
-        yield from value_bytes(tuple(value.items()))
+    pieces: list[bytes] = []
+    _append_pieces(pieces, value)
+    return pieces
+
+
+def _append_pieces(pieces: list[bytes], value: Any) -> None:
+    # One list for all: generators within generators hand each piece up through every level.
+    if isinstance(value, np.ndarray):
+        pieces.append(f"{value.dtype}{value.shape}".encode())
+        pieces.append(np.ascontiguousarray(value).tobytes())
     elif isinstance(value, (tuple, list)):
         for item in value:
-            yield from value_bytes(item)
-        yield b";"
+            _append_pieces(pieces, item)
+        pieces.append(b";")
+    elif isinstance(value, Mapping):
+        _append_pieces(pieces, tuple(value.items()))
+    elif is_dataclass(value):
+        for name in _compared_fields(type(value)):
+            pieces.append(name.encode())
+            _append_pieces(pieces, getattr(value, name))
     else:
-        yield repr(value.name if isinstance(value, PurePath) else value).encode()
+        pieces.append(repr(value.name if isinstance(value, PurePath) else value).encode())
+
+
+@cache
+def _compared_fields(kind: type) -> tuple[str, ...]:
+    return tuple(item.name for item in fields(kind) if item.compare)
 
 
 def file_bytes(path: Path) -> Iterator[bytes]:

@@ -74,7 +74,7 @@ def read_confidence(armature: bpy.types.Object, frame_start: int, length: int) -
     for rank, bone in enumerate(bones):
         curve = bag.fcurves.find(bone_visibility.property_path(armature.pose.bones[bone.name], ERROR)) if bag else None
         if curve is not None:
-            keys = fcurves.get_keys(curve)
+            keys = fcurves.get_keys(curve, fcurves.PLACES)
             index = fcurves.frames_of(keys) - frame_start
             inside = (index >= 0) & (index < length)
             errors[index[inside], rank] = keys["co"][inside, 1] / _MILLIMETRES
@@ -120,7 +120,7 @@ def _replace(armature: bpy.types.Object, frames: NDArray[np.int64], errors: NDAr
             bone[ERROR] = float(errors[0, rank])
             bone.id_properties_ui(ERROR).update(min=0.0, soft_max=100.0, precision=1, description=_DESCRIPTION)
             kept.append(fcurves.new_keys(frames, errors[:, rank], "GENERATED", "LINEAR"))
-        fcurves.set_keys(curve, kept)
+        fcurves.set_keys(curve, kept, before=old)
         curve.lock = True  # so that moving keys in the timeline leaves it alone
 
 

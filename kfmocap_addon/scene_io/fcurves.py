@@ -141,12 +141,20 @@ def are_among(numbers: NDArray[np.int64], frames: ArrayLike) -> NDArray[np.bool_
     return inside & there[places]
 
 
-def set_keys(curve: bpy.types.FCurve, groups: Sequence[Keys]) -> None:
-    """Replace all keys of an F-curve by those of the groups, in the order of their frames."""
+def set_keys(curve: bpy.types.FCurve, groups: Sequence[Keys], *, before: Keys | None = None) -> None:
+    """Replace all keys of an F-curve by those of the groups, in the order of their frames.
+
+    Parameters
+    ----------
+    before : ndarray of KEY_TYPE, shape (K,), optional
+        All keys that the curve has. Nothing is written where they are the same.
+    """
     filled = [group for group in groups if len(group)] or list(groups[:1])
     keys = np.concatenate(filled) if len(filled) > 1 else filled[0]
     if (np.diff(keys["co"][:, 0]) < 0).any():
         keys = keys[np.argsort(keys["co"][:, 0], kind="stable")]
+    if before is not None and _are_alike(keys, before):
+        return
     points = curve.keyframe_points
     points.clear()
     points.add(len(keys))
@@ -156,12 +164,34 @@ def set_keys(curve: bpy.types.FCurve, groups: Sequence[Keys]) -> None:
     _restore_handles(curve, keys)
 
 
+def _are_alike(keys: Keys, before: Keys) -> bool:
+    """Whether keys are the same but for handles that Blender places."""
+    if len(keys) != len(before):
+        return False
+    counted = np.ones((len(keys), KEY_TYPE.itemsize), bool)
+    for side in ("handle_left", "handle_right"):
+        first = (KEY_TYPE.fields or {})[side][1]
+        counted[:, first : first + KEY_TYPE[side].itemsize] = _are_placed(keys, side)[:, None]
+    differ = _raw(keys) != _raw(before)
+    return not (differ & counted).any()
+
+
+def _raw(keys: Keys) -> NDArray[np.uint8]:
+    """The bytes of keys, shape (K, B)."""
+    return np.ascontiguousarray(keys).view(np.uint8).reshape(len(keys), KEY_TYPE.itemsize)
+
+
+def _are_placed(keys: Keys, side: str) -> NDArray[np.bool_]:
+    """Which handles of a side lie where a user has placed them, shape (K,)."""
+    types = keys[f"{side}_type"]
+    return (types == enum_value(f"{side}_type", "FREE")) | (types == enum_value(f"{side}_type", "ALIGNED"))
+
+
 def _restore_handles(curve: bpy.types.FCurve, keys: Keys) -> None:
     """Handles placed by hand stay to the last bit: Blender's update rounds them anew."""
     points = curve.keyframe_points
     for side in ("handle_left", "handle_right"):
-        types = keys[f"{side}_type"]
-        placed = (types == enum_value(f"{side}_type", "FREE")) | (types == enum_value(f"{side}_type", "ALIGNED"))
+        placed = _are_placed(keys, side)
         if placed.any():
             updated = np.empty((len(points), 2), np.float32)
             points.foreach_get(side, updated.ravel())

@@ -6,7 +6,7 @@ animator's. Keys of the type BREAKDOWN are the tracker's, too, while they have t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import bpy
 import numpy as np
@@ -29,26 +29,38 @@ def channel_keys(
     `fields` are the properties of keys that are read: `fcurves.PLACES` is enough for whoever does not write them again.
     """
     bag = fcurves.find_channelbag(armature)
-    record = tracked_keys.load(armature) if bag else None
-    for c, channel in enumerate(channels):
-        curve = bag.fcurves.find(channel.path, index=channel.index) if bag else None
-        if curve is not None and record is not None:
-            keys = fcurves.get_keys(curve, fields)
-            yield c, curve, keys, are_animators(keys, record, channel)
+    if bag is None:
+        return
+    record = tracked_keys.load(armature)
+    curves = [bag.fcurves.find(channel.path, index=channel.index) for channel in channels]
+    found = [(c, curve, fcurves.get_keys(curve, fields)) for c, curve in enumerate(curves) if curve is not None]
+    own = are_animators([keys for _, _, keys in found], record, [channels[c] for c, _, _ in found])
+    for (c, curve, keys), theirs in zip(found, own, strict=True):
+        yield c, curve, keys, theirs
 
 
 def are_animators(
-    keys: fcurves.Keys, record: tracked_keys.Written, channel: body_channels.Channel
-) -> NDArray[np.bool_]:
-    """Which keys are the animator's, shape (K,): not of the tracker's types, or not where it wrote one."""
-    other = keys["type"] != fcurves.enum_value("type", "GENERATED")
-    frames = fcurves.frames_of(keys)
-    values = record.at(channel.key, frames)
-    if values is None:
-        return other
-    other &= keys["type"] != fcurves.enum_value("type", PROPOSAL)
-    between = np.abs(keys["co"][:, 0] - frames) > _SAME_FRAME
-    return other | between | (keys["co"][:, 1] != values)
+    keys: Sequence[fcurves.Keys], record: tracked_keys.Written, channels: Sequence[body_channels.Channel]
+) -> list[NDArray[np.bool_]]:
+    """Which keys of channels are the animator's, shape (K,) each: not of the tracker's types, or not where it wrote
+    one.
+    """
+    if not channels:
+        return []
+    # All channels at once: there are some eighty, with few keys each.
+    places = np.concatenate([each["co"] for each in keys])
+    types = np.concatenate([each["type"] for each in keys])
+    frames = np.rint(places[:, 0]).astype(np.int64)
+    counts = [len(each) for each in keys]
+    ends = np.cumsum(counts)
+    values = [record.at(c.key, frames[end - n : end]) for c, n, end in zip(channels, counts, ends, strict=True)]
+    tracked = np.repeat([value is not None for value in values], counts)
+    written = np.concatenate([np.zeros(n) if v is None else v for v, n in zip(values, counts, strict=True)])
+    differ = (np.abs(places[:, 0] - frames) > _SAME_FRAME) | (places[:, 1] != written)
+    proposed = types == fcurves.enum_value("type", PROPOSAL)
+    generated = types == fcurves.enum_value("type", "GENERATED")
+    own = np.where(tracked, ~(generated | proposed) | differ, ~generated)
+    return np.split(own, ends[:-1])
 
 
 def proposal_frames(keys: fcurves.Keys, own: NDArray[np.bool_]) -> FrameNumbers:

@@ -38,15 +38,17 @@ def write_motion(
     bag = fcurves.ensure_channelbag(armature, armature.name)
     record = tracked_keys.load(armature)
     frames = frame_start + np.arange(len(motion))
-    before = body_channels.evaluate_channels(armature, channels, frames)
     curves = [fcurves.ensure_fcurve(bag, c.path, c.index, c.bone) for c in channels]
     keys = [fcurves.get_keys(curve) for curve in curves]
-    own = [key_ownership.are_animators(k, record, c) for k, c in zip(keys, channels, strict=True)]
+    own = key_ownership.are_animators(keys, record, channels)
     if proposed is None:
         proposed = key_ownership.proposal_frames(keys[0], own[0])
     held = np.stack(
         [fcurves.are_among(frames, fcurves.frames_of(k[o])) for k, o in zip(keys, own, strict=True)], axis=1
     )
+    before = np.zeros(held.shape)  # it counts beside the animator's keys alone
+    keyed = held.any(axis=1)
+    before[keyed] = body_channels.evaluate_channels(armature, channels, frames[keyed])
     values, breaks = _beside_keys(body_channels.channel_values(armature, motion), before, held)
 
     recorded = {}
@@ -59,7 +61,7 @@ def write_motion(
             new[point][:, 1] = values[free, c]
         new["interpolation"][breaks[free, c]] = fcurves.enum_value("interpolation", "CONSTANT")
         kept = keys[c][own[c] | ~key_ownership.lie_on_frames(keys[c], frames)]
-        fcurves.set_keys(curves[c], [kept, new])
+        fcurves.set_keys(curves[c], [kept, new], before=keys[c])
         recorded[channel.key] = np.where(free, values[:, c], np.nan).astype(np.float32)
     tracked_keys.store(armature, record.updated(frame_start, recorded))
 
@@ -160,7 +162,7 @@ def _beside_keys(values: Array, before: Array, held: NDArray[np.bool_]) -> tuple
     Parameters
     ----------
     values, before : ndarray, shape (F, C)
-        Tracked values, signs continuous; values of the curves as they were.
+        Tracked values, signs continuous; values of the curves as they were, on the frames where something is held.
     held : ndarray of bool, shape (F, C)
         Where the animator has a key.
 

@@ -281,3 +281,30 @@ def test_a_motion_of_another_body_is_refused():
 def test_frames_are_found_among_others(numbers, frames):
     found = fcurves.are_among(np.array(numbers, np.int64), frames)
     assert found.tolist() == [number in frames for number in numbers]
+
+
+@pytest.mark.parametrize("field", fcurves.KEY_TYPE.names)
+@pytest.mark.parametrize("handles", ["AUTO_CLAMPED", "FREE"])
+def test_keys_that_differ_in_anything_are_written_though_those_before_are_known(field, handles):
+    """A curve that has the same keys already is left alone; handles that Blender places are not compared."""
+    build()
+    curve = bpy.data.actions[0].layers[0].strips[0].channelbags[0].fcurves[0]
+    keys = fcurves.get_keys(curve)
+    for side in ("handle_left_type", "handle_right_type"):
+        keys[side] = fcurves.enum_value(side, handles)
+    fcurves.set_keys(curve, [keys])
+    before = fcurves.get_keys(curve)
+
+    changed = before.copy()
+    changed[field][1] = ~changed[field][1] if changed[field].dtype == bool else changed[field][1] + 1
+    fcurves.set_keys(curve, [changed], before=before)
+    known = fcurves.get_keys(curve)
+    fcurves.set_keys(curve, [changed])
+    assert np.array_equal(known, fcurves.get_keys(curve))
+
+    placed_by_blender = handles == "AUTO_CLAMPED" and field in ("handle_left", "handle_right")
+    assert np.array_equal(known, before) == placed_by_blender
+    curve.keyframe_points[2].co.y += 0.5
+    now = fcurves.get_keys(curve)
+    fcurves.set_keys(curve, [changed], before=changed)
+    assert np.array_equal(fcurves.get_keys(curve), now), "nothing is written"

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import ctypes
+from functools import cache
 from typing import Any
 
 import bpy
 import numpy as np
 from kfmocap.kfmocap_addon.operators.edit_body import LENGTHS
-from kfmocap.kfmocap_addon.scene_io import fcurves
 
 PROPERTIES = ("kfmocap", "kfmocap_capture")
 MEASURES = {"height", *LENGTHS}
@@ -80,10 +80,19 @@ def _action(action: bpy.types.Action) -> dict[Any, Any]:
 def _keys(curve: bpy.types.FCurve) -> bytes:
     """All that the keys of a curve hold: Blender's own memory, in which they lie one behind the other."""
     points = curve.keyframe_points
-    if len(points) < 2:
-        return fcurves.get_keys(curve).tobytes()
-    first = points[0].as_pointer()
-    return ctypes.string_at(first, (points[1].as_pointer() - first) * len(points))
+    return ctypes.string_at(points[0].as_pointer(), _key_size() * len(points)) if len(points) else b""
+
+
+@cache
+def _key_size() -> int:
+    """Bytes from one key of a curve to the next in Blender's memory."""
+    action = bpy.data.actions.new("two keys")
+    strip = action.layers.new("Layer").strips.new(type="KEYFRAME")
+    curve = strip.channelbag(action.slots.new("OBJECT", "two keys"), ensure=True).fcurves.new("location")
+    curve.keyframe_points.add(2)
+    size = curve.keyframe_points[1].as_pointer() - curve.keyframe_points[0].as_pointer()
+    bpy.data.actions.remove(action)
+    return size
 
 
 def _object(thing: bpy.types.Object) -> tuple[Any, ...]:
