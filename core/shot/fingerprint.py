@@ -45,7 +45,7 @@ def _append_pieces(pieces: list[bytes], value: Any) -> None:
         pieces.append(b";")
     elif isinstance(value, Mapping):
         _append_pieces(pieces, tuple(value.items()))
-    elif is_dataclass(value):
+    elif is_dataclass(value) and not isinstance(value, type):
         for name in _compared_fields(type(value)):
             pieces.append(name.encode())
             _append_pieces(pieces, getattr(value, name))
@@ -54,7 +54,7 @@ def _append_pieces(pieces: list[bytes], value: Any) -> None:
 
 
 @cache
-def _compared_fields(kind: type) -> tuple[str, ...]:
+def _compared_fields(kind: type[Any]) -> tuple[str, ...]:
     return tuple(item.name for item in fields(kind) if item.compare)
 
 

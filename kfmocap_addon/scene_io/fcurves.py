@@ -33,6 +33,11 @@ KEY_TYPE = np.dtype(
 )
 
 
+_ENDS = np.cumsum([KEY_TYPE[name].itemsize for name in KEY_TYPE.names or ()]).tolist()
+_BYTES = MappingProxyType(
+    {name: slice(end - KEY_TYPE[name].itemsize, end) for name, end in zip(KEY_TYPE.names or (), _ENDS, strict=True)}
+)
+"""Where the fields of a key lie in its bytes."""
 PLACES = np.dtype([("co", np.float32, 2), ("type", np.int32)])
 """What is read of keys where nobody writes them again: frame, value and type."""
 _ENUMS = MappingProxyType(
@@ -170,8 +175,7 @@ def _are_alike(keys: Keys, before: Keys) -> bool:
         return False
     counted = np.ones((len(keys), KEY_TYPE.itemsize), bool)
     for side in ("handle_left", "handle_right"):
-        first = (KEY_TYPE.fields or {})[side][1]
-        counted[:, first : first + KEY_TYPE[side].itemsize] = _are_placed(keys, side)[:, None]
+        counted[:, _BYTES[side]] = _are_placed(keys, side)[:, None]
     differ = _raw(keys) != _raw(before)
     return not (differ & counted).any()
 
