@@ -444,6 +444,6 @@ def writing(path: Path) -> Iterator[Path]:
 
 
 def _reason(error: RuntimeError) -> str:
-    """What an operator failed with: where that was an exception in Python, Blender tells its traceback instead."""
+    """What an operator failed with: where that was an exception in Python, Blender gives its traceback instead."""
     said = str(error).partition("\nLocation:")[0].strip()
     return said.splitlines()[-1] if "Traceback" in said else said

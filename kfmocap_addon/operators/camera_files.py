@@ -6,6 +6,7 @@ import bpy
 from bpy_extras.io_utils import ImportHelper
 
 from .add_footage import CALIBRATIONS, globbed
+from .conditions import Conditional
 from .reporting import reported
 
 
@@ -34,13 +35,21 @@ class ImportCameras(bpy.types.Operator, ImportHelper):
         return outcome.value
 
 
-class ExportCameras(bpy.types.Operator):
+def _has_cameras(context: bpy.types.Context) -> str:
+    """The scene has a camera."""
+    found = any(thing.type == "CAMERA" for thing in context.scene.objects)
+    return "" if found else "The scene has no camera to write: calibrate, or import cameras"
+
+
+class ExportCameras(Conditional, bpy.types.Operator):
     """Write camera objects as a calibration file: those selected, else the calibrated ones, else all. Cameras that
     move, such as one that Blender's own tracker solved, are written frame by frame"""
 
     bl_idname = "kfmocap.export_cameras"
     bl_label = "Export Cameras"
     bl_options = {"REGISTER"}
+    conditions = (_has_cameras,)
+    while_placing = True
 
     filepath: bpy.props.StringProperty(
         subtype="FILE_PATH",

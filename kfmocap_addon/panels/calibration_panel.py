@@ -113,14 +113,16 @@ def _draw_view(layout: bpy.types.UILayout, view: bpy.types.PropertyGroup) -> Non
 
 def _draw_colour(layout: bpy.types.UILayout, capture: bpy.types.PropertyGroup, slot: str) -> None:
     colour = capture.colour(slot)
+    picked = captures.is_picked(colour)
+    # A wand of two colours has two of these rows.
+    several = slot != "lframe" and not capture.one_colour
+    which = f"{slot.capitalize()} Colour" if several else "Colour"
     row = layout.row(align=True)
-    if captures.is_picked(colour):
+    if picked:
         swatch = row.row()
         swatch.enabled = False
-        swatch.prop(colour, "swatch", text="Second" if slot == "second" else "First" if slot == "first" else "Colour")
-    row.operator(
-        PickColour.bl_idname, text="" if captures.is_picked(colour) else "Pick Colour", icon="EYEDROPPER"
-    ).slot = slot
+        swatch.prop(colour, "swatch", text=which)
+    row.operator(PickColour.bl_idname, text="" if picked else f"Pick {which}", icon="EYEDROPPER").slot = slot
 
 
 CLASSES = (CaptureViewList, CalibrationPanel, CapturePanel, BallsPanel)

@@ -8,6 +8,7 @@ from ..operators.bake import Bake
 from ..operators.export_motion import Export, OpenExportFolder
 from ..operators.simplify import Simplify
 from .section import Section
+from .texts import draw_text
 
 
 class ExportPanel(Section, bpy.types.Panel):
@@ -20,7 +21,7 @@ class ExportPanel(Section, bpy.types.Panel):
         settings = properties.export
         layout.use_property_split, layout.use_property_decorate = True, False
         if not properties.performers:
-            layout.label(text="No performer yet: add a body, or load a shot", icon="INFO")
+            draw_text(layout, context, "No performer yet: add a body, or load a shot", "INFO")
         row = layout.row(align=True)
         row.operator(Bake.bl_idname, icon="KEYFRAME_HLT")
         row.operator(Simplify.bl_idname, icon="MOD_SMOOTH")

@@ -69,8 +69,8 @@ def find_tracked(armature: bpy.types.Object) -> tuple[tuple[int, int], ...]:
 
 
 def _count(armature: bpy.types.Object) -> tuple[int, int]:
-    """The action of an armature, and how many keys it has: Blender tells nobody of keys that are written just before
-    the frame changes, as they are after tracking.
+    """The action of an armature, and how many keys it has: Blender sends no update for keys that are written just
+    before the frame changes, as they are after tracking.
     """
     from ..scene_io import fcurves
 

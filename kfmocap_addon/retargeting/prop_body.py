@@ -28,7 +28,7 @@ def use_as_prop(current: bpy.types.Scene, mesh: bpy.types.Object) -> bpy.types.O
     """
     _refuse_moved(mesh)
     if min(*mesh.dimensions) <= 0 or len(mesh.data.vertices) < _LEAST:
-        todo = f"give it {_LEAST} vertices at least that enclose a volume"
+        todo = f"give it at least {_LEAST} vertices that enclose a volume"
         raise BodyError("the mesh is flat, or has too few vertices", where=f"mesh {mesh.name}", todo=todo)
     keyed = _keyed_places(current, mesh)
     world = mesh.matrix_world.copy()

@@ -129,7 +129,7 @@ def is_picked(colour: KFMocapColour) -> bool:
 def missing(capture: KFMocapCapture) -> str:
     """What there is to do before cameras can be solved from a capture; empty when there is nothing."""
     if len(capture.views) < LEAST_VIEWS:
-        return "Add the videos of two cameras at least"
+        return "Add the videos of at least two cameras"
     open_slots = [_LABELS[slot] for slot in wanted_slots(capture) if not is_picked(capture.colour(slot))]
     return f"Pick the colour: {open_slots[0]}" if open_slots else ""
 
@@ -147,7 +147,7 @@ def film_of(capture: KFMocapCapture) -> "CaptureVideos":
     from ...core.capture.capture_videos import CaptureVideos
 
     if len(capture.views) < LEAST_VIEWS:
-        raise CalibrationError("two views at least are needed", where="Calibration", todo="add the cameras' videos")
+        raise CalibrationError("at least two views are needed", where="Calibration", todo="add the cameras' videos")
     for slot in wanted_slots(capture):
         if not is_picked(capture.colour(slot)):
             raise CalibrationError(

@@ -77,7 +77,7 @@ def check_solid(vertices: Array, armature: bpy.types.Object, bone: bpy.types.Bon
         raise BodyError(
             "the mesh on the bone is flat: it encloses no volume",
             where=f"armature {armature.name}, bone {bone.name}",
-            todo="give it four corners at least that are not in one plane",
+            todo="give it at least four corners that are not in one plane",
         )
 
 

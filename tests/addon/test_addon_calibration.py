@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 import cv2
 import numpy as np
@@ -18,6 +18,7 @@ from kfmocap.core.capture.capture_videos import CaptureVideos, CaptureVideoView 
 from kfmocap.core.capture.colours import parsed, to_hsv  # noqa: E402
 from kfmocap.core.errors import CalibrationError, CancelledError  # noqa: E402
 from kfmocap.core.formats import load_cameras, save_cameras  # noqa: E402
+from kfmocap.kfmocap_addon.panels import calibration_panel  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import capture_scene, footage_background, scene_cameras  # noqa: E402
 from ready_scenes import LFRAME, solution  # noqa: E402
 from test_addon_views import largest_difference  # noqa: E402
@@ -192,3 +193,50 @@ def test_a_camera_that_blenders_tracker_moves_is_exported_frame_by_frame(blender
         np.testing.assert_allclose(read.centre_world(frame), owner.matrix_world.translation, atol=1e-5)
         ahead = read.project(read.centre_world(frame) + [0, 2.0, 0], frame)
         np.testing.assert_allclose(ahead, (np.array(SIZE) - 1) / 2, atol=1e-3)
+
+
+def test_cameras_can_be_written_while_there_are_any(blender, tmp_path):  # noqa: F811
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    assert not bpy.ops.kfmocap.export_cameras.poll()
+    save_cameras(tmp_path / "in.toml", [camera(1)])
+    bpy.ops.kfmocap.import_cameras(filepath=str(tmp_path / "in.toml"))
+    assert bpy.ops.kfmocap.export_cameras.poll()
+
+
+class Labels:
+    """A layout that notes what its buttons and labels say, in whatever row."""
+
+    def __init__(self):
+        self.said = []
+
+    def row(self, **_more):
+        return self
+
+    def column(self, **_more):
+        return self
+
+    box = row
+
+    def label(self, *, text="", **_more):
+        self.said.append(text)
+
+    def prop(self, _owner, name, *, text=None, **_more):
+        self.said.append(name if text is None else text)
+
+    def operator(self, name, *, text="", **_more):
+        self.said.append(text)
+        return SimpleNamespace(name=name)
+
+
+@pytest.mark.parametrize("one_colour", [True, False])
+@pytest.mark.parametrize("picked", [True, False])
+def test_each_ball_has_its_own_button_to_pick_a_colour(blender, one_colour, picked):  # noqa: F811
+    capture = bpy.context.scene.kfmocap_capture
+    capture.one_colour = one_colour
+    for slot in capture_scene.SLOTS if picked else ():
+        capture.colour(slot).hue = (0.1, 0.2)
+    layout = Labels()
+    calibration_panel.BallsPanel.draw(SimpleNamespace(layout=layout), bpy.context)
+    wanted = ["Colour", "Colour"] if one_colour else ["Colour", "First Colour", "Second Colour"]
+    prefix = "" if picked else "Pick "
+    assert [text for text in layout.said if text.endswith("Colour")] == [prefix + name for name in wanted]
