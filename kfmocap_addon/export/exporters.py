@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 
 import bpy
 import numpy as np
@@ -30,6 +31,17 @@ from .whole_files import check_whole
 
 _Y_UP = Matrix(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)))
 _TRANSFORMS = ("location", "rotation_quaternion", "rotation_euler", "rotation_axis_angle", "scale")
+_GLTF = ("export_scene", "gltf", "enable the add-on glTF 2.0 format under Edit > Preferences > Add-ons")
+_EXPORTERS = MappingProxyType(
+    {
+        ".bvh": ("export_anim", "bvh", "enable the add-on BVH format under Edit > Preferences > Add-ons"),
+        ".fbx": ("export_scene", "fbx", "enable the add-on FBX format under Edit > Preferences > Add-ons"),
+        ".glb": _GLTF,
+        ".vrma": _GLTF,
+        ".usdc": ("wm", "usd_export", "choose other kinds of files, or use a Blender that was built with USD"),
+    }
+)
+"""The operator that writes a kind of file, and what to do where it is missing."""
 
 
 @dataclass(frozen=True)
@@ -78,12 +90,14 @@ def export_performers(
     ShotError
         If an armature is gone, or the last frame is before the first.
     OutputError
-        If a file cannot be written.
+        If a file cannot be written. Where this Blender lacks an exporter, no file is.
     """
     performers = scene.kfmocap.performers
     writers = [(".bvh", export_bvh)] * options.bvh + [(".fbx", export_fbx)] * options.fbx
     writers += [(".glb", export_glb)] * options.glb
     writers += [(".vrma", export_vrma)] * options.vrma + [(".usdc", export_usd)] * options.usd
+    for suffix, _ in writers:
+        _check_available(Path(f"*{suffix}"))  # before anything is written
     paths = []
     for slot, stem in zip(performers, destinations.stems(scene, name), strict=True):
         if slot.armature is None:
@@ -430,6 +444,7 @@ def writing(path: Path) -> Iterator[Path]:
 
     Blender's exporters also print, and tracebacks where they fail; that is not for the user of a batch.
     """
+    _check_available(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -441,6 +456,15 @@ def writing(path: Path) -> Iterator[Path]:
         except RuntimeError as error:
             raise OutputError(f"Blender cannot write it: {_reason(error)}", where=str(path)) from error
         check_whole(target, path)
+
+
+def _check_available(path: Path) -> None:
+    """See that this Blender has the exporter for a kind of file: some builds lack USD, and add-ons can be disabled."""
+    if path.suffix not in _EXPORTERS:
+        return
+    module, name, todo = _EXPORTERS[path.suffix]
+    if name not in dir(getattr(bpy.ops, module)):
+        raise OutputError("this Blender has no exporter for this kind of file", where=str(path), todo=todo)
 
 
 def _reason(error: RuntimeError) -> str:

@@ -15,6 +15,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+import addon_utils  # noqa: E402
 from addon_shots import blender, joint_error, motion, shot, track_result  # noqa: E402, F401
 from kfmocap import kfmocap_addon  # noqa: E402
 from kfmocap.cli.services import OutputRequest  # noqa: E402
@@ -543,3 +544,24 @@ def test_files_have_the_fingers_of_hands_that_were_found(tmp_path):
     assert b"f_pinky.03.R" in (tmp_path / "out" / "walk.fbx").read_bytes()
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "out" / "shot.blend"))
     assert "thumb.02.L" in bpy.data.objects["man"].pose.bones
+
+
+@pytest.mark.parametrize("kind", ["bvh", "fbx", "glb", "vrma"])
+def test_a_missing_exporter_is_named_before_anything_is_written(blender, tmp_path, kind):  # noqa: F811
+    """Add-ons can be disabled, and builds of Blender without USD have no operator for it either."""
+    scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    module = {"bvh": "io_anim_bvh", "fbx": "io_scene_fbx"}.get(kind, "io_scene_gltf2")
+    folder = tmp_path / "out"
+    everything = exporters.ExportOptions(bvh=True, fbx=True, glb=True, vrma=True)
+    addon_utils.disable(module)
+    try:
+        with pytest.raises(OutputError, match=r"no exporter .*\n?.*enable the add-on") as refused:
+            exporters.export_performers(bpy.context.scene, folder, everything)
+        with pytest.raises(OutputError, match="enable the add-on"):
+            one = getattr(exporters, f"export_{kind}")
+            one(folder / f"walk.{kind}", bpy.context.scene.kfmocap.performers[0].armature, bpy.context.scene)
+    finally:
+        addon_utils.enable(module)
+    assert "*." in str(refused.value)
+    assert not folder.exists()
+    assert all(name in dir(getattr(bpy.ops, of)) for of, name, _ in exporters._EXPORTERS.values()), "all are there"
