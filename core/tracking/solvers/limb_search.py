@@ -327,8 +327,10 @@ class _Limb:
     sides: tuple[PartSides, ...]
 
 
-def sides_of_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[tuple[int, list[int], Array]]:
-    """How much likelier what shows across the sides of each limb is with it where it is than where no limb ends.
+def support_of_limbs(
+    problem: SegmentProblem, motions: Sequence[Motion]
+) -> Iterator[tuple[int, list[int], Array, Array]]:
+    """How much likelier what the pictures show is with each limb where it is than without it.
 
     Parameters
     ----------
@@ -343,7 +345,10 @@ def sides_of_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterat
     list of int
         The limb as a chain of its parts.
     ndarray, shape (F,)
-        Logarithm of the ratio of likelihoods on each frame.
+        Logarithm of the ratio of likelihoods on each frame, of what shows across its sides.
+    ndarray, shape (F,)
+        The same of all that shows: its sides, and what its pixels would show without it. It is 0 where all views have
+        the limb behind something else.
     """
     rng = np.random.default_rng(problem.settings.search_seed)
     views = [view for view in views_with_foreground(problem.views) if view.colours is not None]
@@ -359,7 +364,10 @@ def sides_of_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterat
                 _Uncovered(look.camera, look.first, (), np.where(own[shown.part], NOBODY, depth), look.slopes)
                 for look, shown, depth in zip(looks, labels, depths, strict=True)
             ]
-            yield i, chain, _sides_shown(limb, _with_sides_learned(limb, beside, problem.whole_keys(i), rng))
+            sides = _sides_shown(limb, _with_sides_learned(limb, beside, problem.whole_keys(i), rng))
+            uncovered = [look.uncovered(geometry, poses, parts) for look in looks]
+            covered = _covered(replace(limb, sides=()), uncovered, limb.begin[:, None])[:, 0]
+            yield i, chain, sides, sides + covered
 
 
 def _with_limb_found(

@@ -1,9 +1,10 @@
-"""Limbs that are looked for again once a segment is solved: bent at a key pose, or refuted by their sides.
+"""Limbs that are looked for again once a segment is solved: bent at a key pose, or refuted by what shows there.
 
 Key poses are put on frames that the performer knows nothing of: a fist that flies through one at a steady speed and
 turns away exactly there has been lost on one side of it. Where brightness does not change across a limb's sides as it
-does across those of the key poses, the limb is not there. Next to the body a lost limb leaves no other trace, since it
-lies on what looks like the performer; and as it seems right where it is, the usual search holds it there.
+does across those of the key poses, or its pixels look as they would without it, the limb is not there. Next to the body
+a lost limb leaves no other trace, since it lies on what looks like the performer; and as it seems right where it is,
+the usual search holds it there.
 """
 
 from __future__ import annotations
@@ -15,11 +16,12 @@ import numpy as np
 
 from ...body import part_poses
 from ...body.motion import Motion, stacked
+from ...evidence.occlusion import LONG
 from ...numerics.arrays import Array
 from ...runtime.timing import Seconds
 from . import gauss_newton
 from .gauss_newton import descend
-from .limb_search import LEAST_GAIN, freed_limb, limbs, pictures_find_limbs, sides_of_limbs
+from .limb_search import LEAST_GAIN, freed_limb, limbs, pictures_find_limbs, support_of_limbs
 from .measurement import Workspace
 from .multi_start import LOOKS, SETTLED, likeliest_at_rest, noise_of
 from .problem import SegmentProblem, SegmentSolution
@@ -33,7 +35,7 @@ KEY_ERROR = 0.01
 
 def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
     """Continue from a solution when more is known of the motion around the segment; limbs whose motion that shows to be
-    bent, and those that their sides refute, are looked for again. Parameters as of `gauss_newton.descend`.
+    bent, and those that the pictures refute, are looked for again. Parameters as of `gauss_newton.descend`.
     """
     solution = gauss_newton.refine(problem, start, workspace.part(0.0, 0.3))
     if not pictures_find_limbs(problem):
@@ -47,8 +49,10 @@ def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
 
 
 def refuted_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[tuple[int, list[int]]]:
-    """The limbs that are, on some frames in turn, where what shows is likelier without them, by `LEAST_GAIN`, across
-    their sides.
+    """The limbs that are, on some frames in turn, where what shows is likelier without them: across their sides, by
+    `LEAST_GAIN`, or in all, for longer than prediction bridges.
+
+    A limb that something hides from all views is not among them.
 
     Parameters
     ----------
@@ -62,9 +66,10 @@ def refuted_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[tu
         Indices of performers, and limbs as chains of their parts.
     """
     found = []
-    for i, chain, shown in sides_of_limbs(problem, motions):
-        upto = np.cumsum([0.0, *shown])
-        if (np.maximum.accumulate(upto) - upto).max() > LEAST_GAIN:
+    for i, chain, sides, shown in support_of_limbs(problem, motions):
+        upto, all_upto = (np.cumsum([0.0, *each]) for each in (sides, shown))
+        unsupported = (all_upto[LONG:] < all_upto[:-LONG]).any()
+        if unsupported or (np.maximum.accumulate(upto) - upto).max() > LEAST_GAIN:
             found.append((i, chain))
     return found
 

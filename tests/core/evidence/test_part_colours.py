@@ -18,7 +18,7 @@ from kfmocap.core.evidence.part_colours import ColouredFrames, PartColours
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
 from kfmocap.core.tracking.appearance import parts_apart
-from kfmocap.core.tracking.solvers.limb_search import found_limbs, sides_of_limbs
+from kfmocap.core.tracking.solvers.limb_search import found_limbs, support_of_limbs
 from kfmocap.core.tracking.solvers.measurement import Workspace
 from kfmocap.core.tracking.solvers.problem import SegmentProblem
 from kfmocap.core.tracking.solvers.regained_limbs import refuted_limbs
@@ -181,12 +181,14 @@ def crossing() -> tuple[Motion, Motion]:
     return truth, lost
 
 
-def views_of(truth: Motion, colours: Array, *, brightness: bool = False) -> list[ViewFrames]:
+def views_of(
+    truth: Motion, colours: Array, *, brightness: bool = False, cameras: Sequence[Camera] = NEARER
+) -> list[ViewFrames]:
     """Views that tell parts of some colours apart by what the first and the last frame show; all dark but for colours,
     or with their brightness.
     """
     found = []
-    for camera in NEARER:
+    for camera in cameras:
         pictures, poses = painted(HUMAN, truth, colours, camera=camera), poses_of([HUMAN], [truth])
         seen = np.stack([silhouette([HUMAN], poses, f, camera, samples=1) for f in range(FRAMES)])
         labels = render_labels(Geometry.of([HUMAN]), camera, 0, *poses).part
@@ -233,10 +235,40 @@ def test_an_arm_of_the_shirts_colour_is_told_by_its_sides_from_one_elsewhere() -
     problem = SegmentProblem(tuple(views), (HUMAN,), 0, 30.0, (ends_held(HUMAN, FRAMES),))
     arm = HUMAN.index("upper_arm.R")
     right, wrong = (
-        next(shown for _, chain, shown in sides_of_limbs(problem, [motion]) if chain[0] == arm)
+        next(sides for _, chain, sides, _ in support_of_limbs(problem, [motion]) if chain[0] == arm)
         for motion in (truth, lost)
     )
     assert (right > 0).all() and (wrong[2:-2] < 0).all()
     (refuted,) = refuted_limbs(problem, [lost])
     assert refuted[1][0] == arm
     assert not refuted_limbs(problem, [truth])
+
+
+def with_arm_across(truth: Motion, frames: slice) -> Motion:
+    """The right arm turned elsewhere on some frames."""
+    arm, motion = HUMAN.index("upper_arm.R"), Motion(truth.translations, truth.rotations.copy())
+    motion.rotations[frames, arm] = truth.rotations[frames, arm] @ rotations.exp(np.array([0.0, 0.0, -1.2]))
+    return motion
+
+
+def test_an_arm_without_which_the_pictures_are_likelier_for_long_is_refuted_by_them() -> None:
+    truth, _ = crossing()
+    views = views_of(truth, with_bare_arms((70, 100, 190)))
+    problem = SegmentProblem(tuple(views), (HUMAN,), 0, 30.0, (ends_held(HUMAN, FRAMES),))
+    lost = with_arm_across(truth, slice(1, -1))
+    assert [chain[0] for _, chain in refuted_limbs(problem, [lost])] == [HUMAN.index("upper_arm.R")]
+    assert not refuted_limbs(problem, [truth])
+    assert not refuted_limbs(problem, [with_arm_across(truth, slice(4, 6))]), "it is elsewhere for two frames alone"
+
+
+def test_an_arm_that_the_body_hides_from_all_views_is_not_refuted() -> None:
+    motion = at_rest(HUMAN, FRAMES)
+    for side, sign in (("L", -1.0), ("R", 1.0)):
+        motion.rotations[:, HUMAN.index(f"upper_arm.{side}")] = rotations.exp(np.array([0.0, 0.0, 1.35 * sign]))
+    left = [look_at("left", (3.0, 0.0, 1.2), size=(320, 240), focal=330)]
+    views = views_of(motion, with_bare_arms((70, 100, 190)), cameras=left)
+    problem = SegmentProblem(tuple(views), (HUMAN,), 0, 30.0, (ends_held(HUMAN, FRAMES),))
+    arm = HUMAN.index("upper_arm.R")
+    shown = next(shown for _, chain, _, shown in support_of_limbs(problem, [motion]) if chain[0] == arm)
+    assert (shown == 0).all()
+    assert not refuted_limbs(problem, [motion])
