@@ -9,8 +9,9 @@ is a start for the solver.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -329,7 +330,7 @@ class _Limb:
 
 def support_of_limbs(
     problem: SegmentProblem, motions: Sequence[Motion]
-) -> Iterator[tuple[int, list[int], Array, Array]]:
+) -> Iterator[tuple[int, list[int], Array, Callable[[], Array]]]:
     """How much likelier what the pictures show is with each limb where it is than without it.
 
     Parameters
@@ -346,9 +347,9 @@ def support_of_limbs(
         The limb as a chain of its parts.
     ndarray, shape (F,)
         Logarithm of the ratio of likelihoods on each frame, of what shows across its sides.
-    ndarray, shape (F,)
-        The same of all that shows: its sides, and what its pixels would show without it. It is 0 where all views have
-        the limb behind something else.
+    callable
+        Returns the same of all that shows, (F,): its sides, and what its pixels would show without it. It is 0 where
+        all views have the limb behind something else.
     """
     rng = np.random.default_rng(problem.settings.search_seed)
     views = [view for view in views_with_foreground(problem.views) if view.colours is not None]
@@ -365,9 +366,15 @@ def support_of_limbs(
                 for look, shown, depth in zip(looks, labels, depths, strict=True)
             ]
             sides = _sides_shown(limb, _with_sides_learned(limb, beside, problem.whole_keys(i), rng))
-            uncovered = [look.uncovered(geometry, poses, parts) for look in looks]
-            covered = _covered(replace(limb, sides=()), uncovered, limb.begin[:, None])[:, 0]
-            yield i, chain, sides, sides + covered
+            yield i, chain, sides, partial(_all_shown, limb, looks, (geometry, poses, parts), sides)
+
+
+def _all_shown(
+    limb: _Limb, looks: Sequence[_ViewRatios], drawn: tuple[Geometry, tuple[Array, Array], Sequence[int]], sides: Array
+) -> Array:
+    """How much all that shows of a limb, with what its sides show, speaks for where it begins, (F,)."""
+    uncovered = [look.uncovered(*drawn) for look in looks]
+    return sides + _covered(replace(limb, sides=()), uncovered, limb.begin[:, None])[:, 0]
 
 
 def _with_limb_found(

@@ -50,7 +50,7 @@ def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
 
 def refuted_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[tuple[int, list[int]]]:
     """The limbs that are, on some frames in turn, where what shows is likelier without them: across their sides, by
-    `LEAST_GAIN`, or in all, for longer than prediction bridges.
+    `LEAST_GAIN`, or across their sides and in all, for longer than prediction bridges.
 
     A limb that something hides from all views is not among them.
 
@@ -67,11 +67,17 @@ def refuted_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[tu
     """
     found = []
     for i, chain, sides, shown in support_of_limbs(problem, motions):
-        upto, all_upto = (np.cumsum([0.0, *each]) for each in (sides, shown))
-        unsupported = (all_upto[LONG:] < all_upto[:-LONG]).any()
-        if unsupported or (np.maximum.accumulate(upto) - upto).max() > LEAST_GAIN:
+        upto = np.cumsum([0.0, *sides])
+        refuted = (np.maximum.accumulate(upto) - upto).max() > LEAST_GAIN
+        if refuted or (_against_for_long(sides) and _against_for_long(shown())):
             found.append((i, chain))
     return found
+
+
+def _against_for_long(shown: Array) -> bool:
+    """Whether logarithms of ratios of likelihoods (F,) are negative, in sum, for longer than prediction bridges."""
+    upto = np.cumsum([0.0, *shown])
+    return bool((upto[LONG:] < upto[:-LONG]).any())
 
 
 def bent_limbs(problem: SegmentProblem, performer: int, motion: Motion) -> list[list[int]]:
