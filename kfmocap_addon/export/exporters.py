@@ -284,11 +284,14 @@ def _stage(
     """A scene for the time of an export, with nothing but a copy of the armature, active and selected.
 
     The copy stands at the world's origin: where the object was, the turn, and the unit have gone into its bones. Pose
-    bones are relative to them, so the keys hold but for the unit. The user's scene, selection and frame stay.
+    bones are relative to them, so the keys hold but for the unit. The user's scene, selection and frame stay, and
+    what windows show.
     """
     body_armature.object_pose(armature)  # refuses one that is scaled unevenly
     preset = PRESETS[options.preset]
     name, stage = armature.name, bpy.data.scenes.new(armature.name)
+    # Some of Blender's exporters turn the window to the scene that they write.
+    shown = [(window, window.scene) for window in bpy.context.window_manager.windows]
     copy = armature.copy()
     copy.data = armature.data.copy()
     try:
@@ -317,6 +320,9 @@ def _stage(
         ):
             yield stage
     finally:
+        for window, showed in shown:
+            if window.scene != showed:
+                window.scene = showed
         sampled = fcurves.find_channelbag(copy) and copy.animation_data.action
         if sampled and sampled != armature.animation_data.action:
             bpy.data.actions.remove(sampled)

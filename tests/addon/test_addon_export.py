@@ -565,3 +565,15 @@ def test_a_missing_exporter_is_named_before_anything_is_written(blender, tmp_pat
     assert "*." in str(refused.value)
     assert not folder.exists()
     assert all(name in dir(getattr(bpy.ops, of)) for of, name, _ in exporters._EXPORTERS.values()), "all are there"
+
+
+@pytest.mark.parametrize("kind", ["bvh", "fbx", "glb", "vrma"])
+def test_windows_show_the_scene_that_they_showed_before(blender, tmp_path, kind):  # noqa: F811
+    """Blender's exporters may turn a window to the scene that they write; removing that shows the file's first."""
+    window = bpy.context.window_manager.windows[0]
+    shown = bpy.data.scenes.new("zz shown")
+    window.scene = shown
+    scene.build_scene(shot(tmp_path), scene=shown)
+    armature = shown.kfmocap.performers[0].armature
+    getattr(exporters, f"export_{kind}")(tmp_path / f"walk.{kind}", armature, shown)
+    assert window.scene == shown
