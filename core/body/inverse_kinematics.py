@@ -12,6 +12,7 @@ from ..errors import LandmarkError
 from ..numerics import rotations
 from ..numerics.arrays import Array
 from ..numerics.least_squares_batch import NormalSystems, minimise_each
+from ..numerics.repeatable import on_grid
 from . import Body, default_measures, human, landmark_positions, part_poses
 from .human import FRACTIONS, SHIFTS
 from .motion import Motion, stacked
@@ -199,7 +200,7 @@ def _descended(body: Body, names: list[str], targets: Array, start: Motion, tole
 
     x0 = np.concatenate([start.translations, rotations.log(start.rotations).reshape(len(start), -1)], axis=1)
     x = minimise_each(x0, linearise, tolerance=tolerance, evaluations=EVALUATIONS)
-    x = np.clip(x, low, high)
+    x = np.clip(on_grid(x), low, high)
     return Motion(x[:, :3], rotations.exp(x[:, 3:].reshape(len(x), -1, 3)))
 
 
@@ -280,5 +281,6 @@ def _fit_measures(
     A = np.concatenate([J.reshape(-1, len(keys)) / LANDMARK_SIGMA, np.diag(1 / sigma)])
     b = np.concatenate([error.ravel() / LANDMARK_SIGMA, (mean - np.array([measures[k] for k in keys])) / sigma])
     delta = np.linalg.lstsq(A, b, rcond=None)[0]
-    fitted = {k: measures[k] + float(d) for k, d in zip(keys, delta, strict=True)}
+    found = on_grid(np.array([measures[k] for k in keys]) + delta)
+    fitted = dict(zip(keys, found.tolist(), strict=True))
     return {k: v if k in SHIFTS else max(v, 0.2 * average[k]) for k, v in fitted.items()}

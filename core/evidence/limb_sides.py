@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..body import Part
 from ..cameras.camera import Camera
 from ..numerics.arrays import Bools
+from ..numerics.repeatable import transformed
 from ..runtime.shared_arrays import each_row
 from .label_images import NEAR
 from .view_frames import GradientImages
@@ -148,12 +149,12 @@ class SlopeImages:
         """
         Rc, tc = self.camera.poses(self.first + frames.start, len(points_world))
         to_picture = (self.camera.matrix @ Rc).astype(np.float32)
-        seen = (to_picture @ points_world.reshape(len(points_world), 3, -1)).reshape(points_world.shape)
+        seen = transformed(to_picture, points_world.reshape(len(points_world), 3, -1)).reshape(points_world.shape)
         seen += (tc @ self.camera.matrix.T).astype(np.float32)[:, :, None, None, None]
         np.maximum(seen[:, 2], np.float32(NEAR), out=seen[:, 2])
         seen[:, :2] /= seen[:, 2:]
         # The direction in the picture in which a point moves that moves across the bone.
-        turned = (to_picture @ across)[:, :, None, None]
+        turned = transformed(to_picture, across)[:, :, None, None]
         way = turned[:, :2] - seen[:, :2] * turned[:, 2:]
         way /= np.maximum(np.sqrt((way**2).sum(axis=1, keepdims=True)), np.float32(1e-9))
         corner = np.array(self.origin, np.float32)[:, None, None, None]

@@ -24,6 +24,7 @@ from ...numerics.arrays import Array
 from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.least_squares import Damping, LeastSquaresResult, StoppingRule, minimise
 from ...numerics.normal_equations import IndependentEquations
+from ...numerics.repeatable import on_grid
 from ...runtime.timing import Seconds
 from ...shot.shot import Settings
 from ..prediction import predict_unseen
@@ -229,7 +230,7 @@ class _TestedStage:
 
     def _moved(self, motions: tuple[Motion, ...], steps: Sequence[Array]) -> tuple[Motion, ...]:
         assert self._tied is not None
-        taken = {i: limited(self._pace * step) for i, step in self._tied.by_performer(steps).items()}
+        taken = {i: on_grid(limited(self._pace * step)) for i, step in self._tied.by_performer(steps).items()}
         return tuple(m.moved(taken[i]) if i in taken else m for i, m in enumerate(motions))
 
 
@@ -321,7 +322,7 @@ def approach(
                 systems = with_priors(seen, motions, images, smooth, expected)
                 tied = seen.tied(systems, motions)
                 each = tied.by_performer([system.solve(0.0) for system in tied.systems])
-                steps = {i: limited(pace * step) for i, step in each.items()}
+                steps = {i: on_grid(limited(pace * step)) for i, step in each.items()}
                 motions = tuple(m.moved(steps[i]) if i in steps else m for i, m in enumerate(motions))
                 energies.append(tied.cost)
             if _size(list(steps.values())) < stage.small:

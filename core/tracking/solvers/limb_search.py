@@ -33,6 +33,7 @@ from ...evidence.part_colours import ColouredFrames
 from ...evidence.view_frames import ViewFrames, views_with_foreground
 from ...numerics import rotations
 from ...numerics.arrays import Array, Bools
+from ...numerics.repeatable import on_grid, transformed
 from .measurement import Workspace
 from .problem import SegmentProblem
 
@@ -295,7 +296,7 @@ class _Uncovered:
         """
         Rc, tc = self.camera.poses(self.first + frames.start, len(points_world))
         K = self.camera.matrix
-        x = (K @ Rc).astype(np.float32) @ points_world.reshape(len(points_world), 3, -1)
+        x = transformed((K @ Rc).astype(np.float32), points_world.reshape(len(points_world), 3, -1))
         x += (tc @ K.T).astype(np.float32)[..., None]
         depth = np.maximum(x[:, 2:], np.float32(NEAR))
         columns, rows = (x[:, :2] / depth).reshape(points_world[:, :2].shape).swapaxes(0, 1)
@@ -487,6 +488,7 @@ def _likeliest(limb: _Limb, uncovered: Sequence[_Uncovered], fps: float, rng: Ge
         wide = spread > SPREADS[len(SPREADS) // 2]
         frames = np.arange(len(drawn))
         path = drawn[frames, best] if wide else np.einsum("fk,fkna->fna", _shares(score, places), drawn)
+        path = np.where(limb.fixed, begin, on_grid(path))
     return path, values[-1] - values[0]
 
 
@@ -569,11 +571,12 @@ def _posed(limb: _Limb, frames: slice, drawn: Array) -> Iterator[Poses]:
 
 def _placed(points: Array, poses: Poses) -> NDArray[np.float32]:
     """World points (m, 3, K, points) of a part in poses, from points in its frame."""
-    # Coordinate by coordinate: one product of matrices for all poses, and long rows for what follows.
+    # Coordinate by coordinate: one product of matrices for all poses, and long rows for what follows. In double
+    # precision: processors differ in products of single precision.
     R, T = poses
-    turned = np.moveaxis(R, 2, 1).astype(np.float32, order="C") @ points.T.astype(np.float32)
-    turned += np.moveaxis(T, 2, 1)[..., None].astype(np.float32)
-    return np.asarray(turned)
+    turned = np.ascontiguousarray(np.moveaxis(R, 2, 1)) @ points.T
+    turned += np.moveaxis(T, 2, 1)[..., None]
+    return np.asarray(turned.astype(np.float32))
 
 
 def _best_way(score: Array, places: Array) -> tuple[NDArray[np.intp], float]:
