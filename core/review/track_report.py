@@ -308,7 +308,10 @@ def _footage_lines(values: Mapping[str, Any]) -> list[str]:
 def torn_text(frames: Sequence[int]) -> str:
     """Say which frames of a view do not continue from the one before."""
     shown = listed(frames, WORST_FRAMES)
-    return f"damaged, repeated or missing pictures, which were given no weight: on or before frames {shown}"
+    return (
+        "pictures that do not continue from the one before (damaged, repeated or missing, or the light changed) were "
+        f"given no weight: on or before frames {shown}"
+    )
 
 
 def _versions() -> dict[str, str]:

@@ -1,4 +1,5 @@
-"""Frames that do not continue from the one before: damaged, repeated or missing, as decoders hand them out in silence.
+"""Frames that do not continue from the one before: damaged, repeated or missing, as decoders hand them out in silence,
+or taken in other light, as by a flash or when somebody steps out of the way of a low sun.
 
 Movement lasts: where a block of the picture changes, it does so over some frames, or in few blocks. Where many blocks
 change between two frames by several times as much as between those around them, one of the two frames is not what the

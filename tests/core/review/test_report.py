@@ -184,4 +184,4 @@ def test_what_is_wrong_with_the_footage_is_told(
     assert "cam01: its footage has 29.97 frames per second, the shot 25" in lines
     assert [line for line in lines if line.startswith("cam02: its frame rate varies: frame 117 of the file")]
     assert [line for line in lines if "frames 61, 64 of the file (error while decoding MB 10 74)" in line]
-    assert [line for line in lines if "on or before frames 103, 104" in line and line.startswith("cam02: damaged")]
+    assert [line for line in lines if line.startswith("cam02: pictures that") and "frames 103, 104" in line]

@@ -49,6 +49,14 @@ def test_damage_that_lasts_is_torn_where_it_begins_and_ends() -> None:
     assert np.flatnonzero(torn(frames)).tolist() == [5, 10]
 
 
+def test_light_that_changes_suddenly_is_torn_and_light_that_fades_is_not() -> None:
+    frames = film().astype(float)
+    flash, fading = frames.copy(), frames + np.linspace(0, 40, FRAMES)[:, None, None]
+    flash[8:, :, 100:] += 40
+    assert np.flatnonzero(torn(np.clip(flash, 0, 255).astype(np.uint8))).tolist() == [7]
+    assert not torn(np.clip(fading, 0, 255).astype(np.uint8)).any()
+
+
 def test_a_repeated_frame_has_no_weight() -> None:
     frames = film()
     frames[8] = frames[7]
