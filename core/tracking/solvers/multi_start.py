@@ -322,7 +322,8 @@ def searched(
 ) -> SegmentSolution:
     """The solution from looking for limbs around some solutions, and then around the best until that has an equal.
 
-    Of the solutions only equals of the best are looked around, or all where that is doubtful; they settle first. While
+    Of the solutions only equals of the best are looked around, or all where that is doubtful; they settle first, and
+    those that lead to one motion are looked around once. While
     all are doubtful, limbs are also looked for around a trunk that moves as at the start, which limbs in wrong places
     have not led astray. It also ends after `VAIN_LOOKS` that cover clearly less than one of these solutions. The
     likeliest of all counts, see `likeliest_at_rest`, and exchanges limbs with the others, see `recombined`.
@@ -333,7 +334,10 @@ def searched(
     likely, noise = solutions if doubtful(problem, first) else equals(solutions), noise_of(problem, first, workspace)
     look = look or partial(look_for_limbs, noise=noise)
     settled = [descend(problem, solution.motions, workspace.silent(), SETTLED, noise) for solution in likely]
-    begins: list[tuple[Sequence[Motion], SegmentProblem]] = [(solution.motions, problem) for solution in settled]
+    begins: list[tuple[Sequence[Motion], SegmentProblem]] = []
+    for solution in settled:
+        if not any(alike(solution.motions, motions) for motions, _ in begins):
+            begins.append((solution.motions, problem))
     found: list[SegmentSolution] = []
     looking, exchanging = workspace.part(0.0, 0.7), workspace.part(0.7, 1.0)
     while begins and len(found) < LOOKS:

@@ -252,6 +252,21 @@ def test_limbs_are_looked_for_around_the_best_so_far_until_it_has_an_equal() -> 
     assert found in multi_start.equals([found, one_before]) and len(multi_start.equals([one_before, two_before])) == 1
 
 
+@pytest.mark.parametrize(("apart", "looks"), [(0.01, 1), (2 * LOST, 2)])
+def test_starts_that_lead_to_one_motion_are_looked_around_once(apart: float, looks: int) -> None:
+    """Both starts cover as much; who passes by in one view had limbs looked for twice around the same motion."""
+    landscape = Landscape(truth=TRUTH, reach=0.0)
+    one, other = (landscape.solution(PROBLEM, off(TRUTH, ARMS, side * apart)) for side in (0.5, -0.5))
+    begun: list[Motion] = []
+
+    def look(problem: SegmentProblem, _: object, motions: Sequence[Motion], *__: object) -> SegmentSolution:
+        begun.extend(motions)
+        return landscape.solution(problem, motions[0])
+
+    multi_start.searched(PROBLEM, one.motions, [one, other], landscape, look)
+    assert len(begun) == looks
+
+
 def test_limbs_are_not_looked_for_in_vain_again_and_again() -> None:
     """Every look makes it worse by more than chance."""
     landscape = Landscape(truth=TRUTH, reach=0.0)
