@@ -18,7 +18,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from kfmocap.core.formats import save_cameras
-from render.waving import WandTake, lframe_pictures, vga_take, wand_pictures
+from render.waving import HARDSHIPS, WandTake, drawn_take, lframe_pictures, vga_take, wand_pictures
 
 
 def write_take(take: WandTake, out: Path) -> Path:
@@ -62,6 +62,10 @@ def arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=form)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--vga", action="store_true", help="640 x 480 pixels, balls of 4 to 5 pixels, red books about")
+    parser.add_argument(
+        "--seed", type=int, help="as --vga, with cameras, lenses, furniture, light and waving drawn at random"
+    )
+    parser.add_argument("--hardship", choices=HARDSHIPS, default="usual", help="what makes a drawn take hard")
     parser.add_argument("--frames", type=int)
     parser.add_argument(
         "--colours", default=",".join(WandTake.colours), help="colours of the wand's balls: two, or one for both"
@@ -73,7 +77,10 @@ def arguments() -> argparse.ArgumentParser:
 def main() -> None:
     """Render the take and print the path of its capture file."""
     args = arguments().parse_args()
-    take = vga_take() if args.vga else WandTake()
+    if args.seed is not None:
+        take = drawn_take(args.seed, HARDSHIPS[args.hardship])
+    else:
+        take = vga_take() if args.vga else WandTake()
     take = dataclasses.replace(
         take,
         frames=args.frames or take.frames,

@@ -5,6 +5,7 @@ Needs no Blender.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -85,6 +86,18 @@ class WandTake:
         Objects of the balls' colours: balls that lie about or roll by, discs on the wall, the shirt of whoever waves.
     books : bool
         Red books on a shelf, on the floor and in front of a wall, in all videos.
+    speed : float
+        Of the wand, as a multiple of walking about calmly.
+    phases : tuple of float
+        Where the wand begins.
+    light : tuple of float
+        How bright the room is, in blue, green and red.
+    noise : float
+        Standard deviation of the sensor noise, grey levels of 255.
+    furniture : tuple of Ball or Rod
+        What else stands in the room, in all videos.
+    covered : tuple of int, optional
+        A camera that does not see one ball of the L-frame: its index and the ball's.
     """
 
     cameras: tuple[Camera, ...] = CAMERAS
@@ -100,11 +113,17 @@ class WandTake:
     lframe_diameter: float | None = None
     lframe_points: Array = field(default_factory=LFRAME.copy)
     lframe_frames: int = 12
+    speed: float = 1.0
+    phases: tuple[float, float, float] = (0.3, 1.7, 0.9)
+    light: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    noise: float = NOISE
+    furniture: tuple[Ball | Rod, ...] = ()
+    covered: tuple[int, int] | None = None
 
     def wand(self, seconds: Array) -> Array:
         """The centres of the wand's balls, shape (..., 2, 3), metres."""
-        t = np.asarray(seconds, float)[..., None]
-        rates, phases = np.array([1.21, 0.93, 1.57]), np.array([0.3, 1.7, 0.9])
+        t = self.speed * np.asarray(seconds, float)[..., None]
+        rates, phases = np.array([1.21, 0.93, 1.57]), np.array(self.phases)
         middle = np.array([0.0, 0.0, 1.15]) + [1.6, 1.5, 0.7] * np.sin(rates * t + phases)
         turn = np.concatenate([np.sin(1.61 * t), np.cos(1.27 * t + 0.4), 1.1 * np.sin(0.93 * t + 1.1)], axis=-1)
         along = self.length / 2 * turn / np.linalg.norm(turn, axis=-1, keepdims=True)
@@ -142,7 +161,18 @@ class WandTake:
             Rod(_at(-1.5, 4.55, 1.7), _at(-1.4, 4.55, 1.75), 0.06, last),
             Rod(_at(4.5, 0.6, 1.2), _at(4.5, 1.2, 1.2), 0.05, first),
         ]
-        return (things if self.distractors else []) + (_books() if self.books else [])
+        return (things if self.distractors else []) + self._room_things()
+
+    def _room_things(self) -> list[Ball | Rod]:
+        return (_books() if self.books else []) + list(self.furniture)
+
+    def _cover(self) -> list[Ball | Rod]:
+        """Something grey right before a ball of the L-frame."""
+        if self.covered is None:
+            return []
+        camera, ball = self.covered
+        way = self.cameras[camera].centre_world() - self.lframe_points[ball]
+        return [Ball((self.lframe_points[ball] + 0.2 * way / np.linalg.norm(way))[None], 0.05, PAINT["cloth"])]
 
     def _passing(self, t: Array) -> list[Ball | Rod]:
         rolling = np.concatenate([-1.5 + 0.5 * t, 1.6 + 0.2 * np.sin(t), np.full_like(t, 0.05)], axis=1)
@@ -175,7 +205,7 @@ class WandTake:
                 Ball(_at(1.8, 0.7, 0.05), 0.08, PAINT["red"]),
                 Rod(_at(-4.5, 0.0, 1.4), _at(-4.5, 0.5, 1.4), 0.07, PAINT["red"]),
             ]
-        return things + (_books() if self.books else [])
+        return things + self._room_things() + self._cover()
 
 
 def _books() -> list[Ball | Rod]:
@@ -198,15 +228,16 @@ def _at(x: float, y: float, z: float) -> Array:
 def wand_pictures(take: WandTake, camera: int) -> Iterator[NDArray[np.uint8]]:
     """Draw the frames of a camera's video of the wand."""
     canvas = Canvas(take.cameras[camera], take.still_things())
-    sensor = SensorNoise(take.cameras[camera].size, camera)
+    sensor = SensorNoise(take.cameras[camera].size, camera, take.noise)
+    light = np.array(take.light, np.float32)
     for frame in range(take.frames):
-        yield sensor.record(canvas.drawn(take.wand_things(take.moments(camera, frame))))
+        yield sensor.record(light * canvas.drawn(take.wand_things(take.moments(camera, frame))))
 
 
 def lframe_pictures(take: WandTake, camera: int) -> Iterator[NDArray[np.uint8]]:
     """Draw the frames of a camera's video of the L-frame."""
-    sensor = SensorNoise(take.cameras[camera].size, 100 + camera)
-    picture = Canvas(take.cameras[camera]).drawn(take.lframe_things())
+    sensor = SensorNoise(take.cameras[camera].size, 100 + camera, take.noise)
+    picture = np.array(take.light, np.float32) * Canvas(take.cameras[camera]).drawn(take.lframe_things())
     for _ in range(take.lframe_frames):
         yield sensor.record(picture)
 
@@ -214,9 +245,9 @@ def lframe_pictures(take: WandTake, camera: int) -> Iterator[NDArray[np.uint8]]:
 class SensorNoise:
     """A camera sensor: slight blur, gamma, and noise that is generated once and shifted at random."""
 
-    def __init__(self, size: tuple[int, int], seed: int) -> None:
+    def __init__(self, size: tuple[int, int], seed: int, noise: float = NOISE) -> None:
         self.rng = np.random.default_rng(seed)
-        self.noise = self.rng.normal(0, NOISE, (2 * size[1], 2 * size[0], 3)).astype(np.float32)
+        self.noise = self.rng.normal(0, noise, (2 * size[1], 2 * size[0], 3)).astype(np.float32)
 
     def record(self, light: NDArray[np.float32]) -> NDArray[np.uint8]:
         """Record linear light as a picture of grey levels."""
@@ -239,3 +270,81 @@ def vga_take() -> WandTake:
         books=True,
         lframe_points=points,
     )
+
+
+@dataclass(frozen=True)
+class Hardship:
+    """What makes a take hard to calibrate from: see `WandTake`."""
+
+    speed: float = 1.0
+    exposure: float = 1 / 60
+    dimmed: float = 1.0
+    noise: float = NOISE
+    covered: bool = False
+
+
+HARDSHIPS = {
+    "usual": Hardship(),
+    "fast": Hardship(speed=1.6, covered=True),
+    "dim": Hardship(dimmed=0.55, noise=4.0),
+    "hard": Hardship(speed=1.6, exposure=1 / 40, dimmed=0.55, noise=4.0, covered=True),
+}
+
+
+def drawn_take(seed: int, hardship: Hardship) -> WandTake:
+    """A take like `vga_take` with cameras, lenses, furniture, light and waving that are drawn at random."""
+    rng = np.random.default_rng([seed, 22])
+    ball = (int(rng.integers(4)), int(rng.integers(4)))
+    return dataclasses.replace(
+        vga_take(),
+        cameras=tuple(_drawn_camera(k, rng) for k in range(4)),
+        offsets=(0.0, *rng.uniform(-8, 8, 3).round(2).tolist()),
+        phases=tuple(rng.uniform(0, 2 * np.pi, 3).tolist()),
+        speed=hardship.speed * rng.uniform(0.9, 1.1),
+        exposure=hardship.exposure,
+        light=tuple((hardship.dimmed * rng.uniform([0.75, 0.9, 0.95], [1.0, 1.0, 1.1])).tolist()),
+        noise=hardship.noise,
+        covered=ball if hardship.covered else None,
+        books=False,
+        furniture=tuple(_drawn_furniture(rng)),
+    )
+
+
+def _drawn_camera(k: int, rng: np.random.Generator) -> Camera:
+    """One of four cameras around the room, some four metres from its middle."""
+    angle = np.pi / 2 * k + np.radians(225) + rng.uniform(-0.25, 0.25)
+    away = rng.uniform(3.7, 4.3)
+    place = (away * np.cos(angle), away * np.sin(angle), rng.uniform(1.5, 2.3))
+    k1 = rng.uniform(-0.22, 0.06)
+    lens = (k1, max(-0.25 * k1, 0.0), 0.0, 0.0)
+    middle = rng.normal(0, 0.1, 2)
+    return camera_looking_at(
+        f"cam{k + 1:02d}",
+        place,
+        (middle[0], middle[1], rng.uniform(0.7, 0.9)),
+        rng.uniform(560, 670),
+        distortions=lens,
+        size=(640, 480),
+    )
+
+
+def _drawn_furniture(rng: np.random.Generator) -> list[Ball | Rod]:
+    """Red books and a few other things along the walls and on the floor."""
+    things: list[Ball | Rod] = []
+    for _ in range(14):
+        along, height = rng.uniform(-4, 4), rng.uniform(0.6, 1.8)
+        x, y = ((4.5, along), (-4.5, along), (along, 4.5), (along, -5.0))[rng.integers(4)]
+        for n in range(rng.integers(1, 5)):
+            foot = np.array([x + 0.06 * n * (abs(x) < 4.4), y + 0.06 * n * (abs(x) > 4.4), height])
+            things.append(Rod(foot[None], (foot + [0, 0, rng.uniform(0.12, 0.24)])[None], 0.02, PAINT["red"]))
+    for _ in range(5):
+        angle, away, turn = rng.uniform(0, 2 * np.pi), rng.uniform(1.2, 2.6), rng.uniform(0, 2 * np.pi)
+        foot = np.array([away * np.cos(angle), away * np.sin(angle), 0.02])
+        tip = foot + rng.uniform(0.05, 0.2) * np.array([np.cos(turn), np.sin(turn), 0])
+        things.append(Rod(foot[None], tip[None], rng.uniform(0.015, 0.03), PAINT["red"]))
+    for _ in range(6):
+        angle, away = rng.uniform(0, 2 * np.pi), rng.uniform(3.0, 4.2)
+        foot = np.array([away * np.cos(angle), away * np.sin(angle), 0.1])
+        paint = linear(rng.uniform(0.1, 0.8, 3))
+        things.append(Rod(foot[None], (foot + [0, 0, rng.uniform(0.3, 1.0)])[None], rng.uniform(0.04, 0.15), paint))
+    return things
