@@ -323,10 +323,10 @@ def searched(
     """The solution from looking for limbs around some solutions, and then around the best until that has an equal.
 
     Of the solutions only equals of the best are looked around, or all where that is doubtful; they settle first, and
-    those that lead to one motion are looked around once. While
-    all are doubtful, limbs are also looked for around a trunk that moves as at the start, which limbs in wrong places
-    have not led astray. It also ends after `VAIN_LOOKS` that cover clearly less than one of these solutions. The
-    likeliest of all counts, see `likeliest_at_rest`, and exchanges limbs with the others, see `recombined`.
+    those that lead to one motion are looked around once. While all are doubtful, limbs are also looked for around a
+    trunk that moves as at the start, which limbs in wrong places have not led astray. It also ends after `VAIN_LOOKS`
+    that cover clearly less than one of these solutions. The likeliest of all counts, see `likeliest_at_rest`, and
+    exchanges limbs with the others, see `recombined`.
     `look` is how limbs are looked for, by default `look_for_limbs`.
     """
     held = replace(problem, fixed=tuple(fixed | (np.arange(fixed.shape[1]) < 6) for fixed in problem.fixed))
