@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
-from functools import cache
 from itertools import chain
 from pathlib import Path, PurePath
 from typing import Any
@@ -46,16 +45,12 @@ def _append_pieces(pieces: list[bytes], value: Any) -> None:
     elif isinstance(value, Mapping):
         _append_pieces(pieces, tuple(value.items()))
     elif is_dataclass(value) and not isinstance(value, type):
-        for name in _compared_fields(type(value)):
-            pieces.append(name.encode())
-            _append_pieces(pieces, getattr(value, name))
+        for item in fields(value):
+            if item.compare:
+                pieces.append(item.name.encode())
+                _append_pieces(pieces, getattr(value, item.name))
     else:
         pieces.append(repr(value.name if isinstance(value, PurePath) else value).encode())
-
-
-@cache
-def _compared_fields(kind: type[Any]) -> tuple[str, ...]:
-    return tuple(item.name for item in fields(kind) if item.compare)
 
 
 def file_bytes(path: Path) -> Iterator[bytes]:

@@ -5,9 +5,8 @@ Needs no Blender.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -274,7 +273,17 @@ def vga_take() -> WandTake:
 
 @dataclass(frozen=True)
 class Hardship:
-    """What makes a take hard to calibrate from: see `WandTake`."""
+    """What makes a take hard to calibrate from.
+
+    Attributes
+    ----------
+    dimmed : float
+        Share of the usual light.
+    covered : bool
+        Whether one camera does not see one ball of the L-frame.
+    speed, exposure, noise : float
+        As of `WandTake`.
+    """
 
     speed: float = 1.0
     exposure: float = 1 / 60
@@ -295,7 +304,7 @@ def drawn_take(seed: int, hardship: Hardship) -> WandTake:
     """A take like `vga_take` with cameras, lenses, furniture, light and waving that are drawn at random."""
     rng = np.random.default_rng([seed, 22])
     ball = (int(rng.integers(4)), int(rng.integers(4)))
-    return dataclasses.replace(
+    return replace(
         vga_take(),
         cameras=tuple(_drawn_camera(k, rng) for k in range(4)),
         offsets=(0.0, *rng.uniform(-8, 8, 3).round(2).tolist()),
