@@ -5,49 +5,12 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ..core.errors import OutputError, ShotError
 from ..core.runtime.files import check_writable, write_json
-from .services import Services
-
-
-@dataclass(frozen=True)
-class RetargetRequest:
-    """One motion file to be put on a character, as the command line asks for it.
-
-    Attributes
-    ----------
-    motion, character, out : Path
-        The BVH or FBX file, the .blend file with the character, and the .blend file to write.
-    armature, preset : str, optional
-        By default the only candidate, and the preset that fits.
-    bone_map, source_map : Path, optional
-        Bone maps of the character and of the motion.
-    root, feet : str
-        See `core.retargeting.transfer.RetargetOptions`.
-    hands, layer : bool
-    scale : float, optional
-    angle, distance : float
-        Tolerances of the keys, degrees and millimetres.
-    """
-
-    motion: Path
-    character: Path
-    out: Path
-    armature: str | None = None
-    preset: str | None = None
-    bone_map: Path | None = None
-    source_map: Path | None = None
-    root: str = "world"
-    feet: str = "keep"
-    hands: bool = False
-    layer: bool = False
-    scale: float | None = None
-    angle: float = 0.0
-    distance: float = 0.0
+from .services import RetargetRequest, Services
 
 
 def run(args: argparse.Namespace, services: Services) -> int:

@@ -16,8 +16,7 @@ from ..cli.services import Services
 from . import registration
 
 if TYPE_CHECKING:
-    from ..cli.retarget_command import RetargetRequest
-    from ..cli.services import OutputRequest
+    from ..cli.services import OutputRequest, RetargetRequest
     from ..core.shot.shot import Shot
     from ..core.tracking.track_result import TrackResult
 

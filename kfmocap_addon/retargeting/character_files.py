@@ -23,7 +23,7 @@ from .rig_curves import CurveOptions
 from .send import SendOptions, find_target, send_to_rig
 
 if TYPE_CHECKING:
-    from ...cli.retarget_command import RetargetRequest
+    from ...cli.services import RetargetRequest
 
 
 def retarget_file(request: RetargetRequest) -> dict[str, Any]:
