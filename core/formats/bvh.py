@@ -44,16 +44,16 @@ def _parsed(words: Iterator[str], name: str) -> SkeletonMotion:
     channels: list[list[str]] = []
     branch: list[int] = []
     at_tip = False
-    _expect(next(words), "HIERARCHY")
-    for word in words:
+    _expect(next(words).upper(), "HIERARCHY")
+    for word in map(str.upper, words):
         if word in ("ROOT", "JOINT"):
-            names.append(next(words))
+            names.append(" ".join(iter(words.__next__, "{")))  # "Bip01 L Thigh" is one name
             parents.append(branch[-1] if branch else -1)
             branch.append(len(names) - 1)
             offsets.append([0.0] * 3)
             tips.append([np.nan] * 3)
             channels.append([])
-        elif word == "End":
+        elif word == "END":
             branch.append(branch[-1])
             at_tip = True
         elif word == "OFFSET":
@@ -72,7 +72,10 @@ def _parsed(words: Iterator[str], name: str) -> SkeletonMotion:
     numbers = np.array([_number(word) for word in words])
     if not names or len(names) > _MOST_JOINTS or count * len(names) > max(len(numbers), 1):
         raise ValueError(f"{len(numbers)} numbers for {count} frames of {len(names)} joints")
-    values = numbers.reshape(count, sum(map(len, channels)))
+    columns = sum(map(len, channels))
+    if columns and len(numbers) % columns == 0:  # some programs write one frame more than they announce
+        numbers = numbers[: count * columns]
+    values = numbers.reshape(count, columns)
     moved, turns = _motion(values, channels, parents, np.array(offsets))
     C = _WORLD_OF_BVH
     moved, turns, steps = moved @ C.T, C @ turns @ C.T, np.array(offsets) @ C.T

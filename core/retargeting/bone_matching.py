@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 
 from ..body.skeleton_motion import RestSkeleton
 from ..errors import BodyError
 from .bone_places import roles_by_place
 from .bone_presets import PRESETS, BonePreset
-from .roles import CHAINS, FINGERS, BoneMap
+from .roles import CHAINS, FINGERS, SIDES, BoneMap
 
 _NAMESPACE = re.compile(r"^.*[:|]")
 _SIDE = re.compile(r"(?:^|[_.\- ])(l|r|left|right)(?=$|[_.\- ])", re.IGNORECASE)
 _SIDE_WORD = re.compile(r"(left|right)", re.IGNORECASE)
 _WORDS: tuple[tuple[str, str], ...] = (
     ("root", r"root|master|reference|armature"),
-    ("hips", r"hips?|pelvis|cog|bip\d*pelvis"),
+    ("hips", r"hips?(joint)?|pelvis|cog|bip\d*pelvis"),
     ("toe", r"toes?(base)?\d*|ball|toebone"),
     ("foot", r"foot|ankle|feet"),
     ("shin", r"shin|calf|lowerleg|leglower|lowleg|knee|crus|leg"),
@@ -35,6 +36,9 @@ _WORDS: tuple[tuple[str, str], ...] = (
     ("spine", r"(spine|chest|upperchest|torso|abdomen|waist|lowerback|back|ribcage|thorax|trunk|belly|body)\d*"),
 )
 """Roles and the words that name them, compared with a whole name without its namespace, side and separators."""
+
+_NAMED_AFTER_JOINT: Mapping[str, str] = MappingProxyType({"upper_arm": "shoulder", "thigh": "hips"})
+_BELOW: Mapping[str, str] = MappingProxyType({"upper_arm": "forearm", "thigh": "shin"})
 
 
 def match_bones(rest: RestSkeleton, preset: str | None = None, where: str = "skeleton") -> BoneMap:
@@ -96,11 +100,18 @@ def _plain(name: str) -> str:
 
 
 def roles_by_name(rest: RestSkeleton) -> BoneMap:
-    """Return the roles that the words in the bones' names suggest, the topmost bone of each."""
+    """Return the roles that the words in the bones' names suggest, the topmost bone of each.
+
+    Many skeletons call their bones after the joints in which they begin: collar, shoulder, elbow, wrist, and hip,
+    knee, ankle. There the bone that is called shoulder is the upper arm, and the one called hip the thigh.
+    """
     bones: dict[str, list[str]] = {}
+    joints: dict[str, list[str]] = {}
     for name in rest.names:
         side, word = _side_and_word(name)
         role = _role_of(word)
+        if side and role in _NAMED_AFTER_JOINT.values():
+            joints.setdefault(f"{role}.{side}", []).append(name)
         if role is None or (role in _central() and side):
             continue
         if role not in _central():
@@ -110,7 +121,23 @@ def roles_by_name(rest: RestSkeleton) -> BoneMap:
         listed = bones.setdefault(role, [])
         if not listed or (role in CHAINS and len(listed) < (3 if role.split(".")[0] in FINGERS else 9)):
             listed.append(name)
-    return BoneMap({role: tuple(names) for role, names in bones.items()}, found_by="names")
+    for limb, joint in _NAMED_AFTER_JOINT.items():
+        for side in SIDES:
+            at_joint = _above(rest, joints.get(f"{joint}.{side}", ()), bones.get(f"{_BELOW[limb]}.{side}", ()))
+            if at_joint and f"{limb}.{side}" not in bones:
+                bones[f"{limb}.{side}"] = [at_joint.pop()]
+                if joint not in _central():
+                    bones[f"{joint}.{side}"] = at_joint[:1]
+    return BoneMap({role: tuple(names) for role, names in bones.items() if names}, found_by="names")
+
+
+def _above(rest: RestSkeleton, names: Sequence[str], below: Sequence[str]) -> list[str]:
+    """Those of some bones from which another hangs, from the topmost down."""
+    j, path = rest.names.index(below[0]) if below else -1, []
+    while j >= 0:
+        path.append(rest.names[j])
+        j = rest.parents[j]
+    return [name for name in reversed(path) if name in names]
 
 
 def _central() -> frozenset[str]:

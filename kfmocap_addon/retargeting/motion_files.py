@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import bpy
@@ -41,7 +43,8 @@ def read_motion(path: Path, bones: BoneMap | None = None) -> tuple[SkeletonMotio
         raise ShotError("it is no motion file", where=str(path), todo="give a .bvh or an .fbx file")
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     try:
-        bpy.ops.import_scene.fbx(filepath=str(path.resolve()), anim_offset=0.0)
+        with _lights_as_imported():
+            bpy.ops.import_scene.fbx(filepath=str(path.resolve()), anim_offset=0.0)
     except RuntimeError as error:
         raise ShotError(f"Blender cannot read it: {error}", where=str(path)) from error
     armature = _moving_human(path, bones)
@@ -49,6 +52,22 @@ def read_motion(path: Path, bones: BoneMap | None = None) -> tuple[SkeletonMotio
     frames = math.ceil(lasts[0] - 1e-3), math.floor(lasts[1] + 1e-3)
     motion, found = motion_of_armature(bpy.context.scene, armature, frames, bones)
     return motion, found
+
+
+@contextmanager
+def _lights_as_imported() -> Iterator[None]:
+    """Give lights the property that Blender 5.0 took from them, though its FBX importer still sets it."""
+    light = bpy.data.lights.new("light", "POINT")
+    settings = type(light.cycles) if hasattr(light, "cycles") else None
+    bpy.data.lights.remove(light)
+    if settings is None or hasattr(settings, "cast_shadow"):
+        yield
+        return
+    settings.cast_shadow = bpy.props.BoolProperty()
+    try:
+        yield
+    finally:
+        del settings.cast_shadow
 
 
 def _moving_human(path: Path, bones: BoneMap | None) -> bpy.types.Object:

@@ -19,6 +19,7 @@ from kfmocap.core.retargeting.retarget import prepared  # noqa: E402
 from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
 from kfmocap.kfmocap_addon.properties import KFMocapRetarget  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.character_files import save_copy  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.motion_files import read_motion  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.overrides import editable  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.rig_curves import CurveOptions  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.send import SendOptions, find_target, send_to_rig  # noqa: E402
@@ -156,6 +157,16 @@ def test_the_command_line_moves_a_character(blender, tmp_path, capsys, kind):  #
     given, _ = prepared(moved_body(BODY, motion))
     assert joint_errors(armature, report, given) < 1e-4
     assert (bpy.context.scene.frame_start, bpy.context.scene.frame_end) == (1, FRAMES)
+
+
+def test_an_fbx_file_with_a_light_is_read(blender, tmp_path):  # noqa: F811
+    armature = built("mixamo")
+    send_to_rig(bpy.context.scene, source(), armature, 1)
+    lamp = bpy.data.objects.new("lamp", bpy.data.lights.new("lamp", "POINT"))
+    bpy.context.scene.collection.objects.link(lamp)
+    bpy.ops.export_scene.fbx(filepath=str(tmp_path / "lit.fbx"), object_types={"ARMATURE", "LIGHT"})
+    motion, _ = read_motion(tmp_path / "lit.fbx")
+    assert len(motion) == FRAMES
 
 
 def test_a_linked_character_moves_through_an_override(blender, tmp_path):  # noqa: F811

@@ -118,6 +118,31 @@ def test_what_is_no_bvh_is_refused(tmp_path: Path, cut: str) -> None:
         read_bvh(path)
 
 
+def test_one_frame_more_than_announced_is_left_out(tmp_path: Path) -> None:
+    body = human()
+    path = tmp_path / "poses.bvh"
+    text = bvh_text(body, wild(body))
+    path.write_text(text)
+    whole = read_bvh(path)
+    path.write_text(text.replace("Frames: 4", "Frames: 3"))
+    short = read_bvh(path)
+    np.testing.assert_array_equal(short.turns, whole.turns[:3])
+    path.write_text(text.rsplit(" ", 1)[0])
+    with pytest.raises(ShotError, match=r"poses\.bvh: is not a BVH file, or not whole"):
+        read_bvh(path)
+
+
+def test_names_may_have_spaces_and_words_may_be_in_small_letters(tmp_path: Path) -> None:
+    body = human()
+    path = tmp_path / "poses.bvh"
+    text = bvh_text(body, wild(body))
+    for word in ("HIERARCHY", "ROOT", "JOINT", "End", "MOTION"):
+        text = text.replace(word, word.lower())
+    path.write_text(text.replace("thigh.L", "Bip01 L Thigh"))
+    names = read_bvh(path).rest.names
+    assert set(names) == {"Bip01 L Thigh", *body.names} - {"thigh.L"}
+
+
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(KFMocapError, match=r"none\.bvh: the BVH cannot be read"):
         read_bvh(tmp_path / "none.bvh")

@@ -65,6 +65,21 @@ def test_words_and_marks_of_sides_are_understood(style):
     assert dict(roles_by_name(rest).bones) == wanted
 
 
+def test_bones_may_be_named_after_the_joints_in_which_they_begin():
+    trunk = ["Hips", "Chest", "Neck"]
+    arm, leg = ["Collar", "Shoulder", "Elbow", "Wrist"], ["Hip", "Knee", "Ankle"]
+    names, parents = [*trunk], [-1, 0, 1]
+    for side in ("Left", "Right"):
+        for limb, root in ((arm, 1), (leg, 0)):
+            parents += [root, *range(len(names), len(names) + len(limb) - 1)]
+            names += [side + joint for joint in limb]
+    rest = RestSkeleton(tuple(names), tuple(parents), np.zeros((len(names), 3)), np.zeros((len(names), 3)))
+    found = match_bones(rest)
+    roles = dict(zip(("shoulder", "upper_arm", "forearm", "hand", "thigh", "shin", "foot"), arm + leg, strict=True))
+    for role, joint in roles.items():
+        assert (found.bones[f"{role}.L"], found.bones[f"{role}.R"]) == ((f"Left{joint}",), (f"Right{joint}",))
+
+
 @pytest.mark.parametrize("turn", [0, 1, 2])
 @pytest.mark.parametrize("droop", [0.0, 0.8])
 def test_bones_without_telling_names_are_found_by_their_places(turn, droop):
