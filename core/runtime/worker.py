@@ -21,8 +21,8 @@ from types import ModuleType
 NICENESS = 5
 """Where that is known, the program that is waiting goes first."""
 GRACE = 0.6
-"""Seconds that the work has to tidy up when nobody waits for it any more. Its own workers have as long again after it,
-and nothing is left two seconds after the program has ended."""
+"""Seconds that the work has to tidy up when nobody waits for it any more. Those who work for it have nothing to tidy:
+they end as soon as it has, and nothing is left two seconds after the program has ended."""
 LENGTH_BYTES = 8
 """Before everything that is sent to this process: how many bytes it is, the lowest first."""
 
@@ -34,8 +34,8 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes of a terminal: one of them decides
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     sent: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
-    working = threading.Event()
-    threading.Thread(target=_receive, args=(sent, working), daemon=True).start()
+    tidying = threading.Event()
+    threading.Thread(target=_receive, args=(sent, tidying), daemon=True).start()
 
     lock = threading.Lock()
 
@@ -49,7 +49,7 @@ def main() -> None:
     try:
         if (head := sent.get()) is None:
             return
-        search, package, folder, yields, imports = pickle.loads(head)
+        search, package, folder, yields, tidies, imports = pickle.loads(head)
         if yields and hasattr(os, "nice"):
             os.nice(NICENESS)
         sys.path[:] = search
@@ -59,7 +59,8 @@ def main() -> None:
         kept = importlib.import_module(f"{package}.core.runtime.worker_memory")
         memory = kept.WorkerMemory()
         while (data := sent.get()) is not None:
-            working.set()
+            if tidies:
+                tidying.set()
             try:
                 work = pickle.loads(data)
                 if isinstance(work, kept.Remembering):
@@ -73,7 +74,7 @@ def main() -> None:
                 send("error", error)
             else:
                 send("result", result)
-            working.clear()
+            tidying.clear()
     except (BrokenPipeError, KeyboardInterrupt):
         os._exit(1)  # nobody listens any more
     except Exception as error:
@@ -81,14 +82,17 @@ def main() -> None:
         send("error", error)
 
 
-def _receive(sent: "queue.SimpleQueue[bytes | None]", working: threading.Event) -> None:
-    """Pass on what comes in, and end this process when its sender has ended: its end of the pipe was closed with it."""
+def _receive(sent: "queue.SimpleQueue[bytes | None]", tidying: threading.Event) -> None:
+    """Pass on what comes in, and end this process when its sender has ended: its end of the pipe was closed with it.
+
+    It ends at once, unless something is being done that has to tidy up.
+    """
     while (length := _read(LENGTH_BYTES)) and (data := _read(int.from_bytes(length, "little"))):
         sent.put(data)
-    sent.put(None)
-    if working.is_set():
-        _thread.interrupt_main(signal.SIGTERM)  # to tidy up
-    time.sleep(GRACE)
+    if tidying.is_set():
+        sent.put(None)
+        _thread.interrupt_main(signal.SIGTERM)
+        time.sleep(GRACE)
     os._exit(1)
 
 

@@ -33,7 +33,7 @@ class WorkerPool:
         self.workers = workers
         self._ended = Event()
         self._failure: WorkerEndedError | None = None
-        self._processes = [WorkerProcess(yields=False, imports=imports) for _ in range(workers - 1)]
+        self._processes = [WorkerProcess(yields=False, tidies=False, imports=imports) for _ in range(workers - 1)]
         # The processes come first, and this one last: it reads footage and draws meanwhile, under the same lock.
         self._idle: queue.PriorityQueue[int] = queue.PriorityQueue()
         for place in range(workers):

@@ -29,6 +29,8 @@ class WorkerProcess:
     ----------
     yields : bool
         The program goes first where both have something to do, as one should that somebody is using.
+    tidies : bool
+        Its work makes files, and has a moment to remove them when the program has ended.
     imports : sequence of str
         Modules, by their full names, that the process imports at once: its first piece of work then finds it ready.
 
@@ -38,7 +40,7 @@ class WorkerProcess:
         Python cannot be started.
     """
 
-    def __init__(self, *, yields: bool = True, imports: Sequence[str] = ()) -> None:
+    def __init__(self, *, yields: bool = True, tidies: bool = True, imports: Sequence[str] = ()) -> None:
         lower = getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0) if yields else 0
         flags = lower | getattr(subprocess, "CREATE_NO_WINDOW", 0)
         try:
@@ -53,7 +55,7 @@ class WorkerProcess:
             raise KFMocapError(what, where=str(sys.executable), todo="install the program again") from error
         package, folder = __package__.rsplit(".", 2)[0], Path(__file__).parents[2]
         with contextlib.suppress(OSError):  # where it has ended, the first piece of work finds that out
-            self._send((sys.path, package, str(folder), yields, tuple(imports)))
+            self._send((sys.path, package, str(folder), yields, tidies, tuple(imports)))
 
     @property
     def alive(self) -> bool:
