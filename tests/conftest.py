@@ -45,6 +45,7 @@ def pytest_configure(config: pytest.Config) -> None:
         # The processes share the cores. Loaded first, for what is not loaded has no number of threads.
         importlib.import_module("scipy.linalg")
         threadpoolctl.threadpool_limits(1, user_api="blas")
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the programs that tests start
 
 
 def pytest_sessionfinish() -> None:

@@ -8,7 +8,8 @@ OUT in the arguments stands for a folder that is made for each run. Each run is 
 everything, begins with old results in its folder, and gets SIGKILL, SIGTERM or SIGINT. Its processes must be gone in
 two seconds, its exit code and its message must say what it left, and what a SIGKILL leaves must be gone as soon as the
 next run begins and ends; every tenth time that is a run of the command itself. Runs that ended before the signal came
-do not count; where most do, it fails.
+do not count; where most do, it fails. With --fork the processes that a run starts are forked as well: what they load
+takes longer than a short shot.
 """
 
 from __future__ import annotations
@@ -19,18 +20,23 @@ import random
 import select
 import shutil
 import signal
+import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from unittest import mock
 
 from kfmocap.__main__ import main as run_command
 from kfmocap.cli import batch_command, calibrate_command, track_command  # noqa: F401  loaded once, for all runs
 from kfmocap.cli.batch_shot import STATUS
+from kfmocap.core.runtime import worker, worker_process
 from kfmocap.core.runtime.files import check_writable
 from kfmocap.core.runtime.interrupts import WRITTEN
 from kfmocap.core.tracking.journal import UNFINISHED, journal_beside
@@ -43,6 +49,8 @@ MOST_RUNS = 20
 """Runs for each that is to be hit, at most."""
 HANGING = 120.0
 """Seconds from a signal to the end of a run, at most."""
+_MOST_FILES = 256
+"""Numbers of open files, at most."""
 
 
 @dataclass(frozen=True)
@@ -118,6 +126,28 @@ def run(
     text = Path(name).read_text(errors="replace")
     Path(name).unlink()
     return Ended(code, process, text, seconds)
+
+
+def _work() -> None:
+    """Do a worker's work in a process that was forked for it, and does not go on to start a program."""
+    code = 1
+    try:
+        os.closerange(
+            3, _MOST_FILES
+        )  # the other workers' pipes; with the last of these the program is told that it runs
+        worker.main()
+        code = 0
+    finally:
+        os._exit(code)
+
+
+def forked_workers() -> AbstractContextManager[object]:
+    """While it is entered, workers are forked instead of started."""
+
+    def popen(*arguments: Any, **options: Any) -> subprocess.Popen[bytes]:
+        return subprocess.Popen(*arguments, **options, preexec_fn=_work)  # noqa: PLW1509  the threads wait
+
+    return mock.patch.object(worker_process, "subprocess", SimpleNamespace(**vars(subprocess) | {"Popen": popen}))
 
 
 def left(session: int) -> int:
@@ -199,12 +229,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--kills", type=int, default=10, help="runs that get each of the signals (default: 10)")
     parser.add_argument("--apart", action="store_true", help="each folder of results is by itself, as in a batch")
     every = ",".join(number.name for number in SIGNALS)
-    parser.add_argument("--signals", default=every, metavar="NAMES", help="which of them (default: %(default)s)")
+    parser.add_argument(
+        "--signals",
+        default=every,
+        metavar="NAMES",
+        help="which of them; SIGINT=5 for another number of runs (default: %(default)s)",
+    )
+    parser.add_argument("--fork", action="store_true", help="fork the processes that a run starts")
     parser.add_argument("--seed", type=int, default=0, help="of the moments (default: 0)")
     parser.add_argument("command", nargs=argparse.REMAINDER, metavar="...", help="a command that writes into OUT")
     args = parser.parse_args(argv)
     chance, outcomes, wrong = random.Random(args.seed), Counter(), 0
-    with tempfile.TemporaryDirectory() as folder:
+    with ExitStack() as stack:
+        folder = stack.enter_context(tempfile.TemporaryDirectory())
+        if args.fork:
+            stack.enter_context(forked_workers())
         seconds, names = 0.0, list[Path]()
         for kind in ("first", "second"):  # the second, as all others, with files that the system knows
             out = Path(folder, kind, "out")
@@ -213,19 +252,20 @@ def main(argv: Sequence[str] | None = None) -> int:
                 print(f"the command fails by itself: {ended.said}", file=sys.stderr)
                 return 1
             seconds, names = ended.seconds, sorted(contents(out))
-        for number in map(signal.Signals.__getitem__, args.signals.split(",")):
+        for name, _, kills in (text.partition("=") for text in args.signals.split(",")):
+            number, wanted = signal.Signals[name], int(kills or args.kills)
             hits = k = 0
-            while hits < args.kills:
-                if k == MOST_RUNS * args.kills:
+            while hits < wanted:
+                if k == MOST_RUNS * wanted:
                     print(f"only {hits} of {k} runs were ended by {number.name}", file=sys.stderr)
                     return 1
                 k += 1
                 out = Path(folder, f"{number.name}{k}", "out")
                 if k % 2:
                     (out / "folder").mkdir(parents=True)  # files are moved one by one then
-                for name in names:
-                    (out / name).parent.mkdir(parents=True, exist_ok=True)
-                    (out / name).write_text(OLD)
+                for file in names:
+                    (out / file).parent.mkdir(parents=True, exist_ok=True)
+                    (out / file).write_text(OLD)
                 ended = run(args.command, out, number, chance.uniform(0, seconds))
                 if ended.code == 0:  # how long a run takes changes with what else the machine does
                     seconds = ended.seconds
@@ -242,8 +282,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                 for fault in faults:
                     print(f"{number.name} {k}: {fault}", flush=True)
                 shutil.rmtree(out.parent)
-    for (name, code, found), count in sorted(outcomes.items()):
-        print(f"{name}: {count} runs with exit code {code} and {found} results")
+    for (signal_name, code, found), count in sorted(outcomes.items()):
+        print(f"{signal_name}: {count} runs with exit code {code} and {found} results")
     return 1 if wrong else 0
 
 
