@@ -6,6 +6,7 @@ import ast
 import importlib.util
 import os
 import shutil
+import signal
 import subprocess
 import tempfile
 import textwrap
@@ -40,6 +41,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        # A shell has its background programs ignore it, and the programs that the tests start and interrupt as well.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     hypothesis.settings.load_profile("nightly" if config.getoption("nightly") else "kfmocap")
     if "PYTEST_XDIST_WORKER" in os.environ:
         # The processes share the cores. Loaded first, for what is not loaded has no number of threads.

@@ -15,7 +15,7 @@ from ready_scenes import make_ready  # noqa: E402
 
 pytestmark = pytest.mark.blender
 
-CALLS, NIGHTLY_CALLS, IN_A_ROW = 300, 2000, 40
+CALLS, NIGHTLY_CALLS, IN_A_ROW = 2 * len(TOOLS), 2000, 40
 
 
 def test_nothing_breaks_whatever_is_called(blender, quick, files, tmp_path, capfd, pytestconfig):  # noqa: F811

@@ -9,6 +9,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from addon_shots import blender, keys_of  # noqa: E402, F401
+from kfmocap.core.shot.shot import Settings  # noqa: E402
 from kfmocap.core.tracking.journal import Journal  # noqa: E402
 from kfmocap.kfmocap_addon.panels import track_panel  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene, unfinished_tracking  # noqa: E402
@@ -22,7 +23,8 @@ def filmed(blender, tmp_path):  # noqa: F811
     """A saved scene of three segments."""
     truth = swing(figure(), 7)
     cameras = (look_at("front", (0.5, -2.8, 1.5)), look_at("side", (-2.4, -1.4, 1.3)))
-    given = shot_of(film(tmp_path, [figure()], [truth], cameras), [figure()], [truth], (0, 2, 4, 6))
+    views = film(tmp_path, [figure()], [truth], cameras)
+    given = shot_of(views, [figure()], [truth], (0, 2, 4, 6), Settings(limb_search=False))
     scene.build_scene(given, scene=bpy.context.scene)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
     return tmp_path / "scene.blend"

@@ -11,6 +11,7 @@ from short_walk import short_walk
 pytestmark = pytest.mark.blender
 
 BUNDLED = ("scipy", "cv2", "filterpy", "threadpoolctl")
+SETTINGS = ["working_size = 120", "limb_search = false"]
 
 
 def test_the_zip_holds_the_package_and_no_more(extension_zip):
@@ -75,7 +76,7 @@ def test_operators_are_registered_and_unregistered(session):
 
 
 def test_the_installed_extension_tracks_the_small_example(extension, tmp_path):
-    shot, out = short_walk(tmp_path / "walk", 8) / "shot.toml", tmp_path / "out"
+    shot, out = short_walk(tmp_path / "walk", 4, settings=SETTINGS) / "shot.toml", tmp_path / "out"
     printed = extension.run(f"""
         import importlib
         batch = importlib.import_module({extension.module!r} + ".kfmocap_addon.batch")

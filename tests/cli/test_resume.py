@@ -17,6 +17,7 @@ from short_walk import short_walk
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="processes are killed by signals")
 LIMIT = 120.0
+SETTINGS = ["working_size = 120", "limb_search = false", "prediction = false"]
 
 
 def arguments(folder: Path, out: str) -> list[str]:
@@ -41,7 +42,7 @@ def results(folder: Path) -> dict[str, object]:
 
 
 def test_a_killed_run_is_taken_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    short_walk(tmp_path / "walk", 7, keyframes=(0, 2, 4, 6), settings=["working_size = 120"])
+    short_walk(tmp_path / "walk", 7, keyframes=(0, 2, 4, 6), settings=SETTINGS)
     assert main(arguments(tmp_path, "whole")) == 0
     assert killed(tmp_path) == -signal.SIGKILL
     assert not (tmp_path / "out").exists()

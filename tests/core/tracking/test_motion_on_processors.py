@@ -37,7 +37,7 @@ np.savez(sys.argv[2], joints=joints, searched=len(searched))
 def test_an_older_processor_tracks_the_same_motion(tmp_path: Path) -> None:
     """A walk in one view, where limbs are looked for: differences in the last bits would end elsewhere there."""
     shot = (
-        short_walk(tmp_path / "walk", 20, views=1, keyframes=(0, 19), settings=["working_size = 120", "threads = 1"])
+        short_walk(tmp_path / "walk", 14, views=1, keyframes=(0, 13), settings=["working_size = 120", "threads = 1"])
         / "shot.toml"
     )
     motions = []

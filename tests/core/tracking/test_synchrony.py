@@ -13,6 +13,7 @@ from kfmocap.core.evidence.time_offset import DEVIATION, Offset
 from kfmocap.core.shot.footage import shown_delay
 from kfmocap.core.shot.shot import KeyPoses, Performer, Settings, Shot
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts
+from kfmocap.core.tracking.track_result import TrackResult
 from kfmocap.core.tracking.tracker import track
 from synthetic import figure, film, look_at, shot_of, swing
 
@@ -35,46 +36,57 @@ def shots(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Shot]:
     return {late: shot_of(views, [BODY], [truth(late)], KEYS) for late in (0, 1, 2)}
 
 
+@pytest.fixture(scope="module")
+def tracked(shots: dict[int, Shot]) -> dict[int, TrackResult]:
+    """The offsets unknown."""
+    return {late: track(shot) for late, shot in shots.items()}
+
+
 def truth(late: int) -> Motion:
     return FINE[np.minimum(np.arange(LENGTH) * 4 + late, len(FINE) - 1)]
 
 
-def error_mm(shot: Shot, late: int) -> float:
+def error_mm(result: TrackResult, late: int) -> float:
     names = list(BODY.landmarks)
-    found, true = (landmark_positions(BODY, m, names) for m in (track(shot).motions[0], truth(late)))
+    found, true = (landmark_positions(BODY, m, names) for m in (result.motions[0], truth(late)))
     return 1000 * float(np.linalg.norm(found - true, axis=2).mean())
 
 
 @pytest.mark.parametrize("late", [1, 2])
-def test_the_offset_of_key_poses_that_are_late_is_found(shots: dict[int, Shot], late: int) -> None:
-    assert track(shots[late]).footage_offset == pytest.approx(late / 4, abs=0.08)
+def test_the_offset_of_key_poses_that_are_late_is_found(tracked: dict[int, TrackResult], late: int) -> None:
+    assert tracked[late].footage_offset == pytest.approx(late / 4, abs=0.08)
 
 
-def test_what_key_poses_out_of_step_would_cost_is_saved(shots: dict[int, Shot]) -> None:
-    unknown, known = error_mm(shots[2], 2), error_mm(shots[2].with_footage_offset(0.5), 2)
-    ignored, in_step = error_mm(shots[2].with_footage_offset(0.0), 2), error_mm(shots[0], 0)
+def test_what_key_poses_out_of_step_would_cost_is_saved(
+    shots: dict[int, Shot], tracked: dict[int, TrackResult]
+) -> None:
+    ignored, known = (error_mm(track(shots[2].with_footage_offset(offset)), 2) for offset in (0.0, 0.5))
+    unknown, in_step = error_mm(tracked[2], 2), error_mm(tracked[0], 0)
     assert known < unknown < 0.3 * ignored
     assert known < 1.1 * in_step + 2
 
 
 def test_a_shot_of_one_stretch_is_brought_into_step_too(shots: dict[int, Shot]) -> None:
     ends = replace(shots[2], performers=tuple(only_ends(p) for p in shots[2].performers))
-    assert track(ends).footage_offset > 0.3
-    assert error_mm(ends, 2) < 0.6 * error_mm(ends.with_footage_offset(0.0), 2)
+    result = track(ends)
+    assert result.footage_offset > 0.3
+    assert error_mm(result, 2) < 0.6 * error_mm(track(ends.with_footage_offset(0.0)), 2)
 
 
 def only_ends(performer: Performer) -> Performer:
     return replace(performer, key_poses=KeyPoses.whole([KEYS[0], KEYS[-1]], truth(2)[[KEYS[0], KEYS[-1]]]))
 
 
-def test_what_is_in_step_is_left_alone_to_the_last_bit(shots: dict[int, Shot]) -> None:
-    found, told = track(shots[0]), track(shots[0].with_footage_offset(0.0))
+def test_what_is_in_step_is_left_alone_to_the_last_bit(shots: dict[int, Shot], tracked: dict[int, TrackResult]) -> None:
+    found, told = tracked[0], track(shots[0].with_footage_offset(0.0))
     assert found.footage_offset == 0
     np.testing.assert_array_equal(found.motions[0].rotations, told.motions[0].rotations)
 
 
-def test_key_poses_are_met_exactly_also_where_the_footage_shows_them_elsewhen(shots: dict[int, Shot]) -> None:
-    motion = track(shots[2]).motions[0]
+def test_key_poses_are_met_exactly_also_where_the_footage_shows_them_elsewhen(
+    tracked: dict[int, TrackResult],
+) -> None:
+    motion = tracked[2].motions[0]
     np.testing.assert_array_equal(motion.rotations[list(KEYS)], truth(2).rotations[list(KEYS)])
 
 
