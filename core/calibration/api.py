@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,14 +10,16 @@ import numpy as np
 from ..cameras.camera import Camera
 from ..capture.capture import LFRAME_BALLS, Capture, CaptureView, Markers
 from ..capture.capture_videos import CaptureVideos
+from ..errors import CaptureError
 from ..runtime.progress import Progress, share
 from ..shot.footage import probe
+from ..shot.footage_times import video_rate
 from .calibration_result import CalibrationResult
 from .clocks import Clocks
-from .findings import lframe_missed
+from .findings import LFRAME_NOT_SEEN, Finding, lframe_missed, rate_varies
 from .remeasure import remeasured
 from .resync import known_camera, synchronise
-from .video_markers import find_all, find_wand
+from .video_markers import VideoMarkers, find_all, find_wand
 from .wand_calibration import solve_capture
 
 _SEEING, _MEASURED = 0.6, 0.9
@@ -48,11 +50,34 @@ def calibrate(
         return solve_capture(source, progress, drift=drift)
     found = find_all(source, share(progress, 0.0, _SEEING))
     middle = (_SEEING + _MEASURED) / 2
-    first = solve_capture(found.capture(), share(progress, _SEEING, middle), drift=drift)
-    found = remeasured(found, first, share(progress, middle, _MEASURED))
+    uneven = list(_uneven(found))
+    first = _first(found, uneven, share(progress, _SEEING, middle), drift=drift)
+    found = remeasured(found.told_lframes(first), first, share(progress, middle, _MEASURED))
     solution = solve_capture(found.capture(first.cameras), share(progress, _MEASURED, 1.0), drift=drift)
     missed = tuple(lframe_missed(camera) for camera in found.without_lframe())
-    return replace(solution, findings=(*solution.findings, *missed))
+    return replace(solution, findings=(*solution.findings, *uneven, *missed))
+
+
+def _uneven(found: VideoMarkers) -> Iterator[Finding]:
+    """Videos of the wand whose frame rate varies."""
+    for view in found.views:
+        rate = video_rate(view.videos.wand, view.footage.count)
+        if rate is not None and rate.varies:
+            yield rate_varies(view.videos.camera, rate)
+
+
+def _first(
+    found: VideoMarkers, uneven: Sequence[Finding], progress: Progress | None, *, drift: bool
+) -> CalibrationResult:
+    """A solution from what was found; where there is none, the error says what in the videos may be the reason."""
+    try:
+        return solve_capture(found.capture(), progress, drift=drift)
+    except CaptureError as error:
+        if error.name == LFRAME_NOT_SEEN and found.unidentified is not None:
+            raise found.unidentified from error
+        if uneven:
+            raise uneven[0].error() from error
+        raise
 
 
 def synchronise_take(

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..errors import CaptureError
+from ..shot.footage_times import FootageRate
+
+LFRAME_NOT_SEEN = "lframe-not-seen"
 
 
 @dataclass(frozen=True)
@@ -75,7 +78,7 @@ def too_small(camera: str, pixels: float, share: float) -> Finding:
 def lframe_unseen(what: str) -> Finding:
     """The L-frame is not seen by enough cameras."""
     todo = "film the L-frame so that at least two cameras see all of its balls, or all but one on the long arm"
-    return Finding("lframe-not-seen", what, todo)
+    return Finding(LFRAME_NOT_SEEN, what, todo)
 
 
 def lframe_missed(camera: str) -> Finding:
@@ -170,6 +173,16 @@ def not_waved() -> Finding:
     what = "time offsets are to be estimated, but the wand jumps from frame to frame"
     todo = "give every [[view]] its offset (0 where cameras run in step), or points of every frame"
     return Finding("wand-jumps", what, todo)
+
+
+def rate_varies(camera: str, rate: FootageRate) -> Finding:
+    """The frames of a camera's video of the wand do not come at a constant rate, as those of many telephones."""
+    what = (
+        f"the frame rate of its video of the wand varies: frame {rate.frame} is {rate.astray:.1f} frames off a "
+        f"constant rate of {rate.rate:.4g}"
+    )
+    todo = f"convert it, as with: ffmpeg -i FOOTAGE -vf fps={rate.rate:.4g} -crf 14 CONVERTED.mp4"
+    return Finding("frame-rate-varies", what, todo, camera)
 
 
 def offset_vague(camera: str, sigma: float) -> Finding:

@@ -28,7 +28,7 @@ _SIZE_SPREAD = 0.12
 _DOUBT = 9.0  # how much better a mirrored L-frame must fit
 
 
-def standing(seen: Sequence[Balls]) -> Balls:
+def standing(seen: Sequence[Balls], most: int = _MOST) -> Balls:
     """The balls that stand still through several pictures, the mean of each, the largest first."""
     seen = [balls for balls in seen if len(balls)]
     if not seen:
@@ -44,7 +44,7 @@ def standing(seen: Sequence[Balls]) -> Balls:
         sigma = np.sqrt(np.mean(whole.sigma[near] ** 2))
         centre, shape = (np.median(values[near], axis=0) for values in (whole.centres, whole.shapes))
         found.append(Balls(centre[None], shape[None], sigma[None]))
-    order = np.argsort([-ball.semi_axes[0, 1] for ball in found])[:_MOST]
+    order = np.argsort([-ball.semi_axes[0, 1] for ball in found])[:most]
     return Balls.joined([found[i] for i in order])
 
 

@@ -21,7 +21,8 @@ from ..shot.footage import pictures
 from .ball_images import BallGuess, BallImage, fit_ball
 from .calibration_result import CalibrationResult
 from .camera_rig import Rig, Wand
-from .video_markers import ARMS, SeenBalls, SeenView, VideoMarkers, still_picture
+from .lframe_markers import ARMS, SeenBalls, still_picture
+from .video_markers import SeenView, VideoMarkers
 from .wand_triangulation import projected
 
 Image = NDArray[Any]

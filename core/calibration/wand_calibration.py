@@ -18,6 +18,7 @@ from .camera_rig import DRIFT, OFFSET, Rig, Wand
 from .findings import Finding
 from .first_cameras import FEWEST_SHARED, crossed_views, find_links, first_rig, unknown_lens
 from .floor import with_wand_on_floor
+from .lframe_matching import lframe_by_all_views
 from .pairwise import FOCAL_GRID, Lens
 from .performer_floor import on_performers_floor
 from .quality import measured_lengths
@@ -158,6 +159,7 @@ def _finished(
     draft: _Draft, capture: Capture, together: Synchrony, free: Bools, *, known: Sequence[Lens], steps: _Steps
 ) -> CalibrationResult:
     """Define the world by the L-frame, decide on the lenses, and adjust once more to all that is known."""
+    capture = lframe_by_all_views(capture, draft.scene.rig)
     given, known_floor = capture, tuple[Finding, ...]()
     if capture.floor:
         capture, finding = with_wand_on_floor(capture, draft.scene.rig)

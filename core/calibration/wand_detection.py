@@ -7,7 +7,7 @@ the states that moves least and fits best is found by dynamic programming. What 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -17,17 +17,21 @@ from numpy.typing import NDArray
 
 from ..capture.colours import Colour
 from ..numerics.arrays import Array
-from .ball_detection import Balls, Picture, find_balls, without_rods
+from .ball_detection import Balls, Picture, background_of, find_balls, without_rods
+from .passing_balls import Backdrop, BallSample, PassingBalls, PassingFrame
+from .small_balls import LARGEST_SMALL
 
 Image = NDArray[Any]
 
 _MOST_OF_A_COLOUR = 8
 _MOST_PAIRS = 40
+_PIECE = 0.5  # of a trace's length that a small ball of its colour in it is, at most
 _MOST_UNLIKE = 1.8  # the one ball's size to the other's
 _LONGER = 1.5  # than the wand seen from the side, by the ball's sizes
 _MISSED = 8.0  # what a frame without a pair costs
 _UNLIKE = 0.2  # deviation of the logarithm of the balls' sizes, one to the other
-_FAST = 2.0  # diameters from frame to frame that cost as much as one standard deviation
+_FAST = 2.0  # diameters from frame to frame that cost as much as one standard deviation; or, where they are known,
+_FAST_LENGTHS = 0.3  # lengths of the wand
 _LEAP = 60.0  # the most that a step costs
 _CELL = 3.0  # pixels
 _STILL = 20.0  # what a ball costs that lies on the same place on all frames
@@ -69,9 +73,42 @@ class Pairs:
         return np.stack([b.sigma for b in self.balls], axis=1)
 
 
-def find_pairs(
-    image: Image, colours: Sequence[Colour], longest: float | None, background: Image | None = None
-) -> Pairs:
+@dataclass(frozen=True, eq=False)
+class WandLooks:
+    """What a camera's video shows behind the wand, and how its balls look there.
+
+    Attributes
+    ----------
+    background : ndarray of uint8, shape (h, w, 3)
+        See `background_of`.
+    backdrop : Backdrop
+        The same with the footage's noise.
+    passing : tuple of PassingBalls or None
+        For each colour, where enough balls were seen clearly to learn from.
+    """
+
+    background: Image
+    backdrop: Backdrop
+    passing: tuple[PassingBalls | None, ...]
+
+    @classmethod
+    def learned(cls, images: Sequence[Image], colours: Sequence[Colour]) -> WandLooks:
+        """From frames from all over the video."""
+        background = background_of(images)
+        pictures = [Picture.of(image, background) for image in images]
+        backdrop = Backdrop.of([picture.even for picture in pictures], background)
+        samples = [[ball for picture in pictures for ball in _samples(picture, colour)] for colour in colours]
+        passing = (PassingBalls.learned(backdrop, [b for b in own if backdrop.passes(b)]) for own in samples)
+        return cls(background, backdrop, tuple(passing))
+
+
+def _samples(picture: Picture, colour: Colour) -> Iterator[BallSample]:
+    balls = find_balls(picture, colour)
+    for centre, radius in zip(balls.centres, balls.semi_axes[:, 1], strict=True):
+        yield BallSample(picture.even, centre, float(radius))
+
+
+def find_pairs(image: Image, colours: Sequence[Colour], longest: float | None, looks: WandLooks | None = None) -> Pairs:
     """Every two balls in a picture that could be a wand.
 
     Parameters
@@ -82,30 +119,67 @@ def find_pairs(
         The first ball's and the second's, or one for both.
     longest : float or None
         The wand's length over the balls' diameter, where it is known.
-    background : ndarray, optional
-        See `background_of`.
+    looks : WandLooks, optional
+        What is known of this video.
     """
-    picture = Picture.of(image, background)
-    found = [find_balls(picture, colour)[:_MOST_OF_A_COLOUR] for colour in colours]
+    passing = (None,) * len(colours) if looks is None else looks.passing
+    picture = Picture.of(image, looks.background if looks is not None and None in passing else None)
+    frame = None if looks is None else looks.backdrop.frame(picture.even)
+    found = [_found(picture, colour, frame, own) for colour, own in zip(colours, passing, strict=True)]
     first, second = found[0], found[-1]
-    i, j = np.triu_indices(len(first), 1) if len(found) == 1 else np.indices((len(first), len(second))).reshape(2, -1)
-    r, s = first.semi_axes[i, 1], second.semi_axes[j, 1]
-    apart = np.linalg.norm(first.centres[i] - second.centres[j], axis=1)
+    a, b = first.balls, second.balls
+    i, j = np.triu_indices(len(a), 1) if len(found) == 1 else np.indices((len(a), len(b))).reshape(2, -1)
+    r, s = a.semi_axes[i, 1], b.semi_axes[j, 1]
+    apart = np.linalg.norm(a.centres[i] - b.centres[j], axis=1)
     likely = (np.maximum(r, s) < _MOST_UNLIKE * np.minimum(r, s)) & (apart > 0.8 * np.minimum(r, s))
     if longest is not None:
         likely &= apart < _LONGER * longest * (r + s)
     i, j = i[likely][:_MOST_PAIRS], j[likely][:_MOST_PAIRS]
-    ends = first[i], second[j]
-    measured = [without_rods(picture, a, b.centres[:, None]) for a, b in (ends, ends[::-1])]
-    good = measured[0][1] & measured[1][1]
-    return Pairs((measured[0][0][good], measured[1][0][good]), (first.centres, second.centres))
+    ends = first.measured(picture, i, b.centres[j]), second.measured(picture, j, a.centres[i])
+    good = ends[0][1] & ends[1][1]
+    return Pairs((ends[0][0][good], ends[1][0][good]), (a.centres, b.centres))
 
 
-def wand_path(seen: Sequence[Pairs]) -> NDArray[np.int64]:
-    """Which pair of every frame is the wand, -1 where none is, shape (frames,)."""
+@dataclass(frozen=True, eq=False)
+class _FoundBalls:
+    """Balls of a colour in a picture; those from `outlined` on were brought out of a background that is known."""
+
+    balls: Balls
+    outlined: int
+
+    def measured(self, picture: Picture, which: NDArray[np.int64], others: Array) -> tuple[Balls, NDArray[np.bool_]]:
+        """Some of them without what a rod to the other end may hide, and which are balls indeed."""
+        chosen, own = self.balls[which], which < self.outlined
+        balls, good = without_rods(picture, chosen[own], others[own, None])
+        order = np.argsort(np.concatenate([np.flatnonzero(own), np.flatnonzero(~own)]))
+        whole = np.concatenate([good, np.ones(int((~own).sum()), bool)])
+        return Balls.joined([balls, chosen[~own]])[order], whole[order]
+
+
+def _found(picture: Picture, colour: Colour, frame: PassingFrame | None, passing: PassingBalls | None) -> _FoundBalls:
+    """The balls of a colour: those that are seen by themselves, and those that pass before the background."""
+    balls = find_balls(picture, colour)
+    if passing is None or frame is None:
+        balls = balls[:_MOST_OF_A_COLOUR]
+        return _FoundBalls(balls, len(balls))
+    small = passing.find(frame)
+    others = Balls(small.centres, small.shapes, small.sigma)
+    # A clear ball is measured best by itself; a small piece of one that its motion makes pale is not.
+    apart = np.linalg.norm(balls.centres[:, None] - others.centres, axis=-1)
+    length, long = balls.semi_axes[:, :1], others.semi_axes[:, 0]
+    piece = (length < LARGEST_SMALL) & (length < _PIECE * long) & (apart < long + 1)
+    whole = ~piece.any(axis=1)
+    balls, apart = balls[whole][:_MOST_OF_A_COLOUR], apart[whole][:_MOST_OF_A_COLOUR]
+    others = others[~(apart < np.maximum(balls.semi_axes[:, :1], others.semi_axes[:, 0]) + 1).any(axis=0)]
+    return _FoundBalls(Balls.joined([balls, others]), len(balls))
+
+
+def wand_path(seen: Sequence[Pairs], longest: float | None = None) -> NDArray[np.int64]:
+    """Which pair of every frame is the wand, -1 where none is, shape (frames,); `longest` as of `find_pairs`."""
+    fast = max(_FAST, _FAST_LENGTHS * (longest or 0.0))
     before, reached, back = _Reached.nowhere(), np.zeros(1), []
     for pairs, own in zip(seen, _own_costs(seen), strict=True):
-        costs = reached[:, None] + before.steps_to(pairs)
+        costs = reached[:, None] + before.steps_to(pairs, fast)
         previous = np.argmin(costs, axis=0)
         reached = costs[previous, np.arange(len(previous))] + np.append(own, _MISSED)
         before = before.followed(pairs, int(previous[-1]))
@@ -168,11 +242,14 @@ class _Reached:
     def nowhere(cls) -> _Reached:
         return cls(np.full((1, 2, 2), np.nan), np.ones(1), np.ones(1))
 
-    def steps_to(self, pairs: Pairs) -> Array:
-        """What it costs to get from each state to each pair of the next frame, and to none, shape (n + 1, m + 1)."""
+    def steps_to(self, pairs: Pairs, fast: float) -> Array:
+        """What it costs to get from each state to each pair of the next frame, and to none, shape (n + 1, m + 1).
+
+        `fast` is how many diameters from frame to frame cost as much as one standard deviation.
+        """
         far = np.linalg.norm(pairs.centres[None] - self.centres[:, None], axis=-1)
         diameters = 2 * self.radii * np.sqrt(self.ago)
-        costs = np.sum((far / (_FAST * diameters[:, None, None])) ** 2, axis=-1)
+        costs = np.sum((far / (fast * diameters[:, None, None])) ** 2, axis=-1)
         costs = np.minimum(np.where(np.isnan(costs), 0, costs), _LEAP)
         return np.column_stack([costs, np.zeros(len(costs))])
 

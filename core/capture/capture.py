@@ -80,6 +80,9 @@ class CaptureView:
         Intrinsic matrix, where it is known.
     distortions : ndarray, shape (k,), or None
         OpenCV's coefficients, where they are known.
+    lframe_candidates : Markers, optional
+        One row: all that may be balls of the L-frame, of which all views together tell which are. `lframe` is what is
+        told in this view alone.
     """
 
     camera: str
@@ -91,6 +94,7 @@ class CaptureView:
     focal: float | None = None
     matrix: Array | None = None
     distortions: Array | None = None
+    lframe_candidates: Markers | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -57,7 +57,16 @@ def footage_rate(shot: Shot, view: View) -> FootageRate | None:
     Nothing is decoded.
     """
     first, last = (file_index(view, frame) for frame in shot.frames)
-    times = frame_times(view.footage, last + 1)[max(first, 0) :]
+    return _rate(frame_times(view.footage, last + 1)[max(first, 0) :], first, frames_per_file_frame(view))
+
+
+def video_rate(path: Path, count: int) -> FootageRate | None:
+    """Return the rate of a video's first frames; None where the container does not tell. Nothing is decoded."""
+    return _rate(frame_times(path, count), 0, 1)
+
+
+def _rate(times: Array, first: int, each: int) -> FootageRate | None:
+    """The rate of frames at some times, seconds, the first of them of a number in the file; `each` count for one."""
     if len(times) < 3 or times[-1] <= times[0]:
         return None
     number = np.arange(len(times))
@@ -65,7 +74,7 @@ def footage_rate(shot: Shot, view: View) -> FootageRate | None:
     off = (times - start - slope * number) / slope
     off -= (off.max() + off.min()) / 2
     worst = int(np.abs(off).argmax())
-    return FootageRate(float(frames_per_file_frame(view) / slope), float(abs(off[worst])), first + worst)
+    return FootageRate(float(each / slope), float(abs(off[worst])), first + worst)
 
 
 def frame_times(path: Path, count: int) -> Array:

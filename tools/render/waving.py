@@ -281,6 +281,8 @@ class Hardship:
         Share of the usual light.
     covered : bool
         Whether one camera does not see one ball of the L-frame.
+    crowded : bool
+        Whether somebody in a shirt of almost the wand's colour waves it, among other things of the balls' colours.
     speed, exposure, noise : float
         As of `WandTake`.
     """
@@ -290,11 +292,13 @@ class Hardship:
     dimmed: float = 1.0
     noise: float = NOISE
     covered: bool = False
+    crowded: bool = False
 
 
 HARDSHIPS = {
     "usual": Hardship(),
     "fast": Hardship(speed=1.6, covered=True),
+    "crowded": Hardship(crowded=True),
     "dim": Hardship(dimmed=0.55, noise=4.0),
     "hard": Hardship(speed=1.6, exposure=1 / 40, dimmed=0.55, noise=4.0, covered=True),
 }
@@ -314,6 +318,7 @@ def drawn_take(seed: int, hardship: Hardship) -> WandTake:
         light=tuple((hardship.dimmed * rng.uniform([0.75, 0.9, 0.95], [1.0, 1.0, 1.1])).tolist()),
         noise=hardship.noise,
         covered=ball if hardship.covered else None,
+        distractors=hardship.crowded,
         books=False,
         furniture=tuple(_drawn_furniture(rng)),
     )

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from kfmocap.core.calibration import video_markers
+from kfmocap.core.calibration import api, video_markers
 from kfmocap.core.calibration.lframe_detection import LFrameUnseenError
+from kfmocap.core.calibration.lframe_markers import SeenBalls, SeenLFrame, find_lframe
 from kfmocap.core.calibration.quality import quality_numbers
-from kfmocap.core.calibration.video_markers import VideoMarkers, find_all, find_lframe
+from kfmocap.core.calibration.video_markers import VideoMarkers, find_all
 from kfmocap.core.calibration.wand_calibration import solve_capture
-from kfmocap.core.errors import CalibrationError, CancelledError
+from kfmocap.core.capture.capture import Markers
+from kfmocap.core.errors import CalibrationError, CancelledError, CaptureError
 from kfmocap.core.formats.wand_toml import load_wand
+from kfmocap.core.shot.footage_times import FootageRate
 from render.waving import CAMERAS, OFFSETS, WandTake
 from render_wand import write_take
 
 SMALL = tuple(camera.reduced(1.5) for camera in CAMERAS[:3])
+NOTHING = SeenBalls(Markers(np.zeros(0, int), np.zeros((0, 4, 2)), np.zeros((0, 4))), np.zeros((0, 4)))
 TAKE = WandTake(SMALL, OFFSETS[:3], frames=130, fps=15.0, lframe_frames=3)
 
 
@@ -67,8 +72,9 @@ def test_looking_for_balls_can_be_cancelled(folder):
 
 def test_a_colour_that_is_not_there_is_told_with_its_video(folder):
     film = load_wand(folder / "wand.toml")
-    with pytest.raises(CalibrationError, match=r"cam01_lframe.*of the L-frame's 4 balls"):
-        find_lframe(film.views[0], replace(film, lframe_colour=film.wand_colours[0]), SMALL[0].size)
+    seen = find_lframe(film.views[0], replace(film, lframe_colour=film.wand_colours[0]), SMALL[0].size)
+    assert not len(seen.balls.markers)
+    assert re.search(r"cam01_lframe.*of the L-frame's 4 balls", str(seen.unidentified))
 
 
 def test_one_view_may_miss_the_lframe_but_not_all_but_one(folder, sightings, monkeypatch):
@@ -76,9 +82,11 @@ def test_one_view_may_miss_the_lframe_but_not_all_but_one(folder, sightings, mon
     missing = {film.views[1].camera}
 
     def found(view, *_):
+        seen = next(seen for seen in sightings.views if seen.videos.camera == view.camera)
         if view.camera in missing:
-            raise LFrameUnseenError("3 of the L-frame's 4 balls were found", where=view.camera)
-        return next(seen.lframe for seen in sightings.views if seen.videos.camera == view.camera)
+            error = LFrameUnseenError("3 of the L-frame's 4 balls were found", where=view.camera)
+            return SeenLFrame(NOTHING, seen.candidates[:0], error)
+        return SeenLFrame(seen.lframe, seen.candidates)
 
     monkeypatch.setattr(video_markers, "find_lframe", found)
     monkeypatch.setattr(video_markers, "find_wand", lambda view, *_: next(iter(sightings.views)).wand)
@@ -88,3 +96,42 @@ def test_one_view_may_miss_the_lframe_but_not_all_but_one(folder, sightings, mon
     missing.add(film.views[2].camera)
     with pytest.raises(CalibrationError, match=r"cam02.*3 of the L-frame's 4 balls"):
         find_all(film)
+
+
+def test_views_that_do_not_tell_the_lframe_alone_tell_it_together(sightings):
+    """All of its balls are seen, but not which they are, in two of three views; in one it was told wrongly."""
+    truth = [camera.project(TAKE.lframe_points) for camera in SMALL]
+    nothing, wrong = [replace(view, lframe=NOTHING) for view in sightings.views], sightings.views[1]
+    turned = replace(wrong.lframe, markers=replace(wrong.lframe.markers, points=wrong.lframe.markers.points[:, ::-1]))
+    found = replace(sightings, views=(nothing[0], replace(wrong, lframe=turned), nothing[2]))
+    solution = solve_capture(found.capture())
+    for camera in SMALL:
+        assert np.linalg.norm(solution.cameras[camera.name].centre_world() - camera.centre_world()) < 0.05
+    again = found.told_lframes(solution)
+    assert again.without_lframe() == ()
+    for view, true in zip(again.views, truth, strict=True):
+        np.testing.assert_allclose(view.lframe.markers.points[0], true, atol=0.7)
+
+
+def test_where_the_lframe_is_not_seen_the_error_names_a_video(sightings, monkeypatch):
+    """Things of its colour are there, but no L-frame."""
+    few = [view.candidates[:3] for view in sightings.views]
+    views = (replace(view, lframe=NOTHING, candidates=balls) for view, balls in zip(sightings.views, few, strict=True))
+    error = LFrameUnseenError("3 of the L-frame's 4 balls were found", where="cam01_lframe.avi")
+    found = replace(sightings, views=tuple(views), unidentified=error)
+    monkeypatch.setattr(api, "find_all", lambda *_: found)
+    with pytest.raises(CalibrationError, match="cam01_lframe"):
+        api.calibrate(found.videos)
+
+
+def test_where_nothing_fits_a_frame_rate_that_varies_is_named(sightings, monkeypatch):
+    def refuse(*_, **__):
+        raise CaptureError("no set of cameras was found", name="no-solution")
+
+    monkeypatch.setattr(api, "find_all", lambda *_: sightings)
+    monkeypatch.setattr(api, "solve_capture", refuse)
+    with pytest.raises(CaptureError, match="no set of cameras"):
+        api.calibrate(sightings.videos)
+    monkeypatch.setattr(api, "video_rate", lambda path, _: FootageRate(29.2, 3.1 if "cam02" in path.name else 0.2, 41))
+    with pytest.raises(CaptureError, match=r"cam02.*frame-rate-varies: .*frame 41 .*3\.1 frames.*ffmpeg.*fps=29\.2"):
+        api.calibrate(sightings.videos)

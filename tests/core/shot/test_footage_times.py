@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from kfmocap.core.shot.footage_times import footage_rate, frame_times
+from kfmocap.core.shot.footage_times import footage_rate, frame_times, video_rate
 from kfmocap.core.shot.shot import Shot, View
 from synthetic import figure, look_at, shot_of, swing
 
@@ -97,6 +97,9 @@ def test_a_rate_that_varies_is_said(film: Path) -> None:
     assert later is not None
     assert not later.varies  # what is not shown does not count
     assert later.rate == pytest.approx(FPS / 1.2, rel=1e-2)
+    assert video_rate(path, FRAMES) == rate
+    early = video_rate(path, 12)
+    assert early is not None and not early.varies
 
 
 def test_missing_frames_are_a_rate_that_varies(film: Path) -> None:
