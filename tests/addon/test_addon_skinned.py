@@ -22,8 +22,7 @@ from kfmocap.kfmocap_addon.scene_io import (  # noqa: E402
     part_meshes,
     skinned_parts,
 )
-from mathutils import Matrix  # noqa: E402
-from odd_characters import bind  # noqa: E402
+from odd_characters import as_imported, bind  # noqa: E402
 from scipy.spatial import ConvexHull  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
@@ -80,17 +79,6 @@ def test_every_bone_that_leads_skin_becomes_a_part_with_few_faces():
         assert len(part.vertices) <= 24
         if part.name not in ("hand.L", "forearm.L"):
             assert ConvexHull(part.vertices).volume > 0.75 * ConvexHull(own.vertices).volume
-
-
-def as_imported(armature):
-    """As importers of FBX leave a character: bones in centimetres, the object scaled and turned."""
-    matrix = Matrix.Rotation(np.pi / 2, 4, "X") @ Matrix.Scale(0.01, 4)
-    armature.data.transform(matrix.inverted())
-    for skin in skinned_parts.skinned_meshes(armature):
-        skin.parent = armature
-        skin.data.transform(matrix.inverted())
-    armature.matrix_world = matrix
-    bpy.context.view_layer.update()
 
 
 def test_a_character_of_scale_one_hundredth_is_the_same_body_in_metres():

@@ -102,6 +102,5 @@ class Landscape(Workspace):
     def solution(self, problem: SegmentProblem, motion: Motion) -> SegmentSolution:
         """A motion as if a solver had found it."""
         evidence = self._evidence(problem, scene_poses(problem.bodies, [motion]), Sampling(1.0, 1.0, 1))
-        total, none = evidence.explained.sum(axis=0), np.zeros(len(motion))
         energy = float(evidence.outlines.energy.sum()) / problem.settings.lengths[1]
-        return SegmentSolution((motion,), 1, (energy,), evidence.share, total, evidence.unhidden, none, {}, evidence)
+        return SegmentSolution.of([motion], evidence, iterations=1, energy=[energy])

@@ -233,9 +233,8 @@ JAPANESE = {
 }
 
 
-def mixamo_like() -> bpy.types.Object:
-    """Mixamo's names, as importers of FBX leave it: bones in centimetres, the object scaled and turned."""
-    armature = skinned_human({name: f"mixamorig:{other}" for name, other in MIXAMO.items()})
+def as_imported(armature: bpy.types.Object) -> None:
+    """Leave a character as importers of FBX do: bones in centimetres, the object scaled and turned."""
     matrix = Matrix.Rotation(np.pi / 2, 4, "X") @ Matrix.Scale(0.01, 4)
     armature.data.transform(matrix.inverted())
     for skin in skinned_parts.skinned_meshes(armature):
@@ -243,6 +242,12 @@ def mixamo_like() -> bpy.types.Object:
         skin.data.transform(matrix.inverted())
     armature.matrix_world = matrix
     bpy.context.view_layer.update()
+
+
+def mixamo_like() -> bpy.types.Object:
+    """Mixamo's names, as importers of FBX leave it."""
+    armature = skinned_human({name: f"mixamorig:{other}" for name, other in MIXAMO.items()})
+    as_imported(armature)
     return armature
 
 

@@ -33,7 +33,7 @@ from .curve_factor import with_curves
 from .hold_factor import TiedSystems
 from .measurement import Instants, MeasuredMotion, Workspace, hidden_parts, keypoint_instants
 from .plant_factor import PlantFactor, plants_of, with_plants
-from .problem import SegmentProblem, SegmentSolution, frame_residual
+from .problem import SegmentProblem, SegmentSolution
 from .smoothness_factor import SegmentSmoothness
 
 SMALL_STEP = 0.007
@@ -269,19 +269,14 @@ def descend(
     with stage.seconds.measure("solve"):
         equations = result.linearised()
     seconds.add(stage.seconds)
-    evidence = equations.measured.evidence
-    return SegmentSolution(
+    return SegmentSolution.of(
         result.state,
-        len(energies) + stage.trials,
-        (*energies, *result.cost_history),
-        evidence.share,
-        evidence.explained.sum(axis=0),
-        evidence.unhidden,
-        frame_residual(evidence),
-        seconds,
-        evidence,
-        stage.smooth.variances,
-        problem.only,
+        equations.measured.evidence,
+        iterations=len(energies) + stage.trials,
+        energy=(*energies, *result.cost_history),
+        seconds=seconds,
+        variances=stage.smooth.variances,
+        only=problem.only,
     )
 
 

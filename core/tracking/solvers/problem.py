@@ -201,6 +201,33 @@ class SegmentSolution:
     variances: tuple[AccelerationVariances, ...] = ()
     only: int | None = None
 
+    @classmethod
+    def of(
+        cls,
+        motions: Sequence[Motion],
+        evidence: SegmentEvidence,
+        *,
+        iterations: int,
+        energy: Sequence[float],
+        seconds: dict[str, float] | None = None,
+        variances: tuple[AccelerationVariances, ...] = (),
+        only: int | None = None,
+    ) -> SegmentSolution:
+        """A solution with what the evidence that was measured at its motions says of them."""
+        return cls(
+            tuple(motions),
+            iterations,
+            tuple(energy),
+            evidence.share,
+            evidence.explained.sum(axis=0),
+            evidence.unhidden,
+            frame_residual(evidence),
+            {} if seconds is None else seconds,
+            evidence,
+            variances,
+            only,
+        )
+
     @property
     def cover(self) -> float:
         """How much of what looks like the performers their parts cover on all frames."""

@@ -39,7 +39,7 @@ from ...numerics.banded_blocks import BandedBlocks
 from ...runtime.timing import Seconds
 from ..prediction import PAST, autoregression, predict
 from .measurement import Instants, Workspace, hidden_parts
-from .problem import SegmentProblem, SegmentSolution, frame_residual
+from .problem import SegmentProblem, SegmentSolution
 
 LAMBDA = 10.0
 """Weight of the rotations' terminal constraint."""
@@ -126,17 +126,7 @@ def relaxed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
     evidence = workspace.measure(problem, held, FINE).evidence
     seconds.add(evidence.seconds)
     energies.append(float(evidence.gradients.energy.sum()))
-    return SegmentSolution(
-        held,
-        settings.sweeps,
-        tuple(energies),
-        evidence.share,
-        evidence.explained.sum(axis=0),
-        evidence.unhidden,
-        frame_residual(evidence),
-        seconds,
-        evidence,
-    )
+    return SegmentSolution.of(held, evidence, iterations=settings.sweeps, energy=energies, seconds=seconds)
 
 
 def follow_gradients(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> list[Motion]:

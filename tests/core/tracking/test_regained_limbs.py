@@ -96,10 +96,7 @@ def without_descent(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def measured(problem: SegmentProblem, motions: Sequence[Motion], *_: object) -> SegmentSolution:
         evidence = Workspace().measure(problem, motions, Sampling(1.0, 1.0, 3, 0.07)).evidence
-        covered, none = evidence.explained.sum(axis=0), np.zeros(FRAMES)
-        return SegmentSolution(
-            tuple(motions), 1, (0.0,), evidence.share, covered, evidence.unhidden, none, {}, evidence
-        )
+        return SegmentSolution.of(motions, evidence, iterations=1, energy=[0.0])
 
     monkeypatch.setattr("kfmocap.core.tracking.solvers.gauss_newton.refine", measured)
     monkeypatch.setattr("kfmocap.core.tracking.solvers.regained_limbs.descend", measured)

@@ -61,8 +61,7 @@ def test_without_the_search_a_doubted_solution_stands() -> None:
 def explained(problem: SegmentProblem, motion: Motion) -> SegmentSolution:
     """A motion as if it had been found."""
     evidence = Workspace().measure(problem, [motion], Sampling(1.0, 1.0, 2, 0.07)).evidence
-    total, none = evidence.explained.sum(axis=0), np.zeros(len(motion))
-    return SegmentSolution((motion,), 1, (0.0,), evidence.share, total, evidence.unhidden, none, {}, evidence)
+    return SegmentSolution.of([motion], evidence, iterations=1, energy=[0.0])
 
 
 def test_a_body_that_covers_background_is_doubted() -> None:

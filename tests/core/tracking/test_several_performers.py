@@ -181,8 +181,7 @@ HELD = (ends_held(BODY, FRAMES), ends_held(BODY, FRAMES))
 def solution(problem: SegmentProblem, motions: list[Motion]) -> SegmentSolution:
     """Motions as if they had been found."""
     measured = Workspace().measure(problem, motions, Sampling(1.0, 1.0, 2, 0.07)).evidence
-    total, none = measured.explained.sum(axis=0), np.zeros(FRAMES)
-    return SegmentSolution(tuple(motions), 1, (0.0,), measured.share, total, measured.unhidden, none, {})
+    return SegmentSolution.of(motions, measured, iterations=1, energy=[0.0])
 
 
 def test_a_performer_is_doubted_by_what_it_explains_itself() -> None:

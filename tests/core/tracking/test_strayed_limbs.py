@@ -46,8 +46,7 @@ def problem() -> SegmentProblem:
 
 def solution(problem: SegmentProblem, motion: Motion) -> SegmentSolution:
     evidence = Workspace().measure(problem, [motion], Sampling(1.0, 1.0, 3, 0.07)).evidence
-    total, none = evidence.explained.sum(axis=0), np.zeros(FRAMES)
-    return SegmentSolution((motion,), 1, (0.0,), evidence.share, total, evidence.unhidden, none, {}, evidence)
+    return SegmentSolution.of([motion], evidence, iterations=1, energy=[0.0])
 
 
 @pytest.mark.parametrize(("last", "expected"), [(2, []), (3, [ARM]), (6, [ARM])])
