@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from .cli import command_line
 from .cli.services import BenchmarkRequest, BlenderSession, Services, blender_needed
+from .core.runtime.standard_streams import make_streams_safe
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; see `kfmocap.cli.command_line.main`."""
+    make_streams_safe()
     services = Services(load_blender=_load_blender, start_blender=_BlenderProcess, run_benchmark=_run_benchmark)
     return command_line.main(argv, services)
 

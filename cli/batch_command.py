@@ -17,8 +17,8 @@ from ..core.runtime.files import check_writable
 from ..core.runtime.job import Job
 from ..core.runtime.threads import worker_count
 from .batch_display import BatchDisplay
-from .batch_shot import DONE, FAILED, REFUSED, BatchOptions, ShotOutcome, outcomes, shot_digest, track_shot
-from .batch_summary import write_summary
+from .batch_shot import DONE, FAILED, REFUSED, STATUS, BatchOptions, ShotOutcome, outcomes, shot_digest, track_shot
+from .batch_summary import SUMMARY, write_summary
 from .printed import print_outcome
 from .services import Services
 
@@ -81,7 +81,7 @@ def chosen_shots(patterns: Sequence[str], task: int | None = None) -> list[Batch
     Raises
     ------
     ShotError
-        There is none, or two have one name.
+        There is none, two have one name, or one has that of a file of the batch.
     """
     files: dict[Path, None] = {}
     for pattern in patterns:
@@ -96,6 +96,9 @@ def chosen_shots(patterns: Sequence[str], task: int | None = None) -> list[Batch
         raise ShotError("there is no shot among the files", where="kfmocap batch", todo="name shot files")
     named: dict[str, Path] = {}
     for shot in shots:
+        if shot.name.casefold() in (STATUS, *SUMMARY):
+            what, todo = f"a batch writes something else to '{shot.name}'", "give the shot another name"
+            raise ShotError(what, where=str(shot.file), todo=todo)
         other = named.setdefault(shot.name, shot.file)
         if other != shot.file:
             what, todo = f"'{shot.name}' is the name of two shots", "give each its own [shot] name"

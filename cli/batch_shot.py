@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
@@ -18,11 +18,10 @@ from ..core.runtime.files import write_json
 from ..core.runtime.progress import Progress
 from ..core.runtime.timing import Seconds
 from ..core.shot.fingerprint import checksum, file_bytes
-from ..core.shot.shot_spec import ShotSpec
 from ..core.tracking.journal import journal_beside
 from ..core.tracking.prepare import load_shot
 from .services import BlenderSession
-from .track_command import run_track
+from .track_command import check_inputs_kept, run_track
 
 DONE, REFUSED, FAILED = "done", "bad input", "failed"
 STATUS = "status"
@@ -116,6 +115,7 @@ def _outcome_of(values: dict[str, Any]) -> ShotOutcome:
 
 def track_shot(path: Path, out: Path, options: BatchOptions, progress: Progress) -> dict[str, Any]:
     """Track a shot into a folder; returns what its report says, as fields of `ShotOutcome`."""
+    check_inputs_kept(read_shot_spec(path), out)
     seconds = Seconds()
     with seconds.measure("shot"):
         shot = load_shot(path, solver=options.solver)
@@ -136,7 +136,7 @@ def track_shot(path: Path, out: Path, options: BatchOptions, progress: Progress)
 def shot_digest(path: Path, options: BatchOptions) -> str:
     """A text that changes with what the results of a shot depend on: its files, the options, and the program's version.
 
-    Small files count whole, footage by its size, its beginning and its end.
+    Small files count whole, footage by its size and pieces of it.
 
     Raises
     ------
@@ -145,7 +145,7 @@ def shot_digest(path: Path, options: BatchOptions) -> str:
     """
     spec = read_shot_spec(path)
     asked = repr((options.solver, options.load_blender is None, _version())).encode()
-    return checksum([asked], *map(file_bytes, (path, *_files(spec))))
+    return checksum([asked], *map(file_bytes, (path, *spec.files())))
 
 
 def _version() -> str:
@@ -153,10 +153,3 @@ def _version() -> str:
         return metadata.version("kfmocap")
     except metadata.PackageNotFoundError:
         return ""
-
-
-def _files(spec: ShotSpec) -> Iterator[Path]:
-    """The files, folders and image sequences that a shot names."""
-    yield spec.calibration
-    yield from (file for view in spec.views for file in (view.footage, view.keypoints) if file is not None)
-    yield from (file for one in spec.performers for file in (one.landmarks, one.keyposes) if file is not None)

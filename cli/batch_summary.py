@@ -18,6 +18,7 @@ from ..core.runtime.files import together
 from .batch_shot import DONE, ShotOutcome
 
 COLUMNS = ("shot", "state", "expected_error_mm", "seconds", "warnings", "message", "file")
+SUMMARY = ("summary.csv", "summary.html")
 _THUMBNAIL = 320
 
 
@@ -36,10 +37,10 @@ def write_summary(out: Path, outcomes: Sequence[ShotOutcome]) -> list[Path]:
         error, seconds = ("" if n is None else f"{n:.1f}" for n in (outcome.expected_error, outcome.seconds))
         warnings = "; ".join(outcome.warnings)
         writer.writerow([outcome.name, outcome.state, error, seconds, warnings, outcome.message, outcome.file])
-    contents = {"summary.csv": table.getvalue(), "summary.html": _page(out, outcomes)}
+    contents = dict(zip(SUMMARY, (table.getvalue(), _page(out, outcomes)), strict=True))
     with together() as outputs:
         for name, content in contents.items():
-            outputs.file(out / name).write_text(content, encoding="utf-8", newline="")
+            outputs.file(out / name).write_text(content, encoding="utf-8", errors="backslashreplace", newline="")
     return [out / name for name in contents]
 
 

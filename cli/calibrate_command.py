@@ -15,7 +15,7 @@ from ..core.formats.calibration_files import export_cameras, format_name
 from ..core.formats.marker_points import write_marker_points
 from ..core.formats.shot_toml import read_shot_spec
 from ..core.formats.wand_toml import load_wand
-from ..core.runtime.files import replacing, together
+from ..core.runtime.files import check_inputs_kept, replacing, together
 from ..core.runtime.interrupts import results_are_written
 from ..core.runtime.progress import Progress
 from ..core.tracking.prepare import prepare_shot, read_shot_cameras
@@ -97,6 +97,7 @@ def run_calibrate(
         stage = None if report is None else outputs.folder(report, REPORT_FILES)
         points_file = None if points is None else outputs.file(points, parents=True)
         calibration = outputs.file(out, parents=True)
+        check_inputs_kept([file for file in (out, points) if file is not None], [wand])
         solution = calibrate(load_wand(wand), progress, drift=drift)
         files = [out]
         if report is not None and stage is not None:
@@ -129,6 +130,7 @@ def refine_shot(shot_path: Path, out: Path, progress: Progress | None = None, *,
     format_name(out, kind)
     with replacing(out) as calibration:
         spec = read_shot_spec(shot_path)
+        check_inputs_kept([out], [shot_path, *(view.footage for view in spec.views)])
         cameras = read_shot_cameras(spec)
         refinement = refine_shot_cameras(prepare_shot(spec), progress)
         export_cameras(calibration, cameras | refinement.cameras, kind)

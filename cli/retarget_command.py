@@ -10,6 +10,7 @@ from typing import Any
 
 from ..core.errors import OutputError, ShotError
 from ..core.runtime.files import check_writable, write_json
+from .printed import print_outcome
 from .services import RetargetRequest, Services
 
 
@@ -31,7 +32,7 @@ def run(args: argparse.Namespace, services: Services) -> int:
             write_bone_map(args.save_map, report["target"]["bones"], report["target"]["preset"])
         for line in summary_lines(report):
             print(f"kfmocap: {line}", file=sys.stderr)
-    print(*files, sep="\n")
+    print_outcome(files)
     return 0
 
 

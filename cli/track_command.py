@@ -27,9 +27,10 @@ from ..core.keypoints.hand_points import tracked_hands
 from ..core.numerics.arrays import Array
 from ..core.review.overlay import contact_sheet, sheet_frames, write_contact_sheet
 from ..core.review.track_report import report, report_lines
+from ..core.runtime import files as result_files
 from ..core.runtime.decoder_log import DecoderLog
 from ..core.runtime.files import check_writable, staged, write_json
-from ..core.runtime.interrupts import results_are_written
+from ..core.runtime.interrupts import REPORT, results_are_written
 from ..core.runtime.progress import Progress, share
 from ..core.runtime.timing import Seconds
 from ..core.runtime.worker_memory import WorkerMemory
@@ -50,6 +51,8 @@ from .services import BlenderWriter, OutputRequest, Services
 REFINING = 0.2
 """Share of the work that is refining the cameras, where that is asked for."""
 REFINED = "refined.toml"
+SCENE = "shot.blend"
+OVERLAY = "overlay.png"
 
 
 def run(args: argparse.Namespace, services: Services) -> int:
@@ -57,8 +60,10 @@ def run(args: argparse.Namespace, services: Services) -> int:
     check_writable(args.out)
     with closing(WorkerMemory(limit=0)) as memory:
         if args.shot is not None:
+            spec = _spec(args)
+            check_inputs_kept(spec, args.out)
             # Other processes load what they need while this one does.
-            memory.expect(workers_for(_spec(args), args.threads), (*SOLVING, camera_fits.__module__))
+            memory.expect(workers_for(spec, args.threads), (*SOLVING, camera_fits.__module__))
         with nullcontext() if args.no_blender else services.blender_beside() as blender:
             return _run(args, services, memory, blender)
 
@@ -101,8 +106,21 @@ def _run(
         if args.resume:
             count = len(journal.taken) or "no"
             print(f"kfmocap: {count} finished segments were taken from a run that was ended", file=sys.stderr)
-        print_outcome(files, report_lines(json.loads((args.out / "report.json").read_text(encoding="utf-8"))))
+        print_outcome(files, report_lines(json.loads((args.out / REPORT).read_text(encoding="utf-8"))))
     return 0
+
+
+def check_inputs_kept(spec: ShotSpec, out: Path) -> None:
+    """See that a shot's results, whichever are asked for, replace none of the files that they are made of.
+
+    Raises
+    ------
+    OutputError
+    """
+    motions = result_names(spec.name, [performer.name for performer in spec.performers])
+    names = [f"{name}{ending}" for name in motions for ending in (".trc", ".bvh", ".fbx")]
+    results = [out / name for name in (*names, SCENE, REFINED, OVERLAY, REPORT)]
+    result_files.check_inputs_kept(results, [spec.path, *spec.files()])
 
 
 def run_track(
@@ -159,10 +177,10 @@ def run_track(
     """
     motions = result_names(shot.name, [performer.name for performer in shot.performers])
     endings = (".trc",) if blender is None else (".trc", ".bvh", ".fbx")
-    scene = () if blender is None else ("shot.blend",)
+    scene = () if blender is None else (SCENE,)
     names = [f"{name}{ending}" for name in motions for ending in endings]
     cameras = () if refined is None else (REFINED,)
-    in_stage = staged(out_dir, [*names, *scene, *cameras, "overlay.png", "report.json"])
+    in_stage = staged(out_dir, [*names, *scene, *cameras, OVERLAY, REPORT])
     with in_stage as stage, ExitStack() as stack:
         if memory is None:
             memory = stack.enter_context(closing(WorkerMemory(limit=0)))
@@ -179,7 +197,7 @@ def run_track(
             with times.measure("overlay"):
                 in_step, drawing = shot.with_footage_offset(result.footage_offset), share(progress, 0.95, 1.0)
                 sheet = contact_sheet(in_step, result.motions, shown, drawing, result.pictures)
-                write_contact_sheet(stage / "overlay.png", sheet)
+                write_contact_sheet(stage / OVERLAY, sheet)
 
         # Blender keeps one core busy, in this thread; the others check the cameras and draw meanwhile.
         with memory.pool(memory.workers) as pool, ThreadPoolExecutor(1) as beside:
@@ -197,7 +215,7 @@ def run_track(
                 fits = checking.result()
         if refined is not None:
             save_cameras(stage / REFINED, refined.cameras)
-        write_json(stage / "report.json", report(shot, result, times, fits=fits, refined=refined))
+        write_json(stage / REPORT, report(shot, result, times, fits=fits, refined=refined))
         written = sorted(file.name for file in stage.iterdir())
     return [out_dir / name for name in written]
 

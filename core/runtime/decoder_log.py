@@ -7,7 +7,10 @@ import re
 import sys
 import tempfile
 from collections.abc import Iterable
+from contextlib import suppress
 from typing import IO, Self, TextIO
+
+from .standard_streams import LenientStream
 
 _SAID = re.compile(rb"\[[\w,/]+ @ 0x[0-9a-f]+\] *(.*)")
 """A line of FFmpeg's: who speaks, and what."""
@@ -30,9 +33,7 @@ class DecoderLog:
         self._shown: TextIO | None = None
         if _writes_to(sys.stderr, 2):
             sys.stderr.flush()
-            self._shown = sys.stderr = os.fdopen(
-                os.dup(self._kept), "w", buffering=1, encoding=sys.stderr.encoding, errors=sys.stderr.errors
-            )
+            self._shown = sys.stderr = LenientStream(os.fdopen(os.dup(self._kept), "wb"), sys.stderr.encoding)
         os.dup2(self._file.fileno(), 2)
         self._read = 0
         return self
@@ -62,7 +63,8 @@ class DecoderLog:
 
     def _show(self, lines: Iterable[bytes]) -> None:
         for line in lines:
-            os.write(self._kept, line)
+            with suppress(OSError):
+                os.write(self._kept, line)
 
 
 def _writes_to(stream: TextIO | None, descriptor: int) -> bool:

@@ -12,7 +12,7 @@ import json
 import os
 import shutil
 import stat
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -191,6 +191,28 @@ def check_writable(folder: Path, names: Sequence[str] = ()) -> None:
         Outputs(stack).folder(folder, names)
 
 
+def check_inputs_kept(results: Iterable[Path], inputs: Iterable[Path]) -> None:
+    """See that no result would take the place of a file that it is made of.
+
+    Raises
+    ------
+    OutputError
+    """
+    read = {(found.st_dev, found.st_ino) for path in inputs if (found := _found(path)) is not None}
+    for path in results:
+        if (found := _found(path)) is not None and (found.st_dev, found.st_ino) in read:
+            todo = "write to another place, or give the results another name"
+            raise OutputError("would be replaced by the results, which are made of it", where=str(path), todo=todo)
+
+
+def _found(path: Path) -> os.stat_result | None:
+    try:
+        found = path.stat()
+    except (OSError, ValueError):
+        return None
+    return found if stat.S_ISREG(found.st_mode) else None
+
+
 def check_free(folder: Path, names: Sequence[str]) -> None:
     """See that a path can be a folder, and that no folder in it has one of those names.
 
@@ -201,7 +223,9 @@ def check_free(folder: Path, names: Sequence[str]) -> None:
     try:
         if folder.exists() and not folder.is_dir():
             raise OutputError("is a file, not a folder", where=str(folder))
+        folder.absolute()  # fails where the working folder has been removed
         for name in names:
+            os.fsencode(name)  # fails where the system's encoding has not all of its characters
             if (folder / name).is_dir():
                 raise OutputError("a folder is in the way", where=str(folder / name))
     except (OSError, ValueError) as error:

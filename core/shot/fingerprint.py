@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from itertools import chain
@@ -13,7 +14,9 @@ import numpy as np
 
 from .image_sequences import image_files
 
-_HEAD = 65536
+_PIECE = 65536
+_SAMPLES = 64
+"""Pieces of a large file that count, of so many bytes each, from its beginning to its end."""
 
 
 def checksum(*sources: Iterable[bytes]) -> str:
@@ -56,8 +59,8 @@ def _append_pieces(pieces: list[bytes], value: Any) -> None:
 def file_bytes(path: Path) -> Iterator[bytes]:
     """Names and contents of the file at a path, or of the files of a folder or an image sequence.
 
-    Of large files the size, the beginning and the end count. A file that cannot be read has no content: whoever needs
-    it says so.
+    Of large files the size and pieces from the beginning to the end count. A file that cannot be read has no content:
+    whoever needs it says so.
     """
     images = image_files(path)
     if images is not None:
@@ -65,15 +68,22 @@ def file_bytes(path: Path) -> Iterator[bytes]:
     else:
         files = [file for file in sorted(path.rglob("*")) if file.is_file()] if path.is_dir() else [path]
     for file in files:
-        yield file.name.encode()
+        yield os.fsencode(file.name)
         yield _content(file)
 
 
 def _content(file: Path) -> bytes:
+    pieces = []
     try:
+        if not file.is_file():  # a pipe or a device would be read for ever
+            return b""
         with file.open("rb") as stream:
-            head, size = stream.read(_HEAD), file.stat().st_size
-            stream.seek(max(_HEAD, size - _HEAD))
-            return head + stream.read() + str(size).encode()
+            size = os.fstat(stream.fileno()).st_size
+            for k in range(_SAMPLES):
+                place = max((size - _PIECE) * k // (_SAMPLES - 1), k * _PIECE)
+                if place < size:
+                    stream.seek(place)
+                    pieces.append(stream.read(_PIECE))
+        return b"".join(pieces) + str(size).encode()
     except OSError:
         return b""

@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 
 from ..cameras.camera import field_of_frame
 from ..errors import FootageError
-from .image_sequences import PATTERNS, check_images, check_size, image_files, read_image
+from .image_sequences import check_images, check_size, image_files, read_image
 from .shot import Settings, View
+from .video_file import check_video_file
 
 Image = NDArray[Any]
 
@@ -301,8 +302,7 @@ def _whole(frame: Image, parity: int, width: int) -> Image:
 @contextmanager
 def _opened(path: Path, threads: int = 0) -> Iterator[cv2.VideoCapture]:
     """Open a video whose frames come as they are stored; `_quarter_turns` says how they are to be seen."""
-    if not path.is_file():
-        raise FootageError("there is no such footage", where=str(path), todo=f"name {PATTERNS}")
+    check_video_file(path)
     video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, threads])
     try:
         if not video.isOpened() or video.get(cv2.CAP_PROP_FRAME_WIDTH) <= 0:

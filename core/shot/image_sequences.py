@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import fnmatch
 import re
-import struct
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FootageError, listed
+from .image_sizes import JPEG, PNG, image_size, is_out_of_proportion
 
 Image = NDArray[Any]
 
@@ -21,10 +21,8 @@ IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
 PATTERNS = "a video, or a pattern of images such as frame_%04d.png, frame_####.png or frame_*.png"
 _LONGEST_NAME = 255  # of a file, in bytes, on the file systems in use
 _MOST_DIGITS = 18  # of a frame number
-_PNG = b"\x89PNG\r\n\x1a\n"
 _PNG_END = b"\0\0\0\0IEND\xaeB`\x82"
-_JPEG, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
-_JPEG_SIZES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # markers of the frame headers that hold the size
+_ENDS = {PNG: _PNG_END, JPEG: b"\xff\xd9"}
 _SHOWN_GAPS = 5
 
 
@@ -97,10 +95,15 @@ def read_image(path: Path) -> Image:
     Raises
     ------
     FootageError
-        It cannot be read.
+        It cannot be read, or claims more pixels than its file can hold.
     """
     try:
-        image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_COLOR)
+        data = path.read_bytes()
+        claimed = image_size(data)
+        if claimed is not None and is_out_of_proportion(claimed, len(data)):
+            what = f"the image is too large for a file of {len(data)} bytes: {claimed[0]}x{claimed[1]}"
+            raise FootageError(what, where=str(path), todo="write it again")
+        image = None if claimed is None else cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     except (OSError, cv2.error):
         image = None
     if image is None:
@@ -172,20 +175,5 @@ def _stored_size(path: Path) -> tuple[int, int] | None:
             tail = file.read()
     except OSError:
         return None
-    if head.startswith(_PNG) and len(head) >= 24:
-        return struct.unpack(">II", head[16:24]) if tail.endswith(_PNG_END) else None
-    if head.startswith(_JPEG):
-        return _jpeg_size(head) if tail.endswith(_JPEG_END) else None
-    return None
-
-
-def _jpeg_size(head: bytes) -> tuple[int, int] | None:
-    """Width and height in a JPEG's frame header, before the metadata turns the picture."""
-    place = len(_JPEG)
-    while place + 9 <= len(head) and head[place] == 0xFF:
-        marker, length = head[place + 1], int.from_bytes(head[place + 2 : place + 4], "big")
-        if marker in _JPEG_SIZES:
-            height, width = struct.unpack(">HH", head[place + 5 : place + 9])
-            return width, height
-        place += 2 + length
-    return None
+    whole = any(head.startswith(kind) and tail.endswith(end) for kind, end in _ENDS.items())
+    return image_size(head) if whole else None

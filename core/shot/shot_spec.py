@@ -101,6 +101,12 @@ class ShotSpec:
     settings: Settings = field(default_factory=Settings)
     holds: tuple[Hold, ...] = ()
 
+    def files(self) -> list[Path]:
+        """The files, folders and image sequences that it names."""
+        views = [file for view in self.views for file in (view.footage, view.keypoints)]
+        performers = [file for one in self.performers for file in (one.landmarks, one.keyposes, one.mesh)]
+        return [self.calibration, *(file for file in (*views, *performers) if file is not None)]
+
     def selected(
         self,
         *,

@@ -21,6 +21,7 @@ from kfmocap.cli.batch_summary import write_summary
 from kfmocap.cli.command_line import main
 from kfmocap.core.errors import FootageError, OutputError, ShotError, WorkerEndedError
 from kfmocap.core.runtime.job import Job
+from kfmocap.core.shot.fingerprint import file_bytes
 from test_command_line import SHOT, folder  # noqa: F401
 
 OPTIONS = BatchOptions(None, None, 1)
@@ -130,6 +131,39 @@ def test_results_depend_on_every_file_of_a_shot(shots: list[BatchShot], tmp_path
     content[-1] ^= 1
     (tmp_path / file).write_bytes(content)
     assert shot_digest(shots[0].file, OPTIONS) != before
+
+
+def test_results_depend_on_the_middle_of_large_footage_too(tmp_path: Path) -> None:
+    """A part that was exchanged is longer than what lies between two pieces that are looked at."""
+    file = tmp_path / "footage.mp4"
+    content = bytearray(12_000_000)
+    file.write_bytes(content)
+    before = b"".join(file_bytes(file))
+    assert len(before) < 5_000_000
+    content[6_000_000:6_200_000] = b"x" * 200_000
+    file.write_bytes(content)
+    assert b"".join(file_bytes(file)) != before
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes")
+def test_what_is_no_file_is_not_waited_for(shots: list[BatchShot], tmp_path: Path) -> None:
+    (tmp_path / "footage_03.png").unlink()
+    os.mkfifo(tmp_path / "footage_03.png")
+    assert shot_digest(shots[0].file, OPTIONS)
+    (tmp_path / "endless.mp4").symlink_to("/dev/zero")
+    assert len(b"".join(file_bytes(tmp_path / "endless.mp4"))) < 100
+
+
+@pytest.mark.parametrize("name", ["status", "Summary.csv"])
+def test_no_shot_has_the_name_of_what_a_batch_writes(folder: Path, name: str) -> None:  # noqa: F811
+    (folder / "shot.toml").write_text(SHOT.replace('name = "tiny"', f'name = "{name}"'))
+    with pytest.raises(ShotError, match=f"'{name}'"):
+        chosen_shots([str(folder / "shot.toml")])
+
+
+def test_a_path_that_is_no_text_stands_in_the_table_all_the_same(tmp_path: Path) -> None:
+    write_summary(tmp_path, [ShotOutcome("a", "caf\udce9/shot.toml", REFUSED, message="caf\udce9: it breaks off")])
+    assert r"caf\udce9/shot.toml" in (tmp_path / "summary.csv").read_text(encoding="utf-8")
 
 
 def test_a_shot_whose_process_is_killed_is_tried_once_more(

@@ -32,6 +32,7 @@ from kfmocap.core.shot.shot import Shot
 from kfmocap.core.tracking import journal
 from kfmocap.core.tracking.track_result import TrackResult
 from kfmocap.core.tracking.uncertainty import JointErrors
+from made_capture import made_capture
 
 SIZE = (96, 72)
 FRAMES = 6
@@ -323,6 +324,28 @@ def test_an_output_folder_that_cannot_be_written_is_refused_before_tracking(
 ) -> None:
     monkeypatch.setattr(track_command, "track", lambda *_: pytest.fail("tracking began"))
     assert_refused(folder, capsys, track(folder, out=out), out)
+
+
+@pytest.mark.parametrize("result", ["tiny.trc", "tiny.bvh", "report.json"])
+def test_results_take_the_place_of_nothing_that_they_are_made_of(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, result: str
+) -> None:
+    """The results' folder may be that of the input, and a shot may be called as its landmarks are."""
+    monkeypatch.setattr(track_command, "track", lambda *_: pytest.fail("tracking began"))
+    (folder / "landmarks.trc").rename(folder / result)
+    (folder / "shot.toml").write_text(SHOT.replace("landmarks.trc", result))
+    before = (folder / result).read_bytes()
+    assert_refused(folder, capsys, track(folder, out="."), result, "would be replaced by the results")
+    assert (folder / result).read_bytes() == before
+
+
+def test_cameras_take_the_place_of_nothing_that_they_are_made_of(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shot = str(folder / "shot.toml")
+    assert_refused(folder, capsys, main(["calibrate", "--refine", shot, "--out", shot]), "would be replaced")
+    wand = str(made_capture(folder))
+    assert_refused(folder, capsys, main(["calibrate", wand, "--out", wand]), "wand.toml", "would be replaced")
 
 
 def test_a_folder_in_the_way_of_a_result_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

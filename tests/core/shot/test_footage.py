@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import struct
+import sys
 import time
+import zlib
 from pathlib import Path
 
 import cv2
@@ -11,7 +14,7 @@ import numpy as np
 import pytest
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import FootageError
-from kfmocap.core.shot import image_sequences
+from kfmocap.core.shot import image_sequences, image_sizes
 from kfmocap.core.shot.footage import check_view, footage_index, frames_at, probe
 from kfmocap.core.shot.shot import View
 
@@ -233,3 +236,52 @@ def test_strange_names_of_footage_are_refused_at_once(tmp_path: Path, name: str)
     with pytest.raises(FootageError):
         probe(tmp_path / name)
     assert time.perf_counter() - begun < 0.5
+
+
+@pytest.mark.parametrize("ending", [".mp4", ".m3u8"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "#EXTM3U\n#EXT-X-TARGETDURATION:9\n#EXTINF:9,\nnone.ts\n",
+        "ffconcat version 1.0\nfile video.mp4\n",
+        "v=0\no=- 0 0\n",
+    ],
+)
+def test_a_playlist_is_no_video_and_opens_no_other_file(video: Path, ending: str, text: str) -> None:
+    """FFmpeg would read the video that it names, or wait half a minute for one that is not there."""
+    path = video.with_name(f"list{ending}")
+    path.write_text(text.replace("video.mp4", video.name))
+    begun = time.perf_counter()
+    with pytest.raises(FootageError, match=rf"list\{ending}: .* is a text, such as a playlist"):
+        probe(path)
+    assert time.perf_counter() - begun < 1
+
+
+@pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="names of files are texts there")
+def test_a_video_whose_path_is_no_text_is_refused_where_opencv_would_crash(video: Path) -> None:
+    folder = video.with_name(os.fsdecode(b"caf\xe9"))
+    folder.mkdir()
+    with pytest.raises(FootageError, match="not written in UTF-8"):
+        probe(video.rename(folder / video.name))
+
+
+@pytest.mark.parametrize("ending", [".png", ".jpg", ".bmp", ".tif", ".webp"])
+def test_the_size_that_a_file_claims_is_that_of_its_image(ending: str) -> None:
+    data = cv2.imencode(ending, np.zeros((30, 52, 3), np.uint8))[1].tobytes()
+    assert image_sizes.image_size(data) == (52, 30)
+    for end in range(60):
+        assert image_sizes.image_size(data[:end]) in (None, (52, 30))
+    assert image_sizes.image_size(b"P6 52 30 255\n" + data) is None
+
+
+def test_a_small_file_that_claims_a_huge_image_is_refused_at_once(tmp_path: Path) -> None:
+    """625 million pixels in 600 kB would take gigabytes."""
+    whole = cv2.imencode(".png", np.zeros((48, 64), np.uint8))[1].tobytes()
+    for name, size in (("a0.png", (64, 48)), ("a1.png", (25000, 25000))):
+        head = b"IHDR" + struct.pack(">II", *size) + whole[24:29]
+        (tmp_path / name).write_bytes(whole[:12] + head + struct.pack(">I", zlib.crc32(head)) + whole[33:])
+    check_view(View(camera(), tmp_path / "a0.png"), 0, 1)
+    with pytest.raises(FootageError, match=r"a1\.png: the image is too large for a file of \d+ bytes: 25000x25000"):
+        probe(tmp_path / "a1.png")
+    with pytest.raises(FootageError, match=r"a1\.png: the image is too large"):
+        check_view(View(camera(), tmp_path / "a#.png"), 0, 2)
