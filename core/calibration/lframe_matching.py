@@ -23,7 +23,8 @@ _ASIDE = 0.006  # of a picture's longer side: how far aside a ball may lie by ca
 _LENGTHS = 0.04  # metres by which a length may differ
 _BASES = ((0, 2, 3), (1, 2, 3), (0, 1, 3))
 """Three balls not on a line, from which the L-frame's pose follows."""
-_MOST_POSES = 4000
+_SAME = 0.012  # metres within which two places are one
+_MOST_PLACES, _MOST_POSES = 120, 4000
 _FEWEST = 8
 """Balls, over all views, that an L-frame must have: fewer lie so by chance."""
 _ROUNDS = 3
@@ -89,7 +90,7 @@ def identified_together(rig: Rig, seen: Sequence[Array], measures: Array) -> Int
     points = np.full((len(rig), max(len(own) for own in seen), 2), np.nan)
     for v, own in enumerate(seen):
         points[v, : len(own)] = own
-    poses = _poses(_meetings(rig, points), measures)
+    poses = _poses(_distinct(rig, points, _meetings(rig, points)), measures)
     if not len(poses):
         return None
     balls = poses[int(np.argmax([_closeness(rig, points, pose).max(axis=2).sum() for pose in poses]))]
@@ -129,6 +130,16 @@ def _meetings(rig: Rig, points: Array) -> Array:
         ]
         found.append(places[np.nan_to_num(np.maximum(*off), nan=np.inf) < 1])
     return np.concatenate(found)
+
+
+def _distinct(rig: Rig, points: Array, places: Array) -> Array:
+    """The places that most views see, each once: a ball is where several pairs of views meet."""
+    views = (_closeness(rig, points, places).max(axis=2) > 0).sum(axis=0)
+    kept: list[int] = []
+    for k in np.argsort(-views, kind="stable"):
+        if len(kept) < _MOST_PLACES and all(np.linalg.norm(places[k] - places[other]) > _SAME for other in kept):
+            kept.append(int(k))
+    return np.asarray(places[kept])
 
 
 def _poses(places: Array, measures: Array) -> Array:

@@ -43,6 +43,13 @@ def test_the_lframe_is_told_among_other_things(seed):
     assert (told == places).sum() >= 15
 
 
+def test_the_lframe_is_told_in_a_room_full_of_its_colour():
+    views, places = seen_by_all(5, clutter=36)
+    told = identified_together(ELSEWHERE, views, MEASURES)
+    off = [np.linalg.norm(view[own] - view[true], axis=1) for view, own, true in zip(views, told, places, strict=True)]
+    assert np.max(off) < 4
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_a_ball_that_is_covered_is_left_out_rather_than_replaced(seed):
     views, places = seen_by_all(seed)
