@@ -199,7 +199,7 @@ class _TestedStage:
             begins = self._hidden is None
             if self._hidden is None:
                 self._hidden = hidden_parts(problem, evidence.share) if problem.settings.prediction else []
-                self._expected = predicted_accelerations(motions, self._hidden) if self._hidden else []
+                self._expected = predicted_accelerations(motions, self._hidden, problem.sought) if self._hidden else []
                 self._plants = plants_of(problem, motions)
             images = evidence_equations(problem, measured, self._hidden, self._noise)
             if begins:
@@ -311,7 +311,7 @@ def approach(
             with seconds.measure("solve"):
                 if problem.settings.prediction and not hidden:
                     hidden = hidden_parts(seen, measured.evidence.share)
-                    expected = predicted_accelerations(motions, hidden)
+                    expected = predicted_accelerations(motions, hidden, seen.sought)
                 images = evidence_equations(seen, measured, hidden)
                 smooth = smooth.estimated(seen, motions, images, expected, rounds=ROUNDS, bursts=False)
                 systems = with_priors(seen, motions, images, smooth, expected)
@@ -440,12 +440,16 @@ def _image_systems(
     return systems
 
 
-def predicted_accelerations(motions: Sequence[Motion], hidden: Sequence[NDArray[np.bool_]]) -> list[Array]:
-    """Accelerations that parts have, where they are hidden, in the motion predicted for them, else zero, (F, D)."""
+def predicted_accelerations(
+    motions: Sequence[Motion], hidden: Sequence[NDArray[np.bool_]], sought: Sequence[int]
+) -> list[Array]:
+    """Accelerations that parts have, where they are hidden, in the motion predicted for them, else zero, (F, D); zero
+    for performers that are not sought.
+    """
     expected = []
-    for motion, mask in zip(motions, hidden, strict=True):
+    for i, (motion, mask) in enumerate(zip(motions, hidden, strict=True)):
         predicted = np.zeros((len(motion), 3 + 3 * mask.shape[1]))
-        if mask.any() and len(motion) > 2:
+        if i in sought and mask.any() and len(motion) > 2:
             predicted[1:-1] = acceleration(predict_unseen(motion, mask))
         degrees = np.concatenate([np.repeat(mask[:, :1], 3, axis=1), np.repeat(mask, 3, axis=1)], axis=1)
         expected.append(predicted * degrees)

@@ -18,6 +18,7 @@ from ...evidence.accumulate import Sampling
 from ...evidence.misfit import beyond_known, measured_misfit
 from ...evidence.occlusion import LONG, intervals
 from ...evidence.view_frames import views_with_foreground
+from ...numerics.arrays import Array
 from ...runtime.timing import Seconds
 from .gauss_newton import NOTICED, REACH, ROUGH_STEP, DescentStage, SegmentNoise, approach, descend
 from .limb_search import exchanges, found_limbs, limbs, pairs, shown_areas, untangled_limbs, without_end
@@ -30,6 +31,9 @@ EXPLAINED = 0.8
 """Share of what the key poses explain of their images that a solution should explain of every other frame's."""
 SHOWN = 0.5
 """Share of a performer that others must leave in sight for what it explains to raise a doubt."""
+IN_SIGHT = 0.9
+"""Share of a performer that others must leave in sight on all frames for its motion to be followed: a few frames show
+too little of somebody who is passed to be followed by themselves."""
 LIMB_SHARE = 0.5
 """Share of the smallest limb that foreground beside a performer must have to be a limb that the solution lost."""
 ASTRAY = 0.2
@@ -54,6 +58,9 @@ EQUAL = 0.005
 most is chance."""
 NEAR = 0.03
 """A solution that covers less than the best by more than this share has no limbs to lend to it."""
+HOPELESS = 0.06
+"""Limbs of one of several performers that were exchanged, and cover less by this share once they have settled, do not
+come to cover more."""
 ALIKE = np.radians(8)
 """Motions of a performer are one once they are solved if their parts' rotations differ by less, root mean square,
 radians."""
@@ -94,11 +101,18 @@ def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: 
         problem = problem.with_smoothness(best.variances)
     doubted = doubted_performers(problem, start, best) if problem.settings.limb_search else []
     motions = best.motions
-    for k, i in enumerate(doubted):
+    for k, i in enumerate(worst_first(problem, best, doubted)):
         own_start = [start[j] if j == i else motion for j, motion in enumerate(motions)]
         part = workspace.part(0.2 + 0.7 * k / len(doubted), 0.2 + 0.7 * (k + 1) / len(doubted))
-        before = replace(best, motions=motions, only=problem.alone(i).only)
-        own = best_of_own_starts(problem.alone(i), own_start, before, part)
+        alone = problem.alone(i)
+        before = replace(best, only=alone.only)
+        if k:  # limbs of somebody else that were found may be what spoke against this performer
+            before = descend(alone, motions, workspace.silent(), SETTLED)
+            seconds.add(before.seconds)
+            motions = before.motions
+            if not doubted_performers(alone, own_start, before):
+                continue
+        own = best_of_own_starts(alone, own_start, before, part)
         seconds.add(own.seconds)
         motions = own.motions
         best = own if len(problem.bodies) == 1 else best
@@ -139,6 +153,13 @@ def doubted_performers(problem: SegmentProblem, start: Sequence[Motion], solutio
     return [i for i, alone in each.items() if i in missed or concealed(alone, solution)]
 
 
+def worst_first(problem: SegmentProblem, solution: SegmentSolution, performers: Sequence[int]) -> list[int]:
+    """Performers by how little a solution explains of them on the frame where that is least: whose limbs are in wrong
+    places stands where others are looked for.
+    """
+    return sorted(performers, key=lambda i: float(np.nanmin(explained_share(problem, solution, i), initial=np.inf)))
+
+
 def with_limbs_returned(
     problem: SegmentProblem, start: Sequence[Motion], solution: SegmentSolution, workspace: Workspace
 ) -> SegmentSolution:
@@ -174,8 +195,8 @@ def with_limbs_returned(
 def best_of_own_starts(
     problem: SegmentProblem, start: Sequence[Motion], first: SegmentSolution, workspace: Workspace
 ) -> SegmentSolution:
-    """Of solutions from several starts the best: the motion is followed from the key poses, and then limbs are looked
-    for around the solutions.
+    """Of solutions from several starts the best: the motion is followed from the key poses, unless others hide the
+    performer on the way, and then limbs are looked for around the solutions.
 
     Parameters
     ----------
@@ -191,12 +212,14 @@ def best_of_own_starts(
     SegmentSolution
         Its seconds are those spent here.
     """
-    seconds = Seconds()
-    with seconds.measure("initial solution"):
-        initial = followed(problem, start, workspace.part(0.0, 0.15))
-    solutions = [first, descend(problem, initial, workspace.part(0.15, 0.25))]
-    seconds.add(solutions[1].seconds)
-    if len(problem.whole_keys(problem.sought[0])) > 1 and not problem.keypoints:  # keypoints show where limbs are
+    seconds, solutions, [performer] = Seconds(), [first], problem.sought
+    looks = len(problem.whole_keys(performer)) > 1 and not problem.keypoints  # keypoints show where limbs are
+    if not looks or first.unhidden[performer].min() > IN_SIGHT:
+        with seconds.measure("initial solution"):
+            initial = followed(problem, start, workspace.part(0.0, 0.15))
+        solutions.append(descend(problem, initial, workspace.part(0.15, 0.25)))
+        seconds.add(solutions[1].seconds)
+    if looks:
         # Without a doubt an arm may still be lost: it is a small part of what is to be covered.
         with seconds.measure("initial solution"):
             best = searched(problem, start, solutions, workspace.part(0.25, 1.0))
@@ -236,12 +259,20 @@ def _doubted(problem: SegmentProblem, solution: SegmentSolution, performer: int)
     keys = problem.whole_keys(performer)
     if len(keys) < 2:
         return len(keys) == 1  # the curve that it began with stands still
+    return bool((explained_share(problem, solution, performer) < EXPLAINED).any())
+
+
+def explained_share(problem: SegmentProblem, solution: SegmentSolution, performer: int) -> Array:
+    """What a solution explains of a performer, over what its whole key poses and what others leave in sight of it let
+    expect, shape (F,); NaN where they leave too little to tell.
+    """
+    keys = problem.whole_keys(performer)
     explained, seen = solution.explained[performer], solution.unhidden[performer]
     shown = keys[seen[keys] > SHOWN]
     if not len(shown):
-        return False  # nothing tells what is to be expected
+        return np.full(problem.length, np.nan)
     expected = seen * np.interp(np.arange(problem.length), shown, explained[shown] / seen[shown])
-    return bool((explained < EXPLAINED * expected)[seen > SHOWN].any())
+    return np.where((seen > SHOWN) & (expected > 0), explained / np.where(expected > 0, expected, 1.0), np.nan)
 
 
 def limb_astray(problem: SegmentProblem, solution: SegmentSolution) -> bool:
@@ -491,10 +522,36 @@ def _with_own_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, wo
         part = workspace.part((k + 1) / (1 + count), (k + 2) / (1 + count))
         # Anew of what is best by now: an exchange that was accepted leaves the limbs meeting where they did.
         for motions in islice(exchanges(problem, best.motions), k, k + 1):
-            found = descend(problem, motions, part, (*SETTLING, *SETTLED), noise)
-            if found.cover > best.cover and found.energy[-1] < best.energy[-1]:
+            found = _exchange_settled(problem, best, motions, noise, part)
+            if found is not None and found.cover > best.cover and found.energy[-1] < best.energy[-1]:
                 best = continued(best, found)
     return best
+
+
+def _exchange_settled(
+    problem: SegmentProblem,
+    best: SegmentSolution,
+    motions: Sequence[Motion],
+    noise: SegmentNoise,
+    workspace: Workspace,
+) -> SegmentSolution | None:
+    """The solution from limbs that were exchanged; None for one of several performers if once the limbs have settled it
+    covers so much less that the rest cannot make up for it.
+    """
+    if problem.only is None:
+        return descend(problem, motions, workspace, (*SETTLING, *SETTLED), noise)
+    settled, *_ = approach(problem, motions, workspace.part(0.0, 0.3), SETTLING)
+    if cover_at(problem, best, settled, workspace) < best.cover - HOPELESS * abs(best.sought_cover):
+        return None
+    return descend(problem, settled, workspace.part(0.3, 1.0), SETTLED, noise)
+
+
+def cover_at(
+    problem: SegmentProblem, solution: SegmentSolution, motions: Sequence[Motion], workspace: Workspace
+) -> float:
+    """How much of what looks like the performers motions cover, measured as for a solution."""
+    assert solution.evidence is not None
+    return float(workspace.measure(problem, motions, solution.evidence.sampling).evidence.explained.sum())
 
 
 def alike(motions: Sequence[Motion], others: Sequence[Motion]) -> bool:

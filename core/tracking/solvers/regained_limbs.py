@@ -23,7 +23,7 @@ from . import gauss_newton
 from .gauss_newton import descend
 from .limb_search import LEAST_GAIN, freed_limb, limbs, pictures_find_limbs, support_of_limbs
 from .measurement import Workspace
-from .multi_start import LOOKS, SETTLED, likeliest_at_rest, noise_of
+from .multi_start import LOOKS, RESTING, SETTLED, VAIN_LOOKS, likeliest_at_rest, likelihood, noise_of
 from .problem import SegmentProblem, SegmentSolution
 
 BENT = 3.0
@@ -145,12 +145,17 @@ def with_limb_regained(
     alone, seconds = problem.alone(i), Seconds(solution.seconds)
     noise = noise_of(alone, solution, workspace)
     settled = [descend(alone, solution.motions, workspace.silent(), SETTLED, noise)]
+    most, vain = likelihood(alone, noise, settled[0]), 0
     for look in range(LOOKS):
         motions = settled[-1].motions
         with seconds.measure("initial solution"):
             found = freed_limb(alone, motions, place, look)
         begin = (*motions[:i], found, *motions[i + 1 :])
         settled.append(descend(alone, begin, workspace.part(look / LOOKS, (look + 1) / LOOKS), SETTLED, noise))
+        reached = likelihood(alone, noise, settled[-1])
+        most, vain = max(most, reached), 0 if reached > most + RESTING else vain + 1
+        if vain == VAIN_LOOKS and len(problem.bodies) > 1:  # where people pass, much is out of sight for good
+            break
     for each in settled:
         seconds.add(each.seconds)
     kept = settled[0]

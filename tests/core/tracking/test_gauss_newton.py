@@ -298,13 +298,13 @@ def test_where_a_part_is_seen_nothing_is_expected_of_it() -> None:
     motion = waving(72)
     hidden = np.zeros((72, len(BODY)), bool)
     hidden[HIDDEN, BODY.index("forearm.L")] = True
-    [expected] = gauss_newton.predicted_accelerations([motion], [hidden])
+    [expected] = gauss_newton.predicted_accelerations([motion], [hidden], [0])
     found = expected[HIDDEN, FOREARM]
     true = np.pad(acceleration(motion), ((1, 1), (0, 0)))[HIDDEN, FOREARM]
     assert np.abs(found - true).max() < 0.4 * np.abs(true).max()
     expected[HIDDEN, FOREARM] = 0
     assert not expected.any()
-    [none] = gauss_newton.predicted_accelerations([motion], [np.zeros_like(hidden)])
+    [none] = gauss_newton.predicted_accelerations([motion], [np.zeros_like(hidden)], [0])
     assert not none.any() and none.shape == (72, D)
 
 

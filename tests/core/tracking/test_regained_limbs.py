@@ -13,8 +13,9 @@ from kfmocap.core.evidence.accumulate import Sampling
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
 from kfmocap.core.tracking.solvers.measurement import Workspace
+from kfmocap.core.tracking.solvers.multi_start import LOOKS, VAIN_LOOKS
 from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
-from kfmocap.core.tracking.solvers.regained_limbs import bend_of, bent_limbs, refined
+from kfmocap.core.tracking.solvers.regained_limbs import bend_of, bent_limbs, refined, with_limb_regained
 from synthetic import at_rest, ends_held, look_at, poses_of, silhouette
 
 BODY, FRAMES, FPS = human(1.75), 12, 30.0
@@ -120,3 +121,24 @@ def test_a_bent_limb_stays_where_it_covers_more_than_anything_that_is_found(prob
         views.append(replace(view, foreground=seen[None]))
     found = refined(replace(problem, views=tuple(views)), [astray()], Workspace()).motions[0]
     assert error_mm(found, astray()) < 30
+
+
+@pytest.mark.usefixtures("without_descent")
+@pytest.mark.parametrize(("performers", "looks"), [(1, LOOKS), (2, VAIN_LOOKS)])
+def test_among_several_performers_looking_ends_after_vain_looks(
+    problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch, performers: int, looks: int
+) -> None:
+    asked: list[int] = []
+
+    def nothing(_problem: SegmentProblem, motions: Sequence[Motion], place: tuple[int, list[int]], seed: int) -> Motion:
+        asked.append(seed)
+        return motions[place[0]]
+
+    monkeypatch.setattr("kfmocap.core.tracking.solvers.regained_limbs.freed_limb", nothing)
+    views = tuple(replace(v, foreground=np.repeat(v.foreground, performers, axis=0)) for v in problem.views)
+    apart = [replace(TRUTH, translations=TRUTH.translations + [2.0 * i, 0, 0]) for i in range(performers)]
+    several = replace(problem, views=views, bodies=(BODY,) * performers, fixed=problem.fixed * performers)
+    several = replace(several, before=None, after=None)
+    solution = refined(several, apart, Workspace())
+    with_limb_regained(several, solution, (0, ARM), Workspace())
+    assert asked == list(range(looks))

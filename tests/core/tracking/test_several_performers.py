@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
@@ -337,15 +337,14 @@ def test_the_noise_under_which_one_of_several_is_judged_is_of_its_own_pixels() -
     )
 
 
-def test_limbs_are_exchanged_by_solving_their_own_performer_and_all_settle_at_last(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """What is tried for one of many does not cost as much as solving all of them."""
-    wrong = [moved(truth, np.array([0.1, 0.0, 0.0])) for truth in TRUTHS]
-    solved: list[int | None] = []
+@dataclass
+class Told:
+    """A solver that tells how far motions are from the truth, and for whom it was asked."""
 
-    def found(problem: SegmentProblem, motions: Sequence[Motion], *_: object) -> SegmentSolution:
-        solved.append(problem.only)
+    solved: list[int | None] = field(default_factory=list)
+
+    def found(self, problem: SegmentProblem, motions: Sequence[Motion], *_: object) -> SegmentSolution:
+        self.solved.append(problem.only)
         off = np.array([np.abs(m.difference(t)).sum(axis=1) for m, t in zip(motions, TRUTHS, strict=True)])
         none = np.zeros(FRAMES)
         evidence = no_evidence(1, FRAMES, 2 * P)
@@ -354,15 +353,89 @@ def test_limbs_are_exchanged_by_solving_their_own_performer_and_all_settle_at_la
             tuple(motions), 1, (float(off.sum()),), share, -off, seen, none, {}, evidence, (), problem.only
         )
 
+
+@pytest.fixture
+def told(monkeypatch: pytest.MonkeyPatch) -> Told:
+    """What takes the place of the solver; each performer has one exchange, which is right."""
+
     def exchanged(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[list[Motion]]:
         for i in problem.sought:
             yield [TRUTHS[i] if j == i else motion for j, motion in enumerate(motions)]
 
-    monkeypatch.setattr(multi_start, "descend", found)
+    made = Told()
+    monkeypatch.setattr(multi_start, "descend", made.found)
+    monkeypatch.setattr(multi_start, "approach", lambda _problem, motions, *_: (tuple(motions), [], {}, None))
     monkeypatch.setattr(multi_start, "exchanges", exchanged)
     monkeypatch.setattr(multi_start, "noise_of", lambda *_: None)
-    problem = SegmentProblem((), (BODY, BODY), 0, 30.0, (ends_held(BODY, FRAMES),) * 2)
-    best = multi_start.with_limbs_exchanged(problem, found(problem, wrong), Workspace())
-    assert best.motions == tuple(TRUTHS)
-    assert best.only is None
-    assert solved == [None, 0, 0, 1, 1, None]
+    return made
+
+
+WRONG = [moved(truth, np.array([0.1, 0.0, 0.0])) for truth in TRUTHS]
+BOTH = SegmentProblem((), (BODY, BODY), 0, 30.0, (ends_held(BODY, FRAMES),) * 2)
+
+
+@pytest.mark.parametrize(("less", "solved"), [(0.0, [None, 0, 0, 1, 1, None]), (2.0, [None, 0, 1])])
+def test_limbs_are_exchanged_by_solving_their_own_performer_and_all_settle_at_last(
+    monkeypatch: pytest.MonkeyPatch, told: Told, less: float, solved: list[int | None]
+) -> None:
+    """What is tried for one of many does not cost as much as solving all of them; what covers far less once it has
+    settled is not solved at all.
+    """
+    cover = [-less * multi_start.HOPELESS]
+    best = told.found(BOTH, WRONG)
+
+    def measured(problem: SegmentProblem, solution: SegmentSolution, *_: object) -> float:
+        return solution.cover + cover[0] * abs(solution.sought_cover)
+
+    monkeypatch.setattr(multi_start, "cover_at", measured)
+    found = multi_start.with_limbs_exchanged(BOTH, best, Workspace())
+    assert found.motions == (tuple(TRUTHS) if None in solved[1:] else tuple(WRONG))
+    assert found.only is None
+    assert told.solved == solved
+
+
+def searched_for(monkeypatch: pytest.MonkeyPatch, doubts: list[list[int]]) -> list[int | None]:
+    """Whom limbs are looked for where the performers are doubted one time after the other as given."""
+    looked: list[int | None] = []
+
+    def own(problem: SegmentProblem, _start: object, before: SegmentSolution, *_: object) -> SegmentSolution:
+        looked.append(problem.only)
+        return before
+
+    monkeypatch.setattr(multi_start, "doubted_performers", lambda *_: doubts.pop(0))
+    monkeypatch.setattr(multi_start, "best_of_own_starts", own)
+    monkeypatch.setattr(multi_start, "with_limbs_exchanged", lambda _problem, best, _workspace: best)
+    multi_start.best_of_starts(BOTH, WRONG, Workspace())
+    return looked
+
+
+def test_limbs_are_looked_for_first_where_the_least_is_explained(monkeypatch: pytest.MonkeyPatch, told: Told) -> None:
+    shares = [np.array([1.0, 0.7, np.nan]), np.array([1.0, 0.4, 0.9])]
+    monkeypatch.setattr(multi_start, "explained_share", lambda _problem, _solution, i: shares[i])
+    assert searched_for(monkeypatch, [[0, 1], [0]]) == [1, 0]
+
+
+def test_who_is_no_longer_doubted_once_the_limbs_of_others_are_found_is_not_searched_for(
+    monkeypatch: pytest.MonkeyPatch, told: Told
+) -> None:
+    monkeypatch.setattr(multi_start, "explained_share", lambda *_: np.ones(FRAMES))
+    assert searched_for(monkeypatch, [[0, 1], []]) == [0]
+
+
+@pytest.mark.parametrize("in_sight", [0.95, 0.8])
+def test_the_motion_of_a_performer_whom_others_hide_is_not_followed(
+    monkeypatch: pytest.MonkeyPatch, told: Told, in_sight: float
+) -> None:
+    followed: list[int | None] = []
+
+    def follow(problem: SegmentProblem, start: list[Motion], *_: object) -> list[Motion]:
+        followed.append(problem.only)
+        return start
+
+    monkeypatch.setattr(multi_start, "followed", follow)
+    monkeypatch.setattr(multi_start, "searched", lambda _problem, _start, solutions, *_: solutions[0])
+    alone = BOTH.alone(1)
+    first = told.found(alone, WRONG)
+    first.unhidden[1, 3] = in_sight
+    multi_start.best_of_own_starts(alone, WRONG, first, Workspace())
+    assert followed == ([1] if in_sight > multi_start.IN_SIGHT else [])
