@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from itertools import pairwise
 from operator import attrgetter
@@ -18,9 +18,9 @@ from ..numerics.arrays import Array, Bools, Ints
 from ..shot.continuity import single_frames
 from .contours import OutlineSums, outline_sums
 from .foreground import background_share, log_ratio
-from .gradients import GradientSums, brightness_constancy
+from .gradients import GradientSums, PixelGains, brightness_constancy
 from .label_images import Geometry, LabelImages, StillParts, render_labels
-from .view_frames import KEPT_BYTES, GradientImageCache, ViewFrames
+from .view_frames import KEPT_BYTES, GradientImageCache, GradientImages, ViewFrames
 
 RUN = 32
 """Pairs of frames that are worked on at a time, about: enough to keep NumPy busy, few enough to stay in the cache."""
@@ -158,6 +158,36 @@ class _StillEvidence:
     stride: int
     geometry: Geometry
     poses: Poses
+    kept_gains: dict[tuple[float, float, bytes], PixelGains] = field(default_factory=dict)
+
+    def gains(
+        self,
+        view: ViewFrames,
+        images: GradientImages,
+        sampling: Sampling,
+        *,
+        first: int,
+        foreground: NDArray[np.uint8] | None,
+        noise: Array,
+    ) -> PixelGains:
+        """What their pixels gain by how they move, under a noise of each pair of frames."""
+        key = sampling.sigma, sampling.tolerance, noise.tobytes()
+        found = self.kept_gains.get(key)
+        if found is None:
+            found = PixelGains.of(
+                view.camera,
+                images,
+                self.still.labels,
+                self.poses,
+                first=first,
+                stride=self.stride,
+                tolerance=sampling.tolerance,
+                foreground=foreground,
+                noise=noise,
+            )
+            self.kept_gains.clear()
+            self.kept_gains[key] = found
+        return found
 
     def matches(self, stride: int, geometry: Geometry, poses: Sequence[Array]) -> bool:
         """Whether it is what the same parts show in these poses."""
@@ -342,6 +372,11 @@ def _run(
         foreground=foreground,
         given_noise=noise,
     )
+    if given is not None and noise is not None and view.camera.stands_still:
+        others = given[0]
+        gains = others.gains(view, images, sampling, first=first, foreground=foreground, noise=noise)
+        added = gains.visible(labels.part, others.still.parts, len(noise))
+        gradients = replace(gradients, gain=gradients.gain + added)
     summed = time.perf_counter()
     outlines = OutlineSums(np.zeros((*T.shape[:2], 6, 6)), np.zeros((*T.shape[:2], 6)), np.zeros(len(T)))
     explained = np.zeros(areas.shape[1:])  # by part

@@ -54,7 +54,8 @@ class GradientSums:
     cost : ndarray, shape (m,)
         Mean of Huber's error of these pixels under a given noise, (grey level 0 to 1)^2.
     gain : ndarray, shape (m,)
-        How much larger the sum of these errors would be if what the pixels show stood still in the picture.
+        How much larger the sum of these errors would be if what the pixels show stood still in the picture. Where one
+        of several performers is solved, `core.evidence.accumulate` adds that of the others, whom it may hide.
     """
 
     H: Array
@@ -147,17 +148,12 @@ def brightness_constancy(
     """
     m, P = len(poses[0]) - 1, labels.share.shape[1]
     to_camera = camera.poses(first, m + 1)
-    pixels = Pixels.of(labels, camera, stride, m)
-    x_a, x_b = pixels.points_cam, _carried(pixels, to_camera, poses)
-    focal, centre = (a.astype(np.float32) for a in (camera.matrix[[0, 1], [0, 1]], camera.matrix[:2, 2]))
-    uv_b = (x_b.T[:2] / x_b[:, 2] * focal[:, None] + centre[:, None]).T
-    here, there = images.at(pixels.frame, pixels.uv), images.sample(pixels.frame + 1, uv_b)
-    residual = there[0] - here[0]
+    compared = _compared(camera, images, labels, poses, first=first, stride=stride, foreground=foreground)
+    pixels, residual, seen = compared.pixels, compared.residual, compared.seen
+    x_a, x_b = pixels.points_cam, compared.points_there
+    focal = camera.matrix[[0, 1], [0, 1]].astype(np.float32)
+    here, there = compared.here, compared.there
     slope = 0.5 * (here[1:] + there[1:])
-    seen = labels.part_at(pixels.frame + 1, *(uv_b.T / stride)) == pixels.part
-    if foreground is not None:
-        whose = labels.performer[pixels.part]
-        seen &= log_ratio(foreground[whose, pixels.frame, pixels.uv[:, 1], pixels.uv[:, 0]]) > BACKGROUND_BELOW
     bounds = pixels.ends[::P]
     noise = np.array([_robust_deviation(residual[a:b][seen[a:b]]) for a, b in pairwise(bounds)])
     deviation = np.repeat(tolerance * np.maximum(noise, _LEAST_NOISE), np.diff(bounds)).astype(np.float32)
@@ -167,7 +163,7 @@ def brightness_constancy(
     error = huber_errors(residual, deviation)
     count = np.bincount(pixels.frame, seen, minlength=m).astype(float)
     error_sum = np.bincount(pixels.frame, error * seen, minlength=m)
-    still = huber_errors(images.at(pixels.frame + 1, pixels.uv)[0] - here[0], deviation)
+    gain = _gains(compared, images, error, deviation)
 
     rows = np.empty((13, len(residual)), np.float32)
     rows[:6], rows[6:12], rows[12] = -wrenches(x_a, slope, focal).T, wrenches(x_b, slope, focal).T, residual
@@ -185,8 +181,114 @@ def brightness_constancy(
         / np.maximum(np.diff(bounds), 1),
         count,
         error_sum / np.maximum(count, 1),
-        np.bincount(pixels.frame, (still - error) * seen, minlength=m).astype(float),
+        np.bincount(pixels.frame, gain, minlength=m).astype(float),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class PixelGains:
+    """What the pixels of parts that stay where they are add to `GradientSums.gain` while something else moves before
+    them.
+
+    Attributes
+    ----------
+    here, there : ndarray of int, shape (N,)
+        Their places, and where their points are a frame later, among all pixels of the n label images.
+    frame, part : ndarray of int, shape (N,)
+    gain : ndarray, shape (N,)
+    """
+
+    here: NDArray[np.intp]
+    there: NDArray[np.intp]
+    frame: NDArray[np.intp]
+    part: NDArray[np.intp]
+    gain: NDArray[np.floating[Any]]
+
+    @classmethod
+    def of(
+        cls,
+        camera: Camera,
+        images: GradientImages,
+        labels: LabelImages,
+        poses: Poses,
+        *,
+        first: int,
+        stride: int,
+        tolerance: float,
+        foreground: NDArray[np.uint8] | None,
+        noise: Array,
+    ) -> PixelGains:
+        """Of the parts that label images show; parameters as of `brightness_constancy`."""
+        compared = _compared(camera, images, labels, poses, first=first, stride=stride, foreground=foreground)
+        pixels, deviation = compared.pixels, tolerance * np.maximum(noise, _LEAST_NOISE)
+        limits = deviation[pixels.frame].astype(np.float32)
+        gain = _gains(compared, images, huber_errors(compared.residual, limits), limits)
+        kept = np.flatnonzero(compared.seen)
+        _, height, width = labels.part.shape
+        u, v = np.rint(compared.uv_there[kept].T / stride).astype(np.intp)
+        frame = pixels.frame[kept]
+        there = ((frame + 1) * height + v) * width + u
+        return cls(labels.index[: len(gain)][kept], there, frame, pixels.part[kept], gain[kept])
+
+    def visible(self, part: NDArray[np.int16], numbers: NDArray[np.intp], pairs: int) -> Array:
+        """The sums (m,) over the pixels that label images of all parts (n, h, w) show on both frames; `numbers` are
+        those of these parts among all.
+        """
+        own, shown = numbers.astype(np.int16).take(self.part), part.ravel()
+        hidden = shown.take(self.here) != own
+        hidden |= shown.take(self.there) != own
+        lost = np.flatnonzero(hidden)
+        return self._sums(slice(None), pairs) - self._sums(lost, pairs)
+
+    def _sums(self, of: slice | NDArray[np.intp], pairs: int) -> Array:
+        return np.bincount(self.frame[of], self.gain[of], minlength=pairs).astype(float)
+
+
+@dataclass(frozen=True, eq=False)
+class _Compared:
+    """Pixels that show parts, and where the next frame shows their points: in camera axes (N, 3) and in the picture
+    (N, 2), with brightness and derivatives (3, N) here and there, the difference of brightness, and which count.
+    """
+
+    pixels: Pixels
+    points_there: Image
+    uv_there: Image
+    here: Image
+    there: Image
+    residual: Image
+    seen: NDArray[np.bool_]
+
+
+def _compared(
+    camera: Camera,
+    images: GradientImages,
+    labels: LabelImages,
+    poses: Poses,
+    *,
+    first: int,
+    stride: int,
+    foreground: NDArray[np.uint8] | None,
+) -> _Compared:
+    m = len(poses[0]) - 1
+    pixels = Pixels.of(labels, camera, stride, m)
+    x_b = _carried(pixels, camera.poses(first, m + 1), poses)
+    focal, centre = (a.astype(np.float32) for a in (camera.matrix[[0, 1], [0, 1]], camera.matrix[:2, 2]))
+    uv_b = (x_b.T[:2] / x_b[:, 2] * focal[:, None] + centre[:, None]).T
+    here, there = images.at(pixels.frame, pixels.uv), images.sample(pixels.frame + 1, uv_b)
+    seen = labels.part_at(pixels.frame + 1, *(uv_b.T / stride)) == pixels.part
+    if foreground is not None:
+        whose = labels.performer[pixels.part]
+        seen &= log_ratio(foreground[whose, pixels.frame, pixels.uv[:, 1], pixels.uv[:, 0]]) > BACKGROUND_BELOW
+    return _Compared(pixels, x_b, uv_b, here, there, there[0] - here[0], seen)
+
+
+def _gains(compared: _Compared, images: GradientImages, error: Image, deviation: Image) -> Image:
+    """How much larger Huber's error of each pixel would be if what it shows stood still; 0 of those that do not count,
+    (N,).
+    """
+    pixels = compared.pixels
+    still = huber_errors(images.at(pixels.frame + 1, pixels.uv)[0] - compared.here[0], deviation)
+    return np.asarray((still - error) * compared.seen)
 
 
 def _carried(pixels: Pixels, to_camera: Poses, poses: Poses) -> Image:

@@ -198,6 +198,9 @@ def best_of_own_starts(
     """Of solutions from several starts the best: the motion is followed from the key poses, unless others hide the
     performer on the way, and then limbs are looked for around the solutions.
 
+    Where only foreground beside the performer speaks against the first solution, one look tells whether its limbs can
+    be there at all: it may be somebody else's.
+
     Parameters
     ----------
     problem : SegmentProblem
@@ -214,6 +217,11 @@ def best_of_own_starts(
     """
     seconds, solutions, [performer] = Seconds(), [first], problem.sought
     looks = len(problem.whole_keys(performer)) > 1 and not problem.keypoints  # keypoints show where limbs are
+    if looks and not speaks_against(problem, first):
+        with seconds.measure("initial solution"):
+            explained = limbs_explain(problem, first, workspace.part(0.0, 0.1))
+        if not explained:
+            return replace(first, seconds=seconds)
     if not looks or first.unhidden[performer].min() > IN_SIGHT:
         with seconds.measure("initial solution"):
             initial = followed(problem, start, workspace.part(0.0, 0.15))
@@ -342,6 +350,25 @@ def concealed(problem: SegmentProblem, solution: SegmentSolution) -> bool:
         for part in without_end(chain)
         for first, last in intervals(hidden[i][:, part])
     )
+
+
+def speaks_against(problem: SegmentProblem, solution: SegmentSolution) -> bool:
+    """Whether more than foreground beside the performers speaks against a solution: they explain too little, have limbs
+    on the background, or hide them from all views.
+    """
+    return doubtful(problem, solution) or limb_astray(problem, solution) or concealed(problem, solution)
+
+
+def limbs_explain(problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> bool:
+    """Whether one look for limbs makes the pictures likelier than a solution does that has settled as long.
+
+    A bystander's bare arm looks like the performer's, but other views do not show it where the performer's could be.
+    """
+    noise = noise_of(problem, solution, workspace)
+    settled = descend(problem, solution.motions, workspace.silent(), SETTLED, noise)
+    found = look_for_limbs(problem, problem, settled.motions, 0, workspace, noise=noise)
+    gain = likelihood(problem, noise, found) - likelihood(problem, noise, settled)
+    return gain > RESTING and not alike(found.motions, settled.motions)
 
 
 def searched(

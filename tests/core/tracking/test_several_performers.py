@@ -315,6 +315,9 @@ def test_evidence_of_one_among_others_is_that_of_all_whether_the_others_were_dra
         np.testing.assert_allclose(found.explained, both.explained, rtol=1e-9)
         np.testing.assert_allclose(found.unhidden[0], both.unhidden[0])
         np.testing.assert_array_equal(found.share, both.share)
+        noise = both.gradients.noise
+        every, one = (workspace.measure(p, motions, sampling, noise).evidence.gradients.gain for p in (problem, alone))
+        np.testing.assert_allclose(one, every, rtol=1e-3, atol=1e-3 * np.abs(every).max())
         np.testing.assert_array_equal(found.agreeing[..., :P], both.agreeing[..., :P])
         np.testing.assert_allclose(found.outlines.H[:, :, :P], both.outlines.H[:, :, :P])
     assert both.unhidden.min() < 0.9, "one hides the other"
@@ -434,8 +437,32 @@ def test_the_motion_of_a_performer_whom_others_hide_is_not_followed(
 
     monkeypatch.setattr(multi_start, "followed", follow)
     monkeypatch.setattr(multi_start, "searched", lambda _problem, _start, solutions, *_: solutions[0])
+    monkeypatch.setattr(multi_start, "speaks_against", lambda *_: True)
     alone = BOTH.alone(1)
     first = told.found(alone, WRONG)
     first.unhidden[1, 3] = in_sight
     multi_start.best_of_own_starts(alone, WRONG, first, Workspace())
     assert followed == ([1] if in_sight > multi_start.IN_SIGHT else [])
+
+
+@pytest.mark.parametrize("gain", [0.0, 100.0])
+def test_where_only_foreground_beside_a_performer_speaks_against_it_one_look_must_explain_that(
+    monkeypatch: pytest.MonkeyPatch, told: Told, gain: float
+) -> None:
+    """It may be the bare arm of a bystander."""
+    searches: list[int | None] = []
+    alone = BOTH.alone(1)
+    first = told.found(alone, WRONG)
+    better = [WRONG[0], TRUTHS[1].moved(np.full((FRAMES, BODY.dof), 0.3))]
+
+    def searched(problem: SegmentProblem, _start: object, solutions: Sequence[SegmentSolution], *_: object) -> object:
+        searches.append(problem.only)
+        return solutions[0]
+
+    monkeypatch.setattr(multi_start, "speaks_against", lambda *_: False)
+    monkeypatch.setattr(multi_start, "look_for_limbs", lambda *_, **__: told.found(alone, better))
+    monkeypatch.setattr(multi_start, "likelihood", lambda _p, _n, found: gain * (found.motions[1] is better[1]))
+    monkeypatch.setattr(multi_start, "followed", lambda _problem, start, *_: start)
+    monkeypatch.setattr(multi_start, "searched", searched)
+    multi_start.best_of_own_starts(alone, WRONG, first, Workspace())
+    assert searches == ([1] if gain else [])
