@@ -550,9 +550,20 @@ def _with_own_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, wo
         # Anew of what is best by now: an exchange that was accepted leaves the limbs meeting where they did.
         for motions in islice(exchanges(problem, best.motions), k, k + 1):
             found = _exchange_settled(problem, best, motions, noise, part)
-            if found is not None and found.cover > best.cover and found.energy[-1] < best.energy[-1]:
+            if found is not None and _exchange_counts(problem, best, found, noise):
                 best = continued(best, found)
     return best
+
+
+def _exchange_counts(
+    problem: SegmentProblem, best: SegmentSolution, found: SegmentSolution, noise: SegmentNoise
+) -> bool:
+    """Whether a solution with limbs exchanged is the better one. Of one of several performers the pictures' likelihood
+    decides, which knows what it hides of the others; a limb that is hidden the right way may cover less.
+    """
+    if problem.only is None:
+        return found.cover > best.cover and found.energy[-1] < best.energy[-1]
+    return likelihood(problem, noise, found) > likelihood(problem, noise, best) + RESTING
 
 
 def _exchange_settled(

@@ -391,6 +391,7 @@ def test_limbs_are_exchanged_by_solving_their_own_performer_and_all_settle_at_la
         return solution.cover + cover[0] * abs(solution.sought_cover)
 
     monkeypatch.setattr(multi_start, "cover_at", measured)
+    monkeypatch.setattr(multi_start, "likelihood", lambda _problem, _noise, found: 1e3 * found.cover)
     found = multi_start.with_limbs_exchanged(BOTH, best, Workspace())
     assert found.motions == (tuple(TRUTHS) if None in solved[1:] else tuple(WRONG))
     assert found.only is None
