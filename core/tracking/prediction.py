@@ -18,6 +18,7 @@ from scipy.linalg import toeplitz
 from ..body.motion import Motion, stacked
 from ..evidence.occlusion import intervals
 from ..numerics.arrays import Array
+from .kalman import kalman_filter_class
 
 if TYPE_CHECKING:
     from filterpy.kalman import KalmanFilter
@@ -232,10 +233,8 @@ def _blended(ahead: tuple[Motion, Array] | None, back: tuple[Motion, Array] | No
 
 def _filtered(series: Array, model: AutoRegression) -> KalmanFilter:
     """The filter after all of a series, in the state space (32)-(37)."""
-    from filterpy.kalman import KalmanFilter  # with it comes all of scipy.stats, most of a second
-
     h = len(model.covariance)
-    kalman = KalmanFilter(dim_x=h, dim_z=1)
+    kalman = kalman_filter_class()(dim_x=h, dim_z=1)
     kalman.F = np.eye(h, k=-1)
     kalman.F[0, : len(model.coefficients)] = model.coefficients
     G = np.eye(h, 1)
