@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .cli import command_line
-from .cli.services import BenchmarkRequest, BlenderSession, Services, blender_needed
+from .cli.services import BenchmarkRequest, Services, blender_needed
 from .core.runtime.standard_streams import make_streams_safe
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .core.runtime.progress import Progress
     from .core.shot.shot import Shot
     from .core.tracking.track_result import TrackResult
+    from .kfmocap_addon.batch import BatchSession
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -30,7 +31,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     return command_line.main(argv, services)
 
 
-def _load_blender() -> BlenderSession:
+def _load_blender() -> BatchSession:
     import bpy  # noqa: F401  a missing module is reported by its own name
 
     from .kfmocap_addon.batch import BatchSession
@@ -49,6 +50,7 @@ class _BlenderProcess:
         self._process = WorkerProcess(yields=False)
         self._thread = ThreadPoolExecutor(1)
         self._loaded = self._thread.submit(self._process.call, _loaded_blender)
+        self._shown: Future[Any] | None = None
 
     def check(self) -> None:
         """Raise what went wrong with loading it, if that is known."""
@@ -56,12 +58,19 @@ class _BlenderProcess:
             with blender_needed():
                 self._loaded.result()
 
+    def expect(self, shot: Shot, home: Path) -> None:
+        """Have a scene built for a shot that is going to be written to a folder; returns at once."""
+        self._shown = self._thread.submit(self._process.call, partial(_showing, shot, home))
+
     def write_outputs(self, shot: Shot, result: TrackResult, request: OutputRequest) -> list[Path]:
         """Write the BVH and FBX files and shot.blend; returns the files written."""
         small = replace(result, pictures=(), segments=())
         try:
             with blender_needed():
                 self._loaded.result()
+            if self._shown is not None:
+                self._shown.result()
+                request = replace(request, shown=True)
             files: list[Path] = self._process.call(partial(_written_outputs, shot, small, request))
         except BaseException:
             self.close()  # it must not go on writing to a folder that is removed
@@ -79,6 +88,11 @@ def _loaded_blender(_: Progress) -> None:
     """Load Blender's module, and what writes results with it."""
     _load_blender()
     from .kfmocap_addon.export import blender_outputs  # noqa: F401
+
+
+def _showing(shot: Shot, home: Path, _: Progress) -> None:
+    """Have Blender show a shot before it is tracked."""
+    _load_blender().show_shot(shot, home)
 
 
 def _written_outputs(shot: Shot, result: TrackResult, request: OutputRequest, _: Progress) -> list[Path]:

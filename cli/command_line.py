@@ -5,9 +5,12 @@ Importing it pulls in neither Blender nor NumPy: a command's own module is loade
 
 from __future__ import annotations
 
+import argparse
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import replace
 from importlib import import_module
 
 from ..core.errors import KFMocapError
@@ -42,8 +45,9 @@ def main(argv: Sequence[str] | None = None, services: Services | None = None) ->
             return interrupted_text(error, written=results_seen(getattr(args, "out", None)) != before)
 
         try:
-            command = import_module(f".{args.command}_command", __package__)
-            exit_code: int = command.run(args, services or Services())
+            with _blender_ahead(args, services or Services()) as ready:
+                command = import_module(f".{args.command}_command", __package__)
+                exit_code: int = command.run(args, ready)
         except KFMocapError as error:
             if interruptions.received is None:
                 print(f"kfmocap: error: {' '.join(str(error).split())}", file=sys.stderr)
@@ -55,6 +59,23 @@ def main(argv: Sequence[str] | None = None, services: Services | None = None) ->
             print(f"kfmocap: {said(interrupt)}", file=sys.stderr)
             return interruptions.exit_code
     return exit_code
+
+
+@contextmanager
+def _blender_ahead(args: argparse.Namespace, services: Services) -> Iterator[Services]:
+    """Start Blender in its process where the command is going to write with it: the libraries that the command itself
+    needs take as long to be loaded.
+    """
+    if args.command != "track" or args.no_blender or services.start_blender is None:
+        yield services
+        return
+    try:
+        process = services.start_blender()
+    except ImportError:  # said when it is needed: what is wrong with the arguments comes first
+        yield services
+        return
+    with closing(process):
+        yield replace(services, start_blender=lambda: process)
 
 
 def _quiet_libraries() -> None:

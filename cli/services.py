@@ -34,6 +34,8 @@ class OutputRequest:
     hands : tuple of (ndarray or None)
         Per performer: points of the hands, see `core.keypoints.hand_points`, where files are to have the fingers. None
         for all by default.
+    shown : bool
+        Blender shows the shot already, as it does in a process that was told to `expect` it.
     """
 
     folder: Path
@@ -41,6 +43,7 @@ class OutputRequest:
     open_scene: bool = False
     leave_out_unknown: bool = False
     hands: tuple[Array | None, ...] = ()
+    shown: bool = False
 
 
 @dataclass(frozen=True)
@@ -89,6 +92,13 @@ class BlenderWriter(Protocol):
         ------
         OutputError
             It does not, as writing says as well.
+        """
+
+    def expect(self, shot: Shot, home: Path) -> None:
+        """A shot is going to be tracked, and written to a folder: make ready what does not hang on the motion, where
+        that does not keep this process from tracking; returns at once.
+
+        What goes wrong is raised when it is written.
         """
 
     def write_outputs(self, shot: Shot, result: TrackResult, request: OutputRequest) -> list[Path]:

@@ -6,7 +6,7 @@ import argparse
 import json
 import sys
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing, nullcontext
 from dataclasses import replace
 from functools import partial
@@ -18,7 +18,13 @@ from ..core.body.unknown_parts import known_landmarks
 from ..core.cameras.camera import Camera
 from ..core.errors import InputError, ShotError, located
 from ..core.fitting.camera_refinement import Refinement
-from ..core.fitting.shot_cameras import camera_fits, checked_frames, for_camera_fits, refine_shot_cameras
+from ..core.fitting.shot_cameras import (
+    CameraFit,
+    camera_fits,
+    checked_frames,
+    for_camera_fits,
+    refine_shot_cameras,
+)
 from ..core.formats.keypoint_files import read_shot_keypoints
 from ..core.formats.shot_toml import read_shot_spec
 from ..core.formats.toml_cameras import save_cameras
@@ -34,13 +40,14 @@ from ..core.runtime.interrupts import REPORT, results_are_written
 from ..core.runtime.progress import Progress, share
 from ..core.runtime.timing import Seconds
 from ..core.runtime.worker_memory import WorkerMemory
+from ..core.runtime.worker_pool import WorkerPool
 from ..core.shot.footage_damage import shot_damage
 from ..core.shot.footage_times import footage_rate
 from ..core.shot.shot import Shot
 from ..core.shot.shot_spec import ShotSpec, result_names
 from ..core.tracking.journal import Journal, journal_beside
 from ..core.tracking.prepare import prepare_shot
-from ..core.tracking.run_context import RunContext
+from ..core.tracking.run_context import RunContext, SolvedShot
 from ..core.tracking.selection import selected
 from ..core.tracking.track_result import TrackResult
 from ..core.tracking.tracker import SOLVING, track, workers_for
@@ -182,12 +189,19 @@ def run_track(
     cameras = () if refined is None else (REFINED,)
     in_stage = staged(out_dir, [*names, *scene, *cameras, OVERLAY, REPORT])
     with in_stage as stage, ExitStack() as stack:
+        if blender is not None and not open_scene:
+            blender.expect(shot, out_dir)
         if memory is None:
             memory = stack.enter_context(closing(WorkerMemory(limit=0)))
         shown = sheet_frames(shot)
         pictures = sorted({*shown, *checked_frames(shot)})
+        checking: list[Future[tuple[CameraFit, ...]]] = []
+
+        def check(pool: WorkerPool, solved: TrackResult | SolvedShot) -> None:
+            checking.append(pool.submit(partial(camera_fits, shot, for_camera_fits(shot, solved)), lambda _: None))
+
         with DecoderLog() as log:
-            context = RunContext(journal, memory, footage_checked=not open_scene)  # by reading the shot file
+            context = RunContext(journal, memory, solved=check, footage_checked=not open_scene)  # by the shot's reader
             result = track(shot, share(progress, 0.0, 0.9), pictures=pictures, run=context)
         if log.complaints:
             result = replace(result, damage=shot_damage(shot))
@@ -199,9 +213,10 @@ def run_track(
                 sheet = contact_sheet(in_step, result.motions, shown, drawing, result.pictures)
                 write_contact_sheet(stage / OVERLAY, sheet)
 
-        # Blender keeps one core busy, in this thread; the others check the cameras and draw meanwhile.
+        # Blender keeps one core busy, in this thread; the others draw meanwhile, and check the cameras if nobody has.
         with memory.pool(memory.workers) as pool, ThreadPoolExecutor(1) as beside:
-            checking = pool.submit(partial(camera_fits, shot, for_camera_fits(shot, result)), lambda _: None)
+            if not checking:
+                check(pool, result)
             drawing = beside.submit(draw)
             files = [stage / f"{name}.trc" for name in motions]
             _write_landmarks(shot, result, files, leave_out_unknown=leave_out_unknown)
@@ -212,7 +227,7 @@ def run_track(
                     blender.write_outputs(shot, result, request)
             drawing.result()
             with times.measure("camera check"):
-                fits = checking.result()
+                fits = checking[0].result()
         if refined is not None:
             save_cameras(stage / REFINED, refined.cameras)
         write_json(stage / REPORT, report(shot, result, times, fits=fits, refined=refined))

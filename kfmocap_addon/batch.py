@@ -5,6 +5,7 @@ Importing it loads neither NumPy nor the core beyond its errors, as Blender does
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,7 @@ from . import registration
 
 if TYPE_CHECKING:
     from ..cli.services import OutputRequest, RetargetRequest
+    from ..core.numerics.arrays import Array
     from ..core.shot.shot import Shot
     from ..core.tracking.track_result import TrackResult
 
@@ -43,20 +45,31 @@ class BatchSession:
     def check(self) -> None:
         """It is loaded."""
 
+    def expect(self, shot: Shot, home: Path) -> None:
+        """There is nothing to be done beside tracking: Blender is in this process."""
+
+    def show_shot(self, shot: Shot, home: Path) -> None:
+        """Show a shot that is going to be written, with `OutputRequest.shown`; the add-on stays switched on."""
+        from .export import blender_outputs
+
+        if not registration.is_registered():
+            registration.register()
+        blender_outputs.show_shot(shot, home)
+
     def write_outputs(self, shot: Shot, result: TrackResult, request: OutputRequest) -> list[Path]:
         """Write the BVH and FBX files and shot.blend; returns the files written."""
         from .export import blender_outputs
-        from .retargeting import finger_tracking
 
         with registration.registered():
             return blender_outputs.write_blender_outputs(
                 shot,
                 result,
                 request.folder,
-                bpy.context.scene if request.open_scene else None,
+                bpy.context.scene if request.open_scene or request.shown else None,
                 home=request.home,
                 leave_out_unknown=request.leave_out_unknown,
-                finish=partial(finger_tracking.add_fingers, hands=request.hands),
+                finish=partial(_add_fingers, hands=request.hands) if request.hands else None,
+                shown=request.shown,
             )
 
     def retarget(self, request: RetargetRequest) -> dict[str, Any]:
@@ -65,6 +78,12 @@ class BatchSession:
 
         with registration.registered():
             return character_files.retarget_file(request)
+
+
+def _add_fingers(scene: bpy.types.Scene, hands: Sequence[Array | None]) -> None:
+    from .retargeting import finger_tracking
+
+    finger_tracking.add_fingers(scene, hands)
 
 
 def register() -> None:

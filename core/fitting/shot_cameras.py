@@ -28,7 +28,7 @@ from ..shot.footage_damage import shot_damage
 from ..shot.shot import Shot
 from ..tracking.journal import Journal
 from ..tracking.retracking import Excerpt, glance, track_excerpts
-from ..tracking.run_context import RunContext
+from ..tracking.run_context import RunContext, SolvedShot
 from ..tracking.schedule import SegmentShown
 from ..tracking.segments import whole_keys
 from ..tracking.track_result import TrackResult
@@ -134,13 +134,13 @@ def fit_by_key_poses(
     )
 
 
-def camera_fits(shot: Shot, result: TrackResult, progress: Progress | None = None) -> tuple[CameraFit, ...]:
-    """Compare the cameras of a tracked shot with one another and with its key poses.
+def camera_fits(shot: Shot, result: SolvedShot, progress: Progress | None = None) -> tuple[CameraFit, ...]:
+    """Compare the cameras of a solved shot with one another and with its key poses.
 
     Parameters
     ----------
     shot : Shot
-    result : TrackResult
+    result : SolvedShot
         Where it has the pictures of `checked_frames`, they are not read again.
     progress : callable, optional
     """
@@ -151,11 +151,11 @@ def camera_fits(shot: Shot, result: TrackResult, progress: Progress | None = Non
     return (*shared, *fit_by_key_poses(in_step, result.pictures if kept else None, progress))
 
 
-def for_camera_fits(shot: Shot, result: TrackResult) -> TrackResult:
-    """A result without what `camera_fits` does not look at: it is small enough to be handed to another process."""
+def for_camera_fits(shot: Shot, result: TrackResult | SolvedShot) -> SolvedShot:
+    """What `camera_fits` looks at of a result: it is small enough to be handed to another process."""
     frames = set(checked_frames(shot))
     pictures = tuple({f: image for f, image in kept.items() if f in frames} for kept in result.pictures)
-    return replace(result, pictures=pictures, segments=(), visible=(), residual=(), errors=())
+    return SolvedShot(pictures, result.observed, result.footage_offset)
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +203,7 @@ def track_and_check(
         results = [replace(result, damage=damage) for result in results]
     if not whole:
         return CheckedTrack(results, None)
-    return CheckedTrack(results, camera_fits(shot, results[0], share(progress, 0.9, 1.0)))
+    return CheckedTrack(results, camera_fits(shot, for_camera_fits(shot, results[0]), share(progress, 0.9, 1.0)))
 
 
 def checked_frames(shot: Shot) -> list[int]:

@@ -109,9 +109,14 @@ class SegmentSchedule:
         if self._pool.workers == 1:
             self._collect(k + 1)
 
-    def finish(self) -> tuple[TrackState, list[FinishedSegment]]:
-        """Wait for all segments; returns the shot with all of them refined, and what is kept of each."""
+    def finish(self, solved: Callable[[TrackState], None] | None = None) -> tuple[TrackState, list[FinishedSegment]]:
+        """Wait for all segments; returns the shot with all of them refined, and what is kept of each.
+
+        `solved` is called with the shot once all segments are solved, before the last of them are refined.
+        """
         self._collect(len(self._segments))
+        if solved is not None:
+            solved(self.state)
         self._finish(len(self._segments))
         state = self.state
         for done in self._done:

@@ -46,7 +46,7 @@ from .earlier_motion import carried, with_keys
 from .journal import FinishedSegment, KeptSegments
 from .picture_store import COLOUR, PictureStore, StoredView
 from .reader import SegmentReader, is_kept
-from .run_context import NOTHING_KEPT, RunContext
+from .run_context import NOTHING_KEPT, RunContext, SolvedShot
 from .schedule import Observer, SegmentSchedule
 from .segment_stages import Around, TrackState
 from .segment_tasks import solve_task
@@ -145,16 +145,25 @@ def track(
                 pairs = view.frames.torn if isinstance(view, StoredView) else view.torn
                 frames += (segment[0] + 1 + np.flatnonzero(pairs)).tolist() if pairs is not None else []
             schedule.add(views)
-        state, done = schedule.finish()
+        views_as_given = [order.index(v) for v in range(len(order))]
+        kept_pictures = tuple(
+            {f - shot.frames[0]: image for f, image in albums[v].pictures.items()} for v in views_as_given
+        )
+
+        def solved(state: TrackState) -> None:
+            if run.solved is not None and pool.workers > 1:
+                offset = state.footage_offset(shot)
+                run.solved(pool, SolvedShot(kept_pictures, observed.of_views(views_as_given), offset))
+
+        state, done = schedule.finish(solved)
         passed = time.perf_counter() - started - seconds["footage"]
     seconds.add(_side_by_side(schedule.seconds, passed))
     report_progress(progress, "tracking", 1.0)
-    views_as_given = [order.index(v) for v in range(len(order))]
     tracked = _with_unknown_parts(_track_result(shot, state, done, observed, views_as_given), shot, observed)
     return replace(
         tracked,
         seconds=seconds,
-        pictures=tuple({f - shot.frames[0]: image for f, image in albums[v].pictures.items()} for v in views_as_given),
+        pictures=kept_pictures,
         observed=observed.of_views(views_as_given),
         torn=tuple(tuple(torn[v]) for v in views_as_given),
         rates=tuple(rates[v].result() for v in views_as_given),

@@ -5,9 +5,9 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
@@ -23,6 +23,30 @@ if TYPE_CHECKING:
 _STEPS_UP = 3  # footage further away than that is found by its absolute path
 
 
+def show_shot(shot: Shot, home: Path | str) -> bpy.types.Scene:
+    """Show a shot without motion in a new scene, for `write_blender_outputs`; that closes the open file.
+
+    Parameters
+    ----------
+    shot : Shot
+    home : path
+        The folder that shot.blend is going to be in: footage near it is named relative to it, from now on.
+
+    Raises
+    ------
+    OutputError
+        In an application with a user.
+    FootageError
+        Blender cannot read some footage.
+    """
+    scene = _fresh_scene()
+    scenes.build_scene(shot, scene=scene)
+    _open_on_footage(scene)
+    for item, path in _paths(Path(home).resolve()):
+        item.filepath = path
+    return scene
+
+
 def write_blender_outputs(
     shot: Shot,
     result: TrackResult,
@@ -32,6 +56,7 @@ def write_blender_outputs(
     home: Path | str | None = None,
     leave_out_unknown: bool = False,
     finish: Callable[[bpy.types.Scene], None] | None = None,
+    shown: bool = False,
 ) -> list[Path]:
     """Write NAME.bvh, NAME.fbx (NAME_PERFORMER.* for several performers) and shot.blend.
 
@@ -52,6 +77,8 @@ def write_blender_outputs(
         BVH and FBX have no bones of parts that nothing has shown.
     finish : callable, optional
         Called with the scene once it has the motion, before files are written.
+    shown : bool
+        The scene is that of `show_shot`, for this home.
 
     Returns
     -------
@@ -76,7 +103,8 @@ def write_blender_outputs(
     tracked_segments.remember_offset(scene, result)
     options = exporters.ExportOptions(leave_out_unknown=leave_out_unknown)
     paths = exporters.export_performers(scene, folder, options)
-    with exporters.writing(folder / "shot.blend") as target, _portable_paths(Path(home or folder).resolve()):
+    paths_from_home = nullcontext() if shown else _portable_paths(Path(home or folder).resolve())
+    with exporters.writing(folder / "shot.blend") as target, paths_from_home:
         bpy.ops.wm.save_as_mainfile(filepath=str(target), copy=True, check_existing=False, relative_remap=False)
     paths.append(folder / "shot.blend")
     return paths
@@ -101,6 +129,19 @@ def _open_on_footage(scene: bpy.types.Scene) -> None:
 @contextmanager
 def _portable_paths(folder: Path) -> Iterator[None]:
     """Paths as a file in that folder needs them, for the time of a save; the open file's own come back."""
+    new = _paths(folder)
+    before = [(item, item.filepath) for item, _ in new]
+    try:
+        for item, path in new:
+            item.filepath = path
+        yield
+    finally:
+        for item, path in before:
+            item.filepath = path
+
+
+def _paths(folder: Path) -> list[tuple[Any, str]]:
+    """All that is in files of its own, with the paths that a file in that folder needs for them."""
     data = bpy.data
     kinds = (
         data.movieclips,
@@ -111,14 +152,8 @@ def _portable_paths(folder: Path) -> Iterator[None]:
         data.cache_files,
         data.libraries,
     )
-    before = [(item, item.filepath) for kind in kinds for item in kind if _is_path(item.filepath)]
-    try:
-        for item, path in before:
-            item.filepath = _portable(bpy.path.abspath(path, library=item.library), folder)
-        yield
-    finally:
-        for item, path in before:
-            item.filepath = path
+    items = [item for kind in kinds for item in kind if _is_path(item.filepath)]
+    return [(item, _portable(bpy.path.abspath(item.filepath, library=item.library), folder)) for item in items]
 
 
 def _is_path(path: str) -> bool:

@@ -149,6 +149,30 @@ def test_shot_blend_and_footage_move_together(tmp_path):
     assert [clip.frame_duration for clip in bpy.data.movieclips] == [30, 30]
 
 
+def test_a_shot_that_blender_shows_before_it_is_tracked_is_written_the_same(tmp_path):
+    """What does not hang on the motion is built while the shot is tracked, with paths as their folder needs them."""
+    (tmp_path / "project" / "out").mkdir(parents=True)
+    original = shot(tmp_path / "project", ("man", "woman"))
+    stages = [tmp_path / "project" / "deep" / name for name in ("at once", "before")]
+    home = tmp_path / "project" / "out"
+    write_outputs(original, stages[0], home=home)
+    session = BatchSession()
+    try:
+        session.show_shot(original, home)
+        session.write_outputs(original, result_of(original), OutputRequest(stages[1], home, shown=True))
+    finally:
+        registration.unregister()
+    saved = []
+    for stage in stages:
+        assert (stage / "walk_man.bvh").read_bytes() == (stages[0] / "walk_man.bvh").read_bytes()
+        bpy.ops.wm.open_mainfile(filepath=str(stage / "shot.blend"))
+        saved.append(([clip.filepath for clip in bpy.data.movieclips], sorted(item.name for item in bpy.data.objects)))
+        shutil.move(stage / "shot.blend", home / "shot.blend")
+        bpy.ops.wm.open_mainfile(filepath=str(home / "shot.blend"))
+        assert [clip.frame_duration for clip in bpy.data.movieclips] == [30, 30]
+    assert saved[0] == saved[1]
+
+
 def test_far_footage_is_named_by_its_absolute_path(tmp_path):
     (tmp_path / "footage").mkdir()
     original = shot(tmp_path / "footage")

@@ -485,6 +485,39 @@ def test_a_blender_that_does_not_load_is_said_before_the_tracking(
     assert blender.closed
 
 
+def test_blender_is_started_before_the_libraries_are_loaded_and_once(folder: Path) -> None:
+    """Both take the better part of a second, on a core each."""
+    code = """
+import sys
+from kfmocap.cli import command_line
+from kfmocap.cli.services import Services
+
+class Blender:
+    def __init__(self): started.append("numpy" in sys.modules)
+    def check(self): raise SystemExit(0 if started == [False] else f"{started}")
+    def close(self): closed.append(True)
+
+started, closed = [], []
+try:
+    command_line.main(["track", sys.argv[1], "--out", sys.argv[2]], Services(start_blender=Blender))
+finally:
+    assert closed
+"""
+    arguments = [str(folder / "shot.toml"), str(folder / "out")]
+    subprocess.run([sys.executable, "-c", code, *arguments], check=True)
+
+
+def test_a_blender_that_is_missing_is_said_after_what_is_wrong_with_the_shot(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def missing() -> UnloadableBlender:
+        raise ImportError("No module named 'bpy'")
+
+    arguments = ["track", str(folder / "none.toml"), "--out", str(folder / "out")]
+    assert command_line.main(arguments, Services(start_blender=missing)) == 1
+    assert "none.toml" in capsys.readouterr().err
+
+
 def test_without_a_shot_file_outside_blender_one_is_asked_for(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
