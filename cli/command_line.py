@@ -66,7 +66,7 @@ def _blender_ahead(args: argparse.Namespace, services: Services) -> Iterator[Ser
     """Start Blender in its process where the command is going to write with it: the libraries that the command itself
     needs take as long to be loaded.
     """
-    if args.command != "track" or args.no_blender or services.start_blender is None:
+    if args.command not in ("track", "demo") or args.no_blender or services.start_blender is None:
         yield services
         return
     try:

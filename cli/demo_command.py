@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from contextlib import nullcontext
 from pathlib import Path
 
 from ..core.errors import FootageError
@@ -16,14 +17,19 @@ from ..core.shot.shot import Shot
 from ..core.tracking.prepare import load_shot
 from .example_footage import example_folder
 from .progress_bar import progress_bar
-from .services import Services
+from .services import BlenderWriter, Services
 from .track_command import run_track
 
 
 def run(args: argparse.Namespace, services: Services) -> int:
     """Track the example, write the results, print their distance from the reference; returns the exit code."""
     check_writable(args.out)
-    blender = None if args.no_blender else services.blender()
+    with nullcontext() if args.no_blender else services.blender_beside() as blender:
+        return _run(args, blender)
+
+
+def _run(args: argparse.Namespace, blender: BlenderWriter | None) -> int:
+    """Track the example with Blender, or without."""
     folder = _demo_folder()
     begin = time.perf_counter()
     shot = load_shot(folder / "shot.toml", solver=args.solver)

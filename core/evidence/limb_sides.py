@@ -18,9 +18,8 @@ from ..body import Part
 from ..cameras.camera import Camera
 from ..numerics.arrays import Bools
 from ..numerics.repeatable import transformed
-from ..runtime.shared_arrays import each_row
 from .label_images import NEAR
-from .view_frames import GradientImages
+from .view_frames import smoothed_slopes
 
 PLACES = np.array([0.2, 0.5, 0.8])
 """Where along its bone a part is looked at, as shares of the bone's length."""
@@ -123,10 +122,9 @@ class SlopeImages:
     def of(cls, camera: Camera, first: int, grey: NDArray[np.uint8], origin: tuple[int, int] = (0, 0)) -> SlopeImages:
         """Those of windows of frames of 8 bits (F, h, w) that begin at a pixel (u, v)."""
         slopes = np.empty((*grey.shape, 2), np.uint8)
-        for image, out in zip(each_row(grey), slopes, strict=True):
-            values = GradientImages.of(image[None], _SMOOTHING).values
-            rows = cv2.max(values.reshape(len(values), -1), -_ZERO / (255 * _SCALE))
-            out[:] = cv2.convertScaleAbs(rows, None, 255 * _SCALE, _ZERO).reshape(values.shape)[..., 1:]
+        for each, out in zip(smoothed_slopes(grey, _SMOOTHING), slopes, strict=True):
+            cut = (cv2.max(values, -_ZERO / (255 * _SCALE)) for values in each)
+            cv2.merge([cv2.convertScaleAbs(values, None, 255 * _SCALE, _ZERO) for values in cut], out)
         return cls(camera, first, slopes, origin)
 
     def steepest(

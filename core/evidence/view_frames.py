@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..cameras.camera import Camera
-from ..runtime.shared_arrays import looked_at
+from ..runtime.shared_arrays import each_row, looked_at
 from .part_colours import ColouredFrames, PartColours
 
 Image = NDArray[np.float32]
@@ -52,6 +52,24 @@ def _smoothed(image: NDArray[np.uint8], kernel: Image) -> Image:
     return np.rint(down, out=down)
 
 
+def _brightness_and_slopes(image: NDArray[np.uint8], kernel: Image) -> tuple[Image, Image, Image]:
+    """A picture of 8 bits smoothed, 0 to 1, and its derivatives by u and v per pixel."""
+    smooth = _smoothed(image, kernel)
+    du, dv = (cv2.Scharr(smooth, cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1)))
+    for values in (smooth, du, dv):  # while they are in the cache
+        np.multiply(values, np.float32(1 / _WHITE), out=values)
+    return smooth, np.asarray(du, np.float32), np.asarray(dv, np.float32)
+
+
+def smoothed_slopes(grey: NDArray[np.uint8], sigma: float) -> Iterator[tuple[Image, Image]]:
+    """The derivatives of pictures of 8 bits (n, h, w), smoothed by a Gaussian of `sigma` pixels, one after the other:
+    by u and v, of brightness 0 to 1 per pixel, (h, w) each.
+    """
+    kernel = _whole_gaussian(sigma)
+    for image in each_row(grey):
+        yield _brightness_and_slopes(image, kernel)[1:]
+
+
 @dataclass(frozen=True, eq=False)
 class GradientImages:
     """One window of n frames as the evidence needs it: brightness 0 to 1 and its derivatives per pixel.
@@ -76,10 +94,7 @@ class GradientImages:
         values = np.empty((*grey.shape, 3), np.float32)
         kernel = _whole_gaussian(sigma)
         for image, out in zip(grey, values, strict=True):
-            smooth = _smoothed(image, kernel)
-            du, dv = (cv2.Scharr(smooth, cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1)))
-            cv2.merge((smooth, du, dv), out)
-            out *= np.float32(1 / _WHITE)
+            cv2.merge(_brightness_and_slopes(image, kernel), out)
         return cls(values.reshape(-1, grey.shape[2], 3), len(grey), origin)
 
     @property

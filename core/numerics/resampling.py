@@ -22,6 +22,9 @@ def slerped(wxyz: Array, frames: Array, times: Array) -> Array:
     """Unit quaternions (w, x, y, z) at times (K,), between those (F, 4) of frames (F,): each way at a constant rate."""
     if len(frames) == 1:
         return np.repeat(wxyz / np.linalg.norm(wxyz), len(times), axis=0)
+    if np.array_equal(frames, times):
+        found = continuous_signs(wxyz / np.linalg.norm(wxyz, axis=1, keepdims=True))
+        return found if found[0] @ wxyz[0] >= 0 else -found
     xyzw = Slerp(frames, Rotation.from_quat(wxyz[:, [1, 2, 3, 0]]))(times).as_quat()
     found = continuous_signs(xyzw[:, [3, 0, 1, 2]])
     return found if found[0] @ wxyz[0] >= 0 else -found

@@ -46,3 +46,11 @@ def test_one_frame_alone_is_held() -> None:
     np.testing.assert_allclose(
         slerped(2 * quaternions([0.3]), np.array([4]), np.array([4, 4])), quaternions([0.3, 0.3])
     )
+
+
+def test_on_its_own_frames_a_curve_is_as_between_them() -> None:
+    given = -quaternions([0.1, 0.4, 0.9, 1.5])
+    given[2] *= -1
+    frames = np.arange(4.0)
+    found = slerped(given, frames, np.array([0, 1, 2, 2.5, 3]))
+    np.testing.assert_allclose(slerped(2 * given, frames, frames), found[[0, 1, 2, 4]], atol=1e-12)
