@@ -71,7 +71,7 @@ class BandedFactor:
         """
         F, D = self.free.shape
         columns = _column_blocks(self._factor, D)
-        inverse = np.stack([dtrtri(np.tril(block), lower=True)[0] for block in columns[:, :D]])
+        inverse = np.stack([dtrtri(block, lower=True)[0] for block in np.tril(columns[:, :D])])
         own, below = np.swapaxes(inverse, 1, 2) @ inverse, columns[:, D:] @ inverse
         found, first, second = np.zeros((3, F, D, D))
         ahead = np.zeros((2 * D, 2 * D))  # the inverse on the next two frames
