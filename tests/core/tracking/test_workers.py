@@ -22,7 +22,7 @@ from kfmocap.core.shot.shot import Shot, View
 from kfmocap.core.tracking import reader, tracker
 from kfmocap.core.tracking.prepare import prepare_shot
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts
-from kfmocap.core.tracking.run_context import RunContext
+from kfmocap.core.tracking.run_context import RunContext, SolvedShot
 from kfmocap.core.tracking.track_result import TrackResult
 from synthetic import figure, film, look_at, shot_of, swing
 
@@ -42,6 +42,9 @@ def tracked_by(workers: int, shot: Shot, monkeypatch: pytest.MonkeyPatch) -> Tra
     return tracker.track(replace(shot, settings=replace(shot.settings, threads=workers)))
 
 
+make = tracker._track_result
+
+
 def same(one: Motion, other: Motion) -> bool:
     return np.array_equal(one.translations, other.translations) and np.array_equal(one.rotations, other.rotations)
 
@@ -56,6 +59,29 @@ def test_one_and_two_processes_find_the_same_motion_to_the_last_bit(
     assert alone.footage_offset == together.footage_offset
     assert [s.energy for s in alone.segments] == [s.energy for s in together.segments]
     assert not list(tmp_path.iterdir())  # the frames that the processes shared are gone
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_what_is_known_once_all_is_solved_is_handed_out_before_all_is_refined(
+    workers: int, filmed: Shot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With more than one worker; it is what the result says at last."""
+    monkeypatch.setattr(tracker, "WORTH_PROCESSES", 0)
+    shot = replace(filmed, settings=replace(filmed.settings, threads=workers))
+    found: list[SolvedShot] = []
+    refined: list[int] = []
+
+    def solved(pool: WorkerPool, known: SolvedShot) -> None:
+        assert pool.workers == workers and not refined
+        found.append(known)
+
+    monkeypatch.setattr(tracker, "_track_result", lambda *args: refined.append(1) or make(*args))
+    result = tracker.track(shot, pictures=[0, 8], run=RunContext(solved=solved))
+    assert len(found) == (workers > 1)
+    for known in found:
+        assert known.footage_offset == result.footage_offset
+        assert [sorted(view) for view in known.pictures] == [[0, 8]] * len(shot.views)
+        assert known.pictures is result.pictures
 
 
 def test_a_worker_that_is_killed_ends_the_tracking_with_a_message(
