@@ -16,7 +16,7 @@ from ..shot.footage import probe
 from ..shot.footage_times import video_rate
 from .calibration_result import CalibrationResult
 from .clocks import Clocks
-from .findings import LFRAME_NOT_SEEN, Finding, lframe_missed, rate_varies
+from .findings import LFRAME_NOT_SEEN, Finding, interlaced, lframe_missed, rate_varies
 from .remeasure import remeasured
 from .resync import known_camera, synchronise
 from .video_markers import VideoMarkers, find_all, find_wand
@@ -50,24 +50,26 @@ def calibrate(
         return solve_capture(source, progress, drift=drift)
     found = find_all(source, share(progress, 0.0, _SEEING))
     middle = (_SEEING + _MEASURED) / 2
-    uneven = list(_uneven(found))
-    first = _first(found, uneven, share(progress, _SEEING, middle), drift=drift)
+    doubtful = list(_doubtful(found))
+    first = _first(found, doubtful, share(progress, _SEEING, middle), drift=drift)
     found = remeasured(found.told_lframes(first), first, share(progress, middle, _MEASURED))
     solution = solve_capture(found.capture(first.cameras), share(progress, _MEASURED, 1.0), drift=drift)
     missed = tuple(lframe_missed(camera) for camera in found.without_lframe())
-    return replace(solution, findings=(*solution.findings, *uneven, *missed))
+    return replace(solution, findings=(*solution.findings, *doubtful, *missed))
 
 
-def _uneven(found: VideoMarkers) -> Iterator[Finding]:
-    """Videos of the wand whose frame rate varies."""
+def _doubtful(found: VideoMarkers) -> Iterator[Finding]:
+    """Videos of the wand whose frames are not pictures of single moments at a constant rate."""
     for view in found.views:
         rate = video_rate(view.videos.wand, view.footage.count)
         if rate is not None and rate.varies:
             yield rate_varies(view.videos.camera, rate)
+        if view.wand.woven:
+            yield interlaced(view.videos.camera)
 
 
 def _first(
-    found: VideoMarkers, uneven: Sequence[Finding], progress: Progress | None, *, drift: bool
+    found: VideoMarkers, doubtful: Sequence[Finding], progress: Progress | None, *, drift: bool
 ) -> CalibrationResult:
     """A solution from what was found; where there is none, the error says what in the videos may be the reason."""
     try:
@@ -75,8 +77,8 @@ def _first(
     except CaptureError as error:
         if error.name == LFRAME_NOT_SEEN and found.unidentified is not None:
             raise found.unidentified from error
-        if uneven:
-            raise uneven[0].error() from error
+        if doubtful:
+            raise doubtful[0].error() from error
         raise
 
 

@@ -185,6 +185,13 @@ def rate_varies(camera: str, rate: FootageRate) -> Finding:
     return Finding("frame-rate-varies", what, todo, camera)
 
 
+def interlaced(camera: str) -> Finding:
+    """A camera's video of the wand is interlaced."""
+    what = "its video of the wand is interlaced: on each frame, what moves is in two places"
+    todo = "separate its fields, as with: ffmpeg -i FOOTAGE -vf bwdif=mode=send_field -crf 14 CONVERTED.mp4"
+    return Finding("interlaced", what, todo, camera)
+
+
 def offset_vague(camera: str, sigma: float) -> Finding:
     """The time offset of a camera is uncertain."""
     what = f"its time offset is known only to {sigma:.2f} frames"

@@ -20,6 +20,7 @@ from ..numerics.arrays import Array
 from .ball_detection import Balls, Picture, background_of, find_balls, without_rods
 from .passing_balls import Backdrop, BallSample, PassingBalls, PassingFrame
 from .small_balls import LARGEST_SMALL
+from .woven_fields import is_woven
 
 Image = NDArray[Any]
 
@@ -85,21 +86,25 @@ class WandLooks:
         The same with the footage's noise.
     passing : tuple of PassingBalls or None
         For each colour, where enough balls were seen clearly to learn from.
+    woven : bool
+        Whether the video is interlaced.
     """
 
     background: Image
     backdrop: Backdrop
     passing: tuple[PassingBalls | None, ...]
+    woven: bool = False
 
     @classmethod
     def learned(cls, images: Sequence[Image], colours: Sequence[Colour]) -> WandLooks:
         """From frames from all over the video."""
-        background = background_of(images)
+        plate = np.median(images, axis=0).astype(np.uint8)
+        background = background_of([plate])
         pictures = [Picture.of(image, background) for image in images]
         backdrop = Backdrop.of([picture.even for picture in pictures], background)
         samples = [[ball for picture in pictures for ball in _samples(picture, colour)] for colour in colours]
         passing = (PassingBalls.learned(backdrop, [b for b in own if backdrop.passes(b)]) for own in samples)
-        return cls(background, backdrop, tuple(passing))
+        return cls(background, backdrop, tuple(passing), is_woven(images, plate))
 
 
 def _samples(picture: Picture, colour: Colour) -> Iterator[BallSample]:

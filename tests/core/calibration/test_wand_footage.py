@@ -135,3 +135,15 @@ def test_where_nothing_fits_a_frame_rate_that_varies_is_named(sightings, monkeyp
     monkeypatch.setattr(api, "video_rate", lambda path, _: FootageRate(29.2, 3.1 if "cam02" in path.name else 0.2, 41))
     with pytest.raises(CaptureError, match=r"cam02.*frame-rate-varies: .*frame 41 .*3\.1 frames.*ffmpeg.*fps=29\.2"):
         api.calibrate(sightings.videos)
+
+
+def test_where_nothing_fits_interlaced_video_is_named(sightings, monkeypatch):
+    def refuse(*_, **__):
+        raise CaptureError("no set of cameras was found", name="no-solution")
+
+    first, *others = sightings.views
+    woven = replace(sightings, views=(replace(first, wand=replace(first.wand, woven=True)), *others))
+    monkeypatch.setattr(api, "find_all", lambda *_: woven)
+    monkeypatch.setattr(api, "solve_capture", refuse)
+    with pytest.raises(CaptureError, match=r"cam01: interlaced: .*two places.*ffmpeg.*send_field"):
+        api.calibrate(sightings.videos)

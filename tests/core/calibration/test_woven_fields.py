@@ -1,0 +1,43 @@
+"""Interlaced videos of a wand are told from others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from kfmocap.core.calibration.ball_detection import background_of
+from kfmocap.core.calibration.woven_fields import is_woven
+from render.drawing import Canvas
+from render.waving import HARDSHIPS, SensorNoise, drawn_take
+
+TAKE = replace(drawn_take(3, HARDSHIPS["usual"]), distractors=True)
+CAMERA = TAKE.cameras[0]
+CANVAS = Canvas(CAMERA)
+
+
+def pictures(fields: int, speed: float) -> list[np.ndarray]:
+    """Frames as Motion JPEG keeps them, whole or woven of two fields, of somebody who waves a wand."""
+    take, sensor, images = replace(TAKE, speed=speed), SensorNoise(CAMERA.size, 1), []
+    for k in range(8):
+        parts = []
+        for field in range(fields):
+            moments = k / 2 + (field + np.linspace(0.05, 0.95, 6)) / (30 * fields)
+            parts.append(sensor.record(CANVAS.drawn(take.wand_things(moments))))
+        image = parts[0].copy()
+        image[1::2] = parts[-1][1::2]
+        images.append(cv2.imdecode(cv2.imencode(".jpg", image)[1], cv2.IMREAD_COLOR))
+    return images
+
+
+@pytest.mark.parametrize("speed", [1.0, 1.8])
+def test_fields_that_are_woven_are_seen_where_something_moves(speed):
+    for fields, woven in ((1, False), (2, True)):
+        images = pictures(fields, speed)
+        assert is_woven(images, background_of(images)) == woven
+
+
+def test_a_room_in_which_nothing_moves_says_nothing():
+    images = [SensorNoise(CAMERA.size, seed).record(CANVAS.drawn([])) for seed in range(5)]
+    assert not is_woven(images, background_of(images))
