@@ -144,6 +144,11 @@ def _central() -> frozenset[str]:
     return frozenset(["root", "hips", "spine", "neck", "head"])
 
 
+def side_of_bone(name: str) -> str:
+    """The side (L, R or nothing) that a bone's name tells, however the rig writes it."""
+    return _side_and_word(name)[0]
+
+
 def _side_and_word(name: str) -> tuple[str, str]:
     """Side (L, R or nothing) and the rest of a name in small letters without separators."""
     plain = _NAMESPACE.sub("", name)

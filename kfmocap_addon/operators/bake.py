@@ -3,7 +3,7 @@
 import bpy
 
 from ..scene_io import active_performer
-from .conditions import Conditional, has_performer
+from .conditions import Conditional, has_performer, has_tracked
 from .reporting import reported
 
 
@@ -13,7 +13,7 @@ class Bake(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.bake"
     bl_label = "Bake"
-    conditions = (has_performer,)
+    conditions = (has_performer, has_tracked)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..scene_io import motion_curves

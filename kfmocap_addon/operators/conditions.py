@@ -100,6 +100,14 @@ def has_performer(context: bpy.types.Context) -> str:
     return ""
 
 
+def has_tracked(context: bpy.types.Context) -> str:
+    """The tracker has written keys of some performer."""
+    from ..scene_io import tracked_keys
+
+    written = any(tracked_keys.is_recorded(slot.armature) for slot in context.scene.kfmocap.performers)
+    return "" if written else "Nothing is tracked yet: use Track All"
+
+
 def in_object_mode(context: bpy.types.Context) -> str:
     """Objects can be added."""
     return "" if context.mode == "OBJECT" else "Go to object mode first"

@@ -45,7 +45,9 @@ class FitBody(Conditional, JobOperator, bpy.types.Operator):
             if self.adjust_poses:
                 key_pose_curves.write_key_poses(slot.armature, KeyPoses.whole(result.frames, poses), shot.frame_start)
             change = f"{abs(growth):.0%} {'larger' if growth > 0 else 'smaller'}"
-            self.report({"INFO"}, f"{slot.name}: fitted to {len(result.frames)} key poses; {change} than before")
+            count = len(result.frames)
+            keys = f"{count} key pose{'s' if count > 1 else ''}"
+            self.report({"INFO"}, f"{slot.name}: fitted to {keys}; {change} than before")
 
 
 CLASSES = (FitBody,)

@@ -25,12 +25,18 @@ class LookThrough(Conditional, bpy.types.Operator):
         return _ended(context)
 
 
+def _has_other_view(context: bpy.types.Context) -> str:
+    shot = context.scene.kfmocap
+    others = any(view.camera is not None for i, view in enumerate(shot.views) if i != shot.shown_view)
+    return "" if others else "There is no other view to look through"
+
+
 class StepView(Conditional, bpy.types.Operator):
     """Look through the next view's camera, or the one before"""
 
     bl_idname = "kfmocap.step_view"
     bl_label = "Next View"
-    conditions = (has_views,)
+    conditions = (has_views, _has_other_view)
     while_placing = True
 
     step: bpy.props.IntProperty(default=1, name="Step", description="1: the next view; -1: the one before")

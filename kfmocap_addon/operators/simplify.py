@@ -3,7 +3,7 @@
 import bpy
 
 from ..scene_io import active_performer
-from .conditions import Conditional, has_performer
+from .conditions import Conditional, has_performer, has_tracked
 from .reporting import reported
 
 
@@ -13,7 +13,7 @@ class Simplify(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.simplify"
     bl_label = "Simplify"
-    conditions = (has_performer,)
+    conditions = (has_performer, has_tracked)
 
     angle: bpy.props.FloatProperty(
         default=0.0174533,

@@ -9,7 +9,7 @@ import bpy
 
 from ...core.runtime.worker_process import Work
 from ..scene_io import active_performer, unfinished_tracking
-from .conditions import Condition, Conditional, has_footage, has_shot
+from .conditions import Condition, Conditional, has_footage, has_shot, has_tracked
 from .job_operator import JobOperator
 from .reporting import reported
 
@@ -230,7 +230,7 @@ class ClearBetween(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.clear_between"
     bl_label = "Clear Between"
-    conditions: tuple[Condition, ...] = (has_shot,)
+    conditions: tuple[Condition, ...] = (has_shot, has_tracked)
 
     where: bpy.props.EnumProperty(
         items=[

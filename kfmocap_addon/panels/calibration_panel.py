@@ -68,6 +68,7 @@ class CapturePanel(SectionPart, bpy.types.Panel):
         buttons.operator(RemoveVideos.bl_idname, text="", icon="REMOVE")
         if capture.active < len(capture.views):
             _draw_view(layout, capture.views[capture.active])
+        layout.use_property_split, layout.use_property_decorate = True, False
         layout.prop(capture, "report")
 
 
@@ -121,7 +122,7 @@ def _draw_colour(layout: bpy.types.UILayout, capture: bpy.types.PropertyGroup, s
     if picked:
         swatch = row.row()
         swatch.enabled = False
-        swatch.prop(colour, "swatch", text=which)
+        swatch.prop(colour, "swatch", text=f"{slot.capitalize()} Ball" if several else which)  # a short one fits
     row.operator(PickColour.bl_idname, text="" if picked else f"Pick {which}", icon="EYEDROPPER").slot = slot
 
 

@@ -158,6 +158,8 @@ def _draw_advice(
             column.operator(GoToFrame.bl_idname, text="To the First Frame", icon="REW").frame = scene.frame_start
     elif not own:
         draw_text(column, context, "Proposals only: correct them, then accept them, or just track", "INFO")
+    elif len(own) < len(rows):
+        draw_text(column, context, "Proposals are left: accept or refuse them, or just track", "INFO")
     elif len(own) == 1:
         far = scene.frame_end if own[0] - scene.frame_start < scene.frame_end - own[0] else scene.frame_start
         draw_text(column, context, "One key pose: a second at the other end helps the tracker most", "INFO")

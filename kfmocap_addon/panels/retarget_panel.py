@@ -5,6 +5,7 @@ import bpy
 from ..operators.hand_shape import FingersFromKeypoints, HandShape
 from ..operators.retarget_bones import FindBones, ForgetBones, LoadBoneMap, SaveBoneMap
 from ..operators.send_to_rig import SendToRig, StopFollowing
+from ..scene_io import active_performer
 from .section import Section
 
 
@@ -38,6 +39,9 @@ class RetargetPanel(Section, bpy.types.Panel):
         layout, settings = self.layout, context.scene.kfmocap.retarget
         layout.use_property_split, layout.use_property_decorate = True, False
         layout.prop(settings, "source")
+        slot = active_performer.chosen(context)
+        if settings.source is None and slot is not None:
+            layout.label(text=f"The motion of {slot.name} is sent", icon="ARMATURE_DATA")
         layout.prop(settings, "target")
         layout.prop(settings, "preset")
         row = layout.row(align=True)

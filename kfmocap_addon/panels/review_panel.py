@@ -35,7 +35,8 @@ class ReviewPanel(Section, bpy.types.Panel):
             _draw_lost(column, context, slot)
             _draw_helpful(column, slot)
             _draw_suggestions(column, slot)
-        _draw_plants(layout.column(align=True), context)
+        if active_performer.chosen(context) in tracked:
+            _draw_plants(layout.column(align=True), context)
 
 
 def _draw_hidden(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup) -> None:
@@ -102,8 +103,6 @@ def _draw_suggestions(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup)
 def _draw_plants(column: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """When the feet of the chosen performer are planted: a bar for each point, with buttons to change it."""
     slot, properties = active_performer.chosen(context), context.scene.kfmocap
-    if slot is None:
-        return
     row = column.row(align=True)
     row.label(text=f"{slot.name}: feet on the ground")
     row.prop(properties, "show_plants", text="", icon="ACTION")

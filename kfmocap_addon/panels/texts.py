@@ -5,7 +5,8 @@ from __future__ import annotations
 import blf
 import bpy
 
-_BESIDE = 70  # of a line's width: what panels and icons take, in units of the interface
+_BESIDE = 70  # of a line's width: what panels take, in units of the interface
+_ICON = 18  # what an icon takes of it
 _USUAL = 230  # width of a sidebar where there is none to ask
 
 
@@ -13,7 +14,10 @@ def draw_text(layout: bpy.types.UILayout, context: bpy.types.Context, text: str,
     """Draw a text in as many lines as the sidebar's width asks for; the icon is before the first."""
     column = layout.column(align=True)
     column.scale_y = 0.85
-    for number, line in enumerate(lines(text, _width(context))):
+    room = _width(context)
+    if icon != "NONE":
+        room -= _ICON * (context.preferences.system.ui_scale or 1.0)
+    for number, line in enumerate(lines(text, room)):
         column.label(text=line, icon=icon if number == 0 else "BLANK1" if icon != "NONE" else "NONE")
 
 

@@ -25,9 +25,13 @@ PERFORMERS: tuple[tuple[float, float, float], ...] = (
 
 
 def side_of(name: str) -> str:
-    """The letter of the side that a landmark ("LWrist") or a bone ("hand.L") is on; empty for the middle."""
-    letter = name[0] if name[1:2].isupper() else name[-1] if name[-2:-1] in (".", "_") else ""
-    return letter if letter in SIDES else ""
+    """The letter of the side that a landmark ("LWrist") or a bone ("hand.L", "mixamorig:LeftHand") is on; empty for the
+    middle.
+    """
+    from ...core.retargeting.bone_matching import side_of_bone  # it loads NumPy, which Blender's start shall not
+
+    is_landmark = name[:1] in SIDES and name[1:2].isupper() and not name[2:3].isupper()
+    return name[0] if is_landmark else side_of_bone(name)
 
 
 def colour_of(name: str, middle: Sequence[float] = PERFORMERS[0]) -> Colour:

@@ -57,6 +57,12 @@ class Written:
         return Written(start, merged)
 
 
+def is_recorded(owner: bpy.types.Object | None) -> bool:
+    """Whether there is a record for some slot of the object's action."""
+    data = owner.animation_data if owner is not None else None
+    return data is not None and data.action is not None and PROPERTY in data.action
+
+
 def load(owner: bpy.types.Object) -> Written:
     """The record for the object's action and slot; empty where the tracker wrote nothing yet."""
     action, slot = owner.animation_data.action, owner.animation_data.action_slot

@@ -237,6 +237,7 @@ def test_each_ball_has_its_own_button_to_pick_a_colour(blender, one_colour, pick
         capture.colour(slot).hue = (0.1, 0.2)
     layout = Labels()
     calibration_panel.BallsPanel.draw(SimpleNamespace(layout=layout), bpy.context)
-    wanted = ["Colour", "Colour"] if one_colour else ["Colour", "First Colour", "Second Colour"]
-    prefix = "" if picked else "Pick "
-    assert [text for text in layout.said if text.endswith("Colour")] == [prefix + name for name in wanted]
+    balls = ["First Ball", "Second Ball"] if picked else ["Pick First Colour", "Pick Second Colour"]
+    one = ["Colour" if picked else "Pick Colour"]
+    wanted = one + (one if one_colour else balls)
+    assert [text for text in layout.said if text.endswith(("Colour", "Ball"))] == wanted

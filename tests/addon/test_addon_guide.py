@@ -14,7 +14,7 @@ from kfmocap.core.shot.shot import KeyPoses  # noqa: E402
 from kfmocap.kfmocap_addon import panels  # noqa: E402
 from kfmocap.kfmocap_addon.operators.open_section import SECTIONS, sections_of  # noqa: E402
 from kfmocap.kfmocap_addon.operators.track_motion import TrackAll  # noqa: E402
-from kfmocap.kfmocap_addon.panels import guide, key_list, texts  # noqa: E402
+from kfmocap.kfmocap_addon.panels import guide, key_list, key_poses_panel, texts  # noqa: E402
 from kfmocap.kfmocap_addon.panels.section import Section  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import motion_curves  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene as scenes  # noqa: E402
@@ -82,6 +82,31 @@ def test_proposals_wait_to_be_accepted_or_refused_until_the_shot_is_tracked(tmp_
     else:
         bpy.ops.kfmocap.refuse_proposal(frame=second)
         assert step() == "track"
+
+
+def test_while_proposals_are_left_nobody_is_sent_to_the_other_end(tmp_path, monkeypatch):
+    original = shot(tmp_path)
+    [man] = original.performers
+    keys = KeyPoses.proposed(man.key_poses.frames, man.key_poses.poses)
+    built = scenes.build_scene(replace(original, performers=(replace(man, key_poses=keys),)), scene=bpy.context.scene)
+    [slot] = built.kfmocap.performers
+    said = []
+    monkeypatch.setattr(key_poses_panel, "draw_text", lambda _layout, _context, text, _icon: said.append(text))
+    button = SimpleNamespace(operator=lambda *_, **__: SimpleNamespace())
+    layout = SimpleNamespace(column=lambda align: button)
+
+    def advised():
+        step()
+        key_poses_panel._draw_advice(layout, bpy.context, slot, key_list.CACHE.entries(slot.armature))
+        return said.pop()
+
+    first, second, last = (built.kfmocap.frame_start + int(frame) for frame in keys.frames)
+    assert advised().startswith("Proposals only")
+    bpy.ops.kfmocap.accept_proposals(frame=first)
+    assert advised().startswith("Proposals are left")
+    for frame in (second, last):
+        bpy.ops.kfmocap.refuse_proposal(frame=frame)
+    assert advised().startswith("One key pose")
 
 
 def test_a_second_performer_folds_everything_but_its_key_poses(tmp_path, tracker):  # noqa: F811
@@ -164,6 +189,29 @@ def test_no_tool_has_two_buttons_of_the_same_meaning(tmp_path, tracker, misfit):
     names = [name.removeprefix("kfmocap.") for name in layout.tools]
     assert len(names) > 40
     assert {name for name in names if names.count(name) > 1} - several == set()
+
+
+def test_tools_that_could_do_nothing_are_disabled(blender, tmp_path, tracker):  # noqa: F811
+    """Of one camera there is no next view, and before tracking there is nothing to clear."""
+    scenes.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    bpy.ops.kfmocap.look_through(view=0)
+    assert bpy.ops.kfmocap.step_view.poll() and not bpy.ops.kfmocap.clear_between.poll()
+    bpy.ops.kfmocap.track()
+    assert bpy.ops.kfmocap.clear_between.poll()
+    bpy.ops.kfmocap.remove_view(view=1)
+    assert not bpy.ops.kfmocap.step_view.poll()
+
+
+def test_lines_beside_an_icon_have_less_room(monkeypatch):
+    monkeypatch.setattr(texts, "_drawn_width", lambda text: 8.0 * len(text))
+    drawn = {"NONE": [], "INFO": []}
+    for icon, found in drawn.items():
+        layout = SimpleNamespace(
+            column=lambda align, found=found: SimpleNamespace(label=lambda text, icon: found.append(text))
+        )
+        texts.draw_text(layout, bpy.context, "x " * 60, icon)
+    longest = {icon: max(map(len, found)) for icon, found in drawn.items()}
+    assert longest["INFO"] < longest["NONE"]
 
 
 def test_long_texts_are_broken_between_words(monkeypatch):

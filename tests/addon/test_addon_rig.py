@@ -11,7 +11,7 @@ from addon_shots import blender, joint_error, motion  # noqa: E402, F401
 from kfmocap.core.body import human, part_poses  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import body_armature, motion_curves  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import body_armature, motion_curves, sides  # noqa: E402
 from mathutils import Matrix  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
@@ -83,10 +83,22 @@ def test_parts_cannot_be_picked_and_are_drawn_as_wire_in_front(armature, body):
     assert len(armature.children) == len(body)
     for child in armature.children:
         assert child.hide_select and child.show_in_front and child.display_type == "WIRE"
-    sides = {bone.name: {c.name for c in bone.collections} for bone in armature.data.bones}
-    assert sides["hand.L"] == {"Left"} and sides["hand.R"] == {"Right"} and sides["head"] == {"Middle"}
+    groups = {bone.name: {c.name for c in bone.collections} for bone in armature.data.bones}
+    assert groups["hand.L"] == {"Left"} and groups["hand.R"] == {"Right"} and groups["head"] == {"Middle"}
     left, right = (armature.data.bones[f"hand.{side}"].color for side in "LR")
     assert left.palette == "CUSTOM" and left.custom.normal[2] > 0.9 > 0.5 > right.custom.normal[2]
+
+
+@pytest.mark.parametrize(
+    ("side", "names"),
+    [
+        ("L", ["hand.L", "LWrist", "mixamorig:LeftHand", "upperarm_l", "Bip01 L Thigh"]),
+        ("R", ["hand.R", "RBigToe", "mixamorig:RightUpLeg", "calf_r", "J_Bip_R_Foot"]),
+        ("", ["head", "ROOT", "RIG-spine", "mixamorig:Hips", "LOWER_BODY"]),
+    ],
+)
+def test_sides_are_known_of_landmarks_and_of_the_bones_of_any_rig(side, names):
+    assert [sides.side_of(name) for name in names] == [side] * len(names)
 
 
 def test_an_armature_that_cannot_be_a_body_is_refused_by_name(armature):

@@ -146,10 +146,13 @@ def test_some_bones_are_baked_alone(armature):
 
 def test_the_tools_say_what_is_left_or_missing(blender, tmp_path):  # noqa: F811
     built = scene.build_scene(smooth_shot(tmp_path), scene=bpy.context.scene)
-    assert bpy.ops.kfmocap.bake() == {"CANCELLED"} and bpy.ops.kfmocap.simplify() == {"CANCELLED"}
+    for tool in (bpy.ops.kfmocap.bake, bpy.ops.kfmocap.simplify):
+        with pytest.raises(RuntimeError, match="Nothing is tracked yet"):
+            tool()
     scene.write_motions(built, [smooth_motion()])
     assert bpy.ops.kfmocap.simplify(angle=np.radians(1), distance=2) == {"FINISHED"}
     assert bpy.ops.kfmocap.bake() == {"FINISHED"}
+    assert bpy.ops.kfmocap.bake() == {"CANCELLED"} and bpy.ops.kfmocap.simplify() == {"CANCELLED"}
 
 
 def test_undo_takes_both_back(blender, tmp_path):  # noqa: F811

@@ -60,6 +60,11 @@ def test_the_panel_and_the_colours_tell_it(blender, tmp_path):  # noqa: F811
     panels.review_panel.ReviewPanel.draw_content(SimpleNamespace(layout=layout), bpy.context)
     assert labels[:5] == ["man: nothing shows", "thigh.L", "shin.L", "foot.L", "foot.R"]
     assert labels[5] == "man: every other part is seen"
+    assert "man: feet on the ground" in labels
+    labels.clear()
+    bpy.ops.kfmocap.add_body()  # and chosen, but not tracked
+    panels.review_panel.ReviewPanel.draw_content(SimpleNamespace(layout=layout), bpy.context)
+    assert labels and not any("feet on the ground" in text for text in labels)
     built.kfmocap.show_confidence = True
     bpy.context.view_layer.update()
     colours = {name: tuple(armature.pose.bones[name].color.custom.normal) for name in ("shin.L", "shin.R")}
