@@ -256,7 +256,12 @@ def _reported(path: Path) -> Iterator[None]:
 
 
 def _unwritable(path: Path, error: OSError | ValueError) -> OutputError:
-    return OutputError(f"cannot be written: {getattr(error, 'strerror', None) or error}", where=str(path))
+    what = getattr(error, "strerror", None) or str(error)
+    # Files that are read may vanish meanwhile.
+    other = getattr(error, "filename", None)
+    if isinstance(other, str) and not in_workplace(Path(other)) and not Path(other).is_relative_to(path):
+        what = f"{what}: {other}"
+    return OutputError(f"cannot be written: {what}", where=str(path))
 
 
 def _flush(path: Path) -> None:

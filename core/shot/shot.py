@@ -12,12 +12,14 @@ from ..body import Body, human
 from ..body.motion import Motion, stacked
 from ..body.unknown_parts import resting_parts
 from ..cameras.camera import Camera
-from ..errors import ShotError
+from ..errors import ShotError, shortened
 from .holds import Hold, holds_between, with_grips
 
 FIELD_ORDERS = ("progressive", "top-first", "bottom-first")
 SOLVERS = ("gauss-newton", "relaxation")
 BROKEN_KEYPOINTS = ("refuse", "skip")
+MOST_THREADS = 256
+"""OpenCV starts as many for each video as it is told to."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,8 +264,9 @@ class Settings:
             raise ShotError(f"it is {offset!r}", where="[track] footage_offset", todo="give -0.5 to 0.5 frames")
         if self.search_seed < 0:
             raise ShotError(f"it is {self.search_seed!r}", where="[track] search_seed", todo="give 0 or more")
-        if self.threads is not None and self.threads < 1:
-            raise ShotError(f"it is {self.threads!r}", where="[track] threads", todo="give 1 or more")
+        if self.threads is not None and not 1 <= self.threads <= MOST_THREADS:
+            todo = f"give 1 to {MOST_THREADS}"
+            raise ShotError(shortened(f"it is {self.threads!r}", 60), where="[track] threads", todo=todo)
         for item in fields(self):
             value = getattr(self, item.name)
             if item.name in _NOT_NUMBERS or (value is None and item.name in _LEFT_TO_THE_SHOT):

@@ -218,6 +218,7 @@ BAD = [
     ("[track]", '[[performer]]\nname = "Man"\n[track]', "'Man' and 'man' differ in capitals alone"),
     ('solver = "relaxation"', 'broken_keypoints = "keep"', r"\[track\] broken_keypoints: unknown value 'keep'.*skip"),
     ('solver = "relaxation"', "threads = 0", r"\[track\] threads: it is 0"),
+    ('solver = "relaxation"', "threads = 100000", r"\[track\] threads: it is 100000 .*1 to 256"),
     ("[calibration]", "[calibration", r"shot\.toml: is not a TOML file.*line"),
 ]
 

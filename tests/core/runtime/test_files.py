@@ -255,3 +255,11 @@ def test_files_beside_a_workplace_that_is_gone_are_removed(tmp_path: Path) -> No
         assert beside.exists()
         temporary.touch()
     assert not (tmp_path / ".kfmocap-gone.blend").exists()
+
+
+def test_a_file_that_vanishes_while_results_are_made_is_named(tmp_path: Path) -> None:
+    with (
+        pytest.raises(OutputError, match=r"out: cannot be written: No such file or directory: .*input\.mp4"),
+        staged(tmp_path / "out"),
+    ):
+        (tmp_path / "input.mp4").read_bytes()
