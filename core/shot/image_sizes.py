@@ -8,7 +8,7 @@ PNG, JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8"
 _JPEG_SIZES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # markers of the frame headers that hold the size
 _TIFF_SIDES = 256, 257  # tags of its width and height
 _TIFF_TYPES = {3: "H", 4: "I", 16: "Q"}  # of whole numbers
-_PIXELS_OF_A_BYTE, _SMALL = 64, 1 << 20
+_PIXELS_OF_A_BYTE, _SMALL = 32, 1 << 20
 
 
 def image_size(data: bytes) -> tuple[int, int] | None:
@@ -46,7 +46,8 @@ def image_size(data: bytes) -> tuple[int, int] | None:
 def is_out_of_proportion(size: tuple[int, int], length: int) -> bool:
     """Whether an image claims more pixels than one has that is stored in so many bytes.
 
-    The most that are let through for a file below 1 MB take 200 MB of memory; footage of 8K has half as many.
+    Below 1 MB those of 8K are let through, which take 100 MB of memory; no picture of a camera is stored in less than a
+    quarter of a bit a pixel.
     """
     return size[0] * size[1] > _PIXELS_OF_A_BYTE * max(length, _SMALL)
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from conftest import ROOT
 from kfmocap.core.body import human, landmark_positions
@@ -27,6 +28,7 @@ from kfmocap.core.formats.obj_vertices import read_obj_vertices
 from kfmocap.core.formats.shot_toml import read_shot_spec
 from kfmocap.core.formats.trc import read_trc, write_trc
 from kfmocap.core.formats.wand_toml import load_wand
+from kfmocap.core.shot.image_sequences import read_image
 
 NASTY = [
     *("0", "-1", "1e300", "-1e999", "nan", "inf", "9" * 400, "9" * 5000, "2147483648", "1e9", "0x7fffffff", "1_0"),
@@ -160,6 +162,9 @@ def samples(folder: Path) -> dict[str, Sample]:
     found["bvh"] = Sample("b.bvh", BVH.encode(), read_bvh)
     c3d = (ROOT / "tests" / "data" / "landmarks" / "three_points.c3d").read_bytes()
     found["c3d"] = Sample("b.c3d", c3d, read_c3d)
+    picture = np.random.default_rng(0).integers(0, 255, (24, 40, 3), np.uint8)
+    for ending in (".png", ".jpg", ".bmp", ".tif", ".webp"):
+        found[ending] = Sample(f"image{ending}", cv2.imencode(ending, picture)[1].tobytes(), read_image)
     for name, document in keypoint_documents().items():
         found[name] = Sample("pose_12.json", json.dumps(document).encode(), read_view_keypoints)
     return found
