@@ -29,6 +29,7 @@ NEAR = 0.05
 _SHIFT = 4  # fractional bits of the outlines given to OpenCV
 _FARTHEST = 1 << 20
 _TOUCHING = 1e-6  # metres
+_APART = 8  # between groups whose elements are sorted by angles
 
 
 @dataclass(frozen=True, eq=False)
@@ -461,7 +462,8 @@ def _outlines(geometry: Geometry, camera: Camera, points: Array, facing: Bools, 
     count = np.bincount(group, minlength=n * P)
     middle = np.stack([np.bincount(group, a, minlength=n * P) for a in uv.T], axis=1) / np.maximum(count, 1)[:, None]
     u, v = (uv - middle[group]).T
-    order = np.lexsort((np.arctan2(v, u), group))
+    # The groups are in order, and an angle is no wider than 2 pi: sorting by both at once is many times as fast.
+    order = np.argsort(_APART * group + np.arctan2(v, u), kind="stable")
     return Outlines(uv[order], z[order], np.concatenate([[0], np.cumsum(count)]))
 
 
