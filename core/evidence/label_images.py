@@ -372,12 +372,15 @@ def pixels_at(
     there is none.
     """
     _, height, width = images.shape
+    whole = np.dtype(np.int32 if images.size < 1 << 31 else np.int64)  # half as much to go through where it is enough
+    unsigned = np.dtype(f"u{whole.name}")
     with np.errstate(invalid="ignore"):  # what is no number becomes one that is far beyond
-        column, row = np.rint(u).astype(np.intp), np.rint(v).astype(np.intp)
+        column, row = np.rint(u).astype(whole), np.rint(v).astype(whole)
     # As an unsigned number a negative one is large.
-    inside = (column.view(np.uintp) < width) & (row.view(np.uintp) < height)
-    index = row * width + column
-    index += frame * (height * width)
+    inside = (column.view(unsigned) < width) & (row.view(unsigned) < height)
+    index = row * whole.type(width)
+    index += column
+    index += (frame * (height * width)).astype(whole)
     index *= inside
     found = images.ravel().take(index)
     np.copyto(found, beyond, where=~inside)

@@ -11,7 +11,7 @@ import pytest
 from kfmocap.core.body import Body, human
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
-from kfmocap.core.evidence.label_images import Geometry, LabelImages, StillParts, render_labels
+from kfmocap.core.evidence.label_images import Geometry, LabelImages, StillParts, pixels_at, render_labels
 from kfmocap.core.numerics import rotations
 from synthetic import (
     at_rest,
@@ -295,3 +295,17 @@ def test_parts_that_are_drawn_once_are_seen_among_others_as_if_all_were_drawn_to
     np.testing.assert_array_equal(areas[1, own], without[own])
     assert len(hidden.index) > 50, "they do hide each other"
     assert (whole.part.ravel()[hidden.index] // len(bodies[0]) == moving).all()
+
+
+@pytest.mark.parametrize("kind", [np.float32, float])
+def test_pixels_are_the_nearest_and_something_else_beyond_each_picture(kind: type) -> None:
+    """Pictures lie one after the other in memory: a place above one is not below the other."""
+    rng = np.random.default_rng(0)
+    images = rng.integers(0, 100, (3, 5, 7)).astype(np.int16)
+    frame, u, v = rng.integers(0, 3, (40, 1)), rng.uniform(-3, 10, (40, 6)), rng.uniform(-3, 8, (40, 6))
+    u[0, :2], v[0, 2:4] = (1e12, -1e12), (1e12, -1e12)
+    found = pixels_at(images, frame, u.astype(kind), v.astype(kind), np.int16(-2))
+    for (k, j), pixel in np.ndenumerate(found):
+        column, row = round(float(kind(u[k, j]))), round(float(kind(v[k, j])))
+        inside = 0 <= column < 7 and 0 <= row < 5
+        assert pixel == (images[frame[k, 0], row, column] if inside else -2)
