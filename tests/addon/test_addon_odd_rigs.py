@@ -237,14 +237,14 @@ def test_files_have_what_blender_shows_of_bones_below_a_root_and_of_those_that_f
     assert np.abs(shown_heads(armature, names) - wanted).max() < 1e-5, "the rig itself is as it was"
 
 
-def test_a_rigify_rig_takes_50_frames_a_second_and_is_a_body_with_all_limbs():
+def test_a_rigify_rig_takes_1000_frames_in_20_seconds_and_is_a_body_with_all_limbs():
     rig = generated_rig()
     assert len(rig.data.bones) > 700
-    motion = motion_of_body(BODY, swing(BODY, 200, 0.4), "man", 30.0)
+    motion = motion_of_body(BODY, swing(BODY, 1000, 0.4), "man", 30.0)
     begun = time.process_time()
     report = send.send_to_rig(bpy.context.scene, motion, rig, 1)
-    assert time.process_time() - begun < 200 / 50
-    assert report["frames"] == [1, 200]
+    assert time.process_time() - begun < 20
+    assert report["frames"] == [1, 1000]
     rig.animation_data.action = None
     use_as_body(bpy.context.scene, rig)
     names = body_armature.body_from_armature(rig).names
