@@ -54,6 +54,12 @@ def _add_calibrate(command: argparse.ArgumentParser) -> None:
         "wand", nargs="?", type=_path, metavar="WAND.toml", help="capture of an L-frame and a wand, as videos or points"
     )
     source.add_argument("--refine", type=_path, metavar="SHOT.toml", help="refine a shot's cameras from its key poses")
+    source.add_argument(
+        "--performer", type=_path, metavar="SHOT.toml", help="find a shot's cameras from 2D keypoints of its performer"
+    )
+    command.add_argument(
+        "--lenses", type=_path, metavar="FILE", help="with --performer: calibration whose lenses are kept"
+    )
     command.add_argument("--out", required=True, type=_path, metavar="FILE", help="the calibration to write")
     command.add_argument("--format", metavar="NAME", help="toml, caliscope, qualisys or opencv (default: by --out)")
     command.add_argument("--report", type=_path, metavar="DIR", help="folder for the calibration report")

@@ -1,17 +1,19 @@
-"""`kfmocap calibrate`: solve for cameras from a waved wand, or refine those of a shot."""
+"""`kfmocap calibrate`: solve for cameras from a waved wand or from a performer, or refine those of a shot."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
 from ..core.calibration.api import calibrate
 from ..core.calibration.calibration_report import REPORT_FILES, write_report
 from ..core.calibration.calibration_result import CalibrationResult
+from ..core.calibration.performer_cameras import PerformerCalibration, cameras_of_shot
 from ..core.errors import KFMocapError
 from ..core.fitting.camera_refinement import Refinement
 from ..core.fitting.shot_cameras import refine_shot_cameras
-from ..core.formats.calibration_files import export_cameras, format_name
+from ..core.formats.calibration_files import export_cameras, format_name, load_cameras
 from ..core.formats.marker_points import write_marker_points
 from ..core.formats.shot_toml import read_shot_spec
 from ..core.formats.wand_toml import load_wand
@@ -26,7 +28,9 @@ from .services import Services
 
 def run(args: argparse.Namespace, _services: Services) -> int:
     """Carry out the command; returns the exit code."""
-    if args.refine is None:
+    if args.wand is not None:
+        if args.lenses is not None:
+            raise KFMocapError("--lenses applies to --performer only", where="kfmocap calibrate", todo="leave it out")
         with progress_bar() as progress:
             solution, files = run_calibrate(
                 args.wand,
@@ -37,16 +41,20 @@ def run(args: argparse.Namespace, _services: Services) -> int:
                 kind=args.format,
                 drift=args.drift,
             )
-        lines = [*solution.clocks.lines, *solution.findings]
+        lines: Sequence[object] = [*solution.clocks.lines, *solution.findings]
     else:
         if args.report is not None or args.points is not None or args.drift:
-            todo = "leave them out with --refine"
-            raise KFMocapError(
-                "--report, --points and --drift apply to a wand capture only", where="kfmocap calibrate", todo=todo
-            )
+            what = "--report, --points and --drift apply to a wand capture only"
+            raise KFMocapError(what, where="kfmocap calibrate", todo="leave them out")
         with progress_bar() as progress:
-            refinement = refine_shot(args.refine, args.out, progress, kind=args.format)
-        lines = [view.summary for view in refinement.views]
+            if args.performer is not None:
+                found = calibrate_by_performer(
+                    args.performer, args.out, lenses=args.lenses, progress=progress, kind=args.format
+                )
+                lines = found.summary_lines
+            else:
+                refinement = refine_shot(args.refine, args.out, progress, kind=args.format)
+                lines = [view.summary for view in refinement.views]
         files = [args.out]
     with results_are_written():
         print_outcome(files, lines)
@@ -107,6 +115,39 @@ def run_calibrate(
             files.append(points)
         export_cameras(calibration, solution.cameras, kind)
     return solution, files
+
+
+def calibrate_by_performer(
+    shot_path: Path,
+    out: Path,
+    *,
+    lenses: Path | None = None,
+    progress: Progress | None = None,
+    kind: str | None = None,
+) -> PerformerCalibration:
+    """Find the cameras of a shot file's views from its performer's 2D keypoints and height, and write them.
+
+    Parameters
+    ----------
+    shot_path, out : Path
+        The shot file, whose own calibration is not read and may be the one to write; and the calibration to write.
+    lenses : Path, optional
+        A calibration with the same cameras, whose lenses are kept.
+    progress : callable, optional
+    kind : str, optional
+        Kind of calibration file; by default the one that the name of `out` asks for. See `export_cameras`.
+
+    Raises
+    ------
+    KFMocapError
+        A file cannot be read or written, or the keypoints do not determine the cameras.
+    """
+    format_name(out, kind)
+    with replacing(out) as calibration:
+        spec = read_shot_spec(shot_path)
+        found = cameras_of_shot(spec, {} if lenses is None else load_cameras(lenses), progress)
+        export_cameras(calibration, found.cameras, kind)
+    return found
 
 
 def refine_shot(shot_path: Path, out: Path, progress: Progress | None = None, *, kind: str | None = None) -> Refinement:

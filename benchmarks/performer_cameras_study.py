@@ -1,0 +1,82 @@
+"""How well cameras are found from a performer: `python -m kfmocap.benchmarks.performer_cameras_study SHOT.toml ...`.
+
+The shots' own calibrations are the truth. The cameras that are found are turned, moved and scaled as a whole until they
+fit it best: what is left is the error of each camera beside the others. How far the world is tilted is told apart.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..core.calibration.camera_rig import rig_of
+from ..core.calibration.performer_cameras import PerformerCalibration, PerformerView, cameras_by_performer
+from ..core.cameras.camera import Camera
+from ..core.formats.keypoint_files import read_shot_keypoints
+from ..core.tracking.prepare import load_shot
+
+USUAL_HEIGHT = 1.75
+"""Metres: it gives the scale, which is not judged."""
+HEAD = (
+    "| shot | cameras | lenses | turned by, degrees | off, mm | of a distance of, m | focal length off, % "
+    "| expected, % | tilt, degrees | seconds |\n| --- | ---: | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |"
+)
+
+
+def rows(path: Path) -> list[str]:
+    """A shot measured without and with its lenses, as rows of the table."""
+    shot = load_shot(path)
+    true, found = [view.camera for view in shot.views], read_shot_keypoints(shot)
+    table = []
+    for lenses in (False, True):
+        views = [
+            PerformerView(view.camera.name, view.camera.size, seen, view.offset, view.camera if lenses else None)
+            for view, seen in zip(shot.views, found, strict=True)
+        ]
+        begin = time.process_time()
+        result = cameras_by_performer(views, USUAL_HEIGHT, (0, shot.length - 1), correlated=0.3 * shot.fps)
+        seconds = time.process_time() - begin
+        kind = "known" if lenses else "found"
+        table.append(f"| {path.parent.name} | {len(true)} | {kind} | {_errors(result, true)} | {seconds:.0f} |")
+    return table
+
+
+def _errors(result: PerformerCalibration, true: Sequence[Camera]) -> str:
+    """The columns that tell how far the cameras are off: the worst of them."""
+    found = [result.cameras[camera.name] for camera in true]
+    R, R_true = (np.stack([camera.R_cam_world[0] for camera in some]) for some in (found, true))
+    places, wanted = (rig_of(some).centres_world for some in (found, true))
+    world = Rotation.from_matrix(np.swapaxes(R_true, 1, 2) @ R).mean()
+    turns = Rotation.from_matrix(R @ world.inv().as_matrix() @ np.swapaxes(R_true, 1, 2)).magnitude()
+    turned, wanted = world.apply(places - places.mean(axis=0)), wanted - wanted.mean(axis=0)
+    scale = (turned * wanted).sum() / (turned**2).sum()
+    off = np.linalg.norm(scale * turned - wanted, axis=1)
+    focal = [camera.matrix[0, 0] / one.matrix[0, 0] - 1 for camera, one in zip(found, true, strict=True)]
+    columns = [
+        f"{np.degrees(turns).max():.1f}",
+        f"{1000 * off.max():.0f}",
+        f"{np.linalg.norm(wanted, axis=1).mean():.1f}",
+        f"{100 * np.abs(focal).max():.0f}",
+        f"{100 * max(result.focal_deviation.values()):.0f}",
+        f"{np.degrees(np.arccos(min(world.as_matrix()[2, 2], 1.0))):.1f}",
+    ]
+    return " | ".join(columns)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(prog="python -m kfmocap.benchmarks.performer_cameras_study", description=__doc__)
+    parser.add_argument("shots", nargs="+", type=Path, metavar="SHOT.toml", help="keypoints, and a true calibration")
+    print(HEAD)
+    for path in parser.parse_args().shots:
+        for row in rows(path):
+            print(row, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,394 @@
+"""Bundle adjustment of cameras and of a performer's joints, whose limbs keep their lengths.
+
+A limb is a wand whose length is not known but never changes: that is what shows focal lengths where the optical axes
+meet. The scale of everything is that of an average person of the performer's height.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+from scipy import sparse
+
+from ..body.human import FRACTIONS
+from ..numerics.arrays import Array, Bools, Ints
+from ..numerics.least_squares import StoppingRule, minimise
+from ..numerics.normal_equations import SparseEquations
+from ..numerics.robust_kernels import Cauchy
+from ..numerics.rotations import skew
+from .camera_rig import CAMERA_DOF, FOCAL, SHIFT, TURN, Rig
+
+JOINTS = tuple(f"{side}{joint}" for joint in ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle") for side in "RL")
+"""The joints that take part."""
+LIMBS: Mapping[str, tuple[tuple[str, str], ...]] = MappingProxyType(
+    {
+        "shin": (("RKnee", "RAnkle"), ("LKnee", "LAnkle")),
+        "thigh": (("RHip", "RKnee"), ("LHip", "LKnee")),
+        "forearm": (("RElbow", "RWrist"), ("LElbow", "LWrist")),
+        "upper_arm": (("RShoulder", "RElbow"), ("LShoulder", "LElbow")),
+        "hip_width": (("RHip", "LHip"),),
+        "shoulder_width": (("RShoulder", "LShoulder"),),
+    }
+)
+"""Pairs of joints that are always equally far apart, by the measure of the body that says how far."""
+LENGTH_SIGMA = 0.02
+"""How far a detector's joints may lie off the ends of a limb along it, metres."""
+PROPORTION_SIGMA = 0.08
+"""Usual differences of people's proportions, as a share."""
+USUAL_NOISE = 0.01
+"""Of a detector's keypoints, as a share of how large the performer is in the picture."""
+USUAL_FOCAL, FOCAL_SPREAD = 0.9, 0.35
+"""Focal length of cameras that people film with, as a share of the picture's longer side, and the standard deviation of
+its logarithm."""
+_ROBUST = 3.0
+"""Scale of the kernel, in standard deviations."""
+_NEAREST = 0.1  # metres
+_LEAST_NOISE = 0.3  # pixels
+_RAYLEIGH_MEDIAN = 1.1774
+_ROUNDS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class JointSightings:
+    """The joints of one performer as the views show them, on F frames.
+
+    Attributes
+    ----------
+    cameras : tuple of str, length V
+    sizes : ndarray of int, shape (V, 2)
+        Width and height of the pictures, pixels.
+    frames : ndarray of int, shape (F,)
+        Shot frames, increasing.
+    points : ndarray, shape (V, F, L, 2)
+        Of `JOINTS`, pixels, without lens distortion where the lens is known; NaN where a joint was not found.
+    confidence : ndarray, shape (V, F, L)
+        0 to 1.
+    correlated : float
+        How many neighbouring frames of these err together and count as one.
+    """
+
+    cameras: tuple[str, ...]
+    sizes: Ints
+    frames: Ints
+    points: Array
+    confidence: Array
+    correlated: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class JointScene:
+    """The unknowns.
+
+    Attributes
+    ----------
+    rig : Rig
+    joints_world : ndarray, shape (F, L, 3)
+        Metres; NaN where a joint is not seen by two views.
+    lengths : ndarray, shape (K,)
+        Of the limbs, in the order of `LIMBS`, metres.
+    """
+
+    rig: Rig
+    joints_world: Array
+    lengths: Array
+
+    def moved(self, step: Array) -> JointScene:
+        """The scene after a step: of the known joints, of the logarithms of the lengths, and of the cameras."""
+        known = np.isfinite(self.joints_world).all(axis=-1)
+        joints, lengths, cameras = np.split(step, np.cumsum([3 * known.sum(), len(self.lengths)]))
+        points = self.joints_world.copy()
+        points[known] += joints.reshape(-1, 3)
+        rig = self.rig.moved(cameras.reshape(-1, CAMERA_DOF))
+        return JointScene(rig, points, self.lengths * np.exp(lengths))
+
+
+@dataclass(frozen=True, eq=False)
+class JointFit:
+    """An adjusted scene.
+
+    Attributes
+    ----------
+    scene : JointScene
+    noise : ndarray, shape (V,)
+        Standard deviation of each view's joints that was counted with, pixels each way.
+    cost : float
+        Robust sum of squares, in variances of the last noise.
+    sizes : ndarray, shape (V, F, L)
+        Lengths of the residuals, pixels; NaN where there is none.
+    focal_deviation : ndarray, shape (V,)
+        Standard deviation of the focal lengths, as a share; 0 where they are known.
+    """
+
+    scene: JointScene
+    noise: Array
+    cost: float
+    sizes: Array
+    focal_deviation: Array
+
+
+def usual_lengths(height: float) -> Array:
+    """An average person's limbs, in the order of `LIMBS`, metres."""
+    return np.array([FRACTIONS[limb] * height for limb in LIMBS])
+
+
+def adjust_joints(
+    scene: JointScene,
+    seen: JointSightings,
+    height: float,
+    *,
+    known_lens: Bools,
+    cancel: Callable[[], None],
+) -> JointFit:
+    """Minimise the robust sum of squares of a scene; the noise of every view is estimated on the way.
+
+    Parameters
+    ----------
+    scene : JointScene
+        The start.
+    seen : JointSightings
+    height : float
+        Metres.
+    known_lens : ndarray of bool, shape (V,)
+        Views whose focal lengths are held.
+    cancel : callable
+        Called in every iteration; may raise.
+    """
+    free = _free(scene, known_lens)
+    cost, sizes = np.inf, _sizes(scene, seen)
+    noise = _noise(sizes, seen)
+    for _ in range(_ROUNDS):
+        sigma = noise
+
+        def equations(state: JointScene, sigma: Array = sigma) -> SparseEquations:
+            return joint_equations(state, seen, height, noise=sigma, free=free)
+
+        def move(state: JointScene, step: Array) -> JointScene:
+            whole = np.zeros(len(free))
+            whole[free] = step
+            return state.moved(whole)
+
+        found = minimise(
+            scene,
+            equations,
+            move,
+            stopping=StoppingRule(30, relative_gain=1e-5),
+            on_iteration=lambda iteration, state: cancel(),
+        )
+        scene, cost = found.state, found.cost
+        sizes = _sizes(scene, seen)
+        noise = _noise(sizes, seen)
+        if np.abs(noise / sigma - 1).max() < 0.02:
+            break
+    return JointFit(scene, noise, cost, sizes, _focal_deviation(scene, seen, height, noise, known_lens))
+
+
+def _focal_deviation(scene: JointScene, seen: JointSightings, height: float, noise: Array, known_lens: Bools) -> Array:
+    """Standard deviations of the logarithms of the focal lengths, shape (V,), 0 where they are held.
+
+    What a detector calls a hip is not the same point from every side, on all frames alike. So only kinds of joints are
+    independent of one another, and each is left out once (the jackknife); the covariance is the least that it can be.
+    """
+    V = len(scene.rig)
+    focal = CAMERA_DOF * np.arange(-V, 0) + FOCAL
+    kinds = np.array([name[1:] for name in JOINTS])
+    changes = []
+    for kind in dict.fromkeys(kinds):
+        rest = replace(scene, joints_world=np.where((kinds == kind)[:, None], np.nan, scene.joints_world))
+        free = _free(rest, known_lens)
+        step = np.zeros(len(free))
+        step[free] = joint_equations(rest, seen, height, noise=noise, free=free).solve(0.0)
+        changes.append(step[focal])
+    n, spread = len(changes), np.array(changes) - np.mean(changes, axis=0)
+    free = _free(scene, known_lens)
+    factor, unit = joint_equations(scene, seen, height, noise=noise, free=free).factor(), np.zeros((len(free), V))
+    unit[focal, np.arange(V)] = 1.0
+    variance = (unit[free] * factor.solve(unit[free])).sum(axis=0)
+    return np.asarray(np.where(known_lens, 0.0, np.sqrt(np.maximum((n - 1) / n * (spread**2).sum(axis=0), variance))))
+
+
+def cost_of_joints(scene: JointScene, seen: JointSightings, height: float) -> float:
+    """The robust sum of squares of a scene whose noise is a usual detector's: by it starts are compared."""
+    noise = np.maximum(USUAL_NOISE * _extent(seen), _LEAST_NOISE)
+    free = np.ones(_Columns.of(scene).count, bool)
+    return joint_equations(scene, seen, height, noise=noise, free=free).cost
+
+
+def _free(scene: JointScene, known_lens: Bools) -> Bools:
+    """Which unknowns are solved for: the first camera stays where it is, and clocks and lens distortions are known."""
+    known = int(np.isfinite(scene.joints_world).all(axis=-1).sum())
+    cameras = np.zeros((len(scene.rig), CAMERA_DOF), bool)
+    cameras[1:, TURN] = cameras[1:, SHIFT] = True
+    cameras[:, FOCAL] = ~known_lens
+    return np.concatenate([np.ones(3 * known + len(scene.lengths), bool), cameras.ravel()])
+
+
+def _pictured(scene: JointScene, seen: JointSightings) -> tuple[Array, Array, Array]:
+    """View, frame and joint of every sighting of a known joint (n, 3), its place in the camera, and its residual."""
+    known = np.isfinite(scene.joints_world).all(axis=-1)
+    there = np.isfinite(seen.points).all(axis=-1) & (seen.confidence > 0) & known
+    v, f, j = np.nonzero(there)
+    rig = scene.rig
+    x = np.einsum("nij,nj->ni", rig.R_cam_world[v], scene.joints_world[f, j]) + rig.t_cam_world[v]
+    x[:, 2] = np.maximum(x[:, 2], _NEAREST)
+    residual = rig.focal[v] * x[:, :2] / x[:, 2:] + rig.centre[v] - seen.points[v, f, j]
+    return np.stack([v, f, j], axis=1), x, residual
+
+
+def _sizes(scene: JointScene, seen: JointSightings) -> Array:
+    index, _, residual = _pictured(scene, seen)
+    sizes = np.full(seen.confidence.shape, np.nan)
+    sizes[tuple(index.T)] = np.linalg.norm(residual, axis=1)
+    return sizes
+
+
+def _noise(sizes: Array, seen: JointSightings) -> Array:
+    """Of each view: the same share of how large the performer is in its pictures.
+
+    If each view had a noise of its own, the others would be fitted to two of them, which then seem to have none.
+    """
+    extent = _extent(seen)
+    shares = sizes / extent[:, None, None]
+    share = np.median(shares[np.isfinite(shares)]) / _RAYLEIGH_MEDIAN
+    return np.maximum(share * extent, _LEAST_NOISE)
+
+
+def _extent(seen: JointSightings) -> Array:
+    """How large the performer is in each view's pictures, diagonally, pixels, shape (V,)."""
+    spans = np.nanmax(seen.points, axis=2, initial=-np.inf) - np.nanmin(seen.points, axis=2, initial=np.inf)
+    spans = np.linalg.norm(np.where(np.isfinite(spans), spans, np.nan), axis=-1)
+    return np.asarray(np.nanmedian(spans, axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Residuals in standard deviations, with their robust weights' roots applied.
+
+    Attributes
+    ----------
+    residual : ndarray, shape (m,)
+    columns : ndarray of int, shape (m, k)
+        The unknowns that each depends on.
+    derivatives : ndarray, shape (m, k)
+    cost : float
+    """
+
+    residual: Array
+    columns: Ints
+    derivatives: Array
+    cost: float
+
+    def matrix(self, unknowns: int) -> sparse.csr_array:
+        """The Jacobian, shape (m, unknowns)."""
+        m, k = self.columns.shape
+        starts = k * np.arange(m + 1)
+        return sparse.csr_array((self.derivatives.ravel(), self.columns.ravel(), starts), (m, unknowns))
+
+
+@dataclass(frozen=True, eq=False)
+class _Columns:
+    """Where the unknowns are: the joints' places, the lengths, the cameras.
+
+    Attributes
+    ----------
+    joint : ndarray of int, shape (F, L)
+        The first of three; -1 where a joint is not known.
+    length, camera : int
+        The first of each.
+    count : int
+    """
+
+    joint: Ints
+    length: int
+    camera: int
+    count: int
+
+    @classmethod
+    def of(cls, scene: JointScene) -> _Columns:
+        known = np.isfinite(scene.joints_world).all(axis=-1)
+        joint = np.where(known, 3 * (np.cumsum(known.ravel()).reshape(known.shape) - 1), -1)
+        length = 3 * int(known.sum())
+        camera = length + len(scene.lengths)
+        return cls(joint, length, camera, camera + CAMERA_DOF * len(scene.rig))
+
+    def places(self, frames: Ints, joints: Ints | int) -> Ints:
+        """Columns of joints on frames, shape (n, 3)."""
+        return np.asarray(self.joint[frames, joints][:, None] + np.arange(3))
+
+
+def joint_equations(
+    scene: JointScene, seen: JointSightings, height: float, *, noise: Array, free: Bools
+) -> SparseEquations:
+    """Gauss-Newton's equations of the free unknowns at a scene, and its robust sum of squares.
+
+    Parameters
+    ----------
+    scene : JointScene
+    seen : JointSightings
+    height : float
+        Of the performer, metres.
+    noise : ndarray, shape (V,)
+        Standard deviation of each view's joints, pixels.
+    free : ndarray of bool, shape (unknowns,)
+        In the order of `JointScene.moved`.
+    """
+    columns = _Columns.of(scene)
+    usual = usual_lengths(height)
+    rows = [_sighting_rows(scene, seen, noise, columns), *_limb_rows(scene, usual, seen.correlated, columns)]
+    build = np.log(scene.lengths / usual) / PROPORTION_SIGMA
+    own = columns.length + np.arange(len(usual))[:, None]
+    rows.append(_Rows(build, own, np.full(own.shape, 1 / PROPORTION_SIGMA), float((build**2).sum())))
+    lens = np.log(scene.rig.focal.mean(axis=1) / (USUAL_FOCAL * seen.sizes.max(axis=1))) / FOCAL_SPREAD
+    own = (columns.camera + CAMERA_DOF * np.arange(len(lens)) + FOCAL)[:, None]
+    rows.append(_Rows(lens, own, np.full(own.shape, 1 / FOCAL_SPREAD), float((lens**2).sum())))
+    J = sparse.vstack([block.matrix(columns.count) for block in rows]).tocsc()[:, np.flatnonzero(free)]
+    residual = np.concatenate([block.residual for block in rows])
+    return SparseEquations((J.T @ J).tocsc(), J.T @ residual, sum(block.cost for block in rows))
+
+
+def _sighting_rows(scene: JointScene, seen: JointSightings, noise: Array, columns: _Columns) -> _Rows:
+    """How far joints are from where the pictures show them."""
+    kernel, rig = Cauchy(_ROBUST), scene.rig
+    index, x, off = _pictured(scene, seen)
+    v, f, j = index.T
+    sigma = (noise[v] * np.sqrt(seen.correlated / seen.confidence[v, f, j]))[:, None]
+    image = np.zeros((len(v), 2, 3))
+    image[:, [0, 1], [0, 1]] = rig.focal[v] / x[:, 2:]
+    image[:, :, 2] = -rig.focal[v] * x[:, :2] / x[:, 2:] ** 2
+    camera = np.zeros((len(v), 2, CAMERA_DOF))
+    camera[:, :, TURN] = -image @ skew(x)
+    camera[:, :, SHIFT] = image
+    camera[:, :, FOCAL] = rig.focal[v] * x[:, :2] / x[:, 2:]
+    derivatives = np.concatenate([image @ rig.R_cam_world[v], camera], axis=2) / sigma[..., None]
+    own = columns.camera + CAMERA_DOF * v[:, None] + np.arange(CAMERA_DOF)
+    places = np.concatenate([columns.places(f, j), own], axis=1)
+    scaled = off / sigma
+    squared = (scaled**2).sum(axis=1)
+    root = np.sqrt(kernel.weight(squared))[:, None]
+    return _Rows(
+        np.ravel(root * scaled),
+        np.repeat(places, 2, axis=0),
+        np.concatenate(list(root[..., None] * derivatives)) if len(v) else np.zeros((0, places.shape[1])),
+        float(kernel.cost(squared).sum()),
+    )
+
+
+def _limb_rows(scene: JointScene, usual: Array, correlated: float, columns: _Columns) -> Iterator[_Rows]:
+    """How far limbs are from their lengths, as shares of these: in metres, a smaller scene would fit better."""
+    kernel = Cauchy(_ROBUST)
+    for k, pairs in enumerate(LIMBS.values()):
+        sigma = LENGTH_SIGMA / usual[k] * np.sqrt(correlated)
+        for pair in pairs:
+            a, b = (JOINTS.index(name) for name in pair)
+            both = np.flatnonzero((columns.joint[:, [a, b]] >= 0).all(axis=1))
+            apart = scene.joints_world[both, a] - scene.joints_world[both, b]
+            length = np.maximum(np.linalg.norm(apart, axis=1), 1e-6)
+            off = np.log(length / scene.lengths[k]) / sigma
+            way = apart / (length**2 * sigma)[:, None]
+            own = np.full((len(both), 1), columns.length + k)
+            places = np.concatenate([columns.places(both, a), columns.places(both, b), own], axis=1)
+            derivatives = np.concatenate([way, -way, np.full(own.shape, -1 / sigma)], axis=1)
+            root = np.sqrt(kernel.weight(off**2))
+            yield _Rows(root * off, places, root[:, None] * derivatives, float(kernel.cost(off**2).sum()))

@@ -1,0 +1,307 @@
+"""Cameras from a performer alone: from 2D keypoints of somebody who moves about, and from their height.
+
+The limbs are wands whose lengths never change. The way to a first solution is the wand's (`first_cameras`), with the
+kind of limb that leads to the best one; then all joints and cameras are adjusted together (`limb_bundle`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from ..cameras.camera import Camera
+from ..errors import CaptureError, located
+from ..formats.keypoint_files import read_keypoints
+from ..numerics.arrays import Array
+from ..runtime.progress import Progress, report_progress
+from ..shot.detections import Detections
+from ..shot.footage import probe
+from ..shot.shot_spec import ShotSpec, ViewSpec
+from .camera_rig import Rig
+from .first_cameras import FEWEST_SHARED, find_links, first_rig
+from .limb_bundle import JOINTS, LIMBS, JointScene, JointSightings, adjust_joints, cost_of_joints, usual_lengths
+from .pairwise import Lens
+from .performer_world import in_performers_world
+from .wand_tracks import Tracks
+from .wand_triangulation import rays, triangulated
+
+STICKS = ("shin", "thigh", "forearm", "upper_arm")
+"""Limbs by which a first solution is tried."""
+FOCALS = (0.6, 0.9, 1.35)
+"""Focal lengths by which it is, where the lens is not known: shares of the picture's longer side."""
+LEAST_CONFIDENCE = 0.3
+"""Keypoints of less confidence do not count."""
+MOST_FRAMES = 150
+"""Frames that take part, evenly over the shot: neighbouring ones have the same errors."""
+USUAL_CORRELATION = 9.0
+"""Neighbouring frames on which a detector errs alike: 0.3 s at 30 frames a second."""
+VAGUE_FOCAL = 0.1
+"""Deviation of a focal length from which it is said to be vague, as a share."""
+_USUAL_NOISE = 3.0  # pixels
+
+Cancel = Callable[[], None]
+
+
+@dataclass(frozen=True, eq=False)
+class PerformerView:
+    """One camera's part.
+
+    Attributes
+    ----------
+    camera : str
+    size : tuple of int
+        Width and height, pixels.
+    detections : Detections
+        Frame f of the shot is the footage's frame f + offset, rounded.
+    offset : float
+    lens : Camera, optional
+        A camera with this lens, whose focal length, principal point and distortion are kept.
+    """
+
+    camera: str
+    size: tuple[int, int]
+    detections: Detections
+    offset: float = 0.0
+    lens: Camera | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PerformerCalibration:
+    """Cameras, and how well they fit.
+
+    Attributes
+    ----------
+    cameras : dict of str to Camera
+        Metres, z up from the floor, the origin below the performer's hips on the first frame, x to their left.
+    noise : dict of str to float
+        By camera, how far the joints lie off their keypoints in the median, pixels.
+    seen : dict of str to int
+        By camera, how many joints it shows, over all frames that took part.
+    lengths : dict of str to float
+        Of the performer's limbs, metres.
+    focal_deviation : dict of str to float
+        By camera, standard deviation of the focal length, as a share; 0 where the lens is known.
+    """
+
+    cameras: dict[str, Camera]
+    noise: dict[str, float]
+    seen: dict[str, int]
+    lengths: dict[str, float]
+    focal_deviation: dict[str, float]
+
+    @property
+    def summary_lines(self) -> list[str]:
+        """What to tell the user."""
+        rows = []
+        for name, camera in self.cameras.items():
+            lens = f"focal length {camera.matrix[0, 0]:.0f} px"
+            if self.focal_deviation[name]:
+                lens += f" within {100 * self.focal_deviation[name]:.0f} %"
+            rows.append(f"{name}: {lens}, {self.seen[name]} joints, {self.noise[name]:.1f} px off")
+        rows.append("scale from the performer's height; z is up as the performer and the cameras stand")
+        if vague := [name for name, share in self.focal_deviation.items() if share > VAGUE_FOCAL]:
+            rows.append(
+                f"the focal length of {', '.join(vague)} is vague, and with it how far away the camera is: let the "
+                "performer walk towards and away from the cameras, or give --lenses"
+            )
+        return rows
+
+
+def cameras_of_shot(
+    spec: ShotSpec, lenses: Mapping[str, Camera], progress: Progress | None = None
+) -> PerformerCalibration:
+    """Solve for the cameras of a shot from the keypoints and the height of its first performer.
+
+    Parameters
+    ----------
+    spec : ShotSpec
+        Its calibration is not read.
+    lenses : mapping of str to Camera
+        By camera: those whose lens is known.
+    progress : callable, optional
+
+    Raises
+    ------
+    CaptureError
+        The performer's height is missing, a view has no keypoints, a lens is of another picture, or the keypoints do
+        not determine the cameras.
+    FootageError, KeypointError
+        Footage or keypoints cannot be read.
+    CancelledError
+        `progress` returned False.
+    """
+    performer = spec.performers[0]
+    if performer.height is None:
+        todo = "give it in metres, with shoes: the scale of everything follows from it"
+        raise CaptureError("the performer's height is missing", where=f"{performer.where} height", todo=todo)
+    views = [_view(view, lenses) for view in spec.views]
+    correlated = spec.settings.keypoint_correlation * spec.fps
+    return cameras_by_performer(views, performer.height, spec.frames, progress, correlated=correlated)
+
+
+def _view(view: ViewSpec, lenses: Mapping[str, Camera]) -> PerformerView:
+    if view.keypoints is None:
+        todo = "let a pose detector find them, or film a wand"
+        raise CaptureError("there are no keypoints of this view", where=f"{view.where} keypoints", todo=todo)
+    footage = probe(view.footage)
+    with located(f"keypoints of camera '{view.camera}'"):
+        detections = read_keypoints(view.keypoints, footage.size)
+    lens = lenses.get(view.camera)
+    if lens is not None and lens.size != footage.size:
+        raise CaptureError(
+            f"its lens is of pictures of {lens.size[0]} x {lens.size[1]}, "
+            f"the footage has {footage.size[0]} x {footage.size[1]}",
+            where=f"camera '{view.camera}'",
+            todo="give the calibration of this footage",
+        )
+    return PerformerView(view.camera, footage.size, detections, view.offset, lens)
+
+
+def cameras_by_performer(
+    views: Sequence[PerformerView],
+    height: float,
+    frames: tuple[int, int],
+    progress: Progress | None = None,
+    *,
+    correlated: float = USUAL_CORRELATION,
+) -> PerformerCalibration:
+    """Solve for cameras from the keypoints of one performer.
+
+    Parameters
+    ----------
+    views : sequence of PerformerView
+        Two or more; of several people in a view the one who is the largest there counts.
+    height : float
+        Of the performer, metres: the scale.
+    frames : tuple of int
+        First and last frame of the shot, in the shot's count.
+    progress : callable, optional
+    correlated : float
+        How many neighbouring frames a detector errs on alike.
+
+    Raises
+    ------
+    CaptureError
+        The keypoints do not determine the cameras.
+    CancelledError
+        `progress` returned False.
+    """
+    if len(views) < 2:
+        todo = "film with two cameras or more, or set the camera in Blender"
+        raise CaptureError("one camera alone cannot be found from a performer", where="[[view]]", todo=todo)
+
+    def check() -> None:
+        report_progress(progress, "cameras", 0.3)
+
+    report_progress(progress, "keypoints", 0.0)
+    seen = joint_sightings(views, frames, correlated)
+    tried = [[_lens(view, share) for view in views] for share in FOCALS]
+    rigs = (_rig_by_limb(seen, lenses, limb, height, check) for lenses in tried for limb in STICKS)
+    starts = [_with_joints(rig, seen, height) for rig in rigs if rig is not None]
+    if not starts:
+        raise _undetermined(seen)
+    start = min(starts, key=lambda scene: cost_of_joints(scene, seen, height))
+    known = np.array([view.lens is not None for view in views])
+    best = adjust_joints(start, seen, height, known_lens=known, cancel=check)
+    rig = in_performers_world(best.scene)
+    shown = np.isfinite(best.sizes).sum(axis=(1, 2))
+    return PerformerCalibration(
+        {view.camera: _camera(rig, v, view) for v, view in enumerate(views)},
+        {view.camera: float(np.nanmedian(sizes)) for view, sizes in zip(views, best.sizes, strict=True)},
+        {view.camera: int(count) for view, count in zip(views, shown, strict=True)},
+        dict(zip(LIMBS, best.scene.lengths.tolist(), strict=True)),
+        {view.camera: float(share) for view, share in zip(views, best.focal_deviation, strict=True)},
+    )
+
+
+def joint_sightings(views: Sequence[PerformerView], frames: tuple[int, int], correlated: float = 1.0) -> JointSightings:
+    """The main joints of the largest person in every view, on frames on which two views show somebody."""
+    first, last = frames
+    shape = (len(views), last - first + 1, len(JOINTS))
+    points, confidence = np.full((*shape, 2), np.nan), np.zeros(shape)
+    for v, view in enumerate(views):
+        names = [name for name in JOINTS if name in view.detections.names]
+        columns, places = [view.detections.names.index(n) for n in names], [JOINTS.index(n) for n in names]
+        largest = np.zeros(shape[1])
+        for i, frame in enumerate(view.detections.frames - round(view.offset) - first):
+            own, sure = view.detections.points[i, columns], view.detections.confidence[i, columns]
+            there = np.isfinite(own).all(axis=-1) & (sure >= LEAST_CONFIDENCE)
+            if not 0 <= frame < shape[1] or there.sum() < 2:
+                continue
+            size = float(np.linalg.norm(np.ptp(own[there], axis=0))) * sure[there].sum()
+            if size > largest[frame]:
+                largest[frame] = size
+                points[v, frame], confidence[v, frame] = np.nan, 0.0
+                points[v, frame, places] = np.where(there[:, None], own, np.nan)
+                confidence[v, frame, places] = np.where(there, sure, 0.0)
+        if view.lens is not None:
+            known = np.isfinite(points[v]).all(axis=-1)
+            points[v][known] = _straight(view.lens, points[v][known])
+    shared = np.flatnonzero((confidence > 0).any(axis=2).sum(axis=0) >= 2)
+    some = shared[np.linspace(0, len(shared) - 1, min(len(shared), MOST_FRAMES)).astype(int)] if len(shared) else shared
+    return JointSightings(
+        tuple(view.camera for view in views),
+        np.array([view.size for view in views]),
+        first + some,
+        points[:, some],
+        confidence[:, some],
+        max(1.0, correlated * len(some) / max(len(shared), 1)),
+    )
+
+
+def _straight(lens: Camera, pixels: Array) -> Array:
+    undistort = cv2.fisheye.undistortPoints if lens.fisheye else cv2.undistortPoints
+    return np.asarray(undistort(pixels[:, None], lens.matrix, lens.distortions, P=lens.matrix)[:, 0])
+
+
+def _lens(view: PerformerView, share: float) -> Lens:
+    """The lens by which first cameras are found: the known one, or one of that focal length; without distortion."""
+    if view.lens is not None:
+        matrix = view.lens.matrix
+    else:
+        (width, height), focal = view.size, share * max(view.size)
+        matrix = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
+    return Lens(view.size, matrix[:1, 0], matrix, np.zeros(4))
+
+
+def _rig_by_limb(seen: JointSightings, lenses: Sequence[Lens], limb: str, height: float, check: Cancel) -> Rig | None:
+    """First cameras by one kind of limb, whose left and right are sticks of one length."""
+    ends = np.array([[JOINTS.index(name) for name in pair] for pair in LIMBS[limb]])
+    F = len(seen.frames)
+    points = np.concatenate([seen.points[:, :, pair] for pair in ends], axis=1)
+    sigma = np.where(np.isfinite(points).all(axis=-1), _USUAL_NOISE, np.nan)
+    apart = 10 * (F + 1) * np.arange(len(ends))
+    tracks = Tracks((np.arange(F) + apart[:, None]).ravel(), points, sigma)
+    # Which end is which is known: links that say otherwise are wrong.
+    links = [link for link in find_links(tracks, lenses, check) if not link.crossed]
+    length = usual_lengths(height)[list(LIMBS).index(limb)]
+    return first_rig(seen.cameras, tracks, lenses, links, length=float(length), cancel=check)
+
+
+def _with_joints(rig: Rig, seen: JointSightings, height: float) -> JointScene:
+    """The cameras with the joints where their rays meet."""
+    lines = rays(rig, seen.points.reshape(len(rig), -1, 2))
+    joints = triangulated(rig.centres_world, lines).reshape(*seen.points.shape[1:3], 3)
+    return JointScene(rig, joints, usual_lengths(height))
+
+
+def _camera(rig: Rig, v: int, view: PerformerView) -> Camera:
+    if view.lens is None:
+        return rig.camera(v)
+    R, t = rig.R_cam_world[v], rig.t_cam_world[v]
+    return Camera.create(
+        view.camera, view.size, view.lens.matrix, R, t, distortions=view.lens.distortions, fisheye=view.lens.fisheye
+    )
+
+
+def _undetermined(seen: JointSightings) -> CaptureError:
+    shown = (seen.confidence > 0).any(axis=2).sum(axis=1)
+    counts = ", ".join(f"{name} {n}" for name, n in zip(seen.cameras, shown, strict=True))
+    return CaptureError(
+        f"the performer does not show where the cameras are; frames that another camera shows, too: {counts}",
+        where="keypoints",
+        todo=f"let the performer walk about where all cameras see them, for {FEWEST_SHARED} frames and more",
+    )
