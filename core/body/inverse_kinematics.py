@@ -25,8 +25,8 @@ SETTLED = 1e-9
 EVALUATIONS = 200
 """At most so many for a pose: landmarks that no pose fits would take thousands."""
 ACCEPTED_MISFIT = 0.03
-"""A landmark farther than this from its place, metres, is reason to look for another pose, first with the arms turned,
-then from other poses of the limbs."""
+"""A landmark farther than this from its place, metres, is reason to look for another pose from other poses of the
+limbs; one that is farther than its expected error, to try the arms turned."""
 DRAWS = 12
 """So many of them: of those drawn for a man who gets up from the floor, six in ten lead to the pose."""
 CLEARLY = 0.5
@@ -91,13 +91,12 @@ def _fit_poses(
         return Motion(np.empty((0, 3)), np.empty((0, len(body), 3, 3)))
     poses = _descended(body, known, targets, start, tolerance)
     for side in "LR" if search else "":
-        misfit = _misfits(body, known, targets, poses)
-        tried = np.flatnonzero(misfit > ACCEPTED_MISFIT)
+        tried = np.flatnonzero(_misfits(body, known, targets, poses) > LANDMARK_SIGMA)
         if not len(tried):
             continue
         turned = _elbow_turned(body, poses[tried], side)
         other = _descended(body, known, targets[tried], turned, tolerance)
-        better = _misfits(body, known, targets[tried], other) < misfit[tried]
+        better = _costs(body, known, targets[tried], other) < _costs(body, known, targets[tried], poses[tried])
         _replace(poses, tried[better], other[better])
     if draw and _limited(body).any():
         misfit = _misfits(body, known, targets, poses)
@@ -142,6 +141,20 @@ def _misfits(body: Body, names: list[str], targets: Array, poses: Motion) -> Arr
     return np.asarray(np.nanmax(distance, axis=1))
 
 
+def _costs(body: Body, names: list[str], targets: Array, poses: Motion) -> Array:
+    """What is minimised, of poses within the joint limits, square metres, shape (K,)."""
+    turns = rotations.log(poses.rotations[:, 1:]).reshape(len(poses), -1)
+    error = landmark_positions(body, poses, names) - targets
+    return np.asarray(np.nansum(error**2, axis=(1, 2)) + turns**2 @ _posture(body)[6:])
+
+
+def _posture(body: Body) -> Array:
+    """What the square of each degree of freedom costs, so that joints rest where landmarks leave them open."""
+    posture = np.zeros(body.dof)
+    posture[6:] = np.repeat((LANDMARK_SIGMA / body.departures[1:]) ** 2, 3)
+    return posture
+
+
 def _elbow_turned(body: Body, poses: Motion, side: str) -> Motion:
     """The poses with an elbow bent and turned to the other side: a fit may be caught with an arm twisted wrongly."""
     Q = poses.rotations.copy()
@@ -170,9 +183,7 @@ def _descended(body: Body, names: list[str], targets: Array, start: Motion, tole
     parts, local = body.landmark_arrays(names)
     low, high = np.full(body.dof, -np.inf), np.full(body.dof, np.inf)
     low[6:], high[6:] = body.limits[1:, :, 0].ravel(), body.limits[1:, :, 1].ravel()
-    posture = np.zeros(body.dof)
-    posture[6:] = np.repeat((LANDMARK_SIGMA / body.departures[1:]) ** 2, 3)
-    stop = (LANDMARK_SIGMA / LIMIT_SIGMA) ** 2
+    posture, stop = _posture(body), (LANDMARK_SIGMA / LIMIT_SIGMA) ** 2
     moves = body.ancestry[parts].astype(float)  # which joints move each landmark, (L, P)
     known = np.isfinite(targets).all(axis=2)
     aims = np.where(known[..., None], targets, 0.0)
