@@ -49,6 +49,21 @@ def test_poses_near_the_joint_limits_come_back_from_their_landmarks() -> None:
     assert error_mm(HUMAN, fit_poses(HUMAN, NAMES, targets), NAMES, targets).max() < 30
 
 
+def test_arms_that_are_nearly_straight_come_back_with_their_elbows_the_right_way_round() -> None:
+    """From the rest pose alone each of these ends twisted, its elbow as far back as it goes, 17 to 30 mm off."""
+    degrees = {
+        "upper_arm.L": [(-34, 14, -43), (-100, 67, 69), (-20, 47, 51), (103, 94, -116), (9, -11, 103)],
+        "forearm.L": [(42, 0, 0), (20, 0, 0), (25, 0, 0), (28, 0, 0), (44, 0, 0)],
+        "upper_arm.R": [(62, -77, -61), (-44, -25, -1), (-84, -83, 57), (-83, -55, -11), (-72, 86, -72)],
+        "forearm.R": [(28, 0, 0), (50, 0, 0), (21, 0, 0), (40, 0, 0), (27, 0, 0)],
+    }
+    vectors = np.zeros((5, len(HUMAN), 3))
+    for part, turns in degrees.items():
+        vectors[:, HUMAN.index(part)] = np.radians(turns)
+    targets = landmark_positions(HUMAN, Motion(np.zeros((5, 3)), rotations.exp(vectors)), TRACKED)
+    assert error_mm(HUMAN, fit_poses(HUMAN, TRACKED, targets), TRACKED, targets).max() < 2
+
+
 def test_poses_stay_within_the_joint_limits_even_where_landmarks_ask_for_more() -> None:
     targets = landmark_positions(BODY, exercise(BODY, 6, share=1.0), NAMES)
     targets += np.random.default_rng(0).normal(0, 0.1, targets.shape)
