@@ -45,6 +45,8 @@ UNDER_WAY = 0.02
 still on its way."""
 LONGER = 6
 """By so many iterations at most."""
+AGAIN = 3
+"""How often a refinement that has moved a joint by as much is repeated, at most."""
 SMALL_GAIN = 1e-6
 """Share of the cost that a step should gain at least to be followed by another."""
 NOTICED = 0.2
@@ -219,14 +221,9 @@ class _TestedStage:
         """Root mean square of the step from some motions to others; none once the stage's iterations are over, unless
         a joint is still under way.
         """
-        if self.trials >= self._stage.iterations and self._farthest(before, after) < UNDER_WAY:
+        if self.trials >= self._stage.iterations and farthest_joint(self._problem, before, after) < UNDER_WAY:
             return 0.0
         return _size([before[i].difference(after[i]) for i in self._problem.sought])
-
-    def _farthest(self, before: tuple[Motion, ...], after: tuple[Motion, ...]) -> float:
-        """How far the joint that moves most is between some motions and others, metres."""
-        joints = [[part_poses(self._problem.bodies[i], m[i])[1] for m in (before, after)] for i in self._problem.sought]
-        return max(float(np.linalg.norm(b - a, axis=-1).max()) for a, b in joints)
 
     def _moved(self, motions: tuple[Motion, ...], steps: Sequence[Array]) -> tuple[Motion, ...]:
         assert self._tied is not None
@@ -235,8 +232,34 @@ class _TestedStage:
 
 
 def refine(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
-    """Continue from a solution when more is known of the motion around the segment."""
-    return descend(problem, start, workspace, REFINEMENT)
+    """Continue from a solution when more is known of the motion around the segment.
+
+    The noise, the smoothness and the plants are those of the start: where they led far from it, what is found is no
+    solution yet with those that are found there.
+    """
+    share = 1 / (1 + AGAIN)
+    found = descend(problem, start, workspace.part(0.0, share), REFINEMENT)
+    seconds = Seconds(found.seconds)
+    moved = farthest_joint(problem, start, found.motions)
+    for again in range(1, 1 + AGAIN):
+        if moved < UNDER_WAY:
+            break
+        further = descend(problem, found.motions, workspace.part(again * share, (again + 1) * share), REFINEMENT)
+        moved = farthest_joint(problem, found.motions, further.motions)
+        seconds.add(further.seconds)
+        found = continued(found, further)
+    return replace(found, seconds=seconds)
+
+
+def continued(before: SegmentSolution, after: SegmentSolution) -> SegmentSolution:
+    """A solution that another one led to, with the iterations of both."""
+    return replace(after, iterations=before.iterations + after.iterations, energy=(*before.energy, *after.energy))
+
+
+def farthest_joint(problem: SegmentProblem, before: Sequence[Motion], after: Sequence[Motion]) -> float:
+    """How far the joint that moves most is between some motions and others, metres, of the performers sought."""
+    joints = [[part_poses(problem.bodies[i], m[i])[1] for m in (before, after)] for i in problem.sought]
+    return max(float(np.linalg.norm(b - a, axis=-1).max()) for a, b in joints)
 
 
 def descend(

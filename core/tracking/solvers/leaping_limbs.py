@@ -17,10 +17,10 @@ from ...body.motion import Motion
 from ...numerics import rotations
 from ...numerics.arrays import Bools
 from ...runtime.timing import Seconds
-from .gauss_newton import descend
+from .gauss_newton import continued, descend
 from .limb_search import limbs, pictures_find_limbs
 from .measurement import Workspace
-from .multi_start import SETTLED, SETTLING, best_of_starts, continued, likeliest, noise_of
+from .multi_start import SETTLED, SETTLING, best_of_starts, likeliest, noise_of
 from .problem import SegmentProblem, SegmentSolution
 
 LEAP = 6.0

@@ -20,7 +20,7 @@ from ...evidence.occlusion import LONG, intervals
 from ...evidence.view_frames import views_with_foreground
 from ...numerics.arrays import Array
 from ...runtime.timing import Seconds
-from .gauss_newton import NOTICED, REACH, ROUGH_STEP, DescentStage, SegmentNoise, approach, descend
+from .gauss_newton import NOTICED, REACH, ROUGH_STEP, DescentStage, SegmentNoise, approach, continued, descend
 from .limb_search import exchanges, found_limbs, limbs, pairs, shown_areas, untangled_limbs, without_end
 from .measurement import Workspace, hidden_parts, keypoint_agreement, poses_by_delay, view_instants
 from .problem import AccelerationSearch, SegmentProblem, SegmentSolution
@@ -125,11 +125,6 @@ def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: 
         with seconds.measure("initial solution"):
             best = with_limbs_exchanged(problem, best, workspace.part(0.9, 1.0))
     return replace(best, seconds=seconds)
-
-
-def continued(before: SegmentSolution, after: SegmentSolution) -> SegmentSolution:
-    """A solution that another one led to, with the iterations of both."""
-    return replace(after, iterations=before.iterations + after.iterations, energy=(*before.energy, *after.energy))
 
 
 def resumed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution | None:
