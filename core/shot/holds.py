@@ -1,24 +1,19 @@
 """Holds: over a range of frames a prop stays in the hand of a performer, or on any other part.
 
 A prop is a performer like others, with a body and key poses of its own. While it is held its pose relative to the part
-that holds it, its grip, is that of the key poses within the range.
+that holds it, its grip, is that of the key poses within the range (`core.shot.grips`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from ..body.kinematics import Poses, part_poses
 from ..errors import ShotError
 from ..numerics.arrays import Array, Ints
-
-if TYPE_CHECKING:
-    from .shot import KeyPoses, Performer
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +58,7 @@ class Hold:
     frames : tuple of int
         First and last shot frame, inclusive.
     grip : Grip, optional
-        See `with_grips`.
+        See `core.shot.grips`.
     where : str
         File and table, for error messages.
     """
@@ -97,42 +92,6 @@ def holds_between(holds: Sequence[Hold], first: int, last: int) -> tuple[Hold, .
     return tuple(replace(h, frames=(max(h.frames[0], first), min(h.frames[1], last))).later(-first) for h in inside)
 
 
-def with_grips(holds: Sequence[Hold], performers: Sequence[Performer], zero: int = 0) -> tuple[Hold, ...]:
-    """Return the holds with the grips that the key poses within their ranges show; those that have one keep it.
-
-    Parameters
-    ----------
-    holds : sequence of Hold
-    performers : sequence of Performer
-    zero : int
-        What messages count shot frame 0 as.
-
-    Raises
-    ------
-    ShotError
-        A hold names what is not there, or no frame within its range has a key pose of both bodies, or a prop is held
-        twice at once; says which.
-    """
-    by_name = {performer.name: performer for performer in performers}
-    found = []
-    for hold in holds:
-        prop, holder, part = _checked(hold, by_name)
-        if hold.grip is not None:
-            found.append(hold)
-            continue
-        first, last = hold.frames
-        frames = np.intersect1d(_posed(prop.key_poses), _posed(holder.key_poses))
-        frames = frames[(frames >= first) & (frames <= last)]
-        if not len(frames):
-            what = f"no frame from {zero + first} to {zero + last} has a key pose of both {prop.name} and {holder.name}"
-            todo = "set key poses of both on one of these frames: they show how it is held"
-            raise ShotError(what, where=hold.place, todo=todo)
-        held, holding = (_poses_at(performer, frames) for performer in (prop, holder))
-        found.append(replace(hold, grip=Grip(frames, *relative_pose(held, holding, part))))
-    _refuse_two_at_once(found, zero)
-    return tuple(found)
-
-
 def check_names(hold: Hold, performers: Collection[str]) -> None:
     """See that a hold is between two of some performers.
 
@@ -147,41 +106,3 @@ def check_names(hold: Hold, performers: Collection[str]) -> None:
             raise ShotError(what, where=hold.field(key), todo=f"there are {', '.join(performers)}")
     if hold.prop == hold.holder:
         raise ShotError(f"'{hold.prop}' cannot hold itself", where=hold.field("prop"))
-
-
-def relative_pose(held: Poses, holding: Poses, part: int) -> tuple[Array, Array]:
-    """Rotation (F, 3, 3) and place (F, 3) of a prop's topmost part relative to a part of what holds it."""
-    (R_prop, T_prop), (R, T) = held, holding
-    back = np.swapaxes(R[:, part], -1, -2)
-    return back @ R_prop[:, 0], (back @ (T_prop[:, 0] - T[:, part])[..., None])[..., 0]
-
-
-def _checked(hold: Hold, by_name: Mapping[str, Performer]) -> tuple[Performer, Performer, int]:
-    """The prop, its holder, and the number of the part that holds it."""
-    check_names(hold, by_name)
-    parts = by_name[hold.holder].body.names
-    if hold.part not in parts:
-        what = f"{hold.holder} has no part '{hold.part}'"
-        raise ShotError(what, where=hold.place, todo=f"its parts are {', '.join(parts)}")
-    return by_name[hold.prop], by_name[hold.holder], parts.index(hold.part)
-
-
-def _posed(keys: KeyPoses) -> Ints:
-    """Frames with a key pose of the whole body, or a proposed one."""
-    return np.concatenate([keys.full(), keys.proposals()])
-
-
-def _poses_at(performer: Performer, frames: Ints) -> Poses:
-    keys = performer.key_poses
-    return part_poses(performer.body, keys.poses[np.searchsorted(keys.frames, frames)])
-
-
-def _refuse_two_at_once(holds: Sequence[Hold], zero: int) -> None:
-    """Raise a ShotError where the same two are tied to each other twice on a frame: two hands may hold a prop."""
-    for i, one in enumerate(holds):
-        for other in holds[:i]:
-            same = (one.prop, one.holder, one.part) == (other.prop, other.holder, other.part)
-            first, last = max(one.frames[0], other.frames[0]), min(one.frames[1], other.frames[1])
-            if same and first <= last:
-                what = f"{one.part} of {one.holder} holds {one.prop} twice on frames {zero + first} to {zero + last}"
-                raise ShotError(what, where=one.place, todo="make one of it, or let the ranges follow each other")

@@ -13,7 +13,7 @@ from ..body.motion import Motion, stacked
 from ..body.unknown_parts import resting_parts
 from ..cameras.camera import Camera
 from ..errors import ShotError, shortened
-from .holds import Hold, holds_between, with_grips
+from .holds import Hold, holds_between
 
 FIELD_ORDERS = ("progressive", "top-first", "bottom-first")
 SOLVERS = ("gauss-newton", "relaxation")
@@ -329,14 +329,6 @@ class Shot:
         key_frames = min((len(p.key_poses.frames) for p in self.performers), default=0)
         keypoint_views = sum(view.keypoints is not None for view in self.views)
         return replace(self, settings=self.settings.for_shot(len(self.views), key_frames, keypoint_views))
-
-    def with_grips(self) -> Shot:
-        """Return the shot with how props are held, as its key poses show it; see `core.shot.holds.with_grips`."""
-        return replace(self, holds=with_grips(self.holds, self.performers, self.frames[0]))
-
-    def completed(self) -> Shot:
-        """Return the shot with all that follows from the whole of it, so that a part of it can be tracked alone."""
-        return self.with_settings_filled().with_grips()
 
     def with_footage_offset(self, found: float | None) -> Shot:
         """Return the shot with the offset of all footage that was found, if any, unless its settings give one."""

@@ -31,6 +31,7 @@ from ..keypoints.seen_landmarks import unseen_parts
 from ..runtime.progress import Progress, report_progress, share
 from ..runtime.threads import worker_count
 from ..shot.footage import check_view
+from ..shot.grips import shot_with_grips
 from ..shot.shot import KeyPoses, Performer, PerformerRequest, Shot, View
 from ..shot.shot_spec import PerformerSpec, ShotSpec, ViewSpec
 from .solvers.registry import REGISTRY, solver_named
@@ -92,7 +93,7 @@ def prepare_shot(spec: ShotSpec, cameras: Mapping[str, Camera] | None = None) ->
     if any(requests):
         shot = replace(shot, performers=_from_keypoints(shot, requests, spec))
     shot = _with_fingers(shot, spec)
-    return _with_parts_that_keypoints_show(shot).with_grips()
+    return shot_with_grips(_with_parts_that_keypoints_show(shot))
 
 
 def _with_fingers(shot: Shot, spec: ShotSpec) -> Shot:

@@ -15,6 +15,7 @@ from ..errors import KFMocapError
 from ..runtime.progress import Progress, report_progress, share
 from ..runtime.worker_memory import WorkerMemory
 from ..shot.fingerprint import checksum, value_bytes
+from ..shot.grips import completed
 from ..shot.shot import KeyPoses, Performer, Shot
 from .run_context import NOTHING_KEPT, RunContext
 from .schedule import SegmentShown
@@ -101,7 +102,7 @@ def track_excerpts(
     KFMocapError
         See `tracking.track`.
     """
-    shot = shot.completed()
+    shot = completed(shot)
     ends = np.cumsum([0] + [part.last - part.first for part in excerpts])
     ends = ends / max(1, ends[-1])
     results = []
@@ -149,7 +150,7 @@ def glance(
         report_progress(progress, "looking ahead", 0.0)
         return len(seen) < GLANCED
 
-    asked = shot.completed().between(first, last).with_footage_offset(part.footage_offset)
+    asked = completed(shot).between(first, last).with_footage_offset(part.footage_offset)
     with contextlib.suppress(KFMocapError):  # it is cancelled, or the tracking that follows says what is wrong
         track(asked, looked, observed, run=RunContext(memory=memory))
 

@@ -37,6 +37,7 @@ from ..runtime.worker_pool import WorkerPool
 from ..runtime.workplaces import RESULTS, workplace
 from ..shot.footage import PICTURE_SIZE, Album, check_view, working_factor
 from ..shot.footage_times import FootageRate, footage_rate
+from ..shot.grips import completed
 from ..shot.keypose_spline import spline
 from ..shot.shot import Performer, Shot, fixed_degrees
 from ..shot.shot_spec import ShotSpec
@@ -109,7 +110,7 @@ def track(
     order = sorted(range(len(shot.views)), key=lambda v: shot.views[v].camera.name)
     performers = tuple(replace(p, body=without_hidden_solids(p.body, p.unknown)) for p in shot.performers)
     shot = replace(shot, views=tuple(shot.views[v] for v in order), performers=performers)
-    shot = shot.completed()
+    shot = completed(shot)
     kept = frozenset(shot.frames[0] + frame for frame in pictures)
     albums = [Album(kept, working_factor(view, PICTURE_SIZE)) for view in shot.views]
     solver, seconds = solver_named(shot.settings.solver), Seconds()

@@ -8,7 +8,8 @@ import bpy
 import numpy as np
 
 from ...core.body.kinematics import part_poses
-from ...core.shot.holds import Hold, with_grips
+from ...core.shot.grips import with_grips
+from ...core.shot.holds import Hold
 from ...core.shot.shot import Shot
 from . import body_armature, hold_checks, shown_pose
 
@@ -31,7 +32,7 @@ def with_grips_of_scene(scene: bpy.types.Scene, shot: Shot) -> Shot:
     Raises
     ------
     ShotError
-        See `core.shot.holds.with_grips`.
+        See `core.shot.grips.with_grips`.
     """
     return replace(shot, holds=with_grips(shot.holds, shot.performers, scene.kfmocap.frame_start))
 

@@ -13,7 +13,8 @@ from kfmocap.core.body.skeleton_motion import RestSkeleton
 from kfmocap.core.errors import ShotError
 from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
-from kfmocap.core.shot.holds import Grip, Hold, relative_pose, with_grips
+from kfmocap.core.shot.grips import relative_pose, shot_with_grips, with_grips
+from kfmocap.core.shot.holds import Grip, Hold
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot
 from kfmocap.core.tracking.retracking import digest
 from kfmocap.core.tracking.segment_stages import SegmentData, TrackState, segment_problem
@@ -172,15 +173,15 @@ def test_where_key_poses_differ_the_grip_passes_from_one_to_the_other() -> None:
 
 
 def test_of_a_part_of_the_shot_the_grip_is_still_that_of_the_whole() -> None:
-    whole = Shot("held", 30.0, (100, 111), (), performers([5]), holds=(HOLD,)).with_grips()
-    part = whole.between(6, 11).with_grips()
+    whole = shot_with_grips(Shot("held", 30.0, (100, 111), (), performers([5]), holds=(HOLD,)))
+    part = shot_with_grips(whole.between(6, 11))
     assert part.holds[0].frames == (0, 3)
     assert part.holds[0].grip.at(np.array([2]))[1] == pytest.approx(PLACE_IN_HAND[None])
     assert whole.between(10, 11).holds == ()
 
 
 def test_the_problem_of_a_segment_has_its_holds_and_lets_the_hand_touch_the_prop() -> None:
-    shot = Shot("held", 30.0, (0, FRAMES - 1), (), performers([0, 5, 11]), holds=(HOLD,)).with_grips()
+    shot = shot_with_grips(Shot("held", 30.0, (0, FRAMES - 1), (), performers([0, 5, 11]), holds=(HOLD,)))
     data = SegmentData((0, 5), (), tuple(free[:6] for free in FREE))
     problem = segment_problem(shot, data, TrackState(TRUTH))
     assert [hold.frames.tolist() for hold in problem.holds] == [[2, 3, 4, 5]]
@@ -190,7 +191,7 @@ def test_the_problem_of_a_segment_has_its_holds_and_lets_the_hand_touch_the_prop
 
 @pytest.mark.parametrize(("first", "stop", "held"), [(0, 4, [2, 3]), (5, 9, [0, 1, 2, 3]), (10, 12, [])])
 def test_a_part_of_a_segment_has_the_holds_of_its_frames(first: int, stop: int, held: list[int]) -> None:
-    shot = Shot("held", 30.0, (0, FRAMES - 1), (), performers([0, 5, 11]), holds=(HOLD,)).with_grips()
+    shot = shot_with_grips(Shot("held", 30.0, (0, FRAMES - 1), (), performers([0, 5, 11]), holds=(HOLD,)))
     data = SegmentData((0, FRAMES - 1), (), FREE)
     part = excerpt(segment_problem(shot, data, TrackState(TRUTH)), first, stop)
     [hold] = part.holds
