@@ -7,6 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from kfmocap.core.calibration import ball_images
 from kfmocap.core.calibration.ball_images import BallGuess, fit_ball
 
 SIZE = 31
@@ -77,3 +78,19 @@ def test_where_there_is_no_ball_none_explains_the_picture():
     ball = fit_ball(floor + 2.0, floor, replace(GUESS, light=RED))
     assert ball.explained < 0.5
     assert fit_ball(floor, floor, replace(GUESS, centre=np.array([3.0, 15.0]))) is None
+
+
+def test_colour_that_is_kept_for_every_other_pixel_alone_shifts_a_resting_ball_little(monkeypatch):
+    def off():
+        misses = []
+        for k in range(12):
+            centre = 15.0 + np.array([0.3 * (k % 4), 0.4 * (k // 4)])
+            image, floor = pictures(centre, light=(0.0, 0.0, -1.0))
+            stored = cv2.imencode(".jpg", image.round().astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, 95])[1]
+            ball = fit_ball(cv2.imdecode(stored, cv2.IMREAD_COLOR), floor, replace(GUESS, centre=centre.round()))
+            misses.append(ball.centre - centre)
+        return np.sqrt(np.mean(np.square(misses)))
+
+    now = off()
+    monkeypatch.setattr(ball_images, "_COMPARED", np.eye(3))
+    assert now < 0.1 and now < off()
