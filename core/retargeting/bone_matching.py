@@ -2,43 +2,16 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
-from types import MappingProxyType
 
 from ..body.skeleton_motion import RestSkeleton
 from ..errors import BodyError
+from .bone_names import roles_by_name
 from .bone_places import roles_by_place
 from .bone_presets import PRESETS, BonePreset
-from .roles import CHAINS, FINGERS, SIDES, BoneMap
-
-_NAMESPACE = re.compile(r"^.*[:|]")
-_SIDE = re.compile(r"(?:^|[_.\- ])(l|r|left|right)(?=$|[_.\- ])", re.IGNORECASE)
-_SIDE_WORD = re.compile(r"(left|right)", re.IGNORECASE)
-_WORDS: tuple[tuple[str, str], ...] = (
-    ("root", r"root|master|reference|armature"),
-    ("hips", r"hips?(joint)?|pelvis|cog|bip\d*pelvis"),
-    ("toe", r"toes?(base)?\d*|ball|toebone"),
-    ("foot", r"foot|ankle|feet"),
-    ("shin", r"shin|calf|lowerleg|leglower|lowleg|knee|crus|leg"),
-    ("thigh", r"thigh|upleg|upperleg|legupper|femur"),
-    ("thumb", r"(hand)?thumb\d*"),
-    ("index", r"(hand|f)?(index|pointer|fore)(finger)?\d*"),
-    ("middle", r"(hand|f)?(middle|mid)(finger)?\d*"),
-    ("ring", r"(hand|f)?ring(finger)?\d*"),
-    ("pinky", r"(hand|f)?(pinky|little|pinkie|small)(finger)?\d*"),
-    ("hand", r"hand|wrist"),
-    ("forearm", r"forearm|lowerarm|armlower|lowarm|elbow"),
-    ("upper_arm", r"upperarm|uparm|armupper|arm|humerus"),
-    ("shoulder", r"shoulder|clavicle|collar|clav|collarbone"),
-    ("head", r"head"),
-    ("neck", r"neck\d*"),
-    ("spine", r"(spine|chest|upperchest|torso|abdomen|waist|lowerback|back|ribcage|thorax|trunk|belly|body)\d*"),
-)
-"""Roles and the words that name them, compared with a whole name without its namespace, side and separators."""
-
-_NAMED_AFTER_JOINT: Mapping[str, str] = MappingProxyType({"upper_arm": "shoulder", "thigh": "hips"})
-_BELOW: Mapping[str, str] = MappingProxyType({"upper_arm": "forearm", "thigh": "shin"})
+from .bone_words import NAMESPACE, read_name
+from .roles import PARENTS, BoneMap
+from .skeleton_tree import SkeletonTree
 
 
 def match_bones(rest: RestSkeleton, preset: str | None = None, where: str = "skeleton") -> BoneMap:
@@ -72,7 +45,20 @@ def match_bones(rest: RestSkeleton, preset: str | None = None, where: str = "ske
     places = roles_by_place(rest)
     if not places:
         return by_names.checked(rest.names, where)
-    return BoneMap(places, found_by="places").checked(rest.names, where)
+    return _with_named(BoneMap(places, found_by="places"), by_names, rest).checked(rest.names, where)
+
+
+def _with_named(places: BoneMap, names: BoneMap, rest: RestSkeleton) -> BoneMap:
+    """Roles found by places, and those of bones below them that names alone tell, such as fingers and toes."""
+    tree, bones = SkeletonTree(rest), dict(places.bones)
+    for role, named in names.bones.items():
+        above = bones.get(PARENTS[role], ())
+        free = not set(named) & {name for played in bones.values() for name in played}
+        if role not in bones and above and free:
+            top, *_ = rest.indices(named)
+            if tree.is_above(rest.indices(above)[-1], top):
+                bones[role] = named
+    return BoneMap(bones, found_by="places")
 
 
 def preset_of(bones: BoneMap) -> BonePreset:
@@ -96,75 +82,12 @@ def by_preset(names: Iterable[str], preset: str) -> BoneMap:
 
 
 def _plain(name: str) -> str:
-    return _NAMESPACE.sub("", name).casefold()
-
-
-def roles_by_name(rest: RestSkeleton) -> BoneMap:
-    """Return the roles that the words in the bones' names suggest, the topmost bone of each.
-
-    Many skeletons call their bones after the joints in which they begin: collar, shoulder, elbow, wrist, and hip,
-    knee, ankle. There the bone that is called shoulder is the upper arm, and the one called hip the thigh.
-    """
-    bones: dict[str, list[str]] = {}
-    joints: dict[str, list[str]] = {}
-    for name in rest.names:
-        side, word = _side_and_word(name)
-        role = _role_of(word)
-        if side and role in _NAMED_AFTER_JOINT.values():
-            joints.setdefault(f"{role}.{side}", []).append(name)
-        if role is None or (role in _central() and side):
-            continue
-        if role not in _central():
-            if not side:
-                continue
-            role = f"{role}.{side}"
-        listed = bones.setdefault(role, [])
-        if not listed or (role in CHAINS and len(listed) < (3 if role.split(".")[0] in FINGERS else 9)):
-            listed.append(name)
-    for limb, joint in _NAMED_AFTER_JOINT.items():
-        for side in SIDES:
-            at_joint = _above(rest, joints.get(f"{joint}.{side}", ()), bones.get(f"{_BELOW[limb]}.{side}", ()))
-            if at_joint and f"{limb}.{side}" not in bones:
-                bones[f"{limb}.{side}"] = [at_joint.pop()]
-                if joint not in _central():
-                    bones[f"{joint}.{side}"] = at_joint[:1]
-    return BoneMap({role: tuple(names) for role, names in bones.items() if names}, found_by="names")
-
-
-def _above(rest: RestSkeleton, names: Sequence[str], below: Sequence[str]) -> list[str]:
-    """Those of some bones from which another hangs, from the topmost down."""
-    j, path = rest.names.index(below[0]) if below else -1, []
-    while j >= 0:
-        path.append(rest.names[j])
-        j = rest.parents[j]
-    return [name for name in reversed(path) if name in names]
-
-
-def _central() -> frozenset[str]:
-    return frozenset(["root", "hips", "spine", "neck", "head"])
+    return NAMESPACE.sub("", name).casefold()
 
 
 def side_of_bone(name: str) -> str:
     """The side (L, R or nothing) that a bone's name tells, however the rig writes it."""
-    return _side_and_word(name)[0]
-
-
-def _side_and_word(name: str) -> tuple[str, str]:
-    """Side (L, R or nothing) and the rest of a name in small letters without separators."""
-    plain = _NAMESPACE.sub("", name)
-    plain = re.sub(r"^(bip\d*|def|org|valvebiped|j_bip|jnt|bone|character\d*)[_.\- ]+", "", plain, flags=re.IGNORECASE)
-    match = _SIDE.search(plain) or _SIDE_WORD.search(plain) or re.search(r"^([lr])(?=[A-Z])|[a-z]([LR])$", plain)
-    side = ""
-    if match:
-        side = next(group for group in match.groups() if group)[0].upper()
-        plain = plain[: match.start()] + ("" if match.end() == len(plain) else plain[match.end() :])
-        if match.re.pattern.startswith("^([lr])") and match.group(2):  # a letter before the side belongs to the word
-            plain = name[:-1]
-    return side, re.sub(r"[^a-z0-9]", "", plain.casefold())
-
-
-def _role_of(word: str) -> str | None:
-    return next((role for role, pattern in _WORDS if re.fullmatch(pattern, word)), None)
+    return read_name(name).side
 
 
 def described(bones: BoneMap) -> Mapping[str, Sequence[str]]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..body.skeleton_motion import RestSkeleton
 from ..numerics.arrays import Array
+from .skeleton_tree import SkeletonTree
 
 _SYMMETRY = 0.03  # of the height: how far from its mirror image a bone's partner may be
 _MINIMUM = 0.08  # of the height: shorter segments are no thigh, shin, upper arm or forearm
@@ -29,7 +30,10 @@ def roles_by_place(rest: RestSkeleton) -> dict[str, tuple[str, ...]]:
         return {}
     paths = {pair: _farthest_path(rest, pair[0], lateral) for pair in pairs}
     legs = min(pairs, key=lambda pair: min(rest.heads[j, 2] for j in _subtree(rest, pair[0])))
-    arms = max((p for p in pairs if p != legs), key=lambda pair: _length(rest, paths[pair]))
+    higher = [pair for pair in pairs if rest.heads[list(pair), 2].min() > rest.heads[list(legs), 2].max()]
+    if not higher:
+        return {}
+    arms = max(higher, key=lambda pair: _length(rest, paths[pair]))
     found: dict[str, tuple[str, ...]] = {}
     forward = _forward(rest, legs, lateral)
     for branch in (legs, arms):
@@ -148,14 +152,12 @@ def _arm_segments(long: list[int], lengths: Sequence[float]) -> tuple[int, int]:
 
 def _trunk(rest: RestSkeleton, leg: int, arm: int) -> dict[str, tuple[str, ...]]:
     """Hips, spine, neck and head: the way from what the legs hang on to what the arms hang on, and on to the top."""
-    hips, chest = rest.parents[leg], rest.parents[arm]
-    spine = []
-    j = chest
-    while j >= 0 and j != hips:
-        spine.append(j)
-        j = rest.parents[j]
-    if j < 0:
+    tree = SkeletonTree(rest)
+    hips, chest = tree.common([leg, arm]), rest.parents[arm]
+    if hips < 0:
         return {}
+    way = [chest, *tree.above(chest)]
+    spine = way[: way.index(hips)]
     found: dict[str, tuple[str, ...]] = {"hips": (rest.names[hips],)}
     if spine:
         found["spine"] = tuple(rest.names[k] for k in reversed(spine))

@@ -29,6 +29,8 @@ class ControlRig:
         The axes of each control's location at rest, as columns: its own ones, or the armature's.
     scale : float
         Metres of the world for one unit of the armature.
+    resting_toes : frozenset of str
+        Sides whose feet have toe bones that are no controls here, and stay as they are: "L", "R".
     """
 
     rest: RestSkeleton
@@ -37,6 +39,7 @@ class ControlRig:
     R_world_rest: Array
     location_axes: Array
     scale: float = 1.0
+    resting_toes: frozenset[str] = frozenset()
 
     def index(self, role: str, place: int = 0) -> int:
         """Return the place of the control that plays a role."""

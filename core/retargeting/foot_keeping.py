@@ -151,11 +151,15 @@ def foot_goals(
 def _target_offsets(
     path: FootPath, source: tuple[RestSkeleton, BoneMap], rig: ControlRig, placement: Placement, A: Array
 ) -> Array:
-    """Heel and ball from the target's ankle at rest, (2, 3): the source's at the size of the target's foot."""
+    """Heel and ball from the target's ankle at rest, (2, 3): the source's at the size of the target's foot.
+
+    The foot of a source without toes rolls on their tips. So does the target's then, whose toes stay straight: its bone
+    ends before them, and does not show how long the foot is.
+    """
     own = sole_offsets(rig.rest, rig.bones, path.side)
     ratio = placement.scale
     both = [f"toe.{path.side}" in bones.bones for bones in (source[1], rig.bones)]
-    if own is not None and both[0] == both[1]:
+    if own is not None and both[0] == both[1] and (both[0] or path.side not in rig.resting_toes):
         lengths = [float(np.linalg.norm(offsets[BALL, :2])) for offsets in (path.offsets, own)]
         found = lengths[1] / lengths[0]
         ratio = ratio if abs(found / ratio - 1) < _SAME_FOOT else found

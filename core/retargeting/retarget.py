@@ -22,6 +22,8 @@ from .transfer import Placement, RetargetOptions, leg_length, place, transfer
 DEFAULTS = RetargetOptions()
 _STANDING = (0.01, 0.22)
 """In legs: how high the ankles may be above the origin for that to be the ground at rest."""
+_SOLES = (-0.02, 0.08)
+"""The same of the lowest joints and tails of the feet: short legs have high ankles."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +98,9 @@ def grounded(rest: RestSkeleton, bones: BoneMap, origin: float = 0.0) -> RestSke
     # Tails of last bones are arbitrary in some files: the ankles show whether the skeleton stands on its origin.
     high = float(rest.heads[feet[0], 2])
     leg = leg_length(replace(rest, ground=high), bones)
-    stands = bool(ankles) and _STANDING[0] * leg <= high - origin <= _STANDING[1] * leg
+    stands = bool(ankles) and (
+        _STANDING[0] * leg <= high - origin <= _STANDING[1] * leg or _SOLES[0] * leg <= low - origin <= _SOLES[1] * leg
+    )
     return replace(rest, ground=origin if stands else low)
 
 

@@ -74,18 +74,33 @@ def find_controls(armature: bpy.types.Object, bones: Sequence[str], held: Collec
 
 
 def through_controls(armature: bpy.types.Object, bones: BoneMap) -> tuple[BoneMap, FkControls]:
-    """Return a map with the controls of those bones that something else moves, where there are controls, and these."""
+    """Return a map with the controls of those bones that something else moves, or that hang on bones that something
+    else moves, where there are controls, and these.
+    """
     held = following(armature)
     names = bones.names()
-    if not set(names) & set(held):
+    led = {name for name in names if _is_led(armature, name, held, names)}
+    if not led:
         return bones, FkControls({}, {})
     found = find_controls(armature, names, held)
-    used = [found.by_bone.get(name, name) if name in held else name for name in names]
+    used = [found.by_bone.get(name, name) if name in led else name for name in names]
     by_bone = {
         name: control for name, control in zip(names, used, strict=True) if name != control and used.count(control) == 1
     }
     roles = {role: tuple(by_bone.get(name, name) for name in played) for role, played in bones.bones.items()}
     return BoneMap(roles, bones.preset, bones.found_by), FkControls(by_bone, found.settings if by_bone else {})
+
+
+def _is_led(armature: bpy.types.Object, name: str, held: Collection[str], roles: Collection[str]) -> bool:
+    """Whether a bone is held, or hangs on a held one that stands between it and the next bone with a role above."""
+    bone: Any = armature.pose.bones[name]
+    while bone is not None:
+        if bone.name in held:
+            return True
+        bone = bone.parent
+        if bone is not None and bone.name in roles:
+            return False
+    return False
 
 
 def refuse_otherwise_moved(armature: bpy.types.Object, carriers: Mapping[str, str]) -> None:

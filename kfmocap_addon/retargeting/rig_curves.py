@@ -36,7 +36,8 @@ class ControlChannel:
     @property
     def path(self) -> str:
         """The data path of the attribute in the armature object."""
-        return f'pose.bones["{bpy.utils.escape_identifier(self.bone)}"].{self.attribute}'
+        dot = "" if self.attribute.startswith("[") else "."
+        return f'pose.bones["{bpy.utils.escape_identifier(self.bone)}"]{dot}{self.attribute}'
 
 
 @dataclass(frozen=True)

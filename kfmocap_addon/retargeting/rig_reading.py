@@ -25,8 +25,17 @@ from ...core.retargeting.roles import BoneMap
 from ..scene_io.body_armature import world_frame
 
 _PROBE = Quaternion((0.9553, 0.1837, 0.1342, 0.1885)).normalized()
-_HOLDS = ("IK", "COPY_ROTATION", "COPY_TRANSFORMS", "DAMPED_TRACK", "LOCKED_TRACK", "TRACK_TO", "STRETCH_TO")
-"""Kinds of constraints that set the rotation of the bones that they act on."""
+_HOLDS = (
+    "IK",
+    "COPY_ROTATION",
+    "COPY_TRANSFORMS",
+    "DAMPED_TRACK",
+    "LOCKED_TRACK",
+    "TRACK_TO",
+    "STRETCH_TO",
+    "LIMIT_ROTATION",
+)
+"""Kinds of constraints that set or clip the rotation of the bones that they act on."""
 _RIGID = 1e-3
 """Radians, and lengths of the rig, within which two bones move as one."""
 
@@ -126,8 +135,16 @@ def update() -> None:
     bpy.context.view_layer.update()
 
 
-def read_rig(armature: bpy.types.Object, bones: BoneMap) -> RigReading:
+def read_rig(armature: bpy.types.Object, bones: BoneMap, resting_toes: frozenset[str] = frozenset()) -> RigReading:
     """Read how a rig's controls stand at rest and follow each other; it must stand at rest (`at_rest`).
+
+    Parameters
+    ----------
+    armature : bpy.types.Object
+    bones : BoneMap
+        Of the controls.
+    resting_toes : frozenset of str
+        See `ControlRig`.
 
     Raises
     ------
@@ -178,6 +195,7 @@ def read_rig(armature: bpy.types.Object, bones: BoneMap) -> RigReading:
         R[order],
         np.stack([location_axes(armature, names[b], R[b]) for b in order]),
         scale,
+        resting_toes,
     )
     return RigReading(rig, tuple(sorted(set(unsteady))))
 

@@ -16,7 +16,7 @@ from ...core.numerics.arrays import Bools
 from ...core.retargeting.bone_matching import described, match_bones, preset_of
 from ...core.retargeting.control_rig import ControlRig, RigPoses, local_places, local_turns
 from ...core.retargeting.retarget import Retargeted, limb_changes, plant_intervals, prepared, retarget
-from ...core.retargeting.roles import BoneMap
+from ...core.retargeting.roles import SIDES, BoneMap
 from ...core.retargeting.transfer import RetargetOptions
 from .fk_controls import FkControls, through_controls
 from .ik_controls import ik_channels, ik_roles
@@ -154,7 +154,7 @@ def send_to_rig(
         with_settings(armature, preset.settings or controls.settings) as settings,
         without_holds(armature, held) as holds,
     ):
-        reading = read_rig(armature, used)
+        reading = read_rig(armature, used, _resting_toes(bones, used))
         rig = reading.rig
         shown = [shown_bone(armature, follows, name) for name in rig.rest.names]
         standing = world_matrices(armature, shown)
@@ -202,6 +202,11 @@ def _used(bones: BoneMap, of_source: BoneMap, options: RetargetOptions) -> BoneM
     moving |= {"neck"} if "head" in moving else set()
     moving |= {"root"} if options.root == "root-bone" else set()
     return BoneMap({role: names for role, names in bones.bones.items() if role in moving}, bones.preset, bones.found_by)
+
+
+def _resting_toes(bones: BoneMap, used: BoneMap) -> frozenset[str]:
+    """Sides whose feet have toes that the source says nothing of."""
+    return frozenset(side for side in SIDES if f"toe.{side}" in bones.bones and f"toe.{side}" not in used.bones)
 
 
 def shown_bone(armature: bpy.types.Object, follows: Mapping[str, str], name: str) -> str:

@@ -10,7 +10,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, joint_error  # noqa: E402, F401
+from addon_shots import blender, joint_error, shot  # noqa: E402, F401
 from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.formats.bvh import read_bvh  # noqa: E402
@@ -22,6 +22,7 @@ from kfmocap.kfmocap_addon.scene_io import (  # noqa: E402
     body_armature,
     key_pose_curves,
     motion_curves,
+    scene,
     shown_pose,
 )
 from odd_characters import (  # noqa: E402
@@ -32,6 +33,8 @@ from odd_characters import (  # noqa: E402
     controlled_human,
     generated_rig,
     hung_on_controls,
+    layered_human,
+    limited_legs,
     linked,
     loose_arms,
     quadruped,
@@ -184,7 +187,7 @@ def test_bones_that_follow_a_controlled_one_in_part_are_left_out_with_a_word():
     assert len(body_armature.body_from_armature(armature)) == len(BODY)
 
 
-@pytest.mark.parametrize("made", [controlled_human, switched_human])
+@pytest.mark.parametrize("made", [controlled_human, switched_human, layered_human])
 def test_motion_is_sent_to_the_controls_of_a_rig_that_no_preset_knows(made):
     scene = bpy.context.scene
     target = made()
@@ -206,6 +209,19 @@ def test_motion_is_sent_to_the_controls_of_a_rig_that_no_preset_knows(made):
     shown, wanted = (one.evaluated_get(graph).pose.bones for one in (target, source))
     for name in BODY.names:
         assert np.allclose(shown[f"DEF-{name}"].head, wanted[name].head, atol=1e-3)
+
+
+def test_legs_with_inverse_kinematics_and_limits_are_freed_with_a_word():
+    scene = bpy.context.scene
+    target = limited_legs()
+    motion = motion_of_body(BODY, swing(BODY, FRAMES), "man", 25.0)
+    report = send.send_to_rig(scene, motion, target, 1)
+    assert sorted(report["warnings"]) == sorted(
+        f"bone shin.{side}: its constraint '{name}' has no influence in the new action"
+        for side in "LR"
+        for name in ("IK", "Limit Rotation")
+    )
+    assert max(limb["worst_degrees"] for limb in report["error"].values()) < 0.1
 
 
 def shown_heads(armature, names):
@@ -250,3 +266,18 @@ def test_a_rigify_rig_takes_1000_frames_in_20_seconds_and_is_a_body_with_all_lim
     names = body_armature.body_from_armature(rig).names
     limbs = ("upper_arm", "forearm", "hand", "thigh", "shin", "foot")
     assert {f"{limb}_fk.{side}" for limb in limbs for side in "LR"} < set(names)
+
+
+def test_from_a_tracked_shot_a_rigify_character_moves_after_four_clicks(tmp_path):
+    """The section's title, the field Character, the rig in it, and the button; all else stays as it comes."""
+    scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    performer = bpy.context.scene.kfmocap.performers[0].armature
+    motion_curves.write_motion(performer, swing(body_armature.body_from_armature(performer), FRAMES), 1)
+    rig = generated_rig()
+    bpy.ops.kfmocap.open_section(section="retarget")
+    assert bpy.context.scene.kfmocap.retarget.target is None
+    bpy.context.scene.kfmocap.retarget.target = rig  # two clicks: the field, and the rig in its list
+    before = shown_heads(rig, ["DEF-forearm.L"])
+    assert bpy.ops.kfmocap.send_to_rig() == {"FINISHED"}
+    after = shown_heads(rig, ["DEF-forearm.L"])
+    assert np.ptp(before, axis=0).max() == 0 and np.ptp(after, axis=0).max() > 0.01

@@ -113,6 +113,42 @@ def hung_on_controls() -> bpy.types.Object:
     return armature
 
 
+def layered_human() -> bpy.types.Object:
+    """Deforming bones that hang on copies of the controls, and legs and spine that hang side by side on a control."""
+    armature = controlled_human()
+    with body_armature.edit_bones(armature) as bones:
+        torso, pelvis = bones.new(f"{CONTROL}torso"), bones[f"{CONTROL}pelvis"]
+        torso.head, torso.tail, torso.use_deform, torso.parent = pelvis.head, pelvis.tail, False, bones["root"]
+        for name in ("pelvis", "spine", "thigh.L", "thigh.R"):
+            bones[CONTROL + name].use_connect, bones[CONTROL + name].parent = False, torso
+        for part in BODY.parts:
+            copy, deforming = bones.new(f"ORG-{part.name}"), bones[f"DEF-{part.name}"]
+            copy.head, copy.tail, copy.roll, copy.use_deform = deforming.head, deforming.tail, deforming.roll, False
+            copy.parent = bones[f"ORG-{BODY.parts[part.parent].name}"] if part.parent >= 0 else bones["root"]
+            deforming.use_connect, deforming.parent = False, copy
+    for name in BODY.names:
+        held = armature.pose.bones[f"DEF-{name}"].constraints
+        held.remove(held[0])
+        _copy(armature, f"ORG-{name}", CONTROL + name, "COPY_TRANSFORMS")
+    return armature
+
+
+def limited_legs() -> bpy.types.Object:
+    """A character whose shins have inverse kinematics and a limit to one axis, as models for dances have them."""
+    armature = skinned_human()
+    goals = [(f"goal.{side}", "", BODY.parts[BODY.index(f"foot.{side}")].head_world, (0.1, 0.3, 0.0)) for side in "LR"]
+    add_bones(armature, goals)
+    for side in "LR":
+        held = armature.pose.bones[f"shin.{side}"].constraints
+        chain, limit = held.new("IK"), held.new("LIMIT_ROTATION")
+        chain.target, chain.subtarget, chain.chain_count = armature, f"goal.{side}", 2
+        limit.use_limit_x, limit.min_x, limit.max_x = True, 0.01, np.pi
+        limit.use_limit_y = limit.use_limit_z = True
+        limit.owner_space = "LOCAL"
+    bpy.context.view_layer.update()
+    return armature
+
+
 def linked(made: Callable[[], bpy.types.Object], folder: Path) -> bpy.types.Object:
     """A character that is linked into an empty file, with its skin, from another one."""
     armature = made()

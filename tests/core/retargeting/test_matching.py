@@ -6,14 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from foreign_skeletons import SKELETONS, foreign_skeleton
 from kfmocap.core.body import human
 from kfmocap.core.body.skeleton_motion import RestSkeleton
 from kfmocap.core.errors import BodyError
 from kfmocap.core.formats.bone_map_files import read_bone_map, write_bone_map
-from kfmocap.core.retargeting.bone_matching import match_bones, roles_by_name
+from kfmocap.core.retargeting.bone_matching import match_bones
+from kfmocap.core.retargeting.bone_names import roles_by_name
 from kfmocap.core.retargeting.bone_places import roles_by_place
 from kfmocap.core.retargeting.bone_presets import PRESETS
-from kfmocap.core.retargeting.roles import CHAINS, BoneMap
+from kfmocap.core.retargeting.roles import CHAINS, FINGERS, BoneMap
 from made_rigs import made_rig
 
 BODY = human(1.75)
@@ -78,6 +80,32 @@ def test_bones_may_be_named_after_the_joints_in_which_they_begin():
     roles = dict(zip(("shoulder", "upper_arm", "forearm", "hand", "thigh", "shin", "foot"), arm + leg, strict=True))
     for role, joint in roles.items():
         assert (found.bones[f"{role}.L"], found.bones[f"{role}.R"]) == ((f"Left{joint}",), (f"Right{joint}",))
+
+
+@pytest.mark.parametrize("kind", SKELETONS)
+def test_bones_of_other_programs_are_found(kind):
+    """Twist and IK bones, hips and spines that hang side by side, words of other meanings, layers of controls."""
+    rest, roles = foreign_skeleton(kind)
+    found = match_bones(rest).bones
+    assert {role: names for role, names in found.items() if role in roles} == roles
+    strays = set(found) - set(roles)
+    assert all(role.split(".")[0] in ("root", *FINGERS) for role in strays)
+
+
+def test_limbs_below_the_legs_are_no_arms():
+    """A skeleton whose arms cannot be told from its legs is refused, not bent."""
+    rest, roles = foreign_skeleton("finnish, hips and spine side by side")
+    arms = {
+        name
+        for role, names in roles.items()
+        if role[:-2] in ("shoulder", "upper_arm", "forearm", "hand")
+        for name in names
+    }
+    kept = [j for j, name in enumerate(rest.names) if name not in arms]
+    parents = tuple(kept.index(rest.parents[j]) if rest.parents[j] >= 0 else -1 for j in kept)
+    names = tuple(rest.names[j] for j in kept)
+    with pytest.raises(BodyError, match="no bone was found"):
+        match_bones(RestSkeleton(names, parents, rest.heads[kept], rest.tails[kept]))
 
 
 @pytest.mark.parametrize("turn", [0, 1, 2])

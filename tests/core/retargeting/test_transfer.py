@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -11,7 +12,7 @@ from kfmocap.core.errors import BodyError
 from kfmocap.core.numerics import rotations
 from kfmocap.core.retargeting.bone_presets import PRESETS
 from kfmocap.core.retargeting.control_rig import local_places, local_turns
-from kfmocap.core.retargeting.retarget import prepared, retarget
+from kfmocap.core.retargeting.retarget import grounded, prepared, retarget
 from kfmocap.core.retargeting.transfer import RetargetOptions, chain_blends
 from made_rigs import LONGER_LEGS, SHORTER_ARMS, made_rig, moved_body, moved_rig, wild_motion
 from render.motions import MOTIONS
@@ -118,6 +119,38 @@ def test_clean_feet_do_not_move_at_all(walking, other):
         flat = path.planted.all(axis=1)
         still = flat[1:] & flat[:-1]
         assert np.linalg.norm(np.diff(result.poses.places[:, foot], axis=0), axis=1)[still].max() < 1e-6
+
+
+def test_toes_that_stay_straight_stay_above_the_ground(walking):
+    """The foot of a source without toes rolls on their tips, where a foot bone that ends at the ball does not reach."""
+    rig = made_rig("mixamo", BODY, 0.0)
+    foot = rig.index("foot.L")
+    end = rig.rest.tails[foot] - rig.rest.heads[foot]
+    tails = rig.rest.tails.copy()
+    tails[foot] = rig.rest.heads[foot] + 0.7 * end
+    short = replace(rig, rest=replace(rig.rest, tails=tails), resting_toes=frozenset("LR"))
+    poses = retarget(*walking, short).poses
+    own = walking[0].rest.indices(["foot.L"])[0]
+    tips = [
+        p[:, j, 2] + (turns[:, j] @ end)[:, 2]
+        for p, turns, j in (
+            (poses.places, poses.turns, foot),
+            (walking[0].positions, walking[0].turns, own),
+        )
+    ]
+    assert np.abs(tips[0] - tips[1]).max() < 1e-3
+
+
+@pytest.mark.parametrize(("ankle", "toe"), [(0.07, 0.02), (0.3, 0.01)])
+def test_feet_with_high_ankles_stand_on_the_origin(ankle, toe):
+    """Short legs below a large head, and those of animals that walk on their toes."""
+    rig = made_rig("mixamo", BODY)
+    heads, tails = rig.rest.heads.copy(), rig.rest.tails.copy()
+    for side in "LR":
+        thigh, shin, foot = (rig.index(f"{limb}.{side}") for limb in ("thigh", "shin", "foot"))
+        heads[[thigh, shin, foot], 2] = ankle + 0.3, ankle + 0.15, ankle
+        tails[foot, 2] = toe
+    assert grounded(replace(rig.rest, heads=heads, tails=tails), rig.bones).ground == 0.0
 
 
 def test_in_place_the_hips_stay_where_they_were(walking, other):

@@ -1,0 +1,108 @@
+"""Roles of bones by their names: what a word means depends on the other words of the rig and on what hangs on what.
+
+One rig's shoulder is a collar bone, another's the upper arm above an elbow; a leg is a shin below a thigh, or a thigh
+above a knee. A rig of controls has every limb several times, and a skeleton is looked for among bones of one kind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+
+from ..body.skeleton_motion import RestSkeleton
+from .bone_words import BoneName, read_name
+from .roles import FINGERS, SIDES, BoneMap
+from .skeleton_tree import SkeletonTree
+
+_FAMILIES: tuple[frozenset[str], ...] = tuple(
+    frozenset(kinds)
+    for kinds in (
+        ("",),
+        ("def",),
+        ("", "def"),
+        ("org",),
+        ("", "org"),
+        ("", "fk"),
+        ("", "control"),
+        ("", "def", "org", "fk", "control"),
+    )
+)
+"""Kinds of bones that may make up a skeleton, the first that is a whole one counts. What constraints move comes before
+the handles: those are found by turning them."""
+_MOST = {"spine": 9, "neck": 9, **dict.fromkeys(FINGERS, 3)}
+
+Named = Mapping[str, list[int]]
+
+
+def roles_by_name(rest: RestSkeleton) -> BoneMap:
+    """Return the roles that the words in the bones' names suggest, of bones of one kind if they make up a human."""
+    names = [read_name(name) for name in rest.names]
+    tree = SkeletonTree(rest)
+    found = BoneMap({}, found_by="names")
+    for kinds in _FAMILIES:
+        one = BoneMap(_roles(rest, names, tree, kinds), found_by="names")
+        if not one.missing():
+            return one
+        if len(one.missing()) < len(found.missing()) or not found.bones:
+            found = one
+    return found
+
+
+def _roles(
+    rest: RestSkeleton, names: Sequence[BoneName], tree: SkeletonTree, kinds: Collection[str]
+) -> dict[str, tuple[str, ...]]:
+    parts: dict[str, dict[str, list[int]]] = {"": {}, "L": {}, "R": {}}
+    for j, name in enumerate(names):
+        if name.part and (name.kind in kinds or name.part == "root"):
+            parts[name.side].setdefault(name.part, []).append(j)
+    central = {role: parts[""][role][:1] for role in ("root", "hips", "head") if role in parts[""]}
+    central |= {role: tree.chain(parts[""][role], _MOST[role]) for role in ("spine", "neck") if role in parts[""]}
+    found = dict(central)
+    for side in SIDES:
+        limbs = _leg(parts[side], tree) | _arm(parts[side], tree) | _fingers(parts[side], names, tree)
+        found |= {f"{role}.{side}": bones for role, bones in limbs.items()}
+    found = tree.with_trunk(found)
+    return {role: tuple(rest.names[j] for j in bones) for role, bones in found.items()}
+
+
+def _leg(parts: Named, tree: SkeletonTree) -> dict[str, list[int]]:
+    """Thigh, shin, foot and toe of one side."""
+    lower = [*parts.get("shin", []), *parts.get("knee", [])]
+    legs = parts.get("leg", [])
+    thighs = parts.get("thigh", [])
+    if not thighs and lower and legs:
+        thighs, legs = legs, []
+    if not thighs and (lower or legs):
+        thighs = parts.get("hips", [])
+    shins = sorted([*lower, *legs])
+    ankles, feet, toes = (parts.get(part, []) for part in ("ankle", "foot", "toe"))
+    below = [j for j in feet if ankles and tree.is_above(ankles[0], j)]
+    found = {"thigh": thighs[:1], "shin": shins[:1], "foot": sorted([*ankles, *feet])[:1]}
+    found["toe"] = sorted([*below, *toes])[:1] if below else toes[:1]
+    return {role: bones for role, bones in found.items() if bones}
+
+
+def _arm(parts: Named, tree: SkeletonTree) -> dict[str, list[int]]:
+    """Collar bone, upper arm, forearm and hand of one side."""
+    uppers = parts.get("upper_arm", []) or parts.get("arm", [])
+    lowers = sorted([*parts.get("forearm", []), *parts.get("elbow", [])])
+    shoulders, collars = parts.get("shoulder", []), parts.get("collar", [])
+    if not uppers and lowers:
+        above = [j for j in shoulders if tree.is_above(j, lowers[0])] or shoulders
+        uppers, shoulders = above[-1:], [j for j in shoulders if j not in above[-1:]]
+    hands = sorted([*parts.get("hand", []), *parts.get("wrist", [])])
+    found = {"shoulder": (collars or shoulders)[:1], "upper_arm": uppers[:1], "forearm": lowers[:1], "hand": hands[:1]}
+    return {role: bones for role, bones in found.items() if bones}
+
+
+def _fingers(parts: Named, names: Sequence[BoneName], tree: SkeletonTree) -> dict[str, list[int]]:
+    """The fingers of one side, by their names or by numbers from the thumb on."""
+    found = {finger: tree.chain(parts[finger], _MOST[finger]) for finger in FINGERS if finger in parts}
+    numbered: dict[int, list[int]] = {}
+    for j in parts.get("finger", []):
+        numbered.setdefault(int(names[j].digits[0]), []).append(j)
+    if not found and numbered and min(numbered) <= 1:
+        first = min(numbered)
+        for k, bones in numbered.items():
+            if k - first < len(FINGERS):
+                found[FINGERS[k - first]] = tree.chain(bones, 3)
+    return found

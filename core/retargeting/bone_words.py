@@ -1,0 +1,150 @@
+"""What the name of a bone says: its side, the part that it names, and what it is for in a rig."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+NAMESPACE = re.compile(r"^.*[:|]")
+_TOKEN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^\W\d_a-zA-Z]+")
+_SIDES = {
+    **dict.fromkeys(("l", "left", "lf", "lft", "lt", "左"), "L"),
+    **dict.fromkeys(("r", "right", "rt", "rgt", "rg", "右"), "R"),
+}
+_MADE = re.compile(r"^(bip|valve|biped|j|b|m|cc|base|bn|bone|joint|jnt|jt|bind|skin|sk|x|character|valvebiped|mstr)$")
+_NUMBERED = re.compile(r"^(bip|biped|character)$")
+_TURNED = frozenset(["fk"])
+_HANDLES = frozenset(["c", "ctrl", "ctl", "control", "con"])
+_SKINNED = frozenset(["def", "deform"])
+_ORIGINALS = frozenset(["org"])
+_HELPERS = re.compile(
+    r"^(ik|ikhandle|mch|tgt|target|pole|tweak|twist\d*|twk|roll|share|corrective|cor|helper|helpers|volume|jiggle|spring"
+    r"|nub|end|tip|eff|effector|sec|adj|metacarpals?|carpals?|metatarsals?|vis|driver|offset|stretch|scale|parent|prop"
+    r"|pec|pectoral|breast|out|in|bck|fwd|lat|latissimus|scap|weapon|ＩＫ|捩|親|キャンセル)$",
+    re.IGNORECASE,
+)
+_BENT = re.compile(r"(bend|base)$")
+
+_WORDS: tuple[tuple[str, str], ...] = (
+    ("root", r"root|master|reference|armature|全|全て"),
+    ("hips", r"hips?|pelvis|cog|bip\d*pelvis|lowertorso|lowerbody|下半身"),
+    ("toe", r"toes?(base)?\d*|ball|toebone|つま先"),
+    ("foot", r"foot|feet|足首"),
+    ("ankle", r"ankle"),
+    ("shin", r"shin|calf|lowerleg|leglower|lowleg|crus"),
+    ("knee", r"knee|ひざ|膝"),
+    ("leg", r"leg"),
+    ("thigh", r"thigh|upleg|upperleg|legupper|femur|足"),
+    ("thumb", r"(hand)?thumb\d*|親指"),
+    ("index", r"(hand|f)?(index|pointer|fore)(finger)?\d*|人指|人差指|人差し指"),
+    ("middle", r"(hand|f)?(middle|mid)(finger)?\d*|中指"),
+    ("ring", r"(hand|f)?ring(finger)?\d*|薬指"),
+    ("pinky", r"(hand|f)?(pinky|little|pinkie|small)(finger)?\d*|小指"),
+    ("finger", r"finger\d+"),
+    ("hand", r"hand"),
+    ("wrist", r"wrist|手首"),
+    ("forearm", r"forearm|lowerarm|armlower|lowarm|ひじ|肘"),
+    ("elbow", r"elbow"),
+    ("upper_arm", r"upperarm|uparm|armupper|humerus|腕|shldr"),
+    ("arm", r"arm"),
+    ("shoulder", r"shoulder|肩"),
+    ("collar", r"clavicle|collar|clav|collarbone|scapula"),
+    ("head", r"head\d*|頭"),
+    ("neck", r"neck(lower|upper)?\d*|首"),
+    (
+        "spine",
+        r"(spine|(upper|lower)?chest|(upper|lower)?torso|abdomen|waist|lowerback|back|ribcage|thorax|trunk|belly|(upper)?body"
+        r"|上半身)(lower|upper)?\d*",
+    ),
+)
+"""Parts of a body and the words that name them, compared with a name without namespace, side and what it is for."""
+
+
+@dataclass(frozen=True)
+class BoneName:
+    """A bone's name, read.
+
+    Attributes
+    ----------
+    side : str
+        "L", "R" or nothing.
+    part : str
+        A part of `_WORDS`; nothing where the name is of none. Of limbs both the segment and the joint that it begins at
+        are told: a shin may be called knee.
+    kind : str
+        "" plain, "def" deforming, "org" what deforming bones copy, "fk" and "control" handles, "helper" none of a
+        skeleton's own bones, such as those that share a twist.
+    digits : str
+        The numbers at the end of the part's word.
+    """
+
+    side: str
+    part: str
+    kind: str
+    digits: str
+
+
+def read_name(name: str) -> BoneName:
+    """Read a bone's name, in whatever way it is put together."""
+    tokens, side, kind = _tokens(name), "", ""
+    kept: list[str] = []
+    for before, token in zip(["", *tokens], tokens, strict=False):
+        small = token.lower()
+        if token.isdigit() and _NUMBERED.match(before.lower()):
+            continue
+        if small in _SIDES and not side:
+            side = _SIDES[small]
+        elif small in _SKINNED:
+            kind = kind or "def"
+        elif small in _ORIGINALS:
+            kind = kind or "org"
+        elif small in _TURNED:
+            kind = "fk"
+        elif small in _HANDLES:
+            kind = kind or "control"
+        elif _HELPERS.match(small):
+            kind = "helper"
+        elif not (_MADE.match(small) and len(tokens) > 1):
+            kept.append(small)
+    word = "".join(kept)
+    part = _part_of(word)
+    if not part and (bare := _BENT.sub("", word)) != word:
+        part = _part_of(bare)
+    if not part and (bare := word.rstrip("0123456789")) != word:
+        part = _part_of(bare)
+    if kind == "helper" and part == "neck" and not side:
+        kind = ""  # some rigs call the neck's own bones twist bones
+    found = re.search(r"\d+$", word)
+    return BoneName(side, part, kind, found.group() if found else "")
+
+
+def _tokens(name: str) -> list[str]:
+    """Words, numbers and single letters of a name, sides apart."""
+    plain = NAMESPACE.sub("", name)
+    found: list[str] = []
+    for token in _TOKEN.findall(plain):
+        small = token.lower()
+        if token[:1] in "左右" and len(token) > 1:
+            found += [token[0], *_apart(token[1:])]
+        elif token.isupper() and len(token) > 2:  # one word in capitals, or several
+            found += _capitals(small)
+        elif match := re.fullmatch(r"(left|right)(\w+)|(\w+?)(left|right)", small):
+            found += [part for part in match.groups() if part]
+        else:
+            found += _apart(token)
+    return found
+
+
+def _apart(token: str) -> list[str]:
+    """A word of characters without cases, with what it is for at its end apart."""
+    match = re.fullmatch(r"(.*?)(ＩＫ|捩|親|キャンセル)", token)
+    return [part for part in match.groups() if part] if match else [token]
+
+
+def _capitals(word: str) -> list[str]:
+    match = re.fullmatch(r"(left|right)(\w+)|(\w+?)(left|right)", word)
+    return [part for part in match.groups() if part] if match else [word]
+
+
+def _part_of(word: str) -> str:
+    return next((part for part, pattern in _WORDS if re.fullmatch(pattern, word)), "")

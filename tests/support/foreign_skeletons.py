@@ -1,0 +1,366 @@
+"""Skeletons of other programs, bone by bone: what each hangs on, where it is, and which role it plays."""
+
+from __future__ import annotations
+
+import numpy as np
+from kfmocap.core.body.skeleton_motion import RestSkeleton
+
+_LEFT = {"s": "l", "S": "L", "Side": "Left", "side": "left", "jp": "左"}
+_RIGHT = {"s": "r", "S": "R", "Side": "Right", "side": "right", "jp": "右"}
+
+
+def _points(droop: float) -> dict[str, np.ndarray]:
+    """Joints of a human of 1.75 m, the left side's, arms lowered by an angle."""
+    along = np.array([np.cos(droop), 0.0, -np.sin(droop)])
+    shoulder = np.array([0.18, 0.02, 1.42])
+    found = {
+        "ground": (0.0, 0.0, 0.0),
+        "hips": (0.0, 0.0, 0.95),
+        "spine1": (0.0, 0.01, 1.03),
+        "spine2": (0.0, 0.02, 1.14),
+        "spine3": (0.0, 0.02, 1.26),
+        "neck": (0.0, 0.02, 1.45),
+        "nape": (0.0, 0.01, 1.50),
+        "head": (0.0, 0.0, 1.54),
+        "top": (0.0, 0.0, 1.75),
+        "face": (0.03, -0.09, 1.62),
+        "collar": (0.03, 0.02, 1.42),
+        "shoulder": shoulder,
+        "armtwist": shoulder + 0.14 * along,
+        "elbow": shoulder + 0.28 * along,
+        "foretwist": shoulder + 0.40 * along,
+        "wrist": shoulder + 0.53 * along,
+        "palm": shoulder + 0.58 * along,
+        "thigh": (0.095, 0.0, 0.92),
+        "thightwist": (0.095, 0.0, 0.70),
+        "knee": (0.095, -0.01, 0.49),
+        "shintwist": (0.095, 0.0, 0.30),
+        "ankle": (0.095, 0.015, 0.07),
+        "ball": (0.1, -0.115, 0.02),
+        "tiptoe": (0.1, -0.185, 0.02),
+    }
+    for finger, ahead in (("thumb", 0.04), ("index", 0.03), ("middle", 0.01), ("ring", -0.01), ("pinky", -0.03)):
+        for k in range(3):
+            base = 0.53 + (0.03 if finger == "thumb" else 0.09) + 0.03 * k
+            found[f"{finger}{k}"] = shoulder + base * along + [0.0, -ahead, 0.0]
+    return {name: np.array(at) for name, at in found.items()}
+
+
+SKELETONS = {
+    "daz genesis 8": """
+        hip | | hips | hips
+        pelvis | hip | hips
+        {s}ThighBend | pelvis | thigh | thigh
+        {s}ThighTwist | {s}ThighBend | thightwist
+        {s}Shin | {s}ThighTwist | knee | shin
+        {s}Foot | {s}Shin | ankle | foot
+        {s}Metatarsals | {s}Foot | ankle
+        {s}Toe | {s}Metatarsals | ball | toe
+        {s}BigToe | {s}Toe | tiptoe
+        abdomenLower | hip | spine1 | spine
+        abdomenUpper | abdomenLower | spine2 | spine
+        chestLower | abdomenUpper | spine3 | spine
+        chestUpper | chestLower | neck | spine
+        {s}Pectoral | chestLower | face
+        {s}Collar | chestUpper | collar | shoulder
+        {s}ShldrBend | {s}Collar | shoulder | upper_arm
+        {s}ShldrTwist | {s}ShldrBend | armtwist
+        {s}ForearmBend | {s}ShldrTwist | elbow | forearm
+        {s}ForearmTwist | {s}ForearmBend | foretwist
+        {s}Hand | {s}ForearmTwist | wrist | hand
+        {s}Carpal1 | {s}Hand | palm
+        {s}Index1 | {s}Carpal1 | index0 | index
+        {s}Index2 | {s}Index1 | index1 | index
+        {s}Index3 | {s}Index2 | index2 | index
+        neckLower | chestUpper | neck | neck
+        neckUpper | neckLower | nape | neck
+        head | neckUpper | head | head
+        {s}Eye | head | face
+        """,
+    "reallusion": """
+        CC_Base_BoneRoot | | ground
+        CC_Base_Hip | CC_Base_BoneRoot | hips | hips
+        CC_Base_Pelvis | CC_Base_Hip | hips
+        CC_Base_{S}_Thigh | CC_Base_Pelvis | thigh | thigh
+        CC_Base_{S}_ThighTwist01 | CC_Base_{S}_Thigh | thightwist
+        CC_Base_{S}_Calf | CC_Base_{S}_Thigh | knee | shin
+        CC_Base_{S}_KneeShareBone | CC_Base_{S}_Calf | knee
+        CC_Base_{S}_CalfTwist01 | CC_Base_{S}_Calf | shintwist
+        CC_Base_{S}_Foot | CC_Base_{S}_Calf | ankle | foot
+        CC_Base_{S}_ToeBaseShareBone | CC_Base_{S}_Foot | ball
+        CC_Base_{S}_ToeBase | CC_Base_{S}_Foot | ball | toe
+        CC_Base_{S}_BigToe1 | CC_Base_{S}_ToeBase | tiptoe
+        CC_Base_Waist | CC_Base_Hip | spine1 | spine
+        CC_Base_Spine01 | CC_Base_Waist | spine2 | spine
+        CC_Base_Spine02 | CC_Base_Spine01 | spine3 | spine
+        CC_Base_{S}_RibsTwist | CC_Base_Spine02 | face
+        CC_Base_{S}_Clavicle | CC_Base_Spine02 | collar | shoulder
+        CC_Base_{S}_Upperarm | CC_Base_{S}_Clavicle | shoulder | upper_arm
+        CC_Base_{S}_UpperarmTwist01 | CC_Base_{S}_Upperarm | armtwist
+        CC_Base_{S}_Forearm | CC_Base_{S}_Upperarm | elbow | forearm
+        CC_Base_{S}_ElbowShareBone | CC_Base_{S}_Forearm | elbow
+        CC_Base_{S}_Hand | CC_Base_{S}_Forearm | wrist | hand
+        CC_Base_{S}_Mid1 | CC_Base_{S}_Hand | middle0 | middle
+        CC_Base_{S}_Mid2 | CC_Base_{S}_Mid1 | middle1 | middle
+        CC_Base_NeckTwist01 | CC_Base_Spine02 | neck | neck
+        CC_Base_NeckTwist02 | CC_Base_NeckTwist01 | nape | neck
+        CC_Base_Head | CC_Base_NeckTwist02 | head | head
+        CC_Base_JawRoot | CC_Base_Head | face
+        """,
+    "biped": """
+        Bip001 | | hips
+        Bip001 Pelvis | Bip001 | hips | hips
+        Bip001 Spine | Bip001 Pelvis | spine1 | spine
+        Bip001 Spine1 | Bip001 Spine | spine2 | spine
+        Bip001 {S} Thigh | Bip001 Spine | thigh | thigh
+        Bip001 {S}ThighTwist | Bip001 {S} Thigh | thightwist
+        Bip001 {S} Calf | Bip001 {S} Thigh | knee | shin
+        Bip001 {S} Foot | Bip001 {S} Calf | ankle | foot
+        Bip001 {S} Toe0 | Bip001 {S} Foot | ball | toe
+        Bip001 {S} Toe0Nub | Bip001 {S} Toe0 | tiptoe
+        Bip001 Neck | Bip001 Spine1 | neck | neck
+        Bip001 {S} Clavicle | Bip001 Neck | collar | shoulder
+        Bip001 {S} UpperArm | Bip001 {S} Clavicle | shoulder | upper_arm
+        Bip001 {S} Forearm | Bip001 {S} UpperArm | elbow | forearm
+        Bip001 {S} ForeTwist | Bip001 {S} Forearm | foretwist
+        Bip001 {S} Hand | Bip001 {S} Forearm | wrist | hand
+        Bip001 {S} Finger0 | Bip001 {S} Hand | thumb0 | thumb
+        Bip001 {S} Finger01 | Bip001 {S} Finger0 | thumb1 | thumb
+        Bip001 {S} Finger0Nub | Bip001 {S} Finger01 | thumb2
+        Bip001 {S} Finger1 | Bip001 {S} Hand | index0 | index
+        Bip001 {S} Finger11 | Bip001 {S} Finger1 | index1 | index
+        Bip001 Head | Bip001 Neck | head | head
+        Bip001 HeadNub | Bip001 Head | top
+        """,
+    "valve": """
+        ValveBiped.Bip01_Pelvis | | hips | hips
+        ValveBiped.Bip01_Spine | ValveBiped.Bip01_Pelvis | spine1 | spine
+        ValveBiped.Bip01_Spine4 | ValveBiped.Bip01_Spine | spine3 | spine
+        ValveBiped.Bip01_Neck1 | ValveBiped.Bip01_Spine4 | neck | neck
+        ValveBiped.Bip01_Head1 | ValveBiped.Bip01_Neck1 | head | head
+        ValveBiped.forward | ValveBiped.Bip01_Head1 | top
+        ValveBiped.Bip01_{S}_Clavicle | ValveBiped.Bip01_Spine4 | collar | shoulder
+        ValveBiped.Bip01_{S}_UpperArm | ValveBiped.Bip01_{S}_Clavicle | shoulder | upper_arm
+        ValveBiped.Bip01_{S}_Forearm | ValveBiped.Bip01_{S}_UpperArm | elbow | forearm
+        ValveBiped.Bip01_{S}_Hand | ValveBiped.Bip01_{S}_Forearm | wrist | hand
+        ValveBiped.Bip01_{S}_Thigh | ValveBiped.Bip01_Pelvis | thigh | thigh
+        ValveBiped.Bip01_{S}_Calf | ValveBiped.Bip01_{S}_Thigh | knee | shin
+        ValveBiped.Bip01_{S}_Foot | ValveBiped.Bip01_{S}_Calf | ankle | foot
+        ValveBiped.Bip01_{S}_Toe0 | ValveBiped.Bip01_{S}_Foot | ball | toe
+        """,
+    "mikumikudance": """
+        全ての親 | | ground
+        センター | 全ての親 | hips
+        腰 | センター | hips | hips
+        下半身 | 腰 | spine1
+        上半身 | 腰 | spine1 | spine
+        上半身2 | 上半身 | spine3 | spine
+        首 | 上半身2 | neck | neck
+        頭 | 首 | head | head
+        {jp}肩P | 上半身2 | collar
+        {jp}肩 | {jp}肩P | collar | shoulder
+        {jp}腕 | {jp}肩 | shoulder | upper_arm
+        {jp}腕捩 | {jp}腕 | armtwist
+        {jp}ひじ | {jp}腕捩 | elbow | forearm
+        {jp}手捩 | {jp}ひじ | foretwist
+        {jp}手首 | {jp}手捩 | wrist | hand
+        {jp}人指１ | {jp}手首 | index0
+        {jp}足 | 下半身 | thigh | thigh
+        {jp}ひざ | {jp}足 | knee | shin
+        {jp}足首 | {jp}ひざ | ankle | foot
+        {jp}つま先 | {jp}足首 | ball | toe
+        {jp}足ＩＫ | 全ての親 | ankle
+        {jp}足D | 下半身 | thigh
+        {jp}ひざD | {jp}足D | knee
+        """,
+    "second life": """
+        mPelvis | | hips | hips
+        mTorso | mPelvis | spine1 | spine
+        mChest | mTorso | spine3 | spine
+        mNeck | mChest | neck | neck
+        mHead | mNeck | head | head
+        mSkull | mHead | top
+        mCollar{Side} | mChest | collar | shoulder
+        mShoulder{Side} | mCollar{Side} | shoulder | upper_arm
+        mElbow{Side} | mShoulder{Side} | elbow | forearm
+        mWrist{Side} | mElbow{Side} | wrist | hand
+        mHip{Side} | mPelvis | thigh | thigh
+        mKnee{Side} | mHip{Side} | knee | shin
+        mAnkle{Side} | mKnee{Side} | ankle | foot
+        mFoot{Side} | mAnkle{Side} | ball | toe
+        mToe{Side} | mFoot{Side} | tiptoe
+        """,
+    "smpl": """
+        Pelvis | | hips | hips
+        {S}_Hip | Pelvis | thigh | thigh
+        {S}_Knee | {S}_Hip | knee | shin
+        {S}_Ankle | {S}_Knee | ankle | foot
+        {S}_Foot | {S}_Ankle | ball | toe
+        Spine1 | Pelvis | spine1 | spine
+        Spine3 | Spine1 | spine3 | spine
+        Neck | Spine3 | neck | neck
+        Head | Neck | head | head
+        {S}_Collar | Spine3 | collar | shoulder
+        {S}_Shoulder | {S}_Collar | shoulder | upper_arm
+        {S}_Elbow | {S}_Shoulder | elbow | forearm
+        {S}_Wrist | {S}_Elbow | wrist | hand
+        {S}_Hand | {S}_Wrist | palm
+        """,
+    "advanced skeleton": """
+        Root_M | | hips | hips
+        Spine1_M | Root_M | spine1 | spine
+        Chest_M | Spine1_M | spine3 | spine
+        Neck_M | Chest_M | neck | neck
+        Head_M | Neck_M | head | head
+        Scapula_{S} | Chest_M | collar | shoulder
+        Shoulder_{S} | Scapula_{S} | shoulder | upper_arm
+        ShoulderPart1_{S} | Shoulder_{S} | armtwist
+        Elbow_{S} | ShoulderPart1_{S} | elbow | forearm
+        Wrist_{S} | Elbow_{S} | wrist | hand
+        Hip_{S} | Root_M | thigh | thigh
+        Knee_{S} | Hip_{S} | knee | shin
+        Ankle_{S} | Knee_{S} | ankle | foot
+        Toes_{S} | Ankle_{S} | ball | toe
+        """,
+    "cmu": """
+        Hips | | hips | hips
+        {S}HipJoint | Hips | hips
+        {Side}UpLeg | {S}HipJoint | thigh | thigh
+        {Side}Leg | {Side}UpLeg | knee | shin
+        {Side}Foot | {Side}Leg | ankle | foot
+        {Side}ToeBase | {Side}Foot | ball | toe
+        LowerBack | Hips | spine1
+        Spine | LowerBack | spine2 | spine
+        Spine1 | Spine | spine3 | spine
+        Neck | Spine1 | neck | neck
+        Neck1 | Neck | nape
+        Head | Neck1 | head | head
+        {Side}Shoulder | Spine1 | collar | shoulder
+        {Side}Arm | {Side}Shoulder | shoulder | upper_arm
+        {Side}ForeArm | {Side}Arm | elbow | forearm
+        {Side}Hand | {Side}ForeArm | wrist | hand
+        {Side}FingerBase | {Side}Hand | palm
+        {Side}HandIndex1 | {Side}FingerBase | index0
+        """,
+    "xsens": """
+        Hips | | hips | hips
+        Chest | Hips | spine1 | spine
+        Chest2 | Chest | spine2 | spine
+        Chest4 | Chest2 | spine3 | spine
+        Neck | Chest4 | neck | neck
+        Head | Neck | head | head
+        {Side}Collar | Chest4 | collar | shoulder
+        {Side}Shoulder | {Side}Collar | shoulder | upper_arm
+        {Side}Elbow | {Side}Shoulder | elbow | forearm
+        {Side}Wrist | {Side}Elbow | wrist | hand
+        {Side}Hip | Hips | thigh | thigh
+        {Side}Knee | {Side}Hip | knee | shin
+        {Side}Ankle | {Side}Knee | ankle | foot
+        {Side}Toe | {Side}Ankle | ball | toe
+        """,
+    "axis neuron": """
+        Hips | | hips | hips
+        {Side}UpLeg | Hips | thigh | thigh
+        {Side}Leg | {Side}UpLeg | knee | shin
+        {Side}Foot | {Side}Leg | ankle | foot
+        Spine | Hips | spine1 | spine
+        Spine1 | Spine | spine2 | spine
+        Spine2 | Spine1 | spine3 | spine
+        Neck | Spine2 | neck | neck
+        Head | Neck | head | head
+        {Side}Shoulder | Spine2 | collar | shoulder
+        {Side}Arm | {Side}Shoulder | shoulder | upper_arm
+        {Side}ForeArm | {Side}Arm | elbow | forearm
+        {Side}Hand | {Side}ForeArm | wrist | hand
+        {Side}InHandIndex | {Side}Hand | palm
+        {Side}HandIndex1 | {Side}InHandIndex | index0 | index
+        """,
+    "rokoko": """
+        Hips | | hips | hips
+        {Side}Thigh | Hips | thigh | thigh
+        {Side}Shin | {Side}Thigh | knee | shin
+        {Side}Foot | {Side}Shin | ankle | foot
+        {Side}Toe | {Side}Foot | ball | toe
+        Spine1 | Hips | spine1 | spine
+        Spine2 | Spine1 | spine2 | spine
+        Spine4 | Spine2 | spine3 | spine
+        Neck | Spine4 | neck | neck
+        Head | Neck | head | head
+        {Side}Shoulder | Spine4 | collar | shoulder
+        {Side}Arm | {Side}Shoulder | shoulder | upper_arm
+        {Side}ForeArm | {Side}Arm | elbow | forearm
+        {Side}Hand | {Side}ForeArm | wrist | hand
+        """,
+    "layers of a control rig": """
+        ROOT | | ground | root
+        MSTR-Torso | ROOT | hips | hips
+        FK-Hips | MSTR-Torso | hips
+        ORG-Hips | FK-Hips | hips
+        DEF-Hips | ORG-Hips | hips
+        FK-Spine | MSTR-Torso | spine1 | spine
+        DEF-Spine | FK-Spine | spine1
+        FK-Chest | FK-Spine | spine3 | spine
+        DEF-Chest | FK-Chest | spine3
+        FK-Neck | FK-Chest | neck | neck
+        DEF-Neck | FK-Neck | neck
+        FK-Head | FK-Neck | head
+        DEF-Head | FK-Head | head | head
+        FK-Clavicle.{S} | FK-Chest | collar
+        DEF-Clavicle.{S} | FK-Clavicle.{S} | collar | shoulder
+        FK-UpperArm.{S} | FK-Clavicle.{S} | shoulder
+        ORG-UpperArm.{S} | FK-Clavicle.{S} | shoulder
+        DEF-UpperArm1.{S} | ORG-UpperArm.{S} | shoulder | upper_arm
+        DEF-UpperArm2.{S} | ORG-UpperArm.{S} | armtwist
+        ORG-Forearm.{S} | ORG-UpperArm.{S} | elbow
+        DEF-Forearm1.{S} | ORG-Forearm.{S} | elbow | forearm
+        ORG-Wrist.{S} | ORG-Forearm.{S} | wrist
+        DEF-Wrist.{S} | ORG-Wrist.{S} | wrist | hand
+        IK-Wrist.{S} | ROOT | wrist
+        ORG-Thigh.{S} | FK-Hips | thigh
+        DEF-Thigh1.{S} | ORG-Thigh.{S} | thigh | thigh
+        DEF-Thigh2.{S} | ORG-Thigh.{S} | thightwist
+        ORG-Knee.{S} | ORG-Thigh.{S} | knee
+        DEF-Knee1.{S} | ORG-Knee.{S} | knee | shin
+        ORG-Foot.{S} | ORG-Knee.{S} | ankle
+        DEF-Foot.{S} | ORG-Foot.{S} | ankle | foot
+        IK-Foot.{S} | ROOT | ankle
+        """,
+    "finnish, hips and spine side by side": """
+        juuri | | hips | hips
+        lantio | juuri | hips
+        vatsa | juuri | spine1 | spine
+        rinta | vatsa | spine3 | spine
+        kaula | rinta | neck | neck
+        pää | kaula | head | head
+        päälaki | pää | top
+        olka{S} | rinta | collar | shoulder
+        käsivarsi{S} | olka{S} | shoulder | upper_arm
+        kyynärvarsi{S} | käsivarsi{S} | elbow | forearm
+        ranne{S} | kyynärvarsi{S} | wrist | hand
+        reisi{S} | lantio | thigh | thigh
+        sääri{S} | reisi{S} | knee | shin
+        nilkka{S} | sääri{S} | ankle | foot
+        varpaat{S} | nilkka{S} | ball | toe
+        """,
+}
+
+
+def foreign_skeleton(kind: str, droop: float = 0.7) -> tuple[RestSkeleton, dict[str, tuple[str, ...]]]:
+    """A skeleton without tails, and the roles of its bones; left is +X, it faces -Y."""
+    at = _points(droop)
+    names: list[str] = []
+    parents: list[str] = []
+    heads: list[np.ndarray] = []
+    roles: dict[str, tuple[str, ...]] = {}
+    for line in SKELETONS[kind].strip().splitlines():
+        pattern, above, point, *role = (word.strip() for word in line.split("|"))
+        for side, words in (("L", _LEFT), ("R", _RIGHT)) if "{" in pattern else (("", {}),):
+            name = pattern.format(**words)
+            names.append(name)
+            parents.append(above.format(**words))
+            heads.append(at[point] * ([-1.0, 1.0, 1.0] if side == "R" else 1.0))
+            if role:
+                key = f"{role[0]}.{side}" if side else role[0]
+                roles[key] = (*roles.get(key, ()), name)
+    order = [names.index(name) if name else -1 for name in parents]
+    return RestSkeleton(tuple(names), tuple(order), np.array(heads), np.full((len(names), 3), np.nan)), roles
