@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FootageError, listed
-from .image_sizes import JPEG, PNG, image_size, is_out_of_proportion
+from .image_sizes import JPEG, PNG, breaks_off, image_size, is_out_of_proportion
 
 Image = NDArray[Any]
 
@@ -103,7 +103,8 @@ def read_image(path: Path) -> Image:
         if claimed is not None and is_out_of_proportion(claimed, len(data)):
             what = f"the image is too large for a file of {len(data)} bytes: {claimed[0]}x{claimed[1]}"
             raise FootageError(what, where=str(path), todo="write it again")
-        image = None if claimed is None else cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+        whole = claimed is not None and not breaks_off(data)
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if whole else None
     except (OSError, cv2.error):
         image = None
     if image is None:

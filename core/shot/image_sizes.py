@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 
 PNG, JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8"
+_PNG_PIECE = 12  # bytes of a piece's length, kind and checksum
 _JPEG_SIZES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # markers of the frame headers that hold the size
 _TIFF_SIDES = 256, 257  # tags of its width and height
 _TIFF_TYPES = {3: "H", 4: "I", 16: "Q"}  # of whole numbers
@@ -50,6 +51,18 @@ def is_out_of_proportion(size: tuple[int, int], length: int) -> bool:
     quarter of a bit a pixel.
     """
     return size[0] * size[1] > _PIXELS_OF_A_BYTE * max(length, _SMALL)
+
+
+def breaks_off(data: bytes) -> bool:
+    """Whether a PNG file has less in it than one of its pieces claims: OpenCV would make room for what is not there."""
+    if not data.startswith(PNG):
+        return False
+    place = len(PNG)
+    while place < len(data):
+        if data[place + 4 : place + 8] == b"IEND":  # what follows is not looked at
+            return False
+        place += int.from_bytes(data[place : place + 4], "big") + _PNG_PIECE
+    return place > len(data)
 
 
 def _jpeg_size(data: bytes) -> tuple[int, int] | None:

@@ -285,3 +285,14 @@ def test_a_small_file_that_claims_a_huge_image_is_refused_at_once(tmp_path: Path
         probe(tmp_path / "a1.png")
     with pytest.raises(FootageError, match=r"a1\.png: the image is too large"):
         check_view(View(camera(), tmp_path / "a#.png"), 0, 2)
+
+
+def test_a_png_that_claims_a_piece_longer_than_its_file_is_refused(tmp_path: Path) -> None:
+    """OpenCV would make room for it: 2 kB took 600 MB."""
+    whole = cv2.imencode(".png", np.zeros((48, 64), np.uint8))[1].tobytes()
+    place = whole.index(b"IDAT") - 4
+    for name, length in (("a0.png", whole[place : place + 4]), ("a1.png", b"\x27\0\0\0")):
+        (tmp_path / name).write_bytes(whole[:place] + length + whole[place + 4 :] + b"what others put behind it")
+    assert probe(tmp_path / "a0.png").size == (64, 48)
+    with pytest.raises(FootageError, match=r"a1\.png: the image cannot be read"):
+        probe(tmp_path / "a1.png")
