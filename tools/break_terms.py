@@ -99,8 +99,8 @@ TERMS = (
     Term(
         "(8)",
         GRADIENTS,
-        "residual = there[0] - here[0]",
-        "residual = here[0] - there[0]",
+        "there, there[0] - here[0], seen)",
+        "there, here[0] - there[0], seen)",
         f"{IMAGES}::test_standing_still_before_a_flash_the_sums_are_the_derivatives",
     ),
     Term(
