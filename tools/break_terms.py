@@ -19,6 +19,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 RELAXATION = "core/tracking/solvers/relaxation.py"
+STEPS = "core/tracking/solvers/motion_steps.py"
 PREDICTION = "core/tracking/prediction.py"
 KINEMATICS = "core/body/kinematics.py"
 GRADIENTS = "core/evidence/gradients.py"
@@ -77,21 +78,21 @@ TERMS = (
     ),
     Term(
         "(5)",
-        RELAXATION,
+        STEPS,
         "np.swapaxes(Q[:-1], -1, -2) @ Q[1:]",
         "Q[1:] @ np.swapaxes(Q[:-1], -1, -2)",
         f"{SWEEPS}::test_steps_accumulate_to_the_motion_they_are_of",
     ),
     Term(
         "(6)",
-        RELAXATION,
+        STEPS,
         "turned.append(turned[-1] @ Q)",
         "turned.append(Q @ turned[-1])",
         f"{SWEEPS}::test_steps_accumulate_to_the_motion_they_are_of",
     ),
     Term(
         "(7)",
-        RELAXATION,
+        STEPS,
         "np.cumsum(self.shifts, axis=0)",
         "self.shifts",
         f"{SWEEPS}::test_steps_accumulate_to_the_motion_they_are_of",
@@ -141,8 +142,8 @@ TERMS = (
     Term(
         "(21)",
         RELAXATION,
-        "SMOOTHNESS * ends / 2)",
-        "SMOOTHNESS * ends)",
+        "smooth * ends / 2)",
+        "smooth * ends)",
         f"{SWEEPS}::test_of_translations_alone_it_finds_the_minimum_of_the_energy_as_a_dense_solve_does",
     ),
     Term(
@@ -151,6 +152,20 @@ TERMS = (
         "before = before @ rotations.exp(new[3:].reshape(-1, 3))",
         "before = before @ Q[j]",
         f"{SWEEPS}::test_a_sweep_over_turns_is_equation_30_with_the_papers_weights",
+    ),
+    Term(
+        "(22), of later frames",
+        STEPS,
+        "out[j - 1] += self.carried[j].T @ out[j]",
+        "out[j - 1] += 0 * self.carried[j].T @ out[j]",
+        f"{SWEEPS}::test_the_derivative_by_a_step_has_the_rows_of_all_poses_that_it_moves",
+    ),
+    Term(
+        "(30), within a sweep",
+        RELAXATION,
+        "b -= rows.first[j] @ moved + rows.second[j] @ moved_before",
+        "b -= 0 * rows.first[j] @ moved",
+        f"{SWEEPS}::test_a_sweep_solves_each_step_for_the_whole_derivative",
     ),
     Term(
         "(24) to (26)",
@@ -176,8 +191,8 @@ TERMS = (
     Term(
         "(29), (30)",
         RELAXATION,
-        "new = inverse[j] @ (b[j] + weight * x_e",
-        "new = inverse[j] @ (b[j] + x_e",
+        "new = inverse[j] @ (b + weight * x_e",
+        "new = inverse[j] @ (b + x_e",
         f"{SWEEPS}::test_a_sweep_over_turns_is_equation_30_with_the_papers_weights",
     ),
     Term(
@@ -207,6 +222,13 @@ TERMS = (
         "return np.asarray(self.sampling.stride**2 / (density * correlation_length**2))",
         "return np.asarray(1 / (density * correlation_length**2))",
         f"{SWEEPS}::test_weights_mean_the_same_at_every_resolution_and_stride",
+    ),
+    Term(
+        "unit of length",
+        RELAXATION,
+        "np.full(3, length)",
+        "np.full(3, 1.0)",
+        f"{SWEEPS}::test_of_translations_alone_it_finds_the_minimum_of_the_energy_as_a_dense_solve_does",
     ),
     Term(
         "(31)",

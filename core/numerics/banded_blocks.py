@@ -63,6 +63,14 @@ class BandedBlocks:
             factor * self.energy,
         )
 
+    def gradient_at(self, increments: Array) -> Array:
+        """Gradient of half the energy where the unknowns (F, D) have grown by increments, shape (F, D)."""
+        out = self.gradient + (self.diagonal @ increments[..., None])[..., 0]
+        for distance, band in ((1, self.first), (2, self.second)):
+            out[distance:] += (band @ increments[:-distance, :, None])[..., 0]
+            out[:-distance] += (np.swapaxes(band, 1, 2) @ increments[distance:, :, None])[..., 0]
+        return out
+
     def __add__(self, other: BandedBlocks) -> BandedBlocks:
         return BandedBlocks(
             self.diagonal + other.diagonal,

@@ -6,11 +6,18 @@ equation (30) then solve one frame after the other for x_j, with the terminal te
 terms (A.5) and (A.6). Parts that no view sees are predicted in the initial solution, and have no gradients in the
 sweeps, equation (38).
 
-The weights lambda, nu and smoothness weigh grey levels, summed over pixels, against radians and metres. The paper found
-its numbers by trial on its own footage, and states neither the scale of its grey levels nor how many pixels it took. So
-that the numbers mean the same on all footage, pixels within a square of `Settings.correlation_length` on the body,
-which say nearly the same, count as one together: then the sums depend neither on the resolution, nor on the stride, nor
-on the distance. Grey levels count 0 to 1, turns radians, lengths metres.
+Equation (23) is printed with the rows (12) of a step's own frame. A step moves all later poses, so the rows of all
+later frames depend on it, too; without them sweeps come to rest beside the minimum of (21): where a body turns, rows of
+one frame say what those of another do not, above all of depth. But where the initial solution has lost the body, rows
+of later frames, which see something else, hold steps where they are. So the first sweeps are those of (23) as printed,
+which let the key pose bring the body back, and the others take the derivative (22) whole.
+
+The weights lambda, nu and smoothness weigh grey levels, summed over pixels, against radians and lengths. The paper
+found its numbers by trial on its own footage, and states neither the scale of its grey levels, nor how many pixels it
+took, nor its unit of length. So that the numbers mean the same on all footage, pixels within a square of
+`Settings.correlation_length` on the body, which say nearly the same, count as one together: then the sums depend
+neither on the resolution, nor on the stride, nor on the distance. Grey levels count 0 to 1, turns radians, lengths
+metres in the first sweeps and `LENGTH` in the others.
 
 With u = 1/n of equation (27), the sweeps come to rest where equation (21) is least for lambda / n and nu / n. The
 axis vector (A.2) is the sine of a turn, so the terminal constraint is met in the limit of small turns only; the last
@@ -20,13 +27,12 @@ pose is then set to the key pose.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from ...body import Body
 from ...body.joint_blocks import joint_blocks
 from ...body.kinematics import scene_poses
 from ...body.motion import Motion, stacked
@@ -37,8 +43,10 @@ from ...numerics import rotations
 from ...numerics.arrays import Array
 from ...numerics.banded_blocks import BandedBlocks
 from ...runtime.timing import Seconds
+from ...shot.acceleration_prior import USUAL_JOINT, USUAL_ROOT
 from ..prediction import PAST, autoregression, predict
-from .measurement import Instants, Workspace, hidden_parts
+from .measurement import MeasuredMotion, Workspace, hidden_parts
+from .motion_steps import StepEquations, Steps
 from .problem import SegmentProblem, SegmentSolution
 
 LAMBDA = 10.0
@@ -47,9 +55,14 @@ NU = 20.0
 """Weight of the root's terminal constraint."""
 SMOOTHNESS = 1.0
 """Weight of the smoothness of every motion parameter."""
+PRINTED = 0.5
+"""Share of the sweeps that solve equation (23) as it is printed, with lengths in metres."""
+LENGTH = USUAL_ROOT / USUAL_JOINT
+"""Unit of length of the weights in the others, metres. The paper gives translations and turns the same smoothness: that
+is right in the unit in which the root is usually accelerated as much as a joint is in radians."""
 DAMPING = 0.01
 """Of the initial solution's steps, so that a direction that no pixel measures stands still: the variance of a patch's
-grey level, about 0.01 of the scale, over that of a step, about 0.1 radians."""
+grey level, about 0.01 of the scale, over that of a step, about 0.1 radians or metres."""
 RELINEARISE = 10
 """Sweeps between two measurements of the gradients around the current motion."""
 STRIDE = 2
@@ -61,40 +74,6 @@ FIRST = (Sampling(8.0, 8.0, STRIDE), Sampling(4.0, 8.0, STRIDE), *INITIAL)
 are smoothed."""
 FINE = Sampling(1.0, 1.0, STRIDE)
 """Sampling for the sweeps."""
-
-
-@dataclass(frozen=True, eq=False)
-class Steps:
-    """Motion parameters x_j of one performer, j = 1 .. n.
-
-    Attributes
-    ----------
-    shifts : ndarray, shape (n, 3)
-        S_j, metres.
-    turns : ndarray, shape (n, P, 3)
-        Rotation vectors of Q_j, radians.
-    """
-
-    shifts: Array
-    turns: Array
-
-    @classmethod
-    def of(cls, motion: Motion) -> Steps:
-        """The motion parameters of n + 1 poses."""
-        T, Q = motion.translations, motion.rotations
-        return cls(np.diff(T, axis=0), rotations.log(np.swapaxes(Q[:-1], -1, -2) @ Q[1:]))
-
-    def accumulated(self, start: Motion) -> Motion:
-        """The poses that follow from a first pose, equations (6) and (7), shape F = n + 1."""
-        turned = [start.rotations[0]]
-        for Q in rotations.exp(self.turns):
-            turned.append(turned[-1] @ Q)
-        T = start.translations[0] + np.concatenate([np.zeros((1, 3)), np.cumsum(self.shifts, axis=0)])
-        return Motion(T, rotations.orthonormal(np.stack(turned)))
-
-    def vectors(self) -> Array:
-        """x_j as equation (5) has them, shape (n, D)."""
-        return np.concatenate([self.shifts, self.turns.reshape(len(self.turns), 3 * self.turns.shape[1])], axis=1)
 
 
 def relaxed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
@@ -117,9 +96,10 @@ def relaxed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
             evidence = evidence.without(np.concatenate(hidden_parts(problem, evidence.share), axis=1))
         count = min(RELINEARISE, settings.sweeps - sweep)
         with seconds.measure("solve"):
-            rows = rows_of_steps(problem, measured.instants, evidence)
+            whole = sweep >= PRINTED * settings.sweeps
+            rows = (rows_of_steps if whole else printed_rows)(problem, measured, evidence)
             motions = [
-                relax(motion, keyed, fixed, own, count)
+                relax(motion, keyed, fixed, own, count, length=LENGTH if whole else 1.0)
                 for motion, keyed, fixed, own in zip(motions, start, problem.fixed, rows, strict=True)
             ]
     held = tuple(_held(m, s, fixed) for m, s, fixed in zip(motions, start, problem.fixed, strict=True))
@@ -240,24 +220,35 @@ def _advanced(poses: Motion, step: Array) -> Motion:
     return poses.moved(np.stack([np.zeros_like(step), step]))
 
 
-def rows_of_steps(
-    problem: SegmentProblem, instants: Sequence[Instants], evidence: SegmentEvidence
-) -> list[tuple[Array, Array]]:
-    """A_t and b_t of every performer, summed over the views of all instants; see `spatio_temporal`."""
-    n = problem.length - 1
-    A = [np.zeros((n, body.dof, body.dof)) for body in problem.bodies]
-    b = [np.zeros((n, body.dof)) for body in problem.bodies]
+def rows_of_steps(problem: SegmentProblem, measured: MeasuredMotion, evidence: SegmentEvidence) -> list[StepEquations]:
+    """The spatio-temporal terms of every performer around what was measured, summed over the views of all instants."""
+    systems = [BandedBlocks.zeros(problem.length, body.dof) for body in problem.bodies]
     count = _pixel_counts(problem, evidence)
-    for group in instants:
-        (R, T), views = group.poses, list(group.views)
+    for instants in measured.instants:
+        (R, T), views = instants.poses, list(instants.views)
         H = (count[views] * evidence.gradients.H[views]).sum(axis=0)
         g = (count[views, ..., 0] * evidence.gradients.g[views]).sum(axis=0)
         for i, (body, span) in enumerate(zip(problem.bodies, problem.spans(), strict=True)):
-            poses = R[:, span], T[:, span]
-            own = spatio_temporal(body, poses, H[:, span], g[:, span], group.motions[i])
-            A[i] += shared_out(own[0], group.delay)
-            b[i] += shared_out(own[1], group.delay)
-    return list(zip(A, b, strict=True))
+            blocks = joint_blocks(body, (R[:, span], T[:, span]), H[:, span], g[:, span], 0.0)
+            systems[i] += instants.on_frames(i, blocks)
+    return [StepEquations.of(own, motion) for own, motion in zip(systems, measured.motions, strict=True)]
+
+
+def printed_rows(problem: SegmentProblem, measured: MeasuredMotion, evidence: SegmentEvidence) -> list[StepEquations]:
+    """The spatio-temporal terms of every performer as (23) has them: the rows of a pair of frames, for its own step."""
+    A = [np.zeros((problem.length - 1, body.dof, body.dof)) for body in problem.bodies]
+    left = [np.zeros((problem.length - 1, body.dof)) for body in problem.bodies]
+    count = _pixel_counts(problem, evidence)
+    for instants in measured.instants:
+        (R, T), views = instants.poses, list(instants.views)
+        H, g = np.zeros_like(evidence.gradients.H[0]), np.zeros_like(evidence.gradients.g[0])
+        H[..., 6:, 6:] = (count[views] * evidence.gradients.H[views]).sum(axis=0)[..., 6:, 6:]
+        g[..., 6:] = (count[views, ..., 0] * evidence.gradients.g[views]).sum(axis=0)[..., 6:]
+        for i, (body, span) in enumerate(zip(problem.bodies, problem.spans(), strict=True)):
+            blocks = joint_blocks(body, (R[:, span], T[:, span]), H[:, span], g[:, span], 0.0)
+            A[i] += shared_out(blocks.diagonal[1:], instants.delay)
+            left[i] += shared_out(blocks.gradient[1:], instants.delay)
+    return [StepEquations.printed(*own) for own in zip(A, left, measured.motions, strict=True)]
 
 
 def _pixel_counts(problem: SegmentProblem, evidence: SegmentEvidence) -> Array:
@@ -276,20 +267,15 @@ def shared_out(rows: Array, delay: float) -> Array:
     return out if delay > 0 else out[::-1]
 
 
-def spatio_temporal(body: Body, poses: tuple[Array, Array], H: Array, g: Array, motion: Motion) -> tuple[Array, Array]:
-    """A_t,j and b_t,j of equation (23) around the current motion, shapes (n, D, D) and (n, D).
-
-    The rows of frame pair (j - 1, j) count for x_j alone, as in equation (12).
-    """
-    late = np.zeros_like(H), np.zeros_like(g)
-    late[0][..., 6:, 6:], late[1][..., 6:] = H[..., 6:, 6:], g[..., 6:]
-    blocks = joint_blocks(body, poses, *late, 0.0)
-    A, gradient = blocks.diagonal[1:], blocks.gradient[1:]
-    x = Steps.of(motion).vectors()
-    return A, (A @ x[..., None])[..., 0] - gradient
-
-
-def relax(motion: Motion, keyed: Motion, fixed: NDArray[np.bool_], rows: tuple[Array, Array], sweeps: int) -> Motion:
+def relax(
+    motion: Motion,
+    keyed: Motion,
+    fixed: NDArray[np.bool_],
+    rows: StepEquations,
+    sweeps: int,
+    *,
+    length: float = 1.0,
+) -> Motion:
     """Sweeps of equation (30) over one performer's frames.
 
     Parameters
@@ -299,29 +285,37 @@ def relax(motion: Motion, keyed: Motion, fixed: NDArray[np.bool_], rows: tuple[A
     keyed : Motion
         F poses that are right where `fixed` is true; the last one gives the terminal constraint.
     fixed : ndarray of bool, shape (F, D)
-    rows : tuple of ndarray, shape (n, D, D) and (n, D)
-        A and b from `spatio_temporal`.
+    rows : StepEquations
+        The spatio-temporal terms around the motion.
     sweeps : int
+    length : float
+        Unit of length of the weights, metres.
     """
-    A, b = rows
-    n, D = b.shape
-    terminal = fixed[-1].astype(float)
-    weight = terminal * np.concatenate([np.full(3, NU), np.full(D - 3, LAMBDA)])
-    inverse = np.linalg.inv(A + np.eye(D) * (SMOOTHNESS + weight[:, None]))
+    n, D = rows.steps.shape
+    units = np.concatenate([np.full(3, length), np.ones(D - 3)])
+    smooth = SMOOTHNESS / units**2
+    weight = fixed[-1] * np.concatenate([np.full(3, NU), np.full(D - 3, LAMBDA)]) / units**2
+    inverse = np.linalg.inv(rows.curvature + np.diag(smooth + weight))
     u = 1.0 / n
     R_last, T_last = keyed.rotations[-1], keyed.translations[-1]
-    x = Steps.of(motion).vectors()
+    x = rows.steps.copy()
     for _ in range(sweeps):
         Q = rotations.exp(x[:, 3:].reshape(n, -1, 3))
         after = _products_after(Q)
         before = motion.rotations[0]
         T_error = T_last - motion.translations[0] - x[:, :3].sum(axis=0)
+        gradient = rows.gradient(x)
+        moved, moved_before = np.zeros((2, D))
         for j in range(n):
             P = np.swapaxes(before, -1, -2) @ R_last @ np.swapaxes(after[j], -1, -2)
             x_e = np.concatenate([T_error + x[j, :3], axis_vector(P).ravel()])  # equation (25)
             x_e = u * (x_e - x[j]) + x[j]  # equation (27)
             ends = x[max(j - 1, 0)] + x[min(j + 1, n - 1)]  # x_0 = x_1, x_n+1 = x_n
-            new = inverse[j] @ (b[j] + weight * x_e + SMOOTHNESS * ends / 2)
+            along = rows.carried[j] @ moved
+            b = rows.curvature[j] @ (x[j] - along) - gradient[j]
+            b -= rows.first[j] @ moved + rows.second[j] @ moved_before
+            new = inverse[j] @ (b + weight * x_e + smooth * ends / 2)
+            moved, moved_before = along + new - x[j], moved
             T_error -= new[:3] - x[j, :3]
             x[j] = new
             before = before @ rotations.exp(new[3:].reshape(-1, 3))

@@ -10,15 +10,17 @@ from kfmocap.core.body.motion import Motion, stacked
 from kfmocap.core.evidence.accumulate import Sampling
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
+from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.shot.shot import Settings
 from kfmocap.core.tracking.solvers import relaxation
 from kfmocap.core.tracking.solvers.measurement import MeasuredMotion, Workspace
+from kfmocap.core.tracking.solvers.motion_steps import StepEquations, Steps
 from kfmocap.core.tracking.solvers.problem import SegmentProblem
 from kfmocap.core.tracking.solvers.relaxation import (
     LAMBDA,
+    LENGTH,
     NU,
     SMOOTHNESS,
-    Steps,
     axis_vector,
     follow_gradients,
     out_of_sight,
@@ -37,8 +39,30 @@ HIDDEN_FROM = 8
 WITH, WITHOUT = Settings("relaxation", sweeps=20), Settings("relaxation", sweeps=20, prediction=False)
 
 
-def no_gradients(n: int) -> tuple[np.ndarray, np.ndarray]:
-    return np.zeros((n, D, D)), np.zeros((n, D))
+def no_gradients(motion: Motion) -> StepEquations:
+    return StepEquations.of(BandedBlocks.zeros(len(motion), D), motion)
+
+
+def own_rows(motion: Motion, A: np.ndarray, b: np.ndarray) -> StepEquations:
+    """Rows of which each depends on its own step alone, as (23) has them: A_j x_j - b_j around a motion."""
+    return StepEquations.printed(A, (A @ Steps.of(motion).vectors()[..., None])[..., 0] - b, motion)
+
+
+def any_rows(motion: Motion, seed: int, size: float = 1.0) -> BandedBlocks:
+    """Rows that three neighbouring poses share, as views between the frames have them."""
+    rng, F = np.random.default_rng(seed), len(motion)
+    blocks = BandedBlocks.zeros(F, D)
+    blocks.gradient[:] = size * rng.normal(0, 1, (F, D))
+    for f in range(F):
+        rows = rng.normal(0, size, (2 * D, 3, D))
+        for a in range(min(3, F - f)):
+            blocks.diagonal[f + a] += rows[:, a].T @ rows[:, a]
+        if f + 1 < F:
+            blocks.first[f] += rows[:, 1].T @ rows[:, 0]
+        if f + 2 < F:
+            blocks.first[f + 1] += rows[:, 2].T @ rows[:, 1]
+            blocks.second[f] += rows[:, 2].T @ rows[:, 0]
+    return blocks
 
 
 def test_axis_vector_is_that_of_the_odd_half() -> None:
@@ -100,7 +124,8 @@ def test_without_gradients_the_last_pose_is_met_and_the_error_shared_evenly() ->
     turn = np.array([[0.3, 0, 0], [0, 0.5, 0.2], [0, 0, -0.4], [0.1, 0.1, 0.1]])
     keyed.rotations[-1] = rotations.exp(turn)
     keyed.translations[-1] += [0.2, -0.1, 0.3]
-    found = relax(at_rest(BODY, n + 1), keyed, ends_held(BODY, n + 1), no_gradients(n), 1000)
+    start = at_rest(BODY, n + 1)
+    found = relax(start, keyed, ends_held(BODY, n + 1), no_gradients(start), 1000)
     steps = Steps.of(found)
     np.testing.assert_allclose(steps.shifts, np.tile(np.array([0.2, -0.1, 0.3]) / n, (n, 1)), atol=1e-6)
     np.testing.assert_allclose(steps.turns, np.tile(turn / n, (n, 1, 1)), atol=0.11**3 / 6)
@@ -111,7 +136,8 @@ def test_one_sweep_takes_a_part_of_the_error_and_never_all_of_it_in_one_frame() 
     n = 8
     keyed = at_rest(BODY, n + 1)
     keyed.translations[-1] += [1.0, 0, 0]
-    found = relax(at_rest(BODY, n + 1), keyed, ends_held(BODY, n + 1), no_gradients(n), 1)
+    start = at_rest(BODY, n + 1)
+    found = relax(start, keyed, ends_held(BODY, n + 1), no_gradients(start), 1)
     steps = Steps.of(found).shifts[:, 0]
     assert (steps > 0).all() and steps.max() <= 1 / n + 1e-9
     assert 0.4 < steps.sum() < 1
@@ -126,7 +152,8 @@ def test_a_sweep_goes_frame_after_frame_and_each_sees_what_the_one_before_has_be
         x_e = x[j] + (target - x.sum()) / n
         ends = x[max(j - 1, 0)] + x[min(j + 1, n - 1)]
         x[j] = (NU * x_e + SMOOTHNESS * ends / 2) / (NU + SMOOTHNESS)
-    found = relax(at_rest(BODY, n + 1), keyed, ends_held(BODY, n + 1), no_gradients(n), 1)
+    start = at_rest(BODY, n + 1)
+    found = relax(start, keyed, ends_held(BODY, n + 1), no_gradients(start), 1)
     np.testing.assert_allclose(Steps.of(found).shifts[:, 0], x, rtol=1e-9)
 
 
@@ -142,11 +169,11 @@ def test_a_sweep_over_turns_is_equation_30_with_the_papers_weights() -> None:
     for j in range(n):
         start.rotations[j + 1, joint] = start.rotations[j, joint] @ rotations.exp(x[j])
     last = keyed.rotations[-1, joint] = rotations.exp(np.array([0.8, -0.6, 0.5]))
-    A, b = no_gradients(n)
+    A, b = np.zeros((n, D, D)), np.zeros((n, D))
     own = slice(3 + 3 * joint, 6 + 3 * joint)
     A[:, own, own] = (rows := rng.normal(0, 2, (n, 3, 3))) @ np.swapaxes(rows, 1, 2)
     b[:, own] = rng.normal(0, 1, (n, 3))
-    found = relax(start, keyed, ends_held(BODY, n + 1), (A, b), 1)
+    found = relax(start, keyed, ends_held(BODY, n + 1), own_rows(start, A, b), 1)
 
     x = x.copy()
     for j in range(n):
@@ -166,7 +193,7 @@ def test_a_sweep_over_turns_is_equation_30_with_the_papers_weights() -> None:
 
 def test_the_first_pose_stays_and_smooth_steps_stay_smooth() -> None:
     truth = swing(BODY, 9)
-    found = relax(truth, truth, ends_held(BODY, 9), no_gradients(8), 300)
+    found = relax(truth, truth, ends_held(BODY, 9), no_gradients(truth), 300)
     np.testing.assert_array_equal(found.translations[0], truth.translations[0])
     np.testing.assert_allclose(found.rotations[0], truth.rotations[0], atol=1e-12)
     assert np.abs(found[[-1]].difference(truth[[-1]])).max() < 2e-2
@@ -179,7 +206,8 @@ def test_without_a_last_key_pose_nothing_pulls_to_it() -> None:
     keyed.translations[-1] += 1.0
     fixed = np.zeros((6, D), bool)
     fixed[0] = True
-    found = relax(at_rest(BODY, 6), keyed, fixed, no_gradients(5), 50)
+    start = at_rest(BODY, 6)
+    found = relax(start, keyed, fixed, no_gradients(start), 50)
     np.testing.assert_allclose(found.difference(at_rest(BODY, 6)), 0, atol=1e-12)
 
 
@@ -190,7 +218,8 @@ def test_a_partial_last_key_pose_pulls_its_own_degrees_of_freedom() -> None:
     fixed = ends_held(BODY, 6)
     fixed[-1] = False
     fixed[-1, [0, *range(9, 12)]] = True
-    found = relax(at_rest(BODY, 6), keyed, fixed, no_gradients(5), 600)
+    start = at_rest(BODY, 6)
+    found = relax(start, keyed, fixed, no_gradients(start), 600)
     delta = at_rest(BODY, 6).difference(found)[-1]
     expected = np.zeros(D)
     expected[0], expected[9:12] = 0.1, 0.2
@@ -204,18 +233,20 @@ def test_of_translations_alone_it_finds_the_minimum_of_the_energy_as_a_dense_sol
 
     Where sweeps of equation (30) stand still, x' = x + u (x_e - x) leaves nu u (x - x_e) of the terminal term: it is
     the minimum of (21) for nu / n. Written with x_j as unknowns: sum A_j x_j^2 - 2 b_j x_j + (nu / n) |sum x_j - T|^2
-    + 1/2 sum |x_j - x_{j-1}|^2.
+    + 1/2 sum |x_j - x_{j-1}|^2. Lengths count in units of `LENGTH`.
     """
     n = 8
     rng = np.random.default_rng(3)
-    A, b = no_gradients(n)
+    A, b = np.zeros((n, D, D)), np.zeros((n, D))
+    nu, smoothness = NU / LENGTH**2, SMOOTHNESS / LENGTH**2
     for j in range(n):
-        rows = rng.normal(0, 1.5, (3, 3))
+        rows = rng.normal(0, 1.5 / LENGTH, (3, 3))
         A[j, :3, :3] = rows.T @ rows
         b[j, :3] = A[j, :3, :3] @ rng.normal(0.05, 0.05, 3)
     keyed, target = at_rest(BODY, n + 1), np.array([0.7, 0.4, -0.2])
     keyed.translations[-1] += target
-    found = relax(at_rest(BODY, n + 1), keyed, ends_held(BODY, n + 1), (A, b), 1500)
+    start = at_rest(BODY, n + 1)
+    found = relax(start, keyed, ends_held(BODY, n + 1), own_rows(start, A, b), 1500, length=LENGTH)
 
     system = np.zeros((n, 3, n, 3))
     right = b[:, :3].copy()
@@ -223,12 +254,12 @@ def test_of_translations_alone_it_finds_the_minimum_of_the_energy_as_a_dense_sol
     for j in range(n):
         system[j, :, j] += A[j, :3, :3]
         for i in range(n):
-            system[j, :, i] += NU / n * eye
-        right[j] += NU / n * target
+            system[j, :, i] += nu / n * eye
+        right[j] += nu / n * target
         for i in (j - 1, j + 1):
             if 0 <= i < n:
-                system[j, :, j] += SMOOTHNESS / 2 * eye
-                system[j, :, i] -= SMOOTHNESS / 2 * eye
+                system[j, :, j] += smoothness / 2 * eye
+                system[j, :, i] -= smoothness / 2 * eye
     expected = np.linalg.solve(system.reshape(3 * n, 3 * n), right.ravel()).reshape(n, 3)
     np.testing.assert_allclose(Steps.of(found).shifts, expected, atol=1e-7)
     np.testing.assert_allclose(found.rotations, at_rest(BODY, n + 1).rotations, atol=1e-12)
@@ -237,17 +268,83 @@ def test_of_translations_alone_it_finds_the_minimum_of_the_energy_as_a_dense_sol
 def test_of_turns_about_one_axis_it_finds_the_minimum_too() -> None:
     """Turns of one joint about one axis commute; for small ones sin x is x to a millionth."""
     n, target = 6, 0.012
-    A, b = no_gradients(n)
+    A, b = np.zeros((n, D, D)), np.zeros((n, D))
     rng = np.random.default_rng(1)
     a, wanted = rng.uniform(1, 5, n), rng.normal(0.002, 0.001, n)
     A[:, 6, 6], b[:, 6] = a, a * wanted
     keyed = at_rest(BODY, n + 1)
     keyed.rotations[-1, 1] = rotations.exp(np.array([target, 0, 0]))
-    found = relax(at_rest(BODY, n + 1), keyed, ends_held(BODY, n + 1), (A, b), 2000)
+    start = at_rest(BODY, n + 1)
+    found = relax(start, keyed, ends_held(BODY, n + 1), own_rows(start, A, b), 2000)
     D2 = np.diff(np.eye(n), axis=0)
     system = np.diag(a) + LAMBDA / n * np.ones((n, n)) + SMOOTHNESS / 2 * D2.T @ D2
     expected = np.linalg.solve(system, a * wanted + LAMBDA / n * target)
     np.testing.assert_allclose(Steps.of(found).turns[:, 1, 0], expected, rtol=1e-3, atol=1e-8)
+
+
+def moved_by_steps(motion: Motion, change: np.ndarray) -> Motion:
+    """The motion whose steps are moved, and so all poses after each."""
+    T = motion.translations.copy()
+    T[1:] += np.cumsum(change[:, :3], axis=0)
+    Q = [motion.rotations[0]]
+    for before, after, step in zip(motion.rotations[:-1], motion.rotations[1:], change[:, 3:], strict=True):
+        Q.append(Q[-1] @ before.swapaxes(-1, -2) @ after @ rotations.exp(step.reshape(-1, 3)))
+    return Motion(T, np.stack(Q))
+
+
+def test_the_derivative_by_a_step_has_the_rows_of_all_poses_that_it_moves() -> None:
+    """Equation (22), of rows that depend on the poses in any way."""
+    motion = random_motion(BODY, 5, turn=0.4)
+    blocks = any_rows(motion, 2)
+    rows = StepEquations.of(blocks, motion)
+
+    def energy(change: np.ndarray) -> float:
+        step = motion.difference(moved_by_steps(motion, change.reshape(4, D)))
+        return float(((blocks.gradient_at(step) + blocks.gradient) * step).sum() / 2)
+
+    numeric = numeric_jacobian(energy, np.zeros(4 * D)).reshape(4, D)
+    np.testing.assert_allclose(rows.gradient(rows.steps), numeric, atol=1e-5 * np.abs(numeric).max())
+
+
+def test_a_sweep_solves_each_step_for_the_whole_derivative() -> None:
+    """By hand: at every step the derivative (22) is taken anew, with the steps before as they have become."""
+    n = 5
+    motion = random_motion(BODY, n + 1, turn=0.4)
+    rows = StepEquations.of(any_rows(motion, 3), motion)
+    fixed = np.zeros((n + 1, D), bool)
+    fixed[0] = True
+    found = Steps.of(relax(motion, motion, fixed, rows, 1, length=LENGTH))
+    x, each = rows.steps.copy(), np.eye(D)
+    for j in range(n):
+
+        def derivative(own: np.ndarray, j: int = j) -> np.ndarray:
+            return rows.gradient(np.where(np.arange(n)[:, None] == j, own, x))[j]
+
+        at_zero = derivative(np.zeros(D))
+        A = np.stack([derivative(e) - at_zero for e in each], axis=1)
+        smooth = SMOOTHNESS / np.concatenate([np.full(3, LENGTH), np.ones(D - 3)]) ** 2
+        beside = x[max(j - 1, 0)] + x[min(j + 1, n - 1)]
+        x[j] = np.linalg.solve(A + np.diag(smooth), smooth * beside / 2 - at_zero)
+    np.testing.assert_allclose(rotations.exp(found.turns), rotations.exp(x[:, 3:].reshape(n, -1, 3)), atol=1e-8)
+    np.testing.assert_allclose(found.shifts, x[:, :3], atol=1e-8)
+
+
+def test_sweeps_rest_where_the_derivative_of_the_energy_vanishes() -> None:
+    """Of rows that say where the poses are: (21) is least where (22) holds with all of them, for lambda / n."""
+    n, joint = 6, 2
+    motion = at_rest(BODY, n + 1)
+    rng = np.random.default_rng(6)
+    own = slice(3 + 3 * joint, 6 + 3 * joint)
+    blocks = BandedBlocks.zeros(n + 1, D)
+    blocks.diagonal[:, own, own] = (a := rng.normal(0, 2, (n + 1, 3, 3))) @ np.swapaxes(a, 1, 2)
+    blocks.gradient[:, own] = -rng.normal(0, 0.002, (n + 1, 3))
+    rows = StepEquations.of(blocks, motion)
+    x = Steps.of(relax(motion, motion, ends_held(BODY, n + 1), rows, 2000)).vectors()
+    beside = np.concatenate([x[:1], x, x[-1:]])
+    smooth = SMOOTHNESS * (x - (beside[:-2] + beside[2:]) / 2)
+    terminal = LAMBDA / n * x.sum(axis=0)  # of turns so small that they commute
+    left = (rows.gradient(x) + smooth + terminal)[:, own]
+    assert np.abs(left).max() < 1e-3 * np.abs(rows.gradient(rows.steps)[:, own]).max()
 
 
 def test_it_does_not_matter_where_the_world_is() -> None:
@@ -257,10 +354,10 @@ def test_it_does_not_matter_where_the_world_is() -> None:
     A = np.swapaxes(rows, 1, 2) @ rows
     keyed = swing(BODY, n + 1)
     b = (A @ Steps.of(keyed).vectors()[..., None])[..., 0] + rng.normal(0, 0.01, (n, D))
-    here = relax(keyed, keyed, ends_held(BODY, n + 1), (A, b), 50)
+    here = relax(keyed, keyed, ends_held(BODY, n + 1), own_rows(keyed, A, b), 50)
     shift = np.array([5.0, -3.0, 1.0])
     moved = Motion(keyed.translations + shift, keyed.rotations)
-    there = relax(moved, moved, ends_held(BODY, n + 1), (A, b), 50)
+    there = relax(moved, moved, ends_held(BODY, n + 1), own_rows(moved, A, b), 50)
     np.testing.assert_allclose(there.translations - shift, here.translations, atol=1e-9)
     np.testing.assert_allclose(there.rotations, here.rotations, atol=1e-9)
 
@@ -276,8 +373,8 @@ def test_weights_mean_the_same_at_every_resolution_and_stride() -> None:
         fixed = (ends_held(BODY, len(motion)),)
         problem = SegmentProblem((ViewFrames(camera, grey, 0),), (BODY,), 0, 30.0, fixed)
         measured = Workspace().measure(problem, [motion], Sampling(1.5 * scale, 1.0, stride))
-        [(A, _)] = rows_of_steps(problem, measured.instants, measured.evidence)
-        traces.append(np.trace(A, axis1=1, axis2=2))
+        [rows] = rows_of_steps(problem, measured, measured.evidence)
+        traces.append(np.trace(rows.curvature, axis1=1, axis2=2))
     np.testing.assert_allclose(traces[1:], [traces[0]] * 2, rtol=0.2)
 
 
