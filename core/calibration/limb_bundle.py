@@ -112,10 +112,6 @@ class JointFit:
     Attributes
     ----------
     scene : JointScene
-    noise : ndarray, shape (V,)
-        Standard deviation of each view's joints that was counted with, pixels each way.
-    cost : float
-        Robust sum of squares, in variances of the last noise.
     sizes : ndarray, shape (V, F, L)
         Lengths of the residuals, pixels; NaN where there is none.
     focal_deviation : ndarray, shape (V,)
@@ -123,8 +119,6 @@ class JointFit:
     """
 
     scene: JointScene
-    noise: Array
-    cost: float
     sizes: Array
     focal_deviation: Array
 
@@ -157,7 +151,7 @@ def adjust_joints(
         Called in every iteration; may raise.
     """
     free = _free(scene, known_lens)
-    cost, sizes = np.inf, _sizes(scene, seen)
+    sizes = _sizes(scene, seen)
     noise = _noise(sizes, seen)
     for _ in range(_ROUNDS):
         sigma = noise
@@ -177,12 +171,12 @@ def adjust_joints(
             stopping=StoppingRule(30, relative_gain=1e-5),
             on_iteration=lambda iteration, state: cancel(),
         )
-        scene, cost = found.state, found.cost
+        scene = found.state
         sizes = _sizes(scene, seen)
         noise = _noise(sizes, seen)
         if np.abs(noise / sigma - 1).max() < 0.02:
             break
-    return JointFit(scene, noise, cost, sizes, _focal_deviation(scene, seen, height, noise, known_lens))
+    return JointFit(scene, sizes, _focal_deviation(scene, seen, height, noise, known_lens))
 
 
 def _focal_deviation(scene: JointScene, seen: JointSightings, height: float, noise: Array, known_lens: Bools) -> Array:

@@ -6,22 +6,21 @@ kind of limb that leads to the best one; then all joints and cameras are adjuste
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from ..cameras.camera import Camera
 from ..errors import CaptureError, located
 from ..formats.keypoint_files import read_keypoints
-from ..numerics.arrays import Array
+from ..keypoints.observations import image_rays
 from ..runtime.progress import Progress, report_progress
 from ..shot.detections import Detections
 from ..shot.footage import probe
 from ..shot.shot_spec import ShotSpec, ViewSpec
 from .camera_rig import Rig
-from .first_cameras import FEWEST_SHARED, find_links, first_rig
+from .first_cameras import FEWEST_SHARED, Cancel, find_links, first_rig
 from .limb_bundle import JOINTS, LIMBS, JointScene, JointSightings, adjust_joints, cost_of_joints, usual_lengths
 from .pairwise import Lens
 from .performer_world import in_performers_world
@@ -41,8 +40,6 @@ USUAL_CORRELATION = 9.0
 VAGUE_FOCAL = 0.1
 """Deviation of a focal length from which it is said to be vague, as a share."""
 _USUAL_NOISE = 3.0  # pixels
-
-Cancel = Callable[[], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,8 +235,8 @@ def joint_sightings(views: Sequence[PerformerView], frames: tuple[int, int], cor
                 points[v, frame, places] = np.where(there[:, None], own, np.nan)
                 confidence[v, frame, places] = np.where(there, sure, 0.0)
         if view.lens is not None:
-            known = np.isfinite(points[v]).all(axis=-1)
-            points[v][known] = _straight(view.lens, points[v][known])
+            matrix = view.lens.matrix
+            points[v] = image_rays(view.lens, points[v]) * matrix[[0, 1], [0, 1]] + matrix[:2, 2]
     shared = np.flatnonzero((confidence > 0).any(axis=2).sum(axis=0) >= 2)
     some = shared[np.linspace(0, len(shared) - 1, min(len(shared), MOST_FRAMES)).astype(int)] if len(shared) else shared
     return JointSightings(
@@ -250,11 +247,6 @@ def joint_sightings(views: Sequence[PerformerView], frames: tuple[int, int], cor
         confidence[:, some],
         max(1.0, correlated * len(some) / max(len(shared), 1)),
     )
-
-
-def _straight(lens: Camera, pixels: Array) -> Array:
-    undistort = cv2.fisheye.undistortPoints if lens.fisheye else cv2.undistortPoints
-    return np.asarray(undistort(pixels[:, None], lens.matrix, lens.distortions, P=lens.matrix)[:, 0])
 
 
 def _lens(view: PerformerView, share: float) -> Lens:
