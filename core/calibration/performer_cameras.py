@@ -14,16 +14,16 @@ import numpy as np
 from ..cameras.camera import Camera
 from ..errors import CaptureError, located
 from ..formats.keypoint_files import read_keypoints
-from ..keypoints.observations import image_rays
 from ..runtime.progress import Progress, report_progress
-from ..shot.detections import Detections
 from ..shot.footage import probe
 from ..shot.shot_spec import ShotSpec, ViewSpec
 from .camera_rig import Rig
 from .first_cameras import FEWEST_SHARED, Cancel, find_links, first_rig
 from .limb_bundle import JOINTS, LIMBS, JointScene, JointSightings, adjust_joints, cost_of_joints, usual_lengths
 from .pairwise import Lens
+from .performer_views import USUAL_CORRELATION, PerformerView, joint_sightings
 from .performer_world import in_performers_world
+from .single_view import SingleViewCalibration, camera_by_performer
 from .wand_tracks import Tracks
 from .wand_triangulation import rays, triangulated
 
@@ -31,38 +31,9 @@ STICKS = ("shin", "thigh", "forearm", "upper_arm")
 """Limbs by which a first solution is tried."""
 FOCALS = (0.6, 0.9, 1.35)
 """Focal lengths by which it is, where the lens is not known: shares of the picture's longer side."""
-LEAST_CONFIDENCE = 0.3
-"""Keypoints of less confidence do not count."""
-MOST_FRAMES = 150
-"""Frames that take part, evenly over the shot: neighbouring ones have the same errors."""
-USUAL_CORRELATION = 9.0
-"""Neighbouring frames on which a detector errs alike: 0.3 s at 30 frames a second."""
 VAGUE_FOCAL = 0.1
 """Deviation of a focal length from which it is said to be vague, as a share."""
 _USUAL_NOISE = 3.0  # pixels
-
-
-@dataclass(frozen=True, eq=False)
-class PerformerView:
-    """One camera's part.
-
-    Attributes
-    ----------
-    camera : str
-    size : tuple of int
-        Width and height, pixels.
-    detections : Detections
-        Frame f of the shot is the footage's frame f + offset, rounded.
-    offset : float
-    lens : Camera, optional
-        A camera with this lens, whose focal length, principal point and distortion are kept.
-    """
-
-    camera: str
-    size: tuple[int, int]
-    detections: Detections
-    offset: float = 0.0
-    lens: Camera | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +80,7 @@ class PerformerCalibration:
 
 def cameras_of_shot(
     spec: ShotSpec, lenses: Mapping[str, Camera], progress: Progress | None = None
-) -> PerformerCalibration:
+) -> PerformerCalibration | SingleViewCalibration:
     """Solve for the cameras of a shot from the keypoints and the height of its first performer.
 
     Parameters
@@ -135,7 +106,10 @@ def cameras_of_shot(
         todo = "give it in metres, with shoes: the scale of everything follows from it"
         raise CaptureError("the performer's height is missing", where=f"{performer.where} height", todo=todo)
     views = [_view(view, lenses) for view in spec.views]
-    correlated = spec.settings.keypoint_correlation * spec.fps
+    correlated = max(1.0, spec.settings.keypoint_correlation * spec.fps)
+    if len(views) == 1:
+        report_progress(progress, "keypoints", 0.0)
+        return camera_by_performer(views[0], performer.height, spec.frames, correlated=correlated)
     return cameras_by_performer(views, performer.height, spec.frames, progress, correlated=correlated)
 
 
@@ -187,8 +161,7 @@ def cameras_by_performer(
         `progress` returned False.
     """
     if len(views) < 2:
-        todo = "film with two cameras or more, or set the camera in Blender"
-        raise CaptureError("one camera alone cannot be found from a performer", where="[[view]]", todo=todo)
+        raise CaptureError("these are cameras beside one another; for one see camera_by_performer", where="[[view]]")
 
     def check() -> None:
         report_progress(progress, "cameras", 0.3)
@@ -211,41 +184,6 @@ def cameras_by_performer(
         {view.camera: int(count) for view, count in zip(views, shown, strict=True)},
         dict(zip(LIMBS, best.scene.lengths.tolist(), strict=True)),
         {view.camera: float(share) for view, share in zip(views, best.focal_deviation, strict=True)},
-    )
-
-
-def joint_sightings(views: Sequence[PerformerView], frames: tuple[int, int], correlated: float = 1.0) -> JointSightings:
-    """The main joints of the largest person in every view, on frames on which two views show somebody."""
-    first, last = frames
-    shape = (len(views), last - first + 1, len(JOINTS))
-    points, confidence = np.full((*shape, 2), np.nan), np.zeros(shape)
-    for v, view in enumerate(views):
-        names = [name for name in JOINTS if name in view.detections.names]
-        columns, places = [view.detections.names.index(n) for n in names], [JOINTS.index(n) for n in names]
-        largest = np.zeros(shape[1])
-        for i, frame in enumerate(view.detections.frames - round(view.offset) - first):
-            own, sure = view.detections.points[i, columns], view.detections.confidence[i, columns]
-            there = np.isfinite(own).all(axis=-1) & (sure >= LEAST_CONFIDENCE)
-            if not 0 <= frame < shape[1] or there.sum() < 2:
-                continue
-            size = float(np.linalg.norm(np.ptp(own[there], axis=0))) * sure[there].sum()
-            if size > largest[frame]:
-                largest[frame] = size
-                points[v, frame], confidence[v, frame] = np.nan, 0.0
-                points[v, frame, places] = np.where(there[:, None], own, np.nan)
-                confidence[v, frame, places] = np.where(there, sure, 0.0)
-        if view.lens is not None:
-            matrix = view.lens.matrix
-            points[v] = image_rays(view.lens, points[v]) * matrix[[0, 1], [0, 1]] + matrix[:2, 2]
-    shared = np.flatnonzero((confidence > 0).any(axis=2).sum(axis=0) >= 2)
-    some = shared[np.linspace(0, len(shared) - 1, min(len(shared), MOST_FRAMES)).astype(int)] if len(shared) else shared
-    return JointSightings(
-        tuple(view.camera for view in views),
-        np.array([view.size for view in views]),
-        first + some,
-        points[:, some],
-        confidence[:, some],
-        max(1.0, correlated * len(some) / max(len(shared), 1)),
     )
 
 

@@ -14,12 +14,8 @@ from kfmocap.core.body import human
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.calibration.camera_rig import CAMERA_DOF, rig_of
 from kfmocap.core.calibration.limb_bundle import JointScene, JointSightings, joint_equations, usual_lengths
-from kfmocap.core.calibration.performer_cameras import (
-    PerformerCalibration,
-    PerformerView,
-    cameras_by_performer,
-    joint_sightings,
-)
+from kfmocap.core.calibration.performer_cameras import PerformerCalibration, cameras_by_performer
+from kfmocap.core.calibration.performer_views import PerformerView, joint_sightings
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import CaptureError
 from kfmocap.core.formats.calibration_files import load_cameras, save_cameras
@@ -163,7 +159,7 @@ def test_derivatives_are_those_of_the_cost() -> None:
 
 def test_what_is_missing_is_said() -> None:
     views = views_of(cameras(2))
-    with pytest.raises(CaptureError, match="one camera alone"):
+    with pytest.raises(CaptureError, match="for one see"):
         cameras_by_performer(views[:1], HEIGHT, (0, FRAMES - 1))
     with pytest.raises(CaptureError, match=r"does not show where the cameras are.*cam01 4, cam02 4"):
         cameras_by_performer(views, HEIGHT, (0, 3))

@@ -1,0 +1,270 @@
+"""One camera from a performer on the floor: from the 2D keypoints of somebody who stands or walks there.
+
+How large the limbs look tells how far away the performer is, and where the feet are in the picture then tells how high
+the camera is and how it is tilted. Compare F. Lv, T. Zhao, R. Nevatia, Camera calibration from video of a walking
+human, IEEE PAMI 28 (2006). The lens hardly shows in one view, and the tilt only if the performer walks towards the
+camera or away from it; what is left open comes from how people usually film.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.stats import median_abs_deviation
+
+from ..body.human import FRACTIONS
+from ..cameras.camera import Camera
+from ..errors import CaptureError
+from ..numerics.arrays import Array
+from ..numerics.robust_kernels import Cauchy
+from .limb_bundle import FOCAL_SPREAD, JOINTS, LIMBS, PROPORTION_SIGMA, USUAL_FOCAL, JointSightings, usual_lengths
+from .performer_views import USUAL_CORRELATION, PerformerView, joint_sightings
+from .performer_world import ANKLE_SHARE, LEVEL_SIGMA
+
+TILT_SIGMA = np.radians(10.0)
+"""How far down or up cameras usually look, radians."""
+USUAL_HEIGHT, HEIGHT_SPREAD = 1.3, 0.5
+"""Of a camera above the floor, metres, and the standard deviation of its logarithm."""
+SWAY_SIGMA = np.radians(5.0)
+"""How far a performer leans to one side of the picture, radians, in the median over a shot."""
+TURNED = np.radians(15.0)
+"""How far a camera is seldom turned about its line of sight, radians."""
+TRUE_LENGTH = 0.8
+"""Share of the limbs that look shorter than they are in proportion, because they point towards the camera or away: the
+next longer one shows the scale."""
+_LEGS = ("shin", "thigh", "forearm", "upper_arm")
+_ROBUST, _LEANING = 3.0, 2.0  # scales of the kernels, in standard deviations
+_NEAREST = 0.05  # metres
+
+
+@dataclass(frozen=True, eq=False)
+class SingleViewCalibration:
+    """The camera, and how much of it is known.
+
+    Attributes
+    ----------
+    camera : Camera
+        Metres, z up from the floor, the origin below the performer's hips on the first frame, x to the right of the
+        picture.
+    tilt : float
+        How far it looks down, radians.
+    tilt_deviation : float
+        Standard deviation of that.
+    focal_deviation : float
+        Of the focal length, as a share; 0 where the lens is known.
+    standing : int
+        Frames that show a foot.
+    """
+
+    camera: Camera
+    tilt: float
+    tilt_deviation: float
+    focal_deviation: float
+    standing: int
+
+    @property
+    def _roll(self) -> float:
+        """How far its rows are turned against the horizon, radians."""
+        return float(np.arcsin(-self.camera.pose(0)[0][0, 2]))
+
+    @property
+    def cameras(self) -> dict[str, Camera]:
+        """The camera by its name."""
+        return {self.camera.name: self.camera}
+
+    @property
+    def summary_lines(self) -> list[str]:
+        """What to tell the user."""
+        R, t = self.camera.pose(0)
+        lens = f"focal length {self.camera.matrix[0, 0]:.0f} px"
+        if self.focal_deviation:
+            lens += f" within {100 * self.focal_deviation:.0f} %"
+        rows = [
+            f"{self.camera.name}: {lens}, {-R[:, 2] @ t:.1f} m above the floor, looks down by "
+            f"{np.degrees(self.tilt):.0f} degrees within {np.degrees(self.tilt_deviation):.0f}",
+            "scale from the performer's height; one camera alone is a guess where the performer does not show it",
+        ]
+        if self.focal_deviation:
+            rows.append("the lens is not known, and with it how far away the performer is: give --lenses if you can")
+        if abs(roll := self._roll) > TURNED:
+            rows.append(
+                f"it is taken to be turned by {np.degrees(roll):.0f} degrees about its line of sight: if it stood "
+                "level, the performer is not upright for long enough"
+            )
+        if not self.standing:
+            rows.append("no foot is seen: how high the camera is above the floor is a guess")
+        return rows
+
+
+def camera_by_performer(
+    view: PerformerView, height: float, frames: tuple[int, int], *, correlated: float = USUAL_CORRELATION
+) -> SingleViewCalibration:
+    """Solve for a camera that stands still, from the keypoints of one performer.
+
+    Parameters
+    ----------
+    view : PerformerView
+    height : float
+        Of the performer, metres: the scale.
+    frames : tuple of int
+        First and last frame of the shot, in the shot's count.
+    correlated : float
+        How many neighbouring frames a detector errs on alike.
+
+    Raises
+    ------
+    CaptureError
+        No frame shows a limb.
+    """
+    standing = _Standing.of(joint_sightings([view], frames, correlated), height)
+    if not len(standing.scale):
+        todo = "let the whole performer be seen, and check that the keypoints belong to this footage"
+        raise CaptureError("no frame shows a limb", where=f"keypoints of camera '{view.camera}'", todo=todo)
+    longer, centre = max(view.size), (np.array(view.size) - 1) / 2
+    known = None if view.lens is None else view.lens.matrix
+    start = np.zeros(3 if known is not None else 4)
+
+    def setting(x: Array) -> _Setting:
+        if known is not None:
+            matrix = known
+        else:
+            focal = USUAL_FOCAL * longer * np.exp(FOCAL_SPREAD * x[3])
+            matrix = np.array([[focal, 0, centre[0]], [0, focal, centre[1]], [0, 0, 1]])
+        return _Setting(TILT_SIGMA * x[0], LEVEL_SIGMA * x[1], USUAL_HEIGHT * np.exp(HEIGHT_SPREAD * x[2]), matrix)
+
+    def residuals(x: Array) -> Array:
+        """All in standard deviations; the unknowns themselves are, from what is usual."""
+        level = _robust(x[1:2], _LEANING)
+        return np.concatenate([standing.residuals(setting(x)), x[:1], level, x[2:]])
+
+    found = least_squares(residuals, start)
+    best = setting(found.x)
+    deviation = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))
+    return SingleViewCalibration(
+        _camera(view, best, standing.first_hips(best)),
+        float(best.tilt),
+        float(TILT_SIGMA * deviation[0]),
+        0.0 if known is not None else float(FOCAL_SPREAD * deviation[3]),
+        int(np.isfinite(standing.ankles).all(axis=2).any(axis=1).sum()),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Setting:
+    """How the camera stands: radians, metres above the floor, pixels."""
+
+    tilt: float
+    roll: float
+    height: float
+    matrix: Array
+
+    @property
+    def down(self) -> Array:
+        """Unit vector towards the floor in the camera's frame."""
+        return np.array(
+            [np.sin(self.roll), np.cos(self.roll) * np.cos(self.tilt), np.cos(self.roll) * np.sin(self.tilt)]
+        )
+
+    def rays(self, points: Array) -> Array:
+        """Points of the camera's frame at unit depth, (..., 3), which pixels (..., 2) show."""
+        matrix = self.matrix
+        plane = (points - matrix[:2, 2]) / matrix[[0, 1], [0, 1]]
+        return np.concatenate([plane, np.ones((*plane.shape[:-1], 1))], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Standing:
+    """The performer as the picture shows them, on the F frames on which a limb is seen; pixels, NaN where unseen.
+
+    Attributes
+    ----------
+    scale : ndarray, shape (F,)
+        Pixels that a metre covers at the performer.
+    ankles : ndarray, shape (F, 2, 2)
+        Both ankles.
+    hips, shoulders : ndarray, shape (F, 2)
+        Their middles.
+    ankle_height, tall : float
+        Of an ankle above the floor it stands on, and of the shoulders above the ankles of somebody who stands; metres.
+    correlated : float
+        How many frames count as one.
+    """
+
+    scale: Array
+    ankles: Array
+    hips: Array
+    shoulders: Array
+    ankle_height: float
+    tall: float
+    correlated: float
+
+    @classmethod
+    def of(cls, seen: JointSightings, height: float) -> _Standing:
+        joint = dict(zip(JOINTS, np.moveaxis(seen.points[0], 1, 0), strict=True))
+        hips, shoulders = (joint[f"R{name}"] / 2 + joint[f"L{name}"] / 2 for name in ("Hip", "Shoulder"))
+        lengths = dict(zip(LIMBS, usual_lengths(height), strict=True))
+        looks = [np.linalg.norm(joint[a] - joint[b], axis=1) / lengths[limb] for limb in _LEGS for a, b in LIMBS[limb]]
+        looks.append(np.linalg.norm(shoulders - hips, axis=1) / (FRACTIONS["torso"] * height))
+        some = np.flatnonzero(np.isfinite(looks).any(axis=0))
+        return cls(
+            np.nanquantile(np.array(looks)[:, some], TRUE_LENGTH, axis=0) if len(some) else np.zeros(0),
+            np.stack([joint["RAnkle"], joint["LAnkle"]], axis=1)[some],
+            hips[some],
+            shoulders[some],
+            float(ANKLE_SHARE * lengths["shin"]),
+            float(lengths["shin"] + lengths["thigh"] + FRACTIONS["torso"] * height),
+            seen.correlated,
+        )
+
+    def residuals(self, setting: _Setting) -> Array:
+        """How far the lower ankle is off the floor on each frame, and the performer off the vertical in the median."""
+        focal, down = setting.matrix[1, 1], setting.down
+        depth = focal / self.scale
+        below = (setting.rays(self.ankles) @ down) * depth[:, None]
+        below = below[np.isfinite(below).any(axis=1)]
+        lower = np.maximum(np.nanmax(below, axis=1), _NEAREST) if len(below) else np.zeros(0)
+        # A performer of other proportions is taken to be farther or nearer, so that heights are off by a share.
+        off = np.log(lower / max(setting.height - self.ankle_height, _NEAREST)) / PROPORTION_SIGMA
+        return np.concatenate([_robust(off, _ROBUST, self.correlated), self._leaning(setting, depth)])
+
+    def _leaning(self, setting: _Setting, depth: Array) -> Array:
+        """The median angle in the picture between the performer and a vertical there; nothing if it is not seen."""
+        feet = self.ankles.mean(axis=1)
+        body = self.shoulders - feet
+        seen = np.isfinite(body).all(axis=1)
+        if not seen.any():
+            return np.zeros(0)
+        head = setting.rays(feet[seen]) * depth[seen, None] - self.tall * setting.down
+        vertical = head[:, :2] / np.maximum(head[:, 2:], _NEAREST) * setting.matrix[[0, 1], [0, 1]]
+        vertical += setting.matrix[:2, 2] - feet[seen]
+        across = vertical[:, 0] * body[seen, 1] - vertical[:, 1] * body[seen, 0]
+        angle = np.arctan2(across, (vertical * body[seen]).sum(axis=1))
+        spread = median_abs_deviation(angle, scale="normal")  # who bends or lies in between says less
+        return np.array([np.median(angle) / np.hypot(SWAY_SIGMA, spread)])
+
+    def first_hips(self, setting: _Setting) -> Array:
+        """Where the hips are on the first frame that shows them, in the camera's frame; metres."""
+        frame = int(np.argmax(np.isfinite(self.hips).all(axis=1)))
+        point = np.where(np.isfinite(self.hips[frame]), self.hips[frame], setting.matrix[:2, 2])
+        return np.asarray(setting.rays(point) * setting.matrix[1, 1] / self.scale[frame])
+
+
+def _robust(residuals: Array, scale: float, correlated: float = 1.0) -> Array:
+    """Residuals whose squares are their robust costs, of which so many count as one."""
+    return np.asarray(np.sign(residuals) * np.sqrt(Cauchy(scale).cost(residuals**2) / correlated))
+
+
+def _camera(view: PerformerView, setting: _Setting, hips: Array) -> Camera:
+    """The camera in the performer's world."""
+    up = -setting.down
+    right = np.array([1.0, 0.0, 0.0]) - up[0] * up
+    right /= np.linalg.norm(right)
+    R = np.stack([right, np.cross(up, right), up], axis=1)
+    centre = -hips @ R  # beside the hips, and above the floor
+    t = -R @ np.array([centre[0], centre[1], setting.height])
+    lens = view.lens
+    distortions = np.zeros(4) if lens is None else lens.distortions
+    fisheye = lens is not None and lens.fisheye
+    return Camera.create(view.camera, view.size, setting.matrix, R, t, distortions=distortions, fisheye=fisheye)
