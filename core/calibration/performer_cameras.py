@@ -23,7 +23,7 @@ from .limb_bundle import JOINTS, LIMBS, JointScene, JointSightings, adjust_joint
 from .pairwise import Lens
 from .performer_views import USUAL_CORRELATION, PerformerView, joint_sightings
 from .performer_world import in_performers_world
-from .single_view import SingleViewCalibration, camera_by_performer
+from .single_camera import SingleViewCalibration, camera_by_performer
 from .wand_tracks import Tracks
 from .wand_triangulation import rays, triangulated
 
