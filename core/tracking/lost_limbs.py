@@ -13,11 +13,11 @@ from scipy.special import betaln, expit
 
 from ..body import Body
 from ..body.kinematics import Poses
+from ..body.limbs import limbs
 from ..body.tip_landmarks import tip_landmarks
 from ..evidence.misfit import Misfit
 from ..keypoints.keypoint_factor import KeypointFactor
 from ..numerics.arrays import Array, Bools, Ints
-from .solvers.limb_search import limbs
 
 LOSING, FINDING = 0.002, 0.1
 """Probabilities that a part that was found is lost on the next frame, and that a lost one is found again."""

@@ -13,15 +13,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...body import part_poses
+from ...body.limbs import limbs
 from ...body.motion import Motion
 from ...numerics import rotations
 from ...numerics.arrays import Bools
 from ...runtime.timing import Seconds
+from .descent_stages import SETTLED, SETTLING
 from .gauss_newton import continued, descend
-from .limb_search import limbs, pictures_find_limbs
+from .limb_search import pictures_find_limbs
 from .measurement import Workspace
-from .multi_start import SETTLED, SETTLING, best_of_starts, likeliest, noise_of
+from .multi_start import best_of_starts
 from .problem import SegmentProblem, SegmentSolution
+from .solution_ranking import likeliest, noise_of
 
 LEAP = 6.0
 """How much larger than usual, the median over the frames, the acceleration of a limb's joint is where it leaps."""

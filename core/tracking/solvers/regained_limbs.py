@@ -15,16 +15,20 @@ from dataclasses import replace
 import numpy as np
 
 from ...body import part_poses
+from ...body.limbs import limbs
 from ...body.motion import Motion, stacked
 from ...evidence.occlusion import LONG
 from ...numerics.arrays import Array
 from ...runtime.timing import Seconds
 from . import gauss_newton
+from .descent_stages import SETTLED
 from .gauss_newton import descend
-from .limb_search import LEAST_GAIN, freed_limb, limbs, pictures_find_limbs, support_of_limbs
+from .limb_likelihood import support_of_limbs
+from .limb_search import LEAST_GAIN, freed_limb, pictures_find_limbs
 from .measurement import Workspace
-from .multi_start import LOOKS, RESTING, SETTLED, VAIN_LOOKS, likeliest_at_rest, likelihood, noise_of
+from .multi_start import LOOKS, VAIN_LOOKS
 from .problem import SegmentProblem, SegmentSolution
+from .solution_ranking import RESTING, likeliest_at_rest, likelihood, noise_of
 
 BENT = 3.0
 """How much larger than its accelerations between the key poses, root mean square, that of a limb at a key pose must be

@@ -13,10 +13,14 @@ import numpy as np
 
 from ...body import part_poses
 from ...body.kinematics import tip_positions
+from ...body.limbs import limbs, without_end
 from ...body.motion import Motion
 from ...evidence.occlusion import intervals
-from .limb_search import limbs, without_end
-from .problem import SegmentProblem
+from .descent_stages import SETTLED
+from .gauss_newton import continued, descend
+from .measurement import Workspace
+from .problem import SegmentProblem, SegmentSolution
+from .solution_ranking import better
 
 STRAYED = 4.0
 """A limb has strayed where it is farther from the first pass than the performer's limbs usually are, so many times."""
@@ -58,3 +62,35 @@ def with_limbs_held(problem: SegmentProblem, performer: int, chains: Sequence[Se
     for part in {part for chain in chains for part in chain}:
         fixed[performer][:, 3 + 3 * part : 6 + 3 * part] = True
     return replace(problem, fixed=tuple(fixed))
+
+
+def with_limbs_returned(
+    problem: SegmentProblem, start: Sequence[Motion], solution: SegmentSolution, workspace: Workspace
+) -> SegmentSolution:
+    """A solution, or with the limbs that have left the first pass brought back there, where the evidence is for it.
+
+    A limb is brought back and its performer solved from there. If that leads it away again, it is also held there while
+    all else of the performer is solved.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+        With keypoints.
+    start : sequence of Motion
+        The first pass.
+    solution : SegmentSolution
+    workspace : Workspace
+    """
+    for i in problem.sought:
+        strayed = strayed_limbs(problem, i, start[i], solution.motions[i])
+        if not strayed:
+            continue
+        alone = problem.alone(i)
+        back = solution.motions[i].with_parts([part for chain in strayed for part in chain], start[i])
+        motions = (*solution.motions[:i], back, *solution.motions[i + 1 :])
+        found = [descend(alone, motions, workspace, SETTLED)]
+        if strayed_limbs(problem, i, start[i], found[0].motions[i]):
+            found.append(descend(with_limbs_held(alone, i, strayed), motions, workspace, SETTLED))
+        best = better(alone, solution, *found)
+        solution = solution if best is solution else replace(continued(solution, best), only=problem.only)
+    return solution

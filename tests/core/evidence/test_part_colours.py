@@ -18,7 +18,8 @@ from kfmocap.core.evidence.part_colours import ColouredFrames, PartColours
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
 from kfmocap.core.tracking.appearance import parts_apart
-from kfmocap.core.tracking.solvers.limb_search import found_limbs, support_of_limbs
+from kfmocap.core.tracking.solvers.limb_likelihood import support_of_limbs
+from kfmocap.core.tracking.solvers.limb_search import found_limbs
 from kfmocap.core.tracking.solvers.measurement import Workspace
 from kfmocap.core.tracking.solvers.problem import SegmentProblem
 from kfmocap.core.tracking.solvers.regained_limbs import refuted_limbs

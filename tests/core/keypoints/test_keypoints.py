@@ -30,8 +30,9 @@ from kfmocap.core.numerics.banded import BandedFactor, bordered_solution
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.shot.acceleration_prior import acceleration_precision
 from kfmocap.core.shot.shot import KeyPoses, Settings
-from kfmocap.core.tracking.solvers.multi_start import better, confirmed
 from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
+from kfmocap.core.tracking.solvers.solution_doubts import confirmed
+from kfmocap.core.tracking.solvers.solution_ranking import better
 from synthetic import figure, numeric_jacobian, random_motion
 
 FPS = 30.0

@@ -12,7 +12,7 @@ from kfmocap.core.body.motion import Motion, stacked
 from kfmocap.core.errors import CancelledError
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.shot.shot import Settings
-from kfmocap.core.tracking.solvers import gauss_newton, multi_start, sequential_start
+from kfmocap.core.tracking.solvers import descent_stages, gauss_newton, sequential_start
 from kfmocap.core.tracking.solvers.measurement import Workspace
 from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.sequential_start import blended, follow
@@ -60,7 +60,7 @@ def views() -> tuple[ViewFrames, ...]:
 
 def in_window(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
     unpredicted = replace(problem, settings=replace(problem.settings, prediction=False))
-    return gauss_newton.descend(unpredicted, start, workspace, multi_start.WINDOW)
+    return gauss_newton.descend(unpredicted, start, workspace, descent_stages.WINDOW)
 
 
 @pytest.mark.parametrize(("backward", "limit_mm"), [(False, 25), (True, 60)])

@@ -8,22 +8,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kfmocap.core.body import human
+from kfmocap.core.body.limbs import limb_pairs
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence.accumulate import Sampling
 from kfmocap.core.evidence.occlusion import LONG
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.shot import Settings
-from kfmocap.core.tracking.solvers import multi_start
-from kfmocap.core.tracking.solvers.limb_search import exchanges, pairs
+from kfmocap.core.tracking.solvers import (
+    gauss_newton,
+    limb_exchange,
+    multi_start,
+    solution_doubts,
+    solution_ranking,
+)
+from kfmocap.core.tracking.solvers.like_limbs import exchanges
 from kfmocap.core.tracking.solvers.measurement import Workspace
-from kfmocap.core.tracking.solvers.multi_start import ALIKE, EQUAL, NEAR
 from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
 from made_evidence import Landscape
 from synthetic import at_rest, coloured, dark, ends_held, figure, look_at, swing
 
 BODY = figure()
 HUMAN = human(1.75)
-ARMS, LEGS = (left + right for left, right in pairs(HUMAN))
+ARMS, LEGS = (left + right for left, right in limb_pairs(HUMAN))
 CAMERAS = (look_at("front", (0.5, -2.8, 1.5)), look_at("side", (-2.4, -1.4, 1.3)))
 FPS = 30.0
 LENGTH = LONG + 2
@@ -47,8 +53,8 @@ def test_without_the_search_a_doubted_solution_stands() -> None:
     beside = np.zeros((5, BODY.dof))
     beside[1:4, 0] = 1.0
     start = [truth.moved(beside)]
-    first = multi_start.descend(problem, start, Workspace())
-    assert multi_start.doubted_performers(problem, start, first) == [0]
+    first = gauss_newton.descend(problem, start, Workspace())
+    assert solution_doubts.doubted_performers(problem, start, first) == [0]
     without, searched = (
         multi_start.best_of_starts(replace(problem, settings=Settings(limb_search=on)), start, Workspace())
         for on in (False, True)
@@ -67,10 +73,10 @@ def explained(problem: SegmentProblem, motion: Motion) -> SegmentSolution:
 def test_a_body_that_covers_background_is_doubted() -> None:
     truth = swing(BODY, 5, 0.2)
     problem = SegmentProblem(coloured(BODY, truth, CAMERAS), (BODY,), 0, FPS, (ends_held(BODY, 5),))
-    assert not multi_start.doubtful(problem, explained(problem, truth))
+    assert not solution_doubts.doubtful(problem, explained(problem, truth))
     beside = np.zeros((5, BODY.dof))
     beside[2, 0] = 0.35
-    assert multi_start.doubtful(problem, explained(problem, truth.moved(beside)))
+    assert solution_doubts.doubtful(problem, explained(problem, truth.moved(beside)))
 
 
 @pytest.mark.parametrize(("wrong", "expected"), [(0, False), (LONG - 1, False), (LONG, True)])
@@ -85,7 +91,7 @@ def test_a_view_that_shows_a_limb_where_the_solution_has_none_for_long_calls_for
     lowered[1 : 1 + wrong] = rest.rotations[1 : 1 + wrong]
     problem = SegmentProblem(coloured(HUMAN, truth, CAMERAS), (HUMAN,), 0, FPS, (ends_held(HUMAN, LENGTH),))
     found = explained(problem, Motion(rest.translations, lowered))
-    assert multi_start.performers_uncovered(problem, found) == [0] * expected
+    assert solution_doubts.performers_uncovered(problem, found) == [0] * expected
 
 
 @pytest.mark.parametrize(
@@ -102,7 +108,7 @@ def test_a_limb_on_the_background_of_one_view_for_more_than_a_moment_calls_for_a
     if hidden:
         views = tuple(replace(view, foreground=np.full_like(view.foreground, 4)) for view in views)
     problem = SegmentProblem(views, (HUMAN,), 0, FPS, (ends_held(HUMAN, LENGTH),))
-    assert multi_start.limb_astray(problem, explained(problem, Motion(rest.translations, turns))) == expected
+    assert solution_doubts.limb_astray(problem, explained(problem, Motion(rest.translations, turns))) == expected
 
 
 def test_whether_a_solution_is_doubted_goes_by_the_key_poses() -> None:
@@ -113,7 +119,7 @@ def test_whether_a_solution_is_doubted_goes_by_the_key_poses() -> None:
     def doubted(explained: np.ndarray, fixed: np.ndarray) -> bool:
         problem = SegmentProblem((), (BODY,), 0, FPS, (fixed,))
         found = SegmentSolution((swing(BODY, 5),), 1, (), share, explained[None], unhidden, none, {})
-        return multi_start.doubtful(problem, found)
+        return solution_doubts.doubtful(problem, found)
 
     assert not doubted(total, ends_held(BODY, 5))
     assert not doubted(total * [1, 0.85, 0.85, 0.85, 1], ends_held(BODY, 5))
@@ -141,28 +147,31 @@ def test_a_limb_that_no_view_sees_for_longer_than_prediction_bridges_is_conceale
     )
     share = np.ones((2, frames, len(BODY)))
     share[0] = 0  # of what one view hides the other shows
-    assert not multi_start.concealed(problem, covering(1, share))
+    assert not solution_doubts.concealed(problem, covering(1, share))
     share[1, 1 : 1 + hidden, BODY.index("forearm.L")] = 0
-    assert multi_start.concealed(problem, covering(1, share)) == expected
+    assert solution_doubts.concealed(problem, covering(1, share)) == expected
     hand = np.ones((2, frames, len(HUMAN)))
     hand[..., 1 : 1 + hidden, HUMAN.index("hand.L")] = 0
     whole = replace(problem, bodies=(HUMAN,), fixed=(ends_held(HUMAN, frames),))
-    assert not multi_start.concealed(whole, covering(1, hand)), "it is where the forearm ends"
+    assert not solution_doubts.concealed(whole, covering(1, hand)), "it is where the forearm ends"
     hand[..., 1 : 1 + hidden, HUMAN.index("forearm.L")] = 0
-    assert multi_start.concealed(whole, covering(1, hand)) == expected
+    assert solution_doubts.concealed(whole, covering(1, hand)) == expected
     trunk = np.ones_like(share)
     trunk[..., 0] = 0
-    assert not multi_start.concealed(problem, covering(1, trunk))
+    assert not solution_doubts.concealed(problem, covering(1, trunk))
     keyed = replace(problem, fixed=(np.ones((frames, BODY.dof), bool),))
-    assert not multi_start.concealed(keyed, covering(1, share))
+    assert not solution_doubts.concealed(keyed, covering(1, share))
     blind = replace(problem, views=dark(CAMERAS[0], frames))
-    assert not multi_start.concealed(blind, covering(1, share))
+    assert not solution_doubts.concealed(blind, covering(1, share))
 
 
 def test_solutions_are_equals_of_the_best_within_what_is_chance() -> None:
-    best, near, far = (covering(cover) for cover in (1000, 1000 * (1 - 0.9 * EQUAL), 1000 * (1 - 1.1 * EQUAL)))
-    assert multi_start.equals([far, best, near]) == [best, near]
-    assert multi_start.equals([covering(0.0)] * 2)  # views that show nothing
+    best, near, far = (
+        covering(cover)
+        for cover in (1000, 1000 * (1 - 0.9 * solution_ranking.EQUAL), 1000 * (1 - 1.1 * solution_ranking.EQUAL))
+    )
+    assert solution_ranking.equals([far, best, near]) == [best, near]
+    assert solution_ranking.equals([covering(0.0)] * 2)  # views that show nothing
 
 
 def off(motion: Motion, parts: Sequence[int], angle: float) -> Motion:
@@ -230,14 +239,14 @@ def test_in_one_view_that_moves_limbs_stay_where_they_were_unless_others_cover_m
     places = CAMERAS[0].t_cam_world + np.linspace(0, 0.1, LENGTH)[:, None]
     panned = replace(CAMERAS[0], R_cam_world=np.repeat(CAMERAS[0].R_cam_world, LENGTH, axis=0), t_cam_world=places)
     problem = replace(PROBLEM, views=dark(panned, LENGTH))
-    turn = gain * EQUAL * len(HUMAN) / len(ARMS) * np.pi * LENGTH / (LENGTH - 2)
+    turn = gain * solution_ranking.EQUAL * len(HUMAN) / len(ARMS) * np.pi * LENGTH / (LENGTH - 2)
     landscape = Landscape(truth=TRUTH, reach=0.0)
     before, right = (landscape.solution(problem, motion) for motion in (off(TRUTH, ARMS, turn), TRUTH))
-    noise = multi_start.noise_of(problem, before, Workspace())
-    worth = [multi_start.likelihood(problem, noise, solution) for solution in (before, right)]
+    noise = solution_ranking.noise_of(problem, before, Workspace())
+    worth = [solution_ranking.likelihood(problem, noise, solution) for solution in (before, right)]
     assert worth[1] > worth[0]
-    assert (multi_start.likeliest(problem, noise, before, right) is right) == moved
-    assert multi_start.likeliest(replace(problem, views=dark(CAMERAS[0], LENGTH)), noise, before, right) is right
+    assert (solution_ranking.likeliest(problem, noise, before, right) is right) == moved
+    assert solution_ranking.likeliest(replace(problem, views=dark(CAMERAS[0], LENGTH)), noise, before, right) is right
 
 
 def test_limbs_are_looked_for_around_the_best_so_far_until_it_has_an_equal() -> None:
@@ -248,7 +257,8 @@ def test_limbs_are_looked_for_around_the_best_so_far_until_it_has_an_equal() -> 
     halvings = np.log2(LOST / error(found))
     assert 2 < halvings <= multi_start.LOOKS
     one_before, two_before = (landscape.solution(PROBLEM, off(TRUTH, ARMS, k * error(found))) for k in (2, 4))
-    assert found in multi_start.equals([found, one_before]) and len(multi_start.equals([one_before, two_before])) == 1
+    assert found in solution_ranking.equals([found, one_before])
+    assert len(solution_ranking.equals([one_before, two_before])) == 1
 
 
 @pytest.mark.parametrize(("apart", "looks"), [(0.01, 1), (2 * LOST, 2)])
@@ -288,7 +298,7 @@ def test_where_the_best_is_doubtful_limbs_are_looked_for_around_all_solutions_an
     landscape = Landscape(truth=TRUTH, reach=0.0)
     best, worse = (landscape.solution(PROBLEM, off(TRUTH, ARMS + LEGS, angle)) for angle in (1.8, 2.2))
     start = off(TRUTH, ARMS + LEGS, 2.6)
-    assert multi_start.doubtful(PROBLEM, best)
+    assert solution_doubts.doubtful(PROBLEM, best)
     begins = {"worse": worse.motions[0], "best": best.motions[0], "start": start}
     look = Finding(landscape, 1.0, begins[begin])
     assert error(multi_start.searched(PROBLEM, [start], [worse, best], landscape, look)) < 1e-6
@@ -297,8 +307,8 @@ def test_where_the_best_is_doubtful_limbs_are_looked_for_around_all_solutions_an
 def recombined(landscape: Landscape, *motions: Motion) -> tuple[SegmentSolution, list[SegmentSolution]]:
     """What comes of some solutions, the best first, and these solutions."""
     solutions = [landscape.solution(PROBLEM, motion) for motion in motions]
-    noise = multi_start.noise_of(PROBLEM, solutions[0], landscape)
-    return multi_start.recombined(PROBLEM, solutions[0], solutions, noise, landscape), solutions
+    noise = solution_ranking.noise_of(PROBLEM, solutions[0], landscape)
+    return limb_exchange.recombined(PROBLEM, solutions[0], solutions, noise, landscape), solutions
 
 
 def test_arms_right_in_one_solution_and_legs_right_in_another_are_put_together() -> None:
@@ -311,7 +321,7 @@ def test_arms_right_in_one_solution_and_legs_right_in_another_are_put_together()
 
 def test_limbs_are_lent_only_where_that_covers_more_than_chance_would() -> None:
     landscape = Landscape(truth=TRUTH, reach=0.0)
-    best, other = (off(TRUTH, parts, 2.2 * ALIKE / np.sqrt(3)) for parts in (ARMS[:2], LEGS[:2]))
+    best, other = (off(TRUTH, parts, 2.2 * solution_ranking.ALIKE / np.sqrt(3)) for parts in (ARMS[:2], LEGS[:2]))
     found, solutions = recombined(landscape, best, other)
     assert found is solutions[0]
 
@@ -320,7 +330,7 @@ def test_limbs_of_what_covers_too_little_or_lies_in_the_same_places_are_not_trie
     landscape = Landscape(truth=TRUTH)
     best, same, far = off(TRUTH, ARMS, 0.8), off(TRUTH, ARMS, 0.85), off(TRUTH, [*LEGS, 0, 1, 2], 2.5)
     covers = [landscape.solution(PROBLEM, motion).explained.sum() for motion in (best, same, far)]
-    assert covers[1] > (1 - NEAR) * covers[0] > covers[2]
+    assert covers[1] > (1 - limb_exchange.LENDING) * covers[0] > covers[2]
     found, solutions = recombined(landscape, best, same, far)
     assert found is solutions[0] and not landscape.measured
 
@@ -332,7 +342,7 @@ def test_of_mixtures_that_cover_as_much_the_likeliest_counts() -> None:
     found, _ = recombined(landscape, one, other)
     exchanges = [(one, other, ARMS), (other, one, ARMS), (one, other, LEGS), (other, one, LEGS)]
     mixtures = [landscape.solution(PROBLEM, a.with_parts(parts, b)) for a, b, parts in exchanges]
-    covering = multi_start.equals([*mixtures, found])
+    covering = solution_ranking.equals([*mixtures, found])
     assert found in covering and found.energy[-1] <= min(solution.energy[-1] for solution in covering) + 1e-6
 
 
@@ -355,12 +365,12 @@ def test_legs_that_were_taken_for_one_another_from_one_meeting_to_the_next_are_e
     assert min(np.abs(motion.difference(truth)).max() for motion in wrong) > 2 * landscape.reach
     for motion in (*wrong, truth):
         solution = landscape.solution(problem, motion)
-        found = multi_start.with_limbs_exchanged(problem, solution, landscape)
+        found = limb_exchange.with_limbs_exchanged(problem, solution, landscape)
         assert np.abs(found.motions[0].difference(truth)).max() < 0.05
 
 
 def test_motions_are_alike_only_if_those_of_every_performer_are() -> None:
     motion = swing(HUMAN, 5)
-    near, far = (off(motion, list(range(len(HUMAN))), angle * ALIKE) for angle in (0.5, 1.5))
-    assert multi_start.alike([motion] * 4, [near] * 4)
-    assert not multi_start.alike([motion] * 4, [near, far, near, near])
+    near, far = (off(motion, list(range(len(HUMAN))), angle * solution_ranking.ALIKE) for angle in (0.5, 1.5))
+    assert solution_ranking.alike([motion] * 4, [near] * 4)
+    assert not solution_ranking.alike([motion] * 4, [near, far, near, near])

@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from kfmocap.core.body.limbs import limbs
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence.accumulate import Sampling
 from kfmocap.core.evidence.foreground import log_ratio
@@ -20,8 +21,13 @@ from kfmocap.core.tracking.appearance import frames_with_foreground, key_frame_s
 from kfmocap.core.tracking.picture_store import PictureStore, StoredView
 from kfmocap.core.tracking.reader import ColourFrames
 from kfmocap.core.tracking.segments import LONGEST, PosedFrames, posed_frames, segments
-from kfmocap.core.tracking.solvers import multi_start
-from kfmocap.core.tracking.solvers.limb_search import limbs
+from kfmocap.core.tracking.solvers import (
+    gauss_newton,
+    limb_exchange,
+    multi_start,
+    solution_doubts,
+    solution_ranking,
+)
 from kfmocap.core.tracking.solvers.measurement import Workspace
 from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.tracker import track
@@ -190,9 +196,9 @@ def test_a_performer_is_doubted_by_what_it_explains_itself() -> None:
     beside[3, 0] = 0.1
     wrong = solution(problem, [TRUTHS[0], TRUTHS[1].moved(beside)])
     pooled, keys = wrong.explained.sum(axis=0), [0, FRAMES - 1]
-    assert pooled[3] > multi_start.EXPLAINED * np.interp(3, keys, pooled[keys]), "both together cover nearly all"
-    assert [multi_start.doubtful(problem.alone(i), wrong) for i in range(2)] == [False, True]
-    assert not multi_start.doubtful(problem, solution(problem, TRUTHS))
+    assert pooled[3] > solution_doubts.EXPLAINED * np.interp(3, keys, pooled[keys]), "both together cover nearly all"
+    assert [solution_doubts.doubtful(problem.alone(i), wrong) for i in range(2)] == [False, True]
+    assert not solution_doubts.doubtful(problem, solution(problem, TRUTHS))
 
 
 def test_what_others_hide_of_a_performer_is_not_expected_of_it() -> None:
@@ -207,8 +213,8 @@ def test_what_others_hide_of_a_performer_is_not_expected_of_it() -> None:
     problem = SegmentProblem(views, (BODY, BODY), 0, 30.0, HELD)
     true = solution(problem, motions)
     assert true.unhidden[0].min() < 0.4 and true.unhidden[1].min() == 1
-    assert true.explained[0].min() < multi_start.EXPLAINED * true.explained[0][[0, -1]].min()
-    assert not multi_start.doubtful(problem, true)
+    assert true.explained[0].min() < solution_doubts.EXPLAINED * true.explained[0][[0, -1]].min()
+    assert not solution_doubts.doubtful(problem, true)
 
 
 def test_views_that_tell_nothing_do_not_count_for_what_others_leave_in_sight() -> None:
@@ -260,7 +266,7 @@ def test_a_limb_where_a_view_shows_somebody_else_is_not_on_the_background(likes:
     problem = SegmentProblem((replace(views[0], foreground=colours), views[1]), (BODY, BODY), 0, 30.0, HELD)
     measured = Workspace().measure(problem, motions, Sampling(1.0, 1.0, 2, 0.07)).evidence
     found = replace(solution(problem, motions), evidence=measured)
-    assert multi_start.limb_astray(problem.alone(0), found) == astray
+    assert solution_doubts.limb_astray(problem.alone(0), found) == astray
 
 
 def test_what_hangs_over_the_outline_of_one_performer_is_no_lost_limb_of_another() -> None:
@@ -291,7 +297,7 @@ def test_only_the_performer_that_is_sought_moves_and_only_its_evidence_is_gather
     start = [motion.replaced(1, moved(motion[1:-1], np.array([0.03, 0, 0]))) for motion in TRUTHS]
     problem = SegmentProblem(coloured_views(TRUTHS), (BODY, BODY), 0, 30.0, HELD)
     for i in range(2):
-        alone = multi_start.descend(problem.alone(i), start, Workspace())
+        alone = gauss_newton.descend(problem.alone(i), start, Workspace())
         assert alone.evidence is not None
         other = 1 - i
         np.testing.assert_allclose(alone.motions[other].difference(start[other]), 0, atol=1e-12)
@@ -326,17 +332,17 @@ def test_evidence_of_one_among_others_is_that_of_all_whether_the_others_were_dra
 def test_the_noise_under_which_one_of_several_is_judged_is_of_its_own_pixels() -> None:
     """That of all has more pixels: beside what is shown, gradients would count the more, the more others there are."""
     problem, workspace = SegmentProblem(coloured_views(TRUTHS), (BODY, BODY), 0, 30.0, HELD), Workspace()
-    both = multi_start.descend(problem, TRUTHS, workspace)
+    both = gauss_newton.descend(problem, TRUTHS, workspace)
     for i in range(2):
         alone = problem.alone(i)
         own = workspace.measure(alone, both.motions, both.evidence.sampling).evidence
-        noise = multi_start.noise_of(alone, replace(both, only=i), workspace)
+        noise = solution_ranking.noise_of(alone, replace(both, only=i), workspace)
         count = own.gradients.count.sum()
         assert count < 0.7 * both.evidence.gradients.count.sum()
-        np.testing.assert_allclose(noise.weight, multi_start.SegmentNoise.of(own, problem.settings).weight)
+        np.testing.assert_allclose(noise.weight, gauss_newton.SegmentNoise.of(own, problem.settings).weight)
     np.testing.assert_array_equal(
-        multi_start.noise_of(problem, both, workspace).weight,
-        multi_start.SegmentNoise.of(both.evidence, problem.settings).weight,
+        solution_ranking.noise_of(problem, both, workspace).weight,
+        gauss_newton.SegmentNoise.of(both.evidence, problem.settings).weight,
     )
 
 
@@ -366,10 +372,11 @@ def told(monkeypatch: pytest.MonkeyPatch) -> Told:
             yield [TRUTHS[i] if j == i else motion for j, motion in enumerate(motions)]
 
     made = Told()
-    monkeypatch.setattr(multi_start, "descend", made.found)
-    monkeypatch.setattr(multi_start, "approach", lambda _problem, motions, *_: (tuple(motions), [], {}, None))
-    monkeypatch.setattr(multi_start, "exchanges", exchanged)
-    monkeypatch.setattr(multi_start, "noise_of", lambda *_: None)
+    for solver in (multi_start, limb_exchange):
+        monkeypatch.setattr(solver, "descend", made.found)
+        monkeypatch.setattr(solver, "approach", lambda _problem, motions, *_: (tuple(motions), [], {}, None))
+        monkeypatch.setattr(solver, "noise_of", lambda *_: None)
+    monkeypatch.setattr(limb_exchange, "exchanges", exchanged)
     return made
 
 
@@ -384,15 +391,15 @@ def test_limbs_are_exchanged_by_solving_their_own_performer_and_all_settle_at_la
     """What is tried for one of many does not cost as much as solving all of them; what covers far less once it has
     settled is not solved at all.
     """
-    cover = [-less * multi_start.HOPELESS]
+    cover = [-less * limb_exchange.HOPELESS]
     best = told.found(BOTH, WRONG)
 
     def measured(problem: SegmentProblem, solution: SegmentSolution, *_: object) -> float:
         return solution.cover + cover[0] * abs(solution.sought_cover)
 
-    monkeypatch.setattr(multi_start, "cover_at", measured)
-    monkeypatch.setattr(multi_start, "likelihood", lambda _problem, _noise, found: 1e3 * found.cover)
-    found = multi_start.with_limbs_exchanged(BOTH, best, Workspace())
+    monkeypatch.setattr(limb_exchange, "cover_at", measured)
+    monkeypatch.setattr(limb_exchange, "likelihood", lambda _problem, _noise, found: 1e3 * found.cover)
+    found = limb_exchange.with_limbs_exchanged(BOTH, best, Workspace())
     assert found.motions == (tuple(TRUTHS) if None in solved[1:] else tuple(WRONG))
     assert found.only is None
     assert told.solved == solved
@@ -415,14 +422,14 @@ def searched_for(monkeypatch: pytest.MonkeyPatch, doubts: list[list[int]]) -> li
 
 def test_limbs_are_looked_for_first_where_the_least_is_explained(monkeypatch: pytest.MonkeyPatch, told: Told) -> None:
     shares = [np.array([1.0, 0.7, np.nan]), np.array([1.0, 0.4, 0.9])]
-    monkeypatch.setattr(multi_start, "explained_share", lambda _problem, _solution, i: shares[i])
+    monkeypatch.setattr(solution_doubts, "explained_share", lambda _problem, _solution, i: shares[i])
     assert searched_for(monkeypatch, [[0, 1], [0]]) == [1, 0]
 
 
 def test_who_is_no_longer_doubted_once_the_limbs_of_others_are_found_is_not_searched_for(
     monkeypatch: pytest.MonkeyPatch, told: Told
 ) -> None:
-    monkeypatch.setattr(multi_start, "explained_share", lambda *_: np.ones(FRAMES))
+    monkeypatch.setattr(solution_doubts, "explained_share", lambda *_: np.ones(FRAMES))
     assert searched_for(monkeypatch, [[0, 1], []]) == [0]
 
 

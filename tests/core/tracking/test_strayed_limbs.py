@@ -13,9 +13,8 @@ from kfmocap.core.evidence.accumulate import Sampling
 from kfmocap.core.keypoints.keypoint_factor import KeypointFactor, Places
 from kfmocap.core.numerics import rotations
 from kfmocap.core.tracking.solvers.measurement import Workspace, keypoint_agreement
-from kfmocap.core.tracking.solvers.multi_start import with_limbs_returned
 from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
-from kfmocap.core.tracking.solvers.strayed_limbs import strayed_limbs, with_limbs_held
+from kfmocap.core.tracking.solvers.strayed_limbs import strayed_limbs, with_limbs_held, with_limbs_returned
 from synthetic import dark, look_at
 
 BODY, FRAMES, FPS = human(), 8, 30.0

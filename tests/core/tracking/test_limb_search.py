@@ -8,6 +8,7 @@ from itertools import product
 import numpy as np
 import pytest
 from kfmocap.core.body import human, landmark_positions, part_poses
+from kfmocap.core.body.limbs import limb_pairs, limbs
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.errors import CancelledError
 from kfmocap.core.evidence.foreground import SCALE
@@ -15,22 +16,12 @@ from kfmocap.core.evidence.label_images import NEAR, Geometry, render_labels
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.shot import Settings
-from kfmocap.core.tracking.solvers.limb_search import (
-    DEPTH_STEP,
-    _best_way,
-    _held,
-    _shares,
-    _Uncovered,
-    _ViewRatios,
-    exchanges,
-    found_limbs,
-    limbs,
-    pairs,
-    untangled,
-)
+from kfmocap.core.tracking.solvers.like_limbs import exchanges, untangled
+from kfmocap.core.tracking.solvers.limb_images import DEPTH_STEP, UncoveredImages, ViewRatios
+from kfmocap.core.tracking.solvers.limb_search import _held, found_limbs
 from kfmocap.core.tracking.solvers.measurement import Workspace
 from kfmocap.core.tracking.solvers.problem import SegmentProblem
-from synthetic import at_rest, coloured, ends_held, figure, look_at, poses_of, silhouette
+from synthetic import at_rest, coloured, ends_held, look_at, poses_of, silhouette
 
 Array = np.ndarray
 BODY = human(1.75)
@@ -89,42 +80,6 @@ def exchanged(motion: Motion, pair: tuple[list[int], list[int]], frames: slice) 
     return Motion(motion.translations, Q)
 
 
-def test_limbs_go_from_where_the_tree_branches_last_to_its_tips() -> None:
-    names = [[BODY.names[part] for part in chain] for chain in limbs(BODY)]
-    assert sorted(names) == sorted(
-        [
-            [f"{part}.{side}" for part in parts]
-            for side in "LR"
-            for parts in (["upper_arm", "forearm", "hand"], ["thigh", "shin", "foot"])
-        ]
-    )
-    assert all(len(chain) > 1 for chain in limbs(figure()))
-
-
-def test_a_pair_is_the_left_and_the_right_of_the_same_parts() -> None:
-    named = [tuple([BODY.names[part] for part in chain] for chain in pair) for pair in pairs(BODY)]
-    assert len(named) == 2
-    for left, right in named:
-        assert [name.replace(".L", ".R") for name in left] == right
-    assert not pairs(figure())
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_the_way_is_the_best_of_all_and_its_places_are_as_likely_as_they_are(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    score, places = rng.normal(size=(4, 3)), rng.normal(size=(4, 3, 2))
-    ways = np.array(list(product(range(3), repeat=4)))
-    frames = np.arange(4)
-    values = np.array([score[frames, w].sum() - 0.5 * (np.diff(places[frames, w], axis=0) ** 2).sum() for w in ways])
-    share = np.zeros((4, 3))
-    for w, chance in zip(ways, np.exp(values) / np.exp(values).sum(), strict=True):
-        share[frames, w] += chance
-    best, value = _best_way(score, places)
-    np.testing.assert_array_equal(best, ways[values.argmax()])
-    assert value == pytest.approx(values.max())
-    np.testing.assert_allclose(_shares(score, places), share, atol=1e-12)
-
-
 def test_an_arm_half_a_metre_away_is_found() -> None:
     truth = walk()
     lost = turned(truth, "upper_arm.L", -1.0)
@@ -152,7 +107,7 @@ def test_a_limb_is_held_the_less_the_more_of_it_another_view_sees_on_the_backgro
     geometry, poses = Geometry.of([BODY]), poses_of([BODY], [truth])
 
     def held(*views: ViewFrames) -> Array:
-        looks = [_ViewRatios.of(view, problem_of(truth, *views), 0, [truth]) for view in views]
+        looks = [ViewRatios.of(view, problem_of(truth, *views), 0, [truth]) for view in views]
         return _held(looks, geometry, poses, left)
 
     assert held(views[0]).min() > 0.4 and held(*views).min() > 0.4
@@ -180,7 +135,7 @@ def test_points_show_the_pixel_nearest_to_them_and_nothing_beyond_the_picture_or
         expected[inside] = (images[part][place] - 128.0) / SCALE
         if others is not None:
             expected[inside] *= far[inside] < others[place] * DEPTH_STEP
-        found = _Uncovered(CAMERA, 0, tuple(images), others, None).at(part, slice(1, 4), world)
+        found = UncoveredImages(CAMERA, 0, tuple(images), others, None).at(part, slice(1, 4), world)
         np.testing.assert_allclose(found, expected.mean(axis=-1), atol=1e-5)
 
 
@@ -222,7 +177,7 @@ def test_without_foreground_images_nothing_is_looked_for() -> None:
     np.testing.assert_array_equal(found.rotations, lost.rotations)
 
 
-@pytest.mark.parametrize("pair", pairs(BODY), ids=["arms", "legs"])
+@pytest.mark.parametrize("pair", limb_pairs(BODY), ids=["arms", "legs"])
 def test_limbs_taken_for_one_another_between_two_meetings_get_their_own_way_again(
     pair: tuple[list[int], list[int]],
 ) -> None:
@@ -245,8 +200,8 @@ def test_like_limbs_that_meet_twice_are_exchanged_in_between() -> None:
     problem = problem_of(truth)
     problem = replace(problem, fixed=(np.zeros_like(problem.fixed[0]),))
     found = [motion for (motion,) in exchanges(problem, [truth])]
-    assert len(found) == len(pairs(BODY))
-    for pair, motion in zip(pairs(BODY), found, strict=True):
+    assert len(found) == len(limb_pairs(BODY))
+    for pair, motion in zip(limb_pairs(BODY), found, strict=True):
         frames = np.flatnonzero(np.abs(motion.rotations - truth.rotations).max(axis=(1, 2, 3)) > 1e-6)
         assert np.abs(frames[[0, -1]] - (meetings - [0, 1])).max() <= 1
         expected = exchanged(truth, pair, slice(frames[0], frames[-1] + 1))
@@ -260,7 +215,7 @@ def test_like_limbs_are_exchanged_between_a_meeting_and_a_key_pose_where_they_ar
     """At the first key pose the legs are 0.6 times as far apart as they come to be, at the last one 0.75 times."""
     truth = walk(20)
     problem = problem_of(truth)
-    (legs,) = [pair for pair in pairs(BODY) if BODY.index("thigh.L") in pair[0]]
+    (legs,) = [pair for pair in limb_pairs(BODY) if BODY.index("thigh.L") in pair[0]]
     changed = []
     for (motion,) in exchanges(problem, [truth]):
         frames = np.flatnonzero(np.abs(motion.rotations - truth.rotations)[:, legs[0]].max(axis=(1, 2, 3)) > 1e-6)
@@ -276,12 +231,12 @@ def test_limbs_that_slowly_turn_back_are_not_exchanged() -> None:
         turn[:, 0] = side * (0.45 + 0.25 * np.cos(np.arange(40) * 2 * np.pi / 40))
         Q[:, BODY.index(name)] = rotations.exp(turn)
     motion = Motion(motion.translations, Q)
-    (legs,) = [pair for pair in pairs(BODY) if BODY.index("thigh.L") in pair[0]]
+    (legs,) = [pair for pair in limb_pairs(BODY) if BODY.index("thigh.L") in pair[0]]
     np.testing.assert_allclose(untangled(BODY, motion, legs, FPS).rotations, motion.rotations, atol=1e-12)
 
 
 def test_key_poses_are_not_exchanged() -> None:
-    truth, (arms, legs) = walk(30), pairs(BODY)
+    truth, (arms, legs) = walk(30), limb_pairs(BODY)
     mixed = exchanged(exchanged(truth, arms, slice(6, 13)), legs, slice(6, 13))
     free = np.ones(30, bool)
     free[9] = False
@@ -289,7 +244,7 @@ def test_key_poses_are_not_exchanged() -> None:
     np.testing.assert_allclose(found.rotations[9], mixed.rotations[9], atol=1e-12)
 
 
-@pytest.mark.parametrize("pair", pairs(BODY), ids=["arms", "legs"])
+@pytest.mark.parametrize("pair", limb_pairs(BODY), ids=["arms", "legs"])
 def test_limbs_that_never_meet_stay_as_they_are(pair: tuple[list[int], list[int]]) -> None:
     still = at_rest(BODY, 8)
     assert untangled(BODY, still, pair, FPS) is still

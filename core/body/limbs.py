@@ -1,0 +1,37 @@
+"""The limbs of a body: arms and legs as chains of its parts, and which are each other's left and right."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .body import Body
+
+
+def limbs(body: Body) -> list[list[int]]:
+    """Chains of at least two parts from where the tree branches last to its tips, as indices, the tip last.
+
+    Collar bones are not of them: poses drawn of an arm would be spread over turns that move it little.
+    """
+    children = np.bincount([p for p in body.parents if p >= 0], minlength=len(body))
+    chains = []
+    for tip in np.flatnonzero(children == 0):
+        chain = [int(tip)]
+        while (parent := body.parents[chain[0]]) > 0 and children[parent] == 1 and not body.is_stiff[parent]:
+            chain.insert(0, parent)
+        if len(chain) > 1:
+            chains.append(chain)
+    return chains
+
+
+def without_end(chain: Sequence[int]) -> list[int]:
+    """The parts of a limb that say where it is: how a hand or a foot is turned, the last of three, is hardly seen."""
+    return list(chain[: max(2, len(chain) - 1)])
+
+
+def limb_pairs(body: Body) -> list[tuple[list[int], list[int]]]:
+    """The left and the right ones of limbs that look alike, by Blender's names."""
+    chains = {tuple(body.names[part] for part in chain): chain for chain in limbs(body)}
+    sides = [(names, tuple(name.removesuffix(".L") + ".R" for name in names)) for names in chains]
+    return [(chains[left], chains[right]) for left, right in sides if left != right and right in chains]

@@ -1,0 +1,213 @@
+"""How much likelier the pictures are with a limb in one pose or another: by its pixels, and across its sides."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from ...body import Body, part_poses
+from ...body.kinematics import scene_poses
+from ...body.limbs import limbs, without_end
+from ...body.motion import Motion
+from ...evidence.label_images import Geometry
+from ...evidence.limb_sides import PartSides, SideRatios
+from ...evidence.view_frames import views_with_foreground
+from ...numerics import rotations
+from ...numerics.arrays import Array
+from .limb_images import NOBODY, PartPoses, UncoveredImages, ViewRatios, depth_steps, shown_areas
+from .problem import SegmentProblem
+
+PATCH = 0.06
+"""Pixels within this length of each other on the body count as one, metres."""
+LEAST_HELD = 0.02
+"""How surely a limb that is not seen is where it is: poses that the images cannot distinguish stay what they are."""
+ELSEWHERE_SPREAD = 0.5
+"""Standard deviation of the joints of poses drawn around each key pose, radians: as `limb_search.SPREADS`."""
+ELSEWHERE = 60
+"""Poses drawn around each key pose that show how brightness changes where no limb ends."""
+_POINTS = 16
+_AT_A_TIME = 16  # frames
+_LEAST_RANGE = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class LimbModel:
+    """One limb and what is known of it: n parts, F frames.
+
+    `range` is (n, 3), 1 for half a circle; points (n, points, 3) are in the parts' frames, and each part shows its
+    area, square metres, on the average; `parent` are the poses of what the limb hangs on; `begin` (F, n, 3) are the
+    rotation vectors of where it is; `fixed` (F, n, 3) are the degrees of freedom that stay; `held` (F, n) is how surely
+    it is where it is; `sides` are those of its first parts, see `without_end`.
+    """
+
+    body: Body
+    chain: list[int]
+    range: Array
+    points: Array
+    areas: Array
+    parent: tuple[Array, Array]
+    begin: Array
+    fixed: NDArray[np.bool_]
+    held: Array
+    sides: tuple[PartSides, ...]
+
+
+def limb_of(
+    problem: SegmentProblem, motions: Sequence[Motion], place: tuple[int, list[int]], rng: Generator
+) -> tuple[LimbModel, list[int]]:
+    """A limb as motions have it, seen nowhere where it is, and its parts of all performers'."""
+    i, chain = place
+    body, span = problem.bodies[i], problem.spans()[i]
+    parts = [span.start + part for part in chain]
+    R, T = part_poses(body, motions[i])
+    limb = LimbModel(
+        body,
+        chain,
+        np.clip(np.ptp(body.limits[chain], axis=2) / np.pi, _LEAST_RANGE, 1.0),
+        *_samples(problem.geometry(), parts, rng),
+        (R[:, body.parents[chain[0]]], T[:, body.parents[chain[0]]]),
+        rotations.log(motions[i].rotations[:, chain]),
+        problem.fixed[i][:, 3:].reshape(problem.length, -1, 3)[:, chain],
+        np.full((problem.length, len(chain)), LEAST_HELD),
+        tuple(PartSides.of(body.parts[part]) for part in without_end(chain)),
+    )
+    return limb, parts
+
+
+def support_of_limbs(
+    problem: SegmentProblem, motions: Sequence[Motion]
+) -> Iterator[tuple[int, list[int], Array, Callable[[], Array]]]:
+    """How much likelier what the pictures show is with each limb where it is than without it.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+    motions : sequence of Motion
+        F poses per performer.
+
+    Yields
+    ------
+    int
+        Index of the performer.
+    list of int
+        The limb as a chain of its parts.
+    ndarray, shape (F,)
+        Logarithm of the ratio of likelihoods on each frame, of what shows across its sides.
+    callable
+        Returns the same of all that shows, (F,): its sides, and what its pixels would show without it. It is 0 where
+        all views have the limb behind something else.
+    """
+    rng = np.random.default_rng(problem.settings.search_seed)
+    views = [view for view in views_with_foreground(problem.views) if view.colours is not None]
+    geometry, poses = problem.geometry(), scene_poses(problem.bodies, motions)
+    for i in problem.sought if views else ():
+        looks = [ViewRatios.of(view, problem, i, motions) for view in views]
+        labels = [look.labels(geometry, poses) for look in looks]
+        depths = [depth_steps(each) for each in labels]
+        for chain in limbs(problem.bodies[i]):
+            limb, parts = limb_of(problem, motions, (i, chain), rng)
+            own = np.isin(np.arange(len(geometry.spans) + 1), parts)  # the last is nobody
+            beside = [
+                UncoveredImages(look.camera, look.first, (), np.where(own[shown.part], NOBODY, depth), look.slopes)
+                for look, shown, depth in zip(looks, labels, depths, strict=True)
+            ]
+            sides = sides_shown(limb, with_sides_learned(limb, beside, problem.whole_keys(i), rng))
+            yield i, chain, sides, partial(_all_shown, limb, looks, (geometry, poses, parts), sides)
+
+
+def _all_shown(
+    limb: LimbModel,
+    looks: Sequence[ViewRatios],
+    drawn: tuple[Geometry, tuple[Array, Array], Sequence[int]],
+    sides: Array,
+) -> Array:
+    """How much all that shows of a limb, with what its sides show, speaks for where it begins, (F,)."""
+    uncovered = [look.uncovered(*drawn) for look in looks]
+    return sides + covered(replace(limb, sides=()), uncovered, limb.begin[:, None])[:, 0]
+
+
+def with_sides_learned(
+    limb: LimbModel, looks: Sequence[UncoveredImages], keys: NDArray[np.intp], rng: Generator
+) -> list[UncoveredImages]:
+    """Views that also know how brightness changes across the limb's sides, as its key poses show it."""
+    return [_with_learned(limb, look, keys, own) for look, own in zip(looks, rng.spawn(len(looks)), strict=True)]
+
+
+def _with_learned(limb: LimbModel, look: UncoveredImages, keys: NDArray[np.intp], rng: Generator) -> UncoveredImages:
+    if look.slopes is None or not len(keys):
+        return look
+    drawn = rng.normal(size=(len(keys), ELSEWHERE, *limb.range.shape)) * ELSEWHERE_SPREAD * limb.range
+    drawn += limb.begin[keys, None]
+    found: list[list[NDArray[np.float32]]] = [[], []]
+    for k, key in enumerate(keys.tolist()):
+        frame = slice(key, key + 1)
+        for kind, turns in enumerate((limb.begin[None, frame], drawn[k][None])):
+            for sides, poses in zip(limb.sides, _posed(limb, frame, turns), strict=False):
+                change, visible = look.changes(sides, frame, poses)
+                found[kind].append(change[visible])
+    return replace(look, sides=SideRatios.learned(*map(np.concatenate, found)))
+
+
+def sides_shown(limb: LimbModel, looks: Sequence[UncoveredImages]) -> Array:
+    """How much what the limb's sides show speaks for where it begins, (F,)."""
+    score = np.zeros(len(limb.begin))
+    for some in _chunks(len(score)):
+        for sides, poses in zip(limb.sides, _posed(limb, some, limb.begin[some, None]), strict=False):
+            for look in looks:
+                score[some] += look.beside(sides, some, poses)[:, 0]
+    return score
+
+
+def _samples(geometry: Geometry, parts: Sequence[int], rng: Generator) -> tuple[Array, Array]:
+    """Points within the parts, (n, points, 3), and the area that each shows on the average: by Cauchy's formula a
+    quarter of its surface, square metres.
+    """
+    vertices = [geometry.vertices[geometry.spans[part]] for part in parts]
+    points = [rng.dirichlet(np.full(len(v), 0.3), _POINTS) @ v for v in vertices]
+    return np.array(points), shown_areas(geometry, parts)
+
+
+def covered(limb: LimbModel, uncovered: Sequence[UncoveredImages], drawn: Array) -> Array:
+    """How much likelier the images are with the limb in each of K poses drawn (F, K, n, 3), shape (F, K).
+
+    PartPoses that are the same on all frames may be (1, K, n, 3).
+    """
+    score = np.zeros((len(limb.held), drawn.shape[1]))
+    for some in _chunks(len(score)):
+        chosen = drawn if len(drawn) == 1 else drawn[some]
+        for part, (area, poses) in enumerate(zip(limb.areas, _posed(limb, some, chosen), strict=True)):
+            world = _placed(limb.points[part], poses)
+            for look in uncovered:
+                score[some] += area / PATCH**2 * look.at(part, some, world)
+                if part < len(limb.sides):
+                    score[some] += look.beside(limb.sides[part], some, poses)
+    return score
+
+
+def _chunks(frames: int) -> Iterator[slice]:
+    return (slice(f, min(f + _AT_A_TIME, frames)) for f in range(0, frames, _AT_A_TIME))
+
+
+def _posed(limb: LimbModel, frames: slice, drawn: Array) -> Iterator[PartPoses]:
+    """The poses of each of the limb's parts on m frames as drawn, rotation vectors (m or 1, K, n, 3)."""
+    R, T = limb.parent[0][frames, None], limb.parent[1][frames, None]
+    Q = rotations.exp(drawn)
+    for k, part in enumerate(limb.chain):
+        T = T + R @ limb.body.offsets[part]
+        R = R @ (limb.body.R_parent_rest[part] @ Q[:, :, k])
+        yield R, T
+
+
+def _placed(points: Array, poses: PartPoses) -> NDArray[np.float32]:
+    """World points (m, 3, K, points) of a part in poses, from points in its frame."""
+    # Coordinate by coordinate: one product of matrices for all poses, and long rows for what follows. In double
+    # precision: processors differ in products of single precision.
+    R, T = poses
+    turned = np.ascontiguousarray(np.moveaxis(R, 2, 1)) @ points.T
+    turned += np.moveaxis(T, 2, 1)[..., None]
+    return np.asarray(turned.astype(np.float32))

@@ -1,0 +1,25 @@
+"""The likeliest path through places, and the places' probabilities, against all paths written out."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+from kfmocap.core.numerics.likeliest_path import likeliest_path, place_probabilities
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_way_is_the_best_of_all_and_its_places_are_as_likely_as_they_are(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    score, places = rng.normal(size=(4, 3)), rng.normal(size=(4, 3, 2))
+    ways = np.array(list(product(range(3), repeat=4)))
+    frames = np.arange(4)
+    values = np.array([score[frames, w].sum() - 0.5 * (np.diff(places[frames, w], axis=0) ** 2).sum() for w in ways])
+    share = np.zeros((4, 3))
+    for w, chance in zip(ways, np.exp(values) / np.exp(values).sum(), strict=True):
+        share[frames, w] += chance
+    best, value = likeliest_path(score, places)
+    np.testing.assert_array_equal(best, ways[values.argmax()])
+    assert value == pytest.approx(values.max())
+    np.testing.assert_allclose(place_probabilities(score, places), share, atol=1e-12)
