@@ -13,7 +13,7 @@ from ..numerics import rotations
 from ..numerics.arrays import Array
 from ..numerics.least_squares_batch import NormalSystems, minimise_each
 from ..numerics.repeatable import on_grid
-from . import Body, default_measures, human, landmark_positions, part_poses
+from . import Body, default_measures, human, landmark_positions, part_poses, point_jacobian
 from .human import FRACTIONS, SHIFTS
 from .motion import Motion, stacked
 
@@ -37,7 +37,10 @@ MEASURE_SIGMA = 0.12
 """Expected relative departure of a measure from the average person's."""
 SHIFT_SIGMA = 0.03
 """Expected departure of a shift (`body.human.SHIFTS`) from the average person's, metres."""
-
+AT_LIMIT = 1e-6
+"""A joint this near to its limit does not follow the measures, radians."""
+TINY = 1e-12
+"""Square metres per square unit of a degree of freedom that no landmark shows."""
 ROUGH = 1e-4
 """The same of the first poses between which measures are fitted: the next round fits them again."""
 
@@ -218,8 +221,8 @@ def _descended(body: Body, names: list[str], targets: Array, start: Motion, tole
 def fit_body(names: Sequence[str], targets_world: Array, height: float | None = None, rounds: int = 5) -> Body:
     """Scale the default human to landmarks of some poses.
 
-    Measures and poses are fitted in turns: poses by `fit_poses`, then the measures to which the landmarks are
-    linear, held near an average person's of that height where the landmarks do not show them.
+    Measures and poses are fitted in turns: poses by `fit_poses`, then the measures, while the poses follow. They are
+    held near an average person's of that height where the landmarks do not show them.
 
     Parameters
     ----------
@@ -265,7 +268,12 @@ def estimate_height(names: Sequence[str], targets_world: Array) -> float:
 def _fit_measures(
     stature: float, measures: dict[str, float], poses: Motion, names: Sequence[str], targets: Array
 ) -> dict[str, float]:
-    """One least-squares step on the measures, the poses' rotations held."""
+    """One least-squares step on the measures; the poses, which fit, follow.
+
+    With the poses held it would hardly move: a trunk that is too long for its landmarks buckles forward or backward,
+    and buckled as it is, its length fits. This is variable projection: G. H. Golub, V. Pereyra, The differentiation of
+    pseudo-inverses and nonlinear least squares problems whose variables separate (1973).
+    """
     keys = list(measures)
     average = default_measures(stature)
     body = human(stature, measures)
@@ -278,20 +286,30 @@ def _fit_measures(
     base = placed(measures)
     step = 1e-4
     columns = [(placed({**measures, k: measures[k] + step}) - base) / step for k in keys]
-    J = np.stack(columns, axis=-1)  # (K, L, 3, measures)
     error = targets[:, used] - base
-    # The root's place is free in every pose: take out each pose's mean, which is the same as solving for it.
-    seen = np.isfinite(error).all(axis=-1)
-    error = np.where(seen[..., None], error, 0.0)
-    J = np.where(seen[..., None, None], J, 0.0)
-    count = np.maximum(seen.sum(axis=1), 1)[:, None]
-    error -= (error.sum(axis=1) / count)[:, None] * seen[..., None]
-    J -= (J.sum(axis=1) / count[..., None])[:, None] * seen[..., None, None]
+    seen = np.isfinite(error).all(axis=-1)[..., None]
+    K = len(error)
+    error = np.where(seen, error, 0.0).reshape(K, -1)
+    J = (np.stack(columns, axis=-1) * seen[..., None]).reshape(K, -1, len(keys))
+    posing = (_free_jacobian(body, poses, labels) * seen[..., None]).reshape(K, -1, body.dof)
+    across = np.swapaxes(posing, 1, 2)
+    follow = np.linalg.solve(across @ posing + np.diag(_posture(body) + TINY), across @ J)
+    normal = np.einsum("kim,kin->mn", J, J - posing @ follow) / LANDMARK_SIGMA**2
+    gradient = np.einsum("kim,ki->m", J, error) / LANDMARK_SIGMA**2
     mean = np.array([average[k] for k in keys])
     sigma = np.array([SHIFT_SIGMA if k in SHIFTS else MEASURE_SIGMA * average[k] for k in keys])
-    A = np.concatenate([J.reshape(-1, len(keys)) / LANDMARK_SIGMA, np.diag(1 / sigma)])
-    b = np.concatenate([error.ravel() / LANDMARK_SIGMA, (mean - np.array([measures[k] for k in keys])) / sigma])
-    delta = np.linalg.lstsq(A, b, rcond=None)[0]
+    gradient += (mean - np.array([measures[k] for k in keys])) / sigma**2
+    delta = np.linalg.solve(normal + np.diag(sigma**-2), gradient)
     found = on_grid(np.array([measures[k] for k in keys]) + delta)
     fitted = dict(zip(keys, found.tolist(), strict=True))
     return {k: v if k in SHIFTS else max(v, 0.2 * average[k]) for k, v in fitted.items()}
+
+
+def _free_jacobian(body: Body, poses: Motion, names: list[str]) -> Array:
+    """Movement of landmarks per degree of freedom, none of those at their limits, shape (K, L, 3, D)."""
+    parts, local = body.landmark_arrays(names)
+    R, T = part_poses(body, poses)
+    J = point_jacobian(body, R, T, parts, np.einsum("klab,lb->kla", R[:, parts], local) + T[:, parts])
+    turns, (low, high) = rotations.log(poses.rotations[:, 1:]), np.moveaxis(body.limits[1:], 2, 0)
+    J[..., 6:] *= ((turns > low + AT_LIMIT) & (turns < high - AT_LIMIT)).reshape(len(turns), 1, 1, -1)
+    return J

@@ -198,6 +198,23 @@ def test_measures_follow_landmarks_with_gaps() -> None:
     assert np.nanmean(error) < 4
 
 
+def test_trunks_of_other_lengths_stand_as_straight_as_the_person() -> None:
+    """With the average trunk, they would buckle by 20 to 30 degrees at each of its two joints, forward or backward."""
+    joints = ["spine", "chest"]
+    for torso in (0.46, 0.50, 0.55):
+        person = human(1.8, {"torso": torso})
+        truth = at_rest(person, 4)
+        for side, turned in (("L", 1.2), ("R", -1.2)):
+            truth.rotations[:, person.index(f"upper_arm.{side}")] = rotations.exp(np.array([0.0, 0.0, turned]))
+        truth.rotations[2:, person.index("spine")] = rotations.exp(np.array([0.2, 0.0, 0.0]))
+        targets = landmark_positions(person, truth, NAMES)
+        body = fit_body(NAMES, targets)
+        found = fit_poses(body, NAMES, targets)
+        bends = rotations.log(found.rotations[:, [body.index(name) for name in joints]]).sum(axis=1)
+        true = rotations.log(truth.rotations[:, [body.index(name) for name in joints]]).sum(axis=1)
+        assert np.degrees(np.abs(bends - true)).max() < 12, torso
+
+
 def test_height_is_judged_from_the_limbs() -> None:
     targets = landmark_positions(BODY, exercise(BODY, 3), NAMES)
     assert estimate_height(NAMES, targets) == pytest.approx(1.78, rel=1e-6)
