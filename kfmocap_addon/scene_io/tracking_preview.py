@@ -1,14 +1,16 @@
 """Motion that is being tracked, shown in a scene while it comes in.
 
 It is written into copies of the performers' actions. The actions themselves are not touched, so that taking the preview
-away leaves the scene as it was.
+away leaves the scene as it was. A file that is saved meanwhile, by a script or another add-on, holds the scene without
+the preview: while it shows, nobody uses the performers' own actions, and Blender saves none that nobody uses.
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import bpy
 
@@ -43,9 +45,13 @@ class TrackingPreview:
         self._poses = [shown_pose.shown_values(armature) for armature in self._armatures]
         self._lent = [_lend(armature) for armature in self._armatures]
         self._is_moved = False
+        self._segments: dict[tuple[int, int], tuple[Motion, ...]] = {}
+        for handlers, handler in self._handlers():
+            handlers.append(handler)
 
     def show(self, segments: Mapping[tuple[int, int], tuple[Motion, ...]]) -> None:
         """Show motions of segments, by their first and last shot frames, in place of those shown before."""
+        self._segments.update(segments)
         start = self._scene.kfmocap.frame_start
         for (first, _), motions in segments.items():
             for number, lent in zip(self._numbers, self._lent, strict=True):
@@ -56,6 +62,25 @@ class TrackingPreview:
 
     def end(self) -> None:
         """Show again what was shown before."""
+        for handlers, handler in self._handlers():
+            with contextlib.suppress(ValueError):  # a file was opened, and Blender has let go of it
+                handlers.remove(handler)
+        self._take_away()
+
+    def _handlers(self) -> list[tuple[list[Any], Callable[..., None]]]:
+        handlers = bpy.app.handlers
+        after = (handlers.save_post, handlers.save_post_fail)
+        return [(handlers.save_pre, self._before_saving), *((kind, self._after_saving) for kind in after)]
+
+    def _before_saving(self, *_: object) -> None:
+        self._take_away()
+
+    def _after_saving(self, *_: object) -> None:
+        with contextlib.suppress(ReferenceError):
+            self._lent = [_lend(armature) for armature in self._armatures]
+            self.show(self._segments)
+
+    def _take_away(self) -> None:
         with contextlib.suppress(ReferenceError):  # the file was closed, and all of it is gone anyway
             for lent in self._lent:
                 if lent is not None:

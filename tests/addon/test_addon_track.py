@@ -505,6 +505,21 @@ def test_frames_fill_in_while_they_are_tracked_and_cancelling_leaves_no_trace(bu
     assert not differences(state(), before)
 
 
+def test_a_file_that_is_saved_while_it_is_tracked_holds_the_scene_as_it_was(built, tmp_path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "before.blend"))
+    preview = TrackingPreview(built, {0: built.kfmocap.performers[0]})
+    preview.show({(0, 5): (motion(12)[:6],)})
+    preview.show({(5, 11): (motion(12)[5:],)})
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "meanwhile.blend"))
+    assert motion_curves.keyed_frames(armature_of(built), FRAME, 12).all()  # it goes on showing
+    preview.end()
+    found = []
+    for name in ("before", "meanwhile"):
+        bpy.ops.wm.open_mainfile(filepath=str(tmp_path / f"{name}.blend"))
+        found.append(state())
+    assert not differences(*found)
+
+
 def test_nothing_but_looking_reaches_blender_while_a_job_runs(monkeypatch, tmp_path):
     tool, context = started(partial(job_functions.silent, tmp_path / "pid"), monkeypatch)
     view = SimpleNamespace(type="WINDOW", x=0, y=0, width=100, height=100)
