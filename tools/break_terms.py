@@ -119,6 +119,13 @@ TERMS = (
         f"{SWEEPS}::test_gradients_alone_follow_an_arm_that_is_seen",
     ),
     Term(
+        "(12), drift",
+        RELAXATION,
+        "s**2 * (3 - s) / 2 * np.where",
+        "s * np.where",
+        f"{SWEEPS}::test_an_initial_solution_ends_at_the_key_pose_and_has_lost_most_of_its_drift",
+    ),
+    Term(
         "(13) to (18)",
         KINEMATICS,
         "R[:, i] = R[:, p] @ (",
@@ -184,8 +191,8 @@ TERMS = (
     Term(
         "(28)",
         RELAXATION,
-        "u = 1.0 / n",
-        "u = 0.5 / n",
+        "if whole else (1.0 / n, 1.0)",
+        "if whole else (0.5 / n, 1.0)",
         f"{SWEEPS}::test_a_sweep_over_turns_is_equation_30_with_the_papers_weights",
     ),
     Term(

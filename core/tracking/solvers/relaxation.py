@@ -19,9 +19,11 @@ took, nor its unit of length. So that the numbers mean the same on all footage, 
 neither on the resolution, nor on the stride, nor on the distance. Grey levels count 0 to 1, turns radians, lengths
 metres in the first sweeps and `LENGTH` in the others.
 
-With u = 1/n of equation (27), the sweeps come to rest where equation (21) is least for lambda / n and nu / n. The
-axis vector (A.2) is the sine of a turn, so the terminal constraint is met in the limit of small turns only; the last
-pose is then set to the key pose.
+With u = 1/n of equation (27) the sweeps come to rest where equation (21) is least for lambda / n and nu / n, but slowly
+(section 4.3), as lambda and nu hold each step near to what it was. The first sweeps do so, while the key pose is far.
+The others have u = 1 with lambda / n and nu / n, which rest in the same place: a step is then what the energy asks for,
+and no sweep raises it. The axis vector (A.2) is the sine of a turn, so the terminal
+constraint is met in the limit of small turns only; the last pose is then set to the key pose.
 """
 
 from __future__ import annotations
@@ -85,9 +87,13 @@ def relaxed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
     seconds, settings = Seconds(), problem.settings
     with seconds.measure("initial solution"):
         motions = follow_gradients(problem, start, workspace.part(0.0, 0.2))
+        workspace.report(0.2, motions)
+        ends = zip(motions, start, problem.fixed, strict=True)
+        motions = [without_drift(motion, keyed, fixed) for motion, keyed, fixed in ends]
     energies: list[float] = []
     for sweep in range(0, settings.sweeps, RELINEARISE):
-        workspace.report(0.2 + 0.8 * sweep / settings.sweeps, motions)
+        if sweep:
+            workspace.report(0.2 + 0.8 * sweep / settings.sweeps, motions)
         measured = workspace.measure(problem, motions, FINE)
         evidence = measured.evidence
         seconds.add(evidence.seconds)
@@ -99,7 +105,7 @@ def relaxed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
             whole = sweep >= PRINTED * settings.sweeps
             rows = (rows_of_steps if whole else printed_rows)(problem, measured, evidence)
             motions = [
-                relax(motion, keyed, fixed, own, count, length=LENGTH if whole else 1.0)
+                relax(motion, keyed, fixed, own, count, whole=whole)
                 for motion, keyed, fixed, own in zip(motions, start, problem.fixed, rows, strict=True)
             ]
     held = tuple(_held(m, s, fixed) for m, s, fixed in zip(motions, start, problem.fixed, strict=True))
@@ -134,6 +140,18 @@ def follow_gradients(problem: SegmentProblem, start: Sequence[Motion], workspace
         motions = [stacked([motion, h[1:]]) for motion, h in zip(motions, here, strict=True)]
         hidden = [np.concatenate([h, g[None]]) for h, g in zip(hidden, gone, strict=True)]
     return motions
+
+
+def without_drift(motion: Motion, keyed: Motion, fixed: NDArray[np.bool_]) -> Motion:
+    """An initial solution that ends at the key pose; parameters as in `relax`.
+
+    As each of its steps begins with the one before it, it strays as a velocity does that wanders, pose by pose more.
+    Of how far it is off in the end, s^2 (3 - s) / 2 is expected at a share s of the way: the mean of a random walk that
+    is summed once more, given where it ends. The same share for each step, (28), would move the first poses, which are
+    right.
+    """
+    s = np.linspace(0.0, 1.0, len(motion))[:, None]
+    return motion.moved(s**2 * (3 - s) / 2 * np.where(fixed[-1], motion.difference(keyed)[-1], 0.0))
 
 
 def predicted_step(motion: Motion, hidden: NDArray[np.bool_]) -> Array:
@@ -274,7 +292,7 @@ def relax(
     rows: StepEquations,
     sweeps: int,
     *,
-    length: float = 1.0,
+    whole: bool = False,
 ) -> Motion:
     """Sweeps of equation (30) over one performer's frames.
 
@@ -288,15 +306,15 @@ def relax(
     rows : StepEquations
         The spatio-temporal terms around the motion.
     sweeps : int
-    length : float
-        Unit of length of the weights, metres.
+    whole : bool
+        The sweeps are those of the second half, with u = 1 and `LENGTH` for a unit.
     """
     n, D = rows.steps.shape
+    u, length = (1.0, LENGTH) if whole else (1.0 / n, 1.0)
     units = np.concatenate([np.full(3, length), np.ones(D - 3)])
     smooth = SMOOTHNESS / units**2
-    weight = fixed[-1] * np.concatenate([np.full(3, NU), np.full(D - 3, LAMBDA)]) / units**2
+    weight = fixed[-1] * np.concatenate([np.full(3, NU), np.full(D - 3, LAMBDA)]) / (units**2 * n * u)
     inverse = np.linalg.inv(rows.curvature + np.diag(smooth + weight))
-    u = 1.0 / n
     R_last, T_last = keyed.rotations[-1], keyed.translations[-1]
     x = rows.steps.copy()
     for _ in range(sweeps):
