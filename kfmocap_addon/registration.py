@@ -49,6 +49,7 @@ from .operators import (
     track_motion,
 )
 from .panels import guide, key_list
+from .properties.shot_properties import KFMocapScene
 from .scene_io import capture_scene, missing_footage
 from .scene_io.key_pictures import PICTURES
 
@@ -100,7 +101,7 @@ _drawings: list[tuple[Any, object]] = []
 def register() -> None:
     """Add everything to Blender."""
     _register_classes()
-    bpy.types.Scene.kfmocap = bpy.props.PointerProperty(type=properties.KFMocapScene)
+    bpy.types.Scene.kfmocap = bpy.props.PointerProperty(type=KFMocapScene)
     open_section.register()
     bpy.types.Scene.kfmocap_capture = bpy.props.PointerProperty(type=capture_scene.KFMocapCapture)
     for menu, entry in MENUS:

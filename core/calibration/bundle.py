@@ -16,7 +16,7 @@ from scipy import sparse
 from ..numerics.arrays import Array, Bools
 from ..numerics.least_squares import StoppingRule, minimise
 from ..numerics.normal_equations import SparseEquations, SparseFactor
-from ..numerics.robust_kernels import Cauchy, Quadratic, RobustKernel
+from ..numerics.robust_kernels import RAYLEIGH_MEDIAN, Cauchy, Quadratic, RobustKernel
 from .bundle_residuals import (
     BallObservations,
     BundleEvidence,
@@ -29,7 +29,6 @@ from .bundle_residuals import (
 )
 from .camera_rig import CAMERA_DOF
 
-_RAYLEIGH_MEDIAN = 1.1774
 _LEAST_LEFT = 0.1
 _MOST_ALIKE = 0.95
 
@@ -64,7 +63,7 @@ class BundleFit:
         """
         if not len(self.residual):
             return np.inf
-        middle = float(np.median(np.linalg.norm(self.residual, axis=1))) / _RAYLEIGH_MEDIAN
+        middle = float(np.median(np.linalg.norm(self.residual, axis=1))) / RAYLEIGH_MEDIAN
         left = 1 - self.free.sum() / self.residual.size
         return middle / float(np.sqrt(max(left, _LEAST_LEFT)))
 

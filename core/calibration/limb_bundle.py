@@ -17,7 +17,7 @@ from ..body.human import FRACTIONS
 from ..numerics.arrays import Array, Bools, Ints
 from ..numerics.least_squares import StoppingRule, minimise
 from ..numerics.normal_equations import SparseEquations
-from ..numerics.robust_kernels import Cauchy
+from ..numerics.robust_kernels import RAYLEIGH_MEDIAN, Cauchy
 from ..numerics.rotations import skew
 from .camera_rig import CAMERA_DOF, FOCAL, SHIFT, TURN, Rig
 
@@ -47,7 +47,6 @@ _ROBUST = 3.0
 """Scale of the kernel, in standard deviations."""
 _NEAREST = 0.1  # metres
 _LEAST_NOISE = 0.3  # pixels
-_RAYLEIGH_MEDIAN = 1.1774
 _ROUNDS = 4
 
 
@@ -245,7 +244,7 @@ def _noise(sizes: Array, seen: JointSightings) -> Array:
     """
     extent = _extent(seen)
     shares = sizes / extent[:, None, None]
-    share = np.median(shares[np.isfinite(shares)]) / _RAYLEIGH_MEDIAN
+    share = np.median(shares[np.isfinite(shares)]) / RAYLEIGH_MEDIAN
     return np.maximum(share * extent, _LEAST_NOISE)
 
 

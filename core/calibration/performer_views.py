@@ -9,11 +9,10 @@ import numpy as np
 
 from ..cameras.camera import Camera
 from ..keypoints.observations import image_rays
+from ..keypoints.seen_landmarks import LEAST_CONFIDENCE
 from ..shot.detections import Detections
 from .limb_bundle import JOINTS, JointSightings
 
-LEAST_CONFIDENCE = 0.3
-"""Keypoints of less confidence do not count."""
 MOST_FRAMES = 150
 """Frames that take part, evenly over the shot: neighbouring ones have the same errors."""
 USUAL_CORRELATION = 9.0

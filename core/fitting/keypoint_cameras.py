@@ -19,7 +19,7 @@ from ..keypoints.keypoint_factor import Keypoints
 from ..keypoints.triangulation import triangulate
 from ..numerics import rotations
 from ..numerics.arrays import Array, Bools, Ints
-from ..numerics.robust_kernels import GemanMcClure
+from ..numerics.robust_kernels import RAYLEIGH_MEDIAN, GemanMcClure
 from .camera_refinement import chance_quantile
 from .resection import CAMERA, FOCAL, POSITION, ROTATION, adjusted
 
@@ -29,8 +29,6 @@ LEAST_DEVIATION = 0.3
 """No keypoint is surer than this, pixels."""
 LEAST_KINDS = 6
 """Kinds of joints without which nothing can be said about a camera's seven unknowns."""
-RAYLEIGH_MEDIAN = 1.1774
-"""Median length of two normal errors of standard deviation 1."""
 _PER_CORRELATED = 3  # frames of those that err together; more say nothing new
 _ITERATIONS = 12
 _SETTLED = 0.05  # pixels

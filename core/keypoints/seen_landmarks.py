@@ -13,7 +13,7 @@ from ..numerics import rotations
 from ..numerics.arrays import Array, Bools
 from .keypoint_factor import Keypoints, Places
 
-SURE = 0.3
+LEAST_CONFIDENCE = 0.3
 """A keypoint is seen with at least this confidence: below, most detectors' own programs do not draw it."""
 SEEN_OFTEN = 3
 """A landmark is seen that is found in a view with that confidence on so many frames."""
@@ -28,7 +28,7 @@ def without_guesses(keypoints: Keypoints) -> Keypoints:
     every keypoint whatever they see only guess at them.
     """
     often = min(SEEN_OFTEN, len(keypoints))
-    seen = (keypoints.confidence >= SURE).any(axis=0).sum(axis=0) >= often
+    seen = (keypoints.confidence >= LEAST_CONFIDENCE).any(axis=0).sum(axis=0) >= often
     return replace(keypoints, confidence=keypoints.confidence * seen)
 
 

@@ -15,6 +15,9 @@ import numpy as np
 
 from .arrays import Array
 
+RAYLEIGH_MEDIAN = 1.1774
+"""Median length of two normal errors of standard deviation 1: a median over it is a deviation that outliers spare."""
+
 
 class RobustKernel(Protocol):
     """The cost of a residual by its squared norm, and the weight of its rows."""

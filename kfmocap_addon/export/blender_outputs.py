@@ -15,7 +15,9 @@ from ...core.errors import OutputError
 from ...core.shot.shot import Shot
 from ..scene_io import review_data, tracked_segments
 from ..scene_io import scene as scenes
-from . import exporters
+from .export_options import ExportOptions
+from .exporters import export_performers
+from .whole_files import writing
 
 if TYPE_CHECKING:
     from ...core.tracking.track_result import TrackResult
@@ -101,10 +103,10 @@ def write_blender_outputs(
         finish(scene)
     review_data.write_review(scene, [(shot, result, 0)])
     tracked_segments.remember_offset(scene, result)
-    options = exporters.ExportOptions(leave_out_unknown=leave_out_unknown)
-    paths = exporters.export_performers(scene, folder, options)
+    options = ExportOptions(leave_out_unknown=leave_out_unknown)
+    paths = export_performers(scene, folder, options)
     paths_from_home = nullcontext() if shown else _portable_paths(Path(home or folder).resolve())
-    with exporters.writing(folder / "shot.blend") as target, paths_from_home:
+    with writing(folder / "shot.blend") as target, paths_from_home:
         bpy.ops.wm.save_as_mainfile(filepath=str(target), copy=True, check_existing=False, relative_remap=False)
     paths.append(folder / "shot.blend")
     return paths

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import bpy
 
 from ...core.errors import OutputError
+from ...core.runtime.files import replacing
 
 _BLEND, _BLEND_END = b"BLENDER", b"ENDB"
 _END_LENGTHS = (20, 24, 32)  # of the last block, which is but a header: before 5.0 of 32 and of 64 bits, and since
@@ -94,3 +99,29 @@ def _is_whole_bvh(path: Path) -> bool:
     rows = text.partition("Frame Time:")[2].splitlines()[1:]
     channels = sum(int(number) for number in re.findall(r"CHANNELS (\d+)", text))
     return count is not None and len(rows) == int(count[1]) and all(len(row.split()) == channels for row in rows)
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[Path]:
+    """Like `replacing`; makes the folder where it is missing, and raises Blender's failures as OutputError, also those
+    that it does not report: see `check_whole`.
+
+    Blender's exporters also print, and tracebacks where they fail; that is not for the user of a batch.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"the folder cannot be made: {error.strerror}", where=str(path.parent)) from error
+    printed = io.StringIO()
+    with replacing(path) as target, contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
+        try:
+            yield target
+        except RuntimeError as error:
+            raise OutputError(f"Blender cannot write it: {_reason(error)}", where=str(path)) from error
+        check_whole(target, path)
+
+
+def _reason(error: RuntimeError) -> str:
+    """What an operator failed with: where that was an exception in Python, Blender gives its traceback instead."""
+    said = str(error).partition("\nLocation:")[0].strip()
+    return said.splitlines()[-1] if "Traceback" in said else said

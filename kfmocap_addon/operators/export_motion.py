@@ -56,11 +56,12 @@ class Export(Conditional, bpy.types.Operator):
             column.label(text=f"Replaces {path.name}" if exists else path.name, icon="ERROR" if exists else "FILE")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ..export import exporters
+        from ..export.export_options import ExportOptions
+        from ..export.exporters import export_performers
 
         with reported(self) as outcome:
             settings = context.scene.kfmocap.export
-            options = exporters.ExportOptions(
+            options = ExportOptions(
                 settings.preset,
                 settings.bvh,
                 settings.fbx,
@@ -72,7 +73,7 @@ class Export(Conditional, bpy.types.Operator):
                 vrma=settings.vrma,
                 usd=settings.usdc,
             )
-            written = exporters.export_performers(context.scene, self._folder(), options, self.filename)
+            written = export_performers(context.scene, self._folder(), options, self.filename)
             settings.path = str(self._folder() / (self.filename or context.scene.kfmocap.shot))
             settings.written = "\n".join(map(str, written))
             self.report({"INFO"}, f"Wrote {', '.join(path.name for path in written)} to {self._folder()}")

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...core.errors import BodyError, OutputError, ShotError
 from ...core.retargeting.transfer import RetargetOptions
-from ..export.exporters import writing
+from ..export.whole_files import writing
 from ..scene_io.scene import set_rate
 from .listed_bones import read_map
 from .motion_files import read_motion

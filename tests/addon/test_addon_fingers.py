@@ -21,6 +21,7 @@ from kfmocap.core.formats.keypoint_layouts import HAND_POINTS  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
 from kfmocap.core.retargeting.roles import FINGERS  # noqa: E402
 from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
+from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting import finger_tracking  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import body_armature, fcurves, motion_curves  # noqa: E402
@@ -161,7 +162,7 @@ def test_the_body_gets_fingers_and_files_have_them(blender, tmp_path, capsys):  
     assert [part.name for part in body_armature.body_from_armature(armature).parts] == BODY.names
     assert np.abs(motion_curves.read_motion(armature, 1, len(WALK)).difference(WALK)).max() < 1e-5
 
-    exporters.export_bvh(tmp_path / "fingers.bvh", armature, scene)
+    exporters.export_bvh(tmp_path / "fingers.bvh", armature, scene, ExportOptions())
     moved = read_bvh(tmp_path / "fingers.bvh")
     assert {"f_index.03.L", "thumb.01.R"} < set(moved.rest.names)
     chain = moved.rest.indices(["f_index.01.L", "f_index.02.L", "f_index.03.L"])

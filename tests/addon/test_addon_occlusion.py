@@ -13,6 +13,7 @@ from addon_shots import PARTS, blender, motion, shot, track_result  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.kfmocap_addon import panels  # noqa: E402
 from kfmocap.kfmocap_addon.export import blender_outputs, exporters  # noqa: E402
+from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import bone_visibility, fcurves, key_pose_curves, scene  # noqa: E402
 
 pytestmark = pytest.mark.blender
@@ -130,7 +131,7 @@ def test_exports_are_the_same_without_it(blender, tmp_path, suffix):  # noqa: F8
 
     def channels():
         path = tmp_path / f"man.{suffix}"
-        getattr(exporters, f"export_{suffix}")(path, armature, built)
+        getattr(exporters, f"export_{suffix}")(path, armature, built, ExportOptions())
         return path.read_bytes() if suffix == "bvh" else path.stat().st_size
 
     exported = channels()

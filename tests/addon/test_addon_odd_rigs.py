@@ -15,6 +15,7 @@ from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.formats.bvh import read_bvh  # noqa: E402
 from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
+from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting import send, source_motion  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import (  # noqa: E402
@@ -241,7 +242,7 @@ def test_files_have_what_blender_shows_of_bones_below_a_root_and_of_those_that_f
     body = body_armature.body_from_armature(armature)
     motion_curves.write_motion(armature, swing(body, FRAMES), 1)
     armature.location = (0.3, -0.4, 0.0)
-    options = exporters.ExportOptions(frames=(1, FRAMES))
+    options = ExportOptions(frames=(1, FRAMES))
     names = [bone.name for bone in armature.data.bones if bone.name in body.names or bone.use_deform]
     wanted = shown_heads(armature, names)
     exporters.export_bvh(tmp_path / "motion.bvh", armature, scene, options)

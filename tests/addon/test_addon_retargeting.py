@@ -17,7 +17,8 @@ from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.retargeting.bone_presets import PRESETS  # noqa: E402
 from kfmocap.core.retargeting.retarget import prepared  # noqa: E402
 from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
-from kfmocap.kfmocap_addon.properties import KFMocapRetarget  # noqa: E402
+from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E402
+from kfmocap.kfmocap_addon.properties.retarget_properties import KFMocapRetarget  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.character_files import save_copy  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.motion_files import read_motion  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.overrides import editable  # noqa: E402
@@ -144,7 +145,7 @@ def test_the_command_line_moves_a_character(blender, tmp_path, capsys, kind):  #
     motion_curves.write_motion(performer, motion, 1)
     take = tmp_path / f"take.{kind}"
     write = {"bvh": exporters.export_bvh, "fbx": exporters.export_fbx}[kind]
-    write(take, performer, bpy.context.scene, exporters.ExportOptions(frames=(1, FRAMES)))
+    write(take, performer, bpy.context.scene, ExportOptions(frames=(1, FRAMES)))
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     built("mixamo", np.radians(45))
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "hero.blend"))

@@ -15,6 +15,7 @@ from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.shot.shot import KeyPoses  # noqa: E402
 from kfmocap.kfmocap_addon import panels  # noqa: E402
 from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
+from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import review_data, scene, unknown_bones  # noqa: E402
 
 pytestmark = pytest.mark.blender
@@ -77,7 +78,7 @@ def test_files_leave_out_its_bones_on_request(blender, tmp_path, suffix):  # noq
     built, armature = shown(tmp_path)
     for left_out in (False, True):
         path = tmp_path / f"man_{left_out}.{suffix}"
-        options = exporters.ExportOptions(leave_out_unknown=left_out)
+        options = ExportOptions(leave_out_unknown=left_out)
         getattr(exporters, f"export_{suffix}")(path, armature, built, options)
         written = path.read_bytes()
         assert (b"shin.L" in written, b"foot.R" in written) == (not left_out, not left_out)

@@ -23,7 +23,7 @@ def test_the_command_line_names_every_solver() -> None:
 
 
 def test_the_menu_in_blender_has_every_solver() -> None:
-    source = ast.parse((ROOT / "kfmocap_addon" / "properties.py").read_text(encoding="utf-8"))
+    source = ast.parse((ROOT / "kfmocap_addon" / "properties" / "shot_properties.py").read_text(encoding="utf-8"))
     [menu] = [
         node.annotation for node in ast.walk(source) if isinstance(node, ast.AnnAssign) and node.target.id == "solver"
     ]

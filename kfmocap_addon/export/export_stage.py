@@ -1,0 +1,196 @@
+"""The scene of an export: a copy of one armature alone, in a preset's unit and names, with a key on every frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from ...core.errors import ShotError
+from ...core.numerics.arrays import Array
+from ...core.numerics.resampling import sample_times, slerped
+from ..scene_io import body_armature, body_channels, fcurves, followed_bones, unknown_bones
+from ..scene_io.scene import set_rate
+from .export_options import ExportOptions
+from .presets import PRESETS
+
+_TRANSFORMS = ("location", "rotation_quaternion", "rotation_euler", "rotation_axis_angle", "scale")
+
+
+@contextmanager
+def stage_of(
+    armature: bpy.types.Object, scene: bpy.types.Scene, turn: Matrix, options: ExportOptions
+) -> Iterator[bpy.types.Scene]:
+    """A scene for the time of an export, with nothing but a copy of the armature, active and selected.
+
+    The copy stands at the world's origin: where the object was, the turn, and the unit have gone into its bones. Pose
+    bones are relative to them, so the keys hold but for the unit. The user's scene, selection and frame stay, and
+    what windows show.
+    """
+    body_armature.object_pose(armature)  # refuses one that is scaled unevenly
+    preset = PRESETS[options.preset]
+    name, stage = armature.name, bpy.data.scenes.new(armature.name)
+    # Some of Blender's exporters turn the window to the scene that they write.
+    shown = [(window, window.scene) for window in bpy.context.window_manager.windows]
+    copy = armature.copy()
+    copy.data = armature.data.copy()
+    try:
+        first, times = _set_time(stage, scene, options)
+        _sample(copy, armature, first, times, options)
+        _sample_followed(copy, armature, scene, (first, times), options)
+        copy.rename(preset.node or name, mode="ALWAYS")  # the files shall have the armature's name
+        copy.parent = None
+        copy.data.transform(Matrix.Scale(preset.scale, 4) @ turn @ armature.matrix_world)
+        copy.matrix_world = Matrix.Identity(4)
+        stage.collection.objects.link(copy)
+        if options.leave_out_unknown:
+            _leave_out_unknown(copy)
+        for bone in copy.data.bones:
+            bone.name = preset.names.get(bone.name, bone.name)
+        stage.unit_settings.scale_length = 1 / preset.scale
+        layer = stage.view_layers[0]
+        copy.select_set(True, view_layer=layer)
+        layer.objects.active = copy
+        with bpy.context.temp_override(
+            scene=stage,
+            view_layer=layer,
+            object=copy,
+            active_object=copy,
+            selected_objects=[copy],
+        ):
+            yield stage
+    finally:
+        for window, showed in shown:
+            if window.scene != showed:
+                window.scene = showed
+        sampled = fcurves.find_channelbag(copy) and copy.animation_data.action
+        if sampled and sampled != armature.animation_data.action:
+            bpy.data.actions.remove(sampled)
+        bpy.data.armatures.remove(copy.data)
+        bpy.data.scenes.remove(stage)
+        armature.rename(name, mode="ALWAYS")
+
+
+@contextmanager
+def stage_in_metres(
+    armature: bpy.types.Object, scene: bpy.types.Scene, options: ExportOptions
+) -> Iterator[bpy.types.Scene]:
+    """The scene of an export to a format in metres: where a preset has another unit, the copy is scaled."""
+    with stage_of(armature, scene, Matrix.Identity(4), options) as stage:
+        stage.objects[0].scale = (1 / PRESETS[options.preset].scale,) * 3
+        yield stage
+
+
+def _leave_out_unknown(copy: bpy.types.Object) -> None:
+    """Remove the bones of unknown parts from the copy of an armature, and those of all that hangs on them alone."""
+    unknown = {bone.name for bone in copy.pose.bones if bone.get(unknown_bones.UNKNOWN, 0)}
+    gone = {
+        bone.name
+        for bone in copy.data.bones
+        if bone.name in unknown and {child.name for child in bone.children_recursive} <= unknown
+    }
+    with body_armature.edit_bones(copy) as bones:
+        for name in gone:
+            bones.remove(bones[name])
+
+
+def _set_time(stage: bpy.types.Scene, scene: bpy.types.Scene, options: ExportOptions) -> tuple[int, Array]:
+    """Give the stage its frames and rate; returns its first frame, and the scene frame that each of them shows."""
+    properties = scene.kfmocap
+    first, last = options.frames or (properties.frame_start, properties.frame_start + properties.length - 1)
+    if last < first:
+        raise ShotError(f"the last frame ({last}) is before the first ({first})", where="Export, frame range")
+    rate = scene.render.fps / scene.render.fps_base
+    wanted = options.fps or rate
+    times = sample_times(first, last, rate, wanted)
+    set_rate(stage, wanted)
+    stage.frame_start, stage.frame_end = first, first + len(times) - 1
+    return first, times
+
+
+def _sample(
+    copy: bpy.types.Object, armature: bpy.types.Object, first: int, times: Array, options: ExportOptions
+) -> None:
+    """Give the copy of an armature a key on every frame from the first on, of the scene frames `times`."""
+    bag = fcurves.find_channelbag(armature)
+    if bag is None:
+        return
+    frames = np.arange(np.floor(times[0]), np.ceil(times[-1]) + 1)
+    values = {
+        (curve.data_path, curve.array_index): np.array([curve.evaluate(frame) for frame in frames])
+        for curve in bag.fcurves
+        if curve.data_path.rpartition(".")[2] in _TRANSFORMS and len(curve.keyframe_points)
+    }
+    unit = PRESETS[options.preset].scale * body_armature.object_pose(armature)[2]
+    _scale_locations(values, armature, unit, options.root_motion)
+    copy.animation_data.action = bpy.data.actions.new(armature.name)
+    sampled = fcurves.ensure_channelbag(copy, armature.name)
+    for (path, index), row in _at_times(values, frames, times).items():
+        keys = fcurves.new_keys(first + np.arange(len(times)), row, "KEYFRAME", "LINEAR")
+        fcurves.set_keys(fcurves.ensure_fcurve(sampled, path, index, armature.name), [keys])
+
+
+def _sample_followed(
+    copy: bpy.types.Object,
+    armature: bpy.types.Object,
+    scene: bpy.types.Scene,
+    frames: tuple[int, Array],
+    options: ExportOptions,
+) -> None:
+    """Give bones of the copy of a rig that constraints or drivers move keys of what they do, in place of these.
+
+    They would follow the rig itself, which is in another scene, and is not turned and scaled as the copy.
+    """
+    followed = followed_bones.following(armature)
+    data = copy.animation_data
+    if not followed or data is None or data.action is None:
+        return
+    first, times = frames
+    for driver in list(data.drivers):
+        data.drivers.remove(driver)
+    for bone in copy.pose.bones:
+        for constraint in list(bone.constraints):
+            bone.constraints.remove(constraint)
+    bag = fcurves.ensure_channelbag(copy, armature.name)
+    unit = PRESETS[options.preset].scale * body_armature.object_pose(armature)[2]
+    for name, (place, turn, size) in followed_bones.read_followed(scene, armature, followed, times).items():
+        bone = copy.pose.bones[name]
+        bone.rotation_mode = "QUATERNION"
+        for attribute, values in (("location", unit * place), ("rotation_quaternion", turn), ("scale", size)):
+            path = bone.path_from_id(attribute)
+            for index, row in enumerate(values.T):
+                keys = fcurves.new_keys(first + np.arange(len(times)), row, "KEYFRAME", "LINEAR")
+                fcurves.set_keys(fcurves.ensure_fcurve(bag, path, index, armature.name), [keys])
+
+
+def _at_times(values: dict[tuple[str, int], Array], frames: Array, times: Array) -> dict[tuple[str, int], Array]:
+    """Curves by path and index, at other times: whole quaternions by slerp, all else linearly."""
+    found = {}
+    for (path, index), row in values.items():
+        together = [values.get((path, k)) for k in range(4)]
+        if path.endswith("rotation_quaternion") and all(part is not None for part in together):
+            found[path, index] = slerped(np.stack(together, axis=1), frames, times)[:, index]
+        else:
+            found[path, index] = np.interp(times, frames, row)
+    return found
+
+
+def _scale_locations(
+    values: dict[tuple[str, int], Array], armature: bpy.types.Object, scale: float, root_motion: bool
+) -> None:
+    """Bring locations to another unit, in place; without root motion the root stays over its first place."""
+    if not root_motion:
+        root = armature.pose.bones[body_armature.body_bones(armature)[0].name]
+        path = f"{root.path_from_id()}.location"
+        rows = [values.get((path, k)) for k in range(3)]
+        if all(row is not None for row in rows):
+            axes = body_channels.root_frame(armature)[0]
+            world = np.stack(rows, axis=1) @ axes.T
+            world[:, :2] = world[0, :2]
+            values.update({(path, k): row for k, row in enumerate((world @ axes).T)})
+    for (path, index), row in values.items():
+        if path.endswith(".location"):
+            values[path, index] = scale * row

@@ -1,0 +1,55 @@
+"""What to export, and what was exported last."""
+
+import bpy
+
+from ..export.presets import PRESETS
+
+
+class KFMocapExport(bpy.types.PropertyGroup):
+    """What to export, and what was exported last."""
+
+    written: bpy.props.StringProperty(
+        name="Written", description="Paths of the files that were written last, one to a line"
+    )
+    path: bpy.props.StringProperty(
+        subtype="FILE_PATH", name="Last Name", description="Path that was chosen last, without an ending"
+    )
+
+    preset: bpy.props.EnumProperty(
+        items=[(key, preset.label, preset.description) for key, preset in PRESETS.items()],
+        name="For",
+        description="The program that is to read the files: names of the bones, and unit",
+    )
+    bvh: bpy.props.BoolProperty(default=True, name="BVH", description="Skeleton and motion as text, Y up")
+    fbx: bpy.props.BoolProperty(default=True, name="FBX", description="Skeleton and motion for other programs, Y up")
+    glb: bpy.props.BoolProperty(
+        name="glTF", description="Skeleton and motion for the web and game engines, Y up (.glb)"
+    )
+    vrma: bpy.props.BoolProperty(
+        name="VRM", description="VRM animation, which any VRM character plays: humans only, in metres (.vrma)"
+    )
+    usdc: bpy.props.BoolProperty(name="USD", description="Skeleton and motion as USD, Y up (.usdc)")
+    use_range: bpy.props.BoolProperty(name="Frame Range", description="Export some frames alone, not the whole shot")
+    first: bpy.props.IntProperty(default=1, name="First", description="First scene frame to export")
+    last: bpy.props.IntProperty(default=250, name="Last", description="Last scene frame to export, inclusive")
+    use_rate: bpy.props.BoolProperty(name="Frame Rate", description="Export at another frame rate than the scene's")
+    fps: bpy.props.FloatProperty(
+        default=30.0,
+        min=1.0,
+        soft_max=240.0,
+        precision=3,
+        name="Rate",
+        description="Frames per second of the files; between the shot's frames rotations are interpolated by slerp",
+    )
+    root_motion: bpy.props.BoolProperty(
+        default=True,
+        name="Root Motion",
+        description="The performer moves through the world. Off: it stays over its first place, but rises and sinks",
+    )
+    leave_out_unknown: bpy.props.BoolProperty(
+        name="Leave Out Unknown",
+        description="Leave out the bones of parts that nothing has shown, of people not wholly in the picture",
+    )
+
+
+CLASSES = (KFMocapExport,)

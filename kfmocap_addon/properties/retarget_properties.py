@@ -1,0 +1,94 @@
+"""What character motion is sent to, and how."""
+
+import bpy
+
+from .pointer_polls import is_armature
+
+
+class KFMocapBone(bpy.types.PropertyGroup):
+    """A bone that plays a role in the character's skeleton; its name is the role's."""
+
+    bone: bpy.props.StringProperty(name="Bone", description="The bone of the character that plays this role")
+    chain: bpy.props.IntProperty(name="Place", description="Its place in the chain, from the hips or hand outward")
+
+
+class KFMocapLimbError(bpy.types.PropertyGroup):
+    """How far a limb of the character is from where it should be; its name is the limb's."""
+
+    degrees: bpy.props.FloatProperty(name="Degrees", description="Worst rotation error of its bones")
+    distance: bpy.props.FloatProperty(name="Distance", description="Worst position error of its bones, mm")
+
+
+class KFMocapRetarget(bpy.types.PropertyGroup):
+    """What motion is sent to, and how."""
+
+    target: bpy.props.PointerProperty(
+        type=bpy.types.Object, poll=is_armature, name="Character", description="Armature that is to move"
+    )
+    source: bpy.props.PointerProperty(
+        type=bpy.types.Object,
+        poll=is_armature,
+        name="Motion From",
+        description="Armature whose motion is sent, over the frames of the scene. Empty: the performer",
+    )
+    preset: bpy.props.EnumProperty(
+        items=[
+            ("auto", "Automatic", "The preset that knows most of its bones, else their names, else their places"),
+            ("kfmocap", "KF Mocap", "A body of this add-on"),
+            ("rigify", "Rigify", "A generated rig, through its FK controls"),
+            ("rigify-ik", "Rigify, IK Limbs", "A generated rig, arms and legs through their IK controls"),
+            ("rigify-metarig", "Rigify Metarig", "The metarig that a rig is generated from"),
+            ("mixamo", "Mixamo", "Bones named mixamorig:Hips and so on"),
+            ("unreal", "Unreal", "Unreal's mannequin"),
+            ("unity", "Unity Humanoid", "Bones named as in Unity's humanoid avatar, or by the VRM standard"),
+            ("vrm", "VRM", "Bones named as VRoid names them"),
+            ("makehuman", "MakeHuman", "MakeHuman's default rig"),
+        ],
+        name="Rig",
+        description="What kind of rig the character has",
+    )
+    bones: bpy.props.CollectionProperty(type=KFMocapBone)
+    active_bone: bpy.props.IntProperty(name="Active Bone", description="The role shown in the list of bones")
+    errors: bpy.props.CollectionProperty(type=KFMocapLimbError)
+    root: bpy.props.EnumProperty(
+        items=[
+            ("world", "On the Hips", "The character moves through the world"),
+            ("root-bone", "On the Root Bone", "The way over the ground goes on the rig's root bone"),
+            ("in-place", "In Place", "The character stays over its first place"),
+        ],
+        name="Root Motion",
+        description="Where the way through the world goes",
+    )
+    feet: bpy.props.EnumProperty(
+        items=[
+            ("keep", "Keep", "Planted feet move as the performer's do, whatever the length of the legs"),
+            ("clean", "Clean", "Planted feet stand quite still, flat on the floor"),
+            ("off", "Off", "Joint angles alone"),
+        ],
+        name="Feet",
+        description="How feet are kept where they stood",
+    )
+    hands: bpy.props.BoolProperty(name="Keep Hands", description="Hands that stand still in the world stay there")
+    live: bpy.props.BoolProperty(
+        name="Live",
+        description="The character follows by constraints, so that every change of the motion shows at once. Feet are "
+        "not kept; send again without this to get keys",
+    )
+    layer: bpy.props.BoolProperty(
+        name="As Layer", description="Keep the character's present action below, as a strip of the NLA"
+    )
+    sparse: bpy.props.BoolProperty(name="Fewer Keys", description="Leave out keys that smooth curves make unnecessary")
+    angle: bpy.props.FloatProperty(
+        default=0.00872665,
+        min=0.0,
+        soft_max=0.0872665,
+        subtype="ANGLE",
+        name="Rotation",
+        description="How far a bone may turn away for the sake of fewer keys",
+    )
+    distance: bpy.props.FloatProperty(
+        default=1.0, min=0.0, soft_max=20.0, name="Location (mm)", description="The same of places, mm"
+    )
+
+
+CLASSES = (KFMocapBone, KFMocapLimbError, KFMocapRetarget)

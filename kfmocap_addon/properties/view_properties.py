@@ -1,0 +1,91 @@
+"""What a scene knows of a view beyond its camera object."""
+
+import bpy
+
+from .pointer_polls import is_camera
+
+
+def _show_in_time(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
+    """The footage shows the frames that the view's offset and fields say."""
+    from ..scene_io import footage_background
+
+    shot = self.id_data.kfmocap
+    footage_background.show_in_time(self, shot.first, shot.frame_start)
+
+
+class KFMocapView(bpy.types.PropertyGroup):
+    """A view; its name is the camera's in the calibration. The footage is the camera's background clip."""
+
+    camera: bpy.props.PointerProperty(
+        type=bpy.types.Object,
+        poll=is_camera,
+        name="Camera",
+        description="Camera object with the footage behind it",
+    )
+    size: bpy.props.IntVectorProperty(
+        size=2,
+        min=1,
+        default=(1920, 1080),
+        name="Size",
+        description="Width and height of the footage, pixels",
+    )
+    aspect: bpy.props.FloatVectorProperty(
+        size=2, min=1.0, default=(1.0, 1.0), name="Pixel Aspect", description="Width and height of a pixel"
+    )
+    offset: bpy.props.FloatProperty(
+        name="Offset",
+        description="Frame f of the shot is this footage's frame f + offset, which may lie between two frames",
+        precision=3,
+        update=_show_in_time,
+    )
+    fields: bpy.props.EnumProperty(
+        items=[
+            ("progressive", "Progressive", "Every frame was taken at one instant"),
+            ("top-first", "Top First", "Interlaced: the lines with the topmost were taken first"),
+            ("bottom-first", "Bottom First", "Interlaced: the lines between were taken first"),
+        ],
+        name="Fields",
+        description="Order of the fields of interlaced footage",
+        update=_show_in_time,
+    )
+    sequence: bpy.props.StringProperty(
+        name="Sequence", description="Pattern of the file names, where the footage is an image sequence"
+    )
+    keypoints: bpy.props.StringProperty(
+        name="Keypoints", description="2D keypoints of this view, relative to the footage's folder"
+    )
+    distortions: bpy.props.StringProperty(
+        name="Distortion",
+        description="OpenCV's distortion as JSON, where Blender's movie clip has no model for it",
+    )
+    calibrated: bpy.props.BoolProperty(
+        default=True,
+        name="Calibrated",
+        description="The camera's place and lens are known. Tick this after placing the camera by hand",
+    )
+
+    missing: bpy.props.BoolProperty(
+        name="Missing", description="The footage was not where the file says when that was opened"
+    )
+    misfit: bpy.props.StringProperty(
+        name="Misfit", description="How far the camera is off the key poses or the other cameras; empty where it fits"
+    )
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether its camera is known, also from a tracker of Blender's that moves it."""
+        owner = self.camera
+        return self.calibrated or bool(owner and (owner.animation_data or owner.constraints or owner.parent))
+
+    @property
+    def residual(self) -> bpy.types.Image | None:
+        """The picture of where the footage contradicts the model, if one is shown."""
+        return bpy.data.images.get(self.residual_name)
+
+    @property
+    def residual_name(self) -> str:
+        """The name of that picture."""
+        return f"KF Mocap residual {self.name}"
+
+
+CLASSES = (KFMocapView,)
