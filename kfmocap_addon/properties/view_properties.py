@@ -17,17 +17,10 @@ class KFMocapView(bpy.types.PropertyGroup):
     """A view; its name is the camera's in the calibration. The footage is the camera's background clip."""
 
     camera: bpy.props.PointerProperty(
-        type=bpy.types.Object,
-        poll=is_camera,
-        name="Camera",
-        description="Camera object with the footage behind it",
+        type=bpy.types.Object, poll=is_camera, name="Camera", description="Camera object with the footage behind it"
     )
     size: bpy.props.IntVectorProperty(
-        size=2,
-        min=1,
-        default=(1920, 1080),
-        name="Size",
-        description="Width and height of the footage, pixels",
+        size=2, min=1, default=(1920, 1080), name="Size", description="Width and height of the footage, pixels"
     )
     aspect: bpy.props.FloatVectorProperty(
         size=2, min=1.0, default=(1.0, 1.0), name="Pixel Aspect", description="Width and height of a pixel"
@@ -55,8 +48,7 @@ class KFMocapView(bpy.types.PropertyGroup):
         name="Keypoints", description="2D keypoints of this view, relative to the footage's folder"
     )
     distortions: bpy.props.StringProperty(
-        name="Distortion",
-        description="OpenCV's distortion as JSON, where Blender's movie clip has no model for it",
+        name="Distortion", description="OpenCV's distortion as JSON, where Blender's movie clip has no model for it"
     )
     calibrated: bpy.props.BoolProperty(
         default=True,
