@@ -17,6 +17,7 @@ from .operators import (
     add_footage,
     bake,
     calibrate_cameras,
+    calibrate_from_performer,
     camera_files,
     capture_views,
     choose_performer,
@@ -87,6 +88,7 @@ OPERATORS = (
     capture_views,
     pick_colour,
     calibrate_cameras,
+    calibrate_from_performer,
 )
 MODULES = (properties, capture_scene, *OPERATORS, *panels.SECTIONS, keymap)
 CLASSES = tuple(cls for module in MODULES for cls in module.CLASSES)

@@ -14,6 +14,7 @@ import numpy as np
 from ..cameras.camera import Camera
 from ..errors import CaptureError, located
 from ..formats.keypoint_files import read_keypoints
+from ..keypoints.observations import correlated_frames
 from ..runtime.progress import Progress, report_progress
 from ..shot.footage import probe
 from ..shot.shot_spec import ShotSpec, ViewSpec
@@ -73,7 +74,7 @@ class PerformerCalibration:
         if vague := [name for name, share in self.focal_deviation.items() if share > VAGUE_FOCAL]:
             rows.append(
                 f"the focal length of {', '.join(vague)} is vague, and with it how far away the camera is: let the "
-                "performer walk towards and away from the cameras, or give --lenses"
+                "performer walk towards and away from the cameras, or give the lenses"
             )
         return rows
 
@@ -105,12 +106,44 @@ def cameras_of_shot(
     if performer.height is None:
         todo = "give it in metres, with shoes: the scale of everything follows from it"
         raise CaptureError("the performer's height is missing", where=f"{performer.where} height", todo=todo)
-    views = [_view(view, lenses) for view in spec.views]
-    correlated = max(1.0, spec.settings.keypoint_correlation * spec.fps)
+    correlated = correlated_frames(spec.settings, spec.fps)
+    return cameras_of_views(spec.views, performer.height, spec.frames, progress, lenses=lenses, correlated=correlated)
+
+
+def cameras_of_views(
+    specs: Sequence[ViewSpec],
+    height: float,
+    frames: tuple[int, int],
+    progress: Progress | None = None,
+    *,
+    lenses: Mapping[str, Camera],
+    correlated: float,
+) -> PerformerCalibration | SingleViewCalibration:
+    """Solve for the cameras of views, or of the only one, from the files of their keypoints.
+
+    Parameters
+    ----------
+    specs : sequence of ViewSpec
+    height : float
+        Of the performer, metres: the scale.
+    frames : tuple of int
+        First and last frame of the shot, in the shot's count.
+    progress : callable, optional
+    lenses : mapping of str to Camera
+        By camera: those whose lens is known.
+    correlated : float
+        How many neighbouring frames a detector errs on alike.
+
+    Raises
+    ------
+    CaptureError, FootageError, KeypointError, CancelledError
+        See `cameras_of_shot`.
+    """
+    report_progress(progress, "keypoints", 0.0)
+    views = [_view(view, lenses) for view in specs]
     if len(views) == 1:
-        report_progress(progress, "keypoints", 0.0)
-        return camera_by_performer(views[0], performer.height, spec.frames, correlated=correlated)
-    return cameras_by_performer(views, performer.height, spec.frames, progress, correlated=correlated)
+        return camera_by_performer(views[0], height, frames, correlated=correlated)
+    return cameras_by_performer(views, height, frames, progress, correlated=correlated)
 
 
 def _view(view: ViewSpec, lenses: Mapping[str, Camera]) -> PerformerView:

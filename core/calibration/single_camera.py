@@ -87,7 +87,7 @@ class SingleViewCalibration:
             "scale from the performer's height; one camera alone is a guess where the performer does not show it",
         ]
         if self.focal_deviation:
-            rows.append("the lens is not known, and with it how far away the performer is: give --lenses if you can")
+            rows.append("the lens is not known, and with it how far away the performer is: give the lens if you can")
         if abs(roll := self._roll) > TURNED:
             rows.append(
                 f"it is taken to be turned by {np.degrees(roll):.0f} degrees about its line of sight: if it stood "

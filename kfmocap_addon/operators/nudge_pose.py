@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 
 class BreakdownPose(PosingOperator, bpy.types.Operator):
-    """Make a key pose between the key pose before and the one after this frame: the bones selected in pose mode, else
-    the whole body"""
+    """Make a key pose between the key pose before and the one after this frame, which must both be there: of the bones
+    selected in pose mode, else of the whole body"""
 
     bl_idname = "kfmocap.breakdown_pose"
     bl_label = "Breakdown"
@@ -36,8 +36,8 @@ class BreakdownPose(PosingOperator, bpy.types.Operator):
 
 
 class NudgePose(PosingOperator, bpy.types.Operator):
-    """Move the pose on this frame a little towards the key pose beside it, and key it: the bones selected in pose mode,
-    else the whole body"""
+    """Move the pose on this frame a little towards the key pose before or after it, which must be there, and key it:
+    the bones selected in pose mode, else the whole body"""
 
     bl_idname = "kfmocap.nudge_pose"
     bl_label = "Nudge Pose"

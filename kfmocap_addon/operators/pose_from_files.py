@@ -10,7 +10,7 @@ import bpy
 
 from ...core.runtime.worker_process import Work
 from ..scene_io import active_performer
-from .conditions import Conditional, has_footage, has_keypoints, has_performer, has_shot
+from .conditions import Conditional, has_footage, has_keypoints, has_performer, has_shot, has_views
 from .job_operator import JobOperator
 from .mixin import BesideFootage
 from .reporting import progress_shown, reported
@@ -26,7 +26,7 @@ class ImportKeypoints(Conditional, bpy.types.Operator, BesideFootage):
 
     bl_idname = "kfmocap.import_keypoints"
     bl_label = "Import Keypoints"
-    conditions = (has_shot,)
+    conditions = (has_views,)
 
     filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
     directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})

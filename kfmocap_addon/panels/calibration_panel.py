@@ -5,9 +5,12 @@ from typing import Any
 import bpy
 
 from ..operators.calibrate_cameras import Calibrate, ShowReport
+from ..operators.calibrate_from_performer import CalibrateFromPerformer, height_field
 from ..operators.camera_files import ExportCameras, ImportCameras
 from ..operators.capture_views import AddVideos, LoadCapture, RemoveVideos
 from ..operators.pick_colour import PickColour
+from ..operators.pose_from_files import ImportKeypoints
+from ..scene_io import active_performer
 from ..scene_io import capture_scene as captures
 from .section import Section, SectionPart
 from .texts import draw_text
@@ -99,17 +102,39 @@ class BallsPanel(SectionPart, bpy.types.Panel):
             _draw_colour(box, capture, slot)
 
 
+class PerformerCalibrationPanel(SectionPart, bpy.types.Panel):
+    bl_idname = "KFMOCAP_PT_performer_calibration"
+    bl_label = "Without a Wand"
+    bl_parent_id = CalibrationPanel.bl_idname
+    bl_options = {"DEFAULT_CLOSED"}
+    section = "calibration"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.use_property_split, layout.use_property_decorate = True, False
+        missing = CalibrateFromPerformer.missing(context)
+        if missing:
+            draw_text(layout, context, missing, "INFO")
+        views = context.scene.kfmocap.views
+        if views and not all(view.keypoints for view in views) and active_performer.chosen(context) is None:
+            layout.operator(ImportKeypoints.bl_idname, icon="IMPORT")
+        owner, name = height_field(context)
+        layout.prop(owner, name, text="Performer's Height")
+        layout.prop(context.scene.kfmocap_capture, "keep_lenses")
+        layout.operator(CalibrateFromPerformer.bl_idname, icon="ARMATURE_DATA")
+
+
 def _draw_view(layout: bpy.types.UILayout, view: bpy.types.PropertyGroup) -> None:
     column = layout.column(align=True)
     column.use_property_split, column.use_property_decorate = True, False
     column.prop(view, "lframe")
     column.prop(view, "wand")
-    column.prop(view, "focal")
-    row = column.row(align=True, heading="Offset")
-    row.prop(view, "knows_offset", text="")
-    field = row.row()
-    field.enabled = view.knows_offset
-    field.prop(view, "offset", text="")
+    for name, heading in (("focal", "Focal Length"), ("offset", "Offset")):
+        row = column.row(align=True, heading=heading)
+        row.prop(view, f"knows_{name}", text="")
+        field = row.row()
+        field.enabled = getattr(view, f"knows_{name}")
+        field.prop(view, name, text="")
 
 
 def _draw_colour(layout: bpy.types.UILayout, capture: bpy.types.PropertyGroup, slot: str) -> None:
@@ -126,4 +151,4 @@ def _draw_colour(layout: bpy.types.UILayout, capture: bpy.types.PropertyGroup, s
     row.operator(PickColour.bl_idname, text="" if picked else f"Pick {which}", icon="EYEDROPPER").slot = slot
 
 
-CLASSES = (CaptureViewList, CalibrationPanel, CapturePanel, BallsPanel)
+CLASSES = (CaptureViewList, CalibrationPanel, CapturePanel, BallsPanel, PerformerCalibrationPanel)

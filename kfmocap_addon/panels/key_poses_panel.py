@@ -83,7 +83,9 @@ class PoseToolsPanel(PerformerPart, bpy.types.Panel):
     bl_parent_id = KeyPosesPanel.bl_idname
     section = "key_poses"
 
-    def draw(self, _context: bpy.types.Context) -> None:
+    def draw(self, context: bpy.types.Context) -> None:
+        slot = active_performer.chosen(context)
+        before, after = _sides_with_key_poses(key_list.CACHE.entries(slot.armature), context.scene.frame_current)
         column = self.layout.column(align=True)
         row = column.row(align=True)
         row.operator(CopyPose.bl_idname, text="Copy", icon="COPYDOWN")
@@ -91,12 +93,23 @@ class PoseToolsPanel(PerformerPart, bpy.types.Panel):
         row.operator(PastePose.bl_idname, text="", icon="PASTEFLIPDOWN").flipped = True
         column.operator(MirrorPose.bl_idname, icon="MOD_MIRROR")
         row = column.row(align=True)
-        for side, icon in (("BEFORE", "TRIA_LEFT"), ("AFTER", "TRIA_RIGHT")):
-            if side == "AFTER":
-                row.operator(BreakdownPose.bl_idname)
-            row.operator(NudgePose.bl_idname, text="", icon=icon).side = side
+        _part(row, before).operator(NudgePose.bl_idname, text="", icon="TRIA_LEFT").side = "BEFORE"
+        _part(row, before and after).operator(BreakdownPose.bl_idname)
+        _part(row, after).operator(NudgePose.bl_idname, text="", icon="TRIA_RIGHT").side = "AFTER"
         column.operator(NudgeDepth.bl_idname, text="Closer to the Camera").distance = -0.05
         column.operator(NudgeDepth.bl_idname, text="Away from the Camera").distance = 0.05
+
+
+def _sides_with_key_poses(rows: tuple[key_list.KeyPoseEntry, ...] | None, frame: int) -> tuple[bool, bool]:
+    """Whether there are key poses before and after a frame; both may be there before they are looked up."""
+    own = [row.frame for row in rows or () if not row.proposed]
+    return rows is None or any(f < frame for f in own), rows is None or any(f > frame for f in own)
+
+
+def _part(row: bpy.types.UILayout, enabled: bool) -> bpy.types.UILayout:
+    part = row.row(align=True)
+    part.enabled = enabled
+    return part
 
 
 class PoseFilesPanel(PerformerPart, bpy.types.Panel):

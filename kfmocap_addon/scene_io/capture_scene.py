@@ -17,6 +17,7 @@ SLOTS = ("lframe", "first", "second")
 """The colours that can be picked: of the L-frame's balls, the wand's first and its second."""
 _LABELS = {"lframe": "L-frame", "first": "Wand, first ball", "second": "Wand, second ball"}
 _POINTS = ((0.0, 0.0, 0.0), (0.3, 0.0, 0.0), (0.6, 0.0, 0.0), (0.0, 0.2, 0.0))
+_USUAL_FOCAL = 1000.0
 _NAMES = ("Corner", "Long arm, middle", "Long arm, end", "Short arm")
 
 
@@ -78,8 +79,14 @@ class KFMocapCaptureView(bpy.types.PropertyGroup):
     offset: bpy.props.FloatProperty(
         precision=3, name="Offset", description="Frame f of the capture is this video's frame f + offset, frames"
     )
+    knows_focal: bpy.props.BoolProperty(
+        get=lambda self: self.focal > 0,
+        set=lambda self, known: setattr(self, "focal", _USUAL_FOCAL if known else 0.0),
+        name="Focal Length Known",
+        description="The lens is known roughly. Else it is estimated from scratch",
+    )
     focal: bpy.props.FloatProperty(
-        min=0.0, name="Focal Length", description="Roughly, where it is known, pixels; 0: it is not"
+        min=0.0, precision=0, name="Focal Length", description="Of this camera, roughly, in pixels of its videos"
     )
 
 
@@ -109,6 +116,22 @@ class KFMocapCapture(bpy.types.PropertyGroup):
     second: bpy.props.PointerProperty(type=KFMocapColour, description="Colour of the wand's second ball")
     report: bpy.props.StringProperty(
         subtype="DIR_PATH", name="Report", description="Folder for the report's files; empty: shown here alone"
+    )
+
+    performer_height: bpy.props.FloatProperty(
+        default=1.75,
+        min=0.3,
+        max=3.0,
+        unit="LENGTH",
+        precision=3,
+        name="Height",
+        description="Of the performer, with shoes: the scale of everything follows from it",
+    )
+    keep_lenses: bpy.props.BoolProperty(
+        default=True,
+        name="Keep Lenses",
+        description="Views that are calibrated keep their lenses, as long as zoom and resolution are the same: cameras "
+        "are then found far more exactly",
     )
 
     def colour(self, slot: str) -> KFMocapColour:

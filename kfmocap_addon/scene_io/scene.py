@@ -134,14 +134,13 @@ def shot_from_scene(scene: bpy.types.Scene, footage: bool = True) -> Shot:
             f"the last frame ({properties.last}) is before the first ({properties.first})",
             where=f"scene {scene.name}",
         )
-    render = scene.render
     return Shot(
         name=properties.shot,
-        fps=float(lossless.recall(scene, _FPS, render.fps / render.fps_base)),
+        fps=frame_rate(scene),
         frames=(properties.first, properties.last),
         views=view_cameras.read_views(scene, properties.frame_start, properties.length) if footage else (),
         performers=tuple(_read_performer(scene, slot) for slot in properties.performers),
-        settings=_read_settings(properties),
+        settings=read_settings(properties),
         holds=prop_holds.read_holds(scene),
     )
 
@@ -179,6 +178,11 @@ def load_clips(footage: Sequence[Path]) -> list[bpy.types.MovieClip]:
     return clips
 
 
+def frame_rate(scene: bpy.types.Scene) -> float:
+    """The scene's frames per second, to the last digit as `set_rate` had them."""
+    return float(lossless.recall(scene, _FPS, scene.render.fps / scene.render.fps_base))
+
+
 def set_rate(scene: bpy.types.Scene, fps: float | None) -> None:
     """Give a scene a frame rate, frames per second; None leaves it as it is."""
     if fps is not None:
@@ -205,8 +209,8 @@ def _build_views(scene: bpy.types.Scene, shot: Shot, clips: list[bpy.types.Movie
     footage_background.look_through(scene, scene.kfmocap.views[0])
 
 
-def _read_settings(properties: bpy.types.PropertyGroup) -> Settings:
-    """Settings as the scene has them; defaults for what it does not say, without what this version lacks."""
+def read_settings(properties: bpy.types.PropertyGroup) -> Settings:
+    """The tracker's settings as a scene says: defaults for what it does not, and without what this version lacks."""
     shown = {"solver": properties.solver, "contact": properties.contact}
     stored = json.loads(properties.settings or "{}") | shown
     known = {f.name: stored[f.name] for f in dataclasses.fields(Settings) if f.name in stored}

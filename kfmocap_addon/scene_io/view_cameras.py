@@ -16,6 +16,7 @@ from ...core.errors import CalibrationError
 from ...core.numerics.arrays import Array
 from ...core.shot.image_sequences import image_files
 from ...core.shot.shot import View
+from ...core.shot.shot_spec import ViewSpec
 from . import camera_poses, distortion, footage_background, scene_cameras
 
 if TYPE_CHECKING:
@@ -118,18 +119,44 @@ def set_keypoints(slot: bpy.types.PropertyGroup, path: Path) -> None:
     slot.keypoints = _relative(path, footage_background.footage_path(slot).parent)
 
 
+def read_specs(scene: bpy.types.Scene) -> tuple[ViewSpec, ...]:
+    """The views of a scene as a shot file names them: whatever is known of their cameras.
+
+    Raises
+    ------
+    FootageError
+        A view's footage is missing.
+    """
+    return tuple(_read_spec(slot) for slot in scene.kfmocap.views)
+
+
+def known_lenses(scene: bpy.types.Scene) -> dict[str, Camera]:
+    """The cameras of those views that are calibrated, by their names: for their lenses, wherever they stand."""
+    slots = [slot for slot in scene.kfmocap.views if slot.is_calibrated]
+    poses = camera_poses.read_poses(scene, [slot.camera for slot in slots], scene.frame_current, 1)
+    return {slot.name: _read_camera(slot, *pose) for slot, pose in zip(slots, poses, strict=True)}
+
+
 def _read_view(slot: bpy.types.PropertyGroup, R_cam_world: Array, t_cam_world: Array) -> View:
-    clip = footage_background.background_clip(slot)
-    frame = distortion.Frame(tuple(slot.size), tuple(slot.aspect))
-    packed = json.loads(slot.distortions) if slot.distortions else {"fisheye": False}
-    distortions = packed.get("coefficients") or distortion.clip_distortions(clip)
-    pose = R_cam_world, t_cam_world
-    camera = scene_cameras.core_camera(
-        slot.name, slot.camera, frame, pose, distortions=distortions, fisheye=packed["fisheye"]
-    )
+    spec = _read_spec(slot)
+    return View(_read_camera(slot, R_cam_world, t_cam_world), spec.footage, spec.offset, spec.fields, spec.keypoints)
+
+
+def _read_spec(slot: bpy.types.PropertyGroup) -> ViewSpec:
+    footage_background.background_clip(slot)
     footage = footage_background.footage_path(slot)
     keypoints = Path(os.path.normpath(footage.parent / slot.keypoints)) if slot.keypoints else None
-    return View(camera, footage, round(slot.offset, 5), slot.fields, keypoints)
+    return ViewSpec(slot.name, footage, round(slot.offset, 5), slot.fields, keypoints, f"view {slot.name}")
+
+
+def _read_camera(slot: bpy.types.PropertyGroup, R_cam_world: Array, t_cam_world: Array) -> Camera:
+    frame = distortion.Frame(tuple(slot.size), tuple(slot.aspect))
+    packed = json.loads(slot.distortions) if slot.distortions else {"fisheye": False}
+    distortions = packed.get("coefficients") or distortion.clip_distortions(footage_background.background_clip(slot))
+    pose = R_cam_world, t_cam_world
+    return scene_cameras.core_camera(
+        slot.name, slot.camera, frame, pose, distortions=distortions, fisheye=packed["fisheye"]
+    )
 
 
 def _relative(path: Path, folder: Path) -> str:

@@ -202,6 +202,14 @@ def test_tools_that_could_do_nothing_are_disabled(blender, tmp_path, tracker):  
     assert not bpy.ops.kfmocap.step_view.poll()
 
 
+def test_poses_between_and_towards_key_poses_need_these(blender, tmp_path):  # noqa: F811
+    """Proposals are none, and before key poses are looked up nothing is disabled."""
+    rows = [key_list.KeyPoseEntry(4), key_list.KeyPoseEntry(9, ("hand.L",)), key_list.KeyPoseEntry(20, proposed=True)]
+    sides = [key_poses_panel._sides_with_key_poses(tuple(rows), frame) for frame in (3, 4, 6, 9, 12)]
+    assert sides == [(False, True), (False, True), (True, True), (True, False), (True, False)]
+    assert key_poses_panel._sides_with_key_poses(None, 6) == (True, True)
+
+
 def test_lines_beside_an_icon_have_less_room(monkeypatch):
     monkeypatch.setattr(texts, "_drawn_width", lambda text: 8.0 * len(text))
     drawn = {"NONE": [], "INFO": []}

@@ -14,12 +14,12 @@ import bpy
 import numpy as np
 import pytest
 from addon_shots import blender, camera, shot, tracker  # noqa: F401
-from kfmocap.core.calibration import api, calibration_report
+from kfmocap.core.calibration import api, calibration_report, performer_cameras
 from kfmocap.core.fitting import body_fit, shot_cameras
 from kfmocap.core.tracking import prepare
 from kfmocap.kfmocap_addon import registration
 from kfmocap.kfmocap_addon.scene_io import scene
-from ready_scenes import fitted, refined, solution
+from ready_scenes import by_performer, fitted, refined, solution
 
 WALK = Path(__file__).parents[2] / "examples" / "walk"
 TOOLS = [cls for cls in registration.CLASSES if issubclass(cls, bpy.types.Operator)]
@@ -30,7 +30,7 @@ def quick(tracker, monkeypatch):  # noqa: F811
     """What takes long is stood in for."""
 
     def standing_in(found: Callable[[Any], Any]) -> Callable[..., Any]:
-        def work(given: object, _progress: object = None) -> Any:
+        def work(given: object, *_others: object, **_named: object) -> Any:
             if tracker.error is not None:
                 raise tracker.error
             return found(given)
@@ -40,6 +40,7 @@ def quick(tracker, monkeypatch):  # noqa: F811
     monkeypatch.setattr(shot_cameras, "refine_shot_cameras", standing_in(refined))
     monkeypatch.setattr(body_fit, "fit_bodies", standing_in(fitted))
     monkeypatch.setattr(api, "calibrate", standing_in(lambda _film: solution([camera(1), camera(2)])))
+    monkeypatch.setattr(performer_cameras, "cameras_of_views", standing_in(by_performer))
     monkeypatch.setattr(calibration_report, "sheet", lambda _solved: np.full((40, 60, 3), 200, np.uint8))
     monkeypatch.setattr(calibration_report, "write_report", lambda _folder, _solved: None)
     monkeypatch.setattr(prepare, "load_shot", cache(prepare.load_shot))  # it fits bodies

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,12 +15,13 @@ from keypoint_shots import seen_places, write_openpose
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.body.shaping import shaped
 from kfmocap.core.cameras.camera import Camera
-from kfmocap.core.errors import BodyError
+from kfmocap.core.errors import BodyError, CaptureError
 from kfmocap.core.fitting.body_fit import BodyFit
 from kfmocap.core.fitting.camera_refinement import RefinedCamera, Refinement
 from kfmocap.core.fitting.key_frame_views import posed_key_frames
 from kfmocap.core.formats.calibration_files import save_cameras
 from kfmocap.core.shot.shot import Shot
+from kfmocap.core.shot.shot_spec import ViewSpec
 from kfmocap.kfmocap_addon.operators import calibrate_cameras
 from kfmocap.kfmocap_addon.scene_io import joint_marks, motion_curves, scene, unfinished_tracking
 
@@ -52,6 +54,14 @@ def solution(cameras: Sequence[Camera]) -> SimpleNamespace:
         lframe_world=LFRAME,
         findings=("the wand was waved at one depth",),
     )
+
+
+def by_performer(views: Sequence[ViewSpec]) -> SimpleNamespace:
+    """What calibrating from a performer finds, where the keypoints of all views are there."""
+    if not all(view.keypoints for view in views):
+        raise CaptureError("there are no keypoints of this view", where="view")
+    found = {view.camera: replace(camera(k), name=view.camera) for k, view in enumerate(views, 1)}
+    return SimpleNamespace(cameras=found, summary_lines=["scale from the performer's height"])
 
 
 def make_ready(tool: str, folder: Path) -> Arguments:
@@ -212,6 +222,7 @@ _READY: dict[str, Callable[[Path], Arguments | None]] = {
     "clear_between": lambda folder: _tracked(folder) or {"where": "EVERYWHERE"},
     "clear_marks": _marked,
     "calibrate": _captured,
+    "calibrate_from_performer": _with_keypoints,
     "show_calibration_report": _reported,
     "continue_tracking": _ended,
     "edit_part": _bone_chosen,
