@@ -299,7 +299,7 @@ def _fit_measures(
     mean = np.array([average[k] for k in keys])
     sigma = np.array([SHIFT_SIGMA if k in SHIFTS else MEASURE_SIGMA * average[k] for k in keys])
     gradient += (mean - np.array([measures[k] for k in keys])) / sigma**2
-    delta = np.linalg.solve(normal + np.diag(sigma**-2), gradient)
+    delta: Array = np.linalg.solve(normal + np.diag(sigma**-2), gradient)
     found = on_grid(np.array([measures[k] for k in keys]) + delta)
     fitted = dict(zip(keys, found.tolist(), strict=True))
     return {k: v if k in SHIFTS else max(v, 0.2 * average[k]) for k, v in fitted.items()}
