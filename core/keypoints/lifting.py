@@ -1,9 +1,10 @@
 """Poses from the keypoints of a single view: how far each joint is, by the lengths of the bones.
 
-A bone of known length whose ends are seen on two rays has its second joint at one of two depths, nearer or farther than
-the first. Which of them is a path through the frames (Viterbi): of the trunk first, whose states are the sides of the
-hips, the shoulders and the lean, then of every limb, whose states are those of its two bones. It costs what a person
-hardly does: to leave joint limits, to lean, to look away from the nose, to go through the floor, and to leap.
+A bone whose length is roughly known and whose ends are seen on two rays has its second joint at one of two depths,
+nearer or farther than the first. Which of them is a path through the frames (Viterbi): of the trunk first, whose states
+are the sides of the hips, the shoulders and the lean, then of every limb, whose states are those of its two bones. It
+costs what a person hardly does: to leave joint limits, to lean, to look away from the nose, to go through the floor,
+and to leap.
 """
 
 from __future__ import annotations
@@ -54,7 +55,12 @@ AVERAGE_HEIGHT = 1.7
 """Of a person of whom nothing is known, metres."""
 HEIGHTS = (1.4, 2.05)
 """Heights, metres, beyond which it is likelier that the floor is elsewhere than at z = 0."""
+LENGTH_DEVIATION = 0.08
+"""How far a bone in the picture is usually off its length, as a share: proportions differ, and a detector errs."""
+TURNED_AWAY = 0.25
+"""Usual depth of a bone, as a share of its length."""
 _NEVER = 1e6
+_DEPTHS = 65  # nodes of an integral
 _ASIDE = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
 SOLE = 0.08
 """Height of an ankle above the floor, metres."""
@@ -96,14 +102,29 @@ class Rays:
         return self.centre + depth[..., None] * self.directions[name]
 
     def depths_from(self, start: Array, name: str, length: float) -> Array:
-        """The nearer and the farther depth at which a keypoint is that far from points (..., F, 3), (2, ..., F); the
-        nearest point of the ray where none is.
+        """The nearer and the farther depth of a keypoint that is about that far from points (..., F, 3), (2, ..., F).
+
+        What the length leaves for the direction of the ray is its expected share, see `expected_depth`.
         """
         d = self.directions[name]
-        along, square = np.sum(d * (start - self.centre), axis=-1), np.sum(d * d, axis=-1)
-        gap = np.sum((start - self.centre) ** 2, axis=-1) - length**2
-        root = np.sqrt(np.maximum(along**2 - square * gap, 0.0))
-        return np.stack([along - root, along + root]) / square
+        square = np.sum(d * d, axis=-1)
+        nearest = np.sum(d * (start - self.centre), axis=-1) / square
+        aside = np.linalg.norm(start - self.centre - nearest[..., None] * d, axis=-1)
+        beyond = length * expected_depth(aside / length) / np.sqrt(square)
+        return np.stack([nearest - beyond, nearest + beyond])
+
+
+def expected_depth(seen: Array) -> Array:
+    """Share of a bone's length that lies along the ray, from the share that is seen across it, same shape.
+
+    A bone of which 95 % are seen is rather 5 % shorter than it is thought to be than turned away by 18 degrees: the
+    mean over how far bones are usually turned away and how exactly their lengths are known.
+    """
+    depths = np.linspace(0.0, 1.0, _DEPTHS)
+    off = (np.sqrt(1 - depths**2) - np.minimum(seen, 1.0)[..., None]) / LENGTH_DEVIATION
+    cost = 0.5 * (off**2 + (depths / TURNED_AWAY) ** 2)
+    weight = np.exp(cost.min(axis=-1, keepdims=True) - cost)
+    return np.asarray((weight * depths).sum(axis=-1) / weight.sum(axis=-1))
 
 
 def lone_view(body: Body, keypoints: Keypoints) -> int | None:

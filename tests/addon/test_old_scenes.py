@@ -64,13 +64,15 @@ def test_the_saved_shot_is_that_of_the_shot_file(opened, monkeypatch) -> None:
     assert list(performer.body.landmarks) == list(expected.body.landmarks)
     for part, other in zip(performer.body.parts, expected.body.parts, strict=True):
         assert (part.name, part.parent, part.departure) == (other.name, other.parent, other.departure)
-        np.testing.assert_allclose(part.vertices, other.vertices, atol=1e-5)  # the shot file's body is fitted anew
+        # The shot file's body is fitted anew, since then with poses that follow its measures: 0.1 mm apart.
+        np.testing.assert_allclose(part.vertices, other.vertices, atol=5e-4)
     keys = performer.key_poses
     assert keys.frames.tolist() == expected.key_poses.frames.tolist() == KEYS
     assert keys.fixed.all()
-    # The shot file's are fitted anew: with another NumPy they differ by some hundredths of a degree.
-    np.testing.assert_allclose(keys.poses.translations, expected.key_poses.poses.translations, atol=1e-3)
-    np.testing.assert_allclose(keys.poses.rotations, expected.key_poses.poses.rotations, atol=1e-3)
+    # The shot file's are fitted anew, which turns a part by some degrees whose landmarks are on its axis.
+    names = ("RAnkle", "LAnkle", "RKnee", "LKnee", "RElbow", "LElbow", "RWrist", "LWrist", "Neck", "Nose")
+    saved, anew = (landmark_positions(p.body, p.key_poses.poses, names) for p in (performer, expected))
+    np.testing.assert_allclose(saved, anew, atol=3e-3)
 
 
 def test_saved_tracked_keys_are_known_as_the_trackers(opened) -> None:
