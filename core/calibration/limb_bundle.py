@@ -34,6 +34,8 @@ LIMBS: Mapping[str, tuple[tuple[str, str], ...]] = MappingProxyType(
     }
 )
 """Pairs of joints that are always equally far apart, by the measure of the body that says how far."""
+STICKS = ("shin", "thigh", "forearm", "upper_arm")
+"""Those of them that are bones: they point anywhere, and no trunk bends between their joints."""
 LENGTH_SIGMA = 0.02
 """How far a detector's joints may lie off the ends of a limb along it, metres."""
 PROPORTION_SIGMA = 0.08

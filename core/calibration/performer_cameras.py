@@ -20,7 +20,7 @@ from ..shot.footage import probe
 from ..shot.shot_spec import ShotSpec, ViewSpec
 from .camera_rig import Rig
 from .first_cameras import FEWEST_SHARED, Cancel, find_links, first_rig
-from .limb_bundle import JOINTS, LIMBS, JointScene, JointSightings, adjust_joints, cost_of_joints, usual_lengths
+from .limb_bundle import JOINTS, LIMBS, STICKS, JointScene, JointSightings, adjust_joints, cost_of_joints, usual_lengths
 from .pairwise import Lens
 from .performer_views import USUAL_CORRELATION, PerformerView, joint_sightings
 from .performer_world import in_performers_world
@@ -28,8 +28,6 @@ from .single_camera import SingleViewCalibration, camera_by_performer
 from .wand_tracks import Tracks
 from .wand_triangulation import rays, triangulated
 
-STICKS = ("shin", "thigh", "forearm", "upper_arm")
-"""Limbs by which a first solution is tried."""
 FOCALS = (0.6, 0.9, 1.35)
 """Focal lengths by which it is, where the lens is not known: shares of the picture's longer side."""
 VAGUE_FOCAL = 0.1
@@ -212,7 +210,12 @@ def cameras_by_performer(
     rig = in_performers_world(best.scene)
     shown = np.isfinite(best.sizes).sum(axis=(1, 2))
     return PerformerCalibration(
-        {view.camera: _camera(rig, v, view) for v, view in enumerate(views)},
+        {
+            view.camera: view.camera_at(
+                rig.matrix(v) if view.lens is None else view.lens.matrix, rig.R_cam_world[v], rig.t_cam_world[v]
+            )
+            for v, view in enumerate(views)
+        },
         {view.camera: float(np.nanmedian(sizes)) for view, sizes in zip(views, best.sizes, strict=True)},
         {view.camera: int(count) for view, count in zip(views, shown, strict=True)},
         dict(zip(LIMBS, best.scene.lengths.tolist(), strict=True)),
@@ -222,11 +225,7 @@ def cameras_by_performer(
 
 def _lens(view: PerformerView, share: float) -> Lens:
     """The lens by which first cameras are found: the known one, or one of that focal length; without distortion."""
-    if view.lens is not None:
-        matrix = view.lens.matrix
-    else:
-        (width, height), focal = view.size, share * max(view.size)
-        matrix = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
+    matrix = view.matrix(share * max(view.size))
     return Lens(view.size, matrix[:1, 0], matrix, np.zeros(4))
 
 
@@ -249,15 +248,6 @@ def _with_joints(rig: Rig, seen: JointSightings, height: float) -> JointScene:
     lines = rays(rig, seen.points.reshape(len(rig), -1, 2))
     joints = triangulated(rig.centres_world, lines).reshape(*seen.points.shape[1:3], 3)
     return JointScene(rig, joints, usual_lengths(height))
-
-
-def _camera(rig: Rig, v: int, view: PerformerView) -> Camera:
-    if view.lens is None:
-        return rig.camera(v)
-    R, t = rig.R_cam_world[v], rig.t_cam_world[v]
-    return Camera.create(
-        view.camera, view.size, view.lens.matrix, R, t, distortions=view.lens.distortions, fisheye=view.lens.fisheye
-    )
 
 
 def _undetermined(seen: JointSightings) -> CaptureError:

@@ -10,6 +10,7 @@ import numpy as np
 from ..cameras.camera import Camera
 from ..keypoints.observations import image_rays
 from ..keypoints.seen_landmarks import LEAST_CONFIDENCE
+from ..numerics.arrays import Array
 from ..shot.detections import Detections
 from .limb_bundle import JOINTS, JointSightings
 
@@ -40,6 +41,21 @@ class PerformerView:
     detections: Detections
     offset: float = 0.0
     lens: Camera | None = None
+
+    def matrix(self, focal: float) -> Array:
+        """The lens's intrinsic matrix, or where it is not known, that of a focal length in pixels, shape (3, 3)."""
+        if self.lens is not None:
+            return self.lens.matrix
+        width, height = self.size
+        return np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
+
+    def camera_at(self, matrix: Array, R_cam_world: Array, t_cam_world: Array) -> Camera:
+        """The view's camera at a place, with the distortion of its lens, or none."""
+        distortions = np.zeros(4) if self.lens is None else self.lens.distortions
+        fisheye = self.lens is not None and self.lens.fisheye
+        return Camera.create(
+            self.camera, self.size, matrix, R_cam_world, t_cam_world, distortions=distortions, fisheye=fisheye
+        )
 
 
 def joint_sightings(views: Sequence[PerformerView], frames: tuple[int, int], correlated: float = 1.0) -> JointSightings:

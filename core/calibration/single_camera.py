@@ -19,7 +19,16 @@ from ..cameras.camera import Camera
 from ..errors import CaptureError
 from ..numerics.arrays import Array
 from ..numerics.robust_kernels import Cauchy
-from .limb_bundle import FOCAL_SPREAD, JOINTS, LIMBS, PROPORTION_SIGMA, USUAL_FOCAL, JointSightings, usual_lengths
+from .limb_bundle import (
+    FOCAL_SPREAD,
+    JOINTS,
+    LIMBS,
+    PROPORTION_SIGMA,
+    STICKS,
+    USUAL_FOCAL,
+    JointSightings,
+    usual_lengths,
+)
 from .performer_views import USUAL_CORRELATION, PerformerView, joint_sightings
 from .performer_world import ANKLE_SHARE, LEVEL_SIGMA
 
@@ -34,7 +43,6 @@ TURNED = np.radians(15.0)
 TRUE_LENGTH = 0.8
 """Share of the limbs that look shorter than they are in proportion, because they point towards the camera or away: the
 next longer one shows the scale."""
-_LEGS = ("shin", "thigh", "forearm", "upper_arm")
 _ROBUST, _LEANING = 3.0, 2.0  # scales of the kernels, in standard deviations
 _NEAREST = 0.05  # metres
 
@@ -122,16 +130,11 @@ def camera_by_performer(
     if not len(standing.scale):
         todo = "let the whole performer be seen, and check that the keypoints belong to this footage"
         raise CaptureError("no frame shows a limb", where=f"keypoints of camera '{view.camera}'", todo=todo)
-    longer, centre = max(view.size), (np.array(view.size) - 1) / 2
-    known = None if view.lens is None else view.lens.matrix
-    start = np.zeros(3 if known is not None else 4)
+    knows_lens = view.lens is not None
 
     def setting(x: Array) -> _Setting:
-        if known is not None:
-            matrix = known
-        else:
-            focal = USUAL_FOCAL * longer * np.exp(FOCAL_SPREAD * x[3])
-            matrix = np.array([[focal, 0, centre[0]], [0, focal, centre[1]], [0, 0, 1]])
+        usual = USUAL_FOCAL * max(view.size)
+        matrix = view.matrix(usual if knows_lens else usual * np.exp(FOCAL_SPREAD * x[3]))
         return _Setting(TILT_SIGMA * x[0], LEVEL_SIGMA * x[1], USUAL_HEIGHT * np.exp(HEIGHT_SPREAD * x[2]), matrix)
 
     def residuals(x: Array) -> Array:
@@ -139,14 +142,14 @@ def camera_by_performer(
         level = _robust(x[1:2], _LEANING)
         return np.concatenate([standing.residuals(setting(x)), x[:1], level, x[2:]])
 
-    found = least_squares(residuals, start)
+    found = least_squares(residuals, np.zeros(3 if knows_lens else 4))
     best = setting(found.x)
     deviation = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))
     return SingleViewCalibration(
         _camera(view, best, standing.first_hips(best)),
         float(best.tilt),
         float(TILT_SIGMA * deviation[0]),
-        0.0 if known is not None else float(FOCAL_SPREAD * deviation[3]),
+        0.0 if knows_lens else float(FOCAL_SPREAD * deviation[3]),
         int(np.isfinite(standing.ankles).all(axis=2).any(axis=1).sum()),
     )
 
@@ -205,7 +208,7 @@ class _Standing:
         joint = dict(zip(JOINTS, np.moveaxis(seen.points[0], 1, 0), strict=True))
         hips, shoulders = (joint[f"R{name}"] / 2 + joint[f"L{name}"] / 2 for name in ("Hip", "Shoulder"))
         lengths = dict(zip(LIMBS, usual_lengths(height), strict=True))
-        looks = [np.linalg.norm(joint[a] - joint[b], axis=1) / lengths[limb] for limb in _LEGS for a, b in LIMBS[limb]]
+        looks = [np.linalg.norm(joint[a] - joint[b], axis=1) / lengths[limb] for limb in STICKS for a, b in LIMBS[limb]]
         looks.append(np.linalg.norm(shoulders - hips, axis=1) / (FRACTIONS["torso"] * height))
         some = np.flatnonzero(np.isfinite(looks).any(axis=0))
         return cls(
@@ -264,7 +267,4 @@ def _camera(view: PerformerView, setting: _Setting, hips: Array) -> Camera:
     R = np.stack([right, np.cross(up, right), up], axis=1)
     centre = -hips @ R  # beside the hips, and above the floor
     t = -R @ np.array([centre[0], centre[1], setting.height])
-    lens = view.lens
-    distortions = np.zeros(4) if lens is None else lens.distortions
-    fisheye = lens is not None and lens.fisheye
-    return Camera.create(view.camera, view.size, setting.matrix, R, t, distortions=distortions, fisheye=fisheye)
+    return view.camera_at(setting.matrix, R, t)

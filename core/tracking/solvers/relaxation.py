@@ -22,8 +22,8 @@ metres in the first sweeps and `LENGTH` in the others.
 With u = 1/n of equation (27) the sweeps come to rest where equation (21) is least for lambda / n and nu / n, but slowly
 (section 4.3), as lambda and nu hold each step near to what it was. The first sweeps do so, while the key pose is far.
 The others have u = 1 with lambda / n and nu / n, which rest in the same place: a step is then what the energy asks for,
-and no sweep raises it. The axis vector (A.2) is the sine of a turn, so the terminal
-constraint is met in the limit of small turns only; the last pose is then set to the key pose.
+and no sweep raises it. The axis vector (A.2) is the sine of a turn, so the terminal constraint is met in the limit of
+small turns only; the last pose is then set to the key pose.
 """
 
 from __future__ import annotations
