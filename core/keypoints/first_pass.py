@@ -16,7 +16,7 @@ from ..shot.shot import KeyPoses
 from .body_measures import BodyMeasures
 from .first_pose import posed_start, posing_frames
 from .keypoint_factor import Keypoints
-from .keypoint_fit import CONTINUED, KeypointFit, fit_motion
+from .keypoint_fit import CONTINUED, FitProblem, KeypointFit, fit_motion
 from .lifting import likely_height, lone_view
 from .limb_safeguard import repose_lost_limbs
 from .seen_landmarks import resting_degrees, with_resting
@@ -49,7 +49,7 @@ def first_pass(
         Of accelerations.
     fps : float
     correlated : float
-        See `fit_motion`.
+        See `FitProblem`.
 
     Raises
     ------
@@ -71,20 +71,9 @@ def first_pass(
     if not starts:
         todo = "give key poses, or keypoints of two views or more"
         raise KeypointError("no two views agree on a pose of the body", todo=todo)
-    fits = [
-        fit_motion(
-            body,
-            agreement.keypoints,
-            start,
-            fixed=fixed,
-            precision=precision,
-            correlated=correlated,
-            agreement=agreement,
-        )
-        for start in starts
-    ]
-    best = min(fits, key=lambda fit: fit.energy)
-    return _with_lost_limbs_found(best, agreement, fixed=fixed, precision=precision, correlated=correlated)
+    problem = FitProblem(agreement, fixed, precision, correlated)
+    fits = [fit_motion(problem, body, start) for start in starts]
+    return _with_lost_limbs_found(problem, min(fits, key=lambda fit: fit.energy))
 
 
 def scaled_first_pass(
@@ -102,7 +91,7 @@ def scaled_first_pass(
     precision : ndarray, shape (D,)
         Of accelerations.
     correlated : float
-        See `fit_motion`.
+        See `FitProblem`.
     height : float, optional
         Of the body, metres; by default estimated from the keypoints, or with a single view from feet on the floor.
 
@@ -124,26 +113,15 @@ def scaled_first_pass(
     body = measures.body()
     fixed = resting_degrees(body, agreement.keypoints)
     start = with_resting(posed_start(body, agreement.keypoints, points, fps), fixed)
-    fit = fit_motion(
-        body,
-        agreement.keypoints,
-        start,
-        fixed=fixed,
-        precision=precision,
-        correlated=correlated,
-        measures=measures,
-        agreement=agreement,
-    )
-    return _with_lost_limbs_found(fit, agreement, fixed=fixed, precision=precision, correlated=correlated)
+    problem = FitProblem(agreement, fixed, precision, correlated)
+    return _with_lost_limbs_found(problem, fit_motion(problem, body, start, measures=measures))
 
 
-def _with_lost_limbs_found(
-    fit: KeypointFit, agreement: ViewAgreement, *, fixed: NDArray[np.bool_], precision: Array, correlated: float
-) -> KeypointFit:
+def _with_lost_limbs_found(problem: FitProblem, fit: KeypointFit) -> KeypointFit:
     """A fit, or where limbs of it are farther from the images than what views agree on, the better of it and one that
     goes on with these limbs posed anew. Its changed sides are those since the detector.
     """
-    best = fit
+    best, agreement = fit, problem.agreement
     if agreement.deviation is not None:
         reposed = repose_lost_limbs(
             fit.body,
@@ -155,16 +133,7 @@ def _with_lost_limbs_found(
             fps=agreement.fps,
         )
         if reposed is not None:
-            again = fit_motion(
-                fit.body,
-                agreement.keypoints,
-                reposed.moved(np.where(fixed, reposed.difference(fit.motion), 0.0)),
-                fixed=fixed,
-                precision=precision,
-                correlated=correlated,
-                agreement=agreement,
-                steps=CONTINUED,
-                earlier=fit,
-            )
+            held = np.where(problem.fixed, reposed.difference(fit.motion), 0.0)
+            again = fit_motion(problem, fit.body, reposed.moved(held), steps=CONTINUED, earlier=fit)
             best = min(fit, again, key=lambda one: one.energy)
     return replace(best, changed=best.changed ^ agreement.changed)

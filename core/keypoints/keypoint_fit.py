@@ -76,6 +76,56 @@ WIDER_START = 4.0
 
 
 @dataclass(frozen=True, eq=False)
+class FitProblem:
+    """What a motion of F frames is fitted to.
+
+    Attributes
+    ----------
+    agreement : ViewAgreement
+        Of the keypoints that the motion is fitted to.
+    fixed : ndarray of bool, shape (F, D)
+        Degrees of freedom that are known.
+    precision : ndarray, shape (D,)
+        Of accelerations as is usual, see `core.body.smoothness.smoothness`. Where views agree on keypoints, the fit
+        estimates how smooth the motion is from there on.
+    correlated : float
+        How many neighbouring frames err together. Errors that last say little about what is the same on all frames, but
+        nothing against quick movement; only a single view, which cannot tell the two apart, is given less weight.
+    """
+
+    agreement: ViewAgreement
+    fixed: NDArray[np.bool_]
+    precision: Array
+    correlated: float = 1.0
+
+    @property
+    def keypoints(self) -> Keypoints:
+        """The keypoints that the motion is fitted to, on F frames."""
+        return self.agreement.keypoints
+
+    @property
+    def views_agree(self) -> bool:
+        """Whether two views agree on any keypoint: then the detector's errors are known apart from the motion."""
+        return self.agreement.deviation is not None
+
+    @property
+    def weight(self) -> float:
+        """What a keypoint counts."""
+        return 1.0 if self.views_agree else 1.0 / self.correlated
+
+    @property
+    def prior_weight(self) -> float:
+        """What is known beforehand of what is the same on all frames counts so many times."""
+        return self.correlated * self.weight * (1.0 if self.fixed.all(axis=1).any() else REPEATED_POSES)
+
+    def usual_variances(self, mobility: Array, frames: int) -> AccelerationVariances:
+        """Where the estimation of smoothness begins, and where views agree on nothing, ends."""
+        typical = (1 / (self.precision * mobility**2)).reshape(-1, 3).mean(axis=1)
+        widened = typical * WIDER_START**2 if self.views_agree else typical
+        return AccelerationVariances.constant(widened, max(frames - 2, 0))
+
+
+@dataclass(frozen=True, eq=False)
 class KeypointFit:
     """A motion fitted to keypoints. Everything in it belongs to that motion.
 
@@ -121,16 +171,23 @@ class KeypointFit:
     aside: Keypoints | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class _Estimate:
+    """The unknowns of a fit, and how smooth the motion was found to be so far."""
+
+    body: Body
+    motion: Motion
+    places: Places
+    variances: AccelerationVariances
+    measures: BodyMeasures | None
+
+
 def fit_motion(
+    problem: FitProblem,
     body: Body,
-    keypoints: Keypoints,
     start: Motion,
     *,
-    fixed: NDArray[np.bool_],
-    precision: Array,
-    correlated: float = 1.0,
     measures: BodyMeasures | None = None,
-    agreement: ViewAgreement | None = None,
     steps: Sequence[FitStep] = FROM_START,
     earlier: KeypointFit | None = None,
 ) -> KeypointFit:
@@ -138,72 +195,73 @@ def fit_motion(
 
     Parameters
     ----------
+    problem : FitProblem
     body : Body
-    keypoints : Keypoints
-        On F frames.
     start : Motion
         F poses.
-    fixed : ndarray of bool, shape (F, D)
-        Degrees of freedom that are known.
-    precision : ndarray, shape (D,)
-        Of accelerations as is usual, see `core.body.smoothness.smoothness`. Where views agree on keypoints, the fit
-        estimates how smooth the motion is from there on.
-    correlated : float
-        How many neighbouring frames err together. Errors that last say little about what is the same on all frames, but
-        nothing against quick movement; only a single view, which cannot tell the two apart, is given less weight.
     measures : BodyMeasures, optional
         Those of the body, which are then fitted as well.
-    agreement : ViewAgreement, optional
-        Of the same keypoints.
     steps : sequence of FitStep
     earlier : KeypointFit, optional
         Fit whose body, offsets, measures and smoothness are taken over.
     """
-    known = None if agreement is None else agreement.deviation
     mobility = axis_mobility(body)
-    weight = 1.0 / correlated if known is None else 1.0
-    prior_weight = correlated * weight * (1.0 if fixed.all(axis=1).any() else REPEATED_POSES)
-    motion, places = start, Places.on(body, keypoints.names)
-    typical = (1 / (precision * mobility**2)).reshape(-1, 3).mean(axis=1)
-    widened = typical if known is None else typical * WIDER_START**2
-    variances = AccelerationVariances.constant(widened, max(len(motion) - 2, 0))
-    if earlier is not None:
-        body, places, variances, measures = earlier.body, earlier.places, earlier.variances, earlier.measures
+    if earlier is None:
+        variances = problem.usual_variances(mobility, len(start))
+        found = _Estimate(body, start, Places.on(body, problem.keypoints.names), variances, measures)
+    else:
+        found = _Estimate(earlier.body, start, earlier.places, earlier.variances, earlier.measures)
     # Which keypoints count, their sides and the smoothness change from one iteration to the next, so no cost is common
     # to two of them by which `core.numerics.least_squares` could test a step: plain Gauss-Newton.
     for i, step in enumerate(steps):
-        poses = part_poses(body, motion)
-        comparison = compared(keypoints, places.world(poses), agreement, step.tolerance)
-        sided = comparison.keypoints
-        weights = comparison.counting(step) * weight
-        system = keypoint_system(body, poses, sided, places, weights, prior_weight=prior_weight)
-        evidence = system.blocks + _pose_prior(body, motion, agreement)
-        if known is not None and (i > 0 or earlier is not None):
-            variances = estimate_variances(motion, evidence, fixed, mobility, variances)
-        if measures is not None:
-            system = with_measures(
-                system,
-                measures,
-                motion,
-                keypoints=sided,
-                places=places,
-                weights=weights,
-                prior_weight=prior_weight,
-            )
-        blocks = evidence + smoothness(motion, variances.precision(mobility))
-        moved, others = bordered_solution(
-            BandedFactor(blocks, fixed), blocks.gradient, system.border, system.corner, system.gradient
-        )
-        motion = motion.moved(-limited(moved))
-        count = places.offsets.size
-        places = replace(places, offsets=places.offsets - others[:count].reshape(-1, 3))
-        if measures is not None:
-            measures = measures.changed(-others[count:])
-            body = measures.body(solid=False)
-            places = places.on_body(body, keypoints.names)
+        smoothness_known = problem.views_agree and (i > 0 or earlier is not None)
+        found = _iterated(problem, found, step, mobility=mobility, estimates_smoothness=smoothness_known)
+    if found.measures is not None:
+        found = replace(found, body=found.measures.body())
+    return _finished(problem, found)
+
+
+def _iterated(
+    problem: FitProblem, found: _Estimate, step: FitStep, *, mobility: Array, estimates_smoothness: bool
+) -> _Estimate:
+    """The estimate after one step of Gauss-Newton."""
+    body, motion, places, measures = found.body, found.motion, found.places, found.measures
+    poses = part_poses(body, motion)
+    comparison = compared(problem.agreement, places.world(poses), step.tolerance)
+    sided = comparison.keypoints
+    weights = comparison.counting(step) * problem.weight
+    system = keypoint_system(body, poses, sided, places, weights, prior_weight=problem.prior_weight)
+    evidence = system.blocks + _pose_prior(body, motion, problem.agreement)
+    variances = found.variances
+    if estimates_smoothness:
+        variances = estimate_variances(motion, evidence, problem.fixed, mobility, variances)
     if measures is not None:
-        body = measures.body()
-    comparison = compared(keypoints, places.world(part_poses(body, motion)), agreement)
+        system = with_measures(
+            system,
+            measures,
+            motion,
+            keypoints=sided,
+            places=places,
+            weights=weights,
+            prior_weight=problem.prior_weight,
+        )
+    blocks = evidence + smoothness(motion, variances.precision(mobility))
+    moved, others = bordered_solution(
+        BandedFactor(blocks, problem.fixed), blocks.gradient, system.border, system.corner, system.gradient
+    )
+    count = places.offsets.size
+    places = replace(places, offsets=places.offsets - others[:count].reshape(-1, 3))
+    if measures is not None:
+        measures = measures.changed(-others[count:])
+        body = measures.body(solid=False)
+        places = places.on_body(body, problem.keypoints.names)
+    return _Estimate(body, motion.moved(-limited(moved)), places, variances, measures)
+
+
+def _finished(problem: FitProblem, found: _Estimate) -> KeypointFit:
+    """A fit with what its keypoints say of it."""
+    body, motion, places = found.body, found.motion, found.places
+    comparison = compared(problem.agreement, places.world(part_poses(body, motion)))
     usual = np.full_like(comparison.deviation, USUAL_DEVIATION)
     energy = robust_energy(comparison.residual, comparison.keypoints.confidence, usual)
     return KeypointFit(
@@ -216,8 +274,8 @@ def fit_motion(
         weights=comparison.fitting() * comparison.deviation[:, None] ** 2,
         energy=energy + posture_prior(body, motion).energy,
         agreed=comparison.agreed,
-        variances=variances,
-        measures=measures,
+        variances=found.variances,
+        measures=found.measures,
     )
 
 
@@ -257,24 +315,18 @@ class Comparison:
         return trusted if step.counted is Counted.AGREED else np.maximum(self.fitting(step.tolerance), trusted)
 
 
-def compared(
-    keypoints: Keypoints, points: Array, agreement: ViewAgreement | None, tolerance: float = 1.0
-) -> Comparison:
+def compared(agreement: ViewAgreement, points: Array, tolerance: float = 1.0) -> Comparison:
     """Compare keypoints with those of a motion, in the world; far from the solution, sides stay as they are."""
-    known = None if agreement is None else agreement.deviation
-    sided, changed = keypoints, np.zeros(keypoints.confidence.shape, bool)
+    sided, changed = agreement.keypoints, np.zeros(agreement.confidence.shape, bool)
     if tolerance <= SIDES_TOLERANCE:
-        sided, changed = correct_sides(keypoints, points)
+        sided, changed = correct_sides(sided, points)
     residual = sided.residuals(points)
-    deviation = deviations(residual, sided.confidence) if known is None else known
-    agreed = None if agreement is None or known is None else np.where(changed, 0.0, agreement.confidence)
-    return Comparison(sided, changed, residual, deviation, agreed)
+    if agreement.deviation is None:
+        return Comparison(sided, changed, residual, deviations(residual, sided.confidence), None)
+    return Comparison(sided, changed, residual, agreement.deviation, np.where(changed, 0.0, agreement.confidence))
 
 
-def _pose_prior(body: Body, motion: Motion, agreement: ViewAgreement | None) -> BandedBlocks:
+def _pose_prior(body: Body, motion: Motion, agreement: ViewAgreement) -> BandedBlocks:
     """What is known of poses beforehand: joint limits, posture, and how limbs out of sight are usually turned."""
-    prior = posture_prior(body, motion)
-    if agreement is None:
-        return prior
     precision = habit_precision(body, agreement.keypoints, agreement.fps)
-    return prior + habitual_prior(motion, precision, usual_turns(motion, precision))
+    return posture_prior(body, motion) + habitual_prior(motion, precision, usual_turns(motion, precision))

@@ -13,7 +13,7 @@ from ..body.motion import Motion
 from ..numerics.arrays import Array, Bools
 from .first_pose import posed_start
 from .keypoint_factor import USUAL_DEVIATION, Keypoints, Places
-from .keypoint_fit import KeypointFit, fit_motion
+from .keypoint_fit import FitProblem, KeypointFit, fit_motion
 from .lifting import lifted_points, with_imagined_view
 from .seen_landmarks import with_resting
 from .view_agreement import ViewAgreement, without_midpoints
@@ -37,7 +37,7 @@ def lifted_fit(
         The view that has some.
     fixed : ndarray of bool, shape (F, D)
     precision : ndarray, shape (D,)
-        See `fit_motion`.
+        See `FitProblem`.
     fps : float
     """
     own, fixed = without_midpoints(keypoints.of_views([view])), fixed | _collar_bones(body)
@@ -77,7 +77,7 @@ def _fitted(
     fixed: Bools,
     precision: Array,
 ) -> KeypointFit:
-    fit = fit_motion(body, agreement.keypoints, start, fixed=fixed, precision=precision, agreement=agreement)
+    fit = fit_motion(FitProblem(agreement, fixed, precision), body, start)
     return _as_of_all_views(fit, keypoints, view, agreement.fps)
 
 

@@ -21,10 +21,10 @@ from kfmocap.core.keypoints.keypoint_factor import (
     keypoint_system,
     robust_weights,
 )
-from kfmocap.core.keypoints.keypoint_fit import fit_motion
+from kfmocap.core.keypoints.keypoint_fit import FitProblem, KeypointFit, fit_motion
 from kfmocap.core.keypoints.left_right import correct_sides, swap_sides
 from kfmocap.core.keypoints.triangulation import triangulate
-from kfmocap.core.keypoints.view_agreement import without_leaps
+from kfmocap.core.keypoints.view_agreement import ViewAgreement, without_leaps
 from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.banded import BandedFactor, bordered_solution
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
@@ -45,6 +45,14 @@ def precision(body: Body) -> np.ndarray:
 
 def free(body: Body, frames: int) -> np.ndarray:
     return np.zeros((frames, body.dof), bool)
+
+
+def fit_without_agreement(body: Body, keypoints: Keypoints, start: Motion) -> KeypointFit:
+    """The fit where the views agree on nothing beforehand: the detector's errors are those that the motion leaves."""
+    nowhere = np.full((len(start), len(keypoints.names), 3), np.nan)
+    none = np.zeros_like(keypoints.confidence)
+    agreement = ViewAgreement(keypoints, none > 0, nowhere, none, None, FPS)
+    return fit_motion(FitProblem(agreement, free(body, len(start)), precision(body)), body, start)
 
 
 def spoiled(keypoints: Keypoints, seed: int = 0) -> Keypoints:
@@ -309,7 +317,7 @@ def test_what_a_fit_says_of_itself_belongs_to_its_motion() -> None:
     motion = strolling(body, 12)
     seen = keypoints_of(cameras(3), seen_places(body, motion), noise=0.015)
     start = Motion(motion.translations + [0.05, 0.0, 0.02], motion.rotations)
-    fit = fit_motion(body, seen, start, fixed=free(body, 12), precision=precision(body))
+    fit = fit_without_agreement(body, seen, start)
     residual = fit.keypoints.residuals(fit.places.world(part_poses(fit.body, fit.motion)))
     np.testing.assert_array_equal(fit.deviation, deviations(residual, fit.keypoints.confidence))
     weights = robust_weights(residual, fit.keypoints.confidence, fit.deviation) * fit.deviation[:, None] ** 2
@@ -322,7 +330,7 @@ def test_a_fit_from_a_worse_start_says_so() -> None:
     motion = strolling(body, 12)
     seen = keypoints_of(cameras(3), seen_places(body, motion), noise=0.01)
     far = Motion(motion.translations + [2.0, 0.0, 0.0], motion.rotations @ rotations.exp(np.array([0.0, 2.5, 0.0])))
-    fits = [fit_motion(body, seen, m, fixed=free(body, 12), precision=precision(body)) for m in (motion, far)]
+    fits = [fit_without_agreement(body, seen, m) for m in (motion, far)]
     errors = [joint_errors(body, fit.motion, body, motion).mean() for fit in fits]
     assert errors[1] > 2 * errors[0] and fits[1].energy > fits[0].energy
 
@@ -339,20 +347,20 @@ def test_one_camera_and_key_poses_give_the_motion_between() -> None:
     np.testing.assert_allclose(fit.motion.rotations[keys.frames], motion.rotations[keys.frames], atol=1e-12)
 
 
-def test_pointers_pull_towards_their_keypoints() -> None:
+def test_a_keypoint_factor_pulls_towards_its_keypoints() -> None:
     """A Gauss-Newton step on them alone, from a pose nearby, leads to the pose that they show."""
     body = human()
     motion = strolling(body, 3)
     seen = keypoints_of(cameras(3), seen_places(body, motion))
-    pointers = KeypointFactor(seen, Places.on(body, NAMES), 1.0)
+    factor = KeypointFactor(seen, Places.on(body, NAMES), 1.0)
     start = Motion(motion.translations + [0.03, -0.02, 0.01], motion.rotations)
     for _ in range(3):
-        blocks = pointers.blocks(body, part_poses(body, start), 8.0)
+        blocks = factor.blocks(body, part_poses(body, start), 8.0)
         start = start.moved(-BandedFactor(blocks, free(body, 3)).solve(blocks.gradient))
     assert joint_errors(body, start, body, motion).max() < 2e-3
 
 
-def test_frames_of_pointers_are_cut() -> None:
+def test_a_keypoint_factor_of_some_frames() -> None:
     body = human()
     seen = keypoints_of(cameras(2), seen_places(body, strolling(body, 6)))
     cut = KeypointFactor(seen, Places.on(body, NAMES), 1.0)[2:5]
@@ -367,7 +375,7 @@ def test_the_fit_does_not_depend_on_the_order_of_the_views() -> None:
     order = [2, 0, 1]
     other = Keypoints(NAMES, seen.rays[order], seen.confidence[order], seen.R_cam_world[order], seen.t_cam_world[order])
     keys = KeyPoses.whole([0, 19], motion[[0, 19]])
-    fits = [fit_motion(body, k, motion, fixed=free(body, 20), precision=precision(body)) for k in (seen, other)]
+    fits = [fit_without_agreement(body, k, motion) for k in (seen, other)]
     assert keys.fixed.all()
     np.testing.assert_allclose(fits[0].motion.translations, fits[1].motion.translations, atol=1e-9)
 
@@ -378,10 +386,10 @@ def test_agreement_is_one_on_the_true_poses_and_falls_away_from_them() -> None:
     seen = keypoints_of(cameras(2), seen_places(body, motion))
     seen.rays[0, 1, 2] = np.nan
     seen.confidence[0, 1, 2] = 0
-    pointers = KeypointFactor(seen, Places.on(body, NAMES), 9.0)
+    factor = KeypointFactor(seen, Places.on(body, NAMES), 9.0)
     beside = Motion(motion.translations + [0, 0, 0.06], motion.rotations)
-    assert pointers.agreement(part_poses(body, motion)) == pytest.approx(1)
-    assert pointers.agreement(part_poses(body, beside)) == pytest.approx(0.25, abs=0.03)
+    assert factor.agreement(part_poses(body, motion)) == pytest.approx(1)
+    assert factor.agreement(part_poses(body, beside)) == pytest.approx(0.25, abs=0.03)
 
 
 def test_of_two_solutions_the_one_that_meets_keypoints_is_better_and_is_confirmed() -> None:
