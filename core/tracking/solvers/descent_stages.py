@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...evidence.accumulate import Sampling
+from ...evidence.sampling import Sampling
 from .gauss_newton import NOTICED, REACH, ROUGH_STEP, DescentStage
 
 SETTLING = (

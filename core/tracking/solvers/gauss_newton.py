@@ -19,7 +19,8 @@ from ...body import part_poses
 from ...body.joint_blocks import joint_blocks
 from ...body.motion import Motion
 from ...body.smoothness import acceleration, limited
-from ...evidence.accumulate import Sampling, SegmentEvidence
+from ...evidence.accumulate import SegmentEvidence
+from ...evidence.sampling import Sampling
 from ...numerics.arrays import Array
 from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.least_squares import Damping, LeastSquaresResult, StoppingRule, minimise

@@ -14,7 +14,7 @@ from kfmocap.core.body.joint_blocks import joint_blocks
 from kfmocap.core.body.motion import Motion, stacked
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.evidence import accumulate
-from kfmocap.core.evidence.accumulate import Sampling, SegmentEvidence, accumulate_evidence
+from kfmocap.core.evidence.accumulate import SegmentEvidence, accumulate_evidence
 from kfmocap.core.evidence.gradients import (
     HUBER,
     GradientSums,
@@ -24,6 +24,7 @@ from kfmocap.core.evidence.gradients import (
     huber_weights,
 )
 from kfmocap.core.evidence.label_images import Geometry, LabelImages, render_labels
+from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.evidence.view_frames import GradientImageCache, GradientImages, ViewFrames
 from kfmocap.core.numerics import rotations
 from synthetic import (

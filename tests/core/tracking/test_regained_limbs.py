@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from kfmocap.core.body import human, landmark_positions
 from kfmocap.core.body.motion import Motion
-from kfmocap.core.evidence.accumulate import Sampling
+from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
 from kfmocap.core.tracking.solvers.measurement import Workspace

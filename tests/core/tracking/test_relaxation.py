@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kfmocap.core.body.motion import Motion, stacked
-from kfmocap.core.evidence.accumulate import Sampling
+from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.banded_blocks import BandedBlocks

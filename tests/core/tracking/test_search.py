@@ -10,8 +10,8 @@ import pytest
 from kfmocap.core.body import human
 from kfmocap.core.body.limbs import limb_pairs
 from kfmocap.core.body.motion import Motion
-from kfmocap.core.evidence.accumulate import Sampling
 from kfmocap.core.evidence.occlusion import LONG
+from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.shot import Settings
 from kfmocap.core.tracking.solvers import (

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from kfmocap.core.body.limbs import limbs
 from kfmocap.core.body.motion import Motion
-from kfmocap.core.evidence.accumulate import Sampling
 from kfmocap.core.evidence.foreground import log_ratio
 from kfmocap.core.evidence.label_images import Geometry, render_labels
 from kfmocap.core.evidence.misfit import measured_misfit
+from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.shot.shot import KeyPoses
 from kfmocap.core.tracking.appearance import frames_with_foreground, key_frame_shape

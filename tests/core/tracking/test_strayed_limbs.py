@@ -9,7 +9,7 @@ import pytest
 from keypoint_shots import NAMES, cameras, keypoints_of, seen_places, strolling
 from kfmocap.core.body import human
 from kfmocap.core.body.motion import Motion
-from kfmocap.core.evidence.accumulate import Sampling
+from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.keypoints.keypoint_factor import KeypointFactor, Places
 from kfmocap.core.numerics import rotations
 from kfmocap.core.tracking.solvers.measurement import Workspace, keypoint_agreement

@@ -1,0 +1,35 @@
+"""How much of what the pictures show the posed parts explain."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..numerics.arrays import Array, Ints
+from .foreground import log_ratio
+from .label_images import LabelImages
+from .view_frames import ViewFrames
+
+
+def explained_by_part(
+    view: ViewFrames, foreground: NDArray[np.uint8], labels: LabelImages, parts: Ints, *, stride: int, first: int
+) -> Array:
+    """How much likelier the pixels that labels list are with the parts that they show: sums by part and frame, (P, n).
+
+    `foreground` (M, n, h, w) are the images of the labels' frames, the first of which is a shot frame; `parts` (P,) are
+    the numbers of the labels' parts among those of all performers.
+    """
+    frame, u, v = labels.places
+    n, P = labels.share.shape
+    group = np.repeat(np.arange(n * P), np.diff(labels.ends))
+    part = group % P
+    by_part = partial(np.bincount, part * n + frame, minlength=n * P)
+    ratio = log_ratio(foreground[labels.performer[part], frame, stride * v, stride * u])
+    explained = by_part(stride**2 * ratio).astype(float).reshape(P, n)
+    coloured = view.part_colours(first, n)
+    if coloured is not None:
+        own = coloured.colours.ratio[parts[part], coloured.palette[frame, stride * v, stride * u]]
+        explained = explained + by_part(stride**2 * own).astype(float).reshape(P, n)
+    return np.asarray(explained)

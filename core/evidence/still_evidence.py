@@ -1,0 +1,111 @@
+"""Evidence of performers whose motion is given while another's is sought, kept from one look at it to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body.kinematics import Poses
+from ..numerics.arrays import Array, Ints
+from .explained import explained_by_part
+from .gradients import PixelGains
+from .label_images import Geometry, StillParts
+from .sampling import Sampling
+from .view_frames import KEPT_BYTES, GradientImages, ViewFrames
+
+
+@dataclass(frozen=True, eq=False)
+class StillEvidence:
+    """Parts that stay where they are, with what they explain by part (S, n), and what they were drawn from."""
+
+    still: StillParts
+    explained: Array
+    stride: int
+    geometry: Geometry
+    poses: Poses
+    kept_gains: dict[tuple[float, float, bytes], PixelGains] = field(default_factory=dict)
+
+    def gains(
+        self,
+        view: ViewFrames,
+        images: GradientImages,
+        sampling: Sampling,
+        *,
+        first: int,
+        foreground: NDArray[np.uint8] | None,
+        noise: Array,
+    ) -> PixelGains:
+        """What their pixels gain by how they move, under a noise of each pair of frames."""
+        key = sampling.sigma, sampling.tolerance, noise.tobytes()
+        found = self.kept_gains.get(key)
+        if found is None:
+            found = PixelGains.of(
+                view.camera,
+                images,
+                self.still.labels,
+                self.poses,
+                first=first,
+                stride=self.stride,
+                tolerance=sampling.tolerance,
+                foreground=foreground,
+                noise=noise,
+            )
+            self.kept_gains.clear()
+            self.kept_gains[key] = found
+        return found
+
+    def matches(self, stride: int, geometry: Geometry, poses: Sequence[Array]) -> bool:
+        """Whether it is what the same parts show in these poses."""
+        return (
+            self.stride == stride
+            and self.geometry is geometry
+            and all(np.array_equal(a, b) for a, b in zip(self.poses, poses, strict=True))
+        )
+
+
+class StillPartsCache:
+    """Label images of the performers whose motion is given, kept from one evaluation of the evidence to the next.
+
+    Threads may share a cache, and what it returns does not depend on which of them comes first.
+    """
+
+    def __init__(self) -> None:
+        self._kept: dict[ViewFrames, dict[tuple[int, int], StillEvidence]] = {}
+        self._moving: dict[tuple[Geometry, tuple[int, ...]], tuple[Ints, Geometry]] = {}
+
+    def moving(self, geometry: Geometry, sought: Sequence[int]) -> tuple[Ints, Geometry]:
+        """The parts of the performers that are sought, and a geometry of them alone."""
+        key = geometry, tuple(sought)
+        found = self._moving.get(key)
+        if found is None:
+            parts = np.flatnonzero(np.isin(geometry.performer, sought))
+            found = parts, geometry.subset(parts.tolist())
+            self._moving = {key: found}  # one performer is solved at a time
+        return found
+
+    def drawn(
+        self, view: ViewFrames, geometry: Geometry, poses: Poses, parts: Ints, *, stride: int, first: int
+    ) -> StillEvidence:
+        """What some parts show in consecutive shot frames, the first of which is given, in poses of all parts."""
+        count = len(poses[0])
+        own = tuple(a[:, parts] for a in poses)
+        kept = self._kept.setdefault(view, {})
+        found = kept.get((first, count))
+        if found is not None and found.matches(stride, geometry, own):
+            return found
+        camera = view.camera.subsampled(stride)
+        still = StillParts.drawn(geometry, parts, camera, first, poses)
+        explained = np.zeros((len(parts), count))
+        if view.foreground is not None:
+            foreground = view.foreground_at(first, count)
+            explained = explained_by_part(view, foreground, still.labels, parts, stride=stride, first=first)
+        found = StillEvidence(still, explained, stride, geometry, (own[0], own[1]))
+        for begin, length in list(kept):
+            if min(begin + length, first + count) - max(begin, first) > 1:
+                kept.pop((begin, length), None)  # another thread may have done it
+        if (1 + (first - view.first) / max(count - 1, 1)) * still.nbytes <= KEPT_BYTES:
+            kept[first, count] = found
+        return found
