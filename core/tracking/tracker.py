@@ -106,11 +106,7 @@ def track(
     CancelledError
     """
     _check(shot)
-    # Sums are rounded by their order, and labels turn roundings into steps: the order of the views must not count.
-    order = sorted(range(len(shot.views)), key=lambda v: shot.views[v].camera.name)
-    performers = tuple(replace(p, body=without_hidden_solids(p.body, p.unknown)) for p in shot.performers)
-    shot = replace(shot, views=tuple(shot.views[v] for v in order), performers=performers)
-    shot = completed(shot)
+    shot, views_as_given = _in_order(shot)
     kept = frozenset(shot.frames[0] + frame for frame in pictures)
     albums = [Album(kept, working_factor(view, PICTURE_SIZE)) for view in shot.views]
     solver, seconds = solver_named(shot.settings.solver), Seconds()
@@ -122,10 +118,7 @@ def track(
     torn: list[list[int]] = [[] for _ in shot.views]
     threads = worker_count(shot.settings.threads)
     workers = 1 if observe is not None else _workers(shot, threads)
-    with ExitStack() as stack:
-        pools = WorkerPool if run.memory is None else run.memory.pool
-        pool = stack.enter_context(pools(workers, SOLVING))
-        folder = None if workers == 1 and _held_easily(shot) else stack.enter_context(_picture_folder())
+    with _places_to_work(shot, run, workers) as (pool, folder):
         schedule = SegmentSchedule(
             shot,
             begin,
@@ -143,10 +136,8 @@ def track(
             shot, solver, albums, begin.motions, seconds=seconds, known=finished.known, folder=folder, memory=run.memory
         ):
             for frames, view in zip(torn, views, strict=True):
-                pairs = view.frames.torn if isinstance(view, StoredView) else view.torn
-                frames += (segment[0] + 1 + np.flatnonzero(pairs)).tolist() if pairs is not None else []
+                frames += _torn_frames(segment, view)
             schedule.add(views)
-        views_as_given = [order.index(v) for v in range(len(order))]
         kept_pictures = tuple(
             {f - shot.frames[0]: image for f, image in albums[v].pictures.items()} for v in views_as_given
         )
@@ -169,6 +160,17 @@ def track(
         torn=tuple(tuple(torn[v]) for v in views_as_given),
         rates=tuple(rates[v].result() for v in views_as_given),
     )
+
+
+def _in_order(shot: Shot) -> tuple[Shot, list[int]]:
+    """The shot as it is tracked, with views in the order of their names, and where each view that was given is then.
+
+    Sums are rounded by their order, and labels turn roundings into steps: the order of the views must not count.
+    """
+    order = sorted(range(len(shot.views)), key=lambda v: shot.views[v].camera.name)
+    performers = tuple(replace(p, body=without_hidden_solids(p.body, p.unknown)) for p in shot.performers)
+    in_order = replace(shot, views=tuple(shot.views[v] for v in order), performers=performers)
+    return completed(in_order), [order.index(v) for v in range(len(order))]
 
 
 def _carried(begin: TrackState, shot: Shot, earlier: Sequence[Motion]) -> TrackState | None:
@@ -220,6 +222,21 @@ def _footage_checked(shot: Shot, run: RunContext) -> Iterator[list[Future[Footag
         yield [pool.submit(footage_rate, shot, view) for view in shot.views]
         for check in checked:
             check.result()
+
+
+@contextmanager
+def _places_to_work(shot: Shot, run: RunContext, workers: int) -> Iterator[tuple[WorkerPool, Path | None]]:
+    """So many workers, and a folder for the frames' pictures where these are not held in memory."""
+    with ExitStack() as stack:
+        pool = stack.enter_context((WorkerPool if run.memory is None else run.memory.pool)(workers, SOLVING))
+        in_memory = workers == 1 and _held_easily(shot)
+        yield pool, None if in_memory else stack.enter_context(_picture_folder())
+
+
+def _torn_frames(segment: Segment, view: ViewFrames | StoredView) -> list[int]:
+    """Frames of a segment that do not fit the one before."""
+    pairs = view.frames.torn if isinstance(view, StoredView) else view.torn
+    return [] if pairs is None else (segment[0] + 1 + np.flatnonzero(pairs)).tolist()
 
 
 def _first_pass(shot: Shot, solver: Solver, seconds: Seconds, progress: Progress | None) -> ShotKeypoints:
