@@ -132,9 +132,8 @@ def _work() -> None:
     """Do a worker's work in a process that was forked for it, and does not go on to start a program."""
     code = 1
     try:
-        os.closerange(
-            3, _MOST_FILES
-        )  # the other workers' pipes; with the last of these the program is told that it runs
+        # The other workers' pipes; with the last of these the program is told that it runs.
+        os.closerange(3, _MOST_FILES)
         worker.main()
         code = 0
     finally:
@@ -223,68 +222,120 @@ def faults_of_the_next(command: Sequence[str], out: Path, names: Sequence[Path])
     return [f"{', '.join(fault)} after the next run" for fault in (stay, old) if fault]
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Kill runs, print what came of them; returns 1 if any left what it should not."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--kills", type=int, default=10, help="runs that get each of the signals (default: 10)")
-    parser.add_argument("--apart", action="store_true", help="each folder of results is by itself, as in a batch")
+class Trials:
+    """Runs of a command that are ended at random moments.
+
+    Parameters
+    ----------
+    command : sequence of str
+    folder : Path
+        Where the runs write, each into a folder of its own.
+    apart : bool
+        Each folder of results is by itself, as in a batch.
+    seed : int
+        Of the moments.
+
+    Attributes
+    ----------
+    outcomes : Counter
+        How many runs ended so, by signal, exit code and results.
+    faults : int
+        What runs left that they should not, so far.
+
+    Raises
+    ------
+    RuntimeError
+        The command fails by itself.
+    """
+
+    def __init__(self, command: Sequence[str], folder: Path, *, apart: bool, seed: int) -> None:
+        self.outcomes: Counter[tuple[str, int, str]] = Counter()
+        self.faults = 0
+        self._command, self._folder, self._apart, self._chance = command, folder, apart, random.Random(seed)
+        for kind in ("first", "second"):  # the second, as all others, with files that the system knows
+            out = folder / kind / "out"
+            out.mkdir(parents=True)  # a batch would find its results there already
+            ended = run(command, out)
+            if ended.code:
+                raise RuntimeError(f"the command fails by itself: {ended.said}")
+        self._seconds, self._names = ended.seconds, sorted(contents(out))
+
+    def hit(self, number: signal.Signals, wanted: int) -> None:
+        """End so many runs by a signal.
+
+        Raises
+        ------
+        RuntimeError
+            Most runs end before it comes.
+        """
+        hits = k = 0
+        while hits < wanted:
+            if k == MOST_RUNS * wanted:
+                raise RuntimeError(f"only {hits} of {k} runs were ended by {number.name}")
+            k += 1
+            hits += self._run(number, k, with_next=number == signal.SIGKILL and hits % 10 == 0)
+
+    def _run(self, number: signal.Signals, k: int, *, with_next: bool) -> bool:
+        """One run, and with the next one after another that was ended; returns whether the signal ended it."""
+        out = self._folder / f"{number.name}{k}" / "out"
+        if k % 2:
+            (out / "folder").mkdir(parents=True)  # files are moved one by one then
+        for file in self._names:
+            (out / file).parent.mkdir(parents=True, exist_ok=True)
+            (out / file).write_text(OLD)
+        ended = run(self._command, out, number, self._chance.uniform(0, self._seconds))
+        if ended.code == 0:  # how long a run takes changes with what else the machine does
+            self._seconds = ended.seconds
+        processes = left(ended.session)
+        found, faults = faults_of(out, self._names, number, apart=self._apart)
+        faults += untrue(ended, number, found, apart=self._apart)
+        if with_next:
+            run(self._command, out, number, self._chance.uniform(0, self._seconds))
+            faults += faults_of_the_next(self._command, out, self._names)
+        faults += [f"{processes} processes live on after {PATIENCE:g} s"] if processes else []
+        self.outcomes[number.name, ended.code, found] += 1
+        self.faults += len(faults)
+        for fault in faults:
+            print(f"{number.name} {k}: {fault}", flush=True)
+        shutil.rmtree(out.parent)
+        return ended.code != 0
+
+
+def parser() -> argparse.ArgumentParser:
+    """The tool's arguments."""
+    out = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    out.add_argument("--kills", type=int, default=10, help="runs that get each of the signals (default: 10)")
+    out.add_argument("--apart", action="store_true", help="each folder of results is by itself, as in a batch")
     every = ",".join(number.name for number in SIGNALS)
-    parser.add_argument(
+    out.add_argument(
         "--signals",
         default=every,
         metavar="NAMES",
         help="which of them; SIGINT=5 for another number of runs (default: %(default)s)",
     )
-    parser.add_argument("--fork", action="store_true", help="fork the processes that a run starts")
-    parser.add_argument("--seed", type=int, default=0, help="of the moments (default: 0)")
-    parser.add_argument("command", nargs=argparse.REMAINDER, metavar="...", help="a command that writes into OUT")
-    args = parser.parse_args(argv)
-    chance, outcomes, wrong = random.Random(args.seed), Counter(), 0
+    out.add_argument("--fork", action="store_true", help="fork the processes that a run starts")
+    out.add_argument("--seed", type=int, default=0, help="of the moments (default: 0)")
+    out.add_argument("command", nargs=argparse.REMAINDER, metavar="...", help="a command that writes into OUT")
+    return out
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Kill runs, print what came of them; returns 1 if any left what it should not."""
+    args = parser().parse_args(argv)
     with ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
         if args.fork:
             stack.enter_context(forked_workers())
-        seconds, names = 0.0, list[Path]()
-        for kind in ("first", "second"):  # the second, as all others, with files that the system knows
-            out = Path(folder, kind, "out")
-            out.mkdir(parents=True)  # a batch would find its results there already
-            if (ended := run(args.command, out)).code:
-                print(f"the command fails by itself: {ended.said}", file=sys.stderr)
-                return 1
-            seconds, names = ended.seconds, sorted(contents(out))
-        for name, _, kills in (text.partition("=") for text in args.signals.split(",")):
-            number, wanted = signal.Signals[name], int(kills or args.kills)
-            hits = k = 0
-            while hits < wanted:
-                if k == MOST_RUNS * wanted:
-                    print(f"only {hits} of {k} runs were ended by {number.name}", file=sys.stderr)
-                    return 1
-                k += 1
-                out = Path(folder, f"{number.name}{k}", "out")
-                if k % 2:
-                    (out / "folder").mkdir(parents=True)  # files are moved one by one then
-                for file in names:
-                    (out / file).parent.mkdir(parents=True, exist_ok=True)
-                    (out / file).write_text(OLD)
-                ended = run(args.command, out, number, chance.uniform(0, seconds))
-                if ended.code == 0:  # how long a run takes changes with what else the machine does
-                    seconds = ended.seconds
-                processes = left(ended.session)
-                found, faults = faults_of(out, names, number, apart=args.apart)
-                faults += untrue(ended, number, found, apart=args.apart)
-                if number == signal.SIGKILL and hits % 10 == 0:
-                    run(args.command, out, number, chance.uniform(0, seconds))
-                    faults += faults_of_the_next(args.command, out, names)
-                faults += [f"{processes} processes live on after {PATIENCE:g} s"] if processes else []
-                outcomes[number.name, ended.code, found] += 1
-                hits += ended.code != 0
-                wrong += len(faults)
-                for fault in faults:
-                    print(f"{number.name} {k}: {fault}", flush=True)
-                shutil.rmtree(out.parent)
-    for (signal_name, code, found), count in sorted(outcomes.items()):
-        print(f"{signal_name}: {count} runs with exit code {code} and {found} results")
-    return 1 if wrong else 0
+        try:
+            trials = Trials(args.command, Path(folder), apart=args.apart, seed=args.seed)
+            for name, _, kills in (text.partition("=") for text in args.signals.split(",")):
+                trials.hit(signal.Signals[name], int(kills or args.kills))
+        except RuntimeError as error:
+            print(error, file=sys.stderr)
+            return 1
+    for (name, code, found), count in sorted(trials.outcomes.items()):
+        print(f"{name}: {count} runs with exit code {code} and {found} results")
+    return 1 if trials.faults else 0
 
 
 if __name__ == "__main__":
