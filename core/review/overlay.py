@@ -56,6 +56,8 @@ def contact_sheet(
     frames: Sequence[int] | None = None,
     progress: Progress | None = None,
     pictures: Sequence[Mapping[int, Image]] | None = None,
+    *,
+    labelled: bool = True,
 ) -> Image:
     """Draw some frames of every view, a row each, cropped around the performers.
 
@@ -69,6 +71,8 @@ def contact_sheet(
     progress : callable, optional
     pictures : sequence of mappings, optional
         Per view, the rectified picture of each of these frames (`TrackResult.pictures`); else the footage is read.
+    labelled : bool
+        Whether each picture has its camera and frame in the corner, and a border where it is a key frame.
 
     Returns
     -------
@@ -89,7 +93,8 @@ def contact_sheet(
     kept: Sequence[Mapping[int, Image] | None] = pictures or [None] * len(shot.views)
 
     def row_of(v: int) -> Image:
-        return _row(shot, chosen, geometry, shot.views[v], width=width, pictures=kept[v], poses=poses[v])
+        view = shot.views[v]
+        return _row(shot, chosen, geometry, view, width=width, pictures=kept[v], poses=poses[v], labelled=labelled)
 
     with ThreadPoolExecutor(worker_count(shot.settings.threads)) as pool:
         for row in pool.map(row_of, range(len(shot.views))):
@@ -101,11 +106,11 @@ def contact_sheet(
 def picture_cells(
     shot: Shot, motions: Sequence[Motion], frames: Sequence[int], progress: Progress | None = None
 ) -> list[Image]:
-    """Draw frames of a shot's first view one by one, each cropped around the performers.
+    """Draw frames of a shot's first view one by one, each cropped around the performers, without labels.
 
     Parameters are those of `contact_sheet`; frames are increasing.
     """
-    sheet = contact_sheet(replace(shot, views=shot.views[:1]), motions, frames, progress)
+    sheet = contact_sheet(replace(shot, views=shot.views[:1]), motions, frames, progress, labelled=False)
     step = (SHEET_WIDTH + _GAP) // max(len(frames), 3)
     return [sheet[:, k * step : (k + 1) * step - _GAP] for k in range(len(frames))]
 
@@ -134,6 +139,7 @@ def _row(
     width: int,
     pictures: Mapping[int, Image] | None,
     poses: Poses,
+    labelled: bool,
 ) -> Image:
     """The frames of one view, side by side, each as large as the performers allow."""
     R, T = poses
@@ -154,7 +160,8 @@ def _row(
         enlarged = cv2.resize(image, near.size, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC)
         draw_outlines(enlarged, geometry, near, frame=frame, R=R[k], T=T[k])
         cell = _cropped(enlarged, boxes[k][0] / factors[k], (width, height))
-        _label(cell, view.camera.name, shot.frames[0] + frame, frame in keys)
+        if labelled:
+            _label(cell, view.camera.name, shot.frames[0] + frame, frame in keys)
         cells.append(cell)
     gap = np.full((height, _GAP, 3), _BACKGROUND, np.uint8)
     return np.hstack([part for cell in cells for part in (cell, gap)][:-1])

@@ -104,14 +104,16 @@ def propose(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, seen: Keypoin
 def attach_keypoints(scene: bpy.types.Scene, paths: Sequence[Path]) -> dict[str, int]:
     """Give views a detector's keypoints, by the view's name in the path; how many people were found in each.
 
-    A single file or folder without the name of a view belongs to the view that the scene looks through.
+    A single file or folder without the name of a view belongs to the view that the scene looks through. A folder
+    without files stands for those of its folders that have the name of a view.
 
     Raises
     ------
     KeypointError
         A file is no keypoint file, or is nobody's.
     """
-    sources = list(dict.fromkeys(_source(path) for path in paths))
+    each = [part for path in paths for part in _parts(scene, path)]
+    sources = list(dict.fromkeys(_source(path) for path in each))
     chosen = {_view_of(scene, source, alone=len(sources) == 1).name: source for source in sources}
     if len(chosen) < len(sources):
         raise KeypointError("two of the files are for the same view", todo="choose one file or folder for each view")
@@ -200,6 +202,15 @@ def _rows(scene: bpy.types.Scene, landmarks: Landmarks, first_row: int) -> np.nd
 
 def _fps(scene: bpy.types.Scene) -> float:
     return scene.render.fps / scene.render.fps_base
+
+
+def _parts(scene: bpy.types.Scene, path: Path) -> list[Path]:
+    """The folders of the views in a folder that has no file itself; else the path alone."""
+    if not path.is_dir() or any(path.glob("*.json")):
+        return [path]
+    names = [view.name.lower() for view in scene.kfmocap.views]
+    folders = [part for part in sorted(path.iterdir()) if part.is_dir()]
+    return [part for part in folders if any(name in part.name.lower() for name in names)] or [path]
 
 
 def _source(path: Path) -> Path:

@@ -46,7 +46,7 @@ class CalibrateFromPerformer(Conditional, JobOperator, bpy.types.Operator):
 
         scene, shot = context.scene, context.scene.kfmocap
         camera_poses.check_can_be_placed(shot.views)
-        lenses = view_cameras.known_lenses(scene) if scene.kfmocap_capture.keep_lenses else {}
+        lenses = view_cameras.known_lenses(scene)
         owner, name = height_field(context)
         return partial(
             cameras_of_views,
@@ -58,11 +58,16 @@ class CalibrateFromPerformer(Conditional, JobOperator, bpy.types.Operator):
         )
 
     def finish(self, context: bpy.types.Context, result: PerformerCalibration | SingleViewCalibration) -> None:
-        from ..scene_io import added_views
+        from ..scene_io import added_views, view_cameras
 
-        added_views.calibrate_views(context.scene, result.cameras)
-        for line in result.summary_lines:
-            self.report({"INFO"}, line)
+        scene = context.scene
+        known = set(view_cameras.known_lenses(scene))
+        added_views.calibrate_views(scene, result.cameras)
+        for view in scene.kfmocap.views:
+            view.lens_known = view.name in known
+        scene.kfmocap_capture.performer_summary = "\n".join(result.summary_lines)
+        count = len(result.cameras)
+        self.report({"INFO"}, f"{count} camera{' is' if count == 1 else 's are'} found: see Without a Wand")
 
 
 CLASSES = (CalibrateFromPerformer,)

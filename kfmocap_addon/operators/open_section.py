@@ -7,7 +7,7 @@ import bpy
 SECTIONS = (
     ("footage", "Footage and Cameras", "The shot and its cameras"),
     ("look", "Look Through", "The views, and how they are shown"),
-    ("calibration", "Calibration", "Cameras from videos of an L-frame and a wand"),
+    ("calibration", "Calibration", "Cameras from videos of a wand, or from a performer's keypoints"),
     ("body", "Body", "Who is tracked"),
     ("key_poses", "Key Poses", "The poses that tracking meets"),
     ("track", "Track", "The frames between the key poses"),
@@ -60,7 +60,7 @@ class OpenSection(bpy.types.Operator):
     alone: bpy.props.BoolProperty(name="Alone", description="Open it and fold all others")
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        self.alone = event.ctrl
+        self.alone = self.alone or event.ctrl
         return self.execute(context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:

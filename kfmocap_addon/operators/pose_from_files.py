@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 class ImportKeypoints(Conditional, bpy.types.Operator, BesideFootage):
     """Give the views 2D keypoints of a detector: JSON of OpenPose, COCO, RTMPose and MMPose, AlphaPose, MediaPipe or
     YOLO, a file for each view or a folder with a file for each picture. They go to the view whose name is in the file's
-    or folder's, else to the view that the scene looks through"""
+    or folder's, else to the view that the scene looks through. A folder that holds those of all views does for all"""
 
     bl_idname = "kfmocap.import_keypoints"
     bl_label = "Import Keypoints"
@@ -72,7 +72,7 @@ class MarkKeypoints(_FromKeypoints, bpy.types.Operator):
 class PoseFromKeypoints(_FromKeypoints, JobOperator, bpy.types.Operator):
     """Pose the chosen performer by the 2D keypoints of the views, on the frames chosen below. On proposed frames the
     poses are proposals, with the motion between them as a first pass: correct and accept them, or just track. On others
-    they are key poses of yours. It takes two views with keypoints, or key poses that you have set"""
+    they are key poses of yours. Depth is a guess where one view alone has keypoints and there is no key pose yet"""
 
     bl_idname = "kfmocap.pose_from_keypoints"
     bl_label = "Pose from Keypoints"

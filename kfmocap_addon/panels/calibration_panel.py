@@ -1,5 +1,6 @@
 """The section "Calibration" of the sidebar tab: videos, balls, solve, cameras in and out."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import bpy
@@ -81,6 +82,11 @@ class BallsPanel(SectionPart, bpy.types.Panel):
     bl_parent_id = CalibrationPanel.bl_idname
     section = "calibration"
 
+    @classmethod
+    def is_needed(cls, context: bpy.types.Context) -> bool:
+        """See whether there are videos that may show them: before, what needs no wand shall not be far below."""
+        return len(context.scene.kfmocap_capture.views) > 0
+
     def draw(self, context: bpy.types.Context) -> None:
         layout, capture = self.layout, context.scene.kfmocap_capture
         layout.use_property_split, layout.use_property_decorate = True, False
@@ -119,9 +125,23 @@ class PerformerCalibrationPanel(SectionPart, bpy.types.Panel):
         if views and not all(view.keypoints for view in views) and active_performer.chosen(context) is None:
             layout.operator(ImportKeypoints.bl_idname, icon="IMPORT")
         owner, name = height_field(context)
-        layout.prop(owner, name, text="Performer's Height")
-        layout.prop(context.scene.kfmocap_capture, "keep_lenses")
+        layout.prop(owner, name, text="Height")
+        _draw_lenses(layout.column(align=True), views)
         layout.operator(CalibrateFromPerformer.bl_idname, icon="ARMATURE_DATA")
+        for line in context.scene.kfmocap_capture.performer_summary.splitlines():
+            draw_text(layout, context, line)
+
+
+def _draw_lenses(column: bpy.types.UILayout, views: Iterable[bpy.types.PropertyGroup]) -> None:
+    """For each view, whether its lens is known, and which it is."""
+    for view in views:
+        if view.camera is None:
+            continue
+        row = column.row(align=True, heading=f"Lens of {view.name}")
+        row.prop(view, "lens_known", text="")
+        field = row.row()
+        field.enabled = view.lens_known
+        field.prop(view.camera.data, "lens", text="")
 
 
 def _draw_view(layout: bpy.types.UILayout, view: bpy.types.PropertyGroup) -> None:

@@ -5,6 +5,7 @@ import bpy
 from ..operators.add_footage import AddFootage, ImportCalibration, RemoveView, UseSceneCameras
 from ..operators.load_shot import LoadShot
 from ..operators.look_through import LookThrough, QuadView, StepView
+from ..operators.open_section import OpenSection
 from ..operators.recover import RelinkFootage
 from ..operators.refine_cameras import RefineCameras
 from .section import Section, SectionPart
@@ -31,6 +32,8 @@ class FootagePanel(Section, bpy.types.Panel):
             column = layout.column(align=True)
             column.operator(ImportCalibration.bl_idname, icon="IMPORT")
             column.operator(UseSceneCameras.bl_idname, icon="CAMERA_DATA")
+            button = column.operator(OpenSection.bl_idname, text="Calibrate", icon="CON_CAMERASOLVER")
+            button.section, button.alone = "calibration", True
         lost = [view.name for view in shot.views if view.missing]
         if lost:
             column = layout.column(align=True)

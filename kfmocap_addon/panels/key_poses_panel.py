@@ -164,7 +164,9 @@ def _draw_advice(
     own = [row.frame for row in rows if not row.proposed]
     scene, column = context.scene, layout.column(align=True)
     if not rows:
-        draw_text(column, context, "No key pose yet: on the first frame Place Joints, or Set Key Pose", "INFO")
+        known = any(view.keypoints for view in scene.kfmocap.views)
+        others = "From Keypoints below, or" if known else "on the first frame"
+        draw_text(column, context, f"No key pose yet: {others} Place Joints, or Set Key Pose", "INFO")
         if "body" not in sections_of(context).shown:  # folded when the body was added
             column.prop(slot, "height")
         if scene.frame_current != scene.frame_start:
@@ -184,7 +186,8 @@ def _draw_rows(
     layout: bpy.types.UILayout, frame: int, rows: tuple[key_list.KeyPoseEntry, ...], accepts: bool = True
 ) -> None:
     """A button for every key pose of a performer: a click goes there. Proposals of the chosen one can be accepted."""
-    layout.label(text="Frames with a key pose" if rows else "No key pose yet")
+    if rows or not accepts:  # the chosen one's section says what to do
+        layout.label(text="Frames with a key pose" if rows else "No key pose yet")
     grid = layout.grid_flow(row_major=True, columns=_COLUMNS, even_columns=True, align=True)
     for row in rows:
         icon = "QUESTION" if row.proposed else "BONE_DATA" if row.bones else "NONE"

@@ -55,6 +55,12 @@ class KFMocapView(bpy.types.PropertyGroup):
         name="Calibrated",
         description="The camera's place and lens are known. Tick this after placing the camera by hand",
     )
+    lens_known: bpy.props.BoolProperty(
+        default=True,
+        name="Lens Known",
+        description="The focal length beside this is the footage's, for a picture of 36 mm width, and stays; else it "
+        "is found too, less exactly. Lenses stay as they are when a tripod is moved, as long as zoom and size do",
+    )
 
     missing: bpy.props.BoolProperty(
         name="Missing", description="The footage was not where the file says when that was opened"

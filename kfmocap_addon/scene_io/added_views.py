@@ -75,7 +75,7 @@ def add_footage(current: bpy.types.Scene, files: Sequence[Path]) -> list[str]:
             first=properties.first,
             frame_start=properties.frame_start,
         )
-        slot.calibrated = False
+        slot.calibrated = slot.lens_known = False
         names.append(slot.name)
     if current.camera is None or not any(slot.camera == current.camera for slot in current.kfmocap.views):
         footage_background.look_through(current, current.kfmocap.views[0])
@@ -146,7 +146,7 @@ def _check_size(slot: bpy.types.PropertyGroup, camera: Camera) -> None:
 
 def _calibrate(current: bpy.types.Scene, slot: bpy.types.PropertyGroup, camera: Camera) -> None:
     view_cameras.show_camera(slot, camera, current.kfmocap.frame_start)
-    slot.name, slot.calibrated = camera.name, True
+    slot.name, slot.calibrated, slot.lens_known = camera.name, True, True
     slot.camera.name = slot.camera.data.name = camera.name
 
 

@@ -127,11 +127,8 @@ class KFMocapCapture(bpy.types.PropertyGroup):
         name="Height",
         description="Of the performer, with shoes: the scale of everything follows from it",
     )
-    keep_lenses: bpy.props.BoolProperty(
-        default=True,
-        name="Keep Lenses",
-        description="Views that are calibrated keep their lenses, as long as zoom and resolution are the same: cameras "
-        "are then found far more exactly",
+    performer_summary: bpy.props.StringProperty(
+        name="Found", description="What was said of the cameras that were last found from a performer, in lines"
     )
 
     def colour(self, slot: str) -> KFMocapColour:

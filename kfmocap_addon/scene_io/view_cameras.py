@@ -101,7 +101,8 @@ def read_views(scene: bpy.types.Scene, frame_start: int, length: int) -> tuple[V
             raise CalibrationError(
                 "its camera is not calibrated",
                 where=f"view {slot.name}",
-                todo="import a calibration, calibrate with a wand, or place the camera by hand and tick Calibrated",
+                todo="import a calibration, calibrate with a wand or from a performer, or place the camera by hand and "
+                "tick Calibrated",
             )
     poses = camera_poses.read_poses(scene, [slot.camera for slot in slots], frame_start, length)
     return tuple(_read_view(slot, *pose) for slot, pose in zip(slots, poses, strict=True))
@@ -131,8 +132,8 @@ def read_specs(scene: bpy.types.Scene) -> tuple[ViewSpec, ...]:
 
 
 def known_lenses(scene: bpy.types.Scene) -> dict[str, Camera]:
-    """The cameras of those views that are calibrated, by their names: for their lenses, wherever they stand."""
-    slots = [slot for slot in scene.kfmocap.views if slot.is_calibrated]
+    """The cameras of those views whose lenses are known, by their names: wherever they stand."""
+    slots = [slot for slot in scene.kfmocap.views if slot.lens_known]
     poses = camera_poses.read_poses(scene, [slot.camera for slot in slots], scene.frame_current, 1)
     return {slot.name: _read_camera(slot, *pose) for slot, pose in zip(slots, poses, strict=True)}
 

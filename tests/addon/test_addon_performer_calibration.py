@@ -16,6 +16,7 @@ from keypoint_shots import SIZE, cameras, seen_places, strolling, write_openpose
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.body.motion import Motion  # noqa: E402
 from kfmocap.core.errors import CancelledError  # noqa: E402
+from kfmocap.core.formats.calibration_files import save_cameras  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import added_views, body_armature, view_cameras  # noqa: E402
 from scipy.spatial.transform import Rotation  # noqa: E402
 
@@ -36,9 +37,10 @@ def filmed(blender, tmp_path: Path):  # noqa: F811
     places = seen_places(body, Motion(motion.translations, rotations))
     scene = bpy.context.scene
     added_views.add_footage(scene, [video(tmp_path / f"{camera.name}.mp4", FRAMES, SIZE) for camera in GIVEN])
-    for slot, camera in zip(scene.kfmocap.views, GIVEN, strict=True):
+    for camera in GIVEN:
         write_openpose(tmp_path / f"{camera.name}_json", camera, [places])
-        bpy.ops.kfmocap.import_keypoints(directory=str(tmp_path / f"{slot.name}_json"))
+    assert bpy.ops.kfmocap.import_keypoints(directory=str(tmp_path)) == {"FINISHED"}
+    assert [Path(slot.keypoints).name for slot in scene.kfmocap.views] == [f"{camera.name}_json" for camera in GIVEN]
     scene.kfmocap_capture.performer_height = HEIGHT
     return scene
 
@@ -72,16 +74,27 @@ def test_where_there_is_a_body_its_height_counts(filmed: bpy.types.Scene) -> Non
     np.testing.assert_allclose(distances(filmed), true_distances() / 2, rtol=0.05)
 
 
-def test_lenses_of_calibrated_views_are_kept_if_that_is_wanted(filmed: bpy.types.Scene) -> None:
+def test_lenses_that_are_known_stay_and_those_that_are_found_are_no_better_known(filmed: bpy.types.Scene) -> None:
     slot = filmed.kfmocap.views[0]
     lens = slot.camera.data
-    slot.calibrated, lens.lens = True, 0.9 * lens.lens
+    slot.lens_known, lens.lens = True, 0.9 * lens.lens
     wanted = lens.lens
     assert bpy.ops.kfmocap.calibrate_from_performer() == {"FINISHED"}
     assert lens.lens == pytest.approx(wanted)
-    filmed.kfmocap_capture.keep_lenses = False
+    assert [view.lens_known for view in filmed.kfmocap.views] == [True, False, False]
+    slot.lens_known = False
     assert bpy.ops.kfmocap.calibrate_from_performer() == {"FINISHED"}
     assert lens.lens != pytest.approx(wanted, rel=1e-3)
+    calibration = Path(bpy.path.abspath(slot.camera.data.background_images[0].clip.filepath)).parent / "cameras.toml"
+    save_cameras(calibration, list(GIVEN))
+    assert bpy.ops.kfmocap.import_calibration(filepath=str(calibration)) == {"FINISHED"}
+    assert all(view.lens_known for view in filmed.kfmocap.views)
+
+
+def test_what_was_found_is_said_in_the_panel(filmed: bpy.types.Scene) -> None:
+    assert bpy.ops.kfmocap.calibrate_from_performer() == {"FINISHED"}
+    said = filmed.kfmocap_capture.performer_summary.splitlines()
+    assert [line.split(":")[0] for line in said[:3]] == ["cam01", "cam02", "cam03"]
 
 
 def test_without_keypoints_of_every_view_it_is_switched_off(filmed: bpy.types.Scene) -> None:

@@ -43,9 +43,7 @@ def install() -> Waits:
         filepath=str(WORK / "kfmocap.zip"), repo="user_default", enable_on_install=True
     )
     yield 1.0
-    if screen.is_shown("Continue"):  # Blender's first start
-        yield from click("Continue")
-    yield from press("Escape", in_view())
+    yield from tutorial.pass_first_start()
     yield from press("n", in_view())
     yield from click("KF Mocap", sideways=True)
 
