@@ -76,19 +76,32 @@ def with_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspa
 
 
 def _with_own_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspace: Workspace) -> SegmentSolution:
-    """The same for the performer that is sought."""
+    """The same for the performer that is sought. What one of several has is settled on only for an exchange that may be
+    better.
+    """
     noise = noise_of(problem, best, workspace)
     count = len(list(exchanges(problem, best.motions)))
-    if count:
-        best = continued(best, descend(problem, best.motions, workspace.part(0.0, 1 / (1 + count)), SETTLED, noise))
+    settled = count > 0 and problem.only is None
+    if settled:
+        best = _settled_on(problem, best, noise, workspace)
     for k in range(count):
-        part = workspace.part((k + 1) / (1 + count), (k + 2) / (1 + count))
+        part = workspace.part(k / count, (k + 1) / count)
         # Anew of what is best by now: an exchange that was accepted leaves the limbs meeting where they did.
         for motions in islice(exchanges(problem, best.motions), k, k + 1):
             found = _exchange_settled(problem, best, motions, noise, part)
-            if found is not None and _exchange_counts(problem, best, found, noise):
+            if found is None:
+                continue
+            if not settled:
+                best, settled = _settled_on(problem, best, noise, workspace), True
+            if _exchange_counts(problem, best, found, noise):
                 best = continued(best, found)
     return best
+
+
+def _settled_on(
+    problem: SegmentProblem, best: SegmentSolution, noise: SegmentNoise, workspace: Workspace
+) -> SegmentSolution:
+    return continued(best, descend(problem, best.motions, workspace.silent(), SETTLED, noise))
 
 
 def _exchange_counts(

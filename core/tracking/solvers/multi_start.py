@@ -7,7 +7,7 @@ tried, and the one that covers the most of what looks like the performers counts
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 
@@ -114,11 +114,12 @@ def best_of_own_starts(
         Its seconds are those spent here.
     """
     seconds, solutions, [performer] = Seconds(), [first], problem.sought
+    first_look = None
     looks = len(problem.whole_keys(performer)) > 1 and not problem.keypoints  # keypoints show where limbs are
     if looks and not speaks_against(problem, first):
         with seconds.measure("initial solution"):
-            explained = limbs_explain(problem, first, workspace.part(0.0, 0.1))
-        if not explained:
+            first_look = FirstLook.around(problem, first, workspace.part(0.0, 0.1))
+        if not first_look.explains(problem):
             return replace(first, seconds=seconds)
     if not looks or first.unhidden[performer].min() > IN_SIGHT:
         with seconds.measure("initial solution"):
@@ -128,22 +129,48 @@ def best_of_own_starts(
     if looks:
         # Without a doubt an arm may still be lost: it is a small part of what is to be covered.
         with seconds.measure("initial solution"):
-            best = searched(problem, start, solutions, workspace.part(0.25, 1.0))
+            best = searched(problem, start, solutions, workspace.part(0.25, 1.0), first_look=first_look)
     else:
         best = better(problem, *solutions)
     return replace(best, seconds=seconds)
 
 
-def limbs_explain(problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> bool:
-    """Whether one look for limbs makes the pictures likelier than a solution does that has settled as long.
+@dataclass(frozen=True, eq=False)
+class FirstLook:
+    """One look for limbs around a solution, which tells whether others are worth it.
 
-    A bystander's bare arm looks like the performer's, but other views do not show it where the performer's could be.
+    Attributes
+    ----------
+    begin : SegmentSolution
+        The solution.
+    settled : SegmentSolution
+        The same once it has settled as long as what was found.
+    found : SegmentSolution
+    noise : SegmentNoise
+        At the solution; all were measured under it.
     """
-    noise = noise_of(problem, solution, workspace)
-    settled = descend(problem, solution.motions, workspace.silent(), SETTLED, noise)
-    found = look_for_limbs(problem, problem, settled.motions, 0, workspace, noise=noise)
-    gain = likelihood(problem, noise, found) - likelihood(problem, noise, settled)
-    return gain > RESTING and not alike(found.motions, settled.motions)
+
+    begin: SegmentSolution
+    settled: SegmentSolution
+    found: SegmentSolution
+    noise: SegmentNoise
+
+    @classmethod
+    def around(cls, problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> FirstLook:
+        """Look for limbs around a solution."""
+        noise = noise_of(problem, solution, workspace)
+        settled = descend(problem, solution.motions, workspace.silent(), SETTLED, noise)
+        found = look_for_limbs(problem, problem, settled.motions, 0, workspace, noise=noise)
+        return cls(solution, settled, found, noise)
+
+    def explains(self, problem: SegmentProblem) -> bool:
+        """Whether what was found makes the pictures likelier.
+
+        A bystander's bare arm looks like the performer's, but other views do not show it where the performer's could
+        be.
+        """
+        gain = likelihood(problem, self.noise, self.found) - likelihood(problem, self.noise, self.settled)
+        return gain > RESTING and not alike(self.found.motions, self.settled.motions)
 
 
 def searched(
@@ -152,6 +179,8 @@ def searched(
     solutions: Sequence[SegmentSolution],
     workspace: Workspace,
     look: LimbSearch | None = None,
+    *,
+    first_look: FirstLook | None = None,
 ) -> SegmentSolution:
     """The solution from looking for limbs around some solutions, and then around the best until that has an equal.
 
@@ -160,13 +189,20 @@ def searched(
     trunk that moves as at the start, which limbs in wrong places have not led astray. It also ends after `VAIN_LOOKS`
     that cover clearly less than one of these solutions. The likeliest of all counts, see `likeliest_at_rest`, and
     exchanges limbs with the others, see `recombined`.
-    `look` is how limbs are looked for, by default `look_for_limbs`.
+    `look` is how limbs are looked for, by default `look_for_limbs`; a first look that was taken around the best of the
+    solutions is not taken again.
     """
     held = replace(problem, fixed=tuple(fixed | (np.arange(fixed.shape[1]) < 6) for fixed in problem.fixed))
     first = better(problem, *solutions)
     likely, noise = solutions if doubtful(problem, first) else equals(solutions), noise_of(problem, first, workspace)
     look = look or partial(look_for_limbs, noise=noise)
-    settled = [descend(problem, solution.motions, workspace.silent(), SETTLED, noise) for solution in likely]
+    looked = first_look if first_look is not None and first_look.begin is first else None
+    settled = [
+        descend(problem, solution.motions, workspace.silent(), SETTLED, noise)
+        if looked is None or solution is not first
+        else looked.settled
+        for solution in likely
+    ]
     begins: list[tuple[Sequence[Motion], SegmentProblem]] = []
     for solution in settled:
         if not any(alike(solution.motions, motions) for motions, _ in begins):
@@ -176,7 +212,11 @@ def searched(
     while begins and len(found) < LOOKS:
         motions, around = begins.pop(0)
         part = looking.part(len(found) / LOOKS, (len(found) + 1) / LOOKS)
-        found.append(look(problem, around, motions, len(found), part))
+        if looked is not None and around is problem and motions is looked.settled.motions:
+            found.append(looked.found)
+            looked = None
+        else:
+            found.append(look(problem, around, motions, len(found), part))
         best = better(problem, *settled, *found)
         if not begins and doubtful(problem, best) and around is not held:
             begins.append((start, held))

@@ -292,6 +292,26 @@ def test_limbs_are_not_looked_for_in_vain_again_and_again() -> None:
     assert looks == list(range(multi_start.VAIN_LOOKS))
 
 
+@pytest.mark.parametrize(("around", "taken"), [("best", 1), ("worse", 0)])
+def test_a_look_that_was_taken_around_the_best_is_not_taken_again(around: str, taken: int) -> None:
+    landscape = Landscape(truth=TRUTH, reach=0.0)
+    first, worse = (landscape.solution(PROBLEM, off(TRUTH, ARMS, angle)) for angle in (0.4, 0.8))
+    find, looked = Finding(landscape, 0.5), {"best": first, "worse": worse}[around]
+    noise = solution_ranking.noise_of(PROBLEM, looked, Workspace())
+    first_look = multi_start.FirstLook(looked, looked, find(PROBLEM, None, looked.motions), noise)
+    counts: list[int] = []
+    for before in (None, first_look):
+        seeds: list[int] = []
+
+        def look(*given: object, seeds: list[int] = seeds) -> SegmentSolution:
+            seeds.append(given[3])
+            return find(*given)
+
+        multi_start.searched(PROBLEM, first.motions, [worse, first], landscape, look, first_look=before)
+        counts.append(len(seeds))
+    assert counts[0] - counts[1] == taken
+
+
 @pytest.mark.parametrize("begin", ["worse", "best", "start"])
 def test_where_the_best_is_doubtful_limbs_are_looked_for_around_all_solutions_and_around_the_start(begin: str) -> None:
     """Whichever of them a look finds the limbs from, they are found."""

@@ -384,7 +384,7 @@ WRONG = [moved(truth, np.array([0.1, 0.0, 0.0])) for truth in TRUTHS]
 BOTH = SegmentProblem((), (BODY, BODY), 0, 30.0, (ends_held(BODY, FRAMES),) * 2)
 
 
-@pytest.mark.parametrize(("less", "solved"), [(0.0, [None, 0, 0, 1, 1, None]), (2.0, [None, 0, 1])])
+@pytest.mark.parametrize(("less", "solved"), [(0.0, [None, 0, 0, 1, 1, None]), (2.0, [None])])
 def test_limbs_are_exchanged_by_solving_their_own_performer_and_all_settle_at_last(
     monkeypatch: pytest.MonkeyPatch, told: Told, less: float, solved: list[int | None]
 ) -> None:
@@ -444,7 +444,7 @@ def test_the_motion_of_a_performer_whom_others_hide_is_not_followed(
         return start
 
     monkeypatch.setattr(multi_start, "followed", follow)
-    monkeypatch.setattr(multi_start, "searched", lambda _problem, _start, solutions, *_: solutions[0])
+    monkeypatch.setattr(multi_start, "searched", lambda _problem, _start, solutions, *_, **__: solutions[0])
     monkeypatch.setattr(multi_start, "speaks_against", lambda *_: True)
     alone = BOTH.alone(1)
     first = told.found(alone, WRONG)
@@ -463,7 +463,9 @@ def test_where_only_foreground_beside_a_performer_speaks_against_it_one_look_mus
     first = told.found(alone, WRONG)
     better = [WRONG[0], TRUTHS[1].moved(np.full((FRAMES, BODY.dof), 0.3))]
 
-    def searched(problem: SegmentProblem, _start: object, solutions: Sequence[SegmentSolution], *_: object) -> object:
+    def searched(
+        problem: SegmentProblem, _start: object, solutions: Sequence[SegmentSolution], *_: object, **__: object
+    ) -> SegmentSolution:
         searches.append(problem.only)
         return solutions[0]
 
