@@ -183,41 +183,24 @@ def run_track(
         `progress` returned False.
     """
     motions = result_names(shot.name, [performer.name for performer in shot.performers])
-    endings = (".trc",) if blender is None else (".trc", ".bvh", ".fbx")
-    scene = () if blender is None else (SCENE,)
-    names = [f"{name}{ending}" for name in motions for ending in endings]
+    endings, scene = ((".trc",), ()) if blender is None else ((".trc", ".bvh", ".fbx"), (SCENE,))
     cameras = () if refined is None else (REFINED,)
-    in_stage = staged(out_dir, [*names, *scene, *cameras, OVERLAY, REPORT])
-    with in_stage as stage, ExitStack() as stack:
+    names = [*(f"{name}{ending}" for name in motions for ending in endings), *scene, *cameras, OVERLAY, REPORT]
+    times = Seconds(seconds or {})
+    with staged(out_dir, names) as stage, ExitStack() as stack:
         if blender is not None and not open_scene:
             blender.expect(shot, out_dir)
         if memory is None:
             memory = stack.enter_context(closing(WorkerMemory(limit=0)))
-        shown = sheet_frames(shot)
-        pictures = sorted({*shown, *checked_frames(shot)})
-        checking: list[Future[tuple[CameraFit, ...]]] = []
-
-        def check(pool: WorkerPool, solved: TrackResult | SolvedShot) -> None:
-            checking.append(pool.submit(partial(camera_fits, shot, for_camera_fits(shot, solved)), lambda _: None))
-
-        with DecoderLog() as log:
-            context = RunContext(journal, memory, solved=check, footage_checked=not open_scene)  # by the shot's reader
-            result = track(shot, share(progress, 0.0, 0.9), pictures=pictures, run=context)
-        if log.complaints:
-            result = replace(result, damage=shot_damage(shot))
-        times = Seconds(seconds or {})
-
-        def draw() -> None:
-            with times.measure("overlay"):
-                in_step, drawing = shot.with_footage_offset(result.footage_offset), share(progress, 0.95, 1.0)
-                sheet = contact_sheet(in_step, result.motions, shown, drawing, result.pictures)
-                write_contact_sheet(stage / OVERLAY, sheet)
-
+        check = _CameraCheck(shot)
+        context = RunContext(
+            journal, memory, solved=check.begin, footage_checked=not open_scene
+        )  # by the shot's reader
+        result = _tracked(shot, share(progress, 0.0, 0.9), context)
         # Blender keeps one core busy, in this thread; the others draw meanwhile, and check the cameras if nobody has.
         with memory.pool(memory.workers) as pool, ThreadPoolExecutor(1) as beside:
-            if not checking:
-                check(pool, result)
-            drawing = beside.submit(draw)
+            check.begin(pool, result)
+            drawing = beside.submit(_draw_overlay, shot, result, stage / OVERLAY, share(progress, 0.95, 1.0), times)
             files = [stage / f"{name}.trc" for name in motions]
             _write_landmarks(shot, result, files, leave_out_unknown=leave_out_unknown)
             if blender is not None:
@@ -227,12 +210,46 @@ def run_track(
                     blender.write_outputs(shot, result, request)
             drawing.result()
             with times.measure("camera check"):
-                fits = checking[0].result()
+                fits = check.result()
         if refined is not None:
             save_cameras(stage / REFINED, refined.cameras)
         write_json(stage / REPORT, report(shot, result, times, fits=fits, refined=refined))
         written = sorted(file.name for file in stage.iterdir())
     return [out_dir / name for name in written]
+
+
+class _CameraCheck:
+    """How well a shot's cameras fit; begun as soon as a worker has time for it."""
+
+    def __init__(self, shot: Shot) -> None:
+        self._shot = shot
+        self._job: Future[tuple[CameraFit, ...]] | None = None
+
+    def begin(self, pool: WorkerPool, solved: TrackResult | SolvedShot) -> None:
+        """Have it done by a pool, unless it was begun before."""
+        if self._job is None:
+            work = partial(camera_fits, self._shot, for_camera_fits(self._shot, solved))
+            self._job = pool.submit(work, lambda _: None)
+
+    def result(self) -> tuple[CameraFit, ...]:
+        """Wait for it."""
+        assert self._job is not None
+        return self._job.result()
+
+
+def _tracked(shot: Shot, progress: Progress | None, context: RunContext) -> TrackResult:
+    """Track a shot, with the pictures that are needed afterwards, and the damage that the decoder complained of."""
+    pictures = sorted({*sheet_frames(shot), *checked_frames(shot)})
+    with DecoderLog() as log:
+        result = track(shot, progress, pictures=pictures, run=context)
+    return replace(result, damage=shot_damage(shot)) if log.complaints else result
+
+
+def _draw_overlay(shot: Shot, result: TrackResult, file: Path, progress: Progress | None, times: Seconds) -> None:
+    with times.measure("overlay"):
+        in_step = shot.with_footage_offset(result.footage_offset)
+        sheet = contact_sheet(in_step, result.motions, sheet_frames(shot), progress, result.pictures)
+        write_contact_sheet(file, sheet)
 
 
 def _shot(args: argparse.Namespace, services: Services, cameras: Mapping[str, Camera] | None = None) -> Shot:

@@ -52,7 +52,7 @@ def calibrate(
     middle = (_SEEING + _MEASURED) / 2
     doubtful = list(_doubtful(found))
     first = _first(found, doubtful, share(progress, _SEEING, middle), drift=drift)
-    found = remeasured(found.told_lframes(first), first, share(progress, middle, _MEASURED))
+    found = remeasured(found.with_lframes_identified(first), first, share(progress, middle, _MEASURED))
     solution = solve_capture(found.capture(first.cameras), share(progress, _MEASURED, 1.0), drift=drift)
     missed = tuple(lframe_missed(camera) for camera in found.without_lframe())
     return replace(solution, findings=(*solution.findings, *doubtful, *missed))

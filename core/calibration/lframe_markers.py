@@ -108,7 +108,7 @@ def _apart(balls: Balls, others: Balls) -> NDArray[np.bool_]:
     return np.asarray(~near.any(axis=1))
 
 
-def told_lframe(
+def expected_lframe(
     view: CaptureVideoView, before: SeenBalls, candidates: Balls, expected: Array, size: tuple[int, int]
 ) -> SeenBalls:
     """The L-frame's balls in a camera's video where a solution expects them.
@@ -116,7 +116,7 @@ def told_lframe(
     Parameters
     ----------
     before : SeenBalls
-        As the view alone told them: kept if these are the same.
+        As the view alone shows them: kept if they are where they are expected.
     candidates : Balls
     expected : ndarray, shape (4, 2)
         Pixels.

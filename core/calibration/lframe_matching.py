@@ -1,7 +1,7 @@
-"""The L-frame told by all views together, once the wand has given the cameras.
+"""The L-frame identified by all views together, once the wand has given the cameras.
 
-What is seen in one view alone, four things of a colour among others, is told by how they lie; a book or two in the
-place of a ball that is covered pass for an L-frame there. In three dimensions nothing else has its lengths.
+One view alone has only the places of four things of a colour to go by: a book in the place of a covered ball passes for
+an L-frame there. In three dimensions nothing else has its lengths.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ _ROUNDS = 3
 
 
 def lframe_by_all_views(capture: Capture, rig: Rig) -> Capture:
-    """The capture with the L-frame's balls of each view as all views together tell them.
+    """The capture with the L-frame's balls of each view as all views together identify them.
 
-    A view that shows the L-frame where the others do not see it keeps what it was told by alone, if that is an L-frame
-    by its camera's own lens: then the camera was moved. Where too few views agree, all is left as it was.
+    A view that shows the L-frame where the others do not see it keeps the balls that it identified alone, if these are
+    an L-frame by its camera's own lens: then the camera was moved. Where too few views agree, all is left as it was.
 
     Parameters
     ----------
@@ -94,21 +94,21 @@ def identified_together(rig: Rig, seen: Sequence[Array], measures: Array) -> Int
     if not len(poses):
         return None
     balls = poses[int(np.argmax([_closeness(rig, points, pose).max(axis=2).sum() for pose in poses]))]
-    told = np.full((len(rig), LFRAME_BALLS), -1)
+    chosen = np.full((len(rig), LFRAME_BALLS), -1)
     for _ in range(_ROUNDS):
         close = _closeness(rig, points, balls)
-        told = np.where(close.max(axis=2) > 0, close.argmax(axis=2), -1)
-        placed = triangulated(rig.centres_world, rays(rig, _at(points, told)))
+        chosen = np.where(close.max(axis=2) > 0, close.argmax(axis=2), -1)
+        placed = triangulated(rig.centres_world, rays(rig, _at(points, chosen)))
         known = np.isfinite(placed).all(axis=1)
         if known.sum() < 3 or not {0, 1, 2} & set(np.flatnonzero(known)) or not known[3]:
             return None
         balls = _aligned(measures, measures[known], placed[known])
-    return told if (told >= 0).sum() >= _FEWEST else None
+    return chosen if (chosen >= 0).sum() >= _FEWEST else None
 
 
-def _at(points: Array, told: Ints) -> Array:
-    chosen = np.take_along_axis(points, np.maximum(told, 0)[..., None], axis=1)
-    return np.where((told >= 0)[..., None], chosen, np.nan)
+def _at(points: Array, chosen: Ints) -> Array:
+    places = np.take_along_axis(points, np.maximum(chosen, 0)[..., None], axis=1)
+    return np.where((chosen >= 0)[..., None], places, np.nan)
 
 
 def _reach(rig: Rig) -> Array:
@@ -176,7 +176,7 @@ def _closeness(rig: Rig, points: Array, balls_world: Array) -> Array:
 
 
 def _is_lframe(rig: Rig, v: int, view: CaptureView, measures: Array) -> bool:
-    """Whether what a view was told by alone is an L-frame by its camera's lens."""
+    """Whether the balls that a view identified alone are an L-frame by its camera's lens."""
     if not len(view.lframe) or not view.lframe.seen[0].all():
         return False
     K, distortions, seen = rig.matrix(v), rig.distortions[v], view.lframe.points[0]

@@ -18,8 +18,8 @@ from ..shot.footage import Footage, pictures, probe
 from .ball_centres import centres_of
 from .ball_detection import Balls
 from .calibration_result import CalibrationResult
-from .lframe_markers import SeenBalls, SeenLFrame, find_lframe, spread_out, told_lframe, usual_matrix
-from .wand_detection import Pairs, WandLooks, find_pairs, told_apart, wand_path
+from .lframe_markers import SeenBalls, SeenLFrame, expected_lframe, find_lframe, spread_out, usual_matrix
+from .wand_detection import Pairs, WandLooks, find_pairs, swapped_ends, wand_path
 from .wand_triangulation import projected
 
 FEWEST_LFRAMES = 2
@@ -30,7 +30,7 @@ _LFRAMES = 0.05
 """Share of the work that the L-frame's videos are."""
 _LEAST_SHARE = 0.02
 _FEWEST_CANDIDATES = 3
-"""Things of its balls' colour in a view from which the L-frame may be told by all views together."""
+"""Things of its balls' colour in a view from which all views together may identify the L-frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class SeenView:
     videos : CaptureVideoView
     footage : Footage
     lframe : SeenBalls
-        Its balls as this view alone tells them; none where it cannot.
+        Its balls as this view alone identifies them; none where it cannot.
     wand : SeenBalls
     candidates : Balls
         All that stands still in the L-frame's video and may be one of its balls.
@@ -64,7 +64,7 @@ class VideoMarkers:
     videos : CaptureVideos
     views : tuple of SeenView
     unidentified : CalibrationError, optional
-        Why the first view that does not tell the L-frame alone does not.
+        Why the first view that cannot identify the L-frame alone cannot.
     """
 
     videos: CaptureVideos
@@ -90,15 +90,15 @@ class VideoMarkers:
             self.videos.performer,
         )
 
-    def told_lframes(self, solution: CalibrationResult) -> VideoMarkers:
-        """The same with the L-frame's balls that all views together tell, by a solution from these: no candidates."""
+    def with_lframes_identified(self, solution: CalibrationResult) -> VideoMarkers:
+        """The same with the L-frame's balls where a solution from all views expects them, and no candidates."""
         views = []
         for c, view in enumerate(self.views):
             if view.videos.lframe is None or c in solution.moved:
                 views.append(view)
                 continue
             expected = projected(solution.rig, c, solution.lframe_world)
-            balls = told_lframe(view.videos, view.lframe, view.candidates, expected, view.footage.size)
+            balls = expected_lframe(view.videos, view.lframe, view.candidates, expected, view.footage.size)
             views.append(replace(view, lframe=balls))
         decided = (replace(view, candidates=Balls.joined([])) for view in views)
         return replace(self, views=tuple(decided))
@@ -216,8 +216,8 @@ def find_wand(view: CaptureVideoView, videos: CaptureVideos, count: int, progres
 
 
 def _swaps(frames: NDArray[np.int64], points: Array, radii: Array) -> NDArray[np.bool_]:
-    """`told_apart` over all frames, those without the wand between."""
+    """`swapped_ends` over all frames, those without the wand between."""
     places = np.full((frames[-1] + 1, 2, 2), np.nan)
     sizes = np.ones(len(places))
     places[frames], sizes[frames] = points, radii.mean(axis=1)
-    return told_apart(places, sizes)[frames]
+    return swapped_ends(places, sizes)[frames]

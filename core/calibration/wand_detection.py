@@ -267,11 +267,11 @@ class _Reached:
         )
 
 
-def told_apart(centres: Array, radii: Array) -> NDArray[np.bool_]:
+def swapped_ends(centres: Array, radii: Array) -> NDArray[np.bool_]:
     """On which frames two balls of one colour must change places to be the same ends throughout.
 
     Ends are followed from frame to frame; where they are too near each other, or were not seen, that fails, and the
-    end that is mostly the upper one in each stretch between is taken for the same end: from all sides it is the same.
+    end that is mostly the upper one in each run between is taken for the same end: from all sides it is the same.
 
     Parameters
     ----------
@@ -286,15 +286,15 @@ def told_apart(centres: Array, radii: Array) -> NDArray[np.bool_]:
     """
     swapped = np.zeros(len(centres), bool)
     sure = np.linalg.norm(centres[:, 1] - centres[:, 0], axis=1) > _CROSSING * radii
-    for stretch in np.split(np.arange(len(centres)), np.flatnonzero(~sure | ~np.roll(sure, 1))):
-        for before, frame in pairwise(stretch):
+    for run in np.split(np.arange(len(centres)), np.flatnonzero(~sure | ~np.roll(sure, 1))):
+        for before, frame in pairwise(run):
             stay, change = (
                 float(np.sum((centres[frame][::order] - centres[before][:: -1 if swapped[before] else 1]) ** 2))
                 for order in (1, -1)
             )
             swapped[frame] = change < stay
-        first, second = (centres[stretch, end, 1] for end in (0, 1))
-        lower = np.where(swapped[stretch], second - first, first - second)
+        first, second = (centres[run, end, 1] for end in (0, 1))
+        lower = np.where(swapped[run], second - first, first - second)
         if np.nansum(lower) > 0:
-            swapped[stretch] ^= True
+            swapped[run] ^= True
     return swapped

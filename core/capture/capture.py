@@ -81,8 +81,8 @@ class CaptureView:
     distortions : ndarray, shape (k,), or None
         OpenCV's coefficients, where they are known.
     lframe_candidates : Markers, optional
-        One row: all that may be balls of the L-frame, of which all views together tell which are. `lframe` is what is
-        told in this view alone.
+        One row: all that may be balls of the L-frame; all views together decide which are. `lframe` has those that this
+        view alone identifies.
     """
 
     camera: str
@@ -106,7 +106,7 @@ class StandingPerformer:
     height : float
         From the floor to the top of the head, as they stood there (shoes and hair included), metres.
     places : tuple of tuple of int
-        First and last frame of the capture of each stretch during which they stand in one place.
+        First and last frame, of the capture, of each time that they stand in one place.
     points : mapping of str to Markers
         By camera: where the left and the right foot meet the floor, and the top of the head, in this order.
     gives_scale : bool

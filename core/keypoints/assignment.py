@@ -53,7 +53,7 @@ class Identity:
 
 
 @dataclass(frozen=True, eq=False)
-class Wanted:
+class PerformerClues:
     """What is known of a performer before its keypoints are.
 
     Attributes
@@ -79,15 +79,15 @@ class Wanted:
 
 
 def assign_detections(
-    founds: Sequence[ViewDetections], empty: Keypoints, wanted: Sequence[Wanted], fps: float
+    detections: Sequence[ViewDetections], empty: Keypoints, clues: Sequence[PerformerClues], fps: float
 ) -> tuple[list[Keypoints], list[Identity]]:
     """Give detections to performers.
 
     Parameters
     ----------
-    founds, empty, fps
+    detections, empty, fps
         See `core.keypoints.people.find_people`.
-    wanted : sequence of Wanted
+    clues : sequence of PerformerClues
         Per performer.
 
     Returns
@@ -102,47 +102,50 @@ def assign_detections(
     KeypointError
         There is no person of a number that was chosen, or two performers were said to be one.
     """
-    tracks = [track for v, found in enumerate(founds) for track in detection_tracks(empty.names, found, v, fps)]
-    if len(wanted) == 1 and all(len(np.unique(found.frames)) == len(found.frames) for found in founds):
-        return [_filled(founds, empty, tracks)], [Identity(1, 1, "nobody else")]
-    people = find_people(founds, empty, tracks, fps)
-    persons, reasons = _matched(founds, empty.names, people, wanted)
-    every = detections_of(founds, empty, people, fps)
+    tracks = [track for v, found in enumerate(detections) for track in detection_tracks(empty.names, found, v, fps)]
+    if len(clues) == 1 and all(len(np.unique(found.frames)) == len(found.frames) for found in detections):
+        return [_filled(detections, empty, tracks)], [Identity(1, 1, "nobody else")]
+    people = find_people(detections, empty, tracks, fps)
+    persons, reasons = _matched(detections, empty.names, people, clues)
+    every = detections_of(detections, empty, people, fps)
     owned: list[list[Track]] = []
     taken = {(t.view, int(row)) for own in every for t in own for row in t.rows}
     free = [t for t in tracks if not any((t.view, int(row)) in taken for row in t.rows)]
-    for person, performer in zip(persons, wanted, strict=True):
-        own = every[person] if person is not None else _by_key_poses(founds, empty, free, performer.places)
+    for person, performer in zip(persons, clues, strict=True):
+        own = every[person] if person is not None else _by_key_poses(detections, empty, free, performer.places)
         owned.append(own)
         free = [t for t in free if not any(t is mine for mine in own)]
-    found = [_filled(founds, empty, own) for own in owned]
+    found = [_filled(detections, empty, own) for own in owned]
     numbers = [None if person is None else person + 1 for person in persons]
     return found, [Identity(number, len(people), reason) for number, reason in zip(numbers, reasons, strict=True)]
 
 
 def _matched(
-    founds: Sequence[ViewDetections], names: Sequence[str], people: Sequence[Person], wanted: Sequence[Wanted]
+    detections: Sequence[ViewDetections],
+    names: Sequence[str],
+    people: Sequence[Person],
+    clues: Sequence[PerformerClues],
 ) -> tuple[list[int | None], list[Reason]]:
     """Which of the people every performer is, and why."""
-    persons: list[int | None] = [None] * len(wanted)
-    reasons: list[Reason] = ["order of appearance"] * len(wanted)
-    for i, performer in enumerate(wanted):
+    persons: list[int | None] = [None] * len(clues)
+    reasons: list[Reason] = ["order of appearance"] * len(clues)
+    for i, performer in enumerate(clues):
         if performer.person is not None:
             persons[i], reasons[i] = _chosen(performer.name, performer.person, len(people), persons), "number"
-    posed = [i for i, performer in enumerate(wanted) if persons[i] is None and performer.is_posed]
+    posed = [i for i, performer in enumerate(clues) if persons[i] is None and performer.is_posed]
     left = [p for p in range(len(people)) if p not in persons]
     cost = np.full((len(posed), len(left)), np.inf)
     for row, i in enumerate(posed):
-        places = wanted[i].places
+        places = clues[i].places
         assert places is not None
-        reasons[i] = "order of appearance" if wanted[i].proposed else "key poses"
+        reasons[i] = "order of appearance" if clues[i].proposed else "key poses"
         cost[row] = [distance_to(people[p], without_sides(names, places)[1]) for p in left]
     for row, column in zip(*scipy.optimize.linear_sum_assignment(np.minimum(cost, 1e3)), strict=True):
         if cost[row, column] < SAME:
             persons[posed[row]] = left[column]
-    nobody = [i for i in range(len(wanted)) if persons[i] is None and i not in posed]
+    nobody = [i for i in range(len(clues)) if persons[i] is None and i not in posed]
     left = [p for p in range(len(people)) if p not in persons]
-    largest = sorted(left, key=lambda p: -prominence(founds, people[p]))[: len(nobody)]
+    largest = sorted(left, key=lambda p: -prominence(detections, people[p]))[: len(nobody)]
     for i, person in zip(nobody, sorted(largest), strict=False):
         persons[i] = person
     return persons, reasons
@@ -165,7 +168,7 @@ def _chosen(name: str, number: int, count: int, taken: Sequence[int | None]) -> 
 
 
 def _by_key_poses(
-    founds: Sequence[ViewDetections], empty: Keypoints, free: Sequence[Track], known: Array | None
+    detections: Sequence[ViewDetections], empty: Keypoints, free: Sequence[Track], known: Array | None
 ) -> list[Track]:
     """The tracks that key poses lie on, and those that lie where these are; without key poses the longest of one
     view.
@@ -173,15 +176,15 @@ def _by_key_poses(
     if known is None or not np.isfinite(known).any():
         one_view = len({track.view for track in free}) == 1
         return [max(free, key=lambda track: len(track.frames))] if one_view else []
-    own = [t for t in free if _distance(founds, empty, t, known) < NEAR]
+    own = [t for t in free if _distance(detections, empty, t, known) < NEAR]
     while True:
-        places = _places(founds, empty, own, known)
+        places = _places(detections, empty, own, known)
         offers = [
             (distance, k)
             for k, track in enumerate(free)
             if not any(track is t for t in own)
             and not _doubled(own, track)
-            and (distance := _distance(founds, empty, track, places)) < NEAR
+            and (distance := _distance(detections, empty, track, places)) < NEAR
         ]
         if not offers:
             return own
@@ -193,9 +196,9 @@ def _doubled(owned: Sequence[Track], track: Track) -> bool:
     return any(own.view == track.view and np.intersect1d(own.frames, track.frames).size for own in owned)
 
 
-def _distance(founds: Sequence[ViewDetections], empty: Keypoints, track: Track, places: Array) -> float:
+def _distance(detections: Sequence[ViewDetections], empty: Keypoints, track: Track, places: Array) -> float:
     """Median distance of a track's keypoints from known places, whichever side is which, metres."""
-    one = _filled(founds, empty, [track])
+    one = _filled(detections, empty, [track])
     sizes = [np.linalg.norm(k.residuals(places), axis=-1)[track.view] for k in (one, swap_sides(one))]
     by_frame = [
         [float(np.median(row[np.isfinite(row)])) for row in size[track.frames] if np.isfinite(row).any()]
@@ -204,18 +207,20 @@ def _distance(founds: Sequence[ViewDetections], empty: Keypoints, track: Track, 
     return float(np.median(np.min(by_frame, axis=0))) if by_frame[0] else np.inf
 
 
-def _places(founds: Sequence[ViewDetections], empty: Keypoints, owned: Sequence[Track], known: Array | None) -> Array:
+def _places(
+    detections: Sequence[ViewDetections], empty: Keypoints, owned: Sequence[Track], known: Array | None
+) -> Array:
     """Where a performer is known to be: by triangulation, else by key poses and, near in time, by either."""
-    points, _ = triangulate(_filled(founds, empty, owned))
+    points, _ = triangulate(_filled(detections, empty, owned))
     if known is not None:
         points = np.where(np.isfinite(points), points, known)
     return points
 
 
-def _filled(founds: Sequence[ViewDetections], empty: Keypoints, tracks: Sequence[Track]) -> Keypoints:
+def _filled(detections: Sequence[ViewDetections], empty: Keypoints, tracks: Sequence[Track]) -> Keypoints:
     """The keypoints of some tracks."""
     rays, confidence = empty.rays.copy(), empty.confidence.copy()
     for track in tracks:
-        rays[track.view, track.frames] = founds[track.view].rays[track.rows]
-        confidence[track.view, track.frames] = founds[track.view].confidence[track.rows]
+        rays[track.view, track.frames] = detections[track.view].rays[track.rows]
+        confidence[track.view, track.frames] = detections[track.view].confidence[track.rows]
     return Keypoints(empty.names, rays, confidence, empty.R_cam_world, empty.t_cam_world)

@@ -17,7 +17,7 @@ from ..shot.acceleration_prior import acceleration_precision
 from ..shot.detections import Detections
 from ..shot.footage import footage_delay, footage_index
 from ..shot.shot import Performer, Settings, Shot, View
-from .assignment import Identity, Wanted, assign_detections
+from .assignment import Identity, PerformerClues, assign_detections
 from .first_pass import first_pass
 from .keypoint_factor import KeypointFactor, Keypoints, Places, has_keypoint
 from .seen_landmarks import habit_precision, usual_turns, without_guesses
@@ -170,8 +170,10 @@ def identified_keypoints(shot: Shot, detections: Sequence[Detections]) -> tuple[
         np.stack([t for _, t in poses]),
     )
     founds = [on_shot_frames(view, found, names, shot) for view, found in zip(shot.views, detections, strict=True)]
-    wanted = [Wanted(p.name, _key_places(p, names, F), p.person, not p.key_poses.fixed.any()) for p in shot.performers]
-    owned, identities = assign_detections(founds, empty, wanted, shot.fps)
+    clues = [
+        PerformerClues(p.name, _key_places(p, names, F), p.person, not p.key_poses.fixed.any()) for p in shot.performers
+    ]
+    owned, identities = assign_detections(founds, empty, clues, shot.fps)
     delays = [footage_delay(view) for view in shot.views]
     return [without_guesses(on_time(keypoints, delays)) for keypoints in owned], identities
 

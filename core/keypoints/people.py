@@ -59,7 +59,7 @@ class Person:
 
 
 def find_people(
-    founds: Sequence[ViewDetections], empty: Keypoints, tracks: Sequence[Track], fps: float
+    detections: Sequence[ViewDetections], empty: Keypoints, tracks: Sequence[Track], fps: float
 ) -> list[Person]:
     """Group tracks by person, in the order in which people appear.
 
@@ -68,7 +68,7 @@ def find_people(
 
     Parameters
     ----------
-    founds : sequence of ViewDetections
+    detections : sequence of ViewDetections
         Per view.
     empty : Keypoints
         On F frames, without a keypoint: the names and the cameras.
@@ -80,7 +80,7 @@ def find_people(
     list of Person
         Those whom two views show for `LEAST` seconds.
     """
-    scene = _Scene.of(founds, empty)
+    scene = _Scene.of(detections, empty)
     rays, together = [scene.directions(track) for track in tracks], _overlapping(tracks)
     seeds = sorted(
         (
@@ -102,13 +102,13 @@ def find_people(
     return sorted(people, key=lambda person: _appearance(scene, person, fps))
 
 
-def prominence(founds: Sequence[ViewDetections], person: Person) -> float:
+def prominence(detections: Sequence[ViewDetections], person: Person) -> float:
     """How much of the pictures a person takes up: its sizes, as seen at a distance of one, over the frames of the
     median view. Somebody who is close to one camera alone does not take up much.
     """
-    sizes = np.zeros(len(founds))
+    sizes = np.zeros(len(detections))
     for track in person.tracks:
-        rays = _seen(founds[track.view].rays[track.rows])
+        rays = _seen(detections[track.view].rays[track.rows])
         sizes[track.view] += np.linalg.norm(np.nanmax(rays, axis=1) - np.nanmin(rays, axis=1), axis=1).sum()
     return float(np.median(sizes))
 
@@ -121,16 +121,16 @@ def distance_to(person: Person, places: Array) -> float:
 
 
 def detections_of(
-    founds: Sequence[ViewDetections], empty: Keypoints, people: Sequence[Person], fps: float
+    detections: Sequence[ViewDetections], empty: Keypoints, people: Sequence[Person], fps: float
 ) -> list[list[Track]]:
     """The detections of every person, frame by frame: those nearest to where the others' views put it.
 
     Tracks may go over from one person to another where they meet; where a person is known each frame is judged alone.
     """
-    scene = _Scene.of(founds, empty)
+    scene = _Scene.of(detections, empty)
     places = [_filled_in(person.places, round(GAP * fps)) for person in people]
     owned: list[list[Track]] = [[] for _ in people]
-    for v, found in enumerate(founds):
+    for v, found in enumerate(detections):
         rows_of = np.full((len(people), len(empty)), -1)
         for p, person in enumerate(people):
             for track in person.tracks:
@@ -161,11 +161,11 @@ class _Scene:
     points: tuple[Array, ...]
 
     @classmethod
-    def of(cls, founds: Sequence[ViewDetections], empty: Keypoints) -> _Scene:
+    def of(cls, detections: Sequence[ViewDetections], empty: Keypoints) -> _Scene:
         names, _ = without_sides(empty.names, np.zeros((0, len(empty.names), 2)))
         V, F = empty.confidence.shape[:2]
         rays, confidence = np.full((V, F, len(names), 2), np.nan), np.zeros((V, F, len(names)))
-        middles = tuple(without_sides(empty.names, found.rays)[1] for found in founds)
+        middles = tuple(without_sides(empty.names, found.rays)[1] for found in detections)
         return cls(Keypoints(names, rays, confidence, empty.R_cam_world, empty.t_cam_world), middles)
 
     def keypoints(self, tracks: Sequence[Track]) -> Keypoints:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...core.body.skeleton_motion import SkeletonMotion
 from ...core.errors import BodyError
-from ...core.numerics.arrays import Bools
+from ...core.numerics.arrays import Array, Bools
 from ...core.retargeting.bone_matching import described, match_bones, preset_of
 from ...core.retargeting.control_rig import ControlRig, RigPoses, local_places, local_turns
 from ...core.retargeting.retarget import Retargeted, limb_changes, plant_intervals, prepared, retarget
@@ -128,25 +128,99 @@ def send_to_rig(
         The source or the armature is no human's, or cannot do what is asked for; names the bone.
     """
     started = time.perf_counter()
-    given = source
-    source, of_source = prepared(source, options.source_bones)
-    where = f"armature {armature.name}"
+    upright, of_source = prepared(source, options.source_bones)
     bones = options.bones or target_bones(armature, options.preset)
-    bones.checked([bone.name for bone in armature.data.bones], where)
-    preset = preset_of(bones)
+    bones.checked([bone.name for bone in armature.data.bones], f"armature {armature.name}")
     asked = options.retarget
     if options.live is not None:
-        _refuse_lying(given, source)
-        refuse_inverse_kinematics(bones.preset, preset.ik)
+        _refuse_lying(source, upright)
+        refuse_inverse_kinematics(bones.preset, preset_of(bones).ik)
         asked = replace(asked, feet="off", hands=False)
     stop_following(armature)
+    sent = _on_controls(armature, bones, (upright, of_source), asked, options.planted)
+    frames = frame_start + np.arange(len(upright))
+    if options.live is not None:
+        link = (upright, of_source, options.live)
+        follow(scene, armature, sent.rig, link, placement=sent.result.placement, root=asked.root)
+        remember(armature, sent.holds, sent.settings)
+        keys = 0
+    else:
+        channels = [*sent.channels, *(_hold_channel(*hold) for hold in sent.holds)]
+        keys = write_channels(armature, channels, frames, f"{armature.name} {upright.name}", options.curves)
+    errors = measured_errors(
+        scene,
+        armature,
+        sent.rig,
+        sent.result.poses,
+        shown=sent.shown,
+        at_rest=sent.standing,
+        frames=frames,
+        sample=np.unique(np.linspace(0, len(frames) - 1, _SAMPLE).astype(int)),
+    )
+    where_held = "now" if options.live is not None else "in the new action"
+    without_influence = (
+        f"bone {name}: its constraint '{hold}' has no influence {where_held}" for name, hold in sent.holds
+    )
+    return {
+        **_report(upright, of_source, armature, bones=sent.bones, rig=sent.rig, result=sent.result),
+        "error": errors,
+        "keys": keys,
+        "frames": [int(frames[0]), int(frames[-1])],
+        "warnings": [*without_influence, *_warnings(sent.unsteady, errors)],
+        "seconds": round(time.perf_counter() - started, 3),
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class _Sent:
+    """A motion as the controls of a rig carry it.
+
+    Attributes
+    ----------
+    bones : BoneMap
+        The controls, where the rig's bones follow some.
+    rig : ControlRig
+    unsteady : tuple of str
+        Controls that follow another one only in part.
+    shown : list of str
+        The bones that show what each of the rig's controls has done.
+    standing : tuple of ndarray
+        Their orientations and heads in the world at rest.
+    result : Retargeted
+    channels : list of ControlChannel
+    holds, settings : dict
+        What the influence of constraints, and settings of the rig, were: by bone and name.
+    """
+
+    bones: BoneMap
+    rig: ControlRig
+    unsteady: tuple[str, ...]
+    shown: list[str]
+    standing: tuple[Array, Array]
+    result: Retargeted
+    channels: list[ControlChannel]
+    holds: dict[tuple[str, str], float]
+    settings: dict[tuple[str, str], Any]
+
+
+def _on_controls(
+    armature: bpy.types.Object,
+    bones: BoneMap,
+    motion: tuple[SkeletonMotion, BoneMap],
+    asked: RetargetOptions,
+    planted: Mapping[str, Bools] | None,
+) -> _Sent:
+    """Bring a motion, with the roles of its bones, to a rig's controls; constraints and settings are in its way no
+    longer, unless there is an error.
+    """
+    source, of_source = motion
+    preset = preset_of(bones)
     controls = FkControls({}, {})
     if not preset.settings:
         bones, controls = through_controls(armature, bones)
     follows = {**preset.follows, **{control: bone for bone, control in controls.by_bone.items()}}
     used = _used(bones, of_source, asked)
     names = used.names()
-    frames = frame_start + np.arange(len(source))
     ik = [name for limb in preset.ik for name in (limb.control, limb.pole) if name in armature.pose.bones]
     held = () if preset.settings else names  # the limbs of a rig with settings are switched by these
     with (
@@ -158,32 +232,11 @@ def send_to_rig(
         rig = reading.rig
         shown = [shown_bone(armature, follows, name) for name in rig.rest.names]
         standing = world_matrices(armature, shown)
-        result = retarget(source, of_source, rig, asked, options.planted)
+        result = retarget(source, of_source, rig, asked, planted)
         channels = control_channels(armature, rig, result.poses, ik_roles(rig, preset))
         channels += ik_channels(armature, rig, result.poses, preset)
         channels += [_setting_channel(armature, *setting) for setting in settings]  # here: keys may set them otherwise
-    if options.live is not None:
-        link = (source, of_source, options.live)
-        follow(scene, armature, rig, link, placement=result.placement, root=asked.root)
-        remember(armature, holds, settings)
-        keys = 0
-    else:
-        channels += [_hold_channel(*hold) for hold in holds]
-        keys = write_channels(armature, channels, frames, f"{armature.name} {source.name}", options.curves)
-    sample = np.unique(np.linspace(0, len(frames) - 1, _SAMPLE).astype(int))
-    errors = measured_errors(
-        scene, armature, rig, result.poses, shown=shown, at_rest=standing, frames=frames, sample=sample
-    )
-    report = _report(source, of_source, armature, bones=bones, rig=rig, result=result)
-    report["error"] = errors
-    report["keys"], report["frames"] = keys, [int(frames[0]), int(frames[-1])]
-    where_held = "now" if options.live is not None else "in the new action"
-    report["warnings"] = [
-        *(f"bone {name}: its constraint '{hold}' has no influence {where_held}" for name, hold in holds),
-        *_warnings(reading.unsteady, errors),
-    ]
-    report["seconds"] = round(time.perf_counter() - started, 3)
-    return report
+    return _Sent(bones, rig, reading.unsteady, shown, standing, result, channels, holds, settings)
 
 
 def _refuse_lying(given: SkeletonMotion, upright: SkeletonMotion) -> None:

@@ -11,7 +11,7 @@ import pytest
 from kfmocap.core.calibration.ball_centres import centres_of
 from kfmocap.core.calibration.ball_detection import Balls, Picture, background_of, find_balls, without_rods
 from kfmocap.core.calibration.lframe_detection import FOCALS, LFrameModel, identified, standing
-from kfmocap.core.calibration.wand_detection import Pairs, told_apart, wand_path
+from kfmocap.core.calibration.wand_detection import Pairs, swapped_ends, wand_path
 from kfmocap.core.capture.colours import parsed
 from kfmocap.core.errors import CalibrationError
 from render.drawing import GAMMA, Ball, Canvas, Rod, outline
@@ -285,7 +285,7 @@ def test_ends_of_one_colour_keep_their_places_through_gaps_and_crossings():
     mixed, flips = points.copy(), np.random.default_rng(0).random(150) < 0.5
     mixed[flips] = mixed[flips][:, ::-1]
     mixed[60:64] = np.nan
-    swapped = told_apart(mixed, np.full(150, 6.0))
+    swapped = swapped_ends(mixed, np.full(150, 6.0))
     mixed[swapped] = mixed[swapped][:, ::-1]
     sure = np.isfinite(mixed[:, 0, 0]) & (np.linalg.norm(way, axis=1) > 8)
     np.testing.assert_array_equal(mixed[sure], points[sure])

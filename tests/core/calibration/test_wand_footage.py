@@ -107,7 +107,7 @@ def test_views_that_do_not_tell_the_lframe_alone_tell_it_together(sightings):
     solution = solve_capture(found.capture())
     for camera in SMALL:
         assert np.linalg.norm(solution.cameras[camera.name].centre_world() - camera.centre_world()) < 0.05
-    again = found.told_lframes(solution)
+    again = found.with_lframes_identified(solution)
     assert again.without_lframe() == ()
     for view, true in zip(again.views, truth, strict=True):
         np.testing.assert_allclose(view.lframe.markers.points[0], true, atol=0.7)

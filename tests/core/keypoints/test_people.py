@@ -9,7 +9,7 @@ import pytest
 from keypoint_shots import NAMES, cameras, keypoints_of, seen_places, strolling
 from kfmocap.core.body import human
 from kfmocap.core.errors import KeypointError
-from kfmocap.core.keypoints.assignment import Identity, Wanted, assign_detections
+from kfmocap.core.keypoints.assignment import Identity, PerformerClues, assign_detections
 from kfmocap.core.keypoints.keypoint_factor import Keypoints
 from kfmocap.core.keypoints.left_right import swap_sides
 from kfmocap.core.keypoints.tracks import ViewDetections, detection_tracks
@@ -49,7 +49,7 @@ class Scene:
             NAMES, np.full_like(one.rays, np.nan), np.zeros_like(one.confidence), one.R_cam_world, one.t_cam_world
         )
 
-    def assigned(self, *wanted: Wanted) -> tuple[list[Keypoints], list[Identity]]:
+    def assigned(self, *wanted: PerformerClues) -> tuple[list[Keypoints], list[Identity]]:
         return assign_detections(self.founds, self.empty, wanted, FPS)
 
     def shares(self, keypoints: Keypoints) -> Array:
@@ -70,7 +70,7 @@ class Scene:
 def test_people_in_one_list_are_told_apart_without_key_poses(views: int) -> None:
     """The cameras are equally high: rays of two people meet as well as those of one, but not at a body's size."""
     scene = Scene((MAN, WOMAN), views)
-    found, identities = scene.assigned(Wanted("a"), Wanted("b"))
+    found, identities = scene.assigned(PerformerClues("a"), PerformerClues("b"))
     shares = np.array([scene.shares(keypoints) for keypoints in found])[:, :2]
     assert sorted(shares.argmax(axis=1)) == [0, 1]
     assert (shares.max(axis=1) > 0.95).all() and (shares.min(axis=1) == 0).all()
@@ -82,8 +82,8 @@ def test_people_in_one_list_are_told_apart_without_key_poses(views: int) -> None
 
 def test_who_is_whose_number_is_chosen_first() -> None:
     scene = Scene((MAN, WOMAN))
-    first = scene.assigned(Wanted("a"), Wanted("b"))[0][0]
-    exchanged, identities = scene.assigned(Wanted("a", person=2), Wanted("b"))
+    first = scene.assigned(PerformerClues("a"), PerformerClues("b"))[0][0]
+    exchanged, identities = scene.assigned(PerformerClues("a", person=2), PerformerClues("b"))
     assert scene.shares(first).argmax() == scene.shares(exchanged[1]).argmax()
     assert [(i.person, i.reason) for i in identities] == [(2, "number"), (1, "order of appearance")]
 
@@ -93,7 +93,7 @@ def test_who_is_whose_number_is_chosen_first() -> None:
 )
 def test_a_number_that_nobody_has_or_two_claim_is_refused(numbers: tuple[int | None, ...], message: str) -> None:
     with pytest.raises(KeypointError, match=message):
-        Scene((MAN, WOMAN)).assigned(*(Wanted(name, person=n) for name, n in zip("ab", numbers, strict=True)))
+        Scene((MAN, WOMAN)).assigned(*(PerformerClues(name, person=n) for name, n in zip("ab", numbers, strict=True)))
 
 
 def test_key_poses_say_who_a_performer_is() -> None:
@@ -104,14 +104,14 @@ def test_key_poses_say_who_a_performer_is() -> None:
             known = np.full_like(scene.points[person], np.nan)
             known[4] = scene.points[person][4]
             places.append(known)
-        found, identities = scene.assigned(*(Wanted(n, known) for n, known in zip("ab", places, strict=True)))
+        found, identities = scene.assigned(*(PerformerClues(n, known) for n, known in zip("ab", places, strict=True)))
         assert [scene.shares(keypoints).argmax() for keypoints in found] == list(order)
         assert {identity.reason for identity in identities} == {"key poses"}
 
 
 def test_a_bystander_at_the_back_is_counted_and_is_nobody() -> None:
     scene = Scene((MAN, WOMAN, BYSTANDER))
-    found, identities = scene.assigned(Wanted("a"), Wanted("b"))
+    found, identities = scene.assigned(PerformerClues("a"), PerformerClues("b"))
     shares = np.array([scene.shares(keypoints) for keypoints in found])
     assert (shares[:, BYSTANDER] == 0).all() and (shares[:, :2].max(axis=1) > 0.95).all()
     assert {identity.people for identity in identities} == {3}

@@ -14,7 +14,7 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.errors import KFMocapError
 from kfmocap.core.formats import save_cameras, write_trc
 from kfmocap.core.formats.keypoint_files import read_shot_keypoints
-from kfmocap.core.keypoints.assignment import Wanted, assign_detections
+from kfmocap.core.keypoints.assignment import PerformerClues, assign_detections
 from kfmocap.core.keypoints.keypoint_factor import Keypoints
 from kfmocap.core.keypoints.observations import fit_keypoints, image_rays, performer_keypoints
 from kfmocap.core.keypoints.tracks import ViewDetections, detection_tracks
@@ -123,7 +123,7 @@ def test_a_view_without_people_gives_nothing() -> None:
     empty = replace(empty, rays=np.full_like(empty.rays, np.nan), confidence=np.zeros_like(empty.confidence))
     nobody = ViewDetections(np.zeros(0, int), np.zeros((0, len(NAMES), 2)), np.zeros((0, len(NAMES))), np.zeros(0, int))
     for count in (1, 2):
-        found, _ = assign_detections([nobody], empty, [Wanted("man")] * count, FPS)
+        found, _ = assign_detections([nobody], empty, [PerformerClues("man")] * count, FPS)
         assert len(found) == count and not any(k.confidence.any() for k in found)
 
 
