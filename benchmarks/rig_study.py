@@ -122,7 +122,7 @@ def mesh_on_frames(skin: bpy.types.Object) -> Array:
 
 
 def keep_keys(armature: bpy.types.Object, every: int) -> None:
-    """Of keys on all frames leave those that an animator would set: every so many frames, Bezier."""
+    """Keep only those keys, of one on every frame, that an animator would set: every so many frames, Bezier."""
     first = bpy.context.scene.frame_start
     for curve in fcurves.find_channelbag(armature).fcurves:
         keys = fcurves.get_keys(curve)

@@ -33,7 +33,7 @@ class Row:
 
     @property
     def solvers(self) -> tuple[str, ...]:
-        """Those that use all that the row gives."""
+        """The solvers that use all that the row gives."""
         return SOLVERS[:1] if self.keypoints else SOLVERS
 
 

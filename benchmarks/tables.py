@@ -139,7 +139,7 @@ def _side_by_side(left: Sequence[Row], right: Sequence[Row]) -> Iterator[tuple[R
 
 
 def defaults(results: Sequence[Result]) -> list[Result]:
-    """Those with the default settings."""
+    """The results with the default settings."""
     return [result for result in results if result["sweeps"] is None]
 
 

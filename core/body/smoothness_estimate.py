@@ -67,11 +67,11 @@ class AccelerationVariances:
 
     @classmethod
     def constant(cls, typical: Array, count: int) -> AccelerationVariances:
-        """The same on all of `count` frames."""
+        """Variances that are the same on all of `count` frames."""
         return cls(typical, np.repeat(typical[None], count, axis=0))
 
     def with_given(self, given: AccelerationVariances, groups: Bools) -> AccelerationVariances:
-        """Those of some groups, bool (G,), replaced by others."""
+        """These variances with those of some groups, bool (G,), taken from others."""
         return AccelerationVariances(
             np.where(groups, given.typical, self.typical), np.where(groups, given.local, self.local)
         )

@@ -82,7 +82,7 @@ class BallObservations:
         return cls(camera, ball, frame, uv, sigma, np.concatenate(longer))
 
     def take(self, chosen: NDArray[Any]) -> BallObservations:
-        """Some of them."""
+        """Some of the observations."""
         longer = None if self.elongation is None else self.elongation[chosen]
         camera, ball, frame, uv, sigma = (x[chosen] for x in (self.camera, self.ball, self.frame, self.uv, self.sigma))
         return BallObservations(camera, ball, frame, uv, sigma, longer)

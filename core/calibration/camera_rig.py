@@ -192,7 +192,7 @@ class Wand:
         return replace(self, middle=scale * self.middle, length=scale * self.length)
 
     def take(self, chosen: NDArray[Any]) -> Wand:
-        """Some of its frames."""
+        """The wand on some of its frames."""
         return Wand(self.frames[chosen], self.middle[chosen], self.direction[chosen], self.length)
 
 
@@ -257,7 +257,7 @@ class Stencil:
 
 
 def _runs(frames: Ints) -> tuple[Ints, Ints]:
-    """Of each frame, the first index of its run of consecutive frames and the index after the last."""
+    """For each frame, the first index of its run of consecutive frames and the index after the last."""
     cuts = np.flatnonzero(np.diff(frames) != 1) + 1
     edges = np.concatenate([[0], cuts, [len(frames)]])
     run = np.repeat(np.arange(len(edges) - 1), np.diff(edges))

@@ -52,12 +52,12 @@ class Clocks:
 
     @classmethod
     def of(cls, rig: Rig, sigma: Array) -> Clocks:
-        """Those of cameras whose unknowns have the standard deviations sigma, shape (C, 13)."""
+        """The clocks of cameras whose unknowns have the standard deviations sigma, shape (C, 13)."""
         return cls(rig.names, rig.offset, rig.drift, sigma[:, OFFSET], sigma[:, DRIFT])
 
     @property
     def lines(self) -> list[str]:
-        """One a camera, the offset as a shot file's [[view]] takes it."""
+        """One line per camera, with the offset as a shot file's [[view]] takes it."""
         return [
             f"{name}: offset = {offset:.4f}"
             + (f" (standard deviation {spread:.4f} frames)" if spread else "")

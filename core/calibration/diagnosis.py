@@ -104,7 +104,7 @@ def unsolved(names: Sequence[str], links: Sequence[Link]) -> Finding:
 
 
 def _groups(count: int, pairs: Sequence[tuple[int, int]]) -> list[int]:
-    """Of each view the group that it is joined to by pairs."""
+    """The group to which pairs join each view."""
     group = list(range(count))
     for i, j in pairs:
         group = [group[i] if g == group[j] else g for g in group]

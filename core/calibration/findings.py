@@ -34,7 +34,7 @@ class Finding:
         return f"{self.name}: {place}{self.what} ({self.todo})"
 
     def error(self) -> CaptureError:
-        """The same as a refusal."""
+        """The error that refuses a capture for this."""
         return CaptureError(f"{self.name}: {self.what}", name=self.name, where=self.where, todo=self.todo)
 
 

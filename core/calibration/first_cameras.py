@@ -285,7 +285,7 @@ def _resected(
     length: float,
     cancel: Cancel,
 ) -> Rig | None:
-    """One more camera, as a rig of one, from the wand that the others see."""
+    """One more camera, as a rig of one, resected from the wand that the others see."""
     assert link.geometry is not None
     sighting = sight(rig.take(known), tracks.views(known), length, _TIGHT)
     usable = sighting.known & tracks.seen[new].all(axis=1)

@@ -167,7 +167,7 @@ def _as_spheres(balls: Balls, size: tuple[int, int]) -> Balls:
 
 
 def spread_out(path: Path, most: int = _PICTURES) -> Iterator[NDArray[np.uint8]]:
-    """Some frames from all over a video."""
+    """A few frames spread over a video."""
     return islice(islice(pictures(path), 0, None, max(1, probe(path).count // most)), most)
 
 

@@ -240,7 +240,7 @@ def _sizes(scene: JointScene, seen: JointSightings) -> Array:
 
 
 def _noise(sizes: Array, seen: JointSightings) -> Array:
-    """Of each view: the same share of how large the performer is in its pictures.
+    """Noise of each view, pixels: the same share of how large the performer is in its pictures.
 
     If each view had a noise of its own, the others would be fitted to two of them, which then seem to have none.
     """

@@ -22,7 +22,7 @@ USUAL_CORRELATION = 9.0
 
 @dataclass(frozen=True, eq=False)
 class PerformerView:
-    """One camera's part.
+    """One camera's footage and keypoints of a performer.
 
     Attributes
     ----------

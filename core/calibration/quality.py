@@ -73,7 +73,7 @@ def depths(solution: CalibrationResult) -> Array:
 
 
 def _state(solution: CalibrationResult) -> NDArray[np.int64]:
-    """Of each ball seen, the index of the wand's nearest frame."""
+    """For each ball seen, the index of the wand's nearest frame."""
     frames, seen = solution.wand.frames, solution.seen
     times = np.floor(solution.rig.times(seen.camera, seen.frame) + 0.5)
     return np.asarray(np.clip(np.searchsorted(frames, times), 0, len(frames) - 1))

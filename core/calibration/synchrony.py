@@ -47,7 +47,7 @@ class Synchrony:
         return synchronised(self.wands, rig.rate * (1 + rig.drift), rig.offset)
 
     def turned(self, views: Sequence[int]) -> Synchrony:
-        """The same with the wand's ends in the other order in some views."""
+        """The capture with the wand's ends in the other order in some views."""
         wands = list(self.wands)
         for v in views:
             wands[v] = replace(wands[v], points=wands[v].points[:, ::-1], sigma=wands[v].sigma[:, ::-1])

@@ -153,7 +153,7 @@ class _FoundBalls:
     outlined: int
 
     def measured(self, picture: Picture, which: NDArray[np.int64], others: Array) -> tuple[Balls, NDArray[np.bool_]]:
-        """Some of them without what a rod to the other end may hide, and which are balls indeed."""
+        """Some of the balls, measured without what a rod to the other end may hide, and which of them are balls."""
         chosen, own = self.balls[which], which < self.outlined
         balls, good = without_rods(picture, chosen[own], others[own, None])
         order = np.argsort(np.concatenate([np.flatnonzero(own), np.flatnonzero(~own)]))

@@ -35,7 +35,7 @@ class Matches:
     aside: Array
 
     def observations(self, view: int, markers: Markers) -> BallObservations:
-        """The same for the adjustment."""
+        """The matched balls as the adjustment takes them."""
         at = markers.frames[self.row].astype(float)
         points, sigma = markers.points[self.row, self.ball], markers.sigma[self.row, self.ball]
         longer = None if markers.elongation is None else markers.elongation[self.row, self.ball]

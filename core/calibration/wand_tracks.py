@@ -54,11 +54,11 @@ class Tracks:
         return np.asarray(np.isfinite(self.points).all(axis=-1))
 
     def take(self, frames: NDArray[Any]) -> Tracks:
-        """Some of the frames."""
+        """The tracks on some of the frames."""
         return Tracks(self.frames[frames], self.points[:, frames], self.sigma[:, frames])
 
     def views(self, chosen: Sequence[int]) -> Tracks:
-        """Some of the views."""
+        """The tracks of some of the views."""
         return replace(self, points=self.points[list(chosen)], sigma=self.sigma[list(chosen)])
 
 

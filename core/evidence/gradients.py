@@ -92,7 +92,7 @@ class Pixels:
 
     @classmethod
     def of(cls, labels: LabelImages, camera: Camera, stride: int, frames: int) -> Pixels:
-        """Of the first label images, which have every stride-th pixel of the camera's frames."""
+        """The pixels of the first label images, which have every stride-th pixel of the camera's frames."""
         P = labels.share.shape[1]
         ends = labels.ends[: frames * P + 1]
         frame, u, v = (a[: ends[-1]] for a in labels.places)
@@ -218,7 +218,7 @@ class PixelGains:
         foreground: NDArray[np.uint8] | None,
         noise: Array,
     ) -> PixelGains:
-        """Of the parts that label images show; parameters as of `brightness_constancy`."""
+        """The gains of the parts that label images show; parameters as of `brightness_constancy`."""
         compared = _compared(camera, images, labels, poses, first=first, stride=stride, foreground=foreground)
         pixels, deviation = compared.pixels, tolerance * np.maximum(noise, _LEAST_NOISE)
         limits = deviation[pixels.frame].astype(np.float32)

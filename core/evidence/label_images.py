@@ -91,7 +91,7 @@ class Geometry:
         )
 
     def subset(self, parts: Sequence[int]) -> Geometry:
-        """Some of the parts alone, in that order."""
+        """A geometry of some of the parts alone, in that order."""
         vertices = [self.vertices[self.spans[part]] for part in parts]
         planes = [self.planes[self.face_owner == part] for part in parts]
         return Geometry.joined(vertices, planes, self.performer[list(parts)])

@@ -53,7 +53,7 @@ class PartSides:
 
     @classmethod
     def of(cls, part: Part) -> PartSides:
-        """Those of a part's polyhedron."""
+        """The sides of a part's polyhedron."""
         length = float(np.linalg.norm(part.tail_world - part.head_world))
         angle = 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
         across = np.stack([np.cos(angle), np.zeros(DIRECTIONS), np.sin(angle)], axis=1)
@@ -120,7 +120,7 @@ class SlopeImages:
 
     @classmethod
     def of(cls, camera: Camera, first: int, grey: NDArray[np.uint8], origin: tuple[int, int] = (0, 0)) -> SlopeImages:
-        """Those of windows of frames of 8 bits (F, h, w) that begin at a pixel (u, v)."""
+        """The slopes of windows of frames of 8 bits (F, h, w) that begin at a pixel (u, v)."""
         slopes = np.empty((*grey.shape, 2), np.uint8)
         for each, out in zip(smoothed_slopes(grey, _SMOOTHING), slopes, strict=True):
             cut = (cv2.max(values, -_ZERO / (255 * _SCALE)) for values in each)

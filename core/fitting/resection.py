@@ -96,12 +96,12 @@ class CameraState:
         return CAMERA * view + np.arange(CAMERA)
 
     def shape_columns(self) -> Columns:
-        """Of all parts, shape (P, 6)."""
+        """Columns of the shapes of all parts, shape (P, 6)."""
         first, P = CAMERA * len(self.cameras), len(self.geometry.spans)
         return first + np.arange(_SHAPE * P).reshape(P, _SHAPE)
 
     def pose_columns(self) -> list[Columns]:
-        """Of every performer, shape (K, D)."""
+        """Columns of the key poses of every performer, shape (K, D)."""
         first = CAMERA * len(self.cameras) + _SHAPE * len(self.geometry.spans)
         ends = first + np.cumsum([0] + [self.frames * body.dof for body in self.bodies])
         return [np.arange(a, b).reshape(self.frames, -1) for a, b in pairwise(ends.tolist())]

@@ -288,7 +288,7 @@ class Limb:
         return cls(body, (body.index(names[0]), body.index(names[1])), joints)
 
     def lengths(self) -> list[float]:
-        """Of both parts, metres."""
+        """Lengths of both parts, metres."""
         parts = (self.body.parts[part] for part in self.parts)
         return [float(np.linalg.norm(part.tail_world - part.head_world)) for part in parts]
 

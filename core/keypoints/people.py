@@ -333,7 +333,7 @@ def _middle(points: Array) -> Array:
 
 
 def _seen(rays: Array) -> Array:
-    """Those of some detections (n, L, 2) that have a keypoint at all."""
+    """Which of some detections (n, L, 2) have a keypoint at all."""
     return rays[np.isfinite(rays).any(axis=(1, 2))]
 
 

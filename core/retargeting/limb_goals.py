@@ -105,7 +105,7 @@ def two_bone_turns(root: Array, middle: Array, end: Array, goal: Array) -> tuple
 
 
 def _across(u: Array) -> Array:
-    """Some direction square to u (F, 3): forward as far as can be."""
+    """A direction square to u (F, 3): forward as far as can be."""
     forward = np.where(np.abs(u[:, 1:2]) < 0.9, [0.0, -1.0, 0.0], [0.0, 0.0, 1.0])
     return np.asarray(forward - u * np.sum(forward * u, axis=1, keepdims=True))
 

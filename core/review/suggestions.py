@@ -166,5 +166,5 @@ def _keyed(keys: KeyPoses, part: int) -> list[int]:
 
 
 def _away_from(frames: Sequence[int], others: Sequence[int]) -> list[int]:
-    """Those frames that are far enough from others to be key frames beside them."""
+    """The frames that are far enough from others to be key frames beside them."""
     return [f for f in frames if all(abs(f - other) >= APART for other in others)]

@@ -74,7 +74,7 @@ class Job:
 
     @property
     def process_id(self) -> int:
-        """Of the process that works."""
+        """The id of the process that works."""
         return self._process.id
 
     @property

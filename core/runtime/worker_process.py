@@ -64,7 +64,7 @@ class WorkerProcess:
 
     @property
     def id(self) -> int:
-        """Of the process."""
+        """The id of the process."""
         return self._process.pid
 
     def call(

@@ -55,7 +55,7 @@ def frames_to_key_poses(keys: KeyPoses, length: int) -> Array:
 
 
 def _offset_covariances(performer: Performer, motion: Motion) -> Array:
-    """Of a detector's usual offsets from the joints, as they lie on the parts."""
+    """Covariances of a detector's usual offsets from the joints, as they lie on the parts."""
     body = performer.body
     at, usual = tip_landmarks(body), np.full((len(body), 3), OFFSET_DEVIATION)
     carriers = np.arange(len(body))

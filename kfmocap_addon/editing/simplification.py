@@ -39,7 +39,7 @@ class _Track:
         return np.arange(np.floor(places.min()), np.ceil(places.max()) + 1).astype(np.int64)
 
     def values(self, frames: NDArray[np.int64]) -> Array:
-        """Of the curves as they are now, shape (F, C)."""
+        """Values of the curves as they are now, shape (F, C)."""
         return np.array([[curve.evaluate(float(frame)) for curve in self.curves] for frame in frames])
 
     def count(self) -> int:

@@ -10,7 +10,7 @@ from ...core.retargeting import bone_presets
 
 @dataclass(frozen=True)
 class Preset:
-    """One program's conventions.
+    """The conventions of a program that reads the files.
 
     Attributes
     ----------

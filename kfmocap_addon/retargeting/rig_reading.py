@@ -235,7 +235,7 @@ def moved_matrices(armature: bpy.types.Object, name: str, names: Sequence[str], 
 
 
 def _nearest(follows: Bools, depth: Ints) -> int:
-    """Of the controls that one follows the one that itself follows most; -1 where it follows none."""
+    """The control that a bone follows which itself follows most others; -1 where it follows none."""
     above = np.flatnonzero(follows)
     return int(above[np.argmax(depth[above])]) if len(above) else -1
 

@@ -233,7 +233,7 @@ def ensure_collection(scene: bpy.types.Scene, name: str) -> bpy.types.Collection
 
 
 def free_name(name: str, slots: bpy.types.bpy_prop_collection) -> str:
-    """The name, or with a number where one of the slots has it."""
+    """A name that none of the slots has: the one given, with a number if need be."""
     taken, number, free = {slot.name for slot in slots}, 2, name
     while free in taken:
         free, number = f"{name} {number}", number + 1

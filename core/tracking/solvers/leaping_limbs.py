@@ -67,7 +67,7 @@ def solved(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspac
 
 
 def with_leaps_bridged(problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SegmentSolution:
-    """A solution, or with limbs that leap on a straight way where the pictures are likelier with that.
+    """The solution, with limbs that leap led straight across where that makes the pictures likelier.
 
     Performers take turns, each among the others as they are by then.
 

@@ -29,7 +29,7 @@ def recombined(
     noise: SegmentNoise,
     workspace: Workspace,
 ) -> SegmentSolution:
-    """The best of some solutions, or with like limbs exchanged with others where that is likelier.
+    """The best of some solutions, with like limbs taken from the others where that is likelier.
 
     What is drawn by chance may bring the arms to their places in one solution and the legs in another. Limbs do not
     fit a trunk that others have led, so they settle before they are compared. Of equals the
@@ -56,7 +56,7 @@ def recombined(
 
 
 def with_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspace: Workspace) -> SegmentSolution:
-    """A solution, or with like limbs exchanged between their meetings where that covers more and is likelier.
+    """The solution, with like limbs exchanged between their meetings where that covers more and is likelier.
 
     Legs that pass each other twice between two key poses look much as if they had turned back both times; looking for
     one limb at a time does not find that, as the other one is in its place. Performers take turns, each among the

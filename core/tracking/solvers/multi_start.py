@@ -93,7 +93,7 @@ def resumed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
 def best_of_own_starts(
     problem: SegmentProblem, start: Sequence[Motion], first: SegmentSolution, workspace: Workspace
 ) -> SegmentSolution:
-    """Of solutions from several starts the best: the motion is followed from the key poses, unless others hide the
+    """The best of solutions from several starts: the motion is followed from the key poses, unless others hide the
     performer on the way, and then limbs are looked for around the solutions.
 
     Where only foreground beside the performer speaks against the first solution, one look tells whether its limbs can

@@ -235,7 +235,7 @@ class SegmentSolution:
 
     @property
     def sought_cover(self) -> float:
-        """The same of the performers whose motion was sought."""
+        """The `cover` of the performers whose motion was sought."""
         return self.cover if self.only is None else float(self.explained[self.only].sum())
 
 

@@ -133,7 +133,7 @@ def _joint_changes(problem: SegmentProblem, performer: int, motion: Motion, chai
 def with_limb_regained(
     problem: SegmentProblem, solution: SegmentSolution, place: tuple[int, list[int]], workspace: Workspace
 ) -> SegmentSolution:
-    """A solution, or with one limb where it covers clearly more.
+    """The solution, with one limb brought to where the pictures are likelier, if there is such a place.
 
     One look does not lead all the way to a limb that moves fast; each begins where the one before ended.
 

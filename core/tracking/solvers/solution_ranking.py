@@ -38,7 +38,7 @@ def better(problem: SegmentProblem, *solutions: SegmentSolution) -> SegmentSolut
 
 
 def equals(solutions: Sequence[SegmentSolution], share: float = EQUAL) -> list[SegmentSolution]:
-    """Those of some solutions that cover as much of the performers as the one that covers the most, but for a share."""
+    """The solutions that cover as much of the performers as the one that covers the most, but for a share."""
     covers = [solution.cover for solution in solutions]
     least = max(covers) - share * max(abs(solution.sought_cover) for solution in solutions)
     return [solution for solution, cover in zip(solutions, covers, strict=True) if cover >= least]

@@ -67,7 +67,7 @@ def with_limbs_held(problem: SegmentProblem, performer: int, chains: Sequence[Se
 def with_limbs_returned(
     problem: SegmentProblem, start: Sequence[Motion], solution: SegmentSolution, workspace: Workspace
 ) -> SegmentSolution:
-    """A solution, or with the limbs that have left the first pass brought back there, where the evidence is for it.
+    """The solution, with limbs that have left the first pass brought back there where the evidence is for it.
 
     A limb is brought back and its performer solved from there. If that leads it away again, it is also held there while
     all else of the performer is solved.

@@ -23,7 +23,7 @@ from render_wand import write_take
 
 SMALL = tuple(camera.reduced(1.5) for camera in CAMERAS[:3])
 NOTHING = SeenBalls(Markers(np.zeros(0, int), np.zeros((0, 4, 2)), np.zeros((0, 4))), np.zeros((0, 4)))
-TAKE = WandTake(SMALL, OFFSETS[:3], frames=130, fps=15.0, lframe_frames=3)
+TAKE = WandTake(SMALL, OFFSETS[:3], frames=90, fps=15.0, lframe_frames=3)
 
 
 @pytest.fixture(scope="module")
