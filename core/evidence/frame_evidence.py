@@ -16,7 +16,7 @@ from ..shot.continuity import single_frames
 from .contours import OutlineSums, outline_sums
 from .explained import explained_by_part
 from .foreground import background_share, log_ratio
-from .gradients import GradientSums, brightness_constancy
+from .gradients import GradientSums, LabelledFrames, brightness_constancy
 from .label_images import Geometry, LabelImages, render_labels
 from .sampling import Sampling
 from .still_evidence import StillEvidence, StillPartsCache
@@ -192,20 +192,11 @@ def _gradients(
     view, first, sampling, labels = frames.view, frames.first, frames.sampling, drawing.labels
     left, top, right, bottom = (sampling.stride * edge for edge in labels.box())
     images = cache.images(view, range(first, first + len(frames)), sampling.sigma, (left, top, right, bottom))
-    gradients = brightness_constancy(
-        view.camera,
-        images,
-        labels,
-        frames.poses,
-        first=first,
-        stride=sampling.stride,
-        tolerance=sampling.tolerance,
-        foreground=foreground,
-        given_noise=noise,
-    )
+    labelled = LabelledFrames(view.camera, images, labels, frames.poses, first, sampling.stride, foreground)
+    gradients = brightness_constancy(labelled, sampling.tolerance, noise)
     if drawing.still is None or noise is None or not view.camera.stands_still:
         return gradients
-    gains = drawing.still.gains(view, images, sampling, first=first, foreground=foreground, noise=noise)
+    gains = drawing.still.gains(labelled, sampling, noise)
     added = gains.visible(labels.part, drawing.still.still.parts, len(noise))
     return replace(gradients, gain=gradients.gain + added)
 

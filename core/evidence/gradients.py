@@ -105,39 +105,48 @@ class Pixels:
         return cls(frame, part, ends, uv.T, points.T)
 
 
-def brightness_constancy(
-    camera: Camera,
-    images: GradientImages,
-    labels: LabelImages,
-    poses: Poses,
-    *,
-    first: int,
-    stride: int,
-    tolerance: float,
-    foreground: NDArray[np.uint8] | None = None,
-    given_noise: Array | None = None,
-) -> GradientSums:
-    """Sum the brightness constancy constraint between neighbouring frames of one view.
+@dataclass(frozen=True, eq=False)
+class LabelledFrames:
+    """n consecutive frames of one view, and the parts that they show in some poses.
 
-    Parameters
+    Attributes
     ----------
     camera : Camera
         The view's camera, for its reduced and rectified frames.
     images : GradientImages
-        Brightness and derivatives of the n frames.
+        Brightness and derivatives of the frames.
     labels : LabelImages
-        Label images of the n frames, with every stride-th pixel. A pixel of a frame counts if the next frame still
-        shows its point.
+        Label images of the frames, with every stride-th pixel.
     poses : tuple
         World poses (R, T) of all parts, (n, P, 3, 3) and (n, P, 3).
     first : int
-        Shot frame of the first of the n frames.
+        Shot frame of the first of them.
     stride : int
         Every how many pixels, each way, the label images are drawn.
-    tolerance : float
-        Huber's limit in units of `HUBER` standard deviations: 1 near the solution, more far from it.
     foreground : ndarray of uint8, shape (M, n, h, w), optional
         Of each performer: pixels that show something else are left out; see `core.evidence.foreground`.
+    """
+
+    camera: Camera
+    images: GradientImages
+    labels: LabelImages
+    poses: Poses
+    first: int
+    stride: int
+    foreground: NDArray[np.uint8] | None = None
+
+
+def brightness_constancy(frames: LabelledFrames, tolerance: float, given_noise: Array | None = None) -> GradientSums:
+    """Sum the brightness constancy constraint between neighbouring frames of one view.
+
+    A pixel of a frame counts if the next frame still shows its point.
+
+    Parameters
+    ----------
+    frames : LabelledFrames
+        n frames.
+    tolerance : float
+        Huber's limit in units of `HUBER` standard deviations: 1 near the solution, more far from it.
     given_noise : ndarray, shape (n - 1,), optional
         Standard deviation of the residuals of each pair under which the cost is measured; by default their own.
 
@@ -146,9 +155,10 @@ def brightness_constancy(
     GradientSums
         For the m = n - 1 pairs of neighbouring frames.
     """
-    m, P = len(poses[0]) - 1, labels.share.shape[1]
-    to_camera = camera.poses(first, m + 1)
-    compared = _compared(camera, images, labels, poses, first=first, stride=stride, foreground=foreground)
+    camera, labels = frames.camera, frames.labels
+    m, P = len(frames.poses[0]) - 1, labels.share.shape[1]
+    to_camera = camera.poses(frames.first, m + 1)
+    compared = _compared(frames)
     pixels, residual, seen = compared.pixels, compared.residual, compared.seen
     x_a, x_b = pixels.points_cam, compared.points_there
     focal = camera.matrix[[0, 1], [0, 1]].astype(np.float32)
@@ -163,7 +173,7 @@ def brightness_constancy(
     error = huber_errors(residual, deviation)
     count = np.bincount(pixels.frame, seen, minlength=m).astype(float)
     error_sum = np.bincount(pixels.frame, error * seen, minlength=m)
-    gain = _gains(compared, images, error, deviation)
+    gain = _gains(compared, frames.images, error, deviation)
 
     rows = np.empty((13, len(residual)), np.float32)
     rows[:6], rows[6:12], rows[12] = -wrenches(x_a, slope, focal).T, wrenches(x_b, slope, focal).T, residual
@@ -207,25 +217,18 @@ class PixelGains:
     @classmethod
     def of(
         cls,
-        camera: Camera,
-        images: GradientImages,
-        labels: LabelImages,
-        poses: Poses,
-        *,
-        first: int,
-        stride: int,
+        frames: LabelledFrames,
         tolerance: float,
-        foreground: NDArray[np.uint8] | None,
         noise: Array,
     ) -> PixelGains:
         """The gains of the parts that label images show; parameters as of `brightness_constancy`."""
-        compared = _compared(camera, images, labels, poses, first=first, stride=stride, foreground=foreground)
+        compared, labels = _compared(frames), frames.labels
         pixels, deviation = compared.pixels, tolerance * np.maximum(noise, _LEAST_NOISE)
         limits = deviation[pixels.frame].astype(np.float32)
-        gain = _gains(compared, images, huber_errors(compared.residual, limits), limits)
+        gain = _gains(compared, frames.images, huber_errors(compared.residual, limits), limits)
         kept = np.flatnonzero(compared.seen)
         _, height, width = labels.part.shape
-        u, v = np.rint(compared.uv_there[kept].T / stride).astype(np.intp)
+        u, v = np.rint(compared.uv_there[kept].T / frames.stride).astype(np.intp)
         frame = pixels.frame[kept]
         there = ((frame + 1) * height + v) * width + u
         return cls(labels.index[: len(gain)][kept], there, frame, pixels.part[kept], gain[kept])
@@ -259,26 +262,18 @@ class _Compared:
     seen: NDArray[np.bool_]
 
 
-def _compared(
-    camera: Camera,
-    images: GradientImages,
-    labels: LabelImages,
-    poses: Poses,
-    *,
-    first: int,
-    stride: int,
-    foreground: NDArray[np.uint8] | None,
-) -> _Compared:
+def _compared(frames: LabelledFrames) -> _Compared:
+    camera, images, labels, poses = frames.camera, frames.images, frames.labels, frames.poses
     m = len(poses[0]) - 1
-    pixels = Pixels.of(labels, camera, stride, m)
-    x_b = _carried(pixels, camera.poses(first, m + 1), poses)
+    pixels = Pixels.of(labels, camera, frames.stride, m)
+    x_b = _carried(pixels, camera.poses(frames.first, m + 1), poses)
     focal, centre = (a.astype(np.float32) for a in (camera.matrix[[0, 1], [0, 1]], camera.matrix[:2, 2]))
     uv_b = (x_b.T[:2] / x_b[:, 2] * focal[:, None] + centre[:, None]).T
     here, there = images.at(pixels.frame, pixels.uv), images.sample(pixels.frame + 1, uv_b)
-    seen = labels.part_at(pixels.frame + 1, *(uv_b.T / stride)) == pixels.part
-    if foreground is not None:
+    seen = labels.part_at(pixels.frame + 1, *(uv_b.T / frames.stride)) == pixels.part
+    if frames.foreground is not None:
         whose = labels.performer[pixels.part]
-        seen &= log_ratio(foreground[whose, pixels.frame, pixels.uv[:, 1], pixels.uv[:, 0]]) > BACKGROUND_BELOW
+        seen &= log_ratio(frames.foreground[whose, pixels.frame, pixels.uv[:, 1], pixels.uv[:, 0]]) > BACKGROUND_BELOW
     return _Compared(pixels, x_b, uv_b, here, there, there[0] - here[0], seen)
 
 

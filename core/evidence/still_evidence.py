@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body.kinematics import Poses
 from ..numerics.arrays import Array, Ints
 from .explained import explained_by_part
-from .gradients import PixelGains
+from .gradients import LabelledFrames, PixelGains
 from .label_images import Geometry, StillParts
 from .sampling import Sampling
-from .view_frames import KEPT_BYTES, GradientImages, ViewFrames
+from .view_frames import KEPT_BYTES, ViewFrames
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,31 +27,13 @@ class StillEvidence:
     poses: Poses
     kept_gains: dict[tuple[float, float, bytes], PixelGains] = field(default_factory=dict)
 
-    def gains(
-        self,
-        view: ViewFrames,
-        images: GradientImages,
-        sampling: Sampling,
-        *,
-        first: int,
-        foreground: NDArray[np.uint8] | None,
-        noise: Array,
-    ) -> PixelGains:
-        """What their pixels gain by how they move, under a noise of each pair of frames."""
+    def gains(self, frames: LabelledFrames, sampling: Sampling, noise: Array) -> PixelGains:
+        """What their pixels gain by how they move on frames, under a noise of each pair of these."""
         key = sampling.sigma, sampling.tolerance, noise.tobytes()
         found = self.kept_gains.get(key)
         if found is None:
-            found = PixelGains.of(
-                view.camera,
-                images,
-                self.still.labels,
-                self.poses,
-                first=first,
-                stride=self.stride,
-                tolerance=sampling.tolerance,
-                foreground=foreground,
-                noise=noise,
-            )
+            shown = replace(frames, labels=self.still.labels, poses=self.poses)
+            found = PixelGains.of(shown, sampling.tolerance, noise)
             self.kept_gains.clear()
             self.kept_gains[key] = found
         return found

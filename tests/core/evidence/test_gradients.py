@@ -18,6 +18,7 @@ from kfmocap.core.evidence.accumulate import SegmentEvidence, accumulate_evidenc
 from kfmocap.core.evidence.gradients import (
     HUBER,
     GradientSums,
+    LabelledFrames,
     brightness_constancy,
     camera_twist,
     huber_errors,
@@ -47,7 +48,6 @@ BODY = figure()
 P = len(BODY)
 CAMERA = look_at("cam", (0.8, -2.2, 1.6))
 ALL_COUNT = 1e9
-WHOLE = {"first": 0, "stride": 1, "tolerance": ALL_COUNT}
 """A tolerance with which every pixel weighs one."""
 
 
@@ -72,6 +72,11 @@ def gradient_images(pictures: Sequence[Brightness], size: tuple[int, int]) -> Gr
     ]
     b, du, dv = (np.float32(c).reshape(-1, size[0]) for c in channels)
     return GradientImages(cv2.merge((b, du, dv)), len(pictures))
+
+
+def sums_of(camera: Camera, images: GradientImages, labels: LabelImages, poses: tuple[Array, Array]) -> GradientSums:
+    """Those of all pixels, of which all count."""
+    return brightness_constancy(LabelledFrames(camera, images, labels, poses, first=0, stride=1), ALL_COUNT)
 
 
 def labels_of(motion: Motion, camera: Camera, stride: int = 1) -> tuple[LabelImages, tuple[Array, Array]]:
@@ -144,9 +149,7 @@ def test_standing_still_before_a_flash_the_sums_are_the_derivatives() -> None:
     """Nothing moves and the derivatives of both pictures agree: what is left is single precision."""
     labels, poses = labels_of(at_rest(BODY, 2), CAMERA)
     pictures = (pattern, flashed)
-    sums = brightness_constancy(
-        CAMERA, gradient_images(pictures, CAMERA.size), labels, poses, first=0, stride=1, tolerance=ALL_COUNT
-    )
+    sums = sums_of(CAMERA, gradient_images(pictures, CAMERA.size), labels, poses)
     expected = by_differences(labels, poses, pictures, CAMERA)
     assert distance(sums.H[0], expected.H) < 2e-5
     assert distance(sums.g[0], expected.g) < 2e-5
@@ -157,7 +160,7 @@ def test_standing_still_before_a_flash_the_sums_are_the_derivatives() -> None:
 def test_identical_pictures_of_a_body_at_rest_pull_nowhere() -> None:
     labels, poses = labels_of(at_rest(BODY, 2), CAMERA)
     images = gradient_images((pattern, pattern), CAMERA.size)
-    sums = brightness_constancy(CAMERA, images, labels, poses, **WHOLE)
+    sums = sums_of(CAMERA, images, labels, poses)
     assert np.abs(sums.g).max() < 1e-6 * np.abs(sums.H).max()
     assert sums.energy[0] < 1e-9
 
@@ -193,9 +196,7 @@ def test_of_moving_parts_the_sums_are_the_derivatives_to_first_order(size: float
     moved = rest.moved(delta)
     labels, poses = labels_of(stacked([rest, moved]), CAMERA)
     pictures = filmed(poses, CAMERA)
-    sums = brightness_constancy(
-        CAMERA, gradient_images(pictures, CAMERA.size), labels, poses, first=0, stride=1, tolerance=ALL_COUNT
-    )
+    sums = sums_of(CAMERA, gradient_images(pictures, CAMERA.size), labels, poses)
     expected = by_differences(labels, poses, pictures, CAMERA)
     assert sums.weight[0] > 0.95 * labels.ends[P]  # few pixels are hidden in the next frame
     assert distance(sums.H[0], expected.H) < limit
@@ -218,7 +219,7 @@ def test_of_parts_and_a_camera_that_move_before_a_ramp_the_later_frames_sums_are
     delta = np.random.default_rng(4).normal(0, 0.01, (1, BODY.dof))
     labels, poses = labels_of(stacked([rest, rest.moved(delta)]), camera)
     images = gradient_images((ramp, ramp), camera.size)
-    sums = brightness_constancy(camera, images, labels, poses, **WHOLE)
+    sums = sums_of(camera, images, labels, poses)
     expected = by_differences(labels, poses, (ramp, ramp), camera)
     assert distance(sums.H[0, :, 6:, 6:], expected.H[:, 6:, 6:]) < 2e-3
     # OpenCV samples to 1/32 pixel, a ten-thousandth of the grey levels here.
@@ -231,7 +232,7 @@ def test_slopes_are_the_mean_of_both_frames() -> None:
     def H(*contrast: float) -> Array:
         pictures = [lambda u, v, c=c: c * pattern(u, v) for c in contrast]
         images = gradient_images(pictures, CAMERA.size)
-        return brightness_constancy(CAMERA, images, labels, poses, **WHOLE).H
+        return sums_of(CAMERA, images, labels, poses).H
 
     assert distance(H(1.0, 1.4)[0], 1.2**2 * H(1.0, 1.0)[0]) < 1e-3
 
@@ -347,12 +348,7 @@ def reversed_sums(sums: GradientSums) -> tuple[Array, Array]:
 def test_reversing_time_swaps_the_blocks() -> None:
     labels, poses = labels_of(at_rest(BODY, 2), CAMERA)
     pictures = (pattern, flashed)
-    ahead, back = (
-        brightness_constancy(
-            CAMERA, gradient_images(p, CAMERA.size), labels, poses, first=0, stride=1, tolerance=ALL_COUNT
-        )
-        for p in (pictures, pictures[::-1])
-    )
+    ahead, back = (sums_of(CAMERA, gradient_images(p, CAMERA.size), labels, poses) for p in (pictures, pictures[::-1]))
     H, g = reversed_sums(ahead)
     assert distance(back.H[0], H[0]) < 1e-5 and distance(back.g[0], g[0]) < 1e-5
 
@@ -415,9 +411,7 @@ def test_points_hidden_in_the_next_frame_do_not_count() -> None:
     motion.rotations[1, 0] = rotations.exp(np.array([0.0, 1.6, 0.0]))  # the trunk's y axis points up
     labels, poses = labels_of(motion, look_at("front", (0, -2.5, 1.2)))
     images = gradient_images((pattern, pattern), CAMERA.size)
-    sums = brightness_constancy(
-        look_at("front", (0, -2.5, 1.2)), images, labels, poses, first=0, stride=1, tolerance=ALL_COUNT
-    )
+    sums = sums_of(look_at("front", (0, -2.5, 1.2)), images, labels, poses)
     arms = [int(np.argmin(labels.share[1]))]
     assert labels.share[1, arms[0]] < 0.1 and labels.share[0, arms[0]] > 0.9
     assert np.abs(sums.H[0, arms]).max() < 0.05 * np.abs(sums.H[0]).max()
