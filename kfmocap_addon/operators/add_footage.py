@@ -27,8 +27,8 @@ def globbed(endings: str) -> str:
 
 
 class AddFootage(bpy.types.Operator, ImportHelper):
-    """Add a view for each video chosen, or for each sequence of which images are chosen. The first footage sets the
-    scene's frame rate and the frames of the shot"""
+    """Add a view for each chosen video, or for each image sequence of which you choose images. The first footage sets
+    the frame rate of the scene and the frames of the shot"""
 
     bl_idname = "kfmocap.add_footage"
     bl_label = "Add Footage"
@@ -65,7 +65,7 @@ class AddFootage(bpy.types.Operator, ImportHelper):
 
 
 class ImportCalibration(Conditional, bpy.types.Operator, BesideFootage):
-    """Give the views the cameras of a calibration file, by their names"""
+    """Assign the cameras of a calibration file to the views, by name"""
 
     bl_idname = "kfmocap.import_calibration"
     bl_label = "Import Calibration"
@@ -97,8 +97,8 @@ def _has_other_cameras(context: bpy.types.Context) -> str:
 
 
 class UseSceneCameras(Conditional, bpy.types.Operator):
-    """Give the views the cameras that were calibrated in this scene, by their names: with the wand, by Import Cameras
-    or by Blender's own motion tracker. Without views, cameras that have footage behind them become views"""
+    """Assign the cameras that were calibrated in this scene to the views, by name: by wand, by Import Cameras or by
+    Blender's own motion tracker. If there are no views, cameras with footage behind them become views"""
 
     bl_idname = "kfmocap.use_scene_cameras"
     bl_label = "Use Scene Cameras"
@@ -113,7 +113,7 @@ class UseSceneCameras(Conditional, bpy.types.Operator):
 
 
 class RemoveView(Conditional, bpy.types.Operator):
-    """Take this view out of the shot, with its camera. The file stays where it is"""
+    """Remove this view from the shot, with its camera. The file stays where it is"""
 
     bl_idname = "kfmocap.remove_view"
     bl_label = "Remove View"

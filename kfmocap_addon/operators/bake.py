@@ -8,8 +8,8 @@ from .reporting import reported
 
 
 class Bake(Conditional, bpy.types.Operator):
-    """Make tracked keys your own, of the bones selected in pose mode, else of the whole body: from then on no
-    tracking replaces them"""
+    """Turn tracked keys into your own, for the bones selected in Pose Mode or otherwise the whole body: tracking no
+    longer replaces them"""
 
     bl_idname = "kfmocap.bake"
     bl_label = "Bake"

@@ -12,8 +12,8 @@ from .reporting import reported
 
 
 class AddVideos(bpy.types.Operator, ImportHelper):
-    """Add cameras by their videos of the wand. A video with "lframe" instead of "wand" in its name is taken for that
-    camera's video of the L-frame"""
+    """Add cameras by their wand videos. A video of the same name with "lframe" instead of "wand" is taken as that
+    camera's L-frame video"""
 
     bl_idname = "kfmocap.add_videos"
     bl_label = "Add Videos"
@@ -46,7 +46,7 @@ def _has_videos(context: bpy.types.Context) -> str:
 
 
 class RemoveVideos(Conditional, bpy.types.Operator):
-    """Take the selected camera out of the capture"""
+    """Remove the selected camera from the capture"""
 
     bl_idname = "kfmocap.remove_videos"
     bl_label = "Remove"

@@ -42,7 +42,7 @@ def _has_copied_pose(context: bpy.types.Context) -> str:
 
 
 class PastePose(PosingOperator, bpy.types.Operator):
-    """Make the copied pose a key pose on this frame: of the bones selected in pose mode, else of the whole body"""
+    """Make the copied pose a key pose on this frame, for the bones selected in Pose Mode or otherwise the whole body"""
 
     bl_idname = "kfmocap.paste_pose"
     bl_label = "Paste Pose"
@@ -63,8 +63,8 @@ class PastePose(PosingOperator, bpy.types.Operator):
 
 
 class MirrorPose(PosingOperator, bpy.types.Operator):
-    """Exchange left and right of the pose on this frame, and key it: bones selected in pose mode, else the whole body.
-    Bones are paired by their names, such as forearm.L and forearm.R"""
+    """Swap left and right of the pose on this frame and key it, for the bones selected in Pose Mode or otherwise the
+    whole body. Bones are paired by name, such as forearm.L and forearm.R"""
 
     bl_idname = "kfmocap.mirror_pose"
     bl_label = "Mirror Pose"

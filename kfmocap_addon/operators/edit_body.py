@@ -138,8 +138,8 @@ class UseArmature(Conditional, bpy.types.Operator):
 
 
 class RemovePerformer(bpy.types.Operator):
-    """Take this performer out of the shot. The armature and its keys stay in the scene; where the armature was deleted,
-    the parts that it has left behind go, too"""
+    """Remove this performer from the shot. The armature and its keys stay in the scene; if the armature was deleted,
+    the parts that it left behind are removed, too"""
 
     bl_idname = "kfmocap.remove_performer"
     bl_label = "Remove Performer"

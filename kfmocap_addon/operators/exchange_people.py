@@ -11,8 +11,8 @@ def _has_two(context: bpy.types.Context) -> str:
 
 
 class ExchangePeople(Conditional, bpy.types.Operator):
-    """Make the chosen performer the person that another performer is in the keypoints, and the other way round. Then
-    pose or track both anew"""
+    """Swap the people that the chosen performer and another performer are in the keypoints. Pose or track both again
+    afterwards"""
 
     bl_idname = "kfmocap.exchange_people"
     bl_label = "Exchange People"

@@ -19,9 +19,9 @@ def _has_holds(context: bpy.types.Context) -> str:
 
 
 class HoldProp(Conditional, bpy.types.Operator):
-    """Let a performer hold a prop from this scene frame on to the end of the shot, or in the preview range of the
-    timeline (P). While it is held it stays as it is in the hand on key poses of both, of which the frames need one at
-    least: place them there as they are in the footage. Which bone it is, and the frames, can be changed in the list"""
+    """Let a performer hold a prop from this scene frame to the end of the shot, or in the preview range of the timeline
+    (P). While it is held, the prop stays in the hand as key poses of both show it, so at least one frame of the range
+    needs a key pose of both. The bone and the frames can be changed in the list"""
 
     bl_idname = "kfmocap.hold_prop"
     bl_label = "Hold Prop"
@@ -53,7 +53,7 @@ def _prop_and_holder(context: bpy.types.Context) -> tuple[bpy.types.PropertyGrou
 
 
 class RemoveHold(Conditional, bpy.types.Operator):
-    """Take this out of the list: the prop is no longer held on these frames"""
+    """Remove this from the list: the prop is no longer held on these frames"""
 
     bl_idname = "kfmocap.remove_hold"
     bl_label = "Remove Hold"

@@ -180,7 +180,7 @@ def draw_progress(layout: bpy.types.UILayout, job: Job) -> bpy.types.UILayout:
 
 
 class CancelJob(bpy.types.Operator):
-    """End what is being worked on, and leave everything as it was"""
+    """Stop what is running, and leave everything as it was"""
 
     bl_idname = "kfmocap.cancel_job"
     bl_label = "Cancel"

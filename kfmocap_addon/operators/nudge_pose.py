@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 
 class BreakdownPose(PosingOperator, bpy.types.Operator):
-    """Make a key pose between the key pose before and the one after this frame, which must both be there: of the bones
-    selected in pose mode, else of the whole body"""
+    """Make a key pose between the previous and the next key pose, which must both exist, for the bones selected in Pose
+    Mode or otherwise the whole body"""
 
     bl_idname = "kfmocap.breakdown_pose"
     bl_label = "Breakdown"
@@ -36,8 +36,8 @@ class BreakdownPose(PosingOperator, bpy.types.Operator):
 
 
 class NudgePose(PosingOperator, bpy.types.Operator):
-    """Move the pose on this frame a little towards the key pose before or after it, which must be there, and key it:
-    the bones selected in pose mode, else the whole body"""
+    """Move the pose on this frame a little towards the previous or the next key pose and key it, for the bones selected
+    in Pose Mode or otherwise the whole body"""
 
     bl_idname = "kfmocap.nudge_pose"
     bl_label = "Nudge Pose"
@@ -70,8 +70,8 @@ def _has_camera(context: bpy.types.Context) -> str:
 
 
 class NudgeDepth(PosingOperator, bpy.types.Operator):
-    """Move the body nearer to the camera that the scene looks through, or farther, so that it is seen where it was, and
-    key it: this corrects what one camera does not show"""
+    """Move the body nearer to the camera that the scene looks through, or farther from it, so that it looks the same
+    from there, and key it: this corrects the depth, which one camera does not show"""
 
     bl_idname = "kfmocap.nudge_depth"
     bl_label = "Nudge Depth"

@@ -360,7 +360,7 @@ def _has_marks(context: bpy.types.Context) -> str:
 
 
 class ClearMarks(Conditional, bpy.types.Operator):
-    """Take all clicked joints of the chosen performer on this frame away. Poses stay"""
+    """Remove all joints of the chosen performer that were clicked on this frame. Poses stay"""
 
     bl_idname = "kfmocap.clear_marks"
     bl_label = "Clear Marks"

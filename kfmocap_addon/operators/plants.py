@@ -29,7 +29,7 @@ class PlantOperator(Conditional):
 
 class FindPlants(PlantOperator, bpy.types.Operator):
     """Find when heel and ball of the performer's feet stand on the ground. What you have set stays. Tracking does this
-    by itself; do it again after you have changed the curves"""
+    by itself; do it again after changing the curves"""
 
     bl_idname = "kfmocap.find_plants"
     bl_label = "Find Plants"
@@ -42,8 +42,8 @@ class FindPlants(PlantOperator, bpy.types.Operator):
 
 
 class SetPlant(PlantOperator, bpy.types.Operator):
-    """Say on which frames a point of a foot stands on the ground, or does not. With a preview range in the timeline (P)
-    it is that range"""
+    """Set on which frames a point of a foot stands on the ground, or does not: in the preview range of the timeline
+    (P), if there is one"""
 
     bl_idname = "kfmocap.set_plant"
     bl_label = "Set Plant"
@@ -87,7 +87,7 @@ class SetPlant(PlantOperator, bpy.types.Operator):
 
 
 class ForgetPlantEdits(PlantOperator, bpy.types.Operator):
-    """Forget what you have set about plants, and find them anew"""
+    """Discard your corrections of the plants, and find them again"""
 
     bl_idname = "kfmocap.forget_plant_edits"
     bl_label = "Forget Edits"

@@ -23,7 +23,7 @@ def has_list(context: bpy.types.Context) -> str:
 
 class FindBones(Conditional, bpy.types.Operator):
     """List which bones of the character play which roles, by the preset, by their names or by their places. Correct the
-    list where it is wrong; it is used instead of the preset"""
+    list where it is wrong: it is used instead of the preset"""
 
     bl_idname = "kfmocap.find_bones"
     bl_label = "Find Bones"
@@ -44,7 +44,7 @@ class FindBones(Conditional, bpy.types.Operator):
 
 
 class ForgetBones(Conditional, bpy.types.Operator):
-    """Empty the list of bones: they are found anew when motion is sent"""
+    """Empty the list of bones: they are found again when motion is sent"""
 
     bl_idname = "kfmocap.forget_bones"
     bl_label = "Forget Bones"

@@ -8,8 +8,8 @@ from .reporting import reported
 
 
 class SetKeyPose(Conditional, bpy.types.Operator):
-    """Key the pose on this frame, so that tracking meets it exactly: bones selected in pose mode,
-    else the whole body. Tracked keys become your own"""
+    """Key the pose on this frame, so that tracking meets it exactly, for the bones selected in Pose Mode or otherwise
+    the whole body. Tracked keys become your own"""
 
     bl_idname = "kfmocap.set_key_pose"
     bl_label = "Set Key Pose"
@@ -28,8 +28,8 @@ class SetKeyPose(Conditional, bpy.types.Operator):
 
 
 class RemoveKeyPose(Conditional, bpy.types.Operator):
-    """Take your keys on this frame away, of the bones selected in pose mode, else of the whole body: the tracker may
-    move them there again"""
+    """Remove your keys on this frame, for the bones selected in Pose Mode or otherwise the whole body: the tracker may
+    move the body there again"""
 
     bl_idname = "kfmocap.remove_key_pose"
     bl_label = "Remove Key Pose"
@@ -95,7 +95,8 @@ class AcceptProposals(_Proposals, bpy.types.Operator):
 
 
 class RefuseProposal(_Proposals, bpy.types.Operator):
-    """Have the tracker propose this key pose no more: the motion stays, without a key pose on this frame"""
+    """Refuse this proposed key pose, so that it is not proposed again: the motion stays, without a key pose on this
+    frame"""
 
     bl_idname = "kfmocap.refuse_proposal"
     bl_label = "Refuse Proposal"

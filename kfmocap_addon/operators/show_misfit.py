@@ -11,8 +11,9 @@ def _looks_through_view(context: bpy.types.Context) -> str:
 
 
 class ShowResidual(Conditional, bpy.types.Operator):
-    """Show on this frame, in the view that is looked through, where the footage contradicts the model: orange where it
-    shows the performer and the model is not, blue where the model is and the performer is not. Image editors show it"""
+    """Show on this frame, in the view that is looked through, where the footage contradicts the model: orange where the
+    performer is not covered by the model, blue where the model covers background. The picture can be opened in an image
+    editor, too"""
 
     bl_idname = "kfmocap.show_residual"
     bl_label = "Show Residual"
@@ -41,7 +42,7 @@ def _shows_residual(context: bpy.types.Context) -> str:
 
 
 class HideResidual(Conditional, bpy.types.Operator):
-    """Take the residual pictures away again"""
+    """Remove the residual pictures"""
 
     bl_idname = "kfmocap.hide_residual"
     bl_label = "Hide Residual"

@@ -8,8 +8,8 @@ from .reporting import reported
 
 
 class Simplify(Conditional, bpy.types.Operator):
-    """Remove tracked keys that smooth curves through the others make unnecessary: of the bones selected in pose mode,
-    else of the whole body. Your own keys stay. Tracking again puts keys on every frame"""
+    """Remove tracked keys that smooth curves through the others make unnecessary, for the bones selected in Pose Mode
+    or otherwise the whole body. Your own keys stay. Tracking again puts keys on every frame"""
 
     bl_idname = "kfmocap.simplify"
     bl_label = "Simplify"

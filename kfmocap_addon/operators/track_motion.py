@@ -171,8 +171,8 @@ def _was_ended(context: bpy.types.Context) -> str:
 
 
 class ContinueTracking(Tracking, bpy.types.Operator):
-    """Go on with the tracking that was ended, by Esc or with Blender: segments that it had finished are not tracked
-    again. What has changed since is tracked anew. Esc cancels"""
+    """Continue a tracking that was stopped, by Esc or by closing Blender: segments that it had finished are not tracked
+    again, unless something has changed since. Esc cancels"""
 
     bl_idname = "kfmocap.continue_tracking"
     bl_label = "Continue Tracking"
