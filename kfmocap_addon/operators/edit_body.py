@@ -42,7 +42,7 @@ class AddBody(Conditional, bpy.types.Operator):
     conditions = (in_object_mode,)
 
     performer: bpy.props.StringProperty(
-        default="Performer", name="Name", description="Of the performer and the armature"
+        default="Performer", name="Name", description="Name of the performer and the armature"
     )
     height: bpy.props.FloatProperty(
         default=1.75,

@@ -29,7 +29,7 @@ class Export(Conditional, bpy.types.Operator):
     filename: bpy.props.StringProperty(
         subtype="FILE_NAME",
         name="Name",
-        description="Of the files, without an ending, which the kinds of files add; by default the shot's",
+        description="Name of the files, without an ending; by default the shot's",
     )
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:

@@ -30,7 +30,7 @@ class HandShape(Conditional, bpy.types.Operator):
             ("point", "Point", "The index finger stretched, the others closed"),
         ],
         name="Shape",
-        description="Of the hand",
+        description="Shape that the hand takes",
     )
     side: bpy.props.EnumProperty(
         items=[("LR", "Both", ""), ("L", "Left", ""), ("R", "Right", "")], name="Hand", description="Which hand"

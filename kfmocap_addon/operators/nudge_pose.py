@@ -56,7 +56,7 @@ class NudgePose(PosingOperator, bpy.types.Operator):
         soft_max=1.0,
         subtype="FACTOR",
         name="Share",
-        description="Of the way to that key pose; below 0 away from it",
+        description="Share of the way to that key pose; below 0 away from it",
     )
 
     def pose(self, context: bpy.types.Context, armature: bpy.types.Object) -> Motion:

@@ -29,7 +29,7 @@ class KFMocapExport(bpy.types.PropertyGroup):
         name="VRM", description="VRM animation, which any VRM character plays: humans only, in metres (.vrma)"
     )
     usdc: bpy.props.BoolProperty(name="USD", description="Skeleton and motion as USD, Y up (.usdc)")
-    use_range: bpy.props.BoolProperty(name="Frame Range", description="Export some frames alone, not the whole shot")
+    use_range: bpy.props.BoolProperty(name="Frame Range", description="Export only some frames, not the whole shot")
     first: bpy.props.IntProperty(default=1, name="First", description="First scene frame to export")
     last: bpy.props.IntProperty(default=250, name="Last", description="Last scene frame to export, inclusive")
     use_rate: bpy.props.BoolProperty(name="Frame Rate", description="Export at another frame rate than the scene's")

@@ -164,7 +164,8 @@ class KFMocapPerformer(bpy.types.PropertyGroup):
     lost: bpy.props.CollectionProperty(type=KFMocapLostPart)
     marks: bpy.props.CollectionProperty(type=KFMocapMark)
     fingers: bpy.props.BoolProperty(
-        name="Fingers", description="Files that the command line writes of this scene have its fingers, by keypoints"
+        name="Fingers",
+        description="Files that the command line writes have the performer's fingers, from the keypoints",
     )
     plants: bpy.props.CollectionProperty(type=KFMocapPlant)
     plant_edits: bpy.props.CollectionProperty(type=KFMocapPlant)

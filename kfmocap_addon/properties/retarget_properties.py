@@ -57,7 +57,7 @@ class KFMocapRetarget(bpy.types.PropertyGroup):
             ("in-place", "In Place", "The character stays over its first place"),
         ],
         name="Root Motion",
-        description="Where the way through the world goes",
+        description="Which bone carries the motion through the world",
     )
     feet: bpy.props.EnumProperty(
         items=[
