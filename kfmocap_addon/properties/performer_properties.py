@@ -165,7 +165,7 @@ class KFMocapPerformer(bpy.types.PropertyGroup):
     marks: bpy.props.CollectionProperty(type=KFMocapMark)
     fingers: bpy.props.BoolProperty(
         name="Fingers",
-        description="Files that the command line writes have the performer's fingers, from the keypoints",
+        description="Files that the command line writes have the performer's fingers, by keypoints",
     )
     plants: bpy.props.CollectionProperty(type=KFMocapPlant)
     plant_edits: bpy.props.CollectionProperty(type=KFMocapPlant)
