@@ -72,22 +72,46 @@ class ViewRatios:
         return moving if self.still is None else self.still.among(moving, parts)
 
     def uncovered(self, geometry: Geometry, poses: tuple[Array, Array], parts: Sequence[int]) -> UncoveredImages:
-        """What it shows for some parts of a performer, where the others do not hide them."""
+        """What the pixels that a limb, a chain of parts, can reach show for it where others do not hide it."""
         labels = self.labels(geometry, poses, parts)
-        nobody = labels.part < 0
-        beside = np.where(nobody, self.ratio, np.float32(0))
+        rows, columns = self._within_reach(geometry, poses[1][:, list(parts)], parts)
+        window, corner = (slice(None), rows, columns), (columns.start, rows.start)
+        behind = labels.part[window]  # of nobody, anyone
+        nobody = behind < 0
+        beside = np.where(nobody, self.ratio[window], np.float32(0))
         if self.coloured is None:
-            return UncoveredImages(self.camera, self.first, (_as_steps(beside),) * len(parts), None, None)
-        ratio, palette = self.coloured.colours.ratio, self.coloured.palette
-        behind = labels.part  # of nobody, anyone
+            return UncoveredImages(
+                self.camera, self.first, (_as_steps(beside),) * len(parts), None, None, origin=corner
+            )
+        ratio, palette = self.coloured.colours.ratio, self.coloured.palette[window]
         if self.still is None:
             behind = np.setdiff1d(np.arange(len(geometry.spans)), parts)[behind]
         images = []
         for part in parts:
-            own = self.coloured.of(part)
+            own = ratio[part][palette]
             before = np.where(self.coloured.colours.distinct[part][behind], own - ratio[behind, palette], np.float32(0))
             images.append(_as_steps(np.where(nobody, beside + own, before)))
-        return UncoveredImages(self.camera, self.first, tuple(images), depth_steps(labels), self.slopes)
+        depth = depth_steps(labels, window)
+        return UncoveredImages(self.camera, self.first, tuple(images), depth, self.slopes, origin=corner)
+
+    def _within_reach(self, geometry: Geometry, joints: Array, parts: Sequence[int]) -> tuple[slice, slice]:
+        """Rows and columns of the pixels that may show a chain of parts with joints (F, n, 3), however these turn."""
+        sizes = [float(np.linalg.norm(geometry.vertices[geometry.spans[part]], axis=1).max()) for part in parts]
+        lengths = np.linalg.norm(np.diff(joints, axis=1), axis=-1).max(axis=0, initial=0.0)
+        reach = max(size + before for size, before in zip(sizes, np.cumsum([0.0, *lengths]), strict=True))
+        Rc, tc = self.camera.poses(self.first, len(joints))
+        x = np.einsum("fij,fj->fi", Rc, joints[:, 0]) + tc
+        near, far = x[:, 2] - reach, x[:, 2] + reach
+        _, *size = self.ratio.shape
+        if near.min() <= NEAR:
+            return slice(0, size[0]), slice(0, size[1])
+        edges = []
+        for axis, pixels in ((1, size[0]), (0, size[1])):
+            ends = [(x[:, axis] + end) / depth for end in (-reach, reach) for depth in (near, far)]
+            places = self.camera.matrix[axis, axis] * np.array(ends) + self.camera.matrix[axis, 2]
+            first = 2 * int(np.clip((places.min() - 1) // 2, 0, (pixels - 1) // 2))  # even: halves round as without it
+            edges.append(slice(first, int(np.clip(np.ceil(places.max()) + 2, first + 1, pixels))))
+        return edges[0], edges[1]
 
 
 def _slopes_around(view: ViewFrames, problem: SegmentProblem, ratio: NDArray[np.float32]) -> SlopeImages | None:
@@ -108,7 +132,7 @@ class UncoveredImages:
     """How much likelier each pixel of a view is with each of some parts there than as the others are.
 
     `ratio` are n images (F, h, w) as foreground images are; `depth` (F, h, w) is how far the others are, in steps of
-    `DEPTH_STEP`, if it matters.
+    `DEPTH_STEP`, if it matters. `origin` is the view's pixel (column, row) that is the first of these.
     """
 
     camera: Camera
@@ -117,6 +141,7 @@ class UncoveredImages:
     depth: NDArray[np.uint16] | None
     slopes: SlopeImages | None
     sides: SideRatios | None = None
+    origin: tuple[int, int] = (0, 0)
 
     def changes(self, sides: PartSides, frames: slice, poses: PartPoses) -> tuple[NDArray[np.float32], Bools]:
         """The changes of brightness across the sides of a part in its poses on some frames, grey levels per pixel, and
@@ -128,7 +153,7 @@ class UncoveredImages:
         R, T = (each.astype(np.float32) for each in poses)
         change, seen = self.slopes.steepest(frames, *sides.seen_from(centre, R, T))
         pixels = seen[:, :2].reshape(len(seen), 2, -1, seen.shape[-1]) / np.float32(STRIDE)
-        others = _looked_up(self.depth[frames], pixels[:, 0], pixels[:, 1], 0).reshape(change.shape)
+        others = self._looked_up(self.depth[frames], pixels[:, 0], pixels[:, 1], 0).reshape(change.shape)
         return change, seen[:, 2] < others * np.float32(DEPTH_STEP)
 
     def beside(self, sides: PartSides, frames: slice, poses: PartPoses) -> NDArray[np.float32]:
@@ -147,29 +172,30 @@ class UncoveredImages:
         x += (tc @ K.T).astype(np.float32)[..., None]
         depth = np.maximum(x[:, 2:], np.float32(NEAR))
         columns, rows = (x[:, :2] / depth).reshape(points_world[:, :2].shape).swapaxes(0, 1)
-        steps = _looked_up(self.ratio[part][frames], columns, rows, ZERO).astype(np.int16) - np.int16(ZERO)
+        steps = self._looked_up(self.ratio[part][frames], columns, rows, ZERO).astype(np.int16) - np.int16(ZERO)
         if self.depth is not None:
-            others = _looked_up(self.depth[frames], columns, rows, 0)
+            others = self._looked_up(self.depth[frames], columns, rows, 0)
             steps *= depth.reshape(others.shape) < others * np.float32(DEPTH_STEP)
         return np.asarray(steps.mean(axis=-1, dtype=np.float32) / np.float32(SCALE))
 
+    def _looked_up(self, images: NDArray[Any], columns: Array, rows: Array, beyond: float) -> NDArray[Any]:
+        """The nearest pixels of images (m, h, w) to places (m, K, points) in the view."""
+        left, top = (np.float32(edge) for edge in self.origin)
+        found = np.empty(columns.shape, images.dtype)
+        for image, u, v, out in zip(images, columns - left, rows - top, found, strict=True):
+            cv2.remap(image, u, v, cv2.INTER_NEAREST, out, cv2.BORDER_CONSTANT, beyond)
+        return found
 
-def depth_steps(labels: LabelImages) -> NDArray[np.uint16]:
-    """How far the parts are, in steps of `DEPTH_STEP`."""
-    return np.minimum(labels.depth_images() / np.float32(DEPTH_STEP), np.float32(NOBODY)).astype(np.uint16)
+
+def depth_steps(labels: LabelImages, window: tuple[slice, ...] = ()) -> NDArray[np.uint16]:
+    """How far the parts are, in steps of `DEPTH_STEP`, in a window of the pictures (frames, rows, columns)."""
+    depth = labels.depth_images()[window]
+    return np.minimum(depth / np.float32(DEPTH_STEP), np.float32(NOBODY)).astype(np.uint16)
 
 
 def _as_steps(ratio: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Log likelihood ratios as foreground images have them: there may be many images."""
     return np.rint(np.clip(ratio, -STRONGEST, STRONGEST) * np.float32(SCALE) + np.float32(ZERO)).astype(np.uint8)
-
-
-def _looked_up(images: NDArray[Any], columns: Array, rows: Array, beyond: float) -> NDArray[Any]:
-    """The nearest pixels of images (m, h, w) to places (m, K, points) in them."""
-    found = np.empty(columns.shape, images.dtype)
-    for image, u, v, out in zip(images, columns, rows, found, strict=True):
-        cv2.remap(image, u, v, cv2.INTER_NEAREST, out, cv2.BORDER_CONSTANT, beyond)
-    return found
 
 
 def shown_areas(geometry: Geometry, parts: Sequence[int]) -> Array:

@@ -18,6 +18,7 @@ from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.shot import Settings
 from kfmocap.core.tracking.solvers.like_limbs import exchanges, untangled
 from kfmocap.core.tracking.solvers.limb_images import DEPTH_STEP, UncoveredImages, ViewRatios
+from kfmocap.core.tracking.solvers.limb_likelihood import covered, limb_of
 from kfmocap.core.tracking.solvers.limb_search import _held, found_limbs
 from kfmocap.core.tracking.solvers.measurement import Workspace
 from kfmocap.core.tracking.solvers.problem import SegmentProblem
@@ -137,6 +138,23 @@ def test_points_show_the_pixel_nearest_to_them_and_nothing_beyond_the_picture_or
             expected[inside] *= far[inside] < others[place] * DEPTH_STEP
         found = UncoveredImages(CAMERA, 0, tuple(images), others, None).at(part, slice(1, 4), world)
         np.testing.assert_allclose(found, expected.mean(axis=-1), atol=1e-5)
+
+
+def test_however_a_limb_turns_it_shows_pixels_of_the_window_that_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To the last bit what it shows in the whole picture."""
+    truth = walk(5)
+    problem = problem_of(truth, *coloured(BODY, truth, (CAMERA,)))
+    geometry, poses = problem.geometry(), poses_of([BODY], [truth])
+    look = ViewRatios.of(problem.views[0], problem, 0, [truth])
+    for chain in limbs(BODY):
+        limb, parts = limb_of(problem, [truth], (0, chain), np.random.default_rng(0))
+        drawn = rotations.exp(np.random.default_rng(1).normal(0.0, 3.0, (5, 400, len(chain), 3)))
+        window = look.uncovered(geometry, poses, parts)
+        with monkeypatch.context() as whole:
+            whole.setattr(ViewRatios, "_within_reach", lambda self, *_: tuple(map(slice, (0, 0), self.ratio.shape[1:])))
+            full = look.uncovered(geometry, poses, parts)
+        assert window.ratio[0].size < 0.9 * full.ratio[0].size
+        np.testing.assert_array_equal(*(covered(limb, [each], rotations.log(drawn)) for each in (window, full)))
 
 
 @pytest.mark.parametrize("seed", range(3))
