@@ -5,7 +5,8 @@
 It needs the Blender application and Xvfb. If they are in another root file system, `--run` gives the command that runs
 a program there; it must see the work folder, with the shot in it, under the same path. `--libraries` names folders with
 the package and what it needs. Two seconds after Blender has ended no process of it may be left. The scene must be as it
-was where the worker was killed, and open as it was saved where Blender was.
+was where the worker was killed, and open as it was saved where Blender was; if that was while it saved, the version
+before is opened.
 """
 
 from __future__ import annotations
@@ -107,8 +108,9 @@ def kill_workers(args: argparse.Namespace) -> int:
 
 def kill_blenders(args: argparse.Namespace) -> int:
     """Kill Blenders; returns how many faults there were."""
-    chance, wrong, kept = random.Random(args.seed), 0, ""
+    chance, wrong, kept, between = random.Random(args.seed), 0, "", 0
     for k in range(args.blenders + 1):
+        between += brought_back(args.work / "scene.blend")
         blender = Blender(args, 0, args.seed)
         try:
             lines = blender.wait(lambda said: any(line.startswith("tracking") for line in said), STARTING)
@@ -127,8 +129,19 @@ def kill_blenders(args: argparse.Namespace) -> int:
                     wrong += 1
         finally:
             blender.close()
-    print(f"{args.blenders} Blenders were killed: {wrong} faults", flush=True)
+    print(f"{args.blenders} Blenders were killed, {between} between two renames: {wrong} faults", flush=True)
     return wrong
+
+
+def brought_back(scene: Path) -> bool:
+    """Take the version before, as a user would, where Blender ended while it saved: it renames the file to `.blend1`,
+    and only then the new one, `.blend@`, to the file's name.
+    """
+    before = scene.with_suffix(".blend1")
+    missing = not scene.exists() and before.exists()
+    if missing:
+        before.rename(scene)
+    return missing
 
 
 def main(argv: Sequence[str] | None = None) -> int:

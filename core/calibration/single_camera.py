@@ -92,7 +92,7 @@ class SingleViewCalibration:
         rows = [
             f"{self.camera.name}: {lens}, {-R[:, 2] @ t:.1f} m above the floor, looks down by "
             f"{np.degrees(self.tilt):.0f} degrees within {np.degrees(self.tilt_deviation):.0f}",
-            "scale from the performer's height; one camera alone is a guess where the performer does not show it",
+            "scale from the performer's height; with one camera, what the performer does not show is a guess",
         ]
         if self.focal_deviation:
             rows.append("the lens is not known, and with it how far away the performer is: give the lens if you can")

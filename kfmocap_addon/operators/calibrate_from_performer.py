@@ -67,7 +67,7 @@ class CalibrateFromPerformer(Conditional, JobOperator, bpy.types.Operator):
             view.lens_known = view.name in known
         scene.kfmocap_capture.performer_summary = "\n".join(result.summary_lines)
         count = len(result.cameras)
-        self.report({"INFO"}, f"{count} camera{' is' if count == 1 else 's are'} found: see Without a Wand")
+        self.report({"INFO"}, f"{count} camera{' was' if count == 1 else 's were'} found: see below")
 
 
 CLASSES = (CalibrateFromPerformer,)

@@ -10,12 +10,13 @@ from .reporting import reported
 
 
 def has_hands(context: bpy.types.Context) -> str:
-    """An armature is active, or a character is chosen."""
-    return "" if _character(context) is not None else "Choose the character's armature first"
+    """An armature is active, or a character or a performer is chosen."""
+    return "" if _character(context) is not None else "Choose a character first, or add a body"
 
 
 class HandShape(Conditional, bpy.types.Operator):
-    """Pose the fingers of the active armature, or else of the chosen character, and key them on this frame"""
+    """Pose the fingers of the active armature, or else of the character chosen here, or else of the chosen performer's
+    body, which gets fingers, and key them on this frame"""
 
     bl_idname = "kfmocap.hand_shape"
     bl_label = "Hand Shape"
@@ -40,12 +41,16 @@ class HandShape(Conditional, bpy.types.Operator):
     )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ..retargeting import finger_posing
+        from ..retargeting import finger_posing, finger_tracking
 
         with reported(self) as outcome:
             armature = _character(context)
-            for side in self.side:
-                finger_posing.key_shape(armature, side, self.shape, self.amount, context.scene.frame_current)
+            frame, slot = context.scene.frame_current, active_performer.chosen(context)
+            if slot is not None and armature == slot.armature:
+                finger_tracking.with_fingers(armature)
+            finger_posing.key_shape(armature, self.side, self.shape, self.amount, frame)
+            hands = {"LR": "both hands", "L": "left hand", "R": "right hand"}[self.side]
+            self.report({"INFO"}, f"{armature.name}: {hands} keyed on frame {frame}")
         return outcome.value
 
 
@@ -53,7 +58,8 @@ def _character(context: bpy.types.Context) -> bpy.types.Object | None:
     active = context.view_layer.objects.active if context.view_layer is not None else None
     if active is not None and active.type == "ARMATURE":
         return active
-    return context.scene.kfmocap.retarget.target
+    slot = active_performer.chosen(context)
+    return context.scene.kfmocap.retarget.target or (slot.armature if slot is not None else None)
 
 
 class FingersFromKeypoints(Conditional, bpy.types.Operator):

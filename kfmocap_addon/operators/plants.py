@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..scene_io import active_performer
+from ..viewports import viewport
 from .conditions import Conditional, has_performer
 from .reporting import reported
 
@@ -20,6 +21,7 @@ class PlantOperator(Conditional):
             slot = active_performer.chosen(context)
             if said := self.change(context.scene, slot):
                 self.report({"INFO"}, f"{slot.name}: {said}")
+            viewport.redraw(context)  # after a dialog Blender does not
         return outcome.value
 
     def change(self, scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> str:
@@ -74,8 +76,17 @@ class SetPlant(PlantOperator, bpy.types.Operator):
         if scene.use_preview_range:
             self.first, self.last = scene.frame_preview_start, scene.frame_preview_end
             return self.execute(context)
-        self.first = self.last = scene.frame_current
+        self.first, self.last = self._suggested(context)
         return set(context.window_manager.invoke_props_dialog(self))
+
+    def _suggested(self, context: bpy.types.Context) -> tuple[int, int]:
+        """The frames to offer: of the plant that is shown, where it is to end; else the frame that is shown."""
+        shown = context.scene.frame_current
+        if not self.planted:
+            for plant in active_performer.chosen(context).plants:
+                if plant.name == self.point and plant.first <= shown <= plant.last:
+                    return plant.first, plant.last
+        return shown, shown
 
     def change(self, scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> str:
         from ...core.body.soles import SOLE_POINTS
@@ -83,7 +94,10 @@ class SetPlant(PlantOperator, bpy.types.Operator):
 
         points = [name for name in SOLE_POINTS if self.point in (name, name[-1])]
         sole_plants.edit(scene, slot, points, (self.first, self.last), self.planted)
-        return ""
+        what = f"{' and '.join(points)} {'stand' if self.planted else 'do not stand'}"
+        if len(points) == 1:
+            what = f"{points[0]} {'stands' if self.planted else 'does not stand'}"
+        return f"{what} on the ground on frames {self.first} to {self.last}"
 
 
 class ForgetPlantEdits(PlantOperator, bpy.types.Operator):
@@ -97,7 +111,7 @@ class ForgetPlantEdits(PlantOperator, bpy.types.Operator):
 
         slot.plant_edits.clear()
         sole_plants.find(scene, slot)
-        return ""
+        return f"{len(slot.plants)} plants of heels and balls"
 
 
 class CleanFeet(PlantOperator, bpy.types.Operator):

@@ -10,15 +10,18 @@ from .rig_reading import rest_orientations, rest_skeleton
 from .send import target_bones
 
 
-def key_shape(armature: bpy.types.Object, side: str, shape: str, amount: float, frame: int) -> None:
-    """Pose the fingers of one hand and key their rotations on a frame, in the rotation mode that each bone has.
+def key_shape(armature: bpy.types.Object, sides: str, shape: str, amount: float, frame: int) -> None:
+    """Pose the fingers of the hands of some sides, "L", "R" or "LR", and key their rotations on a frame, in the
+    rotation mode that each bone has.
 
     Raises
     ------
     BodyError
         The armature is no human's, or its fingers are not known.
     """
-    turns = finger_turns(rest_skeleton(armature), target_bones(armature), side, shape, amount)
+    skeleton, bones = rest_skeleton(armature), target_bones(armature)
+    hands = [finger_turns(skeleton, bones, side, shape, amount) for side in sides]
+    turns = {name: turn for hand in hands for name, turn in hand.items()}
     names = list(turns)
     for name, R in zip(names, rest_orientations(armature, names), strict=True):
         bone = armature.pose.bones[name]

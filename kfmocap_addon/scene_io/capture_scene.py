@@ -149,7 +149,7 @@ def is_picked(colour: KFMocapColour) -> bool:
 def missing(capture: KFMocapCapture) -> str:
     """What there is to do before cameras can be solved from a capture; empty when there is nothing."""
     if len(capture.views) < LEAST_VIEWS:
-        return "Add the videos of at least two cameras"
+        return "Add the wand's videos of at least two cameras"
     open_slots = [_LABELS[slot] for slot in wanted_slots(capture) if not is_picked(capture.colour(slot))]
     return f"Pick the colour: {open_slots[0]}" if open_slots else ""
 

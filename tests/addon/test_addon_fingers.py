@@ -137,6 +137,16 @@ def test_the_button_gives_a_body_without_fingers_some_that_move_as_seen(blender,
     assert np.abs(bends(slot.armature) - wanted).max() < 3
 
 
+def test_a_hand_shape_without_a_character_is_the_chosen_performers(blender, tmp_path):  # noqa: F811
+    slot = walk_scene(tmp_path, tracked=True)
+    bpy.context.view_layer.objects.active = None
+    for side in ("L", "LR"):
+        assert bpy.ops.kfmocap.hand_shape(shape="fist", side=side) == {"FINISHED"}
+        bpy.context.view_layer.update()
+        assert (bends(slot.armature)["LR".index(side[-1]), 1:] > 45).all()
+    assert len(slot.armature.data.bones) == len(BODY) + 30
+
+
 def test_the_body_gets_fingers_and_files_have_them(blender, tmp_path, capsys):  # noqa: F811
     """As `kfmocap track` writes them where the shot file asks for fingers."""
     slot = walk_scene(tmp_path, tracked=True)
