@@ -14,15 +14,13 @@ from statistics import mean
 
 import numpy as np
 
-from ..core.body import landmark_positions
-from ..core.formats import Landmarks, read_trc
 from ..core.formats.keypoint_files import read_keypoints
 from ..core.formats.keypoint_layouts import HALPE_26, mirrored_name
-from ..core.review.scoring import joint_error
 from ..core.shot.detections import Detections
 from ..core.shot.shot import Shot
 from ..core.tracking.prepare import load_shot
 from ..core.tracking.tracker import track
+from .case import Reference
 from .tables import markdown
 
 MISSING, TURNED, LEAPS, LEAP = 0.20, 0.10, 0.05, 100.0
@@ -63,10 +61,7 @@ def _row(args: argparse.Namespace, keyframes: str) -> list[str]:
 
 def error(shot: Shot, reference: Path) -> float:
     """Track a shot: mean error of the joints, millimetres, on the frames without a key pose of the user's."""
-    performer, (motion, *_) = shot.performers[0], track(shot).motions
-    names = tuple(performer.body.landmarks)
-    found = Landmarks(names, landmark_positions(performer.body, motion, list(names)), shot.fps)
-    return joint_error(found, read_trc(reference), performer.key_poses.full().tolist()).mean
+    return Reference(shot, reference).score(track(shot).motions[0]).mean
 
 
 def _worse_error(args: argparse.Namespace, views: list[str] | None, keys: list[int] | str, seed: int) -> float:

@@ -42,7 +42,7 @@ def results(folder: Path) -> dict[str, object]:
 
 
 def test_a_killed_run_is_taken_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    short_walk(tmp_path / "walk", 7, keyframes=(0, 2, 4, 6), settings=SETTINGS)
+    short_walk(tmp_path / "walk", 7, keyframes=(0, 2, 4, 6), settings=SETTINGS, posed=True)
     assert main(arguments(tmp_path, "whole")) == 0
     assert killed(tmp_path) == -signal.SIGKILL
     assert not (tmp_path / "out").exists()

@@ -38,7 +38,7 @@ def killed(*arguments: str, interrupts: signal.Handlers = signal.SIG_DFL) -> str
 
 
 def test_tracking_leaves_all_or_nothing(tmp_path: Path) -> None:
-    shot = short_walk(tmp_path / "walk", 5, settings=SETTINGS) / "shot.toml"
+    shot = short_walk(tmp_path / "walk", 5, settings=SETTINGS, posed=True) / "shot.toml"
     said = killed("track", str(shot), "--out", "OUT", "--no-blender", "--views", "cam01")
     for code in (-9, 143, 130):
         assert f"exit code {code} and old results" in said
@@ -55,10 +55,8 @@ def test_calibrating_leaves_all_or_nothing_though_the_tool_runs_in_the_backgroun
 
 
 def test_a_batch_leaves_all_or_nothing_of_every_shot(tmp_path: Path) -> None:
-    shots = [
-        short_walk(tmp_path / name, 3, name=name, keyframes=(0, 2), views=1, settings=SETTINGS) / "shot.toml"
-        for name in ("one", "other")
-    ]
+    kinds = {"keyframes": (0, 2), "views": 1, "settings": SETTINGS, "posed": True}
+    shots = [short_walk(tmp_path / name, 3, name=name, **kinds) / "shot.toml" for name in ("one", "other")]
     killed("--apart", "batch", *map(str, shots), "--out", "OUT", "--no-blender")
 
 

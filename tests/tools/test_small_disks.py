@@ -12,6 +12,8 @@ from made_capture import made_capture
 from short_walk import short_walk
 from small_disks import disk, is_whole
 
+SETTINGS = ["working_size = 120", "limb_search = false", "prediction = false"]
+
 
 @pytest.fixture(scope="module", autouse=True)
 def needs_disks() -> None:
@@ -25,12 +27,9 @@ def needs_disks() -> None:
 @pytest.fixture(scope="module")
 def shots(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """Two shots that take a second each."""
-    settings = ["working_size = 120", "limb_search = false", "prediction = false"]
-    return [
-        short_walk(tmp_path_factory.mktemp(name) / "walk", 3, name=name, keyframes=(0, 2), settings=settings)
-        / "shot.toml"
-        for name in ("one", "other")
-    ]
+    kinds = {"keyframes": (0, 2), "settings": SETTINGS, "posed": True}
+    folders = {name: tmp_path_factory.mktemp(name) for name in ("one", "other")}
+    return [short_walk(folder / "walk", 3, name=name, **kinds) / "shot.toml" for name, folder in folders.items()]
 
 
 def ended(*arguments: str) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from bvh_files import bvh_text, wild
 from kfmocap.core.body import human, landmark_positions, part_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.body.prop import body_of_prop
@@ -282,8 +283,6 @@ def test_bad_overrides_are_named(folder: Path, arguments: dict, message: str) ->
 
 
 def test_key_poses_can_come_from_a_bvh(folder: Path) -> None:
-    from test_bvh import bvh_text, wild
-
     body = human(1.7)
     motion = wild(body, LAST - FIRST + 1)
     (folder / "poses.bvh").write_text(bvh_text(body, motion))
@@ -350,8 +349,6 @@ def test_a_setting_of_another_type_is_refused(folder: Path, monkeypatch, line: s
     ],
 )
 def test_bad_key_poses_are_named(folder: Path, line: str, message: str) -> None:
-    from test_bvh import bvh_text, wild
-
     short = bvh_text(human(), wild(human(), 4))
     (folder / "poses.bvh").write_text(short)
     (folder / "other.bvh").write_text(bvh_text(human(), wild(human(), 8)).replace("shin.L", "LeftLeg"))
@@ -379,8 +376,6 @@ CUBE = "".join(f"v {x} {y} {z}\n" for x in (0, 0.1) for y in (0, 0.4) for z in (
 @pytest.fixture
 def with_prop(folder: Path) -> Path:
     """The shot with a stick that lies still, 2 m beside the origin and upright."""
-    from test_bvh import bvh_text
-
     joint = RestSkeleton(("stick",), (-1,), np.array([[2.0, 0, 1]]), np.full((1, 3), np.nan))
     body = body_of_prop(joint, np.array([[x, y, z] for x in (0, 0.1) for y in (0, 0.4) for z in (0, 0.1)]))
     turn = rotations.exp(np.array([np.pi / 2, 0, 0]))
@@ -427,8 +422,6 @@ def test_a_prop_is_held_as_the_file_says(with_prop: Path) -> None:
     ],
 )
 def test_props_and_holds_that_cannot_be_are_named(with_prop: Path, old: str, new: str, message: str) -> None:
-    from test_bvh import bvh_text, wild
-
     (with_prop / "person.bvh").write_text(bvh_text(human(), wild(human(), 8)))
     file = with_prop / "shot.toml"
     text = file.read_text()
