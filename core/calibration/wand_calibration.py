@@ -29,14 +29,16 @@ from .wand_triangulation import sight
 FOCAL_SIGMA = 0.1
 """Standard deviation of a focal length that is given, as a share."""
 _EXACT = 1e-6
+"""Of the L-frame's measures, metres, in the covariance: the world is what they make it."""
 _ROUNDS = 4
+"""How often cameras are adjusted and the wand's balls selected anew, at most."""
 _SETTLED = 0.01
+"""Share by which the number of balls and their noise may change in the last of these."""
 _ROBUST = 4.0
 """Scale of the robust loss, in standard deviations, while wrong balls may still be among the others."""
 _LEAST_NOISE = 0.2
-_HELD_OUT = 10
-"""One in so many stretches of frames is held out."""
-_STRETCH = 10
+_HELD_OUT, _HELD_OUT_RUN = 10, 10
+"""One in so many runs of so many frames is held out: neighbouring frames have the same errors."""
 
 
 def solve_capture(capture: Capture, progress: Progress | None = None, *, drift: bool = False) -> CalibrationResult:
@@ -155,30 +157,85 @@ def _evidence(capture: Capture, seen: BallObservations, together: Synchrony) -> 
     return BundleEvidence(seen, focal=focal, focal_sigma=FOCAL_SIGMA, smooth=together.between)
 
 
+@dataclass(frozen=True, eq=False)
+class _FloorCapture:
+    """A capture whose floor is that of an L-frame, whatever shows it, and the draft in its scale.
+
+    Attributes
+    ----------
+    capture : Capture
+        With the L-frame, or with one in its place that the wand on the floor or the performer shows.
+    given : Capture
+        Without one in its place.
+    draft : _Draft
+    findings : tuple of Finding
+        What the floor is known by, where there is no L-frame.
+    """
+
+    capture: Capture
+    given: Capture
+    draft: _Draft
+    findings: tuple[Finding, ...] = ()
+
+    @classmethod
+    def of(cls, capture: Capture, draft: _Draft) -> _FloorCapture:
+        given = lframe_by_all_views(capture, draft.scene.rig)
+        if given.floor:
+            with_floor, finding = with_wand_on_floor(given, draft.scene.rig)
+            return cls(with_floor, given, draft, (finding,))
+        if given.performer is None:
+            return cls(given, given, draft)
+        standing = on_performers_floor(given, draft.scene.rig)
+        return cls(
+            standing.capture,
+            replace(given, wand_length=standing.capture.wand_length),
+            replace(draft, scene=draft.scene.scaled(standing.scale)),
+            (standing.finding,),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _World:
+    """A scene in the world of the L-frame, and how the L-frame was placed in it.
+
+    Attributes
+    ----------
+    scene : Scene
+    resting : BallObservations
+        Of the L-frame, without those of cameras that were moved.
+    placement : LFramePose
+    moved : dict of int to float
+        Cameras that were moved between L-frame and wand, and by how many pixels.
+    """
+
+    scene: Scene
+    resting: BallObservations
+    placement: lframe.LFramePose
+    moved: dict[int, float]
+
+    @classmethod
+    def of(cls, floor: _FloorCapture) -> _World:
+        capture, draft = floor.capture, floor.draft
+        resting = lframe.resting([view.lframe for view in capture.views])
+        moved = {} if capture.performer is not None else lframe.moved_since(draft.scene.rig, resting, draft.noise)
+        resting = resting.take(~np.isin(resting.camera, list(moved)))
+        placement = lframe.place_lframe(draft.scene.rig, resting, capture.lframe_points, draft.noise)
+        scene = draft.scene.in_world(placement.R, placement.t)
+        lframe.check(placement, scene.rig, capture.lframe_points, capture.wand_length)
+        return cls(replace(scene, lframe_world=capture.lframe_points.copy()), resting, placement, moved)
+
+
 def _finished(
     draft: _Draft, capture: Capture, together: Synchrony, free: Bools, *, known: Sequence[Lens], steps: _Steps
 ) -> CalibrationResult:
     """Define the world by the L-frame, decide on the lenses, and adjust once more to all that is known."""
-    capture = lframe_by_all_views(capture, draft.scene.rig)
-    given, known_floor = capture, tuple[Finding, ...]()
-    if capture.floor:
-        capture, finding = with_wand_on_floor(capture, draft.scene.rig)
-        known_floor = (finding,)
-    elif capture.performer is not None:
-        standing = on_performers_floor(capture, draft.scene.rig)
-        capture, known_floor = standing.capture, (standing.finding,)
-        given = replace(given, wand_length=capture.wand_length)
-        draft = replace(draft, scene=draft.scene.scaled(standing.scale))
-    resting = lframe.resting([view.lframe for view in capture.views])
-    moved = {} if capture.performer is not None else lframe.moved_since(draft.scene.rig, resting, draft.noise)
-    resting = resting.take(~np.isin(resting.camera, list(moved)))
-    placement = lframe.place_lframe(draft.scene.rig, resting, capture.lframe_points, draft.noise)
-    scene = draft.scene.in_world(placement.R, placement.t)
-    lframe.check(placement, scene.rig, capture.lframe_points, capture.wand_length)
-    scene = replace(scene, lframe_world=capture.lframe_points.copy())
-    evidence = replace(_evidence(capture, draft.seen, together), lframe=resting, lframe_measures=capture.lframe_points)
+    floor = _FloorCapture.of(capture, draft)
+    world, capture, draft = _World.of(floor), floor.capture, floor.draft
+    evidence = replace(
+        _evidence(capture, draft.seen, together), lframe=world.resting, lframe_measures=capture.lframe_points
+    )
     steps.next("lenses", 0.7)
-    fit = adjust(scene, evidence, free, cancel=steps.check)
+    fit = adjust(world.scene, evidence, free, cancel=steps.check)
     free = lens_selection.select_lens_unknowns(fit.scene, evidence, free, known, steps.check)
     seen, used = labelled(fit.scene, capture.views, draft.noise)
     evidence = replace(evidence, wand=seen)
@@ -190,23 +247,23 @@ def _finished(
     steps.next("quality", 0.9)
     held_out = _held_out(scene, evidence, free, steps)
     solution = CalibrationResult(
-        given,
+        floor.given,
         scene.rig,
         scene.wand,
         scene.lframe_world,
         seen,
-        resting,
-        BallObservations.joined([seen, resting]).in_pixels(fit.residual),
+        world.resting,
+        BallObservations.joined([seen, world.resting]).in_pixels(fit.residual),
         used,
         free,
         covariance(scene, replace(evidence, lframe_sigma=_EXACT), fit.free) * max(noise, 1.0) ** 2 * inflation,
         noise,
-        placement.scale if given.has_lframe else np.nan,
-        moved,
+        world.placement.scale if floor.given.has_lframe else np.nan,
+        world.moved,
         held_out,
         (),
     )
-    return replace(solution, findings=(*known_floor, *diagnosis.doubts(solution)))
+    return replace(solution, findings=(*floor.findings, *diagnosis.doubts(solution)))
 
 
 def _unit_noise(residual: Array, scene: Scene, free: Bools) -> float:
@@ -216,9 +273,9 @@ def _unit_noise(residual: Array, scene: Scene, free: Bools) -> float:
 
 
 def _held_out(scene: Scene, evidence: BundleEvidence, free: Bools, steps: _Steps) -> Array:
-    """Lengths of the wand on stretches of frames that took no part in the solution that measures them."""
+    """Lengths of the wand on runs of frames that took no part in the solution that measures them."""
     wand = scene.wand
-    left_out = (np.arange(len(wand)) // _STRETCH) % _HELD_OUT == _HELD_OUT // 2
+    left_out = (np.arange(len(wand)) // _HELD_OUT_RUN) % _HELD_OUT == _HELD_OUT // 2
     times = scene.rig.times(evidence.wand.camera, evidence.wand.frame)
     nearest = np.clip(np.searchsorted(wand.frames, np.floor(times + 0.5)), 0, len(wand) - 1)
     out = left_out[nearest]
