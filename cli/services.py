@@ -182,8 +182,8 @@ class BenchmarkRequest:
 
 
 def no_blender() -> NoReturn:
-    """Raise the ImportError of a program that was put together without Blender."""
-    raise ImportError("this program was put together without it")
+    """Raise the ImportError of a program that does not include Blender."""
+    raise ImportError("this installation does not include it")
 
 
 @dataclass(frozen=True)

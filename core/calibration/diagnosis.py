@@ -47,7 +47,7 @@ def check_capture(capture: Capture) -> None:
     names = [view.camera for view in capture.views]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
-        raise CaptureError("the camera is there twice", name="camera-twice", where=twice)
+        raise CaptureError("the camera is listed twice", name="camera-twice", where=twice)
     if len(names) < 2:
         todo = "film with more; one camera alone can be refined from key poses"
         raise CaptureError("a wand needs at least two cameras", name="one-camera", todo=todo)

@@ -192,7 +192,7 @@ def cameras_by_performer(
         `progress` returned False.
     """
     if len(views) < 2:
-        raise CaptureError("these are cameras beside one another; for one see camera_by_performer", where="[[view]]")
+        raise CaptureError("two views or more are needed to solve for cameras together", where="[[view]]")
 
     def check() -> None:
         report_progress(progress, "cameras", 0.3)

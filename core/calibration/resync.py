@@ -83,5 +83,5 @@ def known_camera(cameras: Mapping[str, Camera], name: str, size: tuple[int, int]
         sizes = " and ".join(f"{w}x{h}" for w, h in (camera.size, size))
         raise CalibrationError(f"the sizes of calibration and video are {sizes}", where=where)
     if camera.moving or camera.fisheye:
-        raise CalibrationError("a wand needs cameras that stand still and are no fisheyes", where=where)
+        raise CalibrationError("a wand needs fixed cameras without fisheye lenses", where=where)
     return camera

@@ -137,9 +137,9 @@ def _range(pair: object, where: str, most: float) -> Range:
     try:
         low, high = (float(x) for x in pair)  # type: ignore[attr-defined]
     except (TypeError, ValueError) as error:
-        raise CalibrationError(f"{pair!r} is no pair of numbers", where=where) from error
+        raise CalibrationError(f"{pair!r} is not a pair of numbers", where=where) from error
     if not (0 <= low <= most and 0 <= high <= most) or (most == 1.0 and low >= high):
-        raise CalibrationError(f"{pair!r} is no range within 0 and {most:g}", where=where)
+        raise CalibrationError(f"{pair!r} is not a range within 0 and {most:g}", where=where)
     return low, high
 
 

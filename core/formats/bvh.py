@@ -91,7 +91,7 @@ def _parsed(words: Iterator[str], name: str) -> SkeletonMotion:
 def _number(word: str) -> float:
     value = float(word)
     if not abs(value) <= BEYOND:
-        raise ValueError(f"{word[:20]} is not finite, or beyond all measure")
+        raise ValueError(f"{word[:20]} is not finite, or too large to be true")
     return value
 
 

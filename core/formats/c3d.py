@@ -190,7 +190,7 @@ def _points(numbers: _Numbers, place: int, counts: tuple[int, int, int], scale: 
     # The residual of a point that was not seen is -1; some programs write no number for its place.
     unseen = (points[..., 3] < 0) | np.isnan(points[..., :3]).any(axis=-1)
     if not (np.abs(points[..., :3][~unseen]) <= BEYOND).all():
-        raise ValueError("a coordinate is beyond all measure")
+        raise ValueError("a coordinate is too large to be true")
     return np.where(unseen[..., None], np.nan, points[..., :3])
 
 

@@ -142,13 +142,13 @@ def _check_distortions(camera: Camera, where: str) -> None:
 
 
 def _check_measures(camera: Camera, where: str) -> None:
-    """Refuse what no camera has, such as a picture of no width or a place beyond all measure."""
+    """Refuse what no camera has, such as a picture of no width or a position too large to be true."""
     if not all(0 < side <= _LARGEST_SIDE for side in camera.size):
         todo = "give the width and height of the footage"
         raise CalibrationError(f"a picture of {camera.size[0]} x {camera.size[1]} pixels", where=where, todo=todo)
     for what, values in (("matrix", camera.matrix), ("translation", camera.t_cam_world)):
         if not (abs(values) <= BEYOND).all():
-            raise CalibrationError(f"the {what} holds a number beyond all measure", where=where)
+            raise CalibrationError(f"the {what} holds a number too large to be true", where=where)
 
 
 def _check_storable(camera: Camera, name: str) -> None:

@@ -100,7 +100,7 @@ def _number(row: list[str], column: int, where: str) -> float:
     except ValueError as error:
         raise CalibrationError(f"'{text[:40]}' is not a number", where=where) from error
     if abs(value) > BEYOND:
-        raise CalibrationError("a coordinate is beyond all measure", where=where)
+        raise CalibrationError("a coordinate is too large to be true", where=where)
     return value
 
 

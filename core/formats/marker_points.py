@@ -87,7 +87,7 @@ def _number(row: Mapping[str, str], column: str, where: str) -> float:
     if not np.isfinite(value):
         raise CalibrationError(f"{column} '{row[column]}' is not a finite number", where=where)
     if abs(value) > BEYOND:
-        raise CalibrationError(f"{column} '{row[column]}' is beyond all measure", where=where)
+        raise CalibrationError(f"{column} '{row[column]}' is too large to be true", where=where)
     return value
 
 

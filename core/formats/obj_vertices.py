@@ -29,5 +29,5 @@ def read_obj_vertices(path: Path) -> Array:
         if len(vertices) < LEAST or vertices.shape[1] != 3:
             raise ValueError(f"it has {len(vertices)} vertices of three coordinates")
         if not (np.abs(vertices) < BEYOND).all():
-            raise ValueError("a vertex is not finite, or beyond all measure")
+            raise ValueError("a vertex is not finite, or too large to be true")
     return vertices

@@ -78,7 +78,7 @@ class Table:
         return value
 
     def number(self, key: str, default: Any = _REQUIRED) -> float:
-        """A number, and none beyond all measure."""
+        """A number that is not too large to be true."""
         value: float = self.value(key, default)
         if key in self._values and not _is_number(value):
             raise self.error(key, f"must be a number, not {_shown(value)}")

@@ -101,7 +101,7 @@ def _row(line: str, count: int, where: str) -> list[float]:
     except ValueError as error:
         raise LandmarkError(f"not a number: {str(error)[:80]}", where=where) from error
     if any(abs(value) > BEYOND for value in values):
-        raise LandmarkError("a coordinate is beyond all measure", where=where)
+        raise LandmarkError("a coordinate is too large to be true", where=where)
     return values
 
 

@@ -204,5 +204,5 @@ def _vectors(table: Table, key: str, shape: tuple[int, ...] | None) -> Array:
     if not np.isfinite(values).all():
         raise table.error(key, "holds a value that is not a finite number")
     if (np.abs(values) > BEYOND).any():
-        raise table.error(key, "holds a value beyond all measure")
+        raise table.error(key, "holds a value too large to be true")
     return values

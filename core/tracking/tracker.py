@@ -192,8 +192,8 @@ def _check(shot: Shot) -> None:
         raise ShotError("a shot of one frame has nothing to track", where="[shot] frames")
     solver = solver_named(shot.settings.solver)
     if shot.holds and not solver.uses_holds:
-        todo = "use the solver gauss-newton, or take the hold away"
-        raise ShotError(f"the solver {shot.settings.solver} knows no holds", where=shot.holds[0].place, todo=todo)
+        what = f"the solver {shot.settings.solver} does not support holds"
+        raise ShotError(what, where=shot.holds[0].place, todo="use the solver gauss-newton, or remove the hold")
     for performer in shot.performers:
         if not len(performer.key_poses.frames):
             raise ShotError("there is no key pose", where=f"performer {performer.name}", todo="set one to begin with")

@@ -434,7 +434,7 @@ def test_props_and_holds_that_cannot_be_are_named(with_prop: Path, old: str, new
 
 def test_the_relaxation_refuses_a_hold(with_prop: Path) -> None:
     shot = load_shot(with_prop / "shot.toml", solver="relaxation")
-    with pytest.raises(KFMocapError, match="the solver relaxation knows no holds"):
+    with pytest.raises(KFMocapError, match="the solver relaxation does not support holds"):
         track(shot)
 
 
