@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ..capture.colours import Colour, to_hsv
 from ..numerics.arrays import Array
+from ..numerics.robust_kernels import NORMAL_MAD
 from .small_balls import LARGEST_SMALL, find_small_balls, without_rod
 
 Image = NDArray[Any]
@@ -138,7 +139,7 @@ def _brought_out(even: Image, background: Image) -> Image:
     too pale for the ball's. Its difference from the background goes the ball's way, and is taken several times.
     """
     differs = np.abs(even.astype(np.int16) - background).max(axis=2)
-    noise = 1.4826 * float(np.median(differs))
+    noise = NORMAL_MAD * float(np.median(differs))
     passes = differs > max(_LEAST_CHANGE, _SURE_CHANGE * noise)
     out = np.zeros_like(even)
     behind = _LIGHT[background[passes]] - _PEDESTAL
@@ -336,7 +337,7 @@ def _robust_fit(A: Array, b: Array, usable: NDArray[np.bool_]) -> tuple[Array, A
     for _ in range(4):
         x = _least_squares(A, b, weights)
         residual = b - np.einsum("nki,ni->nk", A, x)
-        scale = np.maximum(1.4826 * _median_of(np.abs(residual), usable), 0.05)
+        scale = np.maximum(NORMAL_MAD * _median_of(np.abs(residual), usable), 0.05)
         weights = usable * np.maximum(1 - (residual / (4.7 * scale[:, None])) ** 2, 0) ** 2
     return x, weights, residual
 

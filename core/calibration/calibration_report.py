@@ -30,6 +30,7 @@ _WORST = 1.0
 _ARMS = ((0, 1), (1, 2), (0, 3))
 _AXES = ((40, 40, 220), (40, 160, 40), (200, 90, 30))
 _FRUSTUM = 0.35
+_SPACE_HEIGHT = 420
 
 
 def write_report(folder: Path, solution: CalibrationResult) -> list[Path]:
@@ -189,17 +190,17 @@ def _from_aside(points: Array) -> Array:
     return np.stack([x, -np.cos(tilt) * points[..., 2] - np.sin(tilt) * away], axis=-1)
 
 
-def _space(solution: CalibrationResult, view: Callable[[Array], Array], width: int, height: int = 420) -> Image:
+def _space(solution: CalibrationResult, view: Callable[[Array], Array], width: int) -> Image:
     """Cameras, the wand's way and the L-frame, seen from somewhere."""
     frusta = {name: _frustum(camera) for name, camera in solution.cameras.items()}
     everything = view(np.concatenate([*frusta.values(), solution.wand.ends_world.reshape(-1, 3), np.zeros((1, 3))]))
     low, high = everything.min(axis=0), everything.max(axis=0)
-    scale = float(np.min((np.array([width, height]) - [130, 50]) / np.maximum(high - low, 1e-6)))
-    picture = blank(width, height)
+    scale = float(np.min((np.array([width, _SPACE_HEIGHT]) - [130, 50]) / np.maximum(high - low, 1e-6)))
+    picture = blank(width, _SPACE_HEIGHT)
 
     def at(points: Array) -> NDArray[np.int32]:
         return np.asarray(
-            ((view(points) - (low + high) / 2) * scale + [width / 2 - 25, height / 2]).round().astype(np.int32)
+            ((view(points) - (low + high) / 2) * scale + [width / 2 - 25, _SPACE_HEIGHT / 2]).round().astype(np.int32)
         )
 
     for a, b in at(solution.wand.ends_world):

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..numerics.arrays import Array
+from ..numerics.robust_kernels import NORMAL_MAD
 from .small_balls import SmallBalls
 
 Image = NDArray[Any]
@@ -88,7 +89,7 @@ class Backdrop:
         """From some frames of a video, evened, and their median; all uint8, shape (h, w, 3)."""
         found = cls(background.astype(np.float32) / 255, np.ones(3, np.float32))
         apart = [np.median(np.abs(found.frame(even).added), axis=(0, 1)) for even in evened]
-        noise = np.maximum(1.4826 * np.median(apart, axis=0), _LEAST_NOISE)
+        noise = np.maximum(NORMAL_MAD * np.median(apart, axis=0), _LEAST_NOISE)
         return replace(found, noise=noise.astype(np.float32))
 
     def passes(self, ball: BallSample) -> bool:
@@ -217,7 +218,7 @@ class PassingBalls:
         """Heights of the filter's peaks, decreasing, in deviations of its own noise, and their pixels (v, u)."""
         along = np.einsum("vuc,vuc->vu", frame.smooth, self.way)
         across = np.einsum("vuc,vuc->vu", frame.smooth, self.aside)
-        noise = max(1.4826 * float(np.median(np.abs(along))), 1e-6)
+        noise = max(NORMAL_MAD * float(np.median(np.abs(along))), 1e-6)
         score = (along - np.abs(across)) / noise
         highest = (score >= cv2.dilate(score, _PEAK)) & (score > least)
         places = np.argwhere(highest)

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from .calibration_result import CalibrationResult
 
 
-_CELLS = 12
-"""Cells along the longer side of a picture, of which the wand's balls reach some."""
 _QUANTILES = (0.05, 0.5, 0.95)
 _BLOCK = 40
 """Balls in a row by which a camera's steadiness is judged."""

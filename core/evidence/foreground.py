@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..numerics.arrays import Bools
+from ..numerics.robust_kernels import NORMAL_MAD
 from ..runtime.shared_arrays import each_row
 from .cast_shadows import CastShadows
 from .masks import beyond, within
@@ -231,4 +232,4 @@ def _deviation(colour: Bytes, plate: Bytes, known: Bools) -> float:
     some = colour[:: max(1, len(colour) // 8)]
     places = np.flatnonzero(known)[::7]
     apart = np.concatenate([cv2.absdiff(image, plate).reshape(-1, 3).take(places, axis=0) for image in some])
-    return max(2 * 1.4826 * float(np.median(apart)), _LEAST_DEVIATION)
+    return max(2 * NORMAL_MAD * float(np.median(apart)), _LEAST_DEVIATION)

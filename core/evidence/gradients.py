@@ -19,6 +19,7 @@ from ..body.kinematics import Poses
 from ..cameras.camera import Camera
 from ..numerics import rotations
 from ..numerics.arrays import Array
+from ..numerics.robust_kernels import NORMAL_MAD
 from .foreground import log_ratio
 from .label_images import LabelImages
 from .view_frames import GradientImages, Image
@@ -333,7 +334,7 @@ def _robust_deviation(residual: Image) -> float:
     middle = len(residual) // 2
     lower = middle - 1 + len(residual) % 2
     ordered = np.partition(np.abs(residual), (lower, middle))  # as np.median, in a fraction of its time
-    return 1.4826 * float((ordered[lower] + ordered[middle]) * ordered.dtype.type(0.5))
+    return NORMAL_MAD * float((ordered[lower] + ordered[middle]) * ordered.dtype.type(0.5))
 
 
 def wrenches(points: Image, slope: Image, focal: Image) -> Image:

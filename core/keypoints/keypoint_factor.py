@@ -22,12 +22,14 @@ from ..body.kinematics import Poses, motion_of_poses
 from ..formats.keypoint_layouts import is_sided, mirrored_name
 from ..numerics.arrays import Array
 from ..numerics.banded_blocks import BandedBlocks
-from ..numerics.robust_kernels import GemanMcClure
+from ..numerics.robust_kernels import RAYLEIGH_MEDIAN, GemanMcClure
 
 LEAST_DEVIATION = 0.006
 """No keypoint is surer than this, metres."""
 USUAL_DEVIATION = 0.02
 """Deviation of keypoints of which too little is seen to estimate it, metres."""
+PRIOR_COUNT = 10.0
+"""Keypoints of usual deviation that count beside those found, for each view and joint."""
 LIFTED_DEVIATION = 0.3
 """What depths that follow from the lengths of bones are worth, metres: they err alike for many frames."""
 GROSS = 3.0
@@ -211,17 +213,20 @@ class KeypointSystem:
 
 def deviations(residuals: Array, confidence: Array) -> Array:
     """Robust standard deviation of every view's keypoints over the frames, metres, shape (V, L)."""
-    size = np.linalg.norm(residuals, axis=-1)
-    size[confidence <= 0] = np.nan
-    seen = np.isfinite(size).sum(axis=1)
-    with np.errstate(all="ignore"):
-        median = np.nan_to_num(np.nanquantile(np.where(seen[:, None] > 0, size, 0.0), 0.5, axis=1))
-    own = median / 1.1774  # of the length of two normal residuals
-    few = 10.0
-    return np.asarray(np.maximum((seen * own + few * USUAL_DEVIATION) / (seen + few), LEAST_DEVIATION))
+    return deviations_of_lengths(np.linalg.norm(residuals, axis=-1), confidence)
 
 
-def robust_energy(residuals: Array, confidence: Array, deviation: Array, tolerance: float = 1.0) -> float:
+def deviations_of_lengths(lengths: Array, confidence: Array) -> Array:
+    """The same from the lengths of the residuals, shape (V, F, L), NaN where there are none."""
+    lengths = np.where(confidence > 0, lengths, np.nan)
+    seen = np.isfinite(lengths).sum(axis=1)
+    medians = np.nanquantile(np.where(seen[:, None] > 0, lengths, 0.0), 0.5, axis=1)
+    own = np.nan_to_num(medians) / RAYLEIGH_MEDIAN
+    mean = (seen * own + PRIOR_COUNT * USUAL_DEVIATION) / (seen + PRIOR_COUNT)
+    return np.asarray(np.maximum(mean, LEAST_DEVIATION))
+
+
+def robust_energy(residuals: Array, confidence: Array, deviation: Array) -> float:
     """Return the sum of Geman and McClure's errors, in variances.
 
     Parameters
@@ -231,10 +236,8 @@ def robust_energy(residuals: Array, confidence: Array, deviation: Array, toleran
     confidence : ndarray, shape (V, F, L)
     deviation : ndarray, shape (V, L)
         Metres.
-    tolerance : float
-        Above 1, far from the solution, larger errors still count.
     """
-    kernel = GemanMcClure(GROSS * tolerance)
+    kernel = GemanMcClure(GROSS)
     error = np.sum(residuals**2, axis=-1) / deviation[:, None] ** 2
     return float(np.sum(confidence * np.where(np.isfinite(error), kernel.cost(error), kernel.scale**2)))
 

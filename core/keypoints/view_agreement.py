@@ -14,7 +14,7 @@ import scipy  # its parts are loaded when they are used
 from numpy.typing import NDArray
 
 from ..numerics.arrays import Array
-from .keypoint_factor import LEAST_DEVIATION, USUAL_DEVIATION, Keypoints
+from .keypoint_factor import Keypoints, deviations_of_lengths
 from .left_right import correct_sides
 from .triangulation import LEAP, triangulate
 
@@ -28,8 +28,6 @@ MIDPOINTS = {"Neck": "Shoulder", "Hip": "Hip", "MidHip": "Hip"}
 """Keypoints that many a layout makes of those of both sides."""
 MIDPOINT_TOLERANCE = 0.02
 """A keypoint this near the middle of two others was made of them, as a share of their distance."""
-PRIOR_COUNT = 10.0
-"""Keypoints of usual deviation that count beside those found, for each view and joint."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,12 +106,7 @@ def view_deviations(keypoints: Keypoints, points_world: Array, inliers: NDArray[
     """
     size = np.linalg.norm(keypoints.residuals(points_world), axis=-1)
     views = np.maximum(inliers.sum(axis=0), 2)
-    size = size * np.sqrt(2 * views / (2 * views - 3))
-    size[keypoints.confidence <= 0] = np.nan
-    seen = np.isfinite(size).sum(axis=1)
-    medians = np.nanquantile(np.where(seen[:, None] > 0, size, 0.0), 0.5, axis=1)
-    own = np.nan_to_num(medians) / 1.1774  # of the length of two normal residuals
-    return np.asarray(np.maximum((seen * own + PRIOR_COUNT * USUAL_DEVIATION) / (seen + PRIOR_COUNT), LEAST_DEVIATION))
+    return deviations_of_lengths(size * np.sqrt(2 * views / (2 * views - 3)), keypoints.confidence)
 
 
 def _expected(points_world: Array, inliers: NDArray[np.bool_], fps: float) -> Array:

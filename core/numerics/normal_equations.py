@@ -17,7 +17,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse.linalg import splu
 
 from .arrays import Array
-from .banded import BandedFactor, bordered_solution
+from .banded import BandedFactor
 from .banded_blocks import BandedBlocks
 from .robust_kernels import Quadratic, RobustKernel
 
@@ -162,51 +162,6 @@ class BandedEquations:
     def factor(self) -> BandedFactor:
         """Cholesky factor of the undamped matrix."""
         return BandedFactor(self.blocks, self.fixed)
-
-
-@dataclass(frozen=True, eq=False)
-class BorderedEquations:
-    """Normal equations over frames, with n more unknowns that touch every frame.
-
-    The matrix is [[A, B], [B^T, C]] with the banded A. Its factor is that of A alone: the covariance of the frames'
-    unknowns where the others are known.
-
-    Attributes
-    ----------
-    banded : BandedEquations
-        A, and the cost of everything.
-    border : ndarray, shape (F, D, n)
-        B.
-    corner : ndarray, shape (n, n)
-        C.
-    corner_gradient : ndarray, shape (n,)
-    """
-
-    banded: BandedEquations
-    border: Array
-    corner: Array
-    corner_gradient: Array
-
-    @property
-    def cost(self) -> float:
-        """Robust sum of squared residuals."""
-        return self.banded.cost
-
-    def solve(self, damping: float) -> tuple[Array, Array]:
-        """Damped step of the frames' unknowns, (F, D), and of the others, (n,); see `NormalEquations`."""
-        blocks = self.banded.blocks
-        corner = self.corner + np.diag(_damped_diagonal(self.corner.diagonal(), damping))
-        factor = BandedFactor(blocks, self.banded.fixed, damping)
-        step, others = bordered_solution(factor, blocks.gradient, self.border, corner, self.corner_gradient)
-        return -step, -others
-
-    def slope(self, step: tuple[Array, Array]) -> float:
-        """Derivative of the cost along a step of (F, D) and (n,)."""
-        return self.banded.slope(step[0]) + 2 * float(self.corner_gradient @ step[1])
-
-    def factor(self) -> BandedFactor:
-        """Cholesky factor of the banded part, undamped."""
-        return self.banded.factor()
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,8 @@ import numpy as np
 
 from .arrays import Array
 
+NORMAL_MAD = 1.4826
+"""Standard deviation of a normal error as a multiple of the median of its absolute values."""
 RAYLEIGH_MEDIAN = 1.1774
 """Median length of two normal errors of standard deviation 1: a median over it is a deviation that outliers spare."""
 

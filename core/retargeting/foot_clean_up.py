@@ -28,8 +28,6 @@ def with_clean_feet(
     fps: float,
     keys: KeyPoses,
     planted: Mapping[str, Bools] | None = None,
-    *,
-    of_body: BoneMap | None = None,
 ) -> Motion:
     """Return a motion whose planted feet stand still, flat where heel and ball are planted.
 
@@ -46,15 +44,13 @@ def with_clean_feet(
         a foot stands where the key poses have it, and goes over from one to the other where these differ.
     planted : mapping of str to ndarray of bool, shape (F,), optional
         See `core.retargeting.foot_keeping.foot_paths`.
-    of_body : BoneMap, optional
-        Roles of the parts; by default they are found.
 
     Raises
     ------
     BodyError
         The body is no human's, or its hips are not its first part.
     """
-    source, bones = prepared(motion_of_body(body, motion, "body", fps), of_body)
+    source, bones = prepared(motion_of_body(body, motion, "body", fps))
     R_rest = np.stack([part.R_world_rest for part in body.parts])
     parents = tuple(body.parents)
     rig = ControlRig(source.rest, _whole(bones), parents, R_rest, R_rest)

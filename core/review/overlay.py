@@ -38,15 +38,16 @@ _LARGEST_ZOOM = 1.5
 _WHITE, _HIDDEN, _KEY = (255, 255, 255), (150, 150, 150), (0, 215, 255)
 _BACKGROUND = 24
 _SUBPIXEL_BITS = 4
+_SPACING = 1.5
 
 
-def sheet_frames(shot: Shot, columns: int = COLUMNS) -> list[int]:
+def sheet_frames(shot: Shot) -> list[int]:
     """Frames worth a look, counted from the shot's first: key frames and the middles between them."""
     keys = sorted({int(f) for performer in shot.performers for f in performer.key_poses.frames})
     ends = sorted({0, *keys, shot.length - 1})
     middles = [(a + b) // 2 for a, b in pairwise(ends)]
     frames = sorted({*ends, *middles})
-    picked = np.linspace(0, len(frames) - 1, min(columns, len(frames))).round().astype(int)
+    picked = np.linspace(0, len(frames) - 1, min(COLUMNS, len(frames))).round().astype(int)
     return [frames[i] for i in picked]
 
 
@@ -203,11 +204,11 @@ def draw_outlines(image: Image, geometry: Geometry, camera: Camera, *, frame: in
         _draw_runs(image, outline, seen, _WHITE, 1)
 
 
-def _resampled(corners: NDArray[Any], spacing: float = 1.5) -> Array:
-    """Points along a closed polygon, shape (N, 2)."""
+def _resampled(corners: NDArray[Any]) -> Array:
+    """Points along a closed polygon, `_SPACING` pixels apart, shape (N, 2)."""
     closed = np.vstack([corners, corners[:1]])
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
-    at = np.linspace(0, length[-1], max(8, int(length[-1] / spacing)))
+    at = np.linspace(0, length[-1], max(8, int(length[-1] / _SPACING)))
     return np.stack([np.interp(at, length, closed[:, c]) for c in range(2)], axis=1)
 
 

@@ -179,16 +179,16 @@ def write_json(path: Path, values: Mapping[str, Any]) -> None:
         temporary.write_text(json.dumps(values, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def check_writable(folder: Path, names: Sequence[str] = ()) -> None:
+def check_writable(folder: Path) -> None:
     """See that files can be written into a folder, which may not exist yet, before any work is done.
 
     Raises
     ------
     OutputError
-        They cannot, or a folder has one of their names.
+        They cannot.
     """
     with ExitStack() as stack:
-        Outputs(stack).folder(folder, names)
+        Outputs(stack).folder(folder, ())
 
 
 def check_inputs_kept(results: Iterable[Path], inputs: Iterable[Path]) -> None:

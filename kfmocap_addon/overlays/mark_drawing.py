@@ -43,9 +43,9 @@ def draw_marks() -> None:
                 dot(position, colour_of(landmark))
 
 
-def dot(at: Position, colour: Colour, radius: float = _RADIUS) -> None:
+def dot(at: Position, colour: Colour) -> None:
     """A filled dot with a dark rim."""
-    for size, fill in ((radius + 1.5, _DARK), (radius, colour)):
+    for size, fill in ((_RADIUS + 1.5, _DARK), (_RADIUS, colour)):
         _drawn("TRI_FAN", _circle(at, size * _scale()), fill)
 
 

@@ -11,7 +11,6 @@ from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.numerics.least_squares import GAUSS_NEWTON, Damping, StoppingRule, minimise
 from kfmocap.core.numerics.normal_equations import (
     BandedEquations,
-    BorderedEquations,
     DenseEquations,
     IndependentEquations,
     SparseEquations,
@@ -112,24 +111,6 @@ def test_a_banded_quadratic_is_solved_in_one_step_but_for_what_is_fixed() -> Non
     np.testing.assert_allclose(result.state.ravel(), minimum, atol=1e-5)  # the banded matrix has a ridge
     np.testing.assert_allclose(result.state[fixed], minimum.reshape(F, D)[fixed], rtol=0)
     assert result.cost < 1e-9 * result.cost_history[0]
-
-
-def test_a_bordered_quadratic_is_solved_in_one_step() -> None:
-    A, minimum = quadratic()
-    n = F * D
-
-    def linearise(state: tuple[np.ndarray, np.ndarray]) -> BorderedEquations:
-        whole = dense(A, np.concatenate([state[0].ravel(), state[1]]), minimum)
-        banded = banded_at(A[:n, :n], minimum[:n], state[0])
-        blocks = replace(banded.blocks, gradient=whole.gradient[:n].reshape(F, D), energy=whole.cost)
-        return BorderedEquations(
-            replace(banded, blocks=blocks), A[:n, n:].reshape(F, D, N), A[n:, n:], whole.gradient[n:]
-        )
-
-    start = np.zeros((F, D)), np.zeros(N)
-    result = minimise(start, linearise, lambda x, s: (x[0] + s[0], x[1] + s[1]), damping=GAUSS_NEWTON)
-    np.testing.assert_allclose(np.concatenate([result.state[0].ravel(), result.state[1]]), minimum, atol=1e-5)
-    assert result.cost_history[1] < 1e-9 * result.cost_history[0]
 
 
 def rosenbrock(x: np.ndarray) -> DenseEquations:
