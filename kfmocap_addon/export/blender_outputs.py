@@ -46,6 +46,7 @@ def show_shot(shot: Shot, home: Path | str) -> bpy.types.Scene:
     _open_on_footage(scene)
     for item, path in _paths(Path(home).resolve()):
         item.filepath = path
+    bpy.context.view_layer.update()  # the first time takes half a second, for which the motion would wait later
     return scene
 
 
