@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -15,12 +16,14 @@ from ...evidence.accumulate import SegmentEvidence, accumulate_evidence
 from ...evidence.occlusion import unseen
 from ...evidence.sampling import Sampling
 from ...evidence.still_evidence import StillPartsCache
-from ...evidence.view_frames import GradientImageCache
+from ...evidence.view_frames import KEPT_BYTES, GradientImageCache
 from ...numerics.arrays import Array
 from ...numerics.banded_blocks import BandedBlocks
 from ...runtime.progress import step_share
 from .problem import SegmentProblem
 
+LOOKS_KEPT = 4
+"""The end of one descent is found among them when the next one begins, also where steps beyond it were refused."""
 StepCallback = Callable[[float, Sequence[Motion]], None]
 """Called before a step with the share of the work done and the motions; may raise to end the job."""
 
@@ -72,6 +75,29 @@ class MeasuredMotion:
     evidence: SegmentEvidence
 
 
+class RecentLooks:
+    """What was measured last: a descent often begins where another one ended, and is told what that has seen."""
+
+    def __init__(self) -> None:
+        self._looks: deque[tuple[tuple[object, ...], list[Array | None], SegmentEvidence]] = deque(maxlen=LOOKS_KEPT)
+
+    def evidence(self, of: tuple[object, ...], arrays: list[Array | None]) -> SegmentEvidence | None:
+        """The evidence that was measured with the same objects and with arrays of the same values, if it is kept."""
+        for known, values, evidence in self._looks:
+            if known == of and all(_same(a, b) for a, b in zip(values, arrays, strict=True)):
+                return replace(evidence, seconds=dict.fromkeys(evidence.seconds, 0.0))
+        return None
+
+    def keep(self, of: tuple[object, ...], arrays: list[Array | None], evidence: SegmentEvidence) -> None:
+        """Keep it in the place of the oldest, unless it takes much memory."""
+        if LOOKS_KEPT * evidence.gradients.H.nbytes <= KEPT_BYTES:
+            self._looks.append((of, arrays, evidence))
+
+
+def _same(values: Array | None, others: Array | None) -> bool:
+    return values is others if values is None or others is None else np.array_equal(values, others)
+
+
 @dataclass(frozen=True, eq=False)
 class Workspace:
     """What a solver works with beside its problem; nothing of it changes a solution.
@@ -83,6 +109,7 @@ class Workspace:
         Gradient images from one evaluation to the next.
     still : StillPartsCache
         Label images of performers whose motion is given, likewise.
+    recent : RecentLooks
     on_step : callable, optional
         See `StepCallback`.
     """
@@ -90,6 +117,7 @@ class Workspace:
     threads: int = 1
     cache: GradientImageCache = field(default_factory=GradientImageCache)
     still: StillPartsCache = field(default_factory=StillPartsCache)
+    recent: RecentLooks = field(default_factory=RecentLooks)
     on_step: StepCallback | None = None
 
     def report(self, done: float, motions: Sequence[Motion]) -> None:
@@ -109,19 +137,26 @@ class Workspace:
         self, problem: SegmentProblem, motions: Sequence[Motion], sampling: Sampling, noise: Array | None = None
     ) -> MeasuredMotion:
         """Collect the evidence of the images at motions; parameters as in `accumulate_evidence`."""
-        instants = view_instants(problem, motions)
-        evidence = accumulate_evidence(
-            problem.views,
-            problem.geometry(),
-            poses_by_delay(problem, instants),
-            sampling,
-            first=problem.first,
-            noise=noise,
-            cache=self.cache,
-            threads=self.threads,
-            sought=None if problem.only is None else problem.sought,
-            still=self.still,
-        )
+        instants, geometry = view_instants(problem, motions), problem.geometry()
+        poses = poses_by_delay(problem, instants)
+        sought = None if problem.only is None else problem.sought
+        asked = tuple(problem.views), geometry, problem.first, sought, sampling
+        values = [noise, *(array for each in poses.values() for array in each)]
+        evidence = self.recent.evidence(asked, values)
+        if evidence is None:
+            evidence = accumulate_evidence(
+                problem.views,
+                geometry,
+                poses,
+                sampling,
+                first=problem.first,
+                noise=noise,
+                cache=self.cache,
+                threads=self.threads,
+                sought=sought,
+                still=self.still,
+            )
+            self.recent.keep(asked, values, evidence)
         return MeasuredMotion(tuple(motions), instants, evidence)
 
 
