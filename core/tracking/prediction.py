@@ -9,14 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 
-from ..body.motion import Motion, stacked
+from ..body.motion import Motion
 from ..evidence.occlusion import intervals
+from ..numerics import rotations
 from ..numerics.arrays import Array
 from .kalman import kalman_filter_class
 
@@ -213,10 +215,10 @@ def _seen_before(past: Motion, unseen: NDArray[np.bool_]) -> Motion:
 def _continued(seen: Motion, steps: int, models: Sequence[AutoRegression], drift: Array) -> tuple[Motion, Array]:
     """Poses that follow what was seen, and how unsure they are in each parameter, shape (steps, D)."""
     mean, variance = predict(_steps(seen) - drift, steps, models)
-    poses = [seen[-1:]]
-    for step in mean + drift:
-        poses.append(poses[-1].moved(step[None]))
-    return stacked(poses[1:]), np.cumsum(variance, axis=0)
+    steps_ahead = np.concatenate([seen.translations[-1:], mean[:, :3] + drift[:3]])
+    turns = accumulate(rotations.exp(mean[:, 3:] + drift[3:]), np.matmul, initial=seen.rotations[-1, 0])
+    R = rotations.orthonormal(np.array(list(turns)[1:]))
+    return Motion(np.cumsum(steps_ahead, axis=0)[1:], R[:, None]), np.cumsum(variance, axis=0)
 
 
 def _blended(ahead: tuple[Motion, Array] | None, back: tuple[Motion, Array] | None) -> Motion:
