@@ -37,13 +37,13 @@ STRIDE = 3
 
 @dataclass(frozen=True, eq=False)
 class ViewRatios:
-    """Every STRIDE-th pixel of a view's frames: a performer's log likelihood ratios, (F, h, w), and the colours of its
+    """Every STRIDE-th pixel of a view's frames: a performer's foreground images, (F, h, w), and the colours of its
     parts; and how brightness changes.
     """
 
     camera: Camera
     first: int
-    ratio: NDArray[np.float32]
+    foreground: NDArray[np.uint8]
     coloured: ColouredFrames | None
     still: StillParts | None
     slopes: SlopeImages | None
@@ -58,9 +58,8 @@ class ViewRatios:
             geometry = problem.geometry()
             others = np.flatnonzero(geometry.performer != performer)
             still = StillParts.drawn(geometry, others, camera, problem.first, scene_poses(problem.bodies, motions))
-        ratio = log_ratio(foreground)
-        slopes = None if coloured is None else _slopes_around(view, problem, ratio)
-        return cls(camera, problem.first, ratio, coloured, still, slopes)
+        slopes = None if coloured is None else _slopes_around(view, problem, foreground)
+        return cls(camera, problem.first, foreground, coloured, still, slopes)
 
     def labels(self, geometry: Geometry, poses: tuple[Array, Array], without: Sequence[int] = ()) -> LabelImages:
         """Label images of all parts but for some; beside those that are still, numbered as all are."""
@@ -76,22 +75,24 @@ class ViewRatios:
         labels = self.labels(geometry, poses, parts)
         rows, columns = self._within_reach(geometry, poses[1][:, list(parts)], parts)
         window, corner = (slice(None), rows, columns), (columns.start, rows.start)
-        behind = labels.part[window]  # of nobody, anyone
-        nobody = behind < 0
-        beside = np.where(nobody, self.ratio[window], np.float32(0))
+        shown, foreground = labels.part[window], self.foreground[window]
+        nobody, beside = shown < 0, log_ratio(np.arange(256, dtype=np.uint8))
         if self.coloured is None:
-            return UncoveredImages(
-                self.camera, self.first, (_as_steps(beside),) * len(parts), None, None, origin=corner
-            )
-        ratio, palette = self.coloured.colours.ratio, self.coloured.palette[window]
+            image = np.where(nobody, _as_steps(beside)[foreground], np.uint8(ZERO))
+            return UncoveredImages(self.camera, self.first, (image,) * len(parts), None, None, origin=corner)
+        colours, palette = self.coloured.colours, self.coloured.palette[window]
+        others = np.arange(len(geometry.spans))
         if self.still is None:
-            behind = np.setdiff1d(np.arange(len(geometry.spans)), parts)[behind]
+            others = np.setdiff1d(others, parts)
+        # What an image has at a pixel is decided by the colour there and by who shows: another part, or the foreground.
+        row = np.where(nobody, foreground.astype(np.int32) + np.int32(len(others)), shown)
+        place = row * np.int32(colours.ratio.shape[1]) + palette
         images = []
         for part in parts:
-            own = ratio[part][palette]
-            before = np.where(self.coloured.colours.distinct[part][behind], own - ratio[behind, palette], np.float32(0))
-            images.append(_as_steps(np.where(nobody, beside + own, before)))
-        depth = depth_steps(labels, window)
+            own = colours.ratio[part]
+            before = np.where(colours.distinct[part][others, None], own - colours.ratio[others], np.float32(0))
+            images.append(_as_steps(np.concatenate([before, beside[:, None] + own])).take(place))
+        depth = depth_steps(labels)[window]
         return UncoveredImages(self.camera, self.first, tuple(images), depth, self.slopes, origin=corner)
 
     def _within_reach(self, geometry: Geometry, joints: Array, parts: Sequence[int]) -> tuple[slice, slice]:
@@ -102,7 +103,7 @@ class ViewRatios:
         Rc, tc = self.camera.poses(self.first, len(joints))
         x = np.einsum("fij,fj->fi", Rc, joints[:, 0]) + tc
         near, far = x[:, 2] - reach, x[:, 2] + reach
-        _, *size = self.ratio.shape
+        _, *size = self.foreground.shape
         if near.min() <= NEAR:
             return slice(0, size[0]), slice(0, size[1])
         edges = []
@@ -114,9 +115,9 @@ class ViewRatios:
         return edges[0], edges[1]
 
 
-def _slopes_around(view: ViewFrames, problem: SegmentProblem, ratio: NDArray[np.float32]) -> SlopeImages | None:
+def _slopes_around(view: ViewFrames, problem: SegmentProblem, foreground: NDArray[np.uint8]) -> SlopeImages | None:
     """How brightness changes where some frame may show the performer."""
-    shown = (ratio > 0).any(axis=0)
+    shown = (foreground > ZERO).any(axis=0)
     if not shown.any():
         return None
     rows, columns = (np.flatnonzero(shown.any(axis=axis)) for axis in (1, 0))
@@ -187,9 +188,17 @@ class UncoveredImages:
         return found
 
 
-def depth_steps(labels: LabelImages, window: tuple[slice, ...] = ()) -> NDArray[np.uint16]:
-    """How far the parts are, in steps of `DEPTH_STEP`, in a window of the pictures (frames, rows, columns)."""
-    depth = labels.depth_images()[window]
+def depth_steps(labels: LabelImages) -> NDArray[np.uint16]:
+    """How far the parts are, in steps of `DEPTH_STEP`."""
+    if labels.still is None:
+        images = np.full(labels.part.shape, NOBODY, np.uint16)
+    else:
+        images = _in_depth_steps(labels.still.depth)
+    images.ravel()[labels.index] = _in_depth_steps(1 / labels.inverse_depth)
+    return images
+
+
+def _in_depth_steps(depth: NDArray[np.float32]) -> NDArray[np.uint16]:
     return np.minimum(depth / np.float32(DEPTH_STEP), np.float32(NOBODY)).astype(np.uint16)
 
 

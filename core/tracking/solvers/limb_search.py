@@ -26,7 +26,7 @@ from ...numerics.arrays import Array
 from ...numerics.likeliest_path import likeliest_path, place_probabilities
 from ...numerics.repeatable import on_grid
 from .like_limbs import untangled_limbs
-from .limb_images import UncoveredImages, ViewRatios
+from .limb_images import ZERO, UncoveredImages, ViewRatios
 from .limb_likelihood import LEAST_HELD, LimbModel, covered, limb_of, sides_shown, with_sides_learned
 from .measurement import Workspace
 from .problem import SegmentProblem
@@ -138,7 +138,7 @@ def _held(looks: Sequence[ViewRatios], geometry: Geometry, poses: tuple[Array, A
     held = np.zeros((len(poses[0]), len(parts)))
     free = np.zeros(held.shape)
     for look in looks:
-        labels, performer = look.labels(geometry, poses), look.ratio > 0
+        labels, performer = look.labels(geometry, poses), look.foreground > ZERO
         for k, part in enumerate(parts):
             seen = labels.part == part
             like = 1.0 if look.coloured is None else np.exp(np.minimum(look.coloured.of(part), 0).astype(float))

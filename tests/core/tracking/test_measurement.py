@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 from kfmocap.core.body import human
-from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.evidence.label_images import Geometry
+from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.tracking.solvers import measurement
 from kfmocap.core.tracking.solvers.measurement import LOOKS_KEPT, Workspace
 from kfmocap.core.tracking.solvers.problem import SegmentProblem
