@@ -14,8 +14,8 @@ import numpy as np
 
 from ..numerics.arrays import Array
 
-_OUTLINE = 16
-_ROUNDS = 3
+_OUTLINE = 16  # points of a ball's outline that are projected
+_ROUNDS = 3  # of a fixed-point iteration
 _CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-10)
 
 

@@ -16,19 +16,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..capture.colours import Colour, to_hsv
+from ..capture.colours import GAMMA, Colour, to_hsv
 from ..numerics.arrays import Array
 from ..numerics.robust_kernels import NORMAL_MAD
-from .small_balls import LARGEST_SMALL, find_small_balls, without_rod
+from .small_balls import BLUR_SHARE, LARGEST_SMALL, LONGEST, find_small_balls, without_rod
 
 Image = NDArray[Any]
 
-_GAMMA = 2.2
 _EVEN = 1.0  # deviation of the blur, pixels
 _PEDESTAL = 0.02  # keeps a black background's colour from being no direction at all
-_LIGHT = (np.arange(256) / 255) ** _GAMMA + _PEDESTAL
+_LIGHT = (np.arange(256) / 255) ** GAMMA + _PEDESTAL
 _SPECKS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
-_RAYS = 40
+_RAYS = 40  # from the middle of a blob across its edge
 _ANGLES = 2 * np.pi * np.arange(_RAYS) / _RAYS
 _CIRCLE = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 _BASIS = np.column_stack([np.ones(_RAYS), _CIRCLE, np.cos(2 * _ANGLES), np.sin(2 * _ANGLES)])
@@ -36,16 +35,14 @@ _CIRCLE_TERMS, _ELLIPSE_TERMS = 3, 5
 _PLACES = 11  # on a ray
 _ENDS = 2  # of these, at either end of a ray, that are ball alone or background alone
 _REACHES = (2.5, 1.5)  # how far to both sides of the outline a ray goes at least: first a search, then near the limb
-_LEAST_AREA = 12
+_LEAST_AREA = 12  # pixels
 _LARGEST_SHARE = 0.4  # of the picture's height
-_LONGEST = 3.0  # a blur of twice the diameter
-_LEAST_SOLIDITY = 0.6
-_MOST_BLOBS = 60
+_LEAST_SOLIDITY = 0.6  # area over that of the convex hull: less is no disc, even half covered
+_MOST_BLOBS = 60  # the largest that are looked at: more are the room
 _LEAST_CONTRAST = 0.02  # squared sine of the angle between the colours of ball and background
 _SHARED = 3.0  # neighbouring rays share pixels: so many count as one
 _HOLD = np.cos(np.radians(42))
-_FLOOR = 0.1
-_BLUR_SHARE = 0.35
+_FLOOR = 0.1  # standard deviation that the best of outlines leaves, pixels
 _MIXED = 3.0  # how many times the share that a ball may have in a pixel is contained in the whole
 _LEAST_CHANGE, _SURE_CHANGE = 8.0, 5.0  # of what passes from the background: levels, and deviations of the noise
 
@@ -144,7 +141,7 @@ def _brought_out(even: Image, background: Image) -> Image:
     out = np.zeros_like(even)
     behind = _LIGHT[background[passes]] - _PEDESTAL
     light = behind + _MIXED * (_LIGHT[even[passes]] - _PEDESTAL - behind)
-    out[passes] = (255 * np.clip(light, 0, 1) ** (1 / _GAMMA)).round()
+    out[passes] = (255 * np.clip(light, 0, 1) ** (1 / GAMMA)).round()
     return out
 
 
@@ -254,12 +251,12 @@ def _refined(
         fit = _outline_fit(image, balls, hidden, nearest, terms)
         axes = fit.balls.semi_axes
         with np.errstate(invalid="ignore"):
-            good &= (axes[:, 1] > 1) & (axes[:, 0] < _LONGEST * axes[:, 1])
+            good &= (axes[:, 1] > 1) & (axes[:, 0] < LONGEST * axes[:, 1])
         kept = [np.where(good.reshape(-1, *[1] * (x.ndim - 1)), x, y) for x, y in _columns(fit.balls, balls)]
         balls = Balls(*kept)
     major, minor = balls.semi_axes.T
     good &= (fit.coverage >= tolerance.coverage) & (fit.residual <= tolerance.noise + tolerance.roundness * minor)
-    sigma = np.sqrt(balls.sigma**2 + _FLOOR**2 + (_BLUR_SHARE * (major - minor)) ** 2)
+    sigma = np.sqrt(balls.sigma**2 + _FLOOR**2 + (BLUR_SHARE * (major - minor)) ** 2)
     return Balls(balls.centres, balls.shapes, sigma), good
 
 

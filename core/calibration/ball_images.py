@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from ..capture.colours import GAMMA
 from ..numerics.arrays import Array, Bools
 
 Image = NDArray[Any]
 
-_GAMMA = 2.2
 _LENS = 0.5  # standard deviation of the blur by the lens and the pixels' size, pixels
 _EVEN = 1.0  # of the blur that makes brightness as soft as subsampled colour, pixels
 _SUBSAMPLED = 0.3  # of what colour subsampling adds to it
@@ -50,13 +50,13 @@ _COMPARED = np.array([_BRIGHTNESS, _COLOURS, _COLOURS])[:, None] * [
 ]
 """Brightness and differences of colour (ITU-R BT.601) of blue, green and red."""
 _PIXEL_SIGMA = 0.02  # of what the model leaves, levels from 0 to 1
-_ROBUST = 3.0
+_ROBUST = 3.0  # scale of the kernel, in standard deviations
 _SHARED = 2.0  # blurred pixels share what they show: so many count as one
-_ITERATIONS = 10
+_ITERATIONS = 10  # at most
 _SETTLED = 3e-3  # pixels
 _DARKEST = 1e-4  # linear light
 _PLATE_MISFIT = 0.03  # levels by which pixels around a ball may differ from the background seen without it
-_PLATE_GAIN = 1.4
+_PLATE_GAIN = 1.4  # factor by which the exposure may differ from that of the background's picture
 _FLOOR = 0.03  # standard deviation that the best of images leaves, pixels
 _ROD_SIGMA = 0.1  # what the shape of a rod where it meets the ball adds along the rod, pixels
 _ROD_SHARE = 0.2  # and as a share of the path: a rod turns while the shutter is open
@@ -136,7 +136,7 @@ class BallImage:
 
 def linear(levels: Array) -> Array:
     """Linear light of grey levels from 0 to 255."""
-    return np.asarray(np.maximum((np.asarray(levels, float) / 255) ** _GAMMA, _DARKEST))
+    return np.asarray(np.maximum((np.asarray(levels, float) / 255) ** GAMMA, _DARKEST))
 
 
 def fit_ball(image: Image, plate: Array | None, guess: BallGuess) -> BallImage | None:
@@ -287,7 +287,7 @@ class _Window:
             yield light
 
     def _recorded(self, light: Array) -> Array:
-        levels = np.maximum(light, _DARKEST) ** (1 / _GAMMA)
+        levels = np.maximum(light, _DARKEST) ** (1 / GAMMA)
         blurred = self.blur @ np.moveaxis(levels, -1, 1) @ self.blur.T
         return np.asarray(np.moveaxis(blurred, 1, -1))
 
@@ -312,7 +312,7 @@ def _background(window: _Window, plate: Array | None, guess: BallGuess) -> Array
         gain = np.median(light[clear] / behind[clear], axis=0)
         if (np.abs(np.log(gain)) < np.log(_PLATE_GAIN)).all():
             behind = behind * gain
-            apart = np.abs(light[clear] ** (1 / _GAMMA) - behind[clear] ** (1 / _GAMMA))
+            apart = np.abs(light[clear] ** (1 / GAMMA) - behind[clear] ** (1 / GAMMA))
             if float(np.median(apart)) < _PLATE_MISFIT:
                 return behind
     A = np.concatenate([np.ones((*off.shape[:2], 1)), off], axis=-1)

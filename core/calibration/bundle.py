@@ -29,8 +29,8 @@ from .bundle_residuals import (
 )
 from .camera_rig import CAMERA_DOF
 
-_LEAST_LEFT = 0.1
-_MOST_ALIKE = 0.95
+_LEAST_LEFT = 0.1  # share of the observations that is taken to be left by the unknowns, at least
+_MOST_ALIKE = 0.95  # correlation of neighbouring frames: with 1, a whole track would count as one observation
 
 
 @dataclass(frozen=True, eq=False)

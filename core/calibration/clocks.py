@@ -22,11 +22,12 @@ from .wand_tracks import sampled
 LEAST_OVERLAP = 0.35
 """Share of the shorter track that two videos must have in common."""
 LEAST_FRAMES = 30
+"""Frames on which both videos must show the wand for a shift to be tried."""
 _SAMPLE = 250
 """Frames by which a shift is judged at first."""
-_CANDIDATES = 8
+_CANDIDATES = 8  # shifts that are refined between frames
 _FRACTIONS = np.linspace(-1, 1, 17)
-_ROUNDS = 3
+_ROUNDS = 3  # of that
 _CLOSE = 3.0
 """Pixels from epipolar lines up to which the other order of the wand's ends is not tried."""
 

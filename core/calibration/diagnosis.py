@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 LEAST_AGREEING = 0.3
 """Share of the balls that must obey two views' epipolar geometry: by chance some always do."""
 LEAST_USED = 0.3
+"""Share of a camera's balls that must be the wand's by the solution."""
 SMALL_SHARE, TOO_SMALL_SHARE = 0.02, 0.1
 """Noise of the balls as a share of the wand's length in the picture: flagged and refused."""
 SHALLOW = 1.15
@@ -33,8 +34,11 @@ THIN = 0.03
 VAGUE_FOCAL, VAGUE_OFFSET = 0.01, 0.1
 """Standard deviations, as a share and in frames."""
 LITTLE_COVERED = 0.12
+"""Share of a picture in which the wand was seen below which distortion elsewhere is a guess."""
 FEW_SHARED = 60
+"""Frames that a camera shares with the others below which it is flagged."""
 NOISY = 4.0
+"""Noise of the balls, as a multiple of their own estimate of it, from which on it is flagged."""
 
 
 def check_capture(capture: Capture) -> None:

@@ -23,15 +23,15 @@ FEWEST_SHARED = 15
 """Frames on which two views must see the wand together to be linked."""
 FLAT = 0.8
 """Share of correspondences in a plane from which a pair of views does not determine focal lengths."""
-_FRAMES = 120
-_SEEDS = 3
+_FRAMES = 120  # at most, spread over those that two views share: more say the same
+_SEEDS = 3  # pairs of cameras that are begun with
 _UNCROSSED = 0.4
 """Share of the balls that must agree before the other order of the ends is not tried."""
 _CONTENT = 0.9
 """Share of the agreement that may be expected, with which no other seed is tried."""
 _LOOSE, _TIGHT = 10.0, 3.0
 """Scales of the robust loss, in standard deviations, of cameras that were guessed and of those that were adjusted."""
-_RESECTION_PIXELS = 12.0
+_RESECTION_PIXELS = 12.0  # by which a ball may miss, as distortion is not known yet
 
 Cancel = Callable[[], None]
 

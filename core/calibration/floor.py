@@ -20,7 +20,7 @@ from .wand_triangulation import rays, triangulated
 
 _MOVED = 4.0
 """Standard deviations by which a ball at rest may seem to move."""
-_LEAST_PIXELS = 1.0
+_LEAST_PIXELS = 1.0  # by which a wand at rest may seem to move
 _LEAST_ASIDE = 0.2
 """How far the second place must lie beside the line through the first, as a share of the wand's length."""
 

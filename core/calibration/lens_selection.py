@@ -16,7 +16,8 @@ from .pairwise import Lens
 CENTRE_SIGMA = 0.01
 """Share of the picture's width to within which a principal point must be determined to be estimated."""
 K2_SIGMA = 0.1
-_CHANCE = 1e-4
+"""Standard deviation to within which k2 must be determined to be estimated."""
+_CHANCE = 1e-4  # of a value as large where there is none
 
 
 def select_lens_unknowns(

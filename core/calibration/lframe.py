@@ -19,7 +19,7 @@ _LASTING = 0.1
 """Share of a ball's standard deviation that no averaging over frames takes away."""
 _SCALE_SHARE, _SHAPE_METRES = 0.01, 5e-3
 """Differences in size and shape that no careful measuring explains."""
-_SURE = 5.0
+_SURE = 5.0  # standard deviations
 _ASIDE_PIXELS = 1.5
 """Pixels aside from which a camera is said to have moved between the takes."""
 

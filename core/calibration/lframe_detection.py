@@ -20,11 +20,11 @@ from .ball_detection import Balls
 FOCALS = (0.6, 0.8, 1.0, 1.3, 1.7, 2.3)
 """Focal lengths that are tried where none is known, as shares of the picture's longer side."""
 _STANDS = 1.0  # pixels
-_LEAST_SEEN = 0.5
-_MOST = 12
-_BENT = 0.04
-_UNEVEN = 2.5
-_SIZE_SPREAD = 0.12
+_LEAST_SEEN = 0.5  # share of the frames on which something must be found in one place to stand still
+_MOST = 12  # things that stand still among which the four are looked for
+_BENT = 0.04  # how far the long arm's balls may lie off a line, as a share of its length: lenses bend lines
+_UNEVEN = 2.5  # factor by which perspective may change the ratio of their distances
+_SIZE_SPREAD = 0.12  # of the balls' sizes in the picture beside those expected, as a share
 _DOUBT = 9.0  # how much better a mirrored L-frame must fit
 
 

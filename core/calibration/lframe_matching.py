@@ -24,10 +24,10 @@ _LENGTHS = 0.04  # metres by which a length may differ
 _BASES = ((0, 2, 3), (1, 2, 3), (0, 1, 3))
 """Three balls not on a line, from which the L-frame's pose follows."""
 _SAME = 0.012  # metres within which two places are one
-_MOST_PLACES, _MOST_POSES = 120, 4000
+_MOST_PLACES, _MOST_POSES = 120, 4000  # that are tried: a bound on the time where all the room is of the colour
 _FEWEST = 8
 """Balls, over all views, that an L-frame must have: fewer lie so by chance."""
-_ROUNDS = 3
+_ROUNDS = 3  # of taking the nearest balls and placing the L-frame on them
 
 
 def lframe_by_all_views(capture: Capture, rig: Rig) -> Capture:

@@ -49,7 +49,7 @@ _ROBUST = 3.0
 """Scale of the kernel, in standard deviations."""
 _NEAREST = 0.1  # metres
 _LEAST_NOISE = 0.3  # pixels
-_ROUNDS = 4
+_ROUNDS = 4  # of adjusting and estimating the noise, at most
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,6 +26,7 @@ FEWEST = 8
 _THRESHOLD = 2.0
 """Pixels off the epipolar line within which a point agrees."""
 COUNT = 3
+"""Guesses of two cameras that are refined: the best on the coarse grid."""
 _SAMPLE = 300
 """Correspondences in which a plane is looked for."""
 _TRIED = 60

@@ -18,13 +18,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..capture.colours import GAMMA
 from ..numerics.arrays import Array
 from ..numerics.robust_kernels import NORMAL_MAD
 from .small_balls import SmallBalls
 
 Image = NDArray[Any]
 
-_GAMMA = 2.2
 _SHARE = 0.35  # of a ball in a pixel of its path: which way that pixel goes from the background
 _FILTER = 1.6  # deviation of the filter, pixels
 _PEAK = np.ones((5, 5), np.uint8)  # where a peak is the highest
@@ -100,7 +100,7 @@ class Backdrop:
     def unmixed(self, ball: BallSample) -> Array:
         """The colour of a ball whose pixels blur mixes with the background's, linear light, shape (3,)."""
         u, v = np.round(ball.centre).astype(int)
-        own, behind = (ball.even[v, u] / 255) ** _GAMMA, self.levels[v, u] ** _GAMMA
+        own, behind = (ball.even[v, u] / 255) ** GAMMA, self.levels[v, u] ** GAMMA
         share = 1 - np.exp(-(ball.radius**2) / (2 * _BLUR**2))
         return np.asarray(np.maximum(behind + (own - behind) / share, 0.0))
 
@@ -177,9 +177,9 @@ class PassingBalls:
         if len(samples) < _FEWEST or np.median([ball.radius for ball in samples]) > _LARGEST_RADIUS:
             return None
         lights = np.array([backdrop.unmixed(ball) for ball in samples])
-        light = np.exp(np.median(np.log(np.maximum(lights, _DARKEST**_GAMMA)), axis=0))
-        behind = np.maximum(backdrop.levels, _DARKEST) ** _GAMMA
-        mixed = (behind + _SHARE * (light.astype(np.float32) - behind)) ** (1 / _GAMMA)
+        light = np.exp(np.median(np.log(np.maximum(lights, _DARKEST**GAMMA)), axis=0))
+        behind = np.maximum(backdrop.levels, _DARKEST) ** GAMMA
+        mixed = (behind + _SHARE * (light.astype(np.float32) - behind)) ** (1 / GAMMA)
         shade = _unit(backdrop.levels / backdrop.noise)
         way = _unit(_beside((mixed - backdrop.levels) / backdrop.noise, shade))
         found = cls(backdrop, light, way.astype(np.float32), np.cross(shade, way).astype(np.float32))
@@ -261,9 +261,9 @@ class PassingBalls:
     def _share(self, frame: PassingFrame, own: tuple[slice, slice]) -> tuple[Array, float]:
         """How much of every pixel of a window is the ball's colour, and its standard deviation."""
         levels = np.maximum((frame.gain * self.backdrop.levels[own]).astype(float), _DARKEST)
-        behind = levels**_GAMMA
-        added = np.maximum(frame.even[own].astype(float) / 255, _DARKEST) ** _GAMMA - behind
-        noise = _GAMMA * levels ** (_GAMMA - 1) * self.backdrop.noise
+        behind = levels**GAMMA
+        added = np.maximum(frame.even[own].astype(float) / 255, _DARKEST) ** GAMMA - behind
+        noise = GAMMA * levels ** (GAMMA - 1) * self.backdrop.noise
         toward = _beside((self.light - behind) / noise, _unit(behind / noise))
         information = np.maximum(np.sum(toward**2, axis=2), 1e-12)
         return np.sum(toward * added / noise, axis=2) / information, float(1 / np.sqrt(np.median(information)))

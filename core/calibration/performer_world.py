@@ -18,7 +18,7 @@ ANKLE_SHARE = 0.29
 
 _TILTED = 2.0
 """Scale of the kernel on what cameras lean, in standard deviations: some are turned on purpose, or propped up."""
-_ROUNDS = 20
+_ROUNDS = 20  # of reweighting
 _ON_FLOOR = 0.25
 """Share of the frames on which the lower ankle is no higher than on the floor."""
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _QUANTILES = (0.05, 0.5, 0.95)
 _BLOCK = 40
 """Balls in a row by which a camera's steadiness is judged."""
-_SURE = 8.0
+_SURE = 8.0  # standard deviations
 _LEAST_ASIDE = 1.5
 """Standard deviations of a ball aside from which a camera is said to have moved."""
 _NEAR = 100.0

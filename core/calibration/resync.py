@@ -21,8 +21,8 @@ from .synchrony import synchrony, with_capture_clock
 from .wand_matching import labelled
 from .wand_triangulation import sight
 
-_LOOSE = 10.0
-_ROUNDS = 4
+_LOOSE = 10.0  # standard deviations: at first clocks are off
+_ROUNDS = 4  # of selecting the wand's balls and estimating the clocks
 
 
 def synchronise(

@@ -22,7 +22,11 @@ Image = NDArray[Any]
 
 LARGEST_SMALL = 3.0
 """Radius from which on a ball has an outline to measure, pixels."""
-_FEWEST, _MOST_PIXELS = 3, 80
+BLUR_SHARE = 0.35
+"""Share of how much longer than wide a ball is by which its centre may be off along it."""
+LONGEST = 3.0
+"""Length over width of a ball that moves: a blur of twice the diameter."""
+_FEWEST, _MOST_PIXELS = 3, 80  # of a blob
 _LONGEST_SIDE = 22  # of a blob's box, pixels: a small ball that moves
 _MARGIN = 5  # pixels of background around a blob
 _CORE = 0.25  # share of a blob's pixels that are the ball's colour alone
@@ -33,18 +37,16 @@ _BLUR = 1.3  # standard deviation of lens, sensor, colour subsampling and smooth
 _AWAY = 1.5  # how far a rod may have pulled the centroid aside, and stretched the ball, pixels
 _ROUGH = 0.25  # relative error of the radius before
 _HIDDEN = 0.5  # cosine of the angle from a rod within which a ball may be hidden by it
-_FEWEST_PIXELS = 8
-_SHARE_NOISE = 0.06
+_FEWEST_PIXELS = 8  # of a ball that no rod hides, for its disc to be fitted
+_SHARE_NOISE = 0.06  # of a pixel's share of the ball's colour
 _FIT_ROUNDS = 6
-_MOST_BLOBS = 400
+_MOST_BLOBS = 400  # beyond, it is the colour of the room
 _SAME = 2.0  # pixels within which two blobs are one
 _SPECKS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 _ROUNDS = 4
 _FLOOR = 0.12  # standard deviation of a still ball's centroid, pixels
-_BLUR_SHARE = 0.35  # of how much longer than wide the ball is
-_LONGEST = 3.0  # length over width: a blur of twice the diameter
 _LEAST_CONTRAST = 0.04  # squared sine of the angle between the colours of ball and background
-_LEAST_RADIUS = 1.0
+_LEAST_RADIUS = 1.0  # pixels
 _CROWDED = 0.35  # share of a blob's colour that may lie around it
 
 
@@ -147,12 +149,12 @@ def _measured(light: Array, blob: Bools, coloured: Bools) -> tuple[Array, Array,
     values, vectors = np.linalg.eigh(spread)
     path = float(np.sqrt(12 * max(values[1] - values[0], 0.0)))
     radius = float((np.sqrt(path**2 + np.pi * total) - path) / np.pi)  # the area is pi r^2 + 2 r path
-    if not radius >= _LEAST_RADIUS or radius + path / 2 > _LONGEST * radius:
+    if not radius >= _LEAST_RADIUS or radius + path / 2 > LONGEST * radius:
         return None
     shape = (vectors * [radius, radius + path / 2]) @ vectors.T
     noise = float(np.std(share[~around])) if (~around).any() else _NOISE_SHARE
     scatter = noise * float(np.sqrt((off[near] ** 2).sum() / 2)) / total
-    return centre, shape, float(np.sqrt(_FLOOR**2 + scatter**2 + (_BLUR_SHARE * path / 2) ** 2))
+    return centre, shape, float(np.sqrt(_FLOOR**2 + scatter**2 + (BLUR_SHARE * path / 2) ** 2))
 
 
 def _core(share: Array, blob: Bools) -> Bools:
@@ -253,7 +255,7 @@ def without_rod(
     length = float(np.hypot(*x[3:]))
     way = x[3:] / length if length > 1e-9 else np.array([1.0, 0.0])
     grown = x[2] * np.eye(2) + length / 2 * np.outer(way, way)
-    return x[:2], grown, float(np.sqrt(_FLOOR**2 + sigma**2 + (_BLUR_SHARE * length / 2) ** 2))
+    return x[:2], grown, float(np.sqrt(_FLOOR**2 + sigma**2 + (BLUR_SHARE * length / 2) ** 2))
 
 
 def _swept_disc(places: Array, x: Array) -> Array:

@@ -28,7 +28,7 @@ _SAMPLES = 24
 """Frames by which background and balls of a video become known."""
 _LFRAMES = 0.05
 """Share of the work that the L-frame's videos are."""
-_LEAST_SHARE = 0.02
+_LEAST_SHARE = 0.02  # of a video's frames that must show the wand
 _FEWEST_CANDIDATES = 3
 """Things of its balls' colour in a view from which all views together may identify the L-frame."""
 

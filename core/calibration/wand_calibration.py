@@ -36,7 +36,7 @@ _SETTLED = 0.01
 """Share by which the number of balls and their noise may change in the last of these."""
 _ROBUST = 4.0
 """Scale of the robust loss, in standard deviations, while wrong balls may still be among the others."""
-_LEAST_NOISE = 0.2
+_LEAST_NOISE = 0.2  # of their sigma: balls are hardly ever measured better than they say
 _HELD_OUT, _HELD_OUT_RUN = 10, 10
 """One in so many runs of so many frames is held out: neighbouring frames have the same errors."""
 

@@ -24,8 +24,8 @@ from .woven_fields import is_woven
 
 Image = NDArray[Any]
 
-_MOST_OF_A_COLOUR = 8
-_MOST_PAIRS = 40
+_MOST_OF_A_COLOUR = 8  # balls on a frame, the largest
+_MOST_PAIRS = 40  # of these, the likeliest: the path through them takes the square of it
 _PIECE = 0.5  # of a trace's length that a small ball of its colour in it is, at most
 _MOST_UNLIKE = 1.8  # the one ball's size to the other's
 _LONGER = 1.5  # than the wand seen from the side, by the ball's sizes

@@ -25,7 +25,7 @@ _STEADY = 3.0
 """Pixels off its course at which a ball is not doubted."""
 _USUAL = 0.3
 """Quantile that is robust against wrong balls."""
-_ENOUGH = 10
+_ENOUGH = 10  # frames by which a path can be told
 _BRIDGED = 4
 """Frames between two balls of a track across which it is interpolated."""
 

@@ -17,9 +17,11 @@ Image = NDArray[Any]
 Range = tuple[float, float]
 
 _HUES = {"red": 0, "orange": 25, "yellow": 55, "green": 120, "cyan": 185, "blue": 225, "purple": 275, "magenta": 310}
-_NAMED_WIDTH = 25.0
+GAMMA = 2.2
+"""Levels of a picture, 0 to 1, are about that root of the light."""
+_NAMED_WIDTH = 25.0  # of the hue to both sides of a named colour, degrees
 _NAMED_SATURATION = (0.5, 1.0)
-_PICKED_WIDTH = 18.0
+_PICKED_WIDTH = 18.0  # the same of a picked one
 _STEPS = 255.0
 _WHOLE_HUE = (0.0, 360.0)
 
