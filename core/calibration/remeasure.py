@@ -41,11 +41,7 @@ _EXPOSURE = 0.5
 """Share of the time between frames that the shutter is open, before it is known."""
 _EXPOSURE_SIGMA = 0.08  # of a path whose exposure is known, as a share
 _FAST = 3.0  # pixels from frame to frame from which on the blur shows the exposure
-_PLATE_FRAMES, _SAMPLES, _FEWEST = (
-    15,
-    12,
-    4,
-)  # frames: for the background, for looks of the balls, and of these at least
+_PLATE_FRAMES, _SAMPLES, _FEWEST = 15, 12, 4  # frames: for the background, for the balls' looks, of these at least
 _SAME_LEVELS = 10.0
 """Difference of levels below which the picture without the L-frame shows the L-frame."""
 _UNMEASURED = 0.1  # standard deviation of radii where no diameter is given, as a share
