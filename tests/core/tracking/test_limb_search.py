@@ -151,7 +151,9 @@ def test_however_a_limb_turns_it_shows_pixels_of_the_window_that_is_looked_at(mo
         drawn = rotations.exp(np.random.default_rng(1).normal(0.0, 3.0, (5, 400, len(chain), 3)))
         window = look.uncovered(geometry, poses, parts)
         with monkeypatch.context() as whole:
-            whole.setattr(ViewRatios, "_within_reach", lambda self, *_: tuple(map(slice, (0, 0), self.ratio.shape[1:])))
+            whole.setattr(
+                ViewRatios, "_within_reach", lambda self, *_: tuple(map(slice, (0, 0), self.foreground.shape[1:]))
+            )
             full = look.uncovered(geometry, poses, parts)
         assert window.ratio[0].size < 0.9 * full.ratio[0].size
         np.testing.assert_array_equal(*(covered(limb, [each], rotations.log(drawn)) for each in (window, full)))
