@@ -11,7 +11,9 @@ from ..operators.camera_files import ExportCameras, ImportCameras
 from ..operators.capture_views import AddVideos, LoadCapture, RemoveVideos
 from ..operators.pick_colour import PickColour
 from ..operators.pose_from_files import ImportKeypoints
+from ..scene_io import active_performer
 from ..scene_io import capture_scene as captures
+from . import guide
 from .section import Section, SectionPart
 from .texts import draw_text
 
@@ -121,7 +123,8 @@ class PerformerCalibrationPanel(SectionPart, bpy.types.Panel):
         if missing:
             draw_text(layout, context, missing, "INFO")
         views = context.scene.kfmocap.views
-        if views and not all(view.keypoints for view in views):
+        beside = active_performer.chosen(context) is not None and guide.is_open(context, "key_poses")  # has it too
+        if views and not all(view.keypoints for view in views) and not beside:
             layout.operator(ImportKeypoints.bl_idname, icon="IMPORT")
         owner, name = height_field(context)
         layout.prop(owner, name, text="Height")

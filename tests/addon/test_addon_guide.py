@@ -170,6 +170,7 @@ def test_no_tool_has_two_buttons_of_the_same_meaning(tmp_path, tracker, misfit):
     bpy.ops.kfmocap.track()
     built.kfmocap.views[0].misfit = misfit
     key_list.CACHE.look_up()
+    sections_of(bpy.context).shown = {name for name, *_ in SECTIONS}
     layout = Layout(tools=[])
     for module in panels.SECTIONS:
         for cls in module.CLASSES:
