@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,9 @@ from scipy.spatial.transform import Rotation
 from ..errors import LandmarkError
 from ..numerics import rotations
 from ..numerics.arrays import Array
+from ..numerics.least_squares import GAUSS_NEWTON, StoppingRule, minimise
 from ..numerics.least_squares_batch import NormalSystems, minimise_each
+from ..numerics.normal_equations import DenseEquations
 from ..numerics.repeatable import on_grid
 from . import Body, default_measures, human, landmark_positions, part_poses, point_jacobian
 from .human import FRACTIONS, SHIFTS
@@ -37,6 +40,8 @@ MEASURE_SIGMA = 0.12
 """Expected relative departure of a measure from the average person's."""
 SHIFT_SIGMA = 0.03
 """Expected departure of a shift (`body.human.SHIFTS`) from the average person's, metres."""
+LITTLE_GAIN = 1e-3
+"""Share of the cost below which a gain by other measures is followed by no other."""
 AT_LIMIT = 1e-6
 """A joint this near to its limit does not follow the measures, radians."""
 TINY = 1e-12
@@ -221,8 +226,8 @@ def _descended(body: Body, names: list[str], targets: Array, start: Motion, tole
 def fit_body(names: Sequence[str], targets_world: Array, height: float | None = None, rounds: int = 5) -> Body:
     """Scale the default human to landmarks of some poses.
 
-    Measures and poses are fitted in turns: poses by `fit_poses`, then the measures, while the poses follow. They are
-    held near an average person's of that height where the landmarks do not show them.
+    The measures are fitted while the poses follow. They are held near an average person's of that height where the
+    landmarks do not show them.
 
     Parameters
     ----------
@@ -231,17 +236,16 @@ def fit_body(names: Sequence[str], targets_world: Array, height: float | None = 
         Metres; NaN where a landmark is not known.
     height : float, optional
         Metres; by default judged from the limbs.
+    rounds : int
+        Steps of the measures, at most.
     """
     targets = np.asarray(targets_world, float)
     stature = estimate_height(names, targets) if height is None else height
-    measures = default_measures(stature)
-    body, poses = human(stature, measures), None
-    for i in range(rounds):
-        # With the second round the body nearly fits.
-        poses = _fit_poses(body, names, targets, poses, search=i == 1, draw=i == 1, tolerance=SETTLED if i else ROUGH)
-        measures = _fit_measures(stature, measures, poses, names, targets)
-        body = human(stature, measures)
-    return body
+    problem = _MeasureProblem.of(stature, names, targets)
+    rough = problem.minimised(problem.posed(problem.average, None, tolerance=ROUGH), 1)
+    # With the second round the body nearly fits.
+    found = problem.minimised(problem.posed(rough.values, rough.poses, search=True), rounds - 1)
+    return human(stature, problem.measures(found.values))
 
 
 def estimate_height(names: Sequence[str], targets_world: Array) -> float:
@@ -265,44 +269,94 @@ def estimate_height(names: Sequence[str], targets_world: Array) -> float:
     return float(np.median(heights))
 
 
-def _fit_measures(
-    stature: float, measures: dict[str, float], poses: Motion, names: Sequence[str], targets: Array
-) -> dict[str, float]:
-    """One least-squares step on the measures; the poses, which fit, follow.
+@dataclass(frozen=True, eq=False)
+class _MeasuredPoses:
+    """Measures (M,), the body that has them, without its parts' surfaces, and its poses on the landmarks."""
 
-    With the poses held it would hardly move: a trunk that is too long for its landmarks buckles forward or backward,
+    values: Array
+    body: Body
+    poses: Motion
+
+
+@dataclass(frozen=True, eq=False)
+class _MeasureProblem:
+    """Measures of a body as the unknowns, with which its poses on landmarks change.
+
+    With the poses held they would hardly move: a trunk that is too long for its landmarks buckles forward or backward,
     and buckled as it is, its length fits. This is variable projection: G. H. Golub, V. Pereyra, The differentiation of
-    pseudo-inverses and nonlinear least squares problems whose variables separate (1973).
+    pseudo-inverses and nonlinear least squares problems whose variables separate (1973). Every step is tested on the
+    poses fitted anew: from poses that a limit holds, or that are not found yet, steps lead far away.
+
+    Attributes
+    ----------
+    stature : float
+    labels : list of str, length L
+        Landmarks that the body has.
+    targets : ndarray, shape (K, L, 3)
+    average, sigma : ndarray, shape (M,)
+        Measures of the average person of that height, and how far others' usually are from them.
     """
-    keys = list(measures)
-    average = default_measures(stature)
-    body = human(stature, measures)
-    used = [i for i, n in enumerate(names) if n in body.landmarks]
-    labels = [names[i] for i in used]
 
-    def placed(values: dict[str, float]) -> Array:
-        return landmark_positions(human(stature, values, solid=False), poses, labels)
+    stature: float
+    labels: list[str]
+    targets: Array
+    average: Array
+    sigma: Array
 
-    base = placed(measures)
-    step = 1e-4
-    columns = [(placed({**measures, k: measures[k] + step}) - base) / step for k in keys]
-    error = targets[:, used] - base
-    seen = np.isfinite(error).all(axis=-1)[..., None]
-    K = len(error)
-    error = np.where(seen, error, 0.0).reshape(K, -1)
-    J = (np.stack(columns, axis=-1) * seen[..., None]).reshape(K, -1, len(keys))
-    posing = (_free_jacobian(body, poses, labels) * seen[..., None]).reshape(K, -1, body.dof)
-    across = np.swapaxes(posing, 1, 2)
-    follow = np.linalg.solve(across @ posing + np.diag(_posture(body) + TINY), across @ J)
-    normal = np.einsum("kim,kin->mn", J, J - posing @ follow) / LANDMARK_SIGMA**2
-    gradient = np.einsum("kim,ki->m", J, error) / LANDMARK_SIGMA**2
-    mean = np.array([average[k] for k in keys])
-    sigma = np.array([SHIFT_SIGMA if k in SHIFTS else MEASURE_SIGMA * average[k] for k in keys])
-    gradient += (mean - np.array([measures[k] for k in keys])) / sigma**2
-    delta: Array = np.linalg.solve(normal + np.diag(sigma**-2), gradient)
-    found = on_grid(np.array([measures[k] for k in keys]) + delta)
-    fitted = dict(zip(keys, found.tolist(), strict=True))
-    return {k: v if k in SHIFTS else max(v, 0.2 * average[k]) for k, v in fitted.items()}
+    @classmethod
+    def of(cls, stature: float, names: Sequence[str], targets: Array) -> _MeasureProblem:
+        """That of landmarks (K, L, 3), some of which a body has."""
+        average = default_measures(stature)
+        sigma = [SHIFT_SIGMA if key in SHIFTS else MEASURE_SIGMA * value for key, value in average.items()]
+        used = [i for i, name in enumerate(names) if name in human(stature, solid=False).landmarks]
+        return cls(
+            stature, [names[i] for i in used], targets[:, used], np.array(list(average.values())), np.array(sigma)
+        )
+
+    def measures(self, values: Array) -> dict[str, float]:
+        """Measures (M,) by name."""
+        return dict(zip(default_measures(self.stature), values.tolist(), strict=True))
+
+    def posed(
+        self, values: Array, start: Motion | None, *, search: bool = False, tolerance: float = SETTLED
+    ) -> _MeasuredPoses:
+        """The body of some measures on the landmarks, from poses of another one; with `search` from others as well."""
+        body = human(self.stature, self.measures(values), solid=False)
+        poses = _fit_poses(body, self.labels, self.targets, start, search=search, draw=search, tolerance=tolerance)
+        return _MeasuredPoses(values, body, poses)
+
+    def minimised(self, start: _MeasuredPoses, steps: int) -> _MeasuredPoses:
+        """The measures after so many steps that bring the landmarks nearer, at most."""
+        stopping: StoppingRule[_MeasuredPoses] = StoppingRule(steps, LITTLE_GAIN)
+        return minimise(start, self._linearised, self._moved, damping=GAUSS_NEWTON, stopping=stopping).state
+
+    def _moved(self, state: _MeasuredPoses, step: Array) -> _MeasuredPoses:
+        least = [-np.inf if key in SHIFTS else 0.2 * value for key, value in default_measures(self.stature).items()]
+        return self.posed(np.maximum(on_grid(state.values + step), least), state.poses)
+
+    def _linearised(self, state: _MeasuredPoses) -> DenseEquations:
+        """The normal equations of the measures; the poses, which fit, follow."""
+        step = 1e-4
+        base = landmark_positions(state.body, state.poses, self.labels)
+        columns = []
+        for row in step * np.eye(len(state.values)):
+            other = human(self.stature, self.measures(state.values + row), solid=False)
+            columns.append((landmark_positions(other, state.poses, self.labels) - base) / step)
+        error = self.targets - base
+        seen = np.isfinite(error).all(axis=-1)[..., None]
+        K = len(error)
+        error = np.where(seen, error, 0.0).reshape(K, -1)
+        J = (np.stack(columns, axis=-1) * seen[..., None]).reshape(K, -1, len(columns))
+        posing = (_free_jacobian(state.body, state.poses, self.labels) * seen[..., None]).reshape(K, -1, state.body.dof)
+        across = np.swapaxes(posing, 1, 2)
+        follow = np.linalg.solve(across @ posing + np.diag(_posture(state.body) + TINY), across @ J)
+        departure = (state.values - self.average) / self.sigma
+        cost = _costs(state.body, self.labels, self.targets, state.poses).sum() / LANDMARK_SIGMA**2
+        return DenseEquations(
+            np.einsum("kim,kin->mn", J, J - posing @ follow) / LANDMARK_SIGMA**2 + np.diag(self.sigma**-2),
+            departure / self.sigma - np.einsum("kim,ki->m", J, error) / LANDMARK_SIGMA**2,
+            float(cost + departure @ departure),
+        )
 
 
 def _free_jacobian(body: Body, poses: Motion, names: list[str]) -> Array:

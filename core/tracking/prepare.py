@@ -29,7 +29,7 @@ from ..keypoints.observations import performer_keypoints
 from ..keypoints.proposals import KeypointPoses, poses_from_keypoints, propose_performers
 from ..keypoints.seen_landmarks import unseen_parts
 from ..runtime.progress import Progress, report_progress, share
-from ..runtime.threads import worker_count
+from ..runtime.threads import one_library_thread, worker_count
 from ..shot.footage import check_view
 from ..shot.grips import shot_with_grips
 from ..shot.shot import KeyPoses, Performer, PerformerRequest, Shot, View
@@ -55,6 +55,7 @@ def load_shot(
     return prepare_shot(read_shot_spec(path).selected(views=views, keyframes=keyframes, solver=solver), cameras)
 
 
+@one_library_thread()
 def prepare_shot(spec: ShotSpec, cameras: Mapping[str, Camera] | None = None) -> Shot:
     """Read all that a shot file names but the footage's pictures, and make bodies and key poses of it.
 
@@ -119,6 +120,7 @@ def read_shot_cameras(spec: ShotSpec) -> dict[str, Camera]:
         return load_cameras(spec.calibration)
 
 
+@one_library_thread()
 def pose_by_keypoint_files(
     shot: Shot, frames: Sequence[int] | None = None, progress: Progress | None = None
 ) -> tuple[KeypointPoses, ...]:
@@ -127,6 +129,7 @@ def pose_by_keypoint_files(
     return poses_from_keypoints(shot, read_shot_keypoints(shot), frames, share(progress, 0.1, 1.0))
 
 
+@one_library_thread()
 def with_proposed_keys(shot: Shot) -> Shot:
     """Add key poses proposed from keypoints to those that a shot has, which stay as they are, as do the bodies.
 

@@ -215,6 +215,23 @@ def test_trunks_of_other_lengths_stand_as_straight_as_the_person() -> None:
         assert np.degrees(np.abs(bends - true)).max() < 12, torso
 
 
+def test_measures_stay_a_persons_where_poses_lie_beyond_joint_limits() -> None:
+    """No body bends its knees forward: there, whole steps of the measures lead kilometres away."""
+    person = human(1.8, {"torso": 0.46, "thigh": 0.46, "shin": 0.40})
+    truth, bent = at_rest(person, 4), np.array([0.0, 0.7, 1.2, 0.0])
+    legs = {"thigh.L": -0.9, "thigh.R": -0.7, "shin.L": 1.1, "shin.R": 1.4}
+    for part, turned in {"pelvis": 0.5, "spine": 0.35, "chest": 0.25, **legs}.items():
+        truth.rotations[:, person.index(part)] = rotations.exp(np.outer(bent, [turned, 0.0, 0.0]))
+    for side, turned in (("L", 1.0), ("R", -1.0)):
+        raised = np.outer(turned * (1.2 - 0.5 * bent), [0.0, 0.0, 1.0])
+        truth.rotations[:, person.index(f"upper_arm.{side}")] = rotations.exp(raised)
+    targets = landmark_positions(person, truth, NAMES)
+    body = fit_body(NAMES, targets)
+    for ends in (("Hip", "Neck"), ("LShoulder", "RShoulder"), ("LHip", "LKnee"), ("RKnee", "RAnkle")):
+        lengths = [np.linalg.norm(np.subtract(*landmark_positions(b, at_rest(b), ends)[0])) for b in (body, person)]
+        assert lengths[0] == pytest.approx(lengths[1], rel=0.3), ends
+
+
 def test_height_is_judged_from_the_limbs() -> None:
     targets = landmark_positions(BODY, exercise(BODY, 3), NAMES)
     assert estimate_height(NAMES, targets) == pytest.approx(1.78, rel=1e-6)
