@@ -30,6 +30,8 @@ _DISTORTIONS = ("distortion_coefficients", "distortions", "dist", "distCoeffs", 
 _ROTATION = ("rotation", "R", "Rot", "rvec", "rotation_matrix")
 _LONG_WORD = re.compile(r"\S{250}")
 _BARE_KEY = re.compile(r"\s*(-\s+)*[^\s\[{].*:\s*(!\S*)?\s*")
+_LONG_INTEGER = re.compile(r"(?<![^\s\[,:])[-+]?\d{10,}(?=[\s,\]]|$)")
+_LONG_HEXADECIMAL = re.compile(r"(?<![^\s\[,:])[-+]?0[xX]\w{8,}")
 _LONGEST = 10_000  # values of a list or a matrix
 _TRANSLATION = ("translation", "T", "t", "tvec")
 
@@ -76,7 +78,8 @@ def _of_yaml(text: str) -> Any:
     _check_yaml(text)
     storage = cv2.FileStorage()
     try:
-        opened = storage.open(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+        # OpenCV never ends with an integer of more than 32 bits, such as a time in milliseconds: a real one it reads.
+        opened = storage.open(_LONG_INTEGER.sub(r"\g<0>.", text), cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
         return _value(storage.root()) if opened else None
     finally:
         storage.release()
@@ -93,6 +96,8 @@ def _check_yaml(text: str) -> None:
         raise ValueError("it begins neither as YAML nor as JSON")
     if _LONG_WORD.search(text):
         raise ValueError("a word in it is too long")
+    if _LONG_HEXADECIMAL.search(text):
+        raise ValueError("a hexadecimal number in it is too long")
     lines = [line for line in text.split("\n") if line.strip() and not line.lstrip().startswith("#")]
     for line, following in zip(lines, [*lines[1:], ""], strict=True):
         if _BARE_KEY.fullmatch(line):

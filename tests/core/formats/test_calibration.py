@@ -264,6 +264,24 @@ def test_opencv_files_with_a_node_per_camera(tmp_path: Path, suffix: str) -> Non
     assert_same(cameras["cam01"], one_camera(), 1e-12)
 
 
+def test_an_opencv_file_may_hold_integers_of_more_than_32_bits(tmp_path: Path) -> None:
+    """OpenCV itself never ends with one, as of a time in milliseconds."""
+    path = tmp_path / "front.yml"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for key, value in {
+        "image_width": SIZE[0],
+        "image_height": SIZE[1],
+        "camera_matrix": K,
+        "rvec": ROTATION,
+        "tvec": TRANSLATION,
+    }.items():
+        storage.write(key, value)
+    storage.release()
+    text = path.read_text()
+    path.write_text(text + "calibrated: 1700000000000\nframes: [ 1700000000000, 5 ]\n")
+    np.testing.assert_array_equal(load_cameras(path)["front"].matrix, K)
+
+
 def test_plain_json(tmp_path: Path) -> None:
     path = tmp_path / "front.json"
     values = {"size": SIZE, "matrix": K.tolist(), "distortions": DISTORTIONS}

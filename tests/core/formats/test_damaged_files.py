@@ -157,6 +157,9 @@ HOSTILE = {
     "opencv with a number for names": ("a.yml", changed(CALIBRATION, 'names:\n  - "01"', "names: 5"), load_cameras),
     "opencv with a width in letters": ("a.yml", changed(CALIBRATION, "W_01: 640", "W_01: x"), load_cameras),
     "opencv with a key without a value": ("a.yml", changed(CALIBRATION, "W_01: 640", "W_01: "), load_cameras),
+    "opencv with a width of 60 digits": ("a.yml", changed(CALIBRATION, "W_01: 640", f"W_01:{'9' * 60}"), load_cameras),
+    "opencv with a matrix of 60 digits": ("a.yml", f"%YAML:1.0\n---\nK_01:{'9' * 60}".encode(), load_cameras),
+    "opencv with a long hexadecimal number": ("a.yml", b"%YAML:1.0\n---\nK_01: 0x99999999999", load_cameras),
     "opencv nested 3000 deep": ("a.json", b'{"a": ' + 3000 * b"[" + 3000 * b"]" + b"}", load_cameras),
     "opencv nested 300000 deep": ("a.yml", b"%YAML:1.0\n---\na: " + 300000 * b"[", load_cameras),
     "opencv with 2^31 values": (
