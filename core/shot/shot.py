@@ -17,6 +17,8 @@ from .holds import Hold, holds_between
 
 FIELD_ORDERS = ("progressive", "top-first", "bottom-first")
 SOLVERS = ("gauss-newton", "relaxation")
+ESTIMATING_SOLVERS = ("gauss-newton",)
+"""Those that can estimate how smooth a motion is."""
 BROKEN_KEYPOINTS = ("refuse", "skip")
 MOST_THREADS = 256
 """OpenCV starts as many for each video as it is told to."""
@@ -280,6 +282,11 @@ class Settings:
         pixels, outlines = ONE_VIEW
         return self.correlation_length or pixels, self.outline_correlation or outlines
 
+    @property
+    def solver_estimates(self) -> bool:
+        """Whether the solver can estimate how smooth the motion is."""
+        return self.solver in ESTIMATING_SOLVERS
+
     def for_shot(self, views: int, key_frames: int, keypoint_views: int = 0) -> Settings:
         """Return the settings with what is not given filled in for a shot of some views and key frames.
 
@@ -289,7 +296,7 @@ class Settings:
         frame rate that a shot claims would change most. The relaxation needs none of this.
         """
         shown = key_frames > 2 or keypoint_views > 1
-        can_estimate = views > 1 and shown and self.solver == "gauss-newton"
+        can_estimate = views > 1 and shown and self.solver_estimates
         pixels, outlines = SEVERAL_VIEWS if can_estimate else ONE_VIEW
         return replace(
             self,

@@ -151,7 +151,7 @@ def _typical_variances(shot: Shot, observed: ShotKeypoints) -> tuple[Array, ...]
     settings = shot.settings
     if observed.performers:
         return tuple(own.typical_variances for own in observed.performers)
-    if settings.estimate_smoothness is False or settings.solver != "gauss-newton":
+    if settings.estimate_smoothness is False or not settings.solver_estimates:
         return None
     if settings.estimate_smoothness is None:
         given = settings.joint_acceleration or settings.root_acceleration
