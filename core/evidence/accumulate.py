@@ -16,7 +16,7 @@ from ..numerics.arrays import Array, Bools
 from .contours import OutlineSums
 from .frame_evidence import FrameEvidence, FramesInView, frame_evidence
 from .gradients import GradientSums
-from .label_images import Geometry
+from .part_geometry import Geometry
 from .sampling import Sampling
 from .still_evidence import StillPartsCache
 from .view_frames import GradientImageCache, ViewFrames

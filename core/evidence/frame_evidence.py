@@ -17,7 +17,8 @@ from .contours import OutlineSums, outline_sums
 from .explained import explained_by_part
 from .foreground import background_share, log_ratio
 from .gradients import GradientSums, LabelledFrames, brightness_constancy
-from .label_images import Geometry, LabelImages, render_labels
+from .label_images import LabelImages, render_labels
+from .part_geometry import Geometry
 from .sampling import Sampling
 from .still_evidence import StillEvidence, StillPartsCache
 from .view_frames import GradientImageCache, ViewFrames

@@ -15,7 +15,8 @@ from ..numerics.normal_equations import DenseEquations
 from .contours import Lines, outline_lines
 from .gradients import camera_twist
 from .held_outlines import HeldOutlines
-from .label_images import Geometry, render_labels
+from .label_images import render_labels
+from .part_geometry import Geometry
 from .view_frames import ViewFrames
 
 STRETCH = 0.2

@@ -11,7 +11,8 @@ from ..body.kinematics import Poses
 from ..numerics.arrays import Array, Ints
 from .explained import explained_by_part
 from .gradients import LabelledFrames, PixelGains
-from .label_images import Geometry, StillParts
+from .label_images import StillParts
+from .part_geometry import Geometry
 from .sampling import Sampling
 from .view_frames import KEPT_BYTES, ViewFrames
 

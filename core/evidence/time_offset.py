@@ -18,7 +18,7 @@ from ..body.motion import Motion
 from ..numerics.arrays import Array, Bools
 from ..numerics.least_squares import GAUSS_NEWTON, StoppingRule, minimise
 from .contours import KEY_PIECE
-from .label_images import Geometry
+from .part_geometry import Geometry
 from .part_shapes import ShapeEquations, compose, shape_equations
 from .view_frames import ViewFrames
 

@@ -25,7 +25,7 @@ from ..cameras.camera import Camera
 from ..errors import BodyError
 from ..evidence.gradients import camera_twist
 from ..evidence.held_outlines import HeldOutlines
-from ..evidence.label_images import Geometry
+from ..evidence.part_geometry import Geometry
 from ..evidence.part_shapes import SHIFT, STRETCH
 from ..formats.keypoint_files import read_shot_keypoints
 from ..keypoints.keypoint_factor import USUAL_DEVIATION, Keypoints, Places, robust_weights

@@ -17,7 +17,8 @@ from ..body.kinematics import Poses
 from ..cameras.camera import Camera
 from ..evidence.contours import KEY_PIECE, Lines, outline_lines
 from ..evidence.foreground import foreground_images
-from ..evidence.label_images import Geometry, render_labels
+from ..evidence.label_images import render_labels
+from ..evidence.part_geometry import Geometry
 from ..evidence.part_shapes import shape_columns, stretched
 from ..evidence.view_frames import ViewFrames
 from ..numerics.arrays import Array

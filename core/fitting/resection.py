@@ -23,7 +23,7 @@ from ..cameras.camera import Camera
 from ..evidence.contours import EDGE_DEVIATION, MODEL_DEVIATION, Lines
 from ..evidence.gradients import camera_twist
 from ..evidence.held_outlines import HeldOutlines
-from ..evidence.label_images import Geometry
+from ..evidence.part_geometry import Geometry
 from ..evidence.part_shapes import SHIFT, STRETCH, stretched
 from ..numerics import rotations
 from ..numerics.arrays import Array, slices_of

@@ -14,8 +14,9 @@ from ..body.motion import Motion
 from ..body.time_shift import poses_after
 from ..errors import ShotError
 from ..evidence.foreground import SURE, foreground_images, log_ratio
-from ..evidence.label_images import Geometry, render_labels
+from ..evidence.label_images import render_labels
 from ..evidence.misfit import NEAR
+from ..evidence.part_geometry import Geometry
 from ..evidence.view_frames import ViewFrames
 from ..shot.footage import PICTURE_SIZE, check_view, frames_at, shown_delay, working_factor
 from ..shot.shot import Shot, View

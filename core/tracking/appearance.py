@@ -13,9 +13,10 @@ from ..body.kinematics import Poses, scene_poses
 from ..body.motion import Motion
 from ..body.time_shift import poses_after
 from ..evidence.foreground import HALO, MARGIN, KnownPixels, performer_foregrounds
-from ..evidence.label_images import Geometry, render_labels
+from ..evidence.label_images import render_labels
 from ..evidence.masks import beyond, within
 from ..evidence.part_colours import PartColours
+from ..evidence.part_geometry import Geometry
 from ..evidence.part_shapes import fitted_shape
 from ..evidence.view_frames import ViewFrames, views_with_foreground
 from ..numerics.arrays import Array, Bools

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.motion import Motion
-from ..evidence.label_images import Geometry
+from ..evidence.part_geometry import Geometry
 from ..evidence.time_offset import Offset, key_frame_offset
 from ..evidence.view_frames import ViewFrames, views_with_foreground
 from ..keypoints.keypoint_factor import KeypointFactor

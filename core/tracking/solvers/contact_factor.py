@@ -17,7 +17,7 @@ from ...body import Body
 from ...body.joint_blocks import joint_blocks
 from ...body.kinematics import Poses, scene_poses
 from ...body.motion import Motion
-from ...evidence.label_images import Geometry
+from ...evidence.part_geometry import Geometry
 from ...numerics.arrays import Array, Ints, slices_of
 from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.robust_kernels import Huber

@@ -14,8 +14,8 @@ from ...body import Body, part_poses
 from ...body.kinematics import scene_poses
 from ...body.limbs import limbs, without_end
 from ...body.motion import Motion
-from ...evidence.label_images import Geometry
 from ...evidence.limb_sides import PartSides, SideRatios
+from ...evidence.part_geometry import Geometry
 from ...evidence.view_frames import views_with_foreground
 from ...numerics import rotations
 from ...numerics.arrays import Array

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ...body.kinematics import scene_poses
 from ...body.limbs import limbs
 from ...body.motion import Motion
-from ...evidence.label_images import Geometry
+from ...evidence.part_geometry import Geometry
 from ...evidence.view_frames import views_with_foreground
 from ...numerics import rotations
 from ...numerics.arrays import Array

@@ -24,7 +24,8 @@ from kfmocap.core.evidence.gradients import (
     huber_errors,
     huber_weights,
 )
-from kfmocap.core.evidence.label_images import Geometry, LabelImages, render_labels
+from kfmocap.core.evidence.label_images import LabelImages, render_labels
+from kfmocap.core.evidence.part_geometry import Geometry
 from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.evidence.view_frames import GradientImageCache, GradientImages, ViewFrames
 from kfmocap.core.numerics import rotations

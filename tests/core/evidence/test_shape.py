@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from kfmocap.core.body import Body
 from kfmocap.core.cameras.camera import Camera
-from kfmocap.core.evidence.label_images import Geometry, render_labels
+from kfmocap.core.evidence.label_images import render_labels
+from kfmocap.core.evidence.part_geometry import Geometry
 from kfmocap.core.evidence.part_shapes import fitted_shape, stretched
 from kfmocap.core.evidence.view_frames import ViewFrames
 from scipy.spatial import ConvexHull

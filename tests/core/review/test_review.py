@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from kfmocap.core.body import part_poses
 from kfmocap.core.body.motion import Motion
-from kfmocap.core.evidence.label_images import Geometry
 from kfmocap.core.evidence.misfit import measured_misfit
+from kfmocap.core.evidence.part_geometry import Geometry
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics.rotations import exp
 from kfmocap.core.review import suggestions

@@ -9,7 +9,7 @@ import pytest
 from kfmocap.core.body import human, part_poses
 from kfmocap.core.body.kinematics import scene_poses
 from kfmocap.core.body.motion import Motion
-from kfmocap.core.evidence.label_images import Geometry
+from kfmocap.core.evidence.part_geometry import Geometry
 from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.banded import BandedFactor
 from kfmocap.core.numerics.banded_blocks import BandedBlocks

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from kfmocap.core.body.motion import Motion
-from kfmocap.core.evidence.label_images import Geometry
 from kfmocap.core.evidence.misfit import Misfit, measured_misfit
+from kfmocap.core.evidence.part_geometry import Geometry
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics.rotations import exp
 from kfmocap.core.tracking.held_out_keys import USUAL_RATIO, _miss, covariance_ratios

@@ -12,7 +12,8 @@ from kfmocap.core.body.limbs import limb_pairs, limbs
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.errors import CancelledError
 from kfmocap.core.evidence.foreground import SCALE
-from kfmocap.core.evidence.label_images import NEAR, Geometry, render_labels
+from kfmocap.core.evidence.label_images import NEAR, render_labels
+from kfmocap.core.evidence.part_geometry import Geometry
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.shot import Settings

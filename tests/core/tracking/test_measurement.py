@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from kfmocap.core.body import human
-from kfmocap.core.evidence.label_images import Geometry
+from kfmocap.core.evidence.part_geometry import Geometry
 from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.tracking.solvers import measurement
 from kfmocap.core.tracking.solvers.measurement import LOOKS_KEPT, Workspace

@@ -12,8 +12,9 @@ import pytest
 from kfmocap.core.body.limbs import limbs
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence.foreground import log_ratio
-from kfmocap.core.evidence.label_images import Geometry, render_labels
+from kfmocap.core.evidence.label_images import render_labels
 from kfmocap.core.evidence.misfit import measured_misfit
+from kfmocap.core.evidence.part_geometry import Geometry
 from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.shot.shot import KeyPoses
