@@ -329,7 +329,7 @@ class KeypointFactor:
         Confidence of the keypoints that agree with those of other views, else 0: see `trusted_weights`.
     habit : tuple of ndarray, shape (F, P) and (P, 3, 3), optional
         Precision, 1/radians^2, with which parts that keypoints do not show are turned as usual, and how that is.
-    aside : Keypoints, optional
+    imagined : Keypoints, optional
         Of an imagined view that holds the depths of a single view's keypoints, see `core.keypoints.lifting`.
     """
 
@@ -339,14 +339,14 @@ class KeypointFactor:
     deviation: Array | None = None
     agreed: Array | None = None
     habit: tuple[Array, Array] | None = None
-    aside: Keypoints | None = None
+    imagined: Keypoints | None = None
 
     def __getitem__(self, frames: slice) -> KeypointFactor:
         """Return the evidence of some of the frames."""
         agreed = None if self.agreed is None else self.agreed[:, frames]
         habit = None if self.habit is None else (self.habit[0][frames], self.habit[1])
-        aside = None if self.aside is None else self.aside[frames]
-        return replace(self, keypoints=self.keypoints[frames], agreed=agreed, habit=habit, aside=aside)
+        imagined = None if self.imagined is None else self.imagined[frames]
+        return replace(self, keypoints=self.keypoints[frames], agreed=agreed, habit=habit, imagined=imagined)
 
     def of_views(self, views: list[int]) -> KeypointFactor:
         """Return the evidence of some of the views."""
@@ -377,15 +377,15 @@ class KeypointFactor:
         if self.agreed is not None:
             weights = np.maximum(weights, trusted_weights(residual, self.agreed, deviation, tolerance))
         blocks = keypoint_system(body, poses, keypoints, self.places, weights / self.correlated).blocks
-        if self.aside is not None:
-            blocks = blocks + self._depth_blocks(body, poses, self.aside, tolerance)
+        if self.imagined is not None:
+            blocks = blocks + self._depth_blocks(body, poses, self.imagined, tolerance)
         if self.habit is not None and self.habit[0].any():
             blocks = blocks + habitual_prior(motion_of_poses(body, poses), *self.habit)
         return blocks
 
-    def _depth_blocks(self, body: Body, poses: Poses, aside: Keypoints, tolerance: float) -> BandedBlocks:
+    def _depth_blocks(self, body: Body, poses: Poses, imagined: Keypoints, tolerance: float) -> BandedBlocks:
         """The evidence of the imagined view around the poses."""
-        residual = aside.residuals(self.places.world(poses))
-        usual = np.full((1, len(aside.names)), LIFTED_DEVIATION)
-        weights = trusted_weights(residual, aside.confidence, usual, tolerance)
-        return keypoint_system(body, poses, aside, self.places, weights).blocks
+        residual = imagined.residuals(self.places.world(poses))
+        usual = np.full((1, len(imagined.names)), LIFTED_DEVIATION)
+        weights = trusted_weights(residual, imagined.confidence, usual, tolerance)
+        return keypoint_system(body, poses, imagined, self.places, weights).blocks

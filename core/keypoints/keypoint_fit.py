@@ -153,7 +153,7 @@ class KeypointFit:
         How smooth the motion is: as estimated, or where no views agree on any keypoints, as is usual.
     measures : BodyMeasures or None
         Those of the body, where they were fitted.
-    aside : Keypoints or None
+    imagined : Keypoints or None
         Of an imagined view from the side that holds the depths, where a single view has keypoints.
     """
 
@@ -168,7 +168,7 @@ class KeypointFit:
     agreed: Array | None
     variances: AccelerationVariances
     measures: BodyMeasures | None = None
-    aside: Keypoints | None = None
+    imagined: Keypoints | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -64,7 +64,7 @@ class PerformerKeypoints:
     @property
     def is_lifted(self) -> bool:
         """Whether a single view shows the performer, so that depths follow from the lengths of the bones."""
-        return self.factor.aside is not None
+        return self.factor.imagined is not None
 
     def of_views(self, views: list[int]) -> PerformerKeypoints:
         """Return the same of some views, in that order."""
@@ -126,7 +126,7 @@ def fit_keypoints(shot: Shot, detections: Sequence[Detections], fixed: Sequence[
             correlated=correlated,
         )
         if fit.agreed is None:
-            factor = KeypointFactor(fit.keypoints, fit.places, correlated, aside=fit.aside)
+            factor = KeypointFactor(fit.keypoints, fit.places, correlated, imagined=fit.imagined)
         else:
             # Errors that last shift what is constant, the offsets and measures, which the first pass has settled. They
             # are no reason to doubt a movement that views agree on: every frame counts in full.

@@ -99,5 +99,5 @@ def _as_of_all_views(fit: KeypointFit, keypoints: Keypoints, view: int, fps: flo
         deviation=np.full((len(rays), len(keypoints.names)), USUAL_DEVIATION),
         weights=spread(fit.weights),
         agreed=None,
-        aside=with_imagined_view(fit.keypoints.of_views([0]), points, fps).keypoints.of_views([1]),
+        imagined=with_imagined_view(fit.keypoints.of_views([0]), points, fps).keypoints.of_views([1]),
     )

@@ -40,7 +40,7 @@ def test_one_camera_shows_the_pose_and_roughly_the_place(view: int) -> None:
     assert joint_errors(fit.body, fit.motion, BODY, TRUTH).mean() < 0.3
     pose = np.linalg.norm(below_the_hips(fit.body, fit.motion) - below_the_hips(BODY, TRUTH), axis=-1)
     assert pose.mean() < 0.12
-    assert fit.aside is not None and fit.agreed is None
+    assert fit.imagined is not None and fit.agreed is None
 
 
 def test_a_joint_is_at_one_of_two_depths_beside_its_true_place() -> None:
@@ -100,13 +100,13 @@ def test_the_imagined_view_holds_the_depths() -> None:
     fit = scaled_first_pass(seen, fps=FPS, precision=PRECISION, correlated=9.0, height=1.8)
     away = cameras(1)[0].pose(0)[0][2]
     moved = Motion(fit.motion.translations + 0.3 * away, fit.motion.rotations)
-    factor = KeypointFactor(fit.keypoints, fit.places, 9.0, aside=fit.aside)
+    factor = KeypointFactor(fit.keypoints, fit.places, 9.0, imagined=fit.imagined)
     pulls = [
         float((one.blocks(fit.body, part_poses(fit.body, moved), 1.0).gradient[:, :3] @ away).mean())
-        for one in (factor, replace(factor, aside=None))
+        for one in (factor, replace(factor, imagined=None))
     ]
     assert pulls[0] > 0 and pulls[0] > 2 * abs(pulls[1])
-    assert len(factor[3:9].aside) == 6
+    assert len(factor[3:9].imagined) == 6
     points = seen_places(BODY, TRUTH)
     both = with_imagined_view(seen, points, FPS)
     assert np.nanmax(np.abs(both.keypoints.of_views([1]).residuals(points))) < 1e-9
