@@ -64,7 +64,7 @@ def _doubtful(found: VideoMarkers) -> Iterator[Finding]:
         rate = video_rate(view.videos.wand, view.footage.count)
         if rate is not None and rate.varies:
             yield rate_varies(view.videos.camera, rate)
-        if view.wand.woven:
+        if view.wand.interlaced:
             yield interlaced(view.videos.camera)
 
 

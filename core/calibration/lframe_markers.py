@@ -40,13 +40,13 @@ class SeenBalls:
     markers : Markers
     radii : ndarray, shape (n, m)
         Pixels.
-    woven : bool
+    interlaced : bool
         Whether the video is interlaced.
     """
 
     markers: Markers
     radii: Array
-    woven: bool = False
+    interlaced: bool = False
 
     def corrected(self, matrix: Array, distortions: Array) -> Markers:
         """The images of the balls' middles, which are not their outlines' centres; see `ball_centres.centres_of`."""

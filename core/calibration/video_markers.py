@@ -212,7 +212,7 @@ def find_wand(view: CaptureVideoView, videos: CaptureVideos, count: int, progres
         swapped = _swaps(frames, points, radii)
         for values in (points, sigma, radii):
             values[swapped] = values[swapped][:, ::-1]
-    return SeenBalls(Markers(frames, points, sigma), radii, looks.woven)
+    return SeenBalls(Markers(frames, points, sigma), radii, looks.interlaced)
 
 
 def _swaps(frames: NDArray[np.int64], points: Array, radii: Array) -> NDArray[np.bool_]:

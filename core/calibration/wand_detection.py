@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from ..capture.colours import Colour
 from ..numerics.arrays import Array
 from .ball_detection import Balls, Picture, background_of, find_balls, without_rods
+from .interlacing import is_interlaced
 from .passing_balls import Backdrop, BallSample, PassingBalls, PassingFrame
 from .small_balls import LARGEST_SMALL
-from .woven_fields import is_woven
 
 Image = NDArray[Any]
 
@@ -86,14 +86,14 @@ class WandLooks:
         The same with the footage's noise.
     passing : tuple of PassingBalls or None
         For each colour, where enough balls were seen clearly to learn from.
-    woven : bool
+    interlaced : bool
         Whether the video is interlaced.
     """
 
     background: Image
     backdrop: Backdrop
     passing: tuple[PassingBalls | None, ...]
-    woven: bool = False
+    interlaced: bool = False
 
     @classmethod
     def learned(cls, images: Sequence[Image], colours: Sequence[Colour]) -> WandLooks:
@@ -104,7 +104,7 @@ class WandLooks:
         backdrop = Backdrop.of([picture.even for picture in pictures], background)
         samples = [[ball for picture in pictures for ball in _samples(picture, colour)] for colour in colours]
         passing = (PassingBalls.learned(backdrop, [b for b in own if backdrop.passes(b)]) for own in samples)
-        return cls(background, backdrop, tuple(passing), is_woven(images, plate))
+        return cls(background, backdrop, tuple(passing), is_interlaced(images, plate))
 
 
 def _samples(picture: Picture, colour: Colour) -> Iterator[BallSample]:

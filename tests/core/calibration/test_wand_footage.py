@@ -142,8 +142,8 @@ def test_where_nothing_fits_interlaced_video_is_named(sightings, monkeypatch):
         raise CaptureError("no set of cameras was found", name="no-solution")
 
     first, *others = sightings.views
-    woven = replace(sightings, views=(replace(first, wand=replace(first.wand, woven=True)), *others))
-    monkeypatch.setattr(api, "find_all", lambda *_: woven)
+    interlaced = replace(sightings, views=(replace(first, wand=replace(first.wand, interlaced=True)), *others))
+    monkeypatch.setattr(api, "find_all", lambda *_: interlaced)
     monkeypatch.setattr(api, "solve_capture", refuse)
     with pytest.raises(CaptureError, match=r"cam01: interlaced: .*two places.*ffmpeg.*send_field"):
         api.calibrate(sightings.videos)

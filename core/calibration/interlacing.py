@@ -1,4 +1,4 @@
-"""Interlaced video: its frames are woven of two fields, and what moves is in two places on every other line."""
+"""Recognising interlaced video: its frames are woven of two fields, and what moves is in two places, line by line."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ _STEP = 72
 _ALIKE = 0.5
 """Share of that by which the lines of one field may differ."""
 _FEWEST, _COMBED = 60, 0.05
-"""Combed pixels, and their share of all such steps, from which on a video is woven: thin rods make some."""
+"""Combed pixels, and their share of all such steps, from which on a video is interlaced: thin rods make some."""
 
 
-def is_woven(images: Sequence[Image], background: Image) -> bool:
-    """Whether the frames of a video are woven of two fields, by what moves on some of them.
+def is_interlaced(images: Sequence[Image], background: Image) -> bool:
+    """Whether a video is interlaced, by what moves on some of its frames.
 
     Parameters
     ----------

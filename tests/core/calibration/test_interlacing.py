@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from kfmocap.core.calibration.ball_detection import background_of
-from kfmocap.core.calibration.woven_fields import is_woven
+from kfmocap.core.calibration.interlacing import is_interlaced
 from render.drawing import Canvas
 from render.waving import HARDSHIPS, SensorNoise, drawn_take
 
@@ -33,11 +33,11 @@ def pictures(fields: int, speed: float) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("speed", [1.0, 1.8])
 def test_fields_that_are_woven_are_seen_where_something_moves(speed):
-    for fields, woven in ((1, False), (2, True)):
+    for fields, interlaced in ((1, False), (2, True)):
         images = pictures(fields, speed)
-        assert is_woven(images, background_of(images)) == woven
+        assert is_interlaced(images, background_of(images)) == interlaced
 
 
 def test_a_room_in_which_nothing_moves_says_nothing():
     images = [SensorNoise(CAMERA.size, seed).record(CANVAS.drawn([])) for seed in range(5)]
-    assert not is_woven(images, background_of(images))
+    assert not is_interlaced(images, background_of(images))
