@@ -198,6 +198,10 @@ def _finished(
     energy = sum((earlier.energy for earlier in (*ended.earlier, solution)), ())
     found = _found_accelerations(ended)
     result = SegmentResult(*ended.data.segment, ended.iterations, energy, found)
+    motions, settle = solution.motions, solver_named(ended.problem.settings.solver).settle
+    if settle is not None:
+        with seconds.measure("solve"):
+            motions = settle(ended.problem, solution, first_motions)
     with seconds.measure("uncertainty"):
         doubts = tuple(segment_doubts(ended.problem, solution, threads))
-    return FinishedSegment(result, first_motions, solution.motions, offset, solution.share, solution.residual, doubts)
+    return FinishedSegment(result, first_motions, motions, offset, solution.share, solution.residual, doubts)

@@ -32,7 +32,7 @@ from ..prediction import predict_unseen
 from .contact_factor import with_contact
 from .curve_factor import with_curves
 from .hold_factor import TiedSystems
-from .measurement import Instants, MeasuredMotion, Workspace, hidden_parts, keypoint_instants
+from .measurement import Instants, MeasuredMotion, Workspace, hidden_parts, keypoint_instants, view_instants
 from .plant_factor import PlantFactor, plants_of, with_plants
 from .problem import SegmentProblem, SegmentSolution
 from .smoothness_factor import SegmentSmoothness
@@ -83,6 +83,9 @@ class DescentStage:
     noticed : float
         The stage ends before a step that is shorter, root mean square in standard deviations that the evidence leaves
         open, see `NOTICED`.
+    plants : bool
+        Soles that seem planted are kept still. That leads to the solution, but holds feet that creep as well: not
+        where no other stage follows.
     """
 
     sampling: Sampling
@@ -91,6 +94,7 @@ class DescentStage:
     small: float = SMALL_STEP
     small_refused: bool = False
     noticed: float = 0.0
+    plants: bool = True
 
     def sampling_of(self, views: int) -> Sampling:
         """The sampling of so many views: the more there are, the fewer pixels of each are needed."""
@@ -103,7 +107,7 @@ STAGES = (
     DescentStage(Sampling(1.0, 1.0, 3, REACH), 2),
 )
 """From the curve through the key poses to the solution."""
-REFINEMENT = (DescentStage(Sampling(1.0, 1.0, 2, REACH), 6, small=0.004),)
+REFINEMENT = (DescentStage(Sampling(1.0, 1.0, 2, REACH), 6, small=0.004, plants=False),)
 """From a solution to the better one that motion known on both sides allows: no other stage follows."""
 DAMPING = Damping(initial=0.0, grow=1e4, most=1.0)
 """None but where a step was refused: smoothness makes the diagonal so large that the least share of it stops slow, wide
@@ -168,7 +172,7 @@ class _TestedStage:
         self._problem, self._stage, self._workspace, self._noise = problem, stage, workspace, noise
         self._hidden: list[NDArray[np.bool_]] | None = None
         self._expected: list[Array] = []
-        self._plants: list[PlantFactor | None] = []
+        self._plants: list[PlantFactor | None] = [None] * len(problem.bodies)
         self._tied: TiedSystems | None = None
         self._pace = OVERRELAXATION
 
@@ -203,7 +207,8 @@ class _TestedStage:
             if self._hidden is None:
                 self._hidden = hidden_parts(problem, evidence.share) if problem.settings.prediction else []
                 self._expected = predicted_accelerations(motions, self._hidden, problem.sought) if self._hidden else []
-                self._plants = plants_of(problem, motions)
+                if self._stage.plants:
+                    self._plants = plants_of(problem, motions)
             images = evidence_equations(problem, measured, self._hidden, self._noise)
             if begins:
                 self.smooth = self.smooth.estimated(problem, motions, images, self._expected, rounds=ROUNDS)
@@ -235,7 +240,7 @@ class _TestedStage:
 def refine(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
     """Continue from a solution when more is known of the motion around the segment.
 
-    The noise, the smoothness and the plants are those of the start: where they led far from it, what is found is no
+    The noise and the smoothness are those of the start: where they led far from it, what is found is no
     solution yet with those that are found there.
     """
     share = 1 / (1 + AGAIN)
@@ -403,6 +408,18 @@ def with_priors(
     for i in problem.sought:
         systems[i] = images[i] + smooth.blocks(problem, i, motions[i], expected[i] if expected else None)
     return with_curves(problem, systems, tuple(motions))
+
+
+def equations_at(problem: SegmentProblem, solution: SegmentSolution) -> list[BandedBlocks]:
+    """The normal equations of every performer at a solution, which has its evidence, but for plants and holds."""
+    assert solution.evidence is not None
+    motions = solution.motions
+    measured = MeasuredMotion(motions, view_instants(problem, motions), solution.evidence)
+    hidden = hidden_parts(problem, solution.evidence.share) if problem.settings.prediction else []
+    expected = predicted_accelerations(motions, hidden, problem.sought) if hidden else []
+    images = evidence_equations(problem, measured, hidden)
+    systems = with_priors(problem, motions, images, SegmentSmoothness(solution.variances), expected)
+    return with_contact(systems, problem.contact, problem.bodies, motions, problem.sought)
 
 
 def evidence_equations(

@@ -1,7 +1,8 @@
 """Plants as evidence: while a point of the sole is planted, it stands still.
 
-Residuals are the steps of a planted point from one frame to the next. Which points are planted is found from the motion
-itself; a robust kernel lets go of points that move after all.
+Residuals are the steps of a planted point from one frame to the next. While a solution is looked for, points count as
+planted that seem so in the motion so far, and a robust kernel lets go of those that move after all. Which of them stand
+is decided at the end (`standing_feet`).
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from ...body.soles import Soles
 from ...numerics import rotations
 from ...numerics.arrays import Bools
 from ...numerics.banded_blocks import BandedBlocks
-from ...numerics.robust_kernels import GemanMcClure
+from ...numerics.robust_kernels import GemanMcClure, RobustKernel
 from .problem import SegmentProblem
 
 SPEED = 0.02
@@ -41,37 +42,39 @@ class PlantFactor:
         Which points are planted on a frame and on the next.
     deviation : float
         Of a step along each axis, metres.
+    kernel : RobustKernel
+        On the length of a step.
     """
 
     soles: Soles
     steps: Bools
     deviation: float
+    kernel: RobustKernel
 
     @classmethod
     def found(cls, body: Body, motion: Motion, fps: float) -> PlantFactor | None:
-        """Return the plants of a motion; None where there are none, or the body has no soles."""
+        """Return what seems planted in a motion; None where nothing does, or the body has no soles."""
         soles = Soles.of(body)
         if soles is None or len(motion) < 3:
             return None
         planted = soles.planted(part_poses(body, motion), fps)
         steps = planted[1:] & planted[:-1]
-        return cls(soles, steps, SPEED / fps) if steps.any() else None
+        return cls(soles, steps, SPEED / fps, GemanMcClure(GROSS)) if steps.any() else None
 
     def blocks(self, body: Body, poses: Poses) -> BandedBlocks:
         """The normal equations around poses (R, T) of F frames."""
         points = self.soles.world(poses)
         F, P, C = len(points), len(body), points.shape[1]
         r = np.diff(points, axis=0) / self.deviation
-        kernel = GemanMcClure(GROSS)
         squared = np.sum(r**2, axis=-1)
-        weight = np.where(self.steps, kernel.weight(squared), 0.0)
+        weight = np.where(self.steps, self.kernel.weight(squared), 0.0)
         rows = np.concatenate([np.broadcast_to(np.eye(3), (F, C, 3, 3)), -rotations.skew(points)], axis=-1)
         J = np.concatenate([-rows[:-1], rows[1:]], axis=-1) / self.deviation
         weighted = np.swapaxes(J, -1, -2) * weight[..., None, None]
         carrier = (self.soles.parts == np.arange(P)[:, None]).astype(float)
         H = np.einsum("pc,fcab->fpab", carrier, weighted @ J)
         g = np.einsum("pc,fca->fpa", carrier, (weighted @ r[..., None])[..., 0])
-        energy = float(np.sum(np.where(self.steps, kernel.cost(squared), 0.0)))
+        energy = float(np.sum(np.where(self.steps, self.kernel.cost(squared), 0.0)))
         return joint_blocks(body, poses, H, g, energy)
 
 

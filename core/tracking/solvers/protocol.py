@@ -27,6 +27,17 @@ class Resume(Protocol):
         """Find it from a start, or give None."""
 
 
+class Settle(Protocol):
+    """Moves the motions of a solution to where feet that stand are at rest."""
+
+    def __call__(
+        self, problem: SegmentProblem, solution: SegmentSolution, before: Sequence[Motion]
+    ) -> tuple[Motion, ...]:
+        """Give F poses per performer, from those of a solution and of what was before its refinement; degrees of
+        freedom that key poses hold are those of the solution.
+        """
+
+
 @dataclass(frozen=True)
 class Solver:
     """A way to find the motion of all performers on a segment, and what it is capable of.
@@ -40,6 +51,8 @@ class Solver:
     resume : callable, optional
         The same from the motion as it was before key poses changed a little; it gives None where the images leave a
         doubt that this leads to the solution.
+    settle : callable, optional
+        What the motions of a segment are moved by at its end, see `Settle`.
     uses_keypoints : bool
         It takes the keypoints of the views as evidence.
     uses_foreground : bool
@@ -53,6 +66,7 @@ class Solver:
     solve: Solve
     refine: Solve
     resume: Resume | None
+    settle: Settle | None
     uses_keypoints: bool
     uses_foreground: bool
     uses_holds: bool

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from . import leaping_limbs, multi_start, regained_limbs, relaxation
+from . import leaping_limbs, multi_start, regained_limbs, relaxation, standing_feet
 from .protocol import Solver
 
 GAUSS_NEWTON = Solver(
     leaping_limbs.solved,
     regained_limbs.refined,
     multi_start.resumed,
+    standing_feet.with_standing_feet,
     uses_keypoints=True,
     uses_foreground=True,
     uses_holds=True,
@@ -21,6 +22,7 @@ GAUSS_NEWTON = Solver(
 RELAXATION = Solver(
     relaxation.relaxed,
     relaxation.relaxed,
+    None,
     None,
     uses_keypoints=False,
     uses_foreground=False,

@@ -1,0 +1,158 @@
+"""Feet that stand: they come to rest where the evidence lets them, and feet that creep are left alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from kfmocap.core.body import Body, human, part_poses
+from kfmocap.core.body.foot_plants import runs
+from kfmocap.core.body.motion import Motion
+from kfmocap.core.body.soles import Soles
+from kfmocap.core.numerics.banded_blocks import BandedBlocks
+from kfmocap.core.retargeting.foot_clean_up import with_clean_feet
+from kfmocap.core.shot.shot import KeyPoses, Settings
+from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
+from kfmocap.core.tracking.solvers.standing_feet import at_rest, with_standing_feet
+from made_evidence import no_evidence
+from render.motions import MOTIONS
+from scipy.linalg import solve_banded
+from synthetic import dark, ends_held, look_at
+
+Array = np.ndarray
+BODY, FPS, FRAMES = human(1.75), 30.0, 31
+ROUGH_WALK = MOTIONS["walk"](BODY, FRAMES, FPS)
+WALK = with_clean_feet(BODY, ROUGH_WALK, FPS, KeyPoses.whole([], ROUGH_WALK[:0]))
+PLACE, STEP = 0.004, 0.0015
+"""What the evidence leaves open of a degree of freedom on a frame, and from one frame to the next, radians and metres:
+soles jitter by millimetres and drift by a centimetre."""
+CREEP = 0.1
+"""Metres per second."""
+FIXED = ends_held(BODY, FRAMES)
+SOLES = Soles.of(BODY)
+assert SOLES is not None
+
+
+def creeping() -> Motion:
+    """The walk on ground that slides."""
+    path = CREEP / FPS * np.arange(FRAMES)[:, None] * [1.0, 0.0, 0.0]
+    return Motion(WALK.translations + path, WALK.rotations)
+
+
+def evidence() -> BandedBlocks:
+    """Normal equations of independent degrees of freedom, at their solution."""
+    made = BandedBlocks.zeros(FRAMES, BODY.dof)
+    own = np.full(FRAMES, PLACE**-2 + 2 * STEP**-2)
+    own[[0, -1]] -= STEP**-2
+    made.diagonal[:] = own[:, None, None] * np.eye(BODY.dof)
+    made.first[:] = -(STEP**-2) * np.eye(BODY.dof)
+    return made
+
+
+def tracked(truth: Motion, seed: int) -> Motion:
+    """The truth with an error that the evidence leaves open, exact on the first and the last frame."""
+    dice = np.random.default_rng(seed)
+    inner = FRAMES - 2
+    band = np.stack(
+        [np.full(inner, -(STEP**-2)), np.full(inner, PLACE**-2 + 2 * STEP**-2), np.full(inner, -(STEP**-2))]
+    )
+    # A sum of the evidence's own residuals, solved for: its covariance is that of the normal equations.
+    pull = dice.normal(0, 1 / PLACE, (inner, BODY.dof)) + np.diff(
+        dice.normal(0, 1 / STEP, (inner + 1, BODY.dof)), axis=0
+    )
+    error = np.zeros((FRAMES, BODY.dof))
+    error[1:-1] = solve_banded((1, 1), band, pull)
+    return truth.moved(error)
+
+
+def problem_of(*bodies: Body, plants: bool = True) -> SegmentProblem:
+    views = dark(look_at("front", (0.5, -2.8, 1.5)), FRAMES)
+    return SegmentProblem(views, bodies, 0, FPS, tuple(FIXED for _ in bodies), settings=Settings(plants=plants))
+
+
+def settled(*motions: Motion) -> tuple[Motion, ...]:
+    return at_rest(problem_of(*(BODY for _ in motions)), [evidence() for _ in motions], motions, motions)
+
+
+def soles_of(motion: Motion) -> Array:
+    return SOLES.world(part_poses(BODY, motion))
+
+
+def planted(motion: Motion) -> Array:
+    return SOLES.planted(part_poses(BODY, motion), FPS)
+
+
+def steps_of(motion: Motion, while_planted: Array) -> Array:
+    steps = np.linalg.norm(np.diff(soles_of(motion), axis=0), axis=2)
+    return np.asarray(steps[while_planted[1:] & while_planted[:-1]])
+
+
+@pytest.fixture(scope="module")
+def walks() -> list[tuple[Motion, Motion]]:
+    """The walk as it was tracked, and with its feet at rest."""
+    return [(motion, *settled(motion)) for motion in (tracked(WALK, seed) for seed in range(6))]
+
+
+def test_the_feet_of_a_walk_stand(walks: list[tuple[Motion, Motion]]) -> None:
+    """A planted point moves at most 2 mm from frame to frame and 10 mm over the whole plant."""
+    for before, after in walks:
+        stands = planted(WALK) & planted(after)
+        assert steps_of(before, stands).max() > 0.005
+        assert steps_of(after, stands).max() < 0.002
+        for column, path in zip(stands.T, np.moveaxis(soles_of(after), 1, 0), strict=True):
+            assert all(np.ptp(path[first : last + 1], axis=0).max() < 0.010 for first, last in runs(column))
+
+
+def test_their_plants_are_found(walks: list[tuple[Motion, Motion]]) -> None:
+    assert np.mean([planted(after) == planted(WALK) for _, after in walks]) > 0.95
+
+
+def test_they_stand_nearer_to_where_they_stood(walks: list[tuple[Motion, Motion]]) -> None:
+    errors = [
+        [np.linalg.norm(soles_of(motion) - soles_of(WALK), axis=2)[planted(WALK)].mean() for motion in pair]
+        for pair in walks
+    ]
+    before, after = np.mean(errors, axis=0)
+    assert after < 0.9 * before
+
+
+def test_key_poses_stay(walks: list[tuple[Motion, Motion]]) -> None:
+    for before, after in walks:
+        assert np.array_equal(after.translations[[0, -1]], before.translations[[0, -1]])
+        np.testing.assert_allclose(after.rotations[[0, -1]], before.rotations[[0, -1]], atol=1e-12)
+
+
+def test_feet_that_creep_are_not_held() -> None:
+    """They seem planted: so slow are also feet that stand, in motions that are not tracked as well."""
+    for seed in range(6):
+        motion = tracked(creeping(), seed)
+        assert planted(motion).any(axis=0).all()
+        [found] = settled(motion)
+        assert found is motion
+
+
+def test_a_plant_is_as_long_as_it_seems_before_the_refinement() -> None:
+    """The left heel stands from the key pose on, but is tracked as if it were set down a frame later."""
+    motion = tracked(WALK, 2)
+    motion.translations[1:3, 2] += [0.006, 0.004]
+    assert planted(WALK)[0, 0] and not planted(motion)[0, 0]
+    steps = [
+        np.linalg.norm(np.diff(soles_of(found)[:2, 0], axis=0))
+        for before in (motion, WALK)
+        for found in at_rest(problem_of(BODY), [evidence()], (motion,), (before,))
+    ]
+    assert steps[0] > 0.004 and steps[1] < 0.001
+
+
+def test_each_performer_stands_alone() -> None:
+    stands, creeps = tracked(WALK, 1), tracked(creeping(), 1)
+    beside = settled(creeps, stands)
+    [alone] = settled(stands)
+    assert beside[0] is creeps
+    np.testing.assert_allclose(beside[1].translations, alone.translations, atol=1e-4)
+    np.testing.assert_allclose(beside[1].rotations, alone.rotations, atol=1e-4)
+
+
+def test_without_plants_in_the_settings_feet_stay() -> None:
+    motion = tracked(WALK, 0)
+    solution = SegmentSolution.of([motion], no_evidence(1, FRAMES, len(BODY)), iterations=1, energy=[0.0])
+    assert with_standing_feet(problem_of(BODY, plants=False), solution, [motion])[0] is motion
