@@ -1,4 +1,4 @@
-"""The body: a tree of rigid polyhedral parts (paper 000, section 2.2).
+"""The body: a tree of rigid polyhedral parts (paper 1, section 2.2).
 
 World pose of part i with parent p: R_i = R_p R0_i Q_i, T_i = T_p + R_p o_i, where R0 is the rest orientation of the
 bone relative to its parent and Q is Blender's pose-bone rotation. The root has no parent: R_1 = R0_1 Q_1, and T_1 is

@@ -1,4 +1,4 @@
-"""Forward kinematics and the twist Jacobian of a body (paper 000, equations (3), (10), (11))."""
+"""Forward kinematics and the twist Jacobian of a body (paper 1, equations (3), (10), (11))."""
 
 from __future__ import annotations
 

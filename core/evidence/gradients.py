@@ -1,4 +1,4 @@
-"""Spatio-temporal gradient evidence by wrench accumulation (paper 000, equations (8) to (12)).
+"""Spatio-temporal gradient evidence by wrench accumulation (paper 1, equations (8) to (12)).
 
 A pixel that shows a part in frame a is a fixed point of that part and looks the same in frame b (brightness
 constancy). With m = (dE/du)(du/dx), the derivative of the brightness by the point, the pixel's row against the part's

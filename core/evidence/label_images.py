@@ -1,4 +1,4 @@
-"""Label and depth images: which part, and how far, every pixel of a posed scene shows (paper 000, section 2.3).
+"""Label and depth images: which part, and how far, every pixel of a posed scene shows (paper 1, section 2.3).
 
 A vertex of a convex polyhedron is on its outline where some of the faces that meet there look at the camera and others
 do not. OpenCV fills the outlines of the parts, painted far to near. A convex polyhedron is entered through the farthest

@@ -1,4 +1,4 @@
-"""Occlusion: which parts the cameras do not see, and when (paper 000, section 5.3)."""
+"""Occlusion: which parts the cameras do not see, and when (paper 1, section 5.3)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ..numerics.arrays import Array
 
 OCCLUDED_BELOW = 0.3
-"""A part is occluded in a view where less than this share of its area is seen (paper 000, section 5.3)."""
+"""A part is occluded in a view where less than this share of its area is seen (paper 1, section 5.3)."""
 LONG = 6
 """Frames that a part must be out of sight for a key pose to be worth the work: prediction bridges fewer."""
 

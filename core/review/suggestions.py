@@ -1,6 +1,6 @@
 """Suggestions: the frames on which one more key pose would help most.
 
-There are two reasons for one: parts are out of sight just before or after (paper 000, section 6), and the motion there
+There are two reasons for one: parts are out of sight just before or after (paper 1, section 6), and the motion there
 is expected to be wrong.
 """
 

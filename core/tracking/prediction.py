@@ -1,4 +1,4 @@
-"""Prediction of parts that no camera sees (paper 000, section 5 and appendix 4).
+"""Prediction of parts that no camera sees (paper 1, section 5 and appendix 4).
 
 Each motion parameter, a step from one frame to the next, is an autoregressive series (31): its coefficients come from
 the steps that were seen, by Levinson's recursion, and a Kalman filter on its state space (32)-(37) predicts the steps

@@ -1,4 +1,4 @@
-"""The papers' motion parameters: steps from one pose to the next, and normal equations in them (paper 000, section 2).
+"""The papers' motion parameters: steps from one pose to the next, and normal equations in them (paper 1, section 2).
 
 A step moves the pose that it leads to and, with it, all that follow.
 """

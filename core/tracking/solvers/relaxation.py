@@ -1,4 +1,4 @@
-"""Relaxation as published (paper 000, section 4 and appendix).
+"""Relaxation as published (paper 1, section 4 and appendix).
 
 Unknown are the motion parameters x_j between frames j - 1 and j: the root's translation S_j in the world and each
 part's turn Q_j about its own axes. An initial solution follows the gradients alone, frame after frame; sweeps of

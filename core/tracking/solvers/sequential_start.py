@@ -2,7 +2,7 @@
 
 A window of a few frames moves along the segment. What lies behind it is held, the frames in it are solved together from
 where the motion so far leads, and the window moves on by half of its length. Following from one key pose needs no
-other: it is tracking in the sense of paper 001 where the segment has no key pose at its end.
+other: it is tracking in the sense of paper 2 where the segment has no key pose at its end.
 """
 
 from __future__ import annotations

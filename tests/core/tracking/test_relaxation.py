@@ -161,7 +161,7 @@ def test_a_sweep_goes_frame_after_frame_and_each_sees_what_the_one_before_has_be
 def test_a_sweep_over_turns_is_equation_30_with_the_papers_weights() -> None:
     """By hand, for one joint whose turns do not commute: frame after frame, with Q_1 .. Q_j-1 as they have become.
 
-    Lambda is 10, nu 20 and the smoothness 1 (paper 000, section 6).
+    Lambda is 10, nu 20 and the smoothness 1 (paper 1, section 6).
     """
     n, joint = 5, 2
     rng = np.random.default_rng(4)
