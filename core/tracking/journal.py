@@ -28,7 +28,7 @@ from ..shot.fingerprint import checksum, file_bytes, value_bytes
 from ..shot.shot import Shot
 from .segments import Segment, segments
 from .track_result import SegmentResult
-from .uncertainty import SegmentDoubt
+from .uncertainty import SegmentUncertainty
 
 UNFINISHED = ".unfinished"
 """A journal's folder has the name of the results' folder and this ending."""
@@ -54,7 +54,7 @@ class FinishedSegment:
     share : ndarray, shape (V, F, P)
         Visible share of the parts of all performers.
     residual : ndarray, shape (F,)
-    doubts : tuple of SegmentDoubt
+    uncertainties : tuple of SegmentUncertainty
         Per performer.
     """
 
@@ -64,7 +64,7 @@ class FinishedSegment:
     offset: Offset | None
     share: Array
     residual: Array
-    doubts: tuple[SegmentDoubt, ...]
+    uncertainties: tuple[SegmentUncertainty, ...]
 
     @property
     def segment(self) -> Segment:
@@ -219,7 +219,10 @@ def _bytes_of(finished: FinishedSegment, key: str) -> bytes:
     for i, (before, motion) in enumerate(zip(finished.first_motions, finished.motions, strict=True)):
         arrays |= {f"first translations {i}": before.translations, f"first rotations {i}": before.rotations}
         arrays |= {f"translations {i}": motion.translations, f"rotations {i}": motion.rotations}
-        arrays |= {f"doubt {f.name} {i}": np.asarray(getattr(finished.doubts[i], f.name)) for f in fields(SegmentDoubt)}
+        arrays |= {
+            f"doubt {f.name} {i}": np.asarray(getattr(finished.uncertainties[i], f.name))
+            for f in fields(SegmentUncertainty)
+        }
         if result.accelerations:
             arrays[f"accelerations {i}"] = result.accelerations[i]
     stream = io.BytesIO()
@@ -257,5 +260,5 @@ def _of_bytes(data: bytes, key: str, segment: Segment) -> FinishedSegment:
         Offset(*arrays["offset"].tolist()) if arrays["offset"].size else None,
         arrays["share"],
         arrays["residual"],
-        tuple(map(SegmentDoubt, *(each(f"doubt {f.name}") for f in fields(SegmentDoubt)))),
+        tuple(map(SegmentUncertainty, *(each(f"doubt {f.name}") for f in fields(SegmentUncertainty)))),
     )

@@ -1,6 +1,6 @@
 """The stages that a segment goes through, each a function from values to values.
 
-views -> SegmentData -> SegmentProblem -> SegmentState -> time offset -> refined SegmentState -> SegmentDoubt
+views -> SegmentData -> SegmentProblem -> SegmentState -> time offset -> refined SegmentState -> SegmentUncertainty
 """
 
 from __future__ import annotations

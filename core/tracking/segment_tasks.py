@@ -35,7 +35,7 @@ from .solvers.measurement import StepCallback, Workspace
 from .solvers.problem import SegmentSolution
 from .solvers.registry import solver_named
 from .track_result import SegmentResult
-from .uncertainty import segment_doubts
+from .uncertainty import segment_uncertainties
 
 Watcher = Callable[[int, Sequence[Motion]], None]
 """Called with the number of an iteration and the motions before it."""
@@ -203,5 +203,5 @@ def _finished(
         with seconds.measure("solve"):
             motions = settle(ended.problem, solution, first_motions)
     with seconds.measure("uncertainty"):
-        doubts = tuple(segment_doubts(ended.problem, solution, threads))
-    return FinishedSegment(result, first_motions, motions, offset, solution.share, solution.residual, doubts)
+        uncertainties = tuple(segment_uncertainties(ended.problem, solution, threads))
+    return FinishedSegment(result, first_motions, motions, offset, solution.share, solution.residual, uncertainties)

@@ -42,7 +42,7 @@ from ..shot.keypose_spline import spline
 from ..shot.shot import Performer, Shot, fixed_degrees
 from ..shot.shot_spec import ShotSpec
 from .appearance import frames_with_foreground, grey_frames
-from .body_doubt import body_covariances
+from .body_uncertainty import body_covariances
 from .earlier_motion import carried, with_keys
 from .journal import FinishedSegment, KeptSegments
 from .picture_store import COLOUR, PictureStore, StoredView
@@ -372,7 +372,7 @@ def _track_result(
     for i, (performer, motion) in enumerate(zip(performers, state.motions, strict=True)):
         own = observed.performers[i] if observed.performers else None
         beside = body_covariances(performer, motion, shot.fps, own)
-        errors.append(joint_errors(performer.body, [one.doubts[i] for one in done], beside))
+        errors.append(joint_errors(performer.body, [one.uncertainties[i] for one in done], beside))
     return TrackResult(
         tuple(with_keys(m, p.key_poses) for m, p in zip(state.motions, performers, strict=True)),
         {},

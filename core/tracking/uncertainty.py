@@ -2,8 +2,8 @@
 
 Three things make it up. The covariance of the poses is the inverse of the solver's normal matrix, times a ratio that
 the shot itself shows for every part: how far key poses are missed that were not used (`core.tracking.held_out_keys`).
-What no footage can show is added: how well the body stands for the performer (`core.tracking.body_doubt`). And the
-solution may be the wrong one: foreground that is left uncovered, and limbs that cover background
+What no footage can show is added: how well the body stands for the performer (`core.tracking.body_uncertainty`). And
+the solution may be the wrong one: foreground that is left uncovered, and limbs that cover background
 (`core.tracking.lost_limbs`).
 """
 
@@ -38,7 +38,7 @@ errors of some are larger."""
 
 
 @dataclass(frozen=True, eq=False)
-class SegmentDoubt:
+class SegmentUncertainty:
     """What a segment's solution leaves uncertain of one performer.
 
     Attributes
@@ -96,7 +96,9 @@ class JointErrors:
         return np.asarray(self.lost >= MAYBE)
 
 
-def segment_doubts(problem: SegmentProblem, solution: SegmentSolution, threads: int = 1) -> list[SegmentDoubt]:
+def segment_uncertainties(
+    problem: SegmentProblem, solution: SegmentSolution, threads: int = 1
+) -> list[SegmentUncertainty]:
     """What a segment's solution leaves uncertain, per performer.
 
     Parameters
@@ -121,14 +123,14 @@ def segment_doubts(problem: SegmentProblem, solution: SegmentSolution, threads: 
     systems = [images[i] + smooth.blocks(problem, i, motion) for i, motion in enumerate(motions)]
     tied = replace(problem, only=None).tied(systems, motions)
     covariances = tied.by_performer([system.factor().covariances() for system in tied.systems])
-    doubts = []
+    uncertainties = []
     for i, (body, motion, fixed) in enumerate(zip(problem.bodies, motions, problem.fixed, strict=True)):
         held = np.repeat(fixed.all(axis=1)[:, None], len(body), axis=1)
         if problem.keypoints:
             R, T = keypoint_instants(problem, motions).poses
             held |= confirmed_parts(body, problem.keypoints[i], (R[:, spans[i]], T[:, spans[i]]))
-        doubts.append(
-            SegmentDoubt(
+        uncertainties.append(
+            SegmentUncertainty(
                 problem.first,
                 fixed.all(axis=1),
                 tip_covariances(tip_jacobian(body, motion), covariances[i]),
@@ -137,30 +139,30 @@ def segment_doubts(problem: SegmentProblem, solution: SegmentSolution, threads: 
                 lost_probabilities(body, misfit, spans[i], held=held, keys=keys[i]),
             )
         )
-    return doubts
+    return uncertainties
 
 
-def joint_errors(body: Body, doubts: Sequence[SegmentDoubt], beside: Array) -> JointErrors:
+def joint_errors(body: Body, uncertainties: Sequence[SegmentUncertainty], beside: Array) -> JointErrors:
     """The errors of one performer over a whole shot.
 
     Parameters
     ----------
     body : Body
-    doubts : sequence of SegmentDoubt
+    uncertainties : sequence of SegmentUncertainty
         Of all segments: together they are F frames.
     beside : ndarray, shape (F, P, 3, 3)
         Covariances of what the footage cannot show, metres squared: how far the joints of the body, as it was fitted,
         lie from the performer's.
     """
     F, P = beside.shape[:2]
-    ratios = covariance_ratios(np.concatenate([doubt.misses for doubt in doubts]), joint_parts(body.parents))
+    ratios = covariance_ratios(np.concatenate([one.misses for one in uncertainties]), joint_parts(body.parents))
     covariances, lost, held = beside.copy(), np.zeros((F, P)), np.zeros(F, bool)
-    for doubt in doubts:
-        frames = slice(int(doubt.first), int(doubt.first) + len(doubt.held))
-        found = doubt.covariances * ratios[:, None, None]
-        found += ((MISPLACED * doubt.gaps) ** 2 / 3)[:, None, None, None] * np.eye(3)
+    for one in uncertainties:
+        frames = slice(int(one.first), int(one.first) + len(one.held))
+        found = one.covariances * ratios[:, None, None]
+        found += ((MISPLACED * one.gaps) ** 2 / 3)[:, None, None, None] * np.eye(3)
         covariances[frames] = beside[frames] + found
-        lost[frames], held[frames] = doubt.lost, doubt.held
+        lost[frames], held[frames] = one.lost, one.held
     covariances[held] = 0.0
     lost[held] = 0.0
     reach = np.broadcast_to(limb_reach(body), lost.shape)

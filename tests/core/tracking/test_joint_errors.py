@@ -12,7 +12,7 @@ from kfmocap.core.numerics.rotations import exp
 from kfmocap.core.tracking.held_out_keys import USUAL_RATIO, _miss, covariance_ratios
 from kfmocap.core.tracking.joint_covariances import tip_jacobian
 from kfmocap.core.tracking.lost_limbs import limb_reach, lost_probabilities
-from kfmocap.core.tracking.uncertainty import MAYBE, TAILS, SegmentDoubt, joint_errors, joint_parts
+from kfmocap.core.tracking.uncertainty import MAYBE, TAILS, SegmentUncertainty, joint_errors, joint_parts
 from synthetic import at_rest, figure, look_at, poses_of, silhouette
 
 Array = np.ndarray
@@ -23,10 +23,10 @@ ARM = [BODY.index("upper_arm.L"), BODY.index("forearm.L")]
 CAMERAS = (look_at("front", (0.3, -2.4, 1.4)), look_at("side", (-2.2, -1.2, 1.5)))
 
 
-def doubt(first: int, covariances: Array, misses: Array) -> SegmentDoubt:
+def uncertainty_of(first: int, covariances: Array, misses: Array) -> SegmentUncertainty:
     held = np.zeros(len(covariances), bool)
     held[[0, -1]] = True
-    return SegmentDoubt(first, held, covariances, misses, np.zeros(len(held)), np.zeros(covariances.shape[:2]))
+    return SegmentUncertainty(first, held, covariances, misses, np.zeros(len(held)), np.zeros(covariances.shape[:2]))
 
 
 def test_errors_larger_than_the_solver_expects_are_covered_as_key_poses_show_them() -> None:
@@ -37,8 +37,8 @@ def test_errors_larger_than_the_solver_expects_are_covered_as_key_poses_show_the
     wrong = 9.0
     misses = wrong * rng.chisquare(3, (keys, P))
     halves = [
-        doubt(0, covariances[: F // 2], misses[: keys // 2]),
-        doubt(F // 2, covariances[F // 2 :], misses[keys // 2 :]),
+        uncertainty_of(0, covariances[: F // 2], misses[: keys // 2]),
+        uncertainty_of(F // 2, covariances[F // 2 :], misses[keys // 2 :]),
     ]
     found = joint_errors(BODY, halves, np.zeros((F, P, 3, 3)))
     spread = np.sqrt(wrong / (rng.chisquare(TAILS, (F, P)) / TAILS))
@@ -69,7 +69,9 @@ def test_a_prediction_that_nothing_determines_says_nothing_of_the_ratio() -> Non
 
 def test_what_no_footage_shows_is_in_the_errors_of_all_frames_but_the_key_poses() -> None:
     covariances = np.tile(1e-12 * np.eye(3), (5, P, 1, 1))
-    found = joint_errors(BODY, [doubt(0, covariances, np.zeros((0, P)))], np.tile(1e-4 * np.eye(3) / 3, (5, P, 1, 1)))
+    found = joint_errors(
+        BODY, [uncertainty_of(0, covariances, np.zeros((0, P)))], np.tile(1e-4 * np.eye(3) / 3, (5, P, 1, 1))
+    )
     np.testing.assert_allclose(found.deviation[1:-1], 0.01, rtol=1e-3)
 
 
@@ -108,8 +110,8 @@ def test_a_lost_arm_is_expected_to_be_off_by_its_length_not_by_millimetres() -> 
     lost, covariances = lost_in(misfit_of(arm_turned_away())), np.tile(1e-6 * np.eye(3), (FRAMES, P, 1, 1))
     held = np.zeros(FRAMES, bool)
     held[[0, -1]] = True
-    doubts = [SegmentDoubt(0, held, covariances, np.zeros((0, P)), np.zeros(FRAMES), lost)]
-    found = joint_errors(BODY, doubts, np.zeros((FRAMES, P, 3, 3)))
+    uncertainties = [SegmentUncertainty(0, held, covariances, np.zeros((0, P)), np.zeros(FRAMES), lost)]
+    found = joint_errors(BODY, uncertainties, np.zeros((FRAMES, P, 3, 3)))
     middle = (LOST.start + LOST.stop) // 2
     assert found.deviation[middle, ARM[1]] > 0.9 * limb_reach(BODY)[ARM[1]] > 0.3
     assert np.delete(found.deviation, ARM, axis=1).max() < 0.02 and found.deviation[[0, -1]].max() == 0
