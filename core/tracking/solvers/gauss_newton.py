@@ -20,7 +20,6 @@ from ...body.joint_blocks import joint_blocks
 from ...body.motion import Motion
 from ...body.smoothness import acceleration, limited
 from ...evidence.accumulate import SegmentEvidence
-from ...evidence.sampling import Sampling
 from ...numerics.arrays import Array
 from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.least_squares import Damping, LeastSquaresResult, StoppingRule, minimise
@@ -31,16 +30,13 @@ from ...shot.shot import Settings
 from ..prediction import predict_unseen
 from .contact_factor import with_contact
 from .curve_factor import with_curves
+from .descent_stages import REFINEMENT, STAGES, DescentStage
 from .hold_factor import TiedSystems
 from .measurement import Instants, MeasuredMotion, Workspace, hidden_parts, keypoint_instants, view_instants
 from .plant_factor import PlantFactor, plants_of, with_plants
 from .problem import SegmentProblem, SegmentSolution
 from .smoothness_factor import SegmentSmoothness
 
-SMALL_STEP = 0.007
-"""Root mean square of joints' steps, radians (and metres), after which what is left, a third of it, does not count."""
-ROUGH_STEP = 0.025
-"""The same where another stage follows, which moves joints more than what is left."""
 UNDER_WAY = 0.02
 """While a step moves any joint by more than this, metres, a tested stage goes on beyond its iterations: a fast limb is
 still on its way."""
@@ -50,65 +46,11 @@ AGAIN = 3
 """How often a refinement that has moved a joint by as much is repeated, at most."""
 SMALL_GAIN = 1e-6
 """Share of the cost that a step should gain at least to be followed by another."""
-NOTICED = 0.2
-"""Root mean square of a step, in standard deviations that the evidence leaves open, below which it is not tested: it
-would make the expected error smaller by 2 % at most."""
 OVERRELAXATION = 1.5
 """All steps of a stage but its last are taken this much longer, where all views are looked at: weights that follow the
 residuals, and slopes measured beside the solution, make every step too short by about the same share."""
-REACH = 0.07
-"""How far from the model's outlines the body's are usually looked for, metres."""
 ROUNDS = 2
 """How often smoothness is estimated after each look at the pictures: these are looked at again."""
-COARSEST = 4
-"""Stride that no number of views makes larger, pixels: parts are not much wider."""
-
-
-@dataclass(frozen=True)
-class DescentStage:
-    """One step from coarse to fine.
-
-    Attributes
-    ----------
-    sampling : Sampling
-        How the images of a few views are sampled; see `sampling_of`.
-    iterations : int
-        At most.
-    views : int, optional
-        At least that many views are looked at in an iteration, in turn; None looks at all.
-    small : float
-        The stage ends when steps are smaller, see `SMALL_STEP`.
-    small_refused : bool
-        It also ends when such a step is refused, instead of trying shorter ones.
-    noticed : float
-        The stage ends before a step that is shorter, root mean square in standard deviations that the evidence leaves
-        open, see `NOTICED`.
-    plants : bool
-        Soles that seem planted are kept still. That leads to the solution, but holds feet that creep as well: not
-        where no other stage follows.
-    """
-
-    sampling: Sampling
-    iterations: int
-    views: int | None = None
-    small: float = SMALL_STEP
-    small_refused: bool = False
-    noticed: float = 0.0
-    plants: bool = True
-
-    def sampling_of(self, views: int) -> Sampling:
-        """The sampling of so many views: the more there are, the fewer pixels of each are needed."""
-        return replace(self.sampling, stride=max(self.sampling.stride, min(views, COARSEST)))
-
-
-STAGES = (
-    DescentStage(Sampling(2.0, 8.0, 4, 0.10), 2, views=2, small=ROUGH_STEP),
-    DescentStage(Sampling(1.0, 4.0, 4, REACH), 3, views=2, small=ROUGH_STEP),
-    DescentStage(Sampling(1.0, 1.0, 3, REACH), 2),
-)
-"""From the curve through the key poses to the solution."""
-REFINEMENT = (DescentStage(Sampling(1.0, 1.0, 2, REACH), 6, small=0.004, plants=False),)
-"""From a solution to the better one that motion known on both sides allows: no other stage follows."""
 DAMPING = Damping(initial=0.0, grow=1e4, most=1.0)
 """None but where a step was refused: smoothness makes the diagonal so large that the least share of it stops slow, wide
 corrections."""

@@ -20,6 +20,7 @@ from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.shot.acceleration_prior import USUAL_JOINT, USUAL_ROOT, acceleration_precision
 from kfmocap.core.shot.shot import Settings
 from kfmocap.core.tracking.solvers import gauss_newton
+from kfmocap.core.tracking.solvers.descent_stages import REACH, STAGES, DescentStage
 from kfmocap.core.tracking.solvers.measurement import MeasuredMotion, Workspace, hidden_parts
 from kfmocap.core.tracking.solvers.problem import SegmentProblem, frame_residual
 from kfmocap.core.tracking.solvers.smoothness_factor import SegmentSmoothness
@@ -31,7 +32,7 @@ D = BODY.dof
 CAMERAS = (look_at("front", (0.5, -2.8, 1.5)), look_at("side", (-2.4, -1.4, 1.3)))
 SETTINGS = Settings()
 FPS = 30.0
-CONVERGED = (gauss_newton.DescentStage(Sampling(1.0, 1.0, 2, gauss_newton.REACH), 20, small=1e-4),)
+CONVERGED = (DescentStage(Sampling(1.0, 1.0, 2, REACH), 20, small=1e-4),)
 """How soon it comes there is not what is tested here."""
 
 
@@ -322,7 +323,7 @@ def test_views_are_looked_at_in_turn_and_never_fewer_than_asked() -> None:
 
 
 def test_of_more_views_fewer_pixels_each_are_looked_at() -> None:
-    fine, coarse = (gauss_newton.DescentStage(Sampling(1.0, 1.0, stride), 1) for stride in (2, 6))
+    fine, coarse = (DescentStage(Sampling(1.0, 1.0, stride), 1) for stride in (2, 6))
     assert [fine.sampling_of(views).stride for views in (1, 2, 3, 4, 9)] == [2, 2, 3, 4, 4]
     assert [coarse.sampling_of(views).stride for views in (1, 4)] == [6, 6]
 
@@ -331,7 +332,7 @@ def test_what_is_returned_was_measured_at_the_motions_that_are_returned() -> Non
     truth = swing(BODY, 6, 0.2)
     problem = SegmentProblem(coloured(BODY, truth, CAMERAS), (BODY,), 0, FPS, (ends_held(BODY, 6),))
     found = gauss_newton.descend(problem, [stacked([truth[[0]]] * 5 + [truth[[5]]])], Workspace())
-    sampling = gauss_newton.STAGES[-1].sampling_of(2)
+    sampling = STAGES[-1].sampling_of(2)
     measured = Workspace().measure(problem, found.motions, sampling)
     np.testing.assert_array_equal(found.explained, measured.evidence.explained.sum(axis=0))
     np.testing.assert_array_equal(found.share, measured.evidence.share)
@@ -439,4 +440,4 @@ def test_coarse_stages_end_early_and_the_last_looks_at_every_view() -> None:
 
     gauss_newton.descend(problem, [truth], AlteredWorkspace(alter=note))
     assert looked[0] == (2, 8.0) and looked[-1] == (4, 1.0)
-    assert [views for views, _ in looked].count(2) < sum(stage.iterations for stage in gauss_newton.STAGES[:-1])
+    assert [views for views, _ in looked].count(2) < sum(stage.iterations for stage in STAGES[:-1])
