@@ -307,35 +307,6 @@ def view_subset(problem: SegmentProblem, least: int, turn: int) -> SegmentProble
     return replace(problem, views=problem.views[turn % every :: every])
 
 
-def normal_equations(
-    problem: SegmentProblem,
-    measured: MeasuredMotion,
-    hidden: Sequence[NDArray[np.bool_]] = (),
-    expected: Sequence[Array] = (),
-    *,
-    smooth: SegmentSmoothness | None = None,
-    noise: SegmentNoise | None = None,
-) -> list[BandedBlocks]:
-    """The normal equations of every performer: gradients and outlines of all views, keypoints, and smoothness.
-
-    Parameters
-    ----------
-    problem : SegmentProblem
-    measured : MeasuredMotion
-        The motions, with the evidence there.
-    hidden : sequence of ndarray of bool, shape (F, P)
-        Per performer: the parts whose pixels are left out.
-    expected : sequence of ndarray, shape (F, D)
-        Per performer: accelerations that cost nothing; by default none.
-    smooth : SegmentSmoothness, optional
-        By default that before the pictures are looked at.
-    noise : SegmentNoise, optional
-        The noise under which the cost of the gradients is measured; by default that at the motions.
-    """
-    images = evidence_equations(problem, measured, hidden, noise)
-    return with_priors(problem, measured.motions, images, smooth or SegmentSmoothness.start(problem), expected)
-
-
 def with_priors(
     problem: SegmentProblem,
     motions: Sequence[Motion],
@@ -343,8 +314,17 @@ def with_priors(
     smooth: SegmentSmoothness,
     expected: Sequence[Array] = (),
 ) -> list[BandedBlocks]:
-    """The normal equations of the evidence, of smoothness, and of stiff parts that leave the curve of the key poses;
-    parameters as in `normal_equations`.
+    """The normal equations of the evidence, of smoothness, and of stiff parts that leave the curve of the key poses.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+    motions : sequence of Motion
+    images : sequence of BandedBlocks
+        Per performer: the evidence at these motions.
+    smooth : SegmentSmoothness
+    expected : sequence of ndarray, shape (F, D)
+        Per performer: accelerations that cost nothing; by default none.
     """
     systems = list(images)
     for i in problem.sought:
@@ -370,9 +350,19 @@ def evidence_equations(
     hidden: Sequence[NDArray[np.bool_]] = (),
     noise: SegmentNoise | None = None,
 ) -> list[BandedBlocks]:
-    """The normal equations of every performer without smoothness; parameters as in `normal_equations`.
+    """The normal equations of every performer without smoothness: gradients and outlines of all views, and keypoints.
 
     Those of a performer that is not sought are zero: its motion is given.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+    measured : MeasuredMotion
+        The motions, with the evidence there.
+    hidden : sequence of ndarray of bool, shape (F, P)
+        Per performer: the parts whose pixels are left out.
+    noise : SegmentNoise, optional
+        The noise under which the cost of the gradients is measured; by default that at the motions.
     """
     noise = noise or SegmentNoise.of(measured.evidence, problem.settings)
     evidence = measured.evidence.without(np.concatenate(hidden, axis=1)) if hidden else measured.evidence

@@ -48,9 +48,17 @@ def filmed(motion: Motion) -> tuple[ViewFrames, ...]:
     )
 
 
+def with_smoothness(
+    problem: SegmentProblem, measured: MeasuredMotion, hidden: list[np.ndarray] | tuple[()] = ()
+) -> list[BandedBlocks]:
+    """The evidence at motions, with the smoothness before any picture is looked at."""
+    images = gauss_newton.evidence_equations(problem, measured, hidden)
+    return gauss_newton.with_priors(problem, measured.motions, images, SegmentSmoothness.start(problem))
+
+
 def systems(problem: SegmentProblem, motion: Motion) -> tuple[list[BandedBlocks], SegmentEvidence]:
     measured = Workspace().measure(problem, [motion], Sampling(1.0, 1.0, 2))
-    return gauss_newton.normal_equations(problem, measured), measured.evidence
+    return with_smoothness(problem, measured), measured.evidence
 
 
 def test_without_evidence_the_motion_between_key_poses_is_the_smoothest() -> None:
@@ -338,7 +346,7 @@ def test_what_is_returned_was_measured_at_the_motions_that_are_returned() -> Non
     np.testing.assert_array_equal(found.share, measured.evidence.share)
     hidden = hidden_parts(problem, measured.evidence.share)
     assert not any(mask.any() for mask in hidden)
-    [system] = gauss_newton.normal_equations(problem, measured, hidden)
+    [system] = with_smoothness(problem, measured, hidden)
     # All gradients are zero here: the noise makes no difference to the cost.
     assert found.energy[-1] == pytest.approx(system.energy)
 
