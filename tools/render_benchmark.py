@@ -10,7 +10,6 @@ frames instead, with the joints marked.
 
 from __future__ import annotations
 
-import argparse
 import os
 import shutil
 import tempfile
@@ -22,6 +21,7 @@ import numpy as np
 from kfmocap.core.body import Body
 from numpy.typing import NDArray
 from render.benchmark_shots import PLANS, ShotPlan, is_current, write_description
+from render.chosen_shots import render_chosen
 from render.drawing import linear
 from render.painted_scene import SUBPIXELS, Exposure, PaintedView, box, exposures, joined
 from render.people import skin_at, true_landmarks
@@ -120,20 +120,12 @@ def preview(plan: ShotPlan, frames: Sequence[int], out: Path) -> None:
 
 def main() -> None:
     """Render shots, or previews of some frames."""
-    form = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=form)
-    parser.add_argument("shots", nargs="*", metavar="SHOT", help=f"by default all: {', '.join(PLANS)}")
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--preview", type=int, nargs="+", metavar="FRAME", help="these frames only")
-    args = parser.parse_args()
-    if unknown := sorted(set(args.shots) - set(PLANS)):
-        parser.error(f"there is no {', '.join(unknown)}; there are {', '.join(PLANS)}")
-    args.out.mkdir(parents=True, exist_ok=True)
-    for name in args.shots or PLANS:
-        if args.preview:
-            preview(PLANS[name], args.preview, args.out)
-        else:
-            render_shot(PLANS[name], args.out)
+    render_chosen(
+        __doc__,
+        PLANS,
+        lambda name, out: render_shot(PLANS[name], out),
+        lambda name, frames, out: preview(PLANS[name], frames, out),
+    )
 
 
 if __name__ == "__main__":

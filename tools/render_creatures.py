@@ -10,7 +10,6 @@ pictures of those frames instead.
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import os
 import shutil
@@ -25,6 +24,7 @@ from kfmocap.core.body import part_poses
 from kfmocap.core.formats import save_cameras
 from mathutils import Matrix, Vector
 from numpy.typing import NDArray
+from render.chosen_shots import render_chosen
 from render.creatures import CREATURES, FPS, FRAMES, Creature, HeldProp
 from render.drawing import linear
 from render.painted_scene import Floor, PaintedView, Sensor, Surface, lit
@@ -208,25 +208,12 @@ def render_creature(name: str, out: Path) -> None:
         os.replace(part, folder)
 
 
-def main() -> None:
-    """Render characters, or previews of some frames."""
-    form = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=form)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"by default all: {', '.join(CREATURES)}")
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--preview", type=int, nargs="+", metavar="FRAME", help="these frames only")
-    args = parser.parse_args()
-    if unknown := sorted(set(args.names) - set(CREATURES)):
-        parser.error(f"there is no {', '.join(unknown)}; there are {', '.join(CREATURES)}")
-    args.out.mkdir(parents=True, exist_ok=True)
-    for name in args.names or CREATURES:
-        if args.preview:
-            creature = CREATURES[name]()
-            for v, frame, image in pictures(creature, args.preview):
-                cv2.imwrite(str(args.out / f"{name}_{creature.cameras[v].name}_{frame:04d}.png"), image)
-        else:
-            render_creature(name, args.out)
+def preview(name: str, frames: Sequence[int], out: Path) -> None:
+    """Write pictures of some frames."""
+    creature = CREATURES[name]()
+    for v, frame, image in pictures(creature, frames):
+        cv2.imwrite(str(out / f"{name}_{creature.cameras[v].name}_{frame:04d}.png"), image)
 
 
 if __name__ == "__main__":
-    main()
+    render_chosen(__doc__, CREATURES, render_creature, preview)
