@@ -27,7 +27,7 @@ from ..runtime.worker_memory import WorkerMemory
 from ..shot.footage_damage import shot_damage
 from ..shot.shot import Shot
 from ..tracking.journal import Journal
-from ..tracking.retracking import Excerpt, glance, track_excerpts
+from ..tracking.retracking import Excerpt, preview_segment, track_excerpts
 from ..tracking.run_context import RunContext, SolvedShot
 from ..tracking.schedule import SegmentShown
 from ..tracking.segments import whole_keys
@@ -195,7 +195,7 @@ def track_and_check(
     whole = len(excerpts) == 1 and (excerpts[0].first, excerpts[0].last) == (0, shot.length - 1)
     tracking = share(progress, 0.0, 0.9) if whole else progress
     if show is not None:
-        glance(shot, excerpts, looking_at, show, progress=progress, memory=memory)
+        preview_segment(shot, excerpts, looking_at, show, progress=progress, memory=memory)
     with DecoderLog() as log:
         results = track_excerpts(shot, excerpts, tracking, run=RunContext(journal, memory, show))
     if log.complaints:

@@ -24,8 +24,8 @@ from .segments import Segment, segments
 from .track_result import TrackResult
 from .tracker import track
 
-GLANCED = 4
-"""Iterations of a segment that are shown before tracking begins elsewhere: the first shows the initial solution."""
+PREVIEWED = 4
+"""Iterations of a segment that a preview shows: the first of them is the initial solution."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +121,7 @@ def track_excerpts(
     return results
 
 
-def glance(
+def preview_segment(
     shot: Shot,
     excerpts: Sequence[Excerpt],
     frame: int,
@@ -130,9 +130,9 @@ def glance(
     progress: Progress | None = None,
     memory: WorkerMemory | None = None,
 ) -> None:
-    """Show a coarse solution of the segment that a shot frame lies in, unless that is tracked first anyway.
+    """Show a coarse solution of the segment that the user looks at, unless that is tracked first anyway.
 
-    It is no part of the result, which does not depend on where somebody is looking. Errors are those of the tracking
+    It is no part of the result, which does not depend on what is looked at. Errors are those of the tracking
     that follows, and left to it.
     """
     chosen = [(part, s) for part in excerpts for s in segments(shot) if part.first <= s[0] and s[1] <= part.last]
@@ -148,7 +148,7 @@ def glance(
 
     def looked(_what: str, _fraction: float) -> bool:
         report_progress(progress, "looking ahead", 0.0)
-        return len(seen) < GLANCED
+        return len(seen) < PREVIEWED
 
     asked = completed(shot).between(first, last).with_footage_offset(part.footage_offset)
     with contextlib.suppress(KFMocapError):  # it is cancelled, or the tracking that follows says what is wrong
