@@ -13,7 +13,7 @@ from kfmocap.core.errors import CalibrationError, CancelledError  # noqa: E402
 from random_calls import TOOLS, arguments, call, files, place, quick, situation, tool_of  # noqa: E402, F401
 from ready_scenes import make_ready  # noqa: E402
 
-pytestmark = pytest.mark.blender
+pytestmark = [pytest.mark.blender, pytest.mark.long]
 
 CALLS, NIGHTLY_CALLS, IN_A_ROW = 2 * len(TOOLS), 2000, 40
 

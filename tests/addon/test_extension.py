@@ -8,7 +8,7 @@ import zipfile
 import pytest
 from short_walk import short_walk
 
-pytestmark = pytest.mark.blender
+pytestmark = [pytest.mark.blender, pytest.mark.long]
 
 BUNDLED = ("scipy", "cv2", "filterpy", "threadpoolctl")
 SETTINGS = ["working_size = 120", "limb_search = false"]

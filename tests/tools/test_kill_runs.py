@@ -15,7 +15,10 @@ from kill_runs import Ended
 from made_capture import made_capture
 from short_walk import short_walk
 
-pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="runs are forked from a process that has all loaded")
+pytestmark = [
+    pytest.mark.skipif(not hasattr(os, "fork"), reason="runs are forked from a process that has all loaded"),
+    pytest.mark.long,
+]
 SETTINGS = ["working_size = 120", "limb_search = false", "prediction = false"]
 """It is the command that is ended: tracking itself may be short."""
 

@@ -12,6 +12,7 @@ from made_capture import made_capture
 from short_walk import short_walk
 from small_disks import disk, is_whole
 
+pytestmark = pytest.mark.long
 SETTINGS = ["working_size = 120", "limb_search = false", "prediction = false"]
 
 

@@ -21,6 +21,7 @@ from kfmocap.core.shot.footage_times import FootageRate
 from render.waving import CAMERAS, OFFSETS, WandTake
 from render_wand import write_take
 
+pytestmark = pytest.mark.long
 SMALL = tuple(camera.reduced(1.5) for camera in CAMERAS[:3])
 NOTHING = SeenBalls(Markers(np.zeros(0, int), np.zeros((0, 4, 2)), np.zeros((0, 4))), np.zeros((0, 4)))
 TAKE = WandTake(SMALL, OFFSETS[:3], frames=90, fps=15.0, lframe_frames=3)

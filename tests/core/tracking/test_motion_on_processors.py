@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from short_walk import short_walk
 
+pytestmark = pytest.mark.long
 OLDER = {
     "OPENBLAS_CORETYPE": "Nehalem",
     "OPENCV_CPU_DISABLE": "AVX2,FMA3,AVX",
