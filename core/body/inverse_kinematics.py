@@ -308,7 +308,8 @@ class _MeasureProblem:
         """That of landmarks (K, L, 3), some of which a body has."""
         average = default_measures(stature)
         sigma = [SHIFT_SIGMA if key in SHIFTS else MEASURE_SIGMA * value for key, value in average.items()]
-        used = [i for i, name in enumerate(names) if name in human(stature, solid=False).landmarks]
+        known = human(stature, solid=False).landmarks
+        used = [i for i, name in enumerate(names) if name in known]
         return cls(
             stature, [names[i] for i in used], targets[:, used], np.array(list(average.values())), np.array(sigma)
         )
