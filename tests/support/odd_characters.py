@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
+import shutil
+import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 
 import addon_utils
@@ -164,7 +168,34 @@ def linked(made: Callable[[], bpy.types.Object], folder: Path) -> bpy.types.Obje
 
 
 def generated_rig() -> bpy.types.Object:
-    """Rigify's human as it is generated, with a skin of small clouds around the deforming bones of trunk and limbs."""
+    """Rigify's human as it is generated, with a skin of small clouds around the deforming bones of trunk and limbs.
+
+    Generating takes seconds: it is done once, and kept in a file.
+    """
+    file = _library() / "rig.blend"
+    if file.exists():
+        with bpy.data.libraries.load(str(file)) as (_, loaded):
+            loaded.collections = ["generated"]
+        bpy.context.scene.collection.children.link(loaded.collections[0])
+        return loaded.collections[0].objects["rig"]
+    rig = _generated()
+    collection = bpy.data.collections.new("generated")
+    for owner in (rig, *skinned_parts.skinned_meshes(rig)):
+        collection.objects.link(owner)
+    bpy.data.libraries.write(str(file), {collection})
+    bpy.data.collections.remove(collection)
+    return rig
+
+
+@cache
+def _library() -> Path:
+    """A folder for as long as the tests run."""
+    folder = Path(tempfile.mkdtemp(prefix="kfmocap-rig-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
+
+
+def _generated() -> bpy.types.Object:
     addon_utils.enable("rigify", default_set=True)
     bpy.ops.object.armature_human_metarig_add()
     bpy.ops.object.mode_set(mode="OBJECT")
