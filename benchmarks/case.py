@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.body import landmark_positions
 from ..core.body.motion import Motion
-from ..core.formats import Landmarks, read_trc
-from ..core.review.scoring import Score, joint_error
+from ..core.formats import read_trc
+from ..core.review.scoring import Score, motion_error
 from ..core.shot.keypose_spline import spline
 from ..core.shot.shot import Shot
 from ..core.tracking.prepare import load_shot
@@ -28,14 +27,11 @@ class Reference:
     """The landmarks that a shot's motion is compared with."""
 
     def __init__(self, shot: Shot, file: Path) -> None:
-        self.performer, self.fps, self.landmarks = shot.performers[0], shot.fps, read_trc(file)
+        self.performer, self.landmarks = shot.performers[0], read_trc(file)
 
     def score(self, motion: Motion) -> Score:
         """Compare the joints of a motion with the reference."""
-        body = self.performer.body
-        names = tuple(body.landmarks)
-        found = Landmarks(names, landmark_positions(body, motion, names), self.fps)
-        return joint_error(found, self.landmarks, self.performer.key_poses.full().tolist())
+        return motion_error(self.performer.body, motion, self.landmarks, self.performer.key_poses.full().tolist())
 
     def cover(self, motion: Motion, interval: NDArray[np.float64]) -> float:
         """Share of the joints within the 90 % interval of their expected error."""

@@ -16,7 +16,7 @@ import numpy as np
 from ..core.body import landmark_positions
 from ..core.body.motion import Motion, stacked
 from ..core.formats import Landmarks, read_trc
-from ..core.review.scoring import Score, joint_error
+from ..core.review.scoring import Score, joint_error, motion_error
 from ..core.shot.keypose_spline import spline
 from ..core.shot.shot import SOLVERS, KeyPoses, Shot
 from ..core.tracking.prepare import load_shot
@@ -70,11 +70,8 @@ class RenderedShot:
 
     def score(self, motion: Motion, among: Sequence[int] | None = None) -> Score:
         """Joint errors on the frames that are no key frames, or on those `among` given frames."""
-        body = self.shot.performers[0].body
-        names = tuple(body.landmarks)
-        found = Landmarks(names, landmark_positions(body, motion, list(names)), self.shot.fps)
         others = [] if among is None else np.setdiff1d(np.arange(len(motion)), among).tolist()
-        return joint_error(found, self.truth, sorted({*self.keys, *others}))
+        return motion_error(self.shot.performers[0].body, motion, self.truth, sorted({*self.keys, *others}))
 
     def sight_errors(self, motion: Motion) -> tuple[float, float]:
         """Mean joint errors across the first camera's line of sight, as its pictures show them, and along it, mm."""

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..body import Body, landmark_positions
+from ..body.motion import Motion
 from ..errors import LandmarkError
 from ..formats.trc import Landmarks
 
@@ -30,6 +32,13 @@ class Score:
     median: float
     p95: float
     per_landmark: dict[str, float]
+
+
+def motion_error(body: Body, motion: Motion, reference: Landmarks, keys: Sequence[int]) -> Score:
+    """Compare the joints of a motion with a reference, as `joint_error` does."""
+    names = list(body.landmarks)
+    found = Landmarks(tuple(names), landmark_positions(body, motion, names), reference.fps)
+    return joint_error(found, reference, keys)
 
 
 def joint_error(result: Landmarks, reference: Landmarks, keys: Sequence[int]) -> Score:
