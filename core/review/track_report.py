@@ -78,30 +78,11 @@ def report(
             for segment in result.segments
         ],
         "footage_offset": round(result.footage_offset, 3),
-        "performers": [
-            _performer(shot, p, visible, residual, unknown)
-            | _accelerations(p, [segment.accelerations[i] for segment in result.segments if segment.accelerations])
-            | _expected_errors(shot, p, errors, unknown)
-            | (_observed(shot, result.observed.performers[i]) if result.observed.performers else {})
-            | {"lifted": bool(result.observed.performers) and result.observed.performers[i].is_lifted}
-            for i, (p, visible, residual, errors, unknown) in enumerate(
-                zip(shot.performers, result.visible, result.residual, result.errors, result.unknown, strict=True)
-            )
-        ],
+        "performers": [_performer_values(shot, result, i) for i in range(len(shot.performers))],
         "settings": dataclasses.asdict(shot.settings),
         "views": [
-            {
-                "camera": view.camera.name,
-                "footage": str(view.footage),
-                "size": list(view.camera.size),
-                "offset": view.offset,
-                "fields": view.fields,
-                "keypoints": str(view.keypoints) if view.keypoints else None,
-                "footage_fps": container_rate(view),
-                "rate": _of_view(result.rates, v),
-                "torn": [shot.frames[0] + frame for frame in result.torn[v]] if result.torn else [],
-                "damage": _of_view(result.damage, v),
-                "skipped": list(result.observed.skipped[v]) if result.observed.skipped else [],
+            _view_values(shot, result, v)
+            | {
                 "fits": [_camera_fit(fit) for fit in fits if fit.camera == view.camera.name],
                 "refined": None if refined is None else _refined_camera(refined.views[v]),
             }
@@ -109,6 +90,37 @@ def report(
         ],
         "versions": _versions(),
     }
+
+
+def _view_values(shot: Shot, result: TrackResult, number: int) -> dict[str, Any]:
+    """What there is to say of a view and its footage."""
+    view = shot.views[number]
+    return {
+        "camera": view.camera.name,
+        "footage": str(view.footage),
+        "size": list(view.camera.size),
+        "offset": view.offset,
+        "fields": view.fields,
+        "keypoints": str(view.keypoints) if view.keypoints else None,
+        "footage_fps": container_rate(view),
+        "rate": _of_view(result.rates, number),
+        "torn": [shot.frames[0] + frame for frame in result.torn[number]] if result.torn else [],
+        "damage": _of_view(result.damage, number),
+        "skipped": list(result.observed.skipped[number]) if result.observed.skipped else [],
+    }
+
+
+def _performer_values(shot: Shot, result: TrackResult, number: int) -> dict[str, Any]:
+    """What there is to say of a performer."""
+    performer, unknown = shot.performers[number], result.unknown[number]
+    observed = result.observed.performers[number] if result.observed.performers else None
+    return (
+        _performer(shot, performer, result.visible[number], result.residual[number], unknown)
+        | _accelerations(performer, [s.accelerations[number] for s in result.segments if s.accelerations])
+        | _expected_errors(shot, performer, result.errors[number], unknown)
+        | ({} if observed is None else _observed(shot, observed))
+        | {"lifted": observed is not None and observed.is_lifted}
+    )
 
 
 def _of_view(found: Sequence[FootageRate | FootageDamage | None], view: int) -> dict[str, Any] | None:
