@@ -82,32 +82,38 @@ class BandedFactor:
             first[j], second[j] = beside[:D], beside[D:]
             ahead[D:, D:] = ahead[:D, :D]
             ahead[:D, :D], ahead[:D, D:], ahead[D:, :D] = found[j], first[j].T, first[j]
-        free = self.free.astype(float)
-        rows, columns = free[:, :, None], free[:, None, :]
-        return (
-            found * rows * columns,
-            first[:-1] * rows[1:] * columns[:-1],
-            second[: max(F - 2, 0)] * rows[2:] * columns[: max(F - 2, 0)],
-        )
+        found_blocks = found, first[:-1], second[: max(F - 2, 0)]
+        for distance, band in enumerate(found_blocks):
+            _without_fixed(band, ~self.free, distance)
+        return found_blocks
 
 
 def banded(blocks: BandedBlocks, fixed: NDArray[np.bool_], damping: float = 0.0) -> Array:
     """Lower banded storage (3 D, F D) as `scipy.linalg.cholesky_banded` takes it; fixed unknowns become identity."""
     F, D = fixed.shape
-    free = (~fixed).astype(float)
     out = np.zeros((3 * D, F * D), order="F")
     columns = _column_blocks(out, D)
     # Directions that nothing measures keep the matrix positive definite by a ridge above the rounding of the sums.
-    ridge = 1e-6 * np.maximum(np.einsum("fdd->fd", blocks.diagonal), 1.0)
+    own = np.einsum("fdd->fd", blocks.diagonal)
+    own = np.where(fixed, 1.0, own + (1e-6 * np.maximum(own, 1.0) + damping * own))
+    for k, block in enumerate((np.tril(blocks.diagonal), blocks.first, blocks.second)):
+        band = columns[: len(block), k * D : (k + 1) * D]
+        band[:] = block
+        _without_fixed(band, fixed, k)
     d = np.arange(D)
-    for k, block in enumerate((blocks.diagonal, blocks.first, blocks.second)):
-        n = len(block)
-        kept = block * free[k:, :, None] * free[:n, None, :]
-        if k == 0:
-            kept[:, d, d] += np.where(fixed, 1.0, ridge + damping * np.einsum("fdd->fd", kept))
-            kept = np.tril(kept)
-        columns[:n, k * D : (k + 1) * D] = kept
+    columns[:, d, d] = own
     return out
+
+
+def _without_fixed(band: Array, fixed: NDArray[np.bool_], distance: int) -> None:
+    """Make the rows and columns of fixed unknowns zero, in place, in the blocks of each frame so many frames on (rows)
+    against the frame (columns).
+    """
+    for j in np.flatnonzero(fixed.any(axis=1)).tolist():
+        if j < len(band):
+            band[j][:, fixed[j]] = 0.0
+        if j >= distance:
+            band[j - distance][fixed[j]] = 0.0
 
 
 def _column_blocks(stored: Array, D: int) -> Array:
