@@ -21,6 +21,7 @@ from ..core.errors import FootageError, KFMocapError
 from ..core.runtime.files import check_writable, replacing, staged
 from ..core.shot.shot import Settings
 from . import tables
+from .corrections import measure_corrections
 from .rows import CONVERGENCE, ROWS, Case, cases
 from .shot_set import JudgedShot, judged_shots
 from .speed import measure_speed
@@ -89,7 +90,8 @@ def _run_speed(request: BenchmarkRequest) -> int:
     measured_rows = measure_speed(
         folder, repeat=request.repeat, quick=request.quick, out=request.out, against=request.against
     )
-    text = f"Measured with {machine()}.\n\n{measured_rows}"
+    corrected = measure_corrections(folder, repeat=request.repeat)
+    text = f"Measured with {machine()}.\n\n{measured_rows}\n\nAfter a key pose was corrected:\n\n{corrected}"
     print(text)
     if request.out is not None:
         with replacing(request.out / "speed.md") as file:

@@ -7,6 +7,7 @@ of the beam example, played forwards and backwards until it is long enough, in t
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -39,6 +40,8 @@ KEY_EVERY = 33
 """Frames between key poses, at most."""
 LENGTHS = (34, 100, 400)
 LONG = 3000
+FAR_APART = 400
+"""Frames of a shot whose key poses are those at its ends."""
 CORES_LENGTH = 400
 _SAMPLED = 0.1  # seconds between looks at the memory
 _CHART = (560, 280)
@@ -53,11 +56,14 @@ class SpeedRow:
     frames, cameras : int
     threads : int
         Cores that the command may use.
+    ends : bool
+        The key poses are those at the shot's ends alone.
     """
 
     frames: int
     cameras: int
     threads: int
+    ends: bool = False
 
 
 @dataclass(frozen=True)
@@ -86,7 +92,8 @@ def speed_rows(cores: int, quick: bool) -> list[SpeedRow]:
     rows = [SpeedRow(frames, 4, cores) for frames in lengths]
     rows += [SpeedRow(100, cameras, cores) for cameras in (1, 2)]
     counts = sorted({*(1 << k for k in range(cores.bit_length())), cores} - {cores})
-    return rows + [SpeedRow(100 if quick else CORES_LENGTH, 4, count) for count in counts]
+    rows += [SpeedRow(100 if quick else CORES_LENGTH, 4, count) for count in counts]
+    return rows if quick else [*rows, SpeedRow(FAR_APART, 2, cores, ends=True)]
 
 
 def measure_speed(
@@ -126,7 +133,7 @@ def measure_speed(
             runs: list[list[Cost]] = [[] for _ in programs]
             for _ in range(repeat):
                 for program, costs in zip(programs, runs, strict=True):  # in turns: what else runs slows down both
-                    costs.append(command_cost(program, shots[row.frames], cameras, row.threads))
+                    costs.append(command_cost(program, shots[row.frames], cameras, row.threads, ends=row.ends))
             medians = [_median(costs) for costs in runs]
             found.append((medians[0], medians[1] if against is not None else None))
             print(f"kfmocap bench: {row}: {medians[0].seconds:.1f} s", file=sys.stderr, flush=True)
@@ -137,12 +144,13 @@ def measure_speed(
 
 def table(rows: Sequence[SpeedRow], found: Sequence[tuple[Cost, Cost | None]]) -> str:
     """All rows with their costs, and how many times as fast they are as another version."""
-    heads = ["frames", "cameras", "cores", "seconds", "processor s", "camera-frames/s", "MB"]
+    heads = ["frames", "key poses", "cameras", "cores", "seconds", "processor s", "camera-frames/s", "MB"]
     paired = any(other is not None for _, other in found)
     cells = []
     for row, (cost, other) in zip(rows, found, strict=True):
         rate = row.frames * row.cameras / cost.seconds
-        cells.append([str(row.frames), str(row.cameras), str(row.threads)])
+        keys = "at the ends" if row.ends else f"every {KEY_EVERY}"
+        cells.append([str(row.frames), keys, str(row.cameras), str(row.threads)])
         cells[-1] += [f"{cost.seconds:.1f}", f"{cost.processor:.1f}", f"{rate:.0f}"]
         cells[-1].append(f"{cost.memory / 1e6:.0f}" if cost.memory else "-")
         if paired:
@@ -242,15 +250,15 @@ def _program(place: Path, checkout: Path) -> Path:
     return place
 
 
-def command_cost(program: Path, shot: Path, cameras: Sequence[str], threads: int) -> Cost:
-    """Run `kfmocap track` with a program, a process of its own, and see what it takes.
+def command_cost(program: Path, shot: Path, cameras: Sequence[str], threads: int, *, ends: bool = False) -> Cost:
+    """Run `kfmocap track` with a program, a process of its own, and see what it takes; `ends` as of a `SpeedRow`.
 
     Raises
     ------
     KFMocapError
         It fails.
     """
-    limit = threads_text(shot, threads)
+    limit = threads_text(shot, threads, ends=ends)
     with tempfile.TemporaryDirectory() as out, _memory_watched() as watch:
         command = [sys.executable, "-m", "kfmocap", "track", str(limit), "--out", out, "--no-blender"]
         begin, before = time.perf_counter(), _children_seconds()
@@ -269,10 +277,12 @@ def command_cost(program: Path, shot: Path, cameras: Sequence[str], threads: int
     return Cost(seconds, _children_seconds() - before, watch.most)
 
 
-def threads_text(shot: Path, threads: int) -> Path:
+def threads_text(shot: Path, threads: int, *, ends: bool = False) -> Path:
     """A copy of a shot file, beside it, that asks for so many cores: every version of the program reads it."""
-    file = shot.with_name(f"cores{threads}.toml")
-    file.write_text(f"{shot.read_text(encoding='utf-8')}\n[track]\nthreads = {threads}\n", encoding="utf-8")
+    file, text = shot.with_name(f"cores{threads}.toml"), shot.read_text(encoding="utf-8")
+    if ends:
+        text = re.sub(r"keyframes = \[(\d+),.* (\d+)\]", r"keyframes = [\1, \2]", text)
+    file.write_text(f"{text}\n[track]\nthreads = {threads}\n", encoding="utf-8")
     return file
 
 

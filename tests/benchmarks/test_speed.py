@@ -34,6 +34,12 @@ def test_what_the_processes_of_a_command_take_counts(program: Path) -> None:
     assert "threads = 3" in (folder / "cores3.toml").read_text()
 
 
+def test_key_poses_at_the_ends_are_the_first_and_the_last(tmp_path: Path) -> None:
+    (tmp_path / "shot.toml").write_text("keyframes = [0, 33, 66, 399]\n")
+    kept, alone = (speed.threads_text(tmp_path / "shot.toml", 1, ends=ends).read_text() for ends in (False, True))
+    assert "[0, 33, 66, 399]" in kept and "keyframes = [0, 399]\n" in alone
+
+
 def test_a_command_that_fails_is_not_measured(program: Path) -> None:
     (program / "shot.toml").write_text("[shot]\n")
     with pytest.raises(KFMocapError, match="it does not go"):
@@ -49,6 +55,7 @@ def test_frames_cameras_and_cores_are_varied_one_at_a_time() -> None:
     assert {row.frames for row in rows if (row.cameras, row.threads) == (4, 4)} == {34, 100, 400, 3000}
     assert {row.cameras for row in rows if (row.frames, row.threads) == (100, 4)} == {1, 2, 4}
     assert {row.threads for row in rows if (row.frames, row.cameras) == (400, 4)} == {1, 2, 4}
+    assert [(row.frames, row.cameras) for row in rows if row.ends] == [(400, 2)]
     assert len(set(rows)) == len(rows)
 
 
@@ -57,7 +64,17 @@ def test_the_table_says_how_many_times_as_fast_it_is_as_the_other_version() -> N
     found = [(Cost(4.0, 6.0, 0), Cost(10.0, 12.0, 0)), (Cost(2.0, 3.0, 10**9), Cost(3.0, 4.0, 0))]
     lines = speed.table(rows, found).splitlines()
     assert lines[0].split("|")[-2].strip() == "times as fast"
-    assert [cell.strip() for cell in lines[2].split("|")[1:-1]] == ["100", "4", "2", "4.0", "6.0", "100", "-", "2.50"]
+    assert [cell.strip() for cell in lines[2].split("|")[1:-1]] == [
+        "100",
+        "every 33",
+        "4",
+        "2",
+        "4.0",
+        "6.0",
+        "100",
+        "-",
+        "2.50",
+    ]
     assert "1000" in lines[3] and "1.50" in lines[3]
 
 
