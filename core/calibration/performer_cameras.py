@@ -197,7 +197,7 @@ def cameras_by_performer(
     def check() -> None:
         report_progress(progress, "cameras", 0.3)
 
-    report_progress(progress, "keypoints", 0.0)
+    check()
     seen = joint_sightings(views, frames, correlated)
     tried = [[_lens(view, share) for view in views] for share in FOCALS]
     rigs = (_rig_by_limb(seen, lenses, limb, height, check) for lenses in tried for limb in STICKS)

@@ -159,7 +159,7 @@ def test_derivatives_are_those_of_the_cost() -> None:
 
 def test_what_is_missing_is_said() -> None:
     views = views_of(cameras(2))
-    with pytest.raises(CaptureError, match="for one see"):
+    with pytest.raises(CaptureError, match="two views or more"):
         cameras_by_performer(views[:1], HEIGHT, (0, FRAMES - 1))
     with pytest.raises(CaptureError, match=r"does not show where the cameras are.*cam01 4, cam02 4"):
         cameras_by_performer(views, HEIGHT, (0, 3))
