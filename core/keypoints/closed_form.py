@@ -22,6 +22,10 @@ LIMBS = (
 )
 """Upper and lower part, their joints, the sign of the turn about the x axis that bends them, and the cosine of the
 farthest twist: points that say more are wrong."""
+POSED_PARTS = frozenset(
+    {"pelvis", "spine", "chest", *(f"{part}.{side}" for two in LIMBS for part in two[:2] for side in "LR")}
+)
+"""Those of the default body: another one cannot be posed in closed form."""
 STRAIGHT = (0.1, 0.3)
 """Sine of the bend below which a limb is straight, and above which its bend gives the twist."""
 TWIST_TIME = 0.07
@@ -47,10 +51,9 @@ def closed_form_pose(body: Body, names: Sequence[str], points_world: Array, fps:
     Motion or None
         None for another body, or where too few of the trunk's points are ever known.
     """
-    parts = {f"{part}.{side}" for upper, lower, *_ in LIMBS for part in (upper, lower) for side in "LR"}
     known = {name: _filled(points_world[:, i]) for i, name in enumerate(names)}
     known = {name: points for name, points in known.items() if np.isfinite(points).all()}
-    if not parts | {"pelvis", "spine", "chest"} <= set(body.names):
+    if not set(body.names) >= POSED_PARTS:
         return None
     known = _with_trunk(body, known)
     if not set(TRUNK) <= set(known):

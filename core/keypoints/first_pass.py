@@ -20,7 +20,7 @@ from .keypoint_fit import CONTINUED, FitProblem, KeypointFit, fit_motion
 from .lifting import likely_height, lone_view
 from .limb_safeguard import repose_lost_limbs
 from .seen_landmarks import resting_degrees, with_resting
-from .single_view import corrected_fit, lifted_fit
+from .single_view import corrected_fit, lifted_fit, lifted_start
 from .view_agreement import ViewAgreement
 
 
@@ -34,7 +34,7 @@ def first_pass(
     fps: float,
     correlated: float,
 ) -> KeypointFit:
-    """Fit a body's motion to keypoints, from the better of two starts.
+    """Fit a body's motion to keypoints, from the best of its starts: key poses, and what the keypoints show alone.
 
     Parameters
     ----------
@@ -68,6 +68,8 @@ def first_pass(
         return lifted_fit(body, keypoints, view, fixed=fixed, precision=precision, fps=fps)
     if view is not None and keys is not None and len(keys.proposals()):
         return corrected_fit(body, starts[0], keypoints, view, fixed=fixed, precision=precision, fps=fps)
+    if view is not None and held is not None and len(keypoints) > 2:
+        starts.append(lifted_start(body, held, keypoints, view, fixed=fixed, fps=fps))
     if not starts:
         todo = "give key poses, or keypoints of two views or more"
         raise KeypointError("no two views agree on a pose of the body", todo=todo)

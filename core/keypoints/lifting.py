@@ -20,7 +20,7 @@ from ..body import Body, human, landmark_positions
 from ..body.motion import Motion
 from ..numerics import rotations
 from ..numerics.arrays import Array, Ints
-from .closed_form import LIMBS, TRUNK, along_and_across, limb_orientations
+from .closed_form import LIMBS, POSED_PARTS, TRUNK, along_and_across, limb_orientations
 from .keypoint_factor import LIFTED_DEVIATION, USUAL_DEVIATION, Keypoints
 from .view_agreement import ViewAgreement, interpolated, without_midpoints
 
@@ -131,7 +131,7 @@ def lone_view(body: Body, keypoints: Keypoints) -> int | None:
     """Return the only view that has keypoints, if it shows the hips and the shoulders of the default body."""
     views = np.flatnonzero(keypoints.confidence.any(axis=(1, 2)))
     found = {name for i, name in enumerate(keypoints.names) if keypoints.confidence[:, :, i].any()}
-    return int(views[0]) if len(views) == 1 and set(TRUNK) <= found and "spine" in body.names else None
+    return int(views[0]) if len(views) == 1 and set(TRUNK) <= found and set(body.names) >= POSED_PARTS else None
 
 
 def lifted_points(body: Body, keypoints: Keypoints, fps: float, *, mirrored: bool = False) -> tuple[Array, float]:

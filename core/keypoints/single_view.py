@@ -1,4 +1,4 @@
-"""A motion from the keypoints of a single view, without key poses: several hypotheses of the depths, and a choice."""
+"""A motion from the keypoints of a single view: several hypotheses of the depths, and a choice."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from ..body import Body, part_poses
 from ..body.motion import Motion
 from ..numerics.arrays import Array, Bools
+from ..shot.carried_motion import carried
+from ..shot.shot import KeyPoses
 from .first_pose import posed_start
 from .keypoint_factor import USUAL_DEVIATION, Keypoints, Places
 from .keypoint_fit import FitProblem, KeypointFit, fit_motion
@@ -40,12 +42,29 @@ def lifted_fit(
         See `FitProblem`.
     fps : float
     """
-    own, fixed = without_midpoints(keypoints.of_views([view])), fixed | _collar_bones(body)
+    fixed = fixed | _collar_bones(body)
+    start, agreement = _lifted(body, keypoints, view, fixed=fixed, fps=fps)
+    return _fitted(body, start, keypoints, view, agreement, fixed=fixed, precision=precision)
+
+
+def lifted_start(body: Body, keys: KeyPoses, keypoints: Keypoints, view: int, *, fixed: Bools, fps: float) -> Motion:
+    """The motion that the keypoints of one view show by the lengths of the bones, carried through key poses.
+
+    Depths are decimetres off, but limbs are those that the view shows. The curve through the key poses may have a leg
+    where the other one is.
+
+    Parameters are those of `lifted_fit`.
+    """
+    return carried(_lifted(body, keypoints, view, fixed=fixed, fps=fps)[0], keys)
+
+
+def _lifted(body: Body, keypoints: Keypoints, view: int, *, fixed: Bools, fps: float) -> tuple[Motion, ViewAgreement]:
+    """The likelier hypothesis as a motion, and the view beside an imagined one that holds its depths."""
+    own = without_midpoints(keypoints.of_views([view]))
     hypotheses = [lifted_points(body, own, fps, mirrored=mirrored) for mirrored in (False, True)]
     points, _ = min(hypotheses, key=lambda one: one[1])
     agreement = with_imagined_view(own, points, fps)
-    start = with_resting(posed_start(body, agreement.keypoints, points, fps), fixed)
-    return _fitted(body, start, keypoints, view, agreement, fixed=fixed, precision=precision)
+    return with_resting(posed_start(body, agreement.keypoints, points, fps), fixed), agreement
 
 
 def corrected_fit(

@@ -35,6 +35,7 @@ from ..runtime.timing import Seconds
 from ..runtime.worker_memory import WorkerMemory
 from ..runtime.worker_pool import WorkerPool
 from ..runtime.workplaces import RESULTS, workplace
+from ..shot.carried_motion import carried, with_keys
 from ..shot.footage import PICTURE_SIZE, Album, check_view, working_factor
 from ..shot.footage_times import FootageRate, footage_rate
 from ..shot.grips import completed
@@ -43,7 +44,6 @@ from ..shot.shot import Performer, Shot, fixed_degrees
 from ..shot.shot_spec import ShotSpec
 from .appearance import frames_with_foreground, grey_frames
 from .body_uncertainty import body_covariances
-from .earlier_motion import carried, with_keys
 from .journal import FinishedSegment, KeptSegments
 from .picture_store import COLOUR, PictureStore, StoredView
 from .reader import SegmentReader, is_kept

@@ -83,6 +83,22 @@ def test_a_true_key_pose_corrects_the_proposals_around_it() -> None:
     assert after[14:23].mean() < 0.7 * before[14:23].mean()
 
 
+def test_legs_that_swing_between_key_poses_are_those_that_one_camera_shows() -> None:
+    """The key poses are a whole stride apart. On the curve between them the legs hardly move, and each is taken for the
+    other one.
+    """
+    truth = strolling(BODY, 2 * FRAMES)[::2]
+    seen = keypoints_of(cameras(4)[1:2], seen_places(BODY, truth), noise=0.01, seed=1)
+    frames = np.array([4, 23])
+    fixed = np.zeros((FRAMES, BODY.dof), bool)
+    fixed[frames] = True
+    keys = KeyPoses.whole(frames, truth[frames])
+    found = first_pass(BODY, keys, seen, fixed=fixed, precision=PRECISION, fps=FPS, correlated=9.0)
+    error = joint_errors(found.body, found.motion, BODY, truth)
+    assert error[frames].max() < 1e-9
+    assert error[4:24].max() < 0.2
+
+
 def test_views_without_keypoints_do_not_count() -> None:
     seen = keypoints_of(cameras(3), seen_places(BODY, TRUTH), noise=0.01)
     seen.confidence[[0, 2]] = 0.0

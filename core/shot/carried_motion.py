@@ -1,11 +1,11 @@
-"""Motion that was tracked before key poses changed: where tracking again begins."""
+"""Motion carried through key poses that it was found without, or before they changed: where tracking begins."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ..body.motion import Motion
-from ..shot.shot import KeyPoses
+from .shot import KeyPoses
 
 
 def carried(motion: Motion, keys: KeyPoses) -> Motion:

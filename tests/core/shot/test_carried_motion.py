@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from kfmocap.core.body.motion import Motion
+from kfmocap.core.shot.carried_motion import carried
 from kfmocap.core.shot.shot import KeyPoses
-from kfmocap.core.tracking.earlier_motion import carried
 from synthetic import at_rest, figure, swing
 
 BODY = figure()
