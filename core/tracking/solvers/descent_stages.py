@@ -40,7 +40,7 @@ class DescentStage:
         open, see `NOTICED`.
     plants : bool
         Soles that seem planted are kept still. That leads to the solution, but holds feet that creep as well: not
-        where no other stage follows.
+        where no other stage follows, unless there is one view alone, in which these hardly show.
     """
 
     sampling: Sampling

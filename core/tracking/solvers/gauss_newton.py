@@ -149,7 +149,7 @@ class _TestedStage:
             if self._hidden is None:
                 self._hidden = hidden_parts(problem, evidence.share) if problem.settings.prediction else []
                 self._expected = predicted_accelerations(motions, self._hidden, problem.sought) if self._hidden else []
-                if self._stage.plants:
+                if self._stage.plants or not problem.shows_depth:
                     self._plants = plants_of(problem, motions)
             images = evidence_equations(problem, measured, self._hidden, self._noise)
             if begins:

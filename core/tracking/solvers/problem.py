@@ -100,6 +100,11 @@ class SegmentProblem:
         """Number of frames F."""
         return len(self.fixed[0])
 
+    @property
+    def shows_depth(self) -> bool:
+        """Whether several views look on: one alone shows little of what moves along its line of sight."""
+        return len(self.views) > 1
+
     def geometry(self) -> Geometry:
         """The parts of all performers."""
         return self.shape or Geometry.of(self.bodies)

@@ -5,6 +5,9 @@ as well, and would be held where it is not. So each plant is tested: what it cos
 least that its normal equations allow, to have the point stand still throughout is a chi-squared of the plant's steps
 under their whole covariance, in which a drift over many frames weighs more than jitter. Plants that fit are then held,
 all together, on the same normal equations: pictures do not show the last millimetres, and are not looked at again.
+
+One view alone hardly contradicts a plant. There what seems planted is kept still in the refinement too, as before, and
+nothing is tested.
 """
 
 from __future__ import annotations
@@ -58,7 +61,7 @@ def with_standing_feet(
     tuple of Motion
         F poses per performer.
     """
-    if not problem.settings.plants:
+    if not problem.settings.plants or not problem.shows_depth:
         return solution.motions
     return at_rest(problem, equations_at(problem, solution), solution.motions, before)
 

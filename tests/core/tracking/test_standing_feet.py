@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from kfmocap.core.body import Body, human, part_poses
@@ -64,8 +66,11 @@ def tracked(truth: Motion, seed: int) -> Motion:
     return truth.moved(error)
 
 
+CAMERAS = (look_at("front", (0.5, -2.8, 1.5)), look_at("side", (-2.4, -1.4, 1.3)))
+
+
 def problem_of(*bodies: Body, plants: bool = True) -> SegmentProblem:
-    views = dark(look_at("front", (0.5, -2.8, 1.5)), FRAMES)
+    views = tuple(view for camera in CAMERAS for view in dark(camera, FRAMES))
     return SegmentProblem(views, bodies, 0, FPS, tuple(FIXED for _ in bodies), settings=Settings(plants=plants))
 
 
@@ -152,7 +157,11 @@ def test_each_performer_stands_alone() -> None:
     np.testing.assert_allclose(beside[1].rotations, alone.rotations, atol=1e-4)
 
 
-def test_without_plants_in_the_settings_feet_stay() -> None:
-    motion = tracked(WALK, 0)
-    solution = SegmentSolution.of([motion], no_evidence(1, FRAMES, len(BODY)), iterations=1, energy=[0.0])
-    assert with_standing_feet(problem_of(BODY, plants=False), solution, [motion])[0] is motion
+@pytest.mark.parametrize("case", ["settings", "one view"])
+def test_feet_stay_without_plants_in_the_settings_and_in_one_view(case: str) -> None:
+    """One view alone hardly contradicts a plant."""
+    motion, problem = tracked(WALK, 0), problem_of(BODY, plants=case != "settings")
+    problem = replace(problem, views=problem.views[: 1 if case == "one view" else 2])
+    evidence_there = no_evidence(len(problem.views), FRAMES, len(BODY))
+    solution = SegmentSolution.of([motion], evidence_there, iterations=1, energy=[0.0])
+    assert with_standing_feet(problem, solution, [motion])[0] is motion
