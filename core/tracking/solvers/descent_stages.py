@@ -10,6 +10,9 @@ SMALL_STEP = 0.007
 """Root mean square of joints' steps, radians (and metres), after which what is left, a third of it, does not count."""
 ROUGH_STEP = 0.025
 """The same where another stage follows, which moves joints more than what is left."""
+STILL = 0.0033
+"""Farthest that a step moves any joint, metres, after which no other follows in a refinement: it would be a fraction of
+that."""
 NOTICED = 0.2
 """Root mean square of a step, in standard deviations that the evidence leaves open, below which it is not tested: it
 would make the expected error smaller by 2 % at most."""
@@ -35,6 +38,8 @@ class DescentStage:
         The stage ends when steps are smaller, see `SMALL_STEP`.
     small_refused : bool
         It also ends when such a step is refused, instead of trying shorter ones.
+    still : float
+        It also ends after a step that moves no joint farther on any frame, metres.
     noticed : float
         The stage ends before a step that is shorter, root mean square in standard deviations that the evidence leaves
         open, see `NOTICED`.
@@ -48,6 +53,7 @@ class DescentStage:
     views: int | None = None
     small: float = SMALL_STEP
     small_refused: bool = False
+    still: float = 0.0
     noticed: float = 0.0
     plants: bool = True
 
@@ -62,7 +68,9 @@ STAGES = (
     DescentStage(Sampling(1.0, 1.0, 3, REACH), 2),
 )
 """From the curve through the key poses to the solution."""
-REFINEMENT = (DescentStage(Sampling(1.0, 1.0, 2, REACH), 6, small=0.004, plants=False),)
+REFINEMENT = (
+    DescentStage(Sampling(1.0, 1.0, 2, REACH), 6, small=0.004, small_refused=True, still=STILL, plants=False),
+)
 """From a solution to the better one that motion known on both sides allows: no other stage follows."""
 SETTLING = (
     DescentStage(Sampling(1.0, 4.0, 3, REACH), 2, small=ROUGH_STEP),

@@ -166,10 +166,11 @@ class _TestedStage:
         self._workspace.report(min(done / self._stage.iterations, 1.0), motions)
 
     def _distance(self, before: tuple[Motion, ...], after: tuple[Motion, ...]) -> float:
-        """Root mean square of the step from some motions to others; none once the stage's iterations are over, unless
-        a joint is still under way.
+        """Root mean square of the step from some motions to others; none where all joints are still or, once the
+        stage's iterations are over, none is under way.
         """
-        if self.trials >= self._stage.iterations and farthest_joint(self._problem, before, after) < UNDER_WAY:
+        over = self.trials >= self._stage.iterations
+        if farthest_joint(self._problem, before, after) < (UNDER_WAY if over else self._stage.still):
             return 0.0
         return _size([before[i].difference(after[i]) for i in self._problem.sought])
 

@@ -20,7 +20,7 @@ from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.shot.acceleration_prior import USUAL_JOINT, USUAL_ROOT, acceleration_precision
 from kfmocap.core.shot.shot import Settings
 from kfmocap.core.tracking.solvers import gauss_newton
-from kfmocap.core.tracking.solvers.descent_stages import REACH, STAGES, DescentStage
+from kfmocap.core.tracking.solvers.descent_stages import REACH, REFINEMENT, STAGES, STILL, DescentStage
 from kfmocap.core.tracking.solvers.measurement import MeasuredMotion, Workspace, hidden_parts
 from kfmocap.core.tracking.solvers.problem import SegmentProblem, frame_residual
 from kfmocap.core.tracking.solvers.smoothness_factor import SegmentSmoothness
@@ -435,6 +435,23 @@ def test_the_last_stage_goes_on_while_a_joint_is_under_way() -> None:
         found = gauss_newton.descend(problem, [truth.moved(share * turn)], landscape, once)
         assert found.iterations >= least and (least > 1 or found.iterations == 1)
         assert np.abs(found.motions[0].difference(truth)).max() < 0.05
+
+
+def test_a_refinement_ends_once_a_step_leaves_all_joints_nearly_still() -> None:
+    truth = at_rest(BODY, 5)
+    landscape = Landscape(truth=truth, reach=np.pi)
+    problem = SegmentProblem((), (BODY,), 0, FPS, (ends_held(BODY, 5),))
+    turn = np.zeros((5, D))
+    turn[1:-1, 3 * BODY.index("upper_arm.L") + 3] = 1.0
+    (stage,) = REFINEMENT
+    on = (replace(stage, small=0.0, still=0.0),)
+    for angle in (0.004, 0.2):
+        start = [truth.moved(angle * turn)]
+        far = gauss_newton.farthest_joint(problem, start, [truth])
+        assert (far < STILL) == (angle < 0.1)
+        found, further = (gauss_newton.descend(problem, start, landscape, stages) for stages in ((stage,), on))
+        assert found.iterations < further.iterations
+        assert gauss_newton.farthest_joint(problem, found.motions, further.motions) < STILL
 
 
 def test_coarse_stages_end_early_and_the_last_looks_at_every_view() -> None:
