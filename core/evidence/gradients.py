@@ -28,7 +28,10 @@ HUBER = 1.345
 """Where Huber's error turns from square to linear, in standard deviations (95 % efficiency under normal noise)."""
 BACKGROUND_BELOW = -0.5
 """Log likelihood ratio of a pixel that is rather background, within the model's outline though it may be."""
+OUTLIERS = 0.05
+"""Share of pixels whose brightness may become any other: what hides or uncovers them, and shading, is no noise."""
 _LEAST_NOISE = 2e-4
+_LEAST_DEVIATION = 1e-3  # of the residuals of a frame whose pixels show next to nothing
 _AT_A_TIME = 16  # groups of pixels: few enough to stay in the cache
 
 
@@ -55,8 +58,9 @@ class GradientSums:
     cost : ndarray, shape (m,)
         Mean of Huber's error of these pixels under a given noise, (grey level 0 to 1)^2.
     gain : ndarray, shape (m,)
-        How much larger the sum of these errors would be if what the pixels show stood still in the picture. Where one
-        of several performers is solved, `core.evidence.accumulate` adds that of the others, whom it may hide.
+        How much likelier these pixels are than if what they show stood still in the picture, in natural units, under
+        the noise of their pair of frames. Where one of several performers is solved, `core.evidence.accumulate` adds
+        that of the others, whom it may hide.
     """
 
     H: Array
@@ -174,7 +178,7 @@ def brightness_constancy(frames: LabelledFrames, tolerance: float, given_noise: 
     error = huber_errors(residual, deviation)
     count = np.bincount(pixels.frame, seen, minlength=m).astype(float)
     error_sum = np.bincount(pixels.frame, error * seen, minlength=m)
-    gain = _gains(compared, frames.images, error, deviation)
+    gain = _gains(compared, frames.images, deviation)
 
     rows = np.empty((13, len(residual)), np.float32)
     rows[:6], rows[6:12], rows[12] = -wrenches(x_a, slope, focal).T, wrenches(x_b, slope, focal).T, residual
@@ -225,8 +229,7 @@ class PixelGains:
         """The gains of the parts that label images show; parameters as of `brightness_constancy`."""
         compared, labels = _compared(frames), frames.labels
         pixels, deviation = compared.pixels, tolerance * np.maximum(noise, _LEAST_NOISE)
-        limits = deviation[pixels.frame].astype(np.float32)
-        gain = _gains(compared, frames.images, huber_errors(compared.residual, limits), limits)
+        gain = _gains(compared, frames.images, deviation[pixels.frame])
         kept = np.flatnonzero(compared.seen)
         _, height, width = labels.part.shape
         u, v = np.rint(compared.uv_there[kept].T / frames.stride).astype(np.intp)
@@ -278,13 +281,22 @@ def _compared(frames: LabelledFrames) -> _Compared:
     return _Compared(pixels, x_b, uv_b, here, there, there[0] - here[0], seen)
 
 
-def _gains(compared: _Compared, images: GradientImages, error: Image, deviation: Image) -> Image:
-    """How much larger Huber's error of each pixel would be if what it shows stood still; 0 of those that do not count,
-    (N,).
+def _gains(compared: _Compared, images: GradientImages, deviation: NDArray[np.floating[Any]]) -> Array:
+    """How much likelier each pixel is than if what it shows stood still; 0 of those that do not count, (N,)."""
+    pixels, deviation = compared.pixels, np.maximum(deviation, _LEAST_DEVIATION)
+    still = images.at(pixels.frame + 1, pixels.uv)[0] - compared.here[0]
+    moved, stood = (log_likelihoods(residual, deviation) for residual in (compared.residual, still))
+    return np.asarray((moved - stood) * compared.seen)
+
+
+def log_likelihoods(residual: NDArray[np.floating[Any]], deviation: NDArray[np.floating[Any]]) -> Array:
+    """How likely residuals are, but for a constant: they are normal, or in a share of `OUTLIERS` anything.
+
+    No single pixel then says more than that it is an outlier. With Huber's errors a pixel on an edge counts as eighty
+    would that are off by one deviation, and a few of them outweigh all else.
     """
-    pixels = compared.pixels
-    still = huber_errors(images.at(pixels.frame + 1, pixels.uv)[0] - compared.here[0], deviation)
-    return np.asarray((still - error) * compared.seen)
+    outliers = OUTLIERS / (1 - OUTLIERS) * np.sqrt(2 * np.pi) * deviation.astype(float)
+    return np.asarray(np.log(np.exp(-0.5 * (residual.astype(float) / deviation) ** 2) + outliers))
 
 
 def _carried(pixels: Pixels, to_camera: Poses, poses: Poses) -> Image:

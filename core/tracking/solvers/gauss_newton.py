@@ -66,20 +66,20 @@ class SegmentNoise:
         Standard deviation of the residuals of each pair of frames, grey level 0 to 1.
     weight : ndarray, shape (V, F - 1)
         What the mean error of each pair's pixels counts.
-    precision : ndarray, shape (V,)
-        What the error of a pixel counts.
+    share : ndarray, shape (V,)
+        What a pixel of the frames counts, however many of them are looked at; see `SegmentEvidence.pixel_share`.
     """
 
     deviation: Array
     weight: Array
-    precision: Array
+    share: Array
 
     @classmethod
     def of(cls, evidence: SegmentEvidence, settings: Settings) -> SegmentNoise:
         """The noise at the motions whose evidence this is."""
         sums = evidence.gradients
-        precision = view_precision(evidence, settings)
-        return cls(sums.noise, precision[:, None] * sums.count, precision)
+        weight = view_precision(evidence, settings)[:, None] * sums.count
+        return cls(sums.noise, weight, evidence.pixel_share(settings.lengths[0]) / evidence.sampling.stride**2)
 
 
 @dataclass(frozen=True, eq=False)

@@ -73,21 +73,20 @@ def noise_of(problem: SegmentProblem, solution: SegmentSolution, workspace: Work
 def likelihood(problem: SegmentProblem, noise: SegmentNoise, solution: SegmentSolution) -> float:
     """The logarithm of how likely the pictures are with a solution that was measured under a noise, but for a constant.
 
-    It is what the pixels say that show the performers, those that repeat one another counted once, less the costs of
+    It is what the pixels say that show the performer, those that repeat one another counted once, less the costs of
     gradients and outlines. That of smoothness has no part in it: how smooth the motion is, each solution found itself.
-    The gradients of a view that stands still cost what they do less what the same pixels would cost if nothing moved in
-    the picture: a limb that is left alone in one place, because pixels are easier to follow elsewhere, moves all the
-    same.
+    In a view that stands still the gradients say how much likelier the same pixels are than if nothing moved in the
+    picture: a limb that is left alone in one place, because pixels are easier to follow elsewhere, moves all the same.
     """
     evidence = solution.evidence
     assert evidence is not None
-    once = evidence.pixel_share(problem.settings.lengths[0]) / evidence.sampling.stride**2
-    shown = once @ evidence.explained.sum(axis=(1, 2))
-    outlines = evidence.outlines.energy.sum() / (problem.settings.lengths[1] * evidence.sampling.tolerance**2)
-    still = np.array([view.camera.stands_still for view in problem.views])
-    gradients = evidence.gradients
-    moved = np.where(still[:, None], noise.precision[:, None] * gradients.gain, -noise.weight * gradients.cost)
-    return float(shown + moved.sum() - outlines)
+    sampling, gradients = evidence.sampling, evidence.gradients
+    shown = noise.share @ evidence.explained.sum(axis=(1, 2))
+    outlines = evidence.outlines.energy.sum() / (problem.settings.lengths[1] * sampling.tolerance**2)
+    still = np.array([view.camera.stands_still for view in problem.views])[:, None]
+    followed = noise.share[:, None] * sampling.stride**2 * gradients.gain
+    moved = np.where(still, followed, -0.5 * noise.weight * gradients.cost)
+    return float(shown + moved.sum() - 0.5 * outlines)
 
 
 def likeliest(problem: SegmentProblem, noise: SegmentNoise, *solutions: SegmentSolution) -> SegmentSolution:

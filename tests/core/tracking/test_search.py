@@ -223,7 +223,7 @@ def test_limbs_go_where_what_they_cover_there_is_worth_more_than_what_it_costs(p
         found = find(*given)
         assert found.evidence is not None and before.evidence is not None
         energy = np.full_like(before.evidence.outlines.energy, 0.0)
-        energy[0, 0] = before.evidence.outlines.energy.sum() + paid * gain * outlines
+        energy[0, 0] = before.evidence.outlines.energy.sum() + 2 * paid * gain * outlines  # a square counts half
         evidence = replace(found.evidence, outlines=replace(found.evidence.outlines, energy=energy))
         return replace(found, evidence=evidence, energy=(np.inf,))
 
