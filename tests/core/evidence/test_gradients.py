@@ -23,6 +23,7 @@ from kfmocap.core.evidence.gradients import (
     camera_twist,
     huber_errors,
     huber_weights,
+    log_likelihoods,
 )
 from kfmocap.core.evidence.label_images import LabelImages, render_labels
 from kfmocap.core.evidence.part_geometry import Geometry
@@ -516,3 +517,11 @@ def test_rendered_pictures_hold_still_on_the_body() -> None:
     assert len(set(label)) == P + 1
     right, wrong = (evidence_of(views[:1], m).gradients for m in (motion, motion[[0, 0]]))
     assert right.energy[0, 0] / right.weight[0, 0] < 0.1 * wrong.energy[0, 0] / wrong.weight[0, 0]
+
+
+def test_residuals_are_as_likely_as_normal_ones_and_no_single_one_less_likely_than_an_outlier() -> None:
+    deviation = np.full(4, 0.01)
+    near = log_likelihoods(np.array([0.0, 0.005, 0.01, 0.015]), deviation)
+    np.testing.assert_allclose(near[0] - near[1:], [0.125, 0.5, 1.125], rtol=0.01)
+    near, far, farther = log_likelihoods(np.array([0.0, 0.3, 0.9]), deviation[:3])
+    assert far == pytest.approx(farther) and 5 < near - far < 8
