@@ -21,7 +21,7 @@ from .solvers.gauss_newton import OVERRELAXATION
 from .solvers.problem import SegmentProblem, SegmentSolution
 from .solvers.smoothness_factor import SegmentSmoothness
 
-USUAL_RATIO = 3.0
+USUAL_RATIO = 2.0
 """Squared errors against those that the solver expects, where there is no key pose to measure them by."""
 KNOWN_RATIO = 6.0
 """What `USUAL_RATIO` counts, in squared errors along an axis."""
@@ -38,6 +38,7 @@ def missed_key_poses(
     solution: SegmentSolution,
     images: Sequence[BandedBlocks],
     performer: int,
+    growth: Array,
 ) -> Array:
     """Predict a performer's key poses of a segment that hold the whole body, one at a time.
 
@@ -49,6 +50,8 @@ def missed_key_poses(
         Normal equations of all evidence at the solution, without smoothness, per performer.
     performer : int
         Index of the performer.
+    growth : ndarray, shape (F, P)
+        By how much squared errors are larger than the solver expects for what moves.
 
     Returns
     -------
@@ -66,7 +69,8 @@ def missed_key_poses(
         factor = BandedFactor(system, free.fixed[performer])
         # A single step goes as much too short here as in solving.
         step = -OVERRELAXATION * factor.solve(system.gradient)[frame]
-        found.append(_miss(tip_jacobian(body, motion[[frame]])[0], step, factor.covariance(frame)))
+        jacobian = tip_jacobian(body, motion[[frame]])[0]
+        found.append(_miss(jacobian, step, factor.covariance(frame), growth[frame]))
     return np.array(found).reshape(-1, len(body))
 
 
@@ -106,10 +110,13 @@ def _without_key(
     return free, SegmentSmoothness(variances)
 
 
-def _miss(jacobian: Array, step: Array, covariance: Array) -> Array:
-    """Squared errors (P,) of a step (D,), over the axes along which its covariance (D, D) determines the tips."""
+def _miss(jacobian: Array, step: Array, covariance: Array, growth: Array | float = 1.0) -> Array:
+    """Squared errors (P,) of a step (D,), over the axes along which its covariance (D, D), that of each tip grown by
+    speed (P,), determines the tips.
+    """
     apart = jacobian @ step
     variances, axes = np.linalg.eigh(tip_covariances(jacobian[None], covariance[None])[0])
+    variances = variances * np.broadcast_to(growth, len(variances))[:, None]
     along = np.einsum("pab,pa->pb", axes, apart)
     determined = (variances > 1e-6 * variances[:, -1:]) & (variances < VAGUE**2)
     squares = np.where(determined, along**2 / np.maximum(variances, 1e-30), 0.0).sum(axis=1)

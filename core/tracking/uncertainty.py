@@ -1,7 +1,8 @@
 """Uncertainty: how far every joint may be from where the tracker has it.
 
-Three things make it up. The covariance of the poses is the inverse of the solver's normal matrix, times a ratio that
-the shot itself shows for every part: how far key poses are missed that were not used (`core.tracking.held_out_keys`).
+Three things make it up. The covariance of the poses is the inverse of the solver's normal matrix; what moves is less
+sure (`joint_covariances.growth_by_speed`), and the shot itself shows a ratio for every part: how far key poses are
+missed that were not used (`core.tracking.held_out_keys`).
 What no footage can show is added: how well the body stands for the performer (`core.tracking.body_uncertainty`). And
 the solution may be the wrong one: foreground that is left uncovered, and limbs that cover background
 (`core.tracking.lost_limbs`).
@@ -19,7 +20,7 @@ from ..evidence.misfit import measured_misfit
 from ..numerics.arrays import Array, Bools
 from ..numerics.error_lengths import length_quantile
 from .held_out_keys import covariance_ratios, missed_key_poses
-from .joint_covariances import tip_covariances, tip_jacobian
+from .joint_covariances import growth_by_speed, tip_covariances, tip_jacobian
 from .lost_limbs import confirmed_parts, limb_reach, lost_probabilities
 from .solvers.gauss_newton import evidence_equations
 from .solvers.measurement import MeasuredMotion, hidden_parts, keypoint_instants, poses_by_delay, view_instants
@@ -32,7 +33,7 @@ INTERVAL = 0.9
 """Share of the errors that the interval holds."""
 MAYBE = 0.5
 """Probability from which a part is said to be lost, perhaps."""
-TAILS = 8.0
+TAILS = 20.0
 """Degrees of freedom of the errors' t distribution: the ratio that the key poses show is one of all frames, and the
 errors of some are larger."""
 
@@ -129,12 +130,13 @@ def segment_uncertainties(
         if problem.keypoints:
             R, T = keypoint_instants(problem, motions).poses
             held |= confirmed_parts(body, problem.keypoints[i], (R[:, spans[i]], T[:, spans[i]]))
+        growth = growth_by_speed(body, motion)
         uncertainties.append(
             SegmentUncertainty(
                 problem.first,
                 fixed.all(axis=1),
-                tip_covariances(tip_jacobian(body, motion), covariances[i]),
-                missed_key_poses(problem, solution, images, i),
+                tip_covariances(tip_jacobian(body, motion), covariances[i]) * growth[..., None, None],
+                missed_key_poses(problem, solution, images, i, growth),
                 gaps[i],
                 lost_probabilities(body, misfit, spans[i], held=held, keys=keys[i]),
             )

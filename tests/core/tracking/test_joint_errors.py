@@ -10,7 +10,7 @@ from kfmocap.core.evidence.part_geometry import Geometry
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics.rotations import exp
 from kfmocap.core.tracking.held_out_keys import USUAL_RATIO, _miss, covariance_ratios
-from kfmocap.core.tracking.joint_covariances import tip_jacobian
+from kfmocap.core.tracking.joint_covariances import STEADY, growth_by_speed, tip_jacobian
 from kfmocap.core.tracking.lost_limbs import limb_reach, lost_probabilities
 from kfmocap.core.tracking.uncertainty import MAYBE, TAILS, SegmentUncertainty, joint_errors, joint_parts
 from synthetic import at_rest, figure, look_at, poses_of, silhouette
@@ -65,6 +65,18 @@ def test_a_prediction_that_nothing_determines_says_nothing_of_the_ratio() -> Non
     np.testing.assert_allclose(exact, 0)
     usual = covariance_ratios(np.zeros((0, P)), [0, 1])
     np.testing.assert_allclose(covariance_ratios(np.stack([vague] * 5), [0, 1]), usual)
+
+
+def test_what_moves_is_less_sure_and_misses_a_key_pose_by_more_before_that_counts() -> None:
+    still = at_rest(BODY, 5)
+    np.testing.assert_allclose(growth_by_speed(BODY, still), 1)
+    np.testing.assert_allclose(growth_by_speed(BODY, at_rest(BODY, 1)), 1)
+    path = still.translations + np.outer(STEADY * np.arange(5), [0.6, 0, 0.8])
+    growth = growth_by_speed(BODY, Motion(path, still.rotations))
+    np.testing.assert_allclose(growth, 2)
+    jacobian, step = tip_jacobian(BODY, still)[0], np.full(BODY.dof, 0.01)
+    slow, fast = (_miss(jacobian, step, 1e-4 * np.eye(BODY.dof), by) for by in (1.0, growth[0]))
+    np.testing.assert_allclose(fast, slow / 2)
 
 
 def test_what_no_footage_shows_is_in_the_errors_of_all_frames_but_the_key_poses() -> None:
