@@ -1,12 +1,12 @@
 """Feet that stand: the points of soles that the evidence lets stand still come to rest.
 
 Which points seem to be planted is found from a motion that was refined without plants. A foot that creeps seems planted
-as well, and would be held where it is not. So each plant is tested: what it costs the evidence, above the
-least that its normal equations allow, to have the point stand still throughout is a chi-squared of the plant's steps
-under their whole covariance, in which a drift over many frames weighs more than jitter. Plants that fit are then held,
-all together, on the same normal equations: pictures do not show the last millimetres, and are not looked at again.
+as well, and must not be held. So each plant is tested: what the evidence loses if the point stands still throughout,
+beside the least cost that its normal equations allow, is a chi-squared of the plant's steps under their whole
+covariance, in which a drift over many frames weighs more than jitter. Plants that fit are then held, all together, on
+the same normal equations: pictures do not show the last millimetres, and are not looked at again.
 
-One view alone hardly contradicts a plant. There what seems planted is kept still in the refinement too, as before, and
+One view alone hardly contradicts a plant. There, what seems planted is kept still in the refinement as well, and
 nothing is tested.
 """
 
@@ -36,7 +36,7 @@ REFUSED = 0.01
 REST = 0.005
 """Metres per second: standard deviation along each axis of the speed of a point that stands."""
 STEPS = 4
-"""Of Gauss-Newton, on normal equations that are the same for all."""
+"""Steps of Gauss-Newton, all on the same normal equations."""
 
 
 def with_standing_feet(
@@ -53,8 +53,8 @@ def with_standing_feet(
     solution : SegmentSolution
         With its evidence.
     before : sequence of Motion
-        Those that led to the solution, with soles kept still that seemed planted: there plants seem as long as they are
-        where the solution's own are frayed.
+        Those that led to the solution, in which soles that seemed planted were kept still: plants have their full
+        length there, while in the solution they may be broken up.
 
     Returns
     -------
@@ -72,7 +72,9 @@ def at_rest(
     motions: tuple[Motion, ...],
     before: Sequence[Motion],
 ) -> tuple[Motion, ...]:
-    """The same of motions with their normal equations, but for plants and holds, one system per performer."""
+    """Motions moved to where feet that stand are at rest, by the normal equations of each performer there, which are
+    without plants and holds.
+    """
     for members in problem.tied(systems, motions).groups:
         evidence = _Evidence(problem, members, systems, motions)
         standing = {i: plants for i in members if (plants := evidence.plants_that_fit(i, before[i])) is not None}
