@@ -4,6 +4,7 @@ from typing import Any
 
 import bpy
 
+from ..scene_io.height_field import USUAL_HEIGHT, height_field
 from .conditions import Conditional, in_object_mode
 from .reporting import reported
 
@@ -44,15 +45,7 @@ class AddBody(Conditional, bpy.types.Operator):
     performer: bpy.props.StringProperty(
         default="Performer", name="Name", description="Name of the performer and the armature"
     )
-    height: bpy.props.FloatProperty(
-        default=1.75,
-        min=0.3,
-        max=3.0,
-        unit="LENGTH",
-        precision=3,
-        name="Height",
-        description="From the soles to the top of the head, metres",
-    )
+    height: height_field("From the soles to the top of the head, metres", default=USUAL_HEIGHT)
     measured: bpy.props.BoolProperty(name="Measured Lengths", description="Give lengths of the performer's limbs, too")
     shoulder_width: _length("Shoulder Width", "Between the centres of the shoulder joints")
     hip_width: _length("Hip Width", "Between the centres of the hip joints")

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import bpy
 
+from ..scene_io.height_field import height_field
 from ..scene_io.sides import PERFORMERS
 from .pointer_polls import is_armature
 
@@ -138,16 +139,11 @@ class KFMocapPerformer(bpy.types.PropertyGroup):
         name="Colour",
         description="Of the outlines and bones of head and trunk; those of the limbs have their sides' colours",
     )
-    height: bpy.props.FloatProperty(
+    height: height_field(
+        "From the soles to the top of the head, metres; all lengths and widths change with it, key poses stay as they "
+        "are",
         get=_height,
         set=_set_height,
-        min=0.3,
-        max=3.0,
-        unit="LENGTH",
-        precision=3,
-        name="Height",
-        description="From the soles to the top of the head, metres; all lengths and widths change with it, key poses "
-        "stay as they are",
     )
     shoulder_width: _measure("shoulder_width", "Shoulder Width", "Between the centres of the shoulder joints")
     hip_width: _measure("hip_width", "Hip Width", "Between the centres of the hip joints")

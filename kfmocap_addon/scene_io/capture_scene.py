@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ...core.errors import CalibrationError
+from .height_field import USUAL_HEIGHT, height_field
 
 if TYPE_CHECKING:
     from ...core.capture.capture_videos import CaptureVideos, CaptureVideoView
@@ -118,14 +119,8 @@ class KFMocapCapture(bpy.types.PropertyGroup):
         subtype="DIR_PATH", name="Report", description="Folder for the report's files; empty: shown here alone"
     )
 
-    performer_height: bpy.props.FloatProperty(
-        default=1.75,
-        min=0.3,
-        max=3.0,
-        unit="LENGTH",
-        precision=3,
-        name="Height",
-        description="Of the performer, with shoes: the scale of everything follows from it",
+    performer_height: height_field(
+        "Of the performer, with shoes: the scale of everything follows from it", default=USUAL_HEIGHT
     )
     performer_summary: bpy.props.StringProperty(
         name="Found", description="What was said of the cameras that were last found from a performer, in lines"
