@@ -3,7 +3,8 @@ or taken in other light, as by a flash or when somebody steps out of the way of 
 
 Movement lasts: where a block of the picture changes, it does so over some frames, or in few blocks. Where many blocks
 change between two frames by several times as much as between those around them, one of the two frames is not what the
-camera saw, or frames are missing between them; where nothing changes in a picture that moves, a frame is repeated.
+camera saw, or frames are missing between them: one frame that does not fit makes two such pairs, and a limb that swings
+more of them. Where nothing changes in a picture that moves, a frame is repeated.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..numerics.arrays import Array, Bools
+from ..numerics.arrays import Array, Bools, Ints
 
 AROUND = 4
 """So many pairs of frames before and after a pair show how much changes."""
@@ -22,6 +23,9 @@ _BLOCKS = 32
 """Blocks along the longer side of a picture."""
 _TIMES, _LEVELS, _SHARE = 4.0, 6.0, 0.02
 """A pair is torn where in this share of the blocks it differs by so many times as much, and so many grey levels."""
+_ALIKE, _SINGLE = 0.5, 2
+"""Neighbouring pairs differ alike in so many blocks, as a share of each other's. One frame that does not fit makes two
+of them; where there are more, or one of the two is not torn by itself, something that was at rest moves."""
 _MOVING, _STILL = 2.0, 0.1
 """Grey levels by which a twentieth of the blocks changes in a picture that moves; share of it in a repeated frame."""
 
@@ -70,12 +74,22 @@ def torn_pairs(changes: Sequence[Array]) -> Bools:
     moved = np.quantile(D.reshape(len(D), -1), 0.95, axis=1)
     changed_around, moved_around = _medians(changed, near), _medians(moved, near)
     torn = np.zeros(len(D), bool)
+    # Something large and fast changes other blocks every time, but so it does before and after.
+    most = _SHARE + _TIMES * changed_around
     for k in range(2, len(D) - 2):  # at the ends nothing shows whether a change lasts
-        # Something large and fast changes other blocks every time, but so it does before and after.
-        torn[k] |= changed[k] > _SHARE + _TIMES * changed_around[k]
+        alike = _run(changed > _ALIKE * changed[k], k)
+        torn[k] |= changed[k] > most[k] and len(alike) <= _SINGLE and bool((changed[alike] > most[alike]).all())
         if moved_around[k] > _MOVING and moved[k] < _STILL * moved_around[k]:
             torn[k : k + 2] = True
     return torn
+
+
+def _run(those: Bools, place: int) -> Ints:
+    """The places around one, itself included, up to the next that are not among those."""
+    others = np.flatnonzero(~those)
+    after = np.searchsorted(others, place)
+    begin = others[after - 1] + 1 if after else 0
+    return np.arange(begin, others[after] if after < len(others) else len(those))
 
 
 def _medians(values: Array, near: Sequence[Sequence[int]]) -> Array:

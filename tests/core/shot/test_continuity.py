@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -11,15 +12,18 @@ from kfmocap.core.shot.continuity import block_change, single_frames, small, tor
 FRAMES = 16
 
 
-def film(speed: float = 4.0, moved: int = 0) -> np.ndarray:
-    """A textured figure that walks past a textured wall before a noisy camera, `moved` frames missing at the middle."""
+def film(speed: float = 4.0, moved: int = 0, steps: Sequence[float] | None = None) -> np.ndarray:
+    """A textured figure that walks past a textured wall before a noisy camera, `moved` frames missing at the middle; or
+    by `steps`, pixels.
+    """
+    places = [speed * (f + moved * (f >= FRAMES // 2)) for f in range(FRAMES)] if steps is None else np.cumsum(steps)
     chance = np.random.default_rng(1)
     wall = np.kron(chance.uniform(60, 180, (23, 40)), np.ones((8, 8)))
     figure = np.kron(chance.uniform(20, 230, (12, 4)), np.ones((10, 10)))
     out = []
-    for f in range(FRAMES):
+    for place in places:
         picture = wall.copy()
-        left = round(40 + speed * (f + moved * (f >= FRAMES // 2)))
+        left = round(40 + place)
         picture[30:150, left : left + 40] = figure
         out.append(picture + chance.normal(0, 2, picture.shape))
     return np.clip(out, 0, 255).astype(np.uint8)
@@ -33,6 +37,12 @@ def torn(frames: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("speed", [0, 1, 4, 9, 15])
 def test_whole_footage_is_not_torn(speed: float) -> None:
     assert not torn(film(speed)).any()
+
+
+@pytest.mark.parametrize("swing", [(6, 12, 8, 3), (4, 9, 7, 5), (3, 9, 6)])
+def test_somebody_who_stands_still_and_strikes_once_is_no_damage(swing: tuple[float, ...]) -> None:
+    rest = [0.0] * 6
+    assert not torn(film(steps=[*rest, *swing, *rest])).any()
 
 
 def test_a_frame_with_broken_blocks_fits_neither_neighbour() -> None:
