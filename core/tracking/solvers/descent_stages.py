@@ -10,7 +10,7 @@ SMALL_STEP = 0.007
 """Root mean square of joints' steps, radians (and metres), after which what is left, a third of it, does not count."""
 ROUGH_STEP = 0.025
 """The same where another stage follows, which moves joints more than what is left."""
-STILL = 0.0033
+STILL = 0.005
 """Farthest that a step moves any joint, metres, after which no other follows in a refinement: it would be a fraction of
 that."""
 NOTICED = 0.2
