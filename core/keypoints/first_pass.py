@@ -68,7 +68,7 @@ def first_pass(
         return lifted_fit(body, keypoints, view, fixed=fixed, precision=precision, fps=fps)
     if view is not None and keys is not None and len(keys.proposals()):
         return corrected_fit(body, starts[0], keypoints, view, fixed=fixed, precision=precision, fps=fps)
-    if view is not None and held is not None and len(keypoints) > 2:
+    if view is not None and held is not None:
         starts.append(lifted_start(body, held, keypoints, view, fixed=fixed, fps=fps))
     if not starts:
         todo = "give key poses, or keypoints of two views or more"

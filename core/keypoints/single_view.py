@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..body import Body, part_poses
 from ..body.motion import Motion
 from ..numerics.arrays import Array, Bools
-from ..shot.carried_motion import carried
+from ..shot.carried_motion import bent
 from ..shot.shot import KeyPoses
 from .first_pose import posed_start
 from .keypoint_factor import USUAL_DEVIATION, Keypoints, Places
@@ -48,14 +48,14 @@ def lifted_fit(
 
 
 def lifted_start(body: Body, keys: KeyPoses, keypoints: Keypoints, view: int, *, fixed: Bools, fps: float) -> Motion:
-    """The motion that the keypoints of one view show by the lengths of the bones, carried through key poses.
+    """The motion that the keypoints of one view show by the lengths of the bones, bent to pass through key poses.
 
     Depths are decimetres off, but limbs are those that the view shows. The curve through the key poses may have a leg
     where the other one is.
 
     Parameters are those of `lifted_fit`.
     """
-    return carried(_lifted(body, keypoints, view, fixed=fixed, fps=fps)[0], keys)
+    return bent(_lifted(body, keypoints, view, fixed=fixed, fps=fps)[0], keys)
 
 
 def _lifted(body: Body, keypoints: Keypoints, view: int, *, fixed: Bools, fps: float) -> tuple[Motion, ViewAgreement]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..body.motion import Motion
+from ..numerics.arrays import Array
 from .shot import KeyPoses
 
 
@@ -23,13 +24,27 @@ def carried(motion: Motion, keys: KeyPoses) -> Motion:
         return motion
     off = np.concatenate([_passed(motion, int(f)).difference(keys.poses[[k]]) for k, f in enumerate(keys.frames)])
     off *= keys.fixed
-    frames = np.arange(len(motion))
-    step = np.stack([np.interp(frames, keys.frames, own) for own in off.T], axis=1)
+    step = _spread(off, keys, len(motion))
     step[keys.frames] = 0
     passed = motion.moved(step)
     for k, frame in enumerate(keys.frames.tolist()):
         passed = passed.replaced(frame, _passed(motion, frame).moved(off[[k]]))
     return with_keys(passed, keys)
+
+
+def bent(motion: Motion, keys: KeyPoses) -> Motion:
+    """A motion bent so that it passes through key poses which were not known to it.
+
+    How far its own pose on each key frame is off is spread over the frames up to the next key poses.
+
+    Parameters
+    ----------
+    motion : Motion
+        F poses.
+    keys : KeyPoses
+    """
+    off = motion[keys.frames].difference(keys.poses) * keys.fixed
+    return with_keys(motion.moved(_spread(off, keys, len(motion))), keys)
 
 
 def with_keys(motion: Motion, keys: KeyPoses) -> Motion:
@@ -40,6 +55,11 @@ def with_keys(motion: Motion, keys: KeyPoses) -> Motion:
         T[frame] = np.where(keys.fixed[k, :3], keys.poses.translations[k], T[frame])
         Q[frame, turned[k]] = keys.poses.rotations[k, turned[k]]
     return Motion(T, Q)
+
+
+def _spread(off: Array, keys: KeyPoses, length: int) -> Array:
+    """Increments at key frames (K, D) as increments of all frames (F, D)."""
+    return np.stack([np.interp(np.arange(length), keys.frames, own) for own in off.T], axis=1)
 
 
 def _passed(motion: Motion, frame: int) -> Motion:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from kfmocap.core.body.motion import Motion
-from kfmocap.core.shot.carried_motion import carried
+from kfmocap.core.shot.carried_motion import bent, carried
 from kfmocap.core.shot.shot import KeyPoses
 from synthetic import at_rest, figure, swing
 
@@ -38,3 +38,13 @@ def test_key_poses_are_met_to_the_last_bit() -> None:
     found = carried(swing(BODY, LENGTH, 0.3), keys)
     np.testing.assert_array_equal(found.rotations[[0, 3, 8]], keys.poses.rotations)
     np.testing.assert_array_equal(found.translations[[0, 3, 8]], keys.poses.translations)
+
+
+def test_a_motion_is_bent_to_key_poses_and_follows_its_own_way_between_them() -> None:
+    before = swing(BODY, LENGTH, 0.3)
+    moved = before.translations.copy()
+    moved[:, 0] += 0.2 * np.arange(LENGTH) / (LENGTH - 1)
+    keys = keys_of(Motion(moved, before.rotations), [0, LENGTH - 1])
+    found = bent(before, keys)
+    np.testing.assert_allclose(found.translations, moved, atol=1e-12)
+    np.testing.assert_allclose(found.rotations, before.rotations, atol=1e-9)
