@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ...body.kinematics import scene_poses
 from ...body.limbs import limbs
 from ...body.motion import Motion
+from ...evidence.occlusion import intervals
 from ...evidence.part_geometry import Geometry
 from ...evidence.view_frames import views_with_foreground
 from ...numerics import rotations
@@ -44,6 +45,8 @@ SPEED = 3.0
 """How fast the error of a joint that can turn half a circle usually changes, rad/s: half as fast as the joint turns."""
 HELD = 0.1
 """How far a limb that is seen, and covers foreground, may be from where it is, radians."""
+SEEN = 0.1
+"""How surely a limb is where it is, below which it may be elsewhere: hardly any of it is seen on its own colours."""
 _FEW_POINTS = 2
 LEAST_GAIN = 50.0
 """By how much a limb's motion has to become likelier to be changed, in natural units."""
@@ -121,12 +124,20 @@ def _with_limb_found(
     if not free:
         shown = scipy.special.expit(sides_shown(limb, uncovered))[:, None]
         limb = replace(limb, held=np.maximum(_held(looks, geometry, poses, parts) * shown, LEAST_HELD))
+        if problem.only is not None and not _doubted(limb):
+            return motion
     path, gain = _likeliest(limb, uncovered, problem.fps, rng)
     if gain < LEAST_GAIN:
         return motion
     Q = motion.rotations.copy()
     Q[:, chain] = np.where(limb.fixed.all(axis=-1)[..., None, None], Q[:, chain], rotations.exp(path))
     return Motion(motion.translations, Q)
+
+
+def _doubted(limb: LimbModel) -> bool:
+    """Whether a limb is hardly seen where it is for longer than a moment."""
+    unsure = limb.held[:, : len(limb.sides)].mean(axis=1) < SEEN
+    return any(last > first for first, last in intervals(unsure))
 
 
 def _held(looks: Sequence[ViewRatios], geometry: Geometry, poses: tuple[Array, Array], parts: list[int]) -> Array:

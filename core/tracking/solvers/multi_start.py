@@ -220,10 +220,20 @@ def searched(
         best = better(problem, *settled, *found)
         if not begins and doubtful(problem, best) and around is not held:
             begins.append((start, held))
-        elif not begins and len(equals([*settled, *found])) == 1 and (best in found or len(found) < VAIN_LOOKS):
+        elif not begins and not _met(problem, best, [*settled, *found]) and (best in found or len(found) < VAIN_LOOKS):
             begins.append((best.motions, problem))
     best = likeliest_at_rest(problem, noise, better(problem, *settled), *settled, *found, workspace=workspace)
     return recombined(problem, best, [*settled, *found], noise, exchanging)
+
+
+def _met(problem: SegmentProblem, best: SegmentSolution, solutions: Sequence[SegmentSolution]) -> bool:
+    """Whether the best of some solutions has an equal, or one that leads to the same motion: what others leave in sight
+    of one of several performers changes with every centimetre, and so does what it covers.
+    """
+    if len(equals(solutions)) > 1:
+        return True
+    others = [solution for solution in solutions if solution is not best]
+    return problem.only is not None and any(alike(best.motions, other.motions) for other in others)
 
 
 def look_for_limbs(

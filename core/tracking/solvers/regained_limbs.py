@@ -22,7 +22,7 @@ from ...numerics.arrays import Array
 from ...runtime.timing import Seconds
 from . import gauss_newton
 from .descent_stages import SETTLED
-from .gauss_newton import descend
+from .gauss_newton import UNDER_WAY, descend, farthest_joint
 from .limb_likelihood import support_of_limbs
 from .limb_search import LEAST_GAIN, freed_limb, pictures_find_limbs
 from .measurement import Workspace
@@ -157,7 +157,8 @@ def with_limb_regained(
         begin = (*motions[:i], found, *motions[i + 1 :])
         settled.append(descend(alone, begin, workspace.part(look / LOOKS, (look + 1) / LOOKS), SETTLED, noise))
         reached = likelihood(alone, noise, settled[-1])
-        most, vain = max(most, reached), 0 if reached > most + RESTING else vain + 1
+        elsewhere = farthest_joint(alone, motions, settled[-1].motions) > UNDER_WAY
+        most, vain = max(most, reached), 0 if elsewhere and reached > most + RESTING else vain + 1
         if vain == VAIN_LOOKS and len(problem.bodies) > 1:  # where people pass, much is out of sight for good
             break
     for each in settled:

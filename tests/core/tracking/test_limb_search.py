@@ -17,9 +17,10 @@ from kfmocap.core.evidence.part_geometry import Geometry
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.shot import Settings
+from kfmocap.core.tracking.solvers import limb_search
 from kfmocap.core.tracking.solvers.like_limbs import exchanges, untangled
 from kfmocap.core.tracking.solvers.limb_images import DEPTH_STEP, UncoveredImages, ViewRatios
-from kfmocap.core.tracking.solvers.limb_likelihood import covered, limb_of
+from kfmocap.core.tracking.solvers.limb_likelihood import LimbModel, covered, limb_of
 from kfmocap.core.tracking.solvers.limb_search import _held, found_limbs
 from kfmocap.core.tracking.solvers.measurement import Workspace
 from kfmocap.core.tracking.solvers.problem import SegmentProblem
@@ -158,6 +159,26 @@ def test_however_a_limb_turns_it_shows_pixels_of_the_window_that_is_looked_at(mo
             full = look.uncovered(geometry, poses, parts)
         assert window.ratio[0].size < 0.9 * full.ratio[0].size
         np.testing.assert_array_equal(*(covered(limb, [each], rotations.log(drawn)) for each in (window, full)))
+
+
+def test_of_one_among_others_only_limbs_that_are_hardly_seen_where_they_are_are_looked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    truth = walk()
+    away = Motion(truth.translations + (0, 30.0, 0), truth.rotations)
+    lost = turned(truth, "upper_arm.L", -1.5)
+    views = coloured(BODY, truth, (CAMERA, FRONT))
+    both = tuple(replace(v, foreground=np.concatenate([v.foreground, np.full_like(v.foreground, 4)])) for v in views)
+    problem = SegmentProblem(both, (BODY, BODY), 0, FPS, (ends_held(BODY, LENGTH),) * 2)
+    looked: list[str] = []
+
+    def likeliest(limb: LimbModel, *_: object) -> tuple[Array, float]:
+        looked.append(BODY.names[limb.chain[0]])
+        return limb.begin, 0.0
+
+    monkeypatch.setattr(limb_search, "_likeliest", likeliest)
+    found_limbs(problem.alone(0), [lost, away], seed=0, workspace=Workspace())
+    assert looked == ["upper_arm.L"]
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -292,6 +292,21 @@ def test_limbs_are_not_looked_for_in_vain_again_and_again() -> None:
     assert looks == list(range(multi_start.VAIN_LOOKS))
 
 
+@pytest.mark.parametrize(("only", "most"), [(None, 3), (0, 1)])
+def test_for_one_among_others_a_look_that_leads_to_the_same_motion_is_the_last(only: int | None, most: int) -> None:
+    """It covers a little more every time; for somebody alone that is worth another look."""
+    landscape, problem = Landscape(truth=TRUTH, reach=0.0), replace(PROBLEM, only=only)
+    first, find = landscape.solution(problem, off(TRUTH, ARMS, 0.2)), Finding(landscape, 0.5)
+    looks: list[SegmentSolution] = []
+
+    def look(*given: object) -> SegmentSolution:
+        looks.append(find(*given))
+        return looks[-1]
+
+    multi_start.searched(problem, first.motions, [first], landscape, look)
+    assert len(looks) == most
+
+
 @pytest.mark.parametrize(("around", "taken"), [("best", 1), ("worse", 0)])
 def test_a_look_that_was_taken_around_the_best_is_not_taken_again(around: str, taken: int) -> None:
     landscape = Landscape(truth=TRUTH, reach=0.0)
