@@ -3,6 +3,7 @@
 from typing import Any
 
 import bpy
+from mathutils import Vector
 
 from ..scene_io.height_field import USUAL_HEIGHT, height_field
 from .conditions import Conditional, in_object_mode
@@ -36,7 +37,7 @@ def _length(name: str, what: str) -> object:
 
 class AddBody(Conditional, bpy.types.Operator):
     """Add a body to track: an armature with its parts, from a height or from measured lengths. It stands at the 3D
-    cursor and is a performer of the shot"""
+    cursor, or beside the bodies that do, and is a performer of the shot"""
 
     bl_idname = "kfmocap.add_body"
     bl_label = "KF Mocap Body"
@@ -65,7 +66,7 @@ class AddBody(Conditional, bpy.types.Operator):
         lengths = {name: getattr(self, name) for name in LENGTHS if self.measured and getattr(self, name) > 0}
         with reported(self) as outcome:
             body = human(round(self.height, 6), {name: round(value, 6) for name, value in lengths.items()})
-            place = context.scene.cursor.location[:]
+            place = _free_place(context.scene)[:]
             select_only(context, performers.add_performer(context.scene, body, self.performer or "Performer", place))
         return outcome.value
 
@@ -79,6 +80,18 @@ class AddBody(Conditional, bpy.types.Operator):
             column = layout.column(align=True)
             for name in LENGTHS:
                 column.prop(self, name)
+
+
+_BESIDE = 1.0  # metres
+
+
+def _free_place(scene: bpy.types.Scene) -> Vector:
+    """The 3D cursor, or a place beside the bodies that stand there: one within another would not be seen."""
+    place = scene.cursor.location.copy()
+    taken = [slot.armature.location for slot in scene.kfmocap.performers if slot.armature is not None]
+    while any((other - place).length < _BESIDE / 2 for other in taken):
+        place.x += _BESIDE
+    return place
 
 
 def _meant(context: bpy.types.Context) -> bpy.types.Object | None:

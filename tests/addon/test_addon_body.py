@@ -54,6 +54,14 @@ def test_a_body_has_the_height_and_the_lengths_asked_for():
     assert [slot.name for slot in bpy.context.scene.kfmocap.performers] == ["she", "she 2"]
 
 
+def test_bodies_stand_beside_each_other():
+    for _ in range(3):
+        bpy.ops.kfmocap.add_body()
+    places = np.array([slot.armature.location for slot in bpy.context.scene.kfmocap.performers])
+    apart = np.linalg.norm(places[:, None] - places, axis=-1)
+    assert (apart[np.triu_indices(3, 1)] > 0.5).all()
+
+
 def test_a_body_stands_at_the_cursor():
     bpy.context.scene.cursor.location = (1, 2, 0)
     bpy.ops.kfmocap.add_body()
