@@ -77,7 +77,7 @@ SETTLING = (
     DescentStage(Sampling(1.0, 1.0, 3, REACH), 1),
 )
 """For limbs that were looked for, around a trunk that is held."""
-SETTLED = (DescentStage(Sampling(1.0, 1.0, 3, REACH), 3, small_refused=True),)
+SETTLED = (DescentStage(Sampling(1.0, 1.0, 3, REACH), 3),)
 """From there to the solution."""
 RESUMED = (
     DescentStage(Sampling(1.0, 1.0, 2, REACH), 5, small=0.003, small_refused=True, noticed=NOTICED, plants=False),
