@@ -23,7 +23,7 @@ from .held_out_keys import covariance_ratios, missed_key_poses
 from .joint_covariances import growth_by_speed, tip_covariances, tip_jacobian
 from .lost_limbs import confirmed_parts, limb_reach, lost_probabilities
 from .solvers.gauss_newton import evidence_equations
-from .solvers.measurement import MeasuredMotion, hidden_parts, keypoint_instants, poses_by_delay, view_instants
+from .solvers.measurement import hidden_parts, keypoint_instants, measured_at, poses_by_delay
 from .solvers.problem import SegmentProblem, SegmentSolution
 from .solvers.smoothness_factor import SegmentSmoothness
 
@@ -109,10 +109,9 @@ def segment_uncertainties(
     solution : SegmentSolution
     threads : int
     """
-    assert solution.evidence is not None
     motions, spans = solution.motions, problem.spans()
-    measured = MeasuredMotion(motions, view_instants(problem, motions), solution.evidence)
-    hidden = hidden_parts(problem, solution.evidence.share) if problem.settings.prediction else []
+    measured = measured_at(problem, solution)
+    hidden = hidden_parts(problem, measured.evidence.share) if problem.settings.prediction else []
     images = evidence_equations(problem, measured, hidden)
     smooth = SegmentSmoothness(solution.variances)
     keys = [problem.whole_keys(i) for i in range(len(problem.bodies))]

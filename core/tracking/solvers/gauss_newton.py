@@ -9,7 +9,7 @@ freedom are not among the unknowns.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,7 +32,7 @@ from .contact_factor import with_contact
 from .curve_factor import with_curves
 from .descent_stages import REFINEMENT, STAGES, DescentStage
 from .hold_factor import TiedSystems
-from .measurement import Instants, MeasuredMotion, Workspace, hidden_parts, keypoint_instants, view_instants
+from .measurement import Instants, MeasuredMotion, Workspace, hidden_parts, keypoint_instants, measured_at
 from .plant_factor import PlantFactor, plants_of, with_plants
 from .problem import SegmentProblem, SegmentSolution
 from .smoothness_factor import SegmentSmoothness
@@ -147,8 +147,7 @@ class _TestedStage:
                 self._noise = SegmentNoise.of(evidence, problem.settings)
             begins = self._hidden is None
             if self._hidden is None:
-                self._hidden = hidden_parts(problem, evidence.share) if problem.settings.prediction else []
-                self._expected = predicted_accelerations(motions, self._hidden, problem.sought) if self._hidden else []
+                self._hidden, self._expected = hidden_and_expected(problem, motions, evidence)
                 if self._stage.plants or not problem.shows_depth:
                     self._plants = plants_of(problem, motions)
             images = evidence_equations(problem, measured, self._hidden, self._noise)
@@ -176,8 +175,7 @@ class _TestedStage:
 
     def _moved(self, motions: tuple[Motion, ...], steps: Sequence[Array]) -> tuple[Motion, ...]:
         assert self._tied is not None
-        taken = {i: on_grid(limited(self._pace * step)) for i, step in self._tied.by_performer(steps).items()}
-        return tuple(m.moved(taken[i]) if i in taken else m for i, m in enumerate(motions))
+        return moved_by(motions, increments_of(self._tied, steps, self._pace))
 
 
 def refine(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
@@ -281,20 +279,30 @@ def approach(
             longer = i + 1 < stage.iterations and len(seen.views) == len(problem.views)
             pace = OVERRELAXATION if longer else 1.0
             with seconds.measure("solve"):
-                if problem.settings.prediction and not hidden:
-                    hidden = hidden_parts(seen, measured.evidence.share)
-                    expected = predicted_accelerations(motions, hidden, seen.sought)
+                if not hidden:
+                    hidden, expected = hidden_and_expected(seen, motions, measured.evidence)
                 images = evidence_equations(seen, measured, hidden)
                 smooth = smooth.estimated(seen, motions, images, expected, rounds=ROUNDS, bursts=False)
                 systems = with_priors(seen, motions, images, smooth, expected)
                 tied = seen.tied(systems, motions)
-                each = tied.by_performer([system.solve(0.0) for system in tied.systems])
-                steps = {i: on_grid(limited(pace * step)) for i, step in each.items()}
-                motions = tuple(m.moved(steps[i]) if i in steps else m for i, m in enumerate(motions))
+                steps = increments_of(tied, [system.solve(0.0) for system in tied.systems], pace)
+                motions = moved_by(motions, steps)
                 energies.append(tied.cost)
             if _size(list(steps.values())) < stage.small:
                 break
     return motions, energies, seconds, smooth
+
+
+def increments_of(tied: TiedSystems, steps: Sequence[Array], pace: float = 1.0) -> dict[int, Array]:
+    """The increments (F, D) of each performer that the steps of tied systems, times a pace, lead to: of bounded length,
+    and the same on every processor.
+    """
+    return {i: on_grid(limited(pace * step)) for i, step in tied.by_performer(steps).items()}
+
+
+def moved_by(motions: Sequence[Motion], increments: Mapping[int, Array]) -> tuple[Motion, ...]:
+    """The motions of all performers, those with increments moved."""
+    return tuple(m.moved(increments[i]) if i in increments else m for i, m in enumerate(motions))
 
 
 def _size(steps: Sequence[Array]) -> float:
@@ -335,14 +343,23 @@ def with_priors(
 
 def equations_at(problem: SegmentProblem, solution: SegmentSolution) -> list[BandedBlocks]:
     """The normal equations of every performer at a solution, which has its evidence, but for plants and holds."""
-    assert solution.evidence is not None
-    motions = solution.motions
-    measured = MeasuredMotion(motions, view_instants(problem, motions), solution.evidence)
-    hidden = hidden_parts(problem, solution.evidence.share) if problem.settings.prediction else []
-    expected = predicted_accelerations(motions, hidden, problem.sought) if hidden else []
+    motions, measured = solution.motions, measured_at(problem, solution)
+    hidden, expected = hidden_and_expected(problem, motions, measured.evidence)
     images = evidence_equations(problem, measured, hidden)
     systems = with_priors(problem, motions, images, SegmentSmoothness(solution.variances), expected)
     return with_contact(systems, problem.contact, problem.bodies, motions, problem.sought)
+
+
+def hidden_and_expected(
+    problem: SegmentProblem, motions: Sequence[Motion], evidence: SegmentEvidence
+) -> tuple[list[NDArray[np.bool_]], list[Array]]:
+    """Per performer, the parts that no view shows and the accelerations predicted for them, see `hidden_parts` and
+    `predicted_accelerations`; nothing where the motion of unseen parts is not predicted.
+    """
+    if not problem.settings.prediction:
+        return [], []
+    hidden = hidden_parts(problem, evidence.share)
+    return hidden, predicted_accelerations(motions, hidden, problem.sought)
 
 
 def evidence_equations(

@@ -20,7 +20,7 @@ from ...evidence.view_frames import KEPT_BYTES, GradientImageCache
 from ...numerics.arrays import Array
 from ...numerics.banded_blocks import BandedBlocks
 from ...runtime.progress import step_share
-from .problem import SegmentProblem
+from .problem import SegmentProblem, SegmentSolution
 
 LOOKS_KEPT = 4
 """The end of one descent is found among them when the next one begins, also where steps beyond it were refused."""
@@ -167,6 +167,12 @@ def view_instants(problem: SegmentProblem, motions: Sequence[Motion]) -> tuple[I
     return tuple(
         _instants(problem, motions, views, delay - problem.footage_offset) for delay, views in by_delay.items()
     )
+
+
+def measured_at(problem: SegmentProblem, solution: SegmentSolution) -> MeasuredMotion:
+    """What was measured at a solution, which has its evidence."""
+    assert solution.evidence is not None
+    return MeasuredMotion(solution.motions, view_instants(problem, solution.motions), solution.evidence)
 
 
 def keypoint_instants(problem: SegmentProblem, motions: Sequence[Motion]) -> Instants:

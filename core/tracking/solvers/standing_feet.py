@@ -21,12 +21,10 @@ from scipy.special import chdtri
 from ...body.foot_plants import runs
 from ...body.kinematics import part_poses
 from ...body.motion import Motion
-from ...body.smoothness import limited
 from ...numerics.arrays import Bools
 from ...numerics.banded_blocks import BandedBlocks
-from ...numerics.repeatable import on_grid
 from ...numerics.robust_kernels import Quadratic
-from .gauss_newton import equations_at
+from .gauss_newton import equations_at, increments_of, moved_by
 from .hold_factor import TiedSystems, tied_systems
 from .plant_factor import PlantFactor
 from .problem import SegmentProblem, SegmentSolution
@@ -125,8 +123,7 @@ class _Evidence:
         motions = self.motions
         for _ in range(STEPS):
             tied = self._with_plants(plants, motions)
-            steps = tied.by_performer([system.solve(0.0) for system in tied.systems])
-            motions = tuple(m.moved(on_grid(limited(steps[i]))) if i in steps else m for i, m in enumerate(motions))
+            motions = moved_by(motions, increments_of(tied, [system.solve(0.0) for system in tied.systems]))
         return motions
 
     def _least_cost(self, plants: Mapping[int, PlantFactor]) -> float:
