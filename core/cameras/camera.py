@@ -125,7 +125,11 @@ class Camera:
 
     def reduced(self, factor: float) -> Camera:
         """The camera of footage reduced by `factor`, pixel centres kept at integers."""
-        width, height = reduced_size(self.size, factor)
+        return self.resized(reduced_size(self.size, factor))
+
+    def resized(self, size: tuple[int, int]) -> Camera:
+        """The camera of footage resized to a width and height, pixel centres kept at integers."""
+        width, height = size
         sx, sy = width / self.size[0], height / self.size[1]
         K = self.matrix.copy()
         K[0] *= sx
@@ -162,6 +166,12 @@ class Camera:
         init = cv2.fisheye.initUndistortRectifyMap if self.fisheye else cv2.initUndistortRectifyMap
         map1, map2 = init(self.matrix, self.distortions, np.eye(3), self.matrix, self.size, cv2.CV_16SC2)
         return map1, map2
+
+
+def same_proportions(size: tuple[int, int], other: tuple[int, int]) -> bool:
+    """Whether pictures of two sizes can be the same picture resized, a side of the smaller rounded by up to a pixel."""
+    (width, height), (other_width, other_height) = size, other
+    return abs(width * other_height - height * other_width) <= max(*size, *other)
 
 
 def reduced_size(size: tuple[int, int], factor: float) -> tuple[int, int]:

@@ -42,7 +42,7 @@ def read_shot_spec(path: Path | str) -> ShotSpec:
     head = Table(document.value("shot"), f"{path} [shot]", ("name", "fps", "frames"))
     name, fps, frames = checked_file_name(head.text("name"), head.where), _positive(head, "fps"), _frames(head)
     settings = _settings(document, path)
-    calibration = Table(document.value("calibration"), f"{path} [calibration]", ("file",))
+    calibration = Table(document.value("calibration"), f"{path} [calibration]", ("file", "resized"))
     views = [_view(table, path.parent) for table in _tables(document, "view", path, _VIEW)]
     _check_distinct([view.camera for view in views], f"{path} [[view]] camera")
     performers = [_performer(table, path.parent, frames) for table in _tables(document, "performer", path, _PERFORMER)]
@@ -58,6 +58,7 @@ def read_shot_spec(path: Path | str) -> ShotSpec:
         tuple(performers),
         settings,
         tuple(_hold(table, performers, frames) for table in _tables(document, "hold", path, _HOLD, least=0)),
+        calibration.flag("resized"),
     )
 
 
@@ -135,15 +136,8 @@ def _performer(table: Table, folder: Path, frames: tuple[int, int]) -> Performer
         table.where,
         _person(table),
         table.path("mesh", folder, None),
-        _fingers(table),
+        table.flag("fingers"),
     )
-
-
-def _fingers(table: Table) -> bool:
-    value: Any = table.value("fingers", False)
-    if not isinstance(value, bool):
-        raise table.error("fingers", f"must be true or false, not {value!r}")
-    return value
 
 
 def _hold(table: Table, performers: Sequence[PerformerSpec], frames: tuple[int, int]) -> Hold:

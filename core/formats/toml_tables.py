@@ -91,6 +91,13 @@ class Table:
             raise self.error(key, f"must be a list of whole numbers, not {_shown(value)}")
         return value
 
+    def flag(self, key: str) -> bool:
+        """True or false; false where the file does not say."""
+        value = self.value(key, False)
+        if not isinstance(value, bool):
+            raise self.error(key, f"must be true or false, not {_shown(value)}")
+        return value
+
     def path(self, key: str, folder: Path, default: Any = _REQUIRED) -> Path | Any:
         """A path, relative to the folder of the file."""
         if key not in self._values and default is not _REQUIRED:

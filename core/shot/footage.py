@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras.camera import field_of_frame
+from ..cameras.camera import Camera, field_of_frame, same_proportions
 from ..errors import FootageError
 from .image_sequences import check_images, check_size, image_files, read_image
 from .shot import Settings, View
@@ -143,13 +143,35 @@ def check_view(view: View, first: int, length: int) -> Footage:
     """
     footage, camera = probe(view.footage), view.camera
     if footage.size != camera.size:
+        seen = "sizes are width x height after the rotation that the file asks for"
+        scaled = "; if the footage was resized after calibrating, say so: resized = true under [calibration]"
         raise FootageError(
-            f"the footage is {_by(footage.size)}, the calibration of '{camera.name}' {_by(camera.size)}",
+            _sizes(footage, camera),
             where=str(view.footage),
-            todo="sizes are width x height after the rotation that the file asks for",
+            todo=seen + (scaled if same_proportions(footage.size, camera.size) else ""),
         )
     _check_range(view, footage, first, length)
     return footage
+
+
+def camera_of_resized(camera: Camera, footage: Footage) -> Camera:
+    """The camera of footage that was resized, uncropped, after the camera was calibrated.
+
+    Raises
+    ------
+    FootageError
+        The footage has other proportions than the camera's pictures.
+    """
+    if footage.size == camera.size:
+        return camera
+    if not same_proportions(footage.size, camera.size):
+        what = f"{_sizes(footage, camera)}: it was cropped, not only resized"
+        raise FootageError(what, where=str(footage.path), todo="calibrate at the footage's size")
+    return camera.resized(footage.size)
+
+
+def _sizes(footage: Footage, camera: Camera) -> str:
+    return f"the footage is {_by(footage.size)}, the calibration of '{camera.name}' {_by(camera.size)}"
 
 
 def _check_range(view: View, footage: Footage, first: int, length: int) -> None:

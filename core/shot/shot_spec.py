@@ -89,6 +89,8 @@ class ShotSpec:
     settings : Settings
     holds : tuple of Hold
         Frames in the footage's count.
+    resized : bool
+        Whether footage was resized, uncropped, after its camera was calibrated.
     """
 
     path: Path
@@ -100,6 +102,7 @@ class ShotSpec:
     performers: tuple[PerformerSpec, ...]
     settings: Settings = field(default_factory=Settings)
     holds: tuple[Hold, ...] = ()
+    resized: bool = False
 
     def files(self) -> list[Path]:
         """The files, folders and image sequences that it names."""

@@ -30,7 +30,7 @@ from ..keypoints.proposals import KeypointPoses, poses_from_keypoints, propose_p
 from ..keypoints.seen_landmarks import unseen_parts
 from ..runtime.progress import Progress, report_progress, share
 from ..runtime.threads import one_library_thread, worker_count
-from ..shot.footage import check_view
+from ..shot.footage import camera_of_resized, check_view, probe
 from ..shot.grips import shot_with_grips
 from ..shot.shot import KeyPoses, Performer, PerformerRequest, Shot, View
 from ..shot.shot_spec import PerformerSpec, ShotSpec, ViewSpec
@@ -111,13 +111,20 @@ def _with_fingers(shot: Shot, spec: ShotSpec) -> Shot:
 def read_shot_cameras(spec: ShotSpec) -> dict[str, Camera]:
     """Read all cameras of a shot's calibration, by name, whether a view uses them or not.
 
+    Those whose footage was resized are the cameras of the resized footage.
+
     Raises
     ------
-    CalibrationError
+    CalibrationError, FootageError
         One message that names the file and the field.
     """
     with located(f"{spec.path} [calibration] file"):
-        return load_cameras(spec.calibration)
+        cameras = load_cameras(spec.calibration)
+    for view in spec.views if spec.resized else ():
+        if view.camera in cameras:
+            with located(f"{spec.path} [[view]] '{view.camera}' footage"):
+                cameras[view.camera] = camera_of_resized(cameras[view.camera], probe(view.footage))
+    return cameras
 
 
 @one_library_thread()

@@ -78,6 +78,12 @@ class ImportCalibration(Conditional, bpy.types.Operator, BesideFootage):
         options={"SKIP_SAVE"},
     )
     filter_glob: bpy.props.StringProperty(default=globbed(CALIBRATIONS), options={"HIDDEN"})
+    resized: bpy.props.BoolProperty(
+        name="Resized Footage",
+        description="The footage was resized, uncropped, after calibrating: the cameras are scaled to its size",
+        default=False,
+        options={"SKIP_SAVE"},
+    )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ...core.formats import load_cameras
@@ -85,7 +91,7 @@ class ImportCalibration(Conditional, bpy.types.Operator, BesideFootage):
 
         with reported(self) as outcome:
             cameras = load_cameras(bpy.path.abspath(self.filepath))
-            _report_calibrated(self, added_views.calibrate_views(context.scene, cameras))
+            _report_calibrated(self, added_views.calibrate_views(context.scene, cameras, resized=self.resized))
         return outcome.value
 
 

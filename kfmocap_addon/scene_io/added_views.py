@@ -10,7 +10,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...core.cameras.camera import Camera
+from ...core.cameras.camera import Camera, same_proportions
 from ...core.errors import CalibrationError, FootageError, ShotError
 from ...core.shot.footage import Footage, probe
 from ...core.shot.name_matching import footage_name, footage_of, paired
@@ -102,7 +102,11 @@ def _unknown_camera(name: str, size: tuple[int, int], rank: int) -> Camera:
 
 
 def calibrate_views(
-    current: bpy.types.Scene, cameras: Mapping[str, Camera], names: Sequence[str] | None = None
+    current: bpy.types.Scene,
+    cameras: Mapping[str, Camera],
+    names: Sequence[str] | None = None,
+    *,
+    resized: bool = False,
 ) -> Calibrated:
     """Give views the calibrations that go by their names, see `core.shot.name_matching.paired`.
 
@@ -110,6 +114,8 @@ def calibrate_views(
     ----------
     names : sequence of str, optional
         Of the views that are meant; by default all.
+    resized : bool
+        Whether footage was resized, uncropped, after the cameras were calibrated: they are scaled to its size.
 
     Raises
     ------
@@ -123,25 +129,30 @@ def calibrate_views(
             f"its cameras ({', '.join(cameras)}) go with none of the views ({', '.join(slots)})",
             todo="name the views as the cameras: click twice on a view's name in the list",
         )
-    for name, camera_name in pairs.items():
-        _check_size(slots[name], cameras[camera_name])
+    found = {name: _camera_of(slots[name], cameras[own], resized=resized) for name, own in pairs.items()}
     camera_poses.check_can_be_placed(slots[name] for name in pairs)
-    for name, camera_name in pairs.items():
-        _calibrate(current, slots[name], cameras[camera_name])
+    for name, camera in found.items():
+        _calibrate(current, slots[name], camera)
     footage_background.refresh(current)
     return Calibrated(tuple(pairs.values()), tuple(name for name in slots if name not in pairs))
 
 
-def _check_size(slot: bpy.types.PropertyGroup, camera: Camera) -> None:
+def _camera_of(slot: bpy.types.PropertyGroup, camera: Camera, *, resized: bool) -> Camera:
+    """A calibrated camera at the size of a view's footage."""
     if slot.camera is None:
         raise CalibrationError("the camera object is gone from the scene", where=f"view {slot.name}")
-    if tuple(slot.size) != camera.size:
-        (width, height), (own_width, own_height) = camera.size, slot.size
-        raise CalibrationError(
-            f"the calibration of '{camera.name}' is for {width}x{height}, the footage is {own_width}x{own_height}",
-            where=f"view {slot.name}",
-            todo="calibrate at the footage's size",
-        )
+    size = (slot.size[0], slot.size[1])
+    if size == camera.size:
+        return camera
+    alike = same_proportions(size, camera.size)
+    if resized and alike:
+        return camera.resized(size)
+    (width, height), (own_width, own_height) = camera.size, size
+    raise CalibrationError(
+        f"the calibration of '{camera.name}' is for {width}x{height}, the footage is {own_width}x{own_height}",
+        where=f"view {slot.name}",
+        todo="if it was resized after calibrating, import with Resized Footage" if alike else "calibrate at that size",
+    )
 
 
 def _calibrate(current: bpy.types.Scene, slot: bpy.types.PropertyGroup, camera: Camera) -> None:

@@ -99,6 +99,18 @@ def test_a_calibration_of_another_size_or_of_other_names_changes_nothing(take):
         assert [view.name for view in shot().views] == ["walk_cam01", "walk_cam02"]
 
 
+def test_a_calibration_is_scaled_to_footage_that_was_resized_after_it(take):
+    add(take, "walk_cam01.mp4", "walk_cam02.mp4")
+    large = take / "large.toml"
+    save_cameras(large, [camera(seed).resized((2 * SIZE[0], 2 * SIZE[1])) for seed in (1, 2)])
+    with pytest.raises(RuntimeError, match="Resized Footage"):
+        bpy.ops.kfmocap.import_calibration(filepath=str(large))
+    assert bpy.ops.kfmocap.import_calibration(filepath=str(large), resized=True) == {"FINISHED"}
+    bpy.ops.kfmocap.add_body(height=1.68)
+    for seed, view in enumerate(scene.shot_from_scene(bpy.context.scene).views, 1):
+        assert largest_difference(camera(seed), view.camera) < 1e-4
+
+
 @pytest.mark.parametrize("footage_first", [True, False])
 def test_cameras_just_calibrated_in_the_scene_become_the_views(take, footage_first):
     solved = {c.name: c for c in (camera(1), camera(2))}

@@ -13,7 +13,7 @@ from kfmocap.core.body import human, landmark_positions, part_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.body.prop import body_of_prop
 from kfmocap.core.body.skeleton_motion import RestSkeleton
-from kfmocap.core.cameras.camera import Camera
+from kfmocap.core.cameras.camera import Camera, same_proportions
 from kfmocap.core.errors import KFMocapError
 from kfmocap.core.formats import save_cameras, shot_toml, write_trc
 from kfmocap.core.formats.shot_toml import read_shot_spec
@@ -446,3 +446,37 @@ def test_fingers_need_keypoints_of_two_views(folder: Path) -> None:
     (folder / "shot.toml").write_text(TEXT.replace('name = "man"', 'name = "man"\nfingers = "yes"'))
     with pytest.raises(KFMocapError, match=r"fingers: must be true or false, not 'yes'"):
         load_shot(folder / "shot.toml")
+
+
+def test_cameras_are_scaled_to_footage_that_was_resized_after_calibrating(folder: Path) -> None:
+    """A camera of twice the footage's size sees every point where the resized footage shows it."""
+    shot = load_shot(folder / "shot.toml")
+    own = [view.camera for view in shot.views]
+    save_cameras(folder / "calibration.toml", [camera.resized((2 * SIZE[0], 2 * SIZE[1])) for camera in own])
+    with pytest.raises(KFMocapError, match=r"'cam01' footage: .*64x48.*128x96.*resized = true"):
+        load_shot(folder / "shot.toml")
+    (folder / "shot.toml").write_text(TEXT.replace("[[view]]", "resized = true\n\n[[view]]", 1))
+    points = np.random.default_rng(0).uniform(-1, 1, (20, 3))
+    for camera, view in zip(own, load_shot(folder / "shot.toml").views, strict=True):
+        assert view.camera.size == SIZE
+        np.testing.assert_allclose(view.camera.project(points), camera.project(points), rtol=0, atol=1e-6)
+
+
+def test_footage_that_was_cropped_is_not_taken_for_resized(folder: Path) -> None:
+    own = [view.camera for view in load_shot(folder / "shot.toml").views]
+    save_cameras(folder / "calibration.toml", [camera.resized((128, 128)) for camera in own])
+    (folder / "shot.toml").write_text(TEXT.replace("[[view]]", "resized = true\n\n[[view]]", 1))
+    with pytest.raises(KFMocapError, match=r"'cam01' footage: .*64x48.*128x128.*cropped"):
+        load_shot(folder / "shot.toml")
+
+
+@pytest.mark.parametrize(
+    ("size", "other", "same"),
+    [((960, 540), (1920, 1080), True), ((854, 480), (1920, 1080), True), ((960, 544), (1920, 1080), False),
+     ((480, 640), (640, 480), False)],
+)  # fmt: skip
+def test_proportions_are_the_same_where_one_side_was_rounded(
+    size: tuple[int, int], other: tuple[int, int], same: bool
+) -> None:
+    assert same_proportions(size, other) is same
+    assert same_proportions(other, size) is same
