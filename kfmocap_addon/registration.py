@@ -6,7 +6,7 @@ import the rest when they are used.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -50,8 +50,7 @@ from .operators import (
     track_motion,
 )
 from .panels import guide, key_list
-from .properties.shot_properties import KFMocapScene
-from .scene_io import capture_scene, missing_footage
+from .scene_io import missing_footage
 from .scene_io.key_pictures import PICTURES
 
 OPERATORS = (
@@ -90,33 +89,28 @@ OPERATORS = (
     calibrate_cameras,
     calibrate_from_performer,
 )
-MODULES = (properties, capture_scene, *OPERATORS, *panels.SECTIONS, keymap)
+MODULES = (properties, *OPERATORS, *panels.SECTIONS, keymap)
 CLASSES = tuple(cls for module in MODULES for cls in module.CLASSES)
 MENUS = tuple(entry for module in (edit_body, load_shot, export_motion) for entry in module.MENUS)
 """Names of Blender's menus and what is appended to them."""
 
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(CLASSES)
 _drawings: list[tuple[Any, object]] = []
-"""Kinds of editors that are drawn in, with Blender's handles of the drawing functions: to remove these again."""
+"""The editors of `_OVERLAYS` with Blender's handles, by which the drawing functions are removed again."""
 
 
 def register() -> None:
     """Add everything to Blender."""
     _register_classes()
-    bpy.types.Scene.kfmocap = bpy.props.PointerProperty(type=KFMocapScene)
-    open_section.register()
-    bpy.types.Scene.kfmocap_capture = bpy.props.PointerProperty(type=capture_scene.KFMocapCapture)
+    properties.register()
     for menu, entry in MENUS:
         getattr(bpy.types, menu).append(entry)
     key_list.register()
     missing_footage.register()
     keymap.register()
     toolbar.register()
-    view, sheet = bpy.types.SpaceView3D, bpy.types.SpaceDopeSheetEditor
-    _drawings.append((view, view.draw_handler_add(_draw_outlines, (), "WINDOW", "POST_VIEW")))
-    _drawings.append((view, view.draw_handler_add(_draw_marks, (), "WINDOW", "POST_PIXEL")))
-    _drawings.append((view, view.draw_handler_add(_draw_strip, (), "WINDOW", "POST_PIXEL")))
-    _drawings.append((sheet, sheet.draw_handler_add(_draw_plants, (), "WINDOW", "POST_PIXEL")))
+    for space, draw, stage in _OVERLAYS:
+        _drawings.append((space, space.draw_handler_add(draw, (), "WINDOW", stage)))
 
 
 def unregister() -> None:
@@ -133,9 +127,7 @@ def unregister() -> None:
         space.draw_handler_remove(handle, "WINDOW")
     guide.unregister()
     PICTURES.clear()
-    open_section.unregister()
-    del bpy.types.Scene.kfmocap_capture
-    del bpy.types.Scene.kfmocap
+    properties.unregister()
     _unregister_classes()
 
 
@@ -184,3 +176,12 @@ def _draw_plants() -> None:
         from .overlays import plant_bars
 
         plant_bars.draw_bars()
+
+
+_OVERLAYS: tuple[tuple[Any, Callable[[], None], str], ...] = (
+    (bpy.types.SpaceView3D, _draw_outlines, "POST_VIEW"),
+    (bpy.types.SpaceView3D, _draw_marks, "POST_PIXEL"),
+    (bpy.types.SpaceView3D, _draw_strip, "POST_PIXEL"),
+    (bpy.types.SpaceDopeSheetEditor, _draw_plants, "POST_PIXEL"),
+)
+"""Editors that are drawn over: what draws, and when Blender calls it."""

@@ -64,7 +64,7 @@ def load_wand(path: Path | str) -> CaptureVideos | Capture:
             length,
             colours,
             _positive(wand, "diameter") if "diameter" in wand else None,
-            tuple(_film_view(view, path.parent) for view in views),
+            tuple(_capture_view(view, path.parent) for view in views),
             floor,
             performer,
         )
@@ -118,7 +118,7 @@ def _views(document: Table, path: Path) -> list[Table]:
     return views
 
 
-def _film_view(view: Table, folder: Path) -> CaptureVideoView:
+def _capture_view(view: Table, folder: Path) -> CaptureVideoView:
     lframe = view.path("lframe", folder) if "lframe" in view else None
     return CaptureVideoView(view.text("camera"), lframe, view.path("wand", folder), *_known_beforehand(view))
 

@@ -63,7 +63,7 @@ def _with_named(places: BoneMap, names: BoneMap, rest: RestSkeleton) -> BoneMap:
 
 def preset_of(bones: BoneMap) -> BonePreset:
     """Return the preset whose controls a map names; one without settings where it follows none."""
-    return PRESETS.get(bones.preset, BonePreset("", {}))
+    return PRESETS.get(bones.preset, BonePreset("", "", {}))
 
 
 def by_preset(names: Iterable[str], preset: str) -> BoneMap:

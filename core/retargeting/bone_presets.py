@@ -42,8 +42,8 @@ class BonePreset:
 
     Attributes
     ----------
-    label : str
-        For the animator.
+    label, description : str
+        What the animator reads: the rig's name, and what is to be known of it.
     bones : mapping of str to tuple of str
         Names by role. A rig may lack bones of roles that are not required, and bones of chains.
     settings : mapping of str to mapping of str to float
@@ -55,6 +55,7 @@ class BonePreset:
     """
 
     label: str
+    description: str
     bones: Mapping[str, tuple[str, ...]]
     settings: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     follows: Mapping[str, str] = field(default_factory=dict)
@@ -250,14 +251,26 @@ _MAKEHUMAN = _by_role(
 )
 
 PRESETS: Mapping[str, BonePreset] = {
-    "kfmocap": BonePreset("KF Mocap", _KFMOCAP),
-    "rigify": BonePreset("Rigify", _RIGIFY, _rigify_settings(1.0), _RIGIFY_FOLLOWS),
-    "rigify-ik": BonePreset("Rigify, IK limbs", _RIGIFY, _rigify_settings(0.0), _RIGIFY_FOLLOWS, _RIGIFY_IK),
-    "rigify-metarig": BonePreset("Rigify metarig", _METARIG),
-    "mixamo": BonePreset("Mixamo", _MIXAMO),
-    "unreal": BonePreset("Unreal mannequin", _UNREAL),
-    "unity": BonePreset("Unity humanoid", _UNITY),
-    "vrm": BonePreset("VRM (VRoid)", _VROID),
-    "makehuman": BonePreset("MakeHuman", _MAKEHUMAN),
+    "kfmocap": BonePreset("KF Mocap", "A body of this add-on", _KFMOCAP),
+    "rigify": BonePreset(
+        "Rigify", "A generated rig, through its FK controls", _RIGIFY, _rigify_settings(1.0), _RIGIFY_FOLLOWS
+    ),
+    "rigify-ik": BonePreset(
+        "Rigify, IK Limbs",
+        "A generated rig, arms and legs through their IK controls",
+        _RIGIFY,
+        _rigify_settings(0.0),
+        _RIGIFY_FOLLOWS,
+        ik=_RIGIFY_IK,
+    ),
+    "rigify-metarig": BonePreset("Rigify Metarig", "The metarig that a rig is generated from", _METARIG),
+    "mixamo": BonePreset("Mixamo", "Bones named mixamorig:Hips and so on", _MIXAMO),
+    "unreal": BonePreset("Unreal", "Unreal's mannequin", _UNREAL),
+    "unity": BonePreset("Unity Humanoid", "Bones named as in Unity's humanoid avatar, or by the VRM standard", _UNITY),
+    "vrm": BonePreset("VRM", "Bones named as VRoid names them", _VROID),
+    "makehuman": BonePreset("MakeHuman", "MakeHuman's default rig", _MAKEHUMAN),
 }
-"""By the name that the command line and bone maps use; where several fit a rig equally well, the first is taken."""
+"""By the name that the command line and bone maps use; where several fit a rig equally well, the first is taken.
+
+Saved Blender files keep the place of a preset in this list: new ones go to its end.
+"""

@@ -16,7 +16,8 @@ from ...core.numerics.arrays import Array
 from ...core.posing.alternatives import Neighbour, alternative_poses
 from ...core.posing.clicks import STEPS, Click, ClickFit, ClickSolver, click_keypoints, pixel, ray
 from ...core.posing.depth import limb_flipped
-from ..scene_io import body_armature, joint_marks, key_pose_curves, scene_cameras, shown_pose
+from ..scene_io import active_performer, body_armature, joint_marks, key_pose_curves, scene_cameras, shown_pose
+from ..scene_io import scene as scenes
 
 ASKED = [
     side + joint
@@ -99,7 +100,7 @@ class Placing:
     def is_there(self) -> bool:
         """Whether the scene still has the armature: the user may remove it meanwhile."""
         try:
-            return self.slot.armature is not None and self.slot.armature.name in self.scene.objects
+            return active_performer.is_present(self.scene, self.slot)
         except ReferenceError:
             return False
 
@@ -177,9 +178,8 @@ class Placing:
         frames = [frame for frame in key_pose_curves.keyed_bones(self.slot.armature)[0] if frame != self.frame]
         if not frames:
             return []
-        render = self.scene.render
         near = min(abs(frame - self.frame) for frame in frames)
-        return [Neighbour(self._given, near * render.fps_base / render.fps)]
+        return [Neighbour(self._given, near / scenes.frame_rate(self.scene))]
 
     def _fit(self, steps: int = STEPS, search: bool = True) -> None:
         """Pose the body on the marks, from the pose that it has."""
@@ -225,8 +225,7 @@ def _held(body: Body, bones: set[str] | None) -> NDArray[np.bool_]:
 
 def _cameras_now(scene: bpy.types.Scene) -> dict[str, Camera]:
     """The calibrated cameras of the shot as they stand on the scene's present frame, by the names of their views."""
-    slots = [s for s in scene.kfmocap.views if s.is_calibrated and s.camera is not None]
-    slots = [slot for slot in slots if slot.camera.name in scene.objects]
+    slots = [slot for slot in scene.kfmocap.views if slot.is_calibrated and slot.has_camera]
     cameras = scene_cameras.read_cameras(scene, [slot.camera for slot in slots], scene.frame_current, 1)
     return {slot.name: camera for slot, camera in zip(slots, cameras, strict=True)}
 

@@ -170,7 +170,7 @@ def landmark_poses(
     if frames is None:
         own = np.array(sorted(key_pose_curves.keyed_bones(slot.armature)[0]), np.int64) - scene.kfmocap.frame_start
         known = [np.isfinite(landmarks.points_world[row]).all(axis=-1).mean() if row >= 0 else 0.0 for row in rows]
-        chosen = away_from_keys(best_frames(np.array(known), _fps(scene)), own, _fps(scene))
+        chosen = away_from_keys(best_frames(np.array(known), scenes.frame_rate(scene)), own, scenes.frame_rate(scene))
         frames = [int(frame) for frame in chosen if known[frame] > 0]
     return frames, _fitted(
         scene, body, landmarks, rows=[int(rows[frame]) for frame in frames], frames=frames, where=str(path)
@@ -194,14 +194,10 @@ def _fitted(
 
 def _rows(scene: bpy.types.Scene, landmarks: Landmarks, first_row: int) -> np.ndarray:
     """The file's row of every shot frame, -1 where there is none; the file may have another rate than the shot."""
-    fps = _fps(scene)
+    fps = scenes.frame_rate(scene)
     rate = landmarks.fps / fps if landmarks.fps > 0 and abs(landmarks.fps / fps - 1) > _RATES_DIFFER else 1.0
     rows = first_row + np.rint(rate * np.arange(scene.kfmocap.length)).astype(np.int64)
     return np.where((rows >= 0) & (rows < len(landmarks)), rows, -1)
-
-
-def _fps(scene: bpy.types.Scene) -> float:
-    return scene.render.fps / scene.render.fps_base
 
 
 def _parts(scene: bpy.types.Scene, path: Path) -> list[Path]:

@@ -13,7 +13,7 @@ from ...core.errors import ShotError
 from ...core.numerics.arrays import Array
 from ...core.numerics.resampling import sample_times, slerped
 from ..scene_io import body_armature, body_channels, fcurves, followed_bones, unknown_bones
-from ..scene_io.scene import set_rate
+from ..scene_io.scene import frame_rate, set_rate
 from .export_options import ExportOptions
 from .presets import PRESETS
 
@@ -103,7 +103,7 @@ def _set_time(stage: bpy.types.Scene, scene: bpy.types.Scene, options: ExportOpt
     first, last = options.frames or (properties.frame_start, properties.frame_start + properties.length - 1)
     if last < first:
         raise ShotError(f"the last frame ({last}) is before the first ({first})", where="Export, frame range")
-    rate = scene.render.fps / scene.render.fps_base
+    rate = frame_rate(scene)
     wanted = options.fps or rate
     times = sample_times(first, last, rate, wanted)
     set_rate(stage, wanted)

@@ -33,15 +33,15 @@ class Calibrate(Conditional, JobOperator, bpy.types.Operator):
     def prepare(self, context: bpy.types.Context) -> Work:
         from ...core.calibration.api import calibrate
 
-        self._film = captures.film_of(context.scene.kfmocap_capture)
-        return partial(calibrate, self._film)
+        self._videos = captures.read_capture(context.scene.kfmocap_capture)
+        return partial(calibrate, self._videos)
 
     def finish(self, context: bpy.types.Context, result: CalibrationResult) -> None:
         from ...core.calibration.calibration_report import sheet, write_report
         from ..scene_io import solved_cameras
 
         scene, capture = context.scene, context.scene.kfmocap_capture
-        footage = {view.camera: view.wand for view in self._film.views}
+        footage = {view.camera: view.wand for view in self._videos.views}
         offsets = dict(zip(result.rig.names, result.rig.offset, strict=True))
         solved_cameras.show_cameras(scene, result.cameras, footage, offsets)
         ends = result.wand.ends_world

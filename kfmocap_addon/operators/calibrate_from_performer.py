@@ -22,9 +22,10 @@ def _views_have_keypoints(context: bpy.types.Context) -> str:
     return "" if without is None else f"{without} has no 2D keypoints yet: use Import Keypoints"
 
 
-def height_field(context: bpy.types.Context) -> tuple[bpy.types.PropertyGroup, str]:
-    """What holds the height of who is calibrated from, and the name of its property: the chosen performer's body, or
-    where there is none yet what was entered.
+def height_owner(context: bpy.types.Context) -> tuple[bpy.types.PropertyGroup, str]:
+    """Find the height of the performer to calibrate from: its owner and the name of its property.
+
+    It is that of the chosen performer's body or, where there is none yet, the height that was entered.
     """
     slot = active_performer.chosen(context)
     return (context.scene.kfmocap_capture, "performer_height") if slot is None else (slot, "height")
@@ -47,7 +48,7 @@ class CalibrateFromPerformer(Conditional, JobOperator, bpy.types.Operator):
         scene, shot = context.scene, context.scene.kfmocap
         camera_poses.check_can_be_placed(shot.views)
         lenses = view_cameras.known_lenses(scene)
-        owner, name = height_field(context)
+        owner, name = height_owner(context)
         return partial(
             cameras_of_views,
             view_cameras.read_specs(scene),

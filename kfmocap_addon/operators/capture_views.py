@@ -7,6 +7,7 @@ from bpy_extras.io_utils import ImportHelper
 
 from ...core.errors import CalibrationError
 from ..scene_io import capture_scene as captures
+from .add_footage import VIDEOS, globbed
 from .conditions import Conditional
 from .reporting import reported
 
@@ -21,7 +22,7 @@ class AddVideos(bpy.types.Operator, ImportHelper):
 
     directory: bpy.props.StringProperty(subtype="DIR_PATH")
     files: bpy.props.CollectionProperty(type=bpy.types.OperatorFileListElement)
-    filter_glob: bpy.props.StringProperty(default="*.mp4;*.mov;*.avi;*.mkv;*.mts;*.m4v", options={"HIDDEN"})
+    filter_glob: bpy.props.StringProperty(default=globbed(VIDEOS), options={"HIDDEN"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         views = context.scene.kfmocap_capture.views
@@ -41,7 +42,8 @@ def camera_name(path: Path) -> str:
     return name or path.stem
 
 
-def _has_videos(context: bpy.types.Context) -> str:
+def has_videos(context: bpy.types.Context) -> str:
+    """The capture has a camera's videos."""
     return "" if context.scene.kfmocap_capture.views else "Add the cameras' videos first"
 
 
@@ -50,7 +52,7 @@ class RemoveVideos(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.remove_videos"
     bl_label = "Remove"
-    conditions = (_has_videos,)
+    conditions = (has_videos,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         capture = context.scene.kfmocap_capture
@@ -74,12 +76,12 @@ class LoadCapture(bpy.types.Operator, ImportHelper):
         from ...core.formats.wand_toml import load_wand
 
         with reported(self) as outcome:
-            film = load_wand(Path(bpy.path.abspath(self.filepath)))
-            if not isinstance(film, CaptureVideos):
+            given = load_wand(Path(bpy.path.abspath(self.filepath)))
+            if not isinstance(given, CaptureVideos):
                 todo = "calibrate from it with `kfmocap calibrate`"
                 raise CalibrationError("it names points, not videos", where=self.filepath, todo=todo)
-            captures.show_film(context.scene.kfmocap_capture, film)
-            self.report({"INFO"}, f"{len(film.views)} views")
+            captures.show_capture(context.scene.kfmocap_capture, given)
+            self.report({"INFO"}, f"{len(given.views)} views")
         return outcome.value
 
 

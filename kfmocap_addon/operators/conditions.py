@@ -75,13 +75,18 @@ def has_shot(context: bpy.types.Context) -> str:
 def has_footage(context: bpy.types.Context) -> str:
     """Every view has its footage, which was there when the file was opened."""
     for view in context.scene.kfmocap.views:
-        if view.camera is None or view.camera.name not in context.scene.objects:
+        if not view.has_camera:
             return f"The camera of {view.name} is gone from the scene: remove the view, and add its footage anew"
         if view.missing:
             return f"The footage of {view.name} is missing: use Relink"
         if not any(behind.source == "MOVIE_CLIP" and behind.clip for behind in view.camera.data.background_images):
             return f"The camera of {view.name} has no footage behind it: remove the view, and add its footage anew"
     return ""
+
+
+def looks_through_view(context: bpy.types.Context) -> str:
+    """The scene's camera is that of a view."""
+    return "" if context.scene.kfmocap.shown_view >= 0 else "Look through one of the views first"
 
 
 def has_keypoints(context: bpy.types.Context) -> str:

@@ -5,34 +5,18 @@ from typing import Any
 import bpy
 from mathutils import Vector
 
-from ..scene_io.height_field import USUAL_HEIGHT, height_field
+from ..properties.body_fields import MEASURES, USUAL_HEIGHT, height_field, length_field
 from .conditions import Conditional, in_object_mode
 from .reporting import reported
 
-LENGTHS = (
-    "shoulder_width",
-    "hip_width",
-    "torso",
-    "head",
-    "upper_arm",
-    "forearm",
-    "hand",
-    "thigh",
-    "shin",
-    "foot_forward",
-)
-"""Measures that can be taken with a tape; the others follow from the height."""
+_FOOT = ("Foot", "From the ankle forward to the big toe")
+LENGTHS = (*(name for name in MEASURES if name != "foot"), "foot_forward")
+"""Measures of a new body; of the foot what a tape on the floor shows. Those not given follow from the height."""
 
 
-def _length(name: str, what: str) -> object:
-    return bpy.props.FloatProperty(
-        min=0.0,
-        soft_max=1.0,
-        unit="LENGTH",
-        precision=3,
-        name=name,
-        description=f"{what}, metres; 0: as of an average person of that height",
-    )
+def _length(name: str) -> object:
+    label, what = MEASURES.get(name, _FOOT)
+    return length_field(label, f"{what}, metres; 0: as an average person of that height has it", min=0.0)
 
 
 class AddBody(Conditional, bpy.types.Operator):
@@ -48,16 +32,16 @@ class AddBody(Conditional, bpy.types.Operator):
     )
     height: height_field("From the soles to the top of the head, metres", default=USUAL_HEIGHT)
     measured: bpy.props.BoolProperty(name="Measured Lengths", description="Give lengths of the performer's limbs, too")
-    shoulder_width: _length("Shoulder Width", "Between the centres of the shoulder joints")
-    hip_width: _length("Hip Width", "Between the centres of the hip joints")
-    torso: _length("Torso", "From the middle of the hip joints to the base of the neck")
-    head: _length("Head", "From the base of the neck to the top of the head")
-    upper_arm: _length("Upper Arm", "From the centre of the shoulder joint to the elbow")
-    forearm: _length("Forearm", "From the elbow to the wrist")
-    hand: _length("Hand", "From the wrist to the finger tips")
-    thigh: _length("Thigh", "From the centre of the hip joint to the knee")
-    shin: _length("Shin", "From the knee to the ankle")
-    foot_forward: _length("Foot", "From the ankle forward to the big toe")
+    shoulder_width: _length("shoulder_width")
+    hip_width: _length("hip_width")
+    torso: _length("torso")
+    head: _length("head")
+    upper_arm: _length("upper_arm")
+    forearm: _length("forearm")
+    hand: _length("hand")
+    thigh: _length("thigh")
+    shin: _length("shin")
+    foot_forward: _length("foot_forward")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ...core.body import human
@@ -94,7 +78,7 @@ def _free_place(scene: bpy.types.Scene) -> Vector:
     return place
 
 
-def _meant(context: bpy.types.Context) -> bpy.types.Object | None:
+def _candidate(context: bpy.types.Context) -> bpy.types.Object | None:
     """The armature that is active, or deforms the active mesh; else that mesh; None where nothing fits."""
     active = context.active_object
     if active is None or active.type == "ARMATURE":
@@ -107,16 +91,16 @@ def _meant(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 def _can_be_body(context: bpy.types.Context) -> str:
-    meant = _meant(context)
-    if meant is None:
+    candidate = _candidate(context)
+    if candidate is None:
         return "Make an armature active first, or the mesh of a prop"
-    return in_object_mode(context) if meant.type == "MESH" else ""
+    return in_object_mode(context) if candidate.type == "MESH" else ""
 
 
 def _armature_is_new(context: bpy.types.Context) -> str:
-    meant = _meant(context)
-    known = any(slot.armature == meant for slot in context.scene.kfmocap.performers)
-    return f"{meant.name} is a performer already" if known else ""
+    candidate = _candidate(context)
+    known = any(slot.armature == candidate for slot in context.scene.kfmocap.performers)
+    return f"{candidate.name} is a performer already" if known else ""
 
 
 class UseArmature(Conditional, bpy.types.Operator):
@@ -133,11 +117,11 @@ class UseArmature(Conditional, bpy.types.Operator):
         from ..retargeting.skinned_body import use_as_body
 
         with reported(self) as outcome:
-            meant = _meant(context)
-            if meant.type == "MESH":
-                select_only(context, use_as_prop(context.scene, meant))
+            candidate = _candidate(context)
+            if candidate.type == "MESH":
+                select_only(context, use_as_prop(context.scene, candidate))
                 return outcome.value
-            _, remarks = use_as_body(context.scene, meant)
+            _, remarks = use_as_body(context.scene, candidate)
             for text in remarks:
                 self.report({"WARNING"}, text)
         return outcome.value

@@ -22,7 +22,6 @@ class Export(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.export"
     bl_label = "Export"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (has_shot, _has_file_kind)
 
     directory: bpy.props.StringProperty(subtype="DIR_PATH", name="Folder", description="Where the files go")

@@ -13,13 +13,13 @@ from ..viewports import viewport
 from .mixin import OperatorMixin
 from .reporting import progress_shown, reported
 
-_INTERVAL = 0.1
+_INTERVAL = 0.1  # seconds between two looks at the job
 _BAR = 14.0  # width in the status bar, in units of the interface
-_LOOKS = {"MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "TRACKPADPAN", "TRACKPADZOOM", "NDOF_MOTION", "HOME"}
-_LOOKS |= {f"NUMPAD_{key}" for key in (*range(10), "PERIOD", "PLUS", "MINUS")}
-_FRAMES = {"LEFT_ARROW", "RIGHT_ARROW"}
-_SCRUBBED = 24  # height of the bar with the frames at the top of a timeline, in units of the interface
-_PASSES = {"MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "WINDOW_DEACTIVATE"}
+_NAVIGATION = {"MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "TRACKPADPAN", "TRACKPADZOOM", "NDOF_MOTION", "HOME"}
+_NAVIGATION |= {f"NUMPAD_{key}" for key in (*range(10), "PERIOD", "PLUS", "MINUS")}
+_FRAME_STEPS = {"LEFT_ARROW", "RIGHT_ARROW"}
+_SCRUB_HEIGHT = 24  # height of the bar with the frames at the top of a timeline, in units of the interface
+_PASSIVE = {"MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "WINDOW_DEACTIVATE"}
 
 
 _waiting: list[WorkerProcess] = []
@@ -89,7 +89,7 @@ class JobOperator(OperatorMixin):
             return self._cancelled(context)
         if event.type.startswith("TIMER"):
             return self._continued(context)
-        # Nothing may change under the work's feet.
+        # Nothing that the work depends on may change.
         harmless = _only_looks(context.window, event) or _goes_to_a_frame(context.window, event)
         harmless = harmless or _is_over_status_bar(context.window, event)
         return {"PASS_THROUGH"} if harmless else {"RUNNING_MODAL"}
@@ -204,9 +204,9 @@ def _goes_to_a_frame(window: bpy.types.Window, event: bpy.types.Event) -> bool:
     if under is None or under[1].type != "WINDOW":
         return False
     area, region = under
-    if event.type in _FRAMES:
+    if event.type in _FRAME_STEPS:
         return area.type in ("VIEW_3D", "DOPESHEET_EDITOR") and not (event.alt or event.ctrl or event.shift)
-    height = _SCRUBBED * (bpy.context.preferences.system.ui_scale or 1.0)  # without a window it is 0
+    height = _SCRUB_HEIGHT * (bpy.context.preferences.system.ui_scale or 1.0)  # without a window it is 0
     return (
         event.type == "LEFTMOUSE"
         and area.type == "DOPESHEET_EDITOR"
@@ -221,9 +221,9 @@ def _is_over_status_bar(window: bpy.types.Window, event: bpy.types.Event) -> boo
 
 def _only_looks(window: bpy.types.Window, event: bpy.types.Event) -> bool:
     """Whether an event can do no more than turn, move or zoom a 3D view."""
-    if event.type in _PASSES:
+    if event.type in _PASSIVE:
         return True
-    if event.type not in _LOOKS or event.alt or (event.ctrl and event.type.startswith("NUMPAD")):
+    if event.type not in _NAVIGATION or event.alt or (event.ctrl and event.type.startswith("NUMPAD")):
         return False
     under = viewport.area_under(window, event.mouse_x, event.mouse_y)
     if under is None:

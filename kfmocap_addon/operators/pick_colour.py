@@ -4,15 +4,12 @@ import bpy
 
 from ...core.errors import CalibrationError
 from ..scene_io import capture_scene as captures
+from .capture_views import has_videos
 from .conditions import Conditional
 from .reporting import reported
 
 PICTURE = "Calibration Footage"
 _HINT = "Click on the ball; Left and Right go through the video; Enter takes what is circled, Esc leaves it as it was"
-
-
-def _has_videos(context: bpy.types.Context) -> str:
-    return "" if context.scene.kfmocap_capture.views else "Add the cameras' videos first"
 
 
 class PickColour(Conditional, bpy.types.Operator):
@@ -21,12 +18,15 @@ class PickColour(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.pick_colour"
     bl_label = "Pick Colour"
-    conditions = (_has_videos,)
+    conditions = (has_videos,)
 
     slot: bpy.props.EnumProperty(items=captures.slot_items(), name="Ball", description="Whose colour it is")
-    frame: bpy.props.IntProperty(min=0, name="Frame", description="Of the video")
+    frame: bpy.props.IntProperty(min=0, name="Frame", description="Frame of the video, from 0")
     point: bpy.props.IntVectorProperty(
-        size=2, default=(-1, -1), name="Point", description="Where on the picture, pixels from its upper left"
+        size=2,
+        default=(-1, -1),
+        name="Point",
+        description="Where on the picture to click, pixels from its upper left corner",
     )
 
     def execute(self, context: bpy.types.Context) -> set[str]:

@@ -71,7 +71,7 @@ class PlacingTool(Conditional):
         look = self._look(context)
         if event.type == "LEFTMOUSE" and event.value == "PRESS" and look is not None and self._is_inside(look):
             self._press = self._pointer  # the toolbar's tool: the click that begins it marks the first joint
-        self._tell(context)
+        self._show_status(context)
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -85,7 +85,7 @@ class PlacingTool(Conditional):
         if outcome.value != {"FINISHED"}:
             return self._cancelled(context)
         if not result & {"FINISHED", "CANCELLED"}:
-            self._tell(context)
+            self._show_status(context)
         return result
 
     def cancel(self, context: bpy.types.Context) -> None:
@@ -266,7 +266,7 @@ class PlacingTool(Conditional):
         show_view(context, usable[(usable.index(shown) + step if shown in usable else 0) % len(usable)])
         self._show_again(context)
 
-    def _tell(self, context: bpy.types.Context) -> None:
+    def _show_status(self, context: bpy.types.Context) -> None:
         look, placing = self._look(context), self._placing
         asked = self._asked_in(look.view.name) if look is not None else None
         misfit = f"{1000 * placing.fitted.misfit:.0f} mm off"

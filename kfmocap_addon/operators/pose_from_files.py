@@ -103,7 +103,7 @@ class PoseFromKeypoints(_FromKeypoints, JobOperator, bpy.types.Operator):
             self.report({"INFO"}, f"{count} key pose{' is' if count == 1 else 's are'} proposed")
         else:
             poses = seen.motion[seen.frames]
-            _tell(self, keyframing.set_key_poses(scene, slot, seen.frames.tolist(), poses), len(seen.frames))
+            _report_count(self, keyframing.set_key_poses(scene, slot, seen.frames.tolist(), poses), len(seen.frames))
 
 
 class PoseFromLandmarks(Conditional, bpy.types.Operator, BesideFootage):
@@ -133,11 +133,11 @@ class PoseFromLandmarks(Conditional, bpy.types.Operator, BesideFootage):
         scene, slot, path = context.scene, active_performer.chosen(context), Path(bpy.path.abspath(self.filepath))
         with progress_shown(context), reported(self) as outcome:
             frames, poses = keyframing.landmark_poses(scene, slot, path, self.up, self.first_row)
-            _tell(self, keyframing.set_key_poses(scene, slot, frames, poses), len(frames))
+            _report_count(self, keyframing.set_key_poses(scene, slot, frames, poses), len(frames))
         return outcome.value
 
 
-def _tell(operator: bpy.types.Operator, count: int, wanted: int) -> None:
+def _report_count(operator: bpy.types.Operator, count: int, wanted: int) -> None:
     kept = f"; {wanted - count} frames keep your own" if count < wanted else ""
     operator.report({"INFO"} if count else {"WARNING"}, f"{count} key poses are set{kept}")
 

@@ -27,7 +27,6 @@ class FindBones(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.find_bones"
     bl_label = "Find Bones"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (has_character,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -48,7 +47,6 @@ class ForgetBones(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.forget_bones"
     bl_label = "Forget Bones"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (has_list,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:

@@ -48,7 +48,6 @@ class SendToRig(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.send_to_rig"
     bl_label = "Send to Rig"
-    bl_options = {"REGISTER", "UNDO"}
     conditions = (has_source, has_target)
 
     def execute(self, context: bpy.types.Context) -> set[str]:

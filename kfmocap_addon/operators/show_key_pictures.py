@@ -10,15 +10,11 @@ import bpy
 from ...core.runtime.worker_process import Work
 from ..scene_io import active_performer
 from ..scene_io.key_pictures import PICTURES
-from .conditions import Conditional, has_footage, has_performer, has_shot
+from .conditions import Conditional, has_footage, has_performer, has_shot, looks_through_view
 from .job_operator import JobOperator
 
 if TYPE_CHECKING:
     from ...core.review.overlay import Image
-
-
-def _looks_through_view(context: bpy.types.Context) -> str:
-    return "" if context.scene.kfmocap.shown_view >= 0 else "Look through a view first"
 
 
 class ShowKeyPictures(Conditional, JobOperator, bpy.types.Operator):
@@ -28,7 +24,7 @@ class ShowKeyPictures(Conditional, JobOperator, bpy.types.Operator):
     bl_idname = "kfmocap.show_key_pictures"
     bl_label = "Show Pictures"
     bl_options = {"REGISTER"}
-    conditions = (has_shot, has_footage, has_performer, _looks_through_view)
+    conditions = (has_shot, has_footage, has_performer, looks_through_view)
 
     def prepare(self, context: bpy.types.Context) -> Work:
         """Read the shot, the poses and the frames to show."""

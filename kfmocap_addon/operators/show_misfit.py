@@ -2,12 +2,8 @@
 
 import bpy
 
-from .conditions import Conditional, has_footage, has_shot
+from .conditions import Conditional, has_footage, has_shot, looks_through_view
 from .reporting import reported
-
-
-def _looks_through_view(context: bpy.types.Context) -> str:
-    return "" if context.scene.kfmocap.shown_view >= 0 else "Look through one of the views first"
 
 
 class ShowResidual(Conditional, bpy.types.Operator):
@@ -17,7 +13,7 @@ class ShowResidual(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.show_residual"
     bl_label = "Show Residual"
-    conditions = (has_shot, has_footage, _looks_through_view)
+    conditions = (has_shot, has_footage, looks_through_view)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..overlays import misfit_backgrounds

@@ -14,7 +14,7 @@ from scipy.spatial import QhullError
 
 from ...core.body.silhouette import Solid
 from ...core.numerics.arrays import Array
-from ..scene_io import bone_confidence, part_meshes
+from ..scene_io import active_performer, bone_confidence, part_meshes
 from ..scene_io.sides import Colour
 
 HIDDEN = (0.6, 0.6, 0.6, 0.55)
@@ -45,7 +45,7 @@ def draw_outlines() -> None:
 def posed_solids(scene: bpy.types.Scene, graph: bpy.types.Depsgraph) -> Iterator[tuple[Colour, Solid, Array]]:
     """Colours, convex parts and matrices (4, 4) in the world of all performers' bones, as they are evaluated."""
     for slot in scene.kfmocap.performers:
-        if slot.armature is None or slot.armature.name not in scene.objects or not slot.armature.visible_get():
+        if not active_performer.is_present(scene, slot) or not slot.armature.visible_get():
             continue
         posed = slot.armature.evaluated_get(graph)
         for name, vertices in part_meshes.part_clouds(slot.armature).items():

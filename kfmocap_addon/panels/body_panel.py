@@ -2,17 +2,15 @@
 
 import bpy
 
-from ..operators.edit_body import LENGTHS, AddBody, EditPart, FinishPart, RemovePerformer, UseArmature, edited_part
+from ..operators.edit_body import AddBody, EditPart, FinishPart, RemovePerformer, UseArmature, edited_part
 from ..operators.fit_body import FitBody
 from ..operators.hold_prop import HoldProp, RemoveHold
 from ..operators.recover import RestoreBody
+from ..properties.body_fields import MEASURES
 from ..scene_io import active_performer, hold_checks
 from . import performer_rows
 from .section import PerformerPart, Section
 from .texts import draw_text
-
-_MEASURES = (*LENGTHS[:-1], "foot")
-"""Properties of a performer; of the foot its bone's length, which unlike what a tape shows can be changed by itself."""
 
 
 class BodyPanel(Section, bpy.types.Panel):
@@ -77,7 +75,7 @@ class ProportionsPanel(PerformerPart, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout, slot = self.layout, active_performer.chosen(context)
         layout.use_property_split, layout.use_property_decorate = True, False
-        known = [name for name in _MEASURES if getattr(slot, name)]
+        known = [name for name in MEASURES if getattr(slot, name)]
         if not known:
             layout.label(text="Its bones are not those of a body of ours", icon="INFO")
         column = layout.column(align=True)

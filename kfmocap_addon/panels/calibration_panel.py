@@ -6,7 +6,7 @@ from typing import Any
 import bpy
 
 from ..operators.calibrate_cameras import Calibrate, ShowReport
-from ..operators.calibrate_from_performer import CalibrateFromPerformer, height_field
+from ..operators.calibrate_from_performer import CalibrateFromPerformer, height_owner
 from ..operators.camera_files import ExportCameras, ImportCameras
 from ..operators.capture_views import AddVideos, LoadCapture, RemoveVideos
 from ..operators.pick_colour import PickColour
@@ -126,7 +126,7 @@ class PerformerCalibrationPanel(SectionPart, bpy.types.Panel):
         beside = active_performer.chosen(context) is not None and guide.is_open(context, "key_poses")  # has it too
         if views and not all(view.keypoints for view in views) and not beside:
             layout.operator(ImportKeypoints.bl_idname, icon="IMPORT")
-        owner, name = height_field(context)
+        owner, name = height_owner(context)
         layout.prop(owner, name, text="Height")
         _draw_lenses(layout.column(align=True), views)
         layout.operator(CalibrateFromPerformer.bl_idname, icon="ARMATURE_DATA")

@@ -57,7 +57,7 @@ class FootagePanel(Section, bpy.types.Panel):
 def _draw_lost_cameras(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     """Views whose camera was deleted can only be removed."""
     for index, view in enumerate(scene.kfmocap.views):
-        if view.camera is None or view.camera.name not in scene.objects:
+        if not view.has_camera:
             row = layout.row(align=True)
             row.label(text=f"{view.name}: its camera is gone", icon="ERROR")
             row.operator(RemoveView.bl_idname, icon="REMOVE").view = index

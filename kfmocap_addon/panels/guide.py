@@ -6,7 +6,7 @@ from functools import partial
 
 import bpy
 
-from ..operators.open_section import sections_of
+from ..properties.section_properties import sections_of
 from ..scene_io import active_performer, bone_visibility
 from ..viewports import viewport
 from . import key_list

@@ -7,11 +7,11 @@ from ..operators.copy_pose import CopyPose, MirrorPose, PastePose
 from ..operators.exchange_people import ExchangePeople
 from ..operators.go_to_frame import GoToFrame
 from ..operators.nudge_pose import BreakdownPose, NudgeDepth, NudgePose
-from ..operators.open_section import sections_of
 from ..operators.place_joints import ClearMarks, PlaceJoints
 from ..operators.pose_from_files import ImportKeypoints, MarkKeypoints, PoseFromKeypoints, PoseFromLandmarks
 from ..operators.set_key_pose import AcceptProposals, RefuseProposal, RemoveKeyPose, SetKeyPose
 from ..operators.show_key_pictures import ShowKeyPictures
+from ..properties.section_properties import sections_of
 from ..scene_io import active_performer
 from ..scene_io.key_pictures import PICTURES
 from . import key_list, performer_rows

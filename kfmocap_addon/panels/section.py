@@ -43,7 +43,7 @@ class Section(_OnTab):
     Attributes
     ----------
     section : str
-        Name in `guide.SECTIONS`.
+        Name in `properties.section_properties.SECTIONS`.
     """
 
     bl_options = {"HIDE_HEADER"}
@@ -76,7 +76,7 @@ class SectionPart(_OnTab):
     Attributes
     ----------
     section : str
-        Name in `guide.SECTIONS`.
+        Name in `properties.section_properties.SECTIONS`.
     """
 
     section = ""

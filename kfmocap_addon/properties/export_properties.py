@@ -18,7 +18,7 @@ class KFMocapExport(bpy.types.PropertyGroup):
     preset: bpy.props.EnumProperty(
         items=[(key, preset.label, preset.description) for key, preset in PRESETS.items()],
         name="For",
-        description="The program that is to read the files: names of the bones, and unit",
+        description="The program that will read the files: it decides the names of the bones and the unit of length",
     )
     bvh: bpy.props.BoolProperty(default=True, name="BVH", description="Skeleton and motion as text, Y up")
     fbx: bpy.props.BoolProperty(default=True, name="FBX", description="Skeleton and motion for other programs, Y up")
@@ -32,7 +32,7 @@ class KFMocapExport(bpy.types.PropertyGroup):
     use_range: bpy.props.BoolProperty(name="Frame Range", description="Export only some frames, not the whole shot")
     first: bpy.props.IntProperty(default=1, name="First", description="First scene frame to export")
     last: bpy.props.IntProperty(default=250, name="Last", description="Last scene frame to export, inclusive")
-    use_rate: bpy.props.BoolProperty(name="Frame Rate", description="Export at another frame rate than the scene's")
+    use_rate: bpy.props.BoolProperty(name="Frame Rate", description="Export at a frame rate other than the scene's")
     fps: bpy.props.FloatProperty(
         default=30.0,
         min=1.0,
@@ -44,11 +44,11 @@ class KFMocapExport(bpy.types.PropertyGroup):
     root_motion: bpy.props.BoolProperty(
         default=True,
         name="Root Motion",
-        description="The performer moves through the world. Off: it stays over its first place, but rises and sinks",
+        description="The performer moves through the world. Off: it stays above where it starts, but moves up and down",
     )
     leave_out_unknown: bpy.props.BoolProperty(
         name="Leave Out Unknown",
-        description="Leave out the bones of parts that nothing has shown, of people not wholly in the picture",
+        description="Leave out the bones of parts that no key pose, keypoint or camera has shown",
     )
 
 

@@ -4,13 +4,13 @@ from collections.abc import Callable
 
 import bpy
 
-from ..scene_io.height_field import height_field
 from ..scene_io.sides import PERFORMERS
+from .body_fields import MEASURES, height_field, length_field
 from .pointer_polls import is_armature
 
 
 def _show_performer(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
-    """The trunk's bones have the performer's colour."""
+    """Give the bones of the trunk the performer's colour."""
     from ..scene_io import body_armature
 
     if self.armature is not None:
@@ -29,8 +29,8 @@ def _set_height(self: bpy.types.PropertyGroup, value: float) -> None:
     _reshape(self, lambda: performer_size.set_height(self.armature, value))
 
 
-def _measure(name: str, label: str, what: str) -> object:
-    """A measure of the body as a field, which is read from the armature and changes it."""
+def _measure(name: str) -> object:
+    """One of `MEASURES` as a field, which is read from the armature and changes it."""
 
     def get(self: bpy.types.PropertyGroup) -> float:
         from ..scene_io import performer_size
@@ -42,14 +42,12 @@ def _measure(name: str, label: str, what: str) -> object:
 
         _reshape(self, lambda: performer_size.set_measure(self.armature, name, value))
 
-    description = f"{what}, metres; key poses stay as they are"
-    return bpy.props.FloatProperty(
-        get=get, set=put, min=0.01, soft_max=1.0, unit="LENGTH", precision=3, name=label, description=description
-    )
+    label, what = MEASURES[name]
+    return length_field(label, f"{what}, metres; key poses stay as they are", get=get, set=put, min=0.01)
 
 
 def _reshape(slot: bpy.types.PropertyGroup, change: Callable[[], None]) -> None:
-    """Change a performer's body; what stands in the way is said beside the mouse."""
+    """Change a performer's body; an error pops up at the mouse, as fields cannot report."""
     from ...core.errors import KFMocapError
 
     try:
@@ -126,9 +124,9 @@ class KFMocapPerformer(bpy.types.PropertyGroup):
         ),
     )
     identity: bpy.props.StringProperty(
-        name="Found", description="Which person the performer was found to be when keypoints were used last"
+        name="Found", description="Which person the performer was found to be when keypoints were last used"
     )
-    found_person: bpy.props.IntProperty(name="Found Person", description="The number of that person; 0 for none")
+    found_person: bpy.props.IntProperty(name="Found Person", description="The number of that person, from 1; 0: none")
     colour: bpy.props.FloatVectorProperty(
         size=3,
         subtype="COLOR_GAMMA",
@@ -137,7 +135,7 @@ class KFMocapPerformer(bpy.types.PropertyGroup):
         default=PERFORMERS[0],
         update=_show_performer,
         name="Colour",
-        description="Of the outlines and bones of head and trunk; those of the limbs have their sides' colours",
+        description="Colour of the outlines and bones of head and trunk; limbs have the colours of their sides",
     )
     height: height_field(
         "From the soles to the top of the head, metres; all lengths and widths change with it, key poses stay as they "
@@ -145,16 +143,16 @@ class KFMocapPerformer(bpy.types.PropertyGroup):
         get=_height,
         set=_set_height,
     )
-    shoulder_width: _measure("shoulder_width", "Shoulder Width", "Between the centres of the shoulder joints")
-    hip_width: _measure("hip_width", "Hip Width", "Between the centres of the hip joints")
-    torso: _measure("torso", "Torso", "From the pelvis to the base of the neck")
-    head: _measure("head", "Head", "From the base of the neck to the top of the head")
-    upper_arm: _measure("upper_arm", "Upper Arm", "From the centre of the shoulder joint to the elbow")
-    forearm: _measure("forearm", "Forearm", "From the elbow to the wrist")
-    hand: _measure("hand", "Hand", "From the wrist to the finger tips")
-    thigh: _measure("thigh", "Thigh", "From the centre of the hip joint to the knee")
-    shin: _measure("shin", "Shin", "From the knee to the ankle")
-    foot: _measure("foot", "Foot", "From the ankle to the big toe")
+    shoulder_width: _measure("shoulder_width")
+    hip_width: _measure("hip_width")
+    torso: _measure("torso")
+    head: _measure("head")
+    upper_arm: _measure("upper_arm")
+    forearm: _measure("forearm")
+    hand: _measure("hand")
+    thigh: _measure("thigh")
+    shin: _measure("shin")
+    foot: _measure("foot")
     suggestions: bpy.props.CollectionProperty(type=KFMocapSuggestion)
     helpful: bpy.props.CollectionProperty(type=KFMocapHelpfulKey)
     lost: bpy.props.CollectionProperty(type=KFMocapLostPart)

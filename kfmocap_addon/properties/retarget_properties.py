@@ -2,6 +2,7 @@
 
 import bpy
 
+from ...core.retargeting.bone_presets import PRESETS
 from .pointer_polls import is_armature
 
 
@@ -9,13 +10,16 @@ class KFMocapBone(bpy.types.PropertyGroup):
     """A bone that plays a role in the character's skeleton; its name is the role's."""
 
     bone: bpy.props.StringProperty(name="Bone", description="The bone of the character that plays this role")
-    chain: bpy.props.IntProperty(name="Place", description="Its place in the chain, from the hips or hand outward")
+    chain: bpy.props.IntProperty(
+        name="Place",
+        description="Its place in a chain such as the spine, counted from the hips or the hand outward, from 0",
+    )
 
 
 class KFMocapLimbError(bpy.types.PropertyGroup):
     """How far a limb of the character is from where it should be; its name is the limb's."""
 
-    degrees: bpy.props.FloatProperty(name="Degrees", description="Worst rotation error of its bones")
+    degrees: bpy.props.FloatProperty(name="Degrees", description="Worst rotation error of its bones, degrees")
     distance: bpy.props.FloatProperty(name="Distance", description="Worst position error of its bones, mm")
 
 
@@ -33,16 +37,12 @@ class KFMocapRetarget(bpy.types.PropertyGroup):
     )
     preset: bpy.props.EnumProperty(
         items=[
-            ("auto", "Automatic", "The preset that knows most of its bones, else their names, else their places"),
-            ("kfmocap", "KF Mocap", "A body of this add-on"),
-            ("rigify", "Rigify", "A generated rig, through its FK controls"),
-            ("rigify-ik", "Rigify, IK Limbs", "A generated rig, arms and legs through their IK controls"),
-            ("rigify-metarig", "Rigify Metarig", "The metarig that a rig is generated from"),
-            ("mixamo", "Mixamo", "Bones named mixamorig:Hips and so on"),
-            ("unreal", "Unreal", "Unreal's mannequin"),
-            ("unity", "Unity Humanoid", "Bones named as in Unity's humanoid avatar, or by the VRM standard"),
-            ("vrm", "VRM", "Bones named as VRoid names them"),
-            ("makehuman", "MakeHuman", "MakeHuman's default rig"),
+            (
+                "auto",
+                "Automatic",
+                "The preset that fits most of its bones; failing that, bones are found by name, then by place",
+            ),
+            *((name, preset.label, preset.description) for name, preset in PRESETS.items()),
         ],
         name="Rig",
         description="What kind of rig the character has",
@@ -84,10 +84,14 @@ class KFMocapRetarget(bpy.types.PropertyGroup):
         soft_max=0.0872665,
         subtype="ANGLE",
         name="Rotation",
-        description="How far a bone may turn away for the sake of fewer keys",
+        description="How far a bone may turn away for the sake of fewer keys, degrees",
     )
     distance: bpy.props.FloatProperty(
-        default=1.0, min=0.0, soft_max=20.0, name="Location (mm)", description="The same of places, mm"
+        default=1.0,
+        min=0.0,
+        soft_max=20.0,
+        name="Location (mm)",
+        description="How far a bone may move away for the sake of fewer keys, mm",
     )
 
 

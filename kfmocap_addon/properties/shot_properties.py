@@ -10,13 +10,13 @@ from .view_properties import KFMocapView
 
 
 def _show_range(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
-    """The scene runs over the frames of the shot."""
+    """Let the scene run over the frames of the shot."""
     self.id_data.frame_start = self.frame_start
     self.id_data.frame_end = self.frame_start + max(self.length, 1) - 1
 
 
 def _show_confidence(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
-    """The parts' colours follow what the scene says."""
+    """Give the parts the colours that the scene asks for."""
     from ..scene_io import bone_confidence
 
     bone_confidence.show_colours(self.id_data)
@@ -65,16 +65,17 @@ class KFMocapFrames(bpy.types.PropertyGroup):
     step: bpy.props.IntProperty(min=1, default=20, name="Every", description="From one key pose to the next, frames")
     listed: bpy.props.StringProperty(name="List", description="Scene frames, such as 1, 20, 40-42")
     replace: bpy.props.BoolProperty(
-        name="Replace My Keys", description="Make them on frames that have a key of yours, too; else these stay"
+        name="Replace My Keys",
+        description="Also make key poses on frames on which you have set keys. Off: those frames are left alone",
     )
 
 
 class KFMocapSegment(bpy.types.PropertyGroup):
     """A segment between key poses that was tracked."""
 
-    first: bpy.props.IntProperty(name="First", description="In the footage's count")
-    last: bpy.props.IntProperty(name="Last", description="In the footage's count")
-    digest: bpy.props.StringProperty(name="Digest", description="Of all that its motion depends on")
+    first: bpy.props.IntProperty(name="First", description="First frame, in the footage's count")
+    last: bpy.props.IntProperty(name="Last", description="Last frame, in the footage's count")
+    digest: bpy.props.StringProperty(name="Digest", description="Hash of everything that its motion depends on")
 
 
 class KFMocapScene(bpy.types.PropertyGroup):
@@ -118,14 +119,14 @@ class KFMocapScene(bpy.types.PropertyGroup):
     )
     display: bpy.props.EnumProperty(
         items=[
-            ("WIRE", "Wire", "The parts' edges"),
+            ("WIRE", "Wire", "The edges of the parts"),
             (
                 "OUTLINE",
                 "Outline",
-                "A line around each part where it is seen, the performer's left blue and the right orange, and a grey "
-                "one where it is hidden",
+                "A line around each part: blue on the performer's left side, orange on the right, grey where the part "
+                "is hidden",
             ),
-            ("SOLID", "Solid", "The parts before the footage"),
+            ("SOLID", "Solid", "The parts as solid shapes in front of the footage"),
             ("NONE", "Bones", "The bones alone, as rings around the parts"),
         ],
         default="OUTLINE",
@@ -187,7 +188,9 @@ class KFMocapScene(bpy.types.PropertyGroup):
     retarget: bpy.props.PointerProperty(
         type=KFMocapRetarget, name="Retarget", description="Where motion is sent, and how"
     )
-    settings: bpy.props.StringProperty(name="Settings", description="Further settings of the tracker as JSON")
+    settings: bpy.props.StringProperty(
+        name="Settings", description="Settings of the tracker that have no field here, as JSON"
+    )
     tracked: bpy.props.EnumProperty(
         items=[
             ("ALL", "All Performers", "Everybody together, so that one is known to hide the other"),

@@ -6,7 +6,7 @@ from .pointer_polls import is_camera
 
 
 def _show_in_time(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
-    """The footage shows the frames that the view's offset and fields say."""
+    """Let the footage show the frames that the view's offset and fields say."""
     from ..scene_io import footage_background
 
     shot = self.id_data.kfmocap
@@ -27,15 +27,23 @@ class KFMocapView(bpy.types.PropertyGroup):
     )
     offset: bpy.props.FloatProperty(
         name="Offset",
-        description="Frame f of the shot is this footage's frame f + offset, which may lie between two frames",
+        description="Frame f of the shot is this footage's frame f + offset; frames, and fractions of a frame",
         precision=3,
         update=_show_in_time,
     )
     fields: bpy.props.EnumProperty(
         items=[
             ("progressive", "Progressive", "Every frame was taken at one instant"),
-            ("top-first", "Top First", "Interlaced: the lines with the topmost were taken first"),
-            ("bottom-first", "Bottom First", "Interlaced: the lines between were taken first"),
+            (
+                "top-first",
+                "Top First",
+                "Interlaced, upper field first: the topmost line belongs to the field taken first",
+            ),
+            (
+                "bottom-first",
+                "Bottom First",
+                "Interlaced, lower field first: the second line belongs to the field taken first",
+            ),
         ],
         name="Fields",
         description="Order of the fields of interlaced footage",
@@ -68,6 +76,11 @@ class KFMocapView(bpy.types.PropertyGroup):
     misfit: bpy.props.StringProperty(
         name="Misfit", description="How far the camera is off the key poses or the other cameras; empty where it fits"
     )
+
+    @property
+    def has_camera(self) -> bool:
+        """Whether its camera is in the scene: users may delete it."""
+        return self.camera is not None and self.camera.name in self.id_data.objects
 
     @property
     def is_calibrated(self) -> bool:

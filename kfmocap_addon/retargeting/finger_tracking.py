@@ -104,8 +104,7 @@ def write_fingers(current: bpy.types.Scene, armature: bpy.types.Object, bones: B
     """Key the fingers of an armature on every frame of the shot by points of the performer's hands (F, 2, 21, 3);
     returns how many bones move.
     """
-    fps = current.render.fps / current.render.fps_base
-    turns = finger_motion(rest_skeleton(armature), bones, hands, fps)
+    turns = finger_motion(rest_skeleton(armature), bones, hands, scene.frame_rate(current))
     frames = current.kfmocap.frame_start + np.arange(len(hands))
     for name, R in zip(turns, rest_orientations(armature, list(turns)), strict=True):
         channel = rotation_channel(armature.pose.bones[name], R.T @ turns[name] @ R)

@@ -36,8 +36,7 @@ class ControlChannel:
     @property
     def path(self) -> str:
         """The data path of the attribute in the armature object."""
-        dot = "" if self.attribute.startswith("[") else "."
-        return f'pose.bones["{bpy.utils.escape_identifier(self.bone)}"]{dot}{self.attribute}'
+        return fcurves.bone_path(self.bone, self.attribute)
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from ...core.retargeting.control_rig import ControlRig, RigPoses, local_places, 
 from ...core.retargeting.retarget import Retargeted, limb_changes, plant_intervals, prepared, retarget
 from ...core.retargeting.roles import SIDES, BoneMap
 from ...core.retargeting.transfer import RetargetOptions
+from ..scene_io import fcurves
 from .fk_controls import FkControls, through_controls
 from .ik_controls import ik_channels, ik_roles
 from .live import LiveSource, follow, refuse_inverse_kinematics, remember, stop_following
@@ -287,12 +288,12 @@ def control_channels(
 def _setting_channel(armature: bpy.types.Object, bone: str, key: str) -> ControlChannel:
     """One key of a setting, so that the action brings it along."""
     value = np.array([[float(armature.pose.bones[bone][key])]])
-    return ControlChannel(bone, f'["{bpy.utils.escape_identifier(key)}"]', value)
+    return ControlChannel(bone, fcurves.property_key(key), value)
 
 
 def _hold_channel(bone: str, constraint: str) -> ControlChannel:
     """One key that takes a constraint's influence, so that the action brings it along."""
-    return ControlChannel(bone, f'constraints["{bpy.utils.escape_identifier(constraint)}"].influence', np.zeros((1, 1)))
+    return ControlChannel(bone, f"constraints{fcurves.property_key(constraint)}.influence", np.zeros((1, 1)))
 
 
 def _report(

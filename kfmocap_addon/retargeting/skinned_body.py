@@ -114,7 +114,7 @@ def _use_controls(
             raise
     for name, values in controls.settings.items():
         for key, value in values.items():
-            keyed = _moves(armature, name, f'["{bpy.utils.escape_identifier(key)}"]', -1.0)
+            keyed = _moves(armature, name, fcurves.property_key(key), -1.0)
             what = f"has keys: delete them, and leave it at {value:g}" if keyed else f"is {value:g} now"
             remarks.append(f"bone {name}: its property '{key}' {what}: the limb is turned by FK controls")
     return taken, tuple(remarks)
@@ -184,8 +184,7 @@ def _remarks(armature: bpy.types.Object) -> tuple[str, ...]:
 def _moves(armature: bpy.types.Object, bone: str, attribute: str, still: float = _STILL) -> bool:
     """Whether keys of a bone's attributes that begin so change anything."""
     bag = fcurves.find_channelbag(armature)
-    dot = "" if attribute.startswith("[") else "."
-    path = f'pose.bones["{bpy.utils.escape_identifier(bone)}"]{dot}{attribute}'
+    path = fcurves.bone_path(bone, attribute)
     return any(
         curve.data_path.startswith(path) and np.ptp(fcurves.get_keys(curve)["co"][:, 1]) > still
         for curve in (bag.fcurves if bag else ())

@@ -14,6 +14,7 @@ from ...core.retargeting.foot_clean_up import with_clean_feet
 from ...core.retargeting.foot_keeping import foot_paths
 from ...core.retargeting.retarget import prepared
 from ..scene_io import body_armature, bone_confidence, bone_visibility, key_pose_curves, motion_curves
+from ..scene_io.scene import frame_rate
 from .source_motion import motion_of_performer
 
 
@@ -108,8 +109,7 @@ def clean_feet(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> None:
     body = body_armature.body_from_armature(armature)
     motion = motion_curves.read_motion(armature, start, length)
     keys = key_pose_curves.read_key_poses(armature, start, length)
-    fps = scene.render.fps / scene.render.fps_base
-    cleaned = with_clean_feet(body, motion, fps, keys, shown(scene, slot))
+    cleaned = with_clean_feet(body, motion, frame_rate(scene), keys, shown(scene, slot))
     motion_curves.write_motion(armature, cleaned, start)
 
 

@@ -10,6 +10,7 @@ from ...core.errors import ShotError
 from ...core.retargeting.bone_matching import preset_of
 from ...core.retargeting.roles import BoneMap
 from ..scene_io import body_armature, fcurves, motion_curves
+from ..scene_io.scene import frame_rate
 from .rig_error import world_matrices
 from .rig_reading import rest_orientations, rest_skeleton
 from .send import shown_bone, target_bones
@@ -31,7 +32,7 @@ def motion_of_performer(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -
         raise ShotError("the shot has no frames", where="Frames", todo="put the last frame after the first")
     body = body_armature.body_from_armature(slot.armature)
     motion = motion_curves.read_motion(slot.armature, properties.frame_start, properties.length)
-    return motion_of_body(body, motion, slot.name, scene.render.fps / scene.render.fps_base)
+    return motion_of_body(body, motion, slot.name, frame_rate(scene))
 
 
 def shown_bones(armature: bpy.types.Object, bones: BoneMap) -> dict[str, str]:
@@ -81,4 +82,4 @@ def motion_of_armature(
         places[f] = T + np.einsum("bij,bj->bi", turns[f], whole.heads[own] - whole.heads[others])
     scene.frame_set(now)
     rest = RestSkeleton(tuple(names), (-1,) * len(names), whole.heads[own], whole.tails[own])
-    return SkeletonMotion(armature.name, rest, turns, places, scene.render.fps / scene.render.fps_base), bones
+    return SkeletonMotion(armature.name, rest, turns, places, frame_rate(scene)), bones

@@ -31,7 +31,7 @@ class Channel:
     @property
     def path(self) -> str:
         """The data path of the attribute in the armature object."""
-        return f'pose.bones["{bpy.utils.escape_identifier(self.bone)}"].{self.attribute}'
+        return fcurves.bone_path(self.bone, self.attribute)
 
     @property
     def key(self) -> str:

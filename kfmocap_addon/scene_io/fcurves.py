@@ -49,6 +49,17 @@ _ENUMS = MappingProxyType(
 )
 
 
+def bone_path(bone: str, attribute: str = "") -> str:
+    """The data path of a pose bone's attribute, or of a custom property such as `["name"]`, in the armature object."""
+    dot = "" if attribute.startswith("[") else "."
+    return f'pose.bones["{bpy.utils.escape_identifier(bone)}"]{dot}{attribute}'
+
+
+def property_key(name: str) -> str:
+    """A custom property as the end of a data path."""
+    return f'["{bpy.utils.escape_identifier(name)}"]'
+
+
 def enum_value(field: str, name: str) -> int:
     """Number of an enum item of a key's property, as `foreach_set` takes it."""
     return _ENUMS[field][name]

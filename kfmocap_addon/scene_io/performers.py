@@ -8,7 +8,7 @@ import bpy
 
 from ...core.body import Body
 from ...core.errors import BodyError
-from . import body_armature, part_meshes, rotation_modes, scene, shown_model
+from . import active_performer, body_armature, part_meshes, rotation_modes, scene, shown_model
 
 
 def add_performer(
@@ -34,8 +34,7 @@ def restore(current: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> None:
 def remove(current: bpy.types.Scene, number: int) -> None:
     """Take a performer out of the shot; where its armature was deleted, with the parts that this has left behind."""
     slots = current.kfmocap.performers
-    armature = slots[number].armature
-    is_gone = armature is None or armature.name not in current.objects
+    armature, is_gone = slots[number].armature, not active_performer.is_present(current, slots[number])
     slots.remove(number)
     left = part_meshes.orphans(current) if armature is None else part_meshes.parts_of(armature)
     for part in left if is_gone else ():

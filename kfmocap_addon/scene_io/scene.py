@@ -19,6 +19,7 @@ from ...core.errors import ShotError
 from ...core.shot.keypose_spline import spline
 from ...core.shot.shot import Performer, Settings, Shot
 from . import (
+    active_performer,
     body_armature,
     footage_background,
     key_pose_curves,
@@ -146,7 +147,7 @@ def shot_from_scene(scene: bpy.types.Scene, footage: bool = True) -> Shot:
 
 
 def _read_performer(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> Performer:
-    if slot.armature is None or slot.armature.name not in scene.objects:
+    if not active_performer.is_present(scene, slot):
         raise ShotError("the armature is gone from the scene", where=f"performer {slot.name}")
     keys = key_pose_curves.read_key_poses(slot.armature, scene.kfmocap.frame_start, scene.kfmocap.length)
     resting = unknown_bones.resting_bones(slot.armature, keys)

@@ -95,7 +95,7 @@ def read_views(scene: bpy.types.Scene, frame_start: int, length: int) -> tuple[V
     """
     slots = scene.kfmocap.views
     for slot in slots:
-        if slot.camera is None or slot.camera.name not in scene.objects:
+        if not slot.has_camera:
             raise CalibrationError("the camera object is gone from the scene", where=f"view {slot.name}")
         if not slot.is_calibrated:
             raise CalibrationError(

@@ -36,7 +36,7 @@ def ball_video(path: Path) -> Path:
     return path
 
 
-def film(folder: Path) -> CaptureVideos:
+def some_capture(folder: Path) -> CaptureVideos:
     videos = [(video(folder / f"l{k}.mp4"), video(folder / f"w{k}.mp4")) for k in (1, 2)]
     view = [CaptureVideoView(f"cam0{k}", *videos[k - 1], focal=400.0 * k) for k in (1, 2)]
     return CaptureVideos(
@@ -44,7 +44,7 @@ def film(folder: Path) -> CaptureVideos:
     )
 
 
-def same_film(a: CaptureVideos, b: CaptureVideos) -> bool:
+def same_capture(a: CaptureVideos, b: CaptureVideos) -> bool:
     colours = zip((a.lframe_colour, *a.wand_colours), (b.lframe_colour, *b.wand_colours), strict=True)
     return (
         np.allclose(a.lframe_points, b.lframe_points)
@@ -58,22 +58,22 @@ def same_film(a: CaptureVideos, b: CaptureVideos) -> bool:
 
 
 def test_a_capture_comes_back_from_its_scene(blender, tmp_path):  # noqa: F811
-    given = film(tmp_path)
-    capture_scene.show_film(bpy.context.scene.kfmocap_capture, given)
-    assert same_film(capture_scene.film_of(bpy.context.scene.kfmocap_capture), given)
+    given = some_capture(tmp_path)
+    capture_scene.show_capture(bpy.context.scene.kfmocap_capture, given)
+    assert same_capture(capture_scene.read_capture(bpy.context.scene.kfmocap_capture), given)
 
 
 def test_what_a_capture_lacks_is_named(blender, tmp_path):  # noqa: F811
     slot = bpy.context.scene.kfmocap_capture
     with pytest.raises(CalibrationError, match="two views"):
-        capture_scene.film_of(slot)
-    capture_scene.show_film(slot, film(tmp_path))
+        capture_scene.read_capture(slot)
+    capture_scene.show_capture(slot, some_capture(tmp_path))
     slot.views[1].wand = ""
     with pytest.raises(CalibrationError, match="no video of the wand"):
-        capture_scene.film_of(slot)
+        capture_scene.read_capture(slot)
     slot.second.hue = (0, 0)
     with pytest.raises(CalibrationError, match="second ball: no colour"):
-        capture_scene.film_of(slot)
+        capture_scene.read_capture(slot)
 
 
 def test_one_click_picks_the_colour_of_a_ball(blender, tmp_path):  # noqa: F811
@@ -112,10 +112,10 @@ def test_videos_are_added_with_those_of_the_lframe_beside_them(blender, tmp_path
 def solver(monkeypatch):
     """Stands in for detection and solver, and for the report."""
     stand_in, pictures = ModuleType("api"), ModuleType("calibration_report")
-    stand_in.films, stand_in.cameras = [], [camera(1), camera(2)]
+    stand_in.captures, stand_in.cameras = [], [camera(1), camera(2)]
 
     def calibrate(given, progress):
-        stand_in.films.append(given)
+        stand_in.captures.append(given)
         if not progress("solve", 0.5):
             raise CancelledError
         return solution(stand_in.cameras)
@@ -131,10 +131,10 @@ def solver(monkeypatch):
 
 def test_calibrate_shows_cameras_wand_lframe_and_report(blender, tmp_path, solver):  # noqa: F811
     scene = bpy.context.scene
-    capture_scene.show_film(scene.kfmocap_capture, film(tmp_path))
+    capture_scene.show_capture(scene.kfmocap_capture, some_capture(tmp_path))
     for _ in range(2):  # a second run replaces what the first one built
         assert bpy.ops.kfmocap.calibrate() == {"FINISHED"}
-    assert same_film(solver.films[-1], film(tmp_path))
+    assert same_capture(solver.captures[-1], some_capture(tmp_path))
     owners = bpy.data.collections["Calibration"].objects
     assert sorted(o.name for o in owners) == ["L-Frame", "Wand", "cam01", "cam02"]
     assert len(owners["Wand"].data.vertices) == 60 and len(owners["L-Frame"].data.edges) == 3

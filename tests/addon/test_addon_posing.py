@@ -349,7 +349,7 @@ class Tool(PlacingTool):
         look.position_of = look.position = lambda point: None
         return look if self._is_over_3d_view(context) else None
 
-    def _tell(self, context):
+    def _show_status(self, context):
         pass
 
     def _ended(self, context):

@@ -39,7 +39,7 @@ def quick(tracker, monkeypatch):  # noqa: F811
 
     monkeypatch.setattr(shot_cameras, "refine_shot_cameras", standing_in(refined))
     monkeypatch.setattr(body_fit, "fit_bodies", standing_in(fitted))
-    monkeypatch.setattr(api, "calibrate", standing_in(lambda _film: solution([camera(1), camera(2)])))
+    monkeypatch.setattr(api, "calibrate", standing_in(lambda _capture: solution([camera(1), camera(2)])))
     monkeypatch.setattr(performer_cameras, "cameras_of_views", standing_in(by_performer))
     monkeypatch.setattr(calibration_report, "sheet", lambda _solved: np.full((40, 60, 3), 200, np.uint8))
     monkeypatch.setattr(calibration_report, "write_report", lambda _folder, _solved: None)
