@@ -1,10 +1,11 @@
-"""Gauss-Newton over a whole segment: all its poses are unknown at once.
+"""Gauss-Newton over a whole segment: all of its poses are unknown at the same time.
 
-The energy is that of a model of the errors: residuals of brightness constancy have a robust standard deviation per
-view, found from themselves, and neighbouring pixels repeat one another; accelerations of joints and of the root have
-the spread of human motion. Gradients couple neighbouring frames and smoothness the next but one, so the normal matrix
-is block-pentadiagonal and solved by a banded Cholesky factorisation; key poses are met exactly, as their degrees of
-freedom are not among the unknowns.
+The energy is a negative log likelihood. Residuals of brightness constancy (paper 1, equation (12)) have a standard
+deviation per view, estimated robustly from the residuals themselves, and neighbouring pixels are correlated. The
+accelerations of joints and root are normally distributed, with variances of human motion. Image gradients couple the
+poses of neighbouring frames, and accelerations those of three frames in a row, so the normal matrix is
+block-pentadiagonal and is solved by a banded Cholesky factorisation. Degrees of freedom that a key pose fixes are not
+among the unknowns, so key poses are met exactly.
 """
 
 from __future__ import annotations
@@ -38,36 +39,37 @@ from .problem import SegmentProblem, SegmentSolution
 from .smoothness_factor import SegmentSmoothness
 
 UNDER_WAY = 0.02
-"""While a step moves any joint by more than this, metres, a tested stage goes on beyond its iterations: a fast limb is
-still on its way."""
+"""Metres. While steps still move some joint by more than this, a fast limb has not arrived: a tested stage goes on
+beyond its iterations, and a refinement is repeated."""
 LONGER = 6
-"""By so many iterations at most."""
+"""Most iterations by which a tested stage goes on."""
 AGAIN = 3
-"""How often a refinement that has moved a joint by as much is repeated, at most."""
+"""Most repetitions of a refinement."""
 SMALL_GAIN = 1e-6
-"""Share of the cost that a step should gain at least to be followed by another."""
+"""Relative decrease of the cost below which a stage ends."""
 OVERRELAXATION = 1.5
-"""All steps of a stage but its last are taken this much longer, where all views are looked at: weights that follow the
-residuals, and slopes measured beside the solution, make every step too short by about the same share."""
+"""Factor by which every step of a stage but the last is lengthened, where all views are evaluated. Robust weights, and
+gradients measured away from the solution, make all steps too short by about the same factor."""
 ROUNDS = 2
-"""How often smoothness is estimated after each look at the pictures: these are looked at again."""
+"""How often the smoothness is estimated between two evaluations of the images."""
 DAMPING = Damping(initial=0.0, grow=1e4, most=1.0)
-"""None but where a step was refused: smoothness makes the diagonal so large that the least share of it stops slow, wide
-corrections."""
+"""Steps are damped only after one was refused: smoothness makes the diagonal of the normal matrix so large that even a
+small share of it would suppress slow corrections over many frames."""
 
 
 @dataclass(frozen=True, eq=False)
 class SegmentNoise:
-    """The noise of the images as it was measured at some motions; costs under the same noise can be compared.
+    """The noise of the images, estimated at certain motions. Only costs under the same noise can be compared.
 
     Attributes
     ----------
     deviation : ndarray, shape (V, F - 1)
-        Standard deviation of the residuals of each pair of frames, grey level 0 to 1.
+        Standard deviation of the grey-level residuals of each pair of frames, 0 to 1.
     weight : ndarray, shape (V, F - 1)
-        What the mean error of each pair's pixels counts.
+        Weight of the mean squared residual of each pair in the cost.
     share : ndarray, shape (V,)
-        What a pixel of the frames counts, however many of them are looked at; see `SegmentEvidence.pixel_share`.
+        Number of independent observations that a pixel of full-resolution footage stands for, whatever the stride; see
+        `SegmentEvidence.pixel_share`.
     """
 
     deviation: Array
@@ -76,7 +78,7 @@ class SegmentNoise:
 
     @classmethod
     def of(cls, evidence: SegmentEvidence, settings: Settings) -> SegmentNoise:
-        """The noise at the motions whose evidence this is."""
+        """Estimate the noise from evidence."""
         sums = evidence.gradients
         weight = view_precision(evidence, settings)[:, None] * sums.count
         return cls(sums.noise, weight, evidence.pixel_share(settings.lengths[0]) / evidence.sampling.stride**2)
@@ -84,21 +86,16 @@ class SegmentNoise:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredEquations(IndependentEquations):
-    """The performers' normal equations with what was measured for them.
-
-    Attributes
-    ----------
-    measured : MeasuredMotion
-    """
+    """The normal equations of all performers, and the measurement that they were built from."""
 
     measured: MeasuredMotion
 
 
 class _TestedStage:
-    """A stage at whose steps all views are looked at, and each step is tested.
+    """A stage in which every step is evaluated in all views and refused if it raises the cost.
 
-    The noise under which costs are compared, what is expected of parts that are out of sight, the plants, and the
-    smoothness, if it is estimated, are those of the start; they stay while steps are tested.
+    So that costs can be compared, everything else stays as it was at the start: the noise, the accelerations predicted
+    for hidden parts, the plants of the feet, and the smoothness.
     """
 
     def __init__(
@@ -136,7 +133,7 @@ class _TestedStage:
         )
 
     def _linearise(self, motions: tuple[Motion, ...]) -> MeasuredEquations:
-        """The normal equations at motions."""
+        """Measure the evidence at motions and build the normal equations."""
         problem, sampling = self._problem, self._stage.sampling_of(len(self._problem.views))
         deviation = None if self._noise is None else self._noise.deviation
         measured = self._workspace.measure(problem, motions, sampling, deviation)
@@ -165,8 +162,10 @@ class _TestedStage:
         self._workspace.report(min(done / self._stage.iterations, 1.0), motions)
 
     def _distance(self, before: tuple[Motion, ...], after: tuple[Motion, ...]) -> float:
-        """Root mean square of the step from some motions to others; none where all joints are still or, once the
-        stage's iterations are over, none is under way.
+        """Root mean square of the step between two motions, radians and metres.
+
+        It is 0, which ends the stage, if no joint has moved by more than `DescentStage.still` or, once the stage's
+        iterations are over, by more than `UNDER_WAY`.
         """
         over = self.trials >= self._stage.iterations
         if farthest_joint(self._problem, before, after) < (UNDER_WAY if over else self._stage.still):
@@ -179,10 +178,10 @@ class _TestedStage:
 
 
 def refine(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
-    """Continue from a solution when more is known of the motion around the segment.
+    """Refine a solution once the motion on both sides of the segment is known.
 
-    The noise and the smoothness are those of the start: where they led far from it, what is found is no
-    solution yet with those that are found there.
+    A descent keeps the noise and the smoothness of its start. If it moves some joint by more than `UNDER_WAY`, they no
+    longer fit, and it is repeated, up to `AGAIN` times. Parameters as in `descend`.
     """
     share = 1 / (1 + AGAIN)
     found = descend(problem, start, workspace.part(0.0, share), REFINEMENT)
@@ -199,12 +198,14 @@ def refine(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspac
 
 
 def continued(before: SegmentSolution, after: SegmentSolution) -> SegmentSolution:
-    """A solution that another one led to, with the iterations of both."""
+    """Return the second of two solutions, of which the first was its start, with the iterations of both."""
     return replace(after, iterations=before.iterations + after.iterations, energy=(*before.energy, *after.energy))
 
 
 def farthest_joint(problem: SegmentProblem, before: Sequence[Motion], after: Sequence[Motion]) -> float:
-    """How far the joint that moves most is between some motions and others, metres, of the performers sought."""
+    """Largest distance between the positions of a joint in two motions, over all frames and the performers that are
+    solved for, metres.
+    """
     joints = [[part_poses(problem.bodies[i], m[i])[1] for m in (before, after)] for i in problem.sought]
     return max(float(np.linalg.norm(b - a, axis=-1).max()) for a, b in joints)
 
@@ -216,20 +217,22 @@ def descend(
     stages: Sequence[DescentStage] = STAGES,
     noise: SegmentNoise | None = None,
 ) -> SegmentSolution:
-    """Descend from a start to the nearest solution.
+    """Descend from a start to the nearest minimum, in stages from coarse to fine images.
 
-    Every step of the last stage is tested. All that is returned was measured at the motions that are returned.
+    Steps of the last stage are refused where they raise the cost; those of the others are not tested, see `approach`.
+    Everything in the solution was measured at the motions that are returned.
 
     Parameters
     ----------
     problem : SegmentProblem
     start : sequence of Motion
-        F poses per performer; their fixed degrees of freedom are kept.
+        F poses per performer; fixed degrees of freedom keep these values.
     workspace : Workspace
         Progress is reported before each iteration.
     stages : sequence of DescentStage
     noise : SegmentNoise, optional
-        The noise under which the last stage's costs are measured; by default that at its start.
+        Noise under which the costs of the last stage are computed; by default it is estimated at the start of that
+        stage.
     """
     *coarse, last = stages
     share = 1 - last.iterations / sum(stage.iterations for stage in stages)
@@ -253,16 +256,19 @@ def descend(
 def approach(
     problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace, stages: Sequence[DescentStage]
 ) -> tuple[tuple[Motion, ...], list[float], Seconds, SegmentSmoothness]:
-    """Descend by steps that are not tested: coarse stages look at other views every time, whose costs differ.
+    """Descend by steps that are not tested.
+
+    Coarse stages evaluate a different subset of the views at every iteration, so the costs of two iterations cannot be
+    compared. Parameters as in `descend`.
 
     Returns
     -------
     motions : tuple of Motion
     energies : list of float
-        Before each iteration.
+        Cost before each iteration.
     seconds : Seconds
     smooth : SegmentSmoothness
-        As it was estimated at last.
+        The last estimate.
     """
     motions, seconds, smooth = tuple(start), Seconds(), SegmentSmoothness.start(problem)
     energies: list[float] = []
@@ -294,24 +300,25 @@ def approach(
 
 
 def increments_of(tied: TiedSystems, steps: Sequence[Array], pace: float = 1.0) -> dict[int, Array]:
-    """The increments (F, D) of each performer that the steps of tied systems, times a pace, lead to: of bounded length,
-    and the same on every processor.
+    """Turn the steps of tied systems, times a pace, into increments (F, D) by performer.
+
+    They are bounded in length (`core.body.smoothness.limited`), and rounded so that all processors give the same bits.
     """
     return {i: on_grid(limited(pace * step)) for i, step in tied.by_performer(steps).items()}
 
 
 def moved_by(motions: Sequence[Motion], increments: Mapping[int, Array]) -> tuple[Motion, ...]:
-    """The motions of all performers, those with increments moved."""
+    """Return the motions of all performers, moved where there are increments."""
     return tuple(m.moved(increments[i]) if i in increments else m for i, m in enumerate(motions))
 
 
 def _size(steps: Sequence[Array]) -> float:
-    """Root mean square of steps."""
+    """Root mean square of all elements of steps."""
     return float(np.sqrt(np.mean(np.concatenate([step.ravel() for step in steps]) ** 2)))
 
 
 def view_subset(problem: SegmentProblem, least: int, turn: int) -> SegmentProblem:
-    """The problem with every k-th view alone, beginning elsewhere with every turn, so that `least` are left."""
+    """Return the problem with every k-th view, so that at least `least` remain; each turn takes the next subset."""
     every = max(1, len(problem.views) // least)
     return replace(problem, views=problem.views[turn % every :: every])
 
@@ -323,17 +330,17 @@ def with_priors(
     smooth: SegmentSmoothness,
     expected: Sequence[Array] = (),
 ) -> list[BandedBlocks]:
-    """The normal equations of the evidence, of smoothness, and of stiff parts that leave the curve of the key poses.
+    """Add the priors to the normal equations of the evidence: smoothness, and stiff parts near the key poses' curve.
 
     Parameters
     ----------
     problem : SegmentProblem
     motions : sequence of Motion
     images : sequence of BandedBlocks
-        Per performer: the evidence at these motions.
+        Per performer: normal equations of the evidence at these motions.
     smooth : SegmentSmoothness
     expected : sequence of ndarray, shape (F, D)
-        Per performer: accelerations that cost nothing; by default none.
+        Per performer: means of the accelerations, as predicted for hidden parts; by default zero.
     """
     systems = list(images)
     for i in problem.sought:
@@ -342,7 +349,9 @@ def with_priors(
 
 
 def equations_at(problem: SegmentProblem, solution: SegmentSolution) -> list[BandedBlocks]:
-    """The normal equations of every performer at a solution, which has its evidence, but for plants and holds."""
+    """Return the normal equations of every performer at a solution that carries its evidence, without those of plants
+    and holds.
+    """
     motions, measured = solution.motions, measured_at(problem, solution)
     hidden, expected = hidden_and_expected(problem, motions, measured.evidence)
     images = evidence_equations(problem, measured, hidden)
@@ -353,8 +362,9 @@ def equations_at(problem: SegmentProblem, solution: SegmentSolution) -> list[Ban
 def hidden_and_expected(
     problem: SegmentProblem, motions: Sequence[Motion], evidence: SegmentEvidence
 ) -> tuple[list[NDArray[np.bool_]], list[Array]]:
-    """Per performer, the parts that no view shows and the accelerations predicted for them, see `hidden_parts` and
-    `predicted_accelerations`; nothing where the motion of unseen parts is not predicted.
+    """Return, per performer, which parts no view shows, (F, P), and the accelerations predicted for them, (F, D).
+
+    See `hidden_parts` and `predicted_accelerations`. Both lists are empty where prediction is switched off.
     """
     if not problem.settings.prediction:
         return [], []
@@ -368,25 +378,30 @@ def evidence_equations(
     hidden: Sequence[NDArray[np.bool_]] = (),
     noise: SegmentNoise | None = None,
 ) -> list[BandedBlocks]:
-    """The normal equations of every performer without smoothness: gradients and outlines of all views, and keypoints.
+    """Build the normal equations of the evidence: gradients and outlines of all views, and keypoints.
 
-    Those of a performer that is not sought are zero: its motion is given.
+    Those of performers whose motion is given are zero.
 
     Parameters
     ----------
     problem : SegmentProblem
     measured : MeasuredMotion
-        The motions, with the evidence there.
+        The motions and the evidence at them.
     hidden : sequence of ndarray of bool, shape (F, P)
-        Per performer: the parts whose pixels are left out.
+        Per performer: parts whose pixels are left out, paper 1, equation (38).
     noise : SegmentNoise, optional
-        The noise under which the cost of the gradients is measured; by default that at the motions.
+        Noise under which the cost of the gradients is computed; by default it is estimated from the evidence.
+
+    Returns
+    -------
+    list of BandedBlocks
+        One per performer.
     """
     noise = noise or SegmentNoise.of(measured.evidence, problem.settings)
     evidence = measured.evidence.without(np.concatenate(hidden, axis=1)) if hidden else measured.evidence
     precision = view_precision(evidence, problem.settings)
     tolerance = evidence.sampling.tolerance
-    # Lines that reach farther than the error find other limbs' outlines: far from the solution they count for little.
+    # Far from the solution the search lines are long and meet outlines of other limbs: outlines then weigh little.
     outlines = 1 / (problem.settings.lengths[1] * tolerance**2)
     systems = [BandedBlocks.zeros(problem.length, body.dof) for body in problem.bodies]
     for instants in measured.instants:
@@ -409,15 +424,13 @@ def _image_systems(
     weights: tuple[Array, float],
     noise: SegmentNoise,
 ) -> dict[int, BandedBlocks]:
-    """The normal equations of the performers that are sought: gradients and outlines of the views that were taken at
-    some instants.
-    """
+    """Normal equations of gradients and outlines, by performer that is solved for: of views with the same instants."""
     (R, T), views, (precision, outlines) = instants.poses, list(instants.views), weights
     pairs, frames = evidence.gradients, evidence.outlines
     H = np.tensordot(precision[views], pairs.H[views], 1)
     g = np.tensordot(precision[views], pairs.g[views], 1)
     outline_H, outline_g = (outlines * a[views].sum(axis=0) for a in (frames.H, frames.g))
-    # The outlines of a frame are counted with the pair that it begins, those of the last with the pair that it ends.
+    # Outlines belong to single frames: each is added to the pair that its frame begins, the last to the pair it ends.
     H[..., :6, :6] += outline_H[:-1]
     H[-1, :, 6:, 6:] += outline_H[-1]
     g[..., :6] += outline_g[:-1]
@@ -434,8 +447,9 @@ def _image_systems(
 def predicted_accelerations(
     motions: Sequence[Motion], hidden: Sequence[NDArray[np.bool_]], sought: Sequence[int]
 ) -> list[Array]:
-    """Accelerations that parts have, where they are hidden, in the motion predicted for them, else zero, (F, D); zero
-    for performers that are not sought.
+    """Return, per performer, the accelerations (F, D) of hidden parts in the motion that is predicted for them.
+
+    They are zero for parts that are seen, and for performers that are not solved for.
     """
     expected = []
     for i, (motion, mask) in enumerate(zip(motions, hidden, strict=True)):
@@ -448,6 +462,6 @@ def predicted_accelerations(
 
 
 def view_precision(evidence: SegmentEvidence, settings: Settings) -> Array:
-    """Inverse variance of a residual of each view, with the pixels that repeat one another counted once, shape (V,)."""
+    """Inverse variance of a pixel's residual in each view, less the correlation of neighbouring pixels, shape (V,)."""
     noise = np.maximum(np.median(evidence.gradients.noise, axis=1), 1e-3)
     return np.asarray(evidence.pixel_share(settings.lengths[0]) / noise**2)

@@ -1,4 +1,4 @@
-"""Measuring motions against the footage: where they put the parts when the views were taken, and the evidence there."""
+"""Measuring motions against the footage: poses at the instants when views were taken, and the evidence there."""
 
 from __future__ import annotations
 
@@ -23,27 +23,30 @@ from ...runtime.progress import step_share
 from .problem import SegmentProblem, SegmentSolution
 
 LOOKS_KEPT = 4
-"""The end of one descent is found among them when the next one begins, also where steps beyond it were refused."""
+"""Number of evaluations that are kept: the end of a descent is still among them when the next descent starts there,
+even if later steps were evaluated and refused."""
 StepCallback = Callable[[float, Sequence[Motion]], None]
-"""Called before a step with the share of the work done and the motions; may raise to end the job."""
+"""Called before each step with the share of the work done, 0 to 1, and the motions; may raise to cancel the job."""
 
 
 @dataclass(frozen=True, eq=False)
 class Instants:
-    """Views that were taken at the same F instants, and the performers there.
+    """Views that were taken at the same F instants, and the poses of the performers at these.
 
     Attributes
     ----------
     views : tuple of int
         Indices of the views.
     delay : float
-        How much later than the frames the instants are, frames.
+        How much later than the frames the instants are, in frames; interlaced fields and views with an offset lie
+        between frames.
     poses : tuple of ndarray, shape (F, P, 3, 3) and (F, P, 3)
         World poses of all performers' parts.
     motions : tuple of Motion
         Per performer: the poses at the instants.
     delayed : tuple of Delayed, optional
-        Per performer; none where the instants are the frames.
+        Per performer: how the poses at the instants depend on those on the frames. None where the instants are the
+        frames.
     """
 
     views: tuple[int, ...]
@@ -53,20 +56,20 @@ class Instants:
     delayed: tuple[Delayed, ...] | None = None
 
     def on_frames(self, performer: int, blocks: BandedBlocks) -> BandedBlocks:
-        """Turn a performer's system for the poses at the instants into one for the poses on the frames."""
+        """Convert a performer's normal equations for the poses at the instants to the poses on the frames."""
         return blocks if self.delayed is None else self.delayed[performer].spread(blocks)
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredMotion:
-    """Motions of all performers with the evidence of the images at them.
+    """Motions of all performers, and the evidence of the images at them.
 
     Attributes
     ----------
     motions : tuple of Motion
         F poses per performer.
     instants : tuple of Instants
-        The views by when they were taken.
+        The views, grouped by their instants.
     evidence : SegmentEvidence
     """
 
@@ -76,20 +79,20 @@ class MeasuredMotion:
 
 
 class RecentLooks:
-    """What was measured last: a descent often begins where another one ended, and is told what that has seen."""
+    """A small cache of evaluations: a descent often starts where another one ended, and need not repeat that."""
 
     def __init__(self) -> None:
         self._looks: deque[tuple[tuple[object, ...], list[Array | None], SegmentEvidence]] = deque(maxlen=LOOKS_KEPT)
 
     def evidence(self, of: tuple[object, ...], arrays: list[Array | None]) -> SegmentEvidence | None:
-        """The evidence that was measured with the same objects and with arrays of the same values, if it is kept."""
+        """Return the evidence that was measured with the same objects and equal arrays; None if it is not kept."""
         for known, values, evidence in self._looks:
             if known == of and all(_same(a, b) for a, b in zip(values, arrays, strict=True)):
                 return replace(evidence, seconds=dict.fromkeys(evidence.seconds, 0.0))
         return None
 
     def keep(self, of: tuple[object, ...], arrays: list[Array | None], evidence: SegmentEvidence) -> None:
-        """Keep it in the place of the oldest, unless it takes much memory."""
+        """Keep evidence in the place of the oldest, unless it takes too much memory (`KEPT_BYTES`)."""
         if LOOKS_KEPT * evidence.gradients.H.nbytes <= KEPT_BYTES:
             self._looks.append((of, arrays, evidence))
 
@@ -100,16 +103,17 @@ def _same(values: Array | None, others: Array | None) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Workspace:
-    """What a solver works with beside its problem; nothing of it changes a solution.
+    """Threads, caches and the progress callback of a solver; none of them changes a solution.
 
     Attributes
     ----------
     threads : int
     cache : GradientImageCache
-        Gradient images from one evaluation to the next.
+        Gradient images, kept from one evaluation to the next.
     still : StillPartsCache
-        Label images of performers whose motion is given, likewise.
+        Label images of performers whose motion is given.
     recent : RecentLooks
+        Whole evaluations.
     on_step : callable, optional
         See `StepCallback`.
     """
@@ -121,22 +125,24 @@ class Workspace:
     on_step: StepCallback | None = None
 
     def report(self, done: float, motions: Sequence[Motion]) -> None:
-        """Report how much of the work is done, 0 to 1."""
+        """Report the share of the work that is done, 0 to 1, and the motions so far."""
         if self.on_step is not None:
             self.on_step(done, motions)
 
     def part(self, begin: float, end: float) -> Workspace:
-        """The workspace for a part of the work, whose progress goes from `begin` to `end`."""
+        """Return a workspace for a part of the work, whose progress runs from `begin` to `end`, 0 to 1."""
         return replace(self, on_step=step_share(self.on_step, begin, end))
 
     def silent(self) -> Workspace:
-        """The workspace without reports of progress."""
+        """Return a workspace that does not report progress."""
         return replace(self, on_step=None)
 
     def measure(
         self, problem: SegmentProblem, motions: Sequence[Motion], sampling: Sampling, noise: Array | None = None
     ) -> MeasuredMotion:
-        """Collect the evidence of the images at motions; parameters as in `accumulate_evidence`."""
+        """Measure the evidence of the images at motions, F poses per performer; see `accumulate_evidence` for
+        `sampling` and `noise`.
+        """
         instants, geometry = view_instants(problem, motions), problem.geometry()
         poses = poses_by_delay(problem, instants)
         sought = None if problem.only is None else problem.sought
@@ -161,7 +167,7 @@ class Workspace:
 
 
 def view_instants(problem: SegmentProblem, motions: Sequence[Motion]) -> tuple[Instants, ...]:
-    """The views by when they were taken."""
+    """Group the views by the instants at which they were taken."""
     delays = [view.delay for view in problem.views]
     by_delay = {delay: tuple(v for v, own in enumerate(delays) if own == delay) for delay in dict.fromkeys(delays)}
     return tuple(
@@ -170,13 +176,13 @@ def view_instants(problem: SegmentProblem, motions: Sequence[Motion]) -> tuple[I
 
 
 def measured_at(problem: SegmentProblem, solution: SegmentSolution) -> MeasuredMotion:
-    """What was measured at a solution, which has its evidence."""
+    """Return the measurement at a solution that carries its evidence, without evaluating the images again."""
     assert solution.evidence is not None
     return MeasuredMotion(solution.motions, view_instants(problem, solution.motions), solution.evidence)
 
 
 def keypoint_instants(problem: SegmentProblem, motions: Sequence[Motion]) -> Instants:
-    """When footage without a delay of its own was taken: keypoints are brought to these instants."""
+    """Return the instants of footage without a delay of its own, at which keypoints are given."""
     return _instants(problem, motions, (), -problem.footage_offset)
 
 
@@ -189,14 +195,20 @@ def _instants(problem: SegmentProblem, motions: Sequence[Motion], views: tuple[i
 
 
 def poses_by_delay(problem: SegmentProblem, instants: Sequence[Instants]) -> dict[float, Poses]:
-    """World poses of all parts that the views show, by the views' own delay."""
+    """Return the world poses of all parts by the delay of the views that show them."""
     return {problem.views[group.views[0]].delay: group.poses for group in instants}
 
 
 def hidden_parts(problem: SegmentProblem, share: Array, predicted: Array | None = None) -> list[NDArray[np.bool_]]:
-    """Where no view sees a part, per performer (F, P), from visible shares (V, F, P); keyed parts are known.
+    """Return, per performer, which parts no view sees, (F, P); parts that a key pose fixes are never hidden.
 
-    See `unseen` for the visible shares in predicted poses.
+    Parameters
+    ----------
+    problem : SegmentProblem
+    share : ndarray, shape (V, F, P)
+        Visible share of the area of every part.
+    predicted : ndarray, shape (V, F, P), optional
+        The same in predicted poses, see `unseen`.
     """
     keyed = [f[:, 3:].reshape(len(f), -1, 3).all(axis=2) for f in problem.fixed]
     return [
@@ -206,7 +218,7 @@ def hidden_parts(problem: SegmentProblem, share: Array, predicted: Array | None 
 
 
 def keypoint_agreement(problem: SegmentProblem, motions: Sequence[Motion]) -> float:
-    """How far the keypoints agree with motions, 0 to 1, on average over the performers that are sought."""
+    """Mean agreement of the keypoints with motions, 0 to 1, over the performers that are solved for."""
     R, T = keypoint_instants(problem, motions).poses
     spans = problem.spans()
     return float(np.mean([problem.keypoints[i].agreement((R[:, spans[i]], T[:, spans[i]])) for i in problem.sought]))

@@ -1,4 +1,4 @@
-"""What a solver is given, a segment with its footage, bodies and constraints, and what it returns."""
+"""Input and output of a solver: a segment with its footage, bodies and constraints, and the motion found for it."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ from .hold_factor import HoldFactor, TiedSystems, tied_systems
 
 
 class AccelerationSearch(Enum):
-    """What is estimated of the accelerations, where their variances are not given."""
+    """Which variances of the accelerations are estimated from the footage, where they are not given."""
 
     JOINTS = "joints"
-    """Those of every joint, from where something shows that the estimate begins."""
+    """One for every joint, starting from the typical variances of the problem."""
     SCALE_THEN_JOINTS = "scale, then joints"
-    """Those of every joint, if the pictures contradict the usual ones; their scale shows where that begins."""
+    """First a common scale of all usual variances; if it differs clearly from 1, then one variance for every joint."""
     SCALE = "scale"
-    """Their scale alone, if the pictures contradict the usual ones."""
+    """A common scale of all usual variances, which stay as they are unless the scale differs clearly from 1."""
     KEPT = "kept"
-    """Nothing."""
+    """None: the variances stay as they are."""
 
 
 @dataclass(frozen=True, eq=False)
 class SegmentProblem:
-    """F consecutive frames of all performers.
+    """What is known of F consecutive frames of all performers, between two key poses.
 
     Attributes
     ----------
@@ -50,31 +50,34 @@ class SegmentProblem:
         Shot frame of the first of the F frames.
     fps : float
     fixed : tuple of ndarray of bool, shape (F, D)
-        Per performer: the degrees of freedom that key poses hold.
+        Per performer: the degrees of freedom that key poses fix on each frame.
     before, after : tuple of Motion or None
-        Per performer: the pose on the frame before the first and after the last, where it is known. It is held, and the
-        motion passes smoothly from and to it.
+        Per performer: the pose on the frame before the first and on the one after the last, where it is known. It is
+        held fixed, and the motion joins it smoothly.
     shape : Geometry or None
-        The parts of all performers as the key frames show them; None for the bodies' own.
+        Shapes of all performers' parts as estimated on the key frames; None for those of the bodies.
     keypoints : tuple of KeypointFactor
-        One per performer, or none.
+        One per performer; empty without keypoints.
     footage_offset : float
-        See `core.shot.shot.Settings`: what the views show on a frame is that much earlier, frames.
+        Frames by which the footage lags the key poses, see `core.shot.shot.Settings`: on frame f the views show the
+        motion of frame f - footage_offset.
     settings : Settings
     acceleration_precision : tuple of ndarray, optional
-        Per performer: inverse variance of the acceleration of each degree of freedom, per frame squared, shape (D,), or
-        of each on every frame, (F, D). By default those of `typical_variances`, or estimated from there.
+        Per performer: inverse variance of the acceleration of each degree of freedom, shape (D,), or of each on every
+        frame, shape (F, D); accelerations in metres or radians per frame squared. By default it is computed from
+        `typical_variances`, which may then be estimated from the footage, see `search`.
     typical_variances : tuple of ndarray, shape (G,), optional
-        Per performer: variances of accelerations where their estimation begins, see `core.body.smoothness_estimate`.
-        By default those of usual human motion (`core.shot.acceleration_prior`).
+        Per performer: variances of the accelerations of G groups of joints (`core.body.smoothness_estimate`), at which
+        their estimation starts. By default those of usual human motion (`core.shot.acceleration_prior`).
     search : AccelerationSearch
-        What is estimated from there.
+        Which of the variances are estimated.
     only : int, optional
-        The performer whose motion is sought; the others' is given. By default all are sought.
+        Index of the one performer that is solved for, while the motions of the others are given. By default all are
+        solved for.
     contact : ContactFactor, optional
-        Keeps performers out of each other.
+        Keeps the bodies of different performers from passing through each other.
     holds : tuple of HoldFactor
-        Tie props to what holds them.
+        Tie props to the parts that hold them.
     """
 
     views: tuple[ViewFrames, ...]
@@ -102,26 +105,27 @@ class SegmentProblem:
 
     @property
     def shows_depth(self) -> bool:
-        """Whether several views look on: one alone shows little of what moves along its line of sight."""
+        """Whether there are several views: a single one hardly shows motion along its line of sight."""
         return len(self.views) > 1
 
     def geometry(self) -> Geometry:
-        """The parts of all performers."""
+        """Shapes of the parts of all performers."""
         return self.shape or Geometry.of(self.bodies)
 
     def spans(self) -> list[slice]:
-        """The parts of each performer in arrays over all performers' parts."""
+        """For each performer, the slice of its parts in arrays over the parts of all performers."""
         return slices_of(len(body) for body in self.bodies)
 
     @property
     def sought(self) -> list[int]:
-        """The performers whose motion is sought."""
+        """Indices of the performers that are solved for."""
         return list(range(len(self.bodies))) if self.only is None else [self.only]
 
     def alone(self, performer: int) -> SegmentProblem:
-        """Return the problem of one performer among the others, whose motion is given.
+        """Return the problem of one performer, the motions of all others being given.
 
-        What holds it leads it. What it holds does not: a lost arm could not be found if it were kept at a lost prop.
+        A prop stays tied to the performer that holds it. A performer is not tied to the props that it holds: a lost arm
+        could not be found again if it were kept at a lost prop.
         """
         if len(self.bodies) == 1:
             return self
@@ -130,11 +134,11 @@ class SegmentProblem:
         return replace(self, only=performer, fixed=fixed, holds=holds)
 
     def tied(self, systems: Sequence[BandedBlocks], motions: Sequence[Motion]) -> TiedSystems:
-        """The normal equations of the performers that are sought, with what holds say of them at motions."""
+        """Return the normal equations of the performers that are solved for, with those of the holds at the motions."""
         return tied_systems(systems, self.holds, self.bodies, motions, fixed=self.fixed, sought=self.sought)
 
     def whole_keys(self, performer: int) -> NDArray[np.intp]:
-        """Frames, of the F, on which every degree of freedom of a performer is fixed."""
+        """Frames of the segment on which a key pose fixes every degree of freedom of a performer."""
         return np.flatnonzero(self.fixed[performer].all(axis=1))
 
     def around(self, performer: int) -> tuple[Motion | None, Motion | None]:
@@ -143,13 +147,13 @@ class SegmentProblem:
         return before, after
 
     def variances(self, performer: int) -> Array:
-        """Variances (G,) where the estimation of a performer's accelerations begins."""
+        """Variances (G,) at which the estimation for a performer starts."""
         if self.typical_variances is None:
             return usual_variances(self.bodies[performer], self.fps, self.settings)
         return self.typical_variances[performer]
 
     def with_smoothness(self, found: Sequence[AccelerationVariances]) -> SegmentProblem:
-        """The problem once it was found how smooth its motions are, if that was looked for."""
+        """Return the problem with estimated variances as its typical ones; unchanged where none were estimated."""
         if not found:
             return self
         typical, search = tuple(own.typical for own in found), self.search
@@ -160,7 +164,7 @@ class SegmentProblem:
         return replace(self, typical_variances=typical, search=search)
 
     def precision(self, performer: int) -> Array:
-        """The precision of a performer's accelerations before they are estimated, shape (D,) or (F, D)."""
+        """Precision of a performer's accelerations before any estimation, shape (D,) or (F, D)."""
         if self.acceleration_precision is not None:
             return self.acceleration_precision[performer]
         return precision_of(self.variances(performer), axis_mobility(self.bodies[performer]))
@@ -168,7 +172,7 @@ class SegmentProblem:
 
 @dataclass(frozen=True, eq=False)
 class SegmentSolution:
-    """What a solver returns; all of it was measured at the motions in it.
+    """The motion that a solver found; everything else in it was measured at exactly this motion.
 
     Attributes
     ----------
@@ -176,22 +180,24 @@ class SegmentSolution:
         F poses per performer.
     iterations : int
     energy : tuple of float
-        Cost before each iteration, and of the motions that are returned; comparable within a stage of the solver.
+        Cost before each iteration, and at the end that of `motions`. Costs of different stages cannot be compared.
     share : ndarray, shape (V, F, P)
-        Visible share of every part.
+        Visible share of the projected area of every part, 0 to 1.
     explained : ndarray, shape (M, F)
-        How much of what looks like each performer its parts cover, over all views: sums of log likelihood ratios.
+        Per performer: sum over all views of the log likelihood ratios (performer against background) of the pixels that
+        the performer's parts cover.
     unhidden : ndarray, shape (M, F)
         Share of each performer's area, over all views, that the others do not hide.
     residual : ndarray, shape (F,)
-        Root mean square grey-level difference of the pairs of frames at each frame, 0 to 1.
+        Root mean square of the grey-level residuals of the pairs of frames that a frame belongs to, 0 to 1.
     seconds : dict
         Time spent, by stage.
     evidence : SegmentEvidence, optional
+        Evidence of the images at the motions.
     variances : tuple of AccelerationVariances
-        Per performer: how smooth the motion was found to be. Empty where the solver does not estimate it.
+        Per performer: estimated variances of the accelerations; empty where the solver does not estimate them.
     only : int, optional
-        The performer whose motion was sought, see `SegmentProblem`.
+        Index of the performer that was solved for, see `SegmentProblem`; None for all.
     """
 
     motions: tuple[Motion, ...]
@@ -218,7 +224,7 @@ class SegmentSolution:
         variances: tuple[AccelerationVariances, ...] = (),
         only: int | None = None,
     ) -> SegmentSolution:
-        """A solution with what the evidence that was measured at its motions says of them."""
+        """Build a solution from motions and the evidence that was measured at them."""
         return cls(
             tuple(motions),
             iterations,
@@ -235,17 +241,17 @@ class SegmentSolution:
 
     @property
     def cover(self) -> float:
-        """How much of what looks like the performers their parts cover on all frames."""
+        """Sum of `explained` over all performers and frames: how well the parts cover the foreground."""
         return float(self.explained.sum())
 
     @property
     def sought_cover(self) -> float:
-        """The `cover` of the performers whose motion was sought."""
+        """The `cover` of the performers that were solved for."""
         return self.cover if self.only is None else float(self.explained[self.only].sum())
 
 
 def frame_residual(evidence: SegmentEvidence) -> Array:
-    """Root mean square residual of the pairs on both sides of each frame, shape (F,)."""
+    """Root mean square grey-level residual of the pairs of frames on both sides of each frame, shape (F,)."""
     energy, weight = evidence.gradients.energy.sum(axis=0), evidence.gradients.weight.sum(axis=0)
     both = [np.append(x, 0.0) + np.insert(x, 0, 0.0) for x in (energy, weight)]
     return np.sqrt(both[0] / np.maximum(both[1], 1e-12))

@@ -1,4 +1,4 @@
-"""What the tracker expects of a solver."""
+"""The interface of a solver: the functions that the tracker calls, and what the solver is capable of."""
 
 from __future__ import annotations
 
@@ -12,55 +12,61 @@ from .problem import SegmentProblem, SegmentSolution
 
 
 class Solve(Protocol):
-    """Finds the motion of a segment."""
+    """Solves for the motion of all performers on a segment."""
 
     def __call__(self, problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
-        """Find it from a start, F poses per performer whose fixed degrees of freedom are kept."""
+        """Solve from a start: F poses per performer. Degrees of freedom that key poses fix keep the start's values."""
 
 
 class Resume(Protocol):
-    """Finds the motion of a segment from one that was found before."""
+    """Updates the motion of a segment after its key poses have changed a little."""
 
     def __call__(
         self, problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace
     ) -> SegmentSolution | None:
-        """Find it from a start, or give None."""
+        """Solve from the earlier motion; return None where the images cast doubt on the result."""
 
 
 class Settle(Protocol):
-    """Moves the motions of a solution to where feet that stand are at rest."""
+    """Corrects a refined solution so that standing feet are at rest."""
 
     def __call__(
         self, problem: SegmentProblem, solution: SegmentSolution, before: Sequence[Motion]
     ) -> tuple[Motion, ...]:
-        """Give F poses per performer, from those of a solution and of what was before its refinement; degrees of
-        freedom that key poses hold are those of the solution.
+        """Return F corrected poses per performer.
+
+        Parameters
+        ----------
+        problem : SegmentProblem
+        solution : SegmentSolution
+            After refinement. Degrees of freedom that key poses fix keep its values.
+        before : sequence of Motion
+            The motions before refinement.
         """
 
 
 @dataclass(frozen=True)
 class Solver:
-    """A way to find the motion of all performers on a segment, and what it is capable of.
+    """A method that solves for the motion of all performers on a segment, and its capabilities.
 
     Attributes
     ----------
     solve : callable
         See `Solve`.
     refine : callable
-        The same from a solution, when more is known of the motion around the segment.
+        Like `solve`, but starts from a solution, once the motion on both sides of the segment is known.
     resume : callable, optional
-        The same from the motion as it was before key poses changed a little; it gives None where the images leave a
-        doubt that this leads to the solution.
+        See `Resume`. None: segments are always solved anew.
     settle : callable, optional
-        What the motions of a segment are moved by at its end, see `Settle`.
+        See `Settle`; it is called once a segment is refined. None: solutions stay as they are.
     uses_keypoints : bool
-        It takes the keypoints of the views as evidence.
+        Keypoints of the views are part of the evidence.
     uses_foreground : bool
-        It takes foreground images as evidence; they are computed only where it does.
+        Foreground images are part of the evidence. They are computed only for solvers that use them.
     uses_holds : bool
-        It keeps props in the hands that hold them.
+        Props are kept in the hands that hold them.
     refines : bool
-        `refine` improves a solution when motion is known on both sides of the segment.
+        Whether `refine` can improve a solution.
     """
 
     solve: Solve

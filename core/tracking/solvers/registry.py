@@ -1,4 +1,4 @@
-"""The solvers by the names that a shot's settings have for them (`core.shot.shot.SOLVERS`)."""
+"""All solvers, by the names that the settings of a shot use (`core.shot.shot.SOLVERS`)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ GAUSS_NEWTON = Solver(
     uses_holds=True,
     refines=True,
 )
-"""Gauss-Newton over all poses of a segment at once, from several starts where the images leave a doubt."""
+"""Gauss-Newton over all poses of a segment at once; where the images cast doubt on the result, from several starts."""
 RELAXATION = Solver(
     relaxation.relaxed,
     relaxation.relaxed,
@@ -29,8 +29,11 @@ RELAXATION = Solver(
     uses_holds=False,
     refines=False,
 )
-"""The published relaxation, by gradients between neighbouring frames alone. From a start it takes nothing but the key
-poses, nor from motion beside the segment: refining would solve anew."""
+"""The relaxation of paper 1, which uses image gradients between neighbouring frames alone.
+
+It takes only the key poses from its start and ignores the motion beside the segment, so refining would repeat the
+solve.
+"""
 
 REGISTRY: Mapping[str, Solver] = MappingProxyType({"gauss-newton": GAUSS_NEWTON, "relaxation": RELAXATION})
 

@@ -1,4 +1,4 @@
-"""Smoothness of a segment's motion, with the poses that are known before and after it."""
+"""Smoothness of the motion on a segment, including its transition to the known poses before and after it."""
 
 from __future__ import annotations
 
@@ -16,26 +16,27 @@ from ...shot.acceleration_prior import given_groups
 from .problem import AccelerationSearch, SegmentProblem
 
 TRUSTED = (0.05, 1.0)
-"""The usual accelerations stay where the likeliest common value is such a share of them: most joints rest while a few
-move, so that on shots of the usual speed it is 0.13 to 0.55. Slow motion or a wrong frame rate leads out of that."""
+"""Range of the likeliest scale of all accelerations, relative to usual ones, within which the usual ones are kept. Most
+joints rest while a few move, so at usual speed the scale is 0.13 to 0.55; slow motion or a wrong frame rate leads out
+of the range."""
 SPARSENESS = 3.0
-"""How much larger the accelerations of the joints that move are than a likeliest common value below that, where the
-joints' own are not estimated."""
+"""Factor by which the accelerations of moving joints exceed the common scale, where that lies below the range and
+joints are not estimated one by one."""
 
 
 @dataclass(frozen=True, eq=False)
 class SegmentSmoothness:
-    """How smooth the motions of a segment are, as it was estimated so far; per performer.
+    """The current estimate of how smooth the motions of a segment are.
 
     Attributes
     ----------
     variances : tuple of AccelerationVariances
-        On the frames with neighbours on both sides, those held beside the segment included. Empty where they are not
-        estimated.
+        Per performer: variances on the frames with neighbours on both sides; known poses beside the segment count as
+        neighbours. Empty where variances are not estimated.
     scaled : bool
-        Whether the pictures have shown the scale of all of them, where that is looked for.
+        Whether the common scale was found to differ from 1, see `AccelerationSearch`.
     kept : bool
-        Whether they are not estimated any more.
+        Whether the variances are final.
     """
 
     variances: tuple[AccelerationVariances, ...] = ()
@@ -44,7 +45,7 @@ class SegmentSmoothness:
 
     @classmethod
     def start(cls, problem: SegmentProblem) -> SegmentSmoothness:
-        """Before the pictures are looked at."""
+        """Return the variances before any estimation."""
         if problem.acceleration_precision is not None or problem.typical_variances is None:
             return cls()
         return cls(
@@ -65,7 +66,7 @@ class SegmentSmoothness:
         rounds: int = 1,
         bursts: bool = True,
     ) -> SegmentSmoothness:
-        """The next estimate, if there is one.
+        """Return the next estimate, from the motions and the evidence around them.
 
         Parameters
         ----------
@@ -73,13 +74,13 @@ class SegmentSmoothness:
         motions : sequence of Motion
             F poses per performer.
         evidence : sequence of BandedBlocks
-            Normal equations of all evidence around them, without smoothness.
+            Per performer: normal equations of all evidence at these motions, without smoothness.
         expected : sequence of ndarray, shape (F, D), optional
-            Accelerations that cost nothing.
+            Per performer: means of the accelerations, as predicted for hidden parts; by default zero.
         rounds : int
-            Times that it is repeated.
+            Number of iterations of the estimate.
         bursts : bool
-            Whether frames differ, see `estimate_variances`.
+            Whether the variances may differ from frame to frame, see `estimate_variances`.
         """
         if self.kept:
             return self
@@ -128,7 +129,7 @@ class SegmentSmoothness:
     def blocks(
         self, problem: SegmentProblem, performer: int, motion: Motion, expected: Array | None = None
     ) -> BandedBlocks:
-        """Normal equations of the accelerations of one performer's F poses.
+        """Build the normal equations of the smoothness of one performer's F poses.
 
         Parameters
         ----------
@@ -138,7 +139,7 @@ class SegmentSmoothness:
         motion : Motion
             F poses.
         expected : ndarray, shape (F, D), optional
-            Accelerations that cost nothing, in the middle of the frame before and the next; by default none.
+            Means of the accelerations, as predicted for hidden parts; by default zero.
         """
         known, start = _with_known(problem, performer, motion)
         if self.variances:
@@ -154,7 +155,7 @@ class SegmentSmoothness:
 
 
 def _with_known(problem: SegmentProblem, performer: int, motion: Motion) -> tuple[Motion, int]:
-    """A performer's F poses with those that are known beside them, and where the F begin."""
+    """Return a performer's F poses between the known poses beside them, and the index of the first of the F."""
     before, after = problem.around(performer)
     return stacked([m for m in (before, motion, after) if m is not None]), 0 if before is None else 1
 
@@ -164,5 +165,5 @@ def _known_frames(problem: SegmentProblem, performer: int) -> int:
 
 
 def _among_known(problem: SegmentProblem, accelerations: Array, start: int, count: int) -> Array:
-    """Accelerations (F, D) among those of all poses known, (count - 2, D)."""
+    """Embed accelerations (F, D) in those of all known poses, (count - 2, D)."""
     return np.pad(accelerations, ((start, count - start - problem.length), (0, 0)))[1:-1]
