@@ -1,4 +1,4 @@
-"""Stages of Gauss-Newton's descent, from coarse to fine, for starts of different kinds."""
+"""Stages of a Gauss-Newton descent, from coarse to fine images, for different kinds of starts."""
 
 from __future__ import annotations
 
@@ -7,45 +7,44 @@ from dataclasses import dataclass, replace
 from ...evidence.sampling import Sampling
 
 SMALL_STEP = 0.007
-"""Root mean square of joints' steps, radians (and metres), after which what is left, a third of it, does not count."""
+"""Root mean square of a step, radians and metres, below which a stage ends: what remains is about a third of it."""
 ROUGH_STEP = 0.025
-"""The same where another stage follows, which moves joints more than what is left."""
+"""The same for stages that another one follows, which will move joints by more than what remains."""
 STILL = 0.005
-"""Farthest that a step moves any joint, metres, after which no other follows in a refinement: it would be a fraction of
-that."""
+"""Largest motion of any joint in a step, metres, below which a refinement ends: the next step would be a fraction of
+it."""
 NOTICED = 0.2
-"""Root mean square of a step, in standard deviations that the evidence leaves open, below which it is not tested: it
-would make the expected error smaller by 2 % at most."""
+"""Root mean square of a step, in posterior standard deviations, below which it is not made: it would reduce the
+expected error by 2 % at most."""
 REACH = 0.07
-"""How far from the model's outlines the body's are usually looked for, metres."""
+"""Usual distance from the model's outlines within which those of the performer are searched for, metres."""
 COARSEST = 4
-"""Stride that no number of views makes larger, pixels: parts are not much wider."""
+"""Largest stride between pixels, however many views there are: parts are hardly wider than that."""
 
 
 @dataclass(frozen=True)
 class DescentStage:
-    """One step from coarse to fine.
+    """A stage of a descent: how the images are sampled, and when the stage ends.
 
     Attributes
     ----------
     sampling : Sampling
-        How the images of a few views are sampled; see `sampling_of`.
+        Sampling of the images with few views; see `sampling_of`.
     iterations : int
-        At most.
+        Most iterations.
     views : int, optional
-        At least that many views are looked at in an iteration, in turn; None looks at all.
+        At least that many views are evaluated in each iteration, in turn; None for all.
     small : float
-        The stage ends when steps are smaller, see `SMALL_STEP`.
+        The stage ends after a step that is smaller, see `SMALL_STEP`.
     small_refused : bool
         It also ends when such a step is refused, instead of trying shorter ones.
     still : float
-        It also ends after a step that moves no joint farther on any frame, metres.
+        It also ends after a step that moves no joint by more than this on any frame, metres.
     noticed : float
-        The stage ends before a step that is shorter, root mean square in standard deviations that the evidence leaves
-        open, see `NOTICED`.
+        It also ends before a step that is shorter, see `NOTICED`.
     plants : bool
-        Soles that seem planted are kept still. That leads to the solution, but holds feet that creep as well: not
-        where no other stage follows, unless there is one view alone, in which these hardly show.
+        Soles that seem planted are kept still. That guides a descent, but would also hold feet that creep, so it is off
+        in stages that are the last; with a single view, which hardly shows creeping, plants are used all the same.
     """
 
     sampling: Sampling
@@ -58,7 +57,7 @@ class DescentStage:
     plants: bool = True
 
     def sampling_of(self, views: int) -> Sampling:
-        """The sampling of so many views: the more there are, the fewer pixels of each are needed."""
+        """Return the sampling for a number of views: the more there are, the fewer pixels of each are needed."""
         return replace(self.sampling, stride=max(self.sampling.stride, min(views, COARSEST)))
 
 
@@ -76,14 +75,13 @@ SETTLING = (
     DescentStage(Sampling(1.0, 4.0, 3, REACH), 2, small=ROUGH_STEP),
     DescentStage(Sampling(1.0, 1.0, 3, REACH), 1),
 )
-"""For limbs that were looked for, around a trunk that is held."""
+"""After a search for limbs: the body adapts to them, before `SETTLED`."""
 SETTLED = (DescentStage(Sampling(1.0, 1.0, 3, REACH), 3),)
-"""From there to the solution."""
+"""From there to the minimum."""
 RESUMED = (
     DescentStage(Sampling(1.0, 1.0, 2, REACH), 5, small=0.003, small_refused=True, noticed=NOTICED, plants=False),
 )
-"""From a motion that was found before to the one with the key poses as they are now: all of it may be a little off, and
-no other stage follows."""
+"""From the motion that was found before key poses changed to the one with the present key poses."""
 WINDOW = (
     DescentStage(Sampling(2.0, 4.0, 4, 0.10), 2, small=ROUGH_STEP),
     DescentStage(Sampling(1.0, 1.0, 4, REACH), 2),

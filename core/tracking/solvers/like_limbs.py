@@ -1,6 +1,7 @@
-"""Where two like limbs meet, silhouettes do not show which is which afterwards.
+"""Left and right limbs that are mistaken for each other.
 
-The smoothest motion decides; or the pictures, between motions with the limbs exchanged from one meeting to the next.
+Where the two limbs of a pair meet, silhouettes do not show which is which afterwards. Either the smoothest motion
+decides, or the images do, between motions with the limbs exchanged from one meeting to the next.
 """
 
 from __future__ import annotations
@@ -20,15 +21,15 @@ from ...numerics.arrays import Array
 from .problem import SegmentProblem
 
 MEETING = 0.05
-"""Duration over which the way between two limbs is smoothed, seconds."""
+"""Standard deviation of the Gaussian that smooths the difference between two limbs over time, seconds."""
 PARTED = 0.75
-"""Limbs meet where they are less far apart than this share of how far they part in between."""
+"""Two minima of the distance count as meetings if both are smaller than this share of its maximum between them."""
 BESIDE = 0.2
-"""How long before and after a meeting their velocities are compared, seconds."""
+"""Time before and after a meeting over which velocities are compared, seconds."""
 
 
 def untangled_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[Motion]:
-    """Give all like limbs of every performer their own way, see `untangled`."""
+    """Undo exchanges of all pairs of limbs of the performers that are solved for; see `untangled`."""
     found = list(motions)
     for i in problem.sought:
         body = problem.bodies[i]
@@ -41,10 +42,10 @@ def untangled_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[
 def untangled(
     body: Body, motion: Motion, pair: tuple[list[int], list[int]], fps: float, free: NDArray[np.bool_] | None = None
 ) -> Motion:
-    """Give each of two like limbs its own way again where they were taken for one another.
+    """Undo exchanges of a pair of limbs where that makes the motion smoother.
 
-    They may have been exchanged wherever they are nearest to each other; those exchanges are undone that leave the
-    smoothest motion. At the first and last frame they are what they are.
+    The limbs may have been exchanged wherever their distance has a minimum. Of all combinations of exchanges there, the
+    one with the smallest changes of velocity is taken. On the first and the last frame the limbs stay as they are.
 
     Parameters
     ----------
@@ -52,10 +53,10 @@ def untangled(
     motion : Motion
         F poses.
     pair : tuple of lists of int
-        See `limb_pairs`.
+        The two limbs as chains of parts, see `limb_pairs`.
     fps : float
     free : ndarray of bool, shape (F,), optional
-        The frames on which the limbs may be exchanged.
+        Frames on which the limbs may be exchanged; by default all.
     """
     apart, meetings = _meetings(body, motion, pair, fps)
     frames = np.zeros(len(motion), dtype=bool)
@@ -68,10 +69,15 @@ def untangled(
 
 
 def exchanges(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[tuple[Motion, ...]]:
-    """The motions with two like limbs exchanged between two of their meetings, one such stretch at a time.
+    """Generate motions in which one pair of limbs is exchanged between two of its meetings.
 
-    A solver that took the limbs for one another at both meetings has made its way between them smooth: that they were
-    exchanged, only the images show. Key poses are meetings too: limbs may be taken for one another right beside them.
+    A solver that mistook the limbs at both meetings has made the motion between them smooth, so only the images can
+    show that they were exchanged. Key poses count as meetings, too: limbs may be mistaken right beside them.
+
+    Yields
+    ------
+    tuple of Motion
+        F poses per performer.
     """
     for i in problem.sought:
         body, motion = problem.bodies[i], motions[i]
@@ -89,7 +95,7 @@ def exchanges(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[tu
 
 
 def exchanged(body: Body, motion: Motion, pair: tuple[list[int], list[int]], frames: NDArray[np.bool_]) -> Motion:
-    """A motion whose two like limbs point to where the other one did on some frames, a mask (F,)."""
+    """Exchange the directions of a pair of limbs on the frames of a mask (F,)."""
     R, _ = part_poses(body, motion)
     Q = motion.rotations.copy()
     for chain, other in (pair, pair[::-1]):
@@ -104,7 +110,7 @@ def exchanged(body: Body, motion: Motion, pair: tuple[list[int], list[int]], fra
 def _meetings(
     body: Body, motion: Motion, pair: tuple[list[int], list[int]], fps: float
 ) -> tuple[Array, NDArray[np.intp]]:
-    """How far apart two like limbs are in the directions of their bones, (F, d), and where that is least."""
+    """Smoothed differences between the bone directions of two limbs, (F, d), and the frames where they are smallest."""
     R, _ = part_poses(body, motion)
     trunk = np.flatnonzero(body.ancestry[pair[0][0]] & body.ancestry[pair[1][0]])[-1]
     left, right = (np.swapaxes(R[:, [trunk]], -1, -2) @ R[:, chain] for chain in pair)
@@ -115,7 +121,10 @@ def _meetings(
 
 
 def _exchanges(apart: Array, meetings: NDArray[np.intp], fps: float) -> list[bool]:
-    """After which meetings two limbs, `apart` by (F, d), are to be exchanged so that their velocities go on."""
+    """Return after which meetings the limbs are exchanged, from their differences (F, d).
+
+    Dynamic programming over both possible assignments minimises the squared changes of velocity at the meetings.
+    """
     reach, last = max(2, round(BESIDE * fps)), len(apart) - 1
     ways: dict[int, tuple[float, list[bool]]] = {1: (0.0, [])}
     for f in meetings:

@@ -1,7 +1,9 @@
-"""Which start leads to the solution: the curve through the key poses, the motion followed from them, limbs looked for.
+"""Solving from several starts: Gauss-Newton finds only the minimum nearest to its start.
 
-Gauss-Newton goes down to the nearest solution. Where the images disagree with the one below the curve, others are
-tried, and the one that covers the most of what looks like the performers counts.
+The first start is the curve through the key poses. Where the images contradict its solution, two other kinds of start
+are tried: the motion followed frame by frame from the key poses (`sequential_start`), and motions in which lost limbs
+were searched for in uncovered foreground (`limb_search`). Solutions are compared by how much of the performer-like
+foreground they cover and how likely they make the images (`solution_ranking`).
 """
 
 from __future__ import annotations
@@ -28,23 +30,23 @@ from .solution_ranking import RESTING, alike, better, equals, likeliest_at_rest,
 from .strayed_limbs import with_limbs_returned
 
 IN_SIGHT = 0.9
-"""Share of a performer that others must leave in sight on all frames for its motion to be followed: a few frames show
-too little of somebody who is passed to be followed by themselves."""
+"""Share of a performer that must be unhidden by others on every frame for its motion to be followed frame by frame: a
+window of a few frames shows too little of somebody whom others pass in front of."""
 LOOKS = 5
-"""How often limbs are looked for, at most."""
+"""Most rounds of the search for limbs."""
 VAIN_LOOKS = 2
-"""How many of them in turn may find nothing that covers as much as what is there."""
+"""Rounds in a row without a better solution after which the search ends."""
 LimbSearch = Callable[[SegmentProblem, SegmentProblem, Sequence[Motion], int, Workspace], SegmentSolution]
 """See `look_for_limbs`."""
 
 
 def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
-    """Fit the motion of all performers between their key poses.
+    """Solve for the motion of all performers between their key poses, from as many starts as the images call for.
 
-    The curve through the key poses is one start. Each performer of whom it leaves a doubt is then solved by itself from
-    other starts, among the others as they were found; see `best_of_own_starts`. At last all settle together, and like
-    limbs are exchanged where that is better.
-    Parameters as of `gauss_newton.descend`.
+    All performers are solved together from the curve through the key poses. Each performer for whom the images
+    contradict that solution is then solved alone from other starts, with the motions of the others given
+    (`best_of_own_starts`). Finally all are solved together again, and left and right limbs are exchanged where that is
+    better. Parameters as in `gauss_newton.descend`.
     """
     best = descend(problem, start, workspace.part(0.0, 0.2))
     seconds = Seconds(best.seconds)
@@ -60,7 +62,7 @@ def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: 
         part = workspace.part(0.2 + 0.7 * k / len(doubted), 0.2 + 0.7 * (k + 1) / len(doubted))
         alone = problem.alone(i)
         before = replace(best, only=alone.only)
-        if k:  # limbs of somebody else that were found may be what spoke against this performer
+        if k:  # limbs of another performer, found since, may have been what contradicted this one
             before = descend(alone, motions, workspace.silent(), SETTLED)
             seconds.add(before.seconds)
             motions = before.motions
@@ -75,16 +77,16 @@ def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: 
         seconds.add(settled.seconds)
         best = continued(best, settled)
     if doubted and not problem.keypoints:  # keypoints show where limbs are
-        # Of all performers: who stands before the one that is doubted may have had limbs exchanged for its.
+        # For all performers: one who stands in front of a doubted performer may have taken over its limbs.
         with seconds.measure("initial solution"):
             best = with_limbs_exchanged(problem, best, workspace.part(0.9, 1.0))
     return replace(best, seconds=seconds)
 
 
 def resumed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution | None:
-    """The solution from a motion that was found before key poses changed; None where it leaves a doubt.
+    """Solve from the motion that was found before key poses changed; None where the images contradict the result.
 
-    Parameters as of `gauss_newton.descend`.
+    Parameters as in `gauss_newton.descend`.
     """
     found = descend(problem, start, workspace, RESUMED)
     return None if doubted_performers(problem, start, found) else found
@@ -93,25 +95,27 @@ def resumed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
 def best_of_own_starts(
     problem: SegmentProblem, start: Sequence[Motion], first: SegmentSolution, workspace: Workspace
 ) -> SegmentSolution:
-    """The best of solutions from several starts: the motion is followed from the key poses, unless others hide the
-    performer on the way, and then limbs are looked for around the solutions.
+    """Solve for one performer from several starts and return the best solution.
 
-    Where only foreground beside the performer speaks against the first solution, one look tells whether its limbs can
-    be there at all: it may be somebody else's.
+    The motion is followed frame by frame from the key poses, unless others hide the performer on the way; then limbs
+    are searched for around the solutions. If nothing but uncovered foreground contradicts the first solution, a single
+    round of the search decides first whether the performer's limbs can be there at all: the foreground may be a
+    bystander.
 
     Parameters
     ----------
     problem : SegmentProblem
-        Of one performer.
+        Of one performer, see `SegmentProblem.alone`.
     start : sequence of Motion
+        F poses per performer.
     first : SegmentSolution
-        The solution from there.
+        The solution from that start.
     workspace : Workspace
 
     Returns
     -------
     SegmentSolution
-        Its seconds are those spent here.
+        `seconds` is the time spent here.
     """
     seconds, solutions, [performer] = Seconds(), [first], problem.sought
     first_look = None
@@ -127,7 +131,7 @@ def best_of_own_starts(
         solutions.append(descend(problem, initial, workspace.part(0.15, 0.25)))
         seconds.add(solutions[1].seconds)
     if looks:
-        # Without a doubt an arm may still be lost: it is a small part of what is to be covered.
+        # Even if the cover raises no doubt an arm may be lost: it is a small part of what is to be covered.
         with seconds.measure("initial solution"):
             best = searched(problem, start, solutions, workspace.part(0.25, 1.0), first_look=first_look)
     else:
@@ -137,17 +141,18 @@ def best_of_own_starts(
 
 @dataclass(frozen=True, eq=False)
 class FirstLook:
-    """One look for limbs around a solution, which tells whether others are worth it.
+    """A first round of the search for limbs around a solution, to see whether more are worth their time.
 
     Attributes
     ----------
     begin : SegmentSolution
         The solution.
     settled : SegmentSolution
-        The same once it has settled as long as what was found.
+        `begin` after as many further iterations as `found` has had.
     found : SegmentSolution
+        The result of the search.
     noise : SegmentNoise
-        At the solution; all were measured under it.
+        The noise at `begin`, under which all were measured.
     """
 
     begin: SegmentSolution
@@ -157,17 +162,17 @@ class FirstLook:
 
     @classmethod
     def around(cls, problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> FirstLook:
-        """Look for limbs around a solution."""
+        """Search for limbs around a solution."""
         noise = noise_of(problem, solution, workspace)
         settled = descend(problem, solution.motions, workspace.silent(), SETTLED, noise)
         found = look_for_limbs(problem, problem, settled.motions, 0, workspace, noise=noise)
         return cls(solution, settled, found, noise)
 
     def explains(self, problem: SegmentProblem) -> bool:
-        """Whether what was found makes the pictures likelier.
+        """Whether the search found another motion that makes the images likelier.
 
-        A bystander's bare arm looks like the performer's, but other views do not show it where the performer's could
-        be.
+        It does not for the bare arm of a bystander, which looks like the performer's: other views do not show it where
+        the performer's arm could be.
         """
         gain = likelihood(problem, self.noise, self.found) - likelihood(problem, self.noise, self.settled)
         return gain > RESTING and not alike(self.found.motions, self.settled.motions)
@@ -182,15 +187,31 @@ def searched(
     *,
     first_look: FirstLook | None = None,
 ) -> SegmentSolution:
-    """The solution from looking for limbs around some solutions, and then around the best until that has an equal.
+    """Search for limbs around some solutions, and then around the best found, until two agree.
 
-    Of the solutions only equals of the best are looked around, or all where that is doubtful; they settle first, and
-    those that lead to one motion are looked around once. While all are doubtful, limbs are also looked for around a
-    trunk that moves as at the start, which limbs in wrong places have not led astray. It also ends after `VAIN_LOOKS`
-    that cover clearly less than one of these solutions. The likeliest of all counts, see `likeliest_at_rest`, and
-    exchanges limbs with the others, see `recombined`.
-    `look` is how limbs are looked for, by default `look_for_limbs`; a first look that was taken around the best of the
-    solutions is not taken again.
+    1. The search begins around the solutions that cover as much as the best (`equals`), or around all of them if the
+       best is doubtful. They are first solved a little further; those that then have the same motion count once.
+    2. If the best is still doubtful, there is one search with the trunk held to its motion at the start, which
+    misplaced
+       limbs cannot have led astray.
+    3. Further rounds search around the best so far. They end once the best has an equal, after `VAIN_LOOKS` rounds that
+       did not improve on the given solutions, or after `LOOKS` rounds in all.
+
+    Of all solutions the likeliest is taken (`likeliest_at_rest`), with limbs of others where these are likelier
+    (`recombined`).
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+        Of one performer, or of all.
+    start : sequence of Motion
+        F poses per performer.
+    solutions : sequence of SegmentSolution
+    workspace : Workspace
+    look : callable, optional
+        One round of the search; by default `look_for_limbs`.
+    first_look : FirstLook, optional
+        The first round around the best of the solutions, if it was made already: it is not repeated.
     """
     held = replace(problem, fixed=tuple(fixed | (np.arange(fixed.shape[1]) < 6) for fixed in problem.fixed))
     first = better(problem, *solutions)
@@ -227,8 +248,9 @@ def searched(
 
 
 def _met(problem: SegmentProblem, best: SegmentSolution, solutions: Sequence[SegmentSolution]) -> bool:
-    """Whether the best of some solutions has an equal, or one that leads to the same motion: what others leave in sight
-    of one of several performers changes with every centimetre, and so does what it covers.
+    """Whether another solution covers as much as the best or, among several performers, has the same motion.
+
+    Among several performers the visible area of one, and with it the cover, changes with every centimetre.
     """
     if len(equals(solutions)) > 1:
         return True
@@ -245,15 +267,20 @@ def look_for_limbs(
     *,
     noise: SegmentNoise | None = None,
 ) -> SegmentSolution:
-    """The solution from looking for limbs around motions, which settle first with what `around` has fixed."""
+    """Make one round of the search for limbs around motions, F poses per performer, and solve from what it finds.
+
+    `around` is the problem with the degrees of freedom fixed that must not follow misplaced limbs; the first iterations
+    use it, the last ones use `problem`. The seed selects the random poses.
+    """
     begin = found_limbs(problem, motions, seed, workspace.part(0.0, 0.6))
     settled, *_ = approach(around, begin, workspace.part(0.6, 0.8), SETTLING)
     return descend(problem, untangled_limbs(problem, settled), workspace.part(0.8, 1.0), SETTLED, noise)
 
 
 def followed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> list[Motion]:
-    """The motion followed from the key poses of the performer that is sought to the next ones, or to the problem's
-    ends.
+    """Follow the motion frame by frame from each key pose to the next, forward and backward, and blend both.
+
+    Before the first and after the last key pose of the performer that is solved for, there is one direction only.
     """
     keys = problem.whole_keys(problem.sought[0]).tolist()
     if not keys:

@@ -1,4 +1,4 @@
-"""Whether the images leave a doubt that a solution is near the true one, and about whom."""
+"""Tests of a solution against the images: whether it may be far from the true motion, and for which performers."""
 
 from __future__ import annotations
 
@@ -17,23 +17,34 @@ from .measurement import hidden_parts, keypoint_agreement, poses_by_delay, view_
 from .problem import SegmentProblem, SegmentSolution
 
 EXPLAINED = 0.8
-"""Share of what the key poses explain of their images that a solution should explain of every other frame's."""
+"""Smallest ratio between what a solution explains of a frame's image and what the key poses explain of theirs."""
 SHOWN = 0.5
-"""Share of a performer that others must leave in sight for what it explains to raise a doubt."""
+"""Share of a performer that must be unhidden by others for this ratio to count on a frame."""
 LIMB_SHARE = 0.5
-"""Share of the smallest limb that foreground beside a performer must have to be a limb that the solution lost."""
+"""Area of uncovered foreground beside a performer, relative to the area of its smallest limb, from which on it may be a
+lost limb."""
 ASTRAY = 0.2
-"""Share of a limb that a view must see on the background, beyond what it sees there on the key frames, for the limb to
-be lost."""
+"""Share of a limb that lies on the background in some view, beyond what does so on the key frames, from which on the
+limb counts as misplaced."""
 BRIEF = 0.1
-"""For how long that much of a limb may lie on the background, seconds: motion blur makes single frames of it."""
+"""Shorter intervals on the background do not count, seconds: motion blur causes them on single frames."""
 CONFIRMED = 0.9
-"""Share of the keypoints' agreement with the first pass that clears a solution of doubt."""
+"""A solution counts as confirmed by keypoints if they agree with it at least by this share of their agreement with the
+first pass."""
 
 
 def doubted_performers(problem: SegmentProblem, start: Sequence[Motion], solution: SegmentSolution) -> list[int]:
-    """The performers for whom other starts are worth trying: the images disagree with the solution, and no keypoints
-    confirm it, or limbs are out of all views' sight for long.
+    """Return the indices of the performers for whom other starts are worth trying.
+
+    These are the performers whose images contradict the solution while no keypoints confirm it, and those with limbs
+    that no view sees for long (`concealed`).
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+    start : sequence of Motion
+        F poses per performer, from which the solution was found.
+    solution : SegmentSolution
     """
     each = {i: problem.alone(i) for i in problem.sought}
     unsure = {i for i, alone in each.items() if not confirmed(alone, start, solution)}
@@ -44,24 +55,25 @@ def doubted_performers(problem: SegmentProblem, start: Sequence[Motion], solutio
 
 
 def worst_first(problem: SegmentProblem, solution: SegmentSolution, performers: Sequence[int]) -> list[int]:
-    """Performers by how little a solution explains of them on the frame where that is least: whose limbs are in wrong
-    places stands where others are looked for.
+    """Sort performers by how well a solution explains them on their worst frame, the worst first.
+
+    Misplaced limbs of one performer stand in the way when those of another are searched for.
     """
     return sorted(performers, key=lambda i: float(np.nanmin(explained_share(problem, solution, i), initial=np.inf)))
 
 
 def confirmed(problem: SegmentProblem, start: Sequence[Motion], solution: SegmentSolution) -> bool:
-    """Whether keypoints agree with a solution nearly as well as with the start, which they led to."""
+    """Whether keypoints agree with a solution nearly as well as with the start, which was fitted to them."""
     if not problem.keypoints:
         return False
     return keypoint_agreement(problem, solution.motions) >= CONFIRMED * keypoint_agreement(problem, start)
 
 
 def doubtful(problem: SegmentProblem, solution: SegmentSolution) -> bool:
-    """Whether the images leave a doubt that a solution is near the true one for every performer that is sought.
+    """Whether some performer that is solved for explains too little of the images on some frame.
 
-    The body covers what looks like it on the key frames; on every other frame it should do so nearly as well, but for
-    what others hide of it.
+    On the key frames the body covers the foreground as well as its shape allows. On every other frame it should do so
+    nearly as well, apart from what other performers hide.
     """
     return any(_doubted(problem, solution, i) for i in problem.sought)
 
@@ -69,13 +81,15 @@ def doubtful(problem: SegmentProblem, solution: SegmentSolution) -> bool:
 def _doubted(problem: SegmentProblem, solution: SegmentSolution, performer: int) -> bool:
     keys = problem.whole_keys(performer)
     if len(keys) < 2:
-        return len(keys) == 1  # the curve that it began with stands still
+        return len(keys) == 1  # with a single key pose the start stands still
     return bool((explained_share(problem, solution, performer) < EXPLAINED).any())
 
 
 def explained_share(problem: SegmentProblem, solution: SegmentSolution, performer: int) -> Array:
-    """What a solution explains of a performer, over what its whole key poses and what others leave in sight of it let
-    expect, shape (F,); NaN where they leave too little to tell.
+    """Ratio of what a solution explains of a performer to what is expected on each frame, shape (F,).
+
+    Expected is what is explained on whole key poses, interpolated between them, times the share of the performer that
+    others do not hide. NaN where they hide too much.
     """
     keys = problem.whole_keys(performer)
     explained, seen = solution.explained[performer], solution.unhidden[performer]
@@ -87,10 +101,10 @@ def explained_share(problem: SegmentProblem, solution: SegmentSolution, performe
 
 
 def limb_astray(problem: SegmentProblem, solution: SegmentSolution) -> bool:
-    """Whether a solution has part of a limb where some view shows the background, more than briefly.
+    """Whether a view shows background, for longer than `BRIEF`, where a solution has part of a limb.
 
-    A limb that follows the images of one view and not those of another is found by this; it covers too little for the
-    whole body's cover to show it. What furniture hides on the key frames as well does not count.
+    This detects limbs that follow the images of one view but not those of another; they are too small to show in the
+    cover of the whole body. What is on the background on key frames as well, such as behind furniture, does not count.
     """
     assert solution.evidence is not None
     if not views_with_foreground(problem.views):
@@ -112,10 +126,10 @@ def limb_astray(problem: SegmentProblem, solution: SegmentSolution) -> bool:
 
 
 def performers_uncovered(problem: SegmentProblem, solution: SegmentSolution) -> list[int]:
-    """The performers of whom some view shows half a limb, or more, where a solution has nobody, for longer than
-    prediction bridges.
+    """Return the performers beside whom some view shows foreground of half a limb or more that nobody covers.
 
-    A lost arm is too small a part of the performer to raise a doubt by what all of the body covers.
+    It must last for `LONG` frames, longer than prediction bridges. A lost arm is found by this; it is too small a part
+    of the performer to show in the cover of the whole body.
     """
     held = [i for i in problem.sought if len(problem.whole_keys(i)) > 1]
     if not (held and views_with_foreground(problem.views)):
@@ -136,11 +150,11 @@ def performers_uncovered(problem: SegmentProblem, solution: SegmentSolution) -> 
 
 
 def concealed(problem: SegmentProblem, solution: SegmentSolution) -> bool:
-    """Whether part of a limb is out of all views' sight, between whole key poses, for longer than prediction bridges.
+    """Whether no view sees part of a limb for `LONG` frames, longer than prediction bridges, between whole key poses.
 
-    It may come into sight elsewhere than the solution has it. Foreground images would show that; keypoints do anyway.
-    The end of a limb of three parts and more does not count: a hand is where the forearm ends, and how it is turned is
-    not looked for.
+    When it comes into sight again, it may be elsewhere than in the solution, which only a search in foreground images
+    can correct; with keypoints it is not needed. The last part of a limb of three or more does not count: the hand is
+    where the forearm ends, and the search does not turn it.
     """
     if not views_with_foreground(problem.views) or problem.keypoints:
         return False
@@ -156,7 +170,7 @@ def concealed(problem: SegmentProblem, solution: SegmentSolution) -> bool:
 
 
 def speaks_against(problem: SegmentProblem, solution: SegmentSolution) -> bool:
-    """Whether more than foreground beside the performers speaks against a solution: they explain too little, have limbs
-    on the background, or hide them from all views.
+    """Whether anything but uncovered foreground contradicts a solution: it explains too little of a performer, or limbs
+    lie on the background or are hidden from all views.
     """
     return doubtful(problem, solution) or limb_astray(problem, solution) or concealed(problem, solution)

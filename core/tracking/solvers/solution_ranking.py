@@ -1,4 +1,4 @@
-"""Which of several solutions of a segment counts: by what they cover, and by how likely the pictures are with them."""
+"""Comparing solutions of a segment: by the foreground that they cover, and by how likely they make the images."""
 
 from __future__ import annotations
 
@@ -13,22 +13,20 @@ from .measurement import Workspace, keypoint_agreement
 from .problem import SegmentProblem, SegmentSolution
 
 EQUAL = 0.005
-"""Solutions whose covers of the performers differ by less than this share of them are equals: which of them covers the
-most is chance."""
+"""Relative difference of cover up to which solutions count as equals: which of them covers more is chance."""
 ALIKE = np.radians(8)
-"""Motions of a performer are one once they are solved if their parts' rotations differ by less, root mean square,
-radians."""
+"""Root mean square difference of the parts' rotations, radians, up to which two motions lead to the same solution."""
 FINALISTS = 2
-"""So many of the likeliest solutions are settled on until they rest, before the likeliest counts."""
+"""Number of the likeliest solutions that are solved further before they are compared."""
 FURTHER = 4
-"""How often a finalist is settled on, at most."""
+"""Most repetitions of that, for each of them."""
 RESTING = 10.0
-"""A finalist rests when settling makes the pictures likelier by less, in natural units."""
+"""A solution is at rest once solving it further raises the log likelihood of the images by less, in natural units."""
 
 
 def better(problem: SegmentProblem, *solutions: SegmentSolution) -> SegmentSolution:
-    """The solution that covers the most of what looks like the performers and meets the most keypoints of those that
-    are sought, if any.
+    """Return the solution with the largest cover; with keypoints, with the largest sum of relative cover and agreement
+    of the keypoints.
     """
     merit = [found.cover for found in solutions]
     if problem.keypoints:
@@ -38,14 +36,14 @@ def better(problem: SegmentProblem, *solutions: SegmentSolution) -> SegmentSolut
 
 
 def equals(solutions: Sequence[SegmentSolution], share: float = EQUAL) -> list[SegmentSolution]:
-    """The solutions that cover as much of the performers as the one that covers the most, but for a share."""
+    """Return the solutions whose cover is within a relative difference (`share`) of the largest one."""
     covers = [solution.cover for solution in solutions]
     least = max(covers) - share * max(abs(solution.sought_cover) for solution in solutions)
     return [solution for solution, cover in zip(solutions, covers, strict=True) if cover >= least]
 
 
 def alike(motions: Sequence[Motion], others: Sequence[Motion]) -> bool:
-    """Whether motions of all performers are so near to each other that solving makes them one."""
+    """Whether two motions of all performers are so similar that solving leads to the same one; see `ALIKE`."""
     turns = [a.difference(b)[:, 3:] for a, b in zip(motions, others, strict=True)]
     return all(np.sqrt(3 * np.mean(turn**2)) < ALIKE for turn in turns)
 
@@ -53,15 +51,16 @@ def alike(motions: Sequence[Motion], others: Sequence[Motion]) -> bool:
 def cover_at(
     problem: SegmentProblem, solution: SegmentSolution, motions: Sequence[Motion], workspace: Workspace
 ) -> float:
-    """How much of what looks like the performers motions cover, measured as for a solution."""
+    """Measure the cover (`SegmentSolution.cover`) of motions, sampling the images as for a solution."""
     assert solution.evidence is not None
     return float(workspace.measure(problem, motions, solution.evidence.sampling).evidence.explained.sum())
 
 
 def noise_of(problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SegmentNoise:
-    """The noise of the images at a solution, under which others of the performers that are sought can be compared.
+    """Estimate the noise of the images at a solution, to compare other solutions for the same performers under it.
 
-    That of more performers has more pixels: the gradients of the one that is sought would count too much.
+    A problem of one performer gets a noise from that performer's pixels alone: with those of all performers, gradients
+    would weigh too much.
     """
     evidence = solution.evidence
     assert evidence is not None
@@ -71,12 +70,13 @@ def noise_of(problem: SegmentProblem, solution: SegmentSolution, workspace: Work
 
 
 def likelihood(problem: SegmentProblem, noise: SegmentNoise, solution: SegmentSolution) -> float:
-    """The logarithm of how likely the pictures are with a solution that was measured under a noise, but for a constant.
+    """Log likelihood of the images given a solution that was measured under a noise, up to a constant.
 
-    It is what the pixels say that show the performer, those that repeat one another counted once, less the costs of
-    gradients and outlines. That of smoothness has no part in it: how smooth the motion is, each solution found itself.
-    In a view that stands still the gradients say how much likelier the same pixels are than if nothing moved in the
-    picture: a limb that is left alone in one place, because pixels are easier to follow elsewhere, moves all the same.
+    It is the sum of the log likelihood ratios (performer against background) of all pixels that the performers cover,
+    less the costs of gradients and outlines, with correlated pixels counted once. Smoothness has no part in it, as
+    every solution estimates its own. For views with a still camera the gradients contribute a log likelihood ratio
+    instead of a cost, against the hypothesis that nothing moves in the image: otherwise a solution would gain by
+    leaving a limb behind in a place whose pixels are easy to track.
     """
     evidence = solution.evidence
     assert evidence is not None
@@ -90,10 +90,10 @@ def likelihood(problem: SegmentProblem, noise: SegmentNoise, solution: SegmentSo
 
 
 def likeliest(problem: SegmentProblem, noise: SegmentNoise, *solutions: SegmentSolution) -> SegmentSolution:
-    """The one of some solutions, measured under one noise, with which the pictures are likeliest.
+    """Return the solution with the largest likelihood, of several that were measured under the same noise.
 
-    A single view that moves shows neither how far away a limb is nor what stands still: the true motion is no likelier
-    there than others. The first solution counts, unless another one covers clearly more.
+    A single moving camera shows neither depth nor what stands still, so its likelihood does not single out the true
+    motion: then the first solution is returned, unless another one covers clearly more.
     """
     if len(problem.views) == 1 and not problem.views[0].camera.stands_still:
         return solutions[0] if solutions[0] in equals(solutions) else better(problem, *solutions)
@@ -103,10 +103,10 @@ def likeliest(problem: SegmentProblem, noise: SegmentNoise, *solutions: SegmentS
 def likeliest_at_rest(
     problem: SegmentProblem, noise: SegmentNoise, *solutions: SegmentSolution, workspace: Workspace
 ) -> SegmentSolution:
-    """The likeliest of some solutions once the first `FINALISTS` of them have settled until they rest.
+    """Return the likeliest solution after the `FINALISTS` best were solved further, until they are at rest.
 
-    A limb that has just been brought to its place is still a few centimetres off, which costs more than a limb in a
-    wrong place that has long settled. Parameters as of `likeliest`.
+    A limb that a search has just brought to its place is still a few centimetres off, which costs more than a misplaced
+    limb that has long converged. Parameters as in `likeliest`.
     """
     finalists: list[SegmentSolution] = []
     for solution in sorted(solutions, key=lambda one: -likelihood(problem, noise, one)):
@@ -121,7 +121,7 @@ def likeliest_at_rest(
 def settled_further(
     problem: SegmentProblem, noise: SegmentNoise, solution: SegmentSolution, workspace: Workspace
 ) -> SegmentSolution:
-    """A solution, settled on until it rests, or `FURTHER` times."""
+    """Solve a solution further until it is at rest (`RESTING`), at most `FURTHER` times."""
     for _ in range(FURTHER):
         found = descend(problem, solution.motions, workspace.silent(), SETTLED, noise)
         gain = likelihood(problem, noise, found) - likelihood(problem, noise, solution)
