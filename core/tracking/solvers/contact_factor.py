@@ -1,7 +1,7 @@
-"""Contact: bodies of different performers do not pass through each other.
+"""Contact: the bodies of different performers do not pass through each other.
 
-Where a part of one performer is inside a part of another, the residual is how deep its deepest point lies there, along
-the normal of the face that is nearest to it. Clothes and flesh give way a little, and the constraint is a soft one.
+Where a part of one performer penetrates a part of another, the residual is the depth of its deepest point, along the
+normal of the nearest face. The constraint is soft, as clothes and flesh give way a little.
 """
 
 from __future__ import annotations
@@ -23,36 +23,36 @@ from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.robust_kernels import Huber
 
 SLACK = 0.02
-"""How deep one part may lie in another, metres: flesh and clothes give way, and the polyhedra are simpler than they.
-Hands are thinner than twice that, so that they may hold each other."""
+"""Depth up to which parts may penetrate each other at no cost, metres: flesh and clothes give way, and polyhedra are
+simple shapes. Hands are thinner than twice this, so they can hold each other."""
 DEVIATION = 0.01
 """Standard deviation of the depth beyond that, metres."""
 LIMIT = 3.0
-"""Standard deviations beyond which the cost of a depth grows linearly."""
+"""Depth, in standard deviations, beyond which the cost grows linearly (Huber)."""
 SPACING = 0.04
-"""How far apart points on the edges of a polyhedron are at most, metres."""
+"""Largest distance between points on the edges of a polyhedron, metres."""
 
 
 @dataclass(frozen=True, eq=False)
 class ContactFactor:
-    """The bodies of M performers, which keep each other out.
+    """The shapes of the parts of M performers, for contact between them.
 
     Attributes
     ----------
     spans : tuple of slice
-        The parts of each performer, P over all of them.
+        Indices of the parts of each performer, P in all.
     points : tuple of ndarray, shape (K, 3)
-        Points on every part's surface, in the part's frame, metres.
+        Per part: points on its surface, in the part's frame, metres.
     planes : tuple of ndarray, shape (N, 4)
-        Every part's faces, see `core.body.body.Part.planes`.
+        Per part: planes of its faces, see `core.body.body.Part.planes`.
     centres : ndarray, shape (P, 3)
-        Of spheres around the parts, in the parts' frames, metres.
+        Centres of bounding spheres and boxes, in the parts' frames, metres.
     radii : ndarray, shape (P,)
-        Of these spheres, metres.
+        Radii of the bounding spheres, metres.
     half : ndarray, shape (P, 3)
-        Half the sides of boxes around the parts, with the same centres, along the axes of the parts' frames, metres.
+        Half the sides of the bounding boxes, along the axes of the parts' frames, metres.
     touching : frozenset of (int, int)
-        Pairs of parts that may be in each other, both ways round: a hand and what it holds.
+        Pairs of parts, in both orders, that may penetrate each other, such as a hand and what it holds.
     """
 
     spans: tuple[slice, ...]
@@ -67,7 +67,7 @@ class ContactFactor:
     def of(
         cls, geometry: Geometry, bodies: Sequence[Body], touching: frozenset[tuple[int, int]] = frozenset()
     ) -> ContactFactor:
-        """Return that of some bodies with the shapes of their parts, but for pairs of parts that touch."""
+        """Build the factor of all performers; pairs of parts in `touching` may penetrate each other."""
         vertices = [geometry.vertices[span] for span in geometry.spans]
         centres = np.array([(v.min(axis=0) + v.max(axis=0)) / 2 for v in vertices])
         return cls(
@@ -81,12 +81,22 @@ class ContactFactor:
         )
 
     def blocks(self, bodies: Sequence[Body], poses: Poses, sought: Sequence[int] | None = None) -> list[BandedBlocks]:
-        """The normal equations of every performer around poses of all parts on F frames.
+        """Build the normal equations of every performer around world poses of all parts on F frames.
 
-        Contact among those that are not sought is left out; by default all are.
+        Performers in contact are solved independently, and each would move out by the whole depth. So each gets twice
+        its own normal matrix: the steps of both together then add up to the depth.
 
-        Each is solved without the others: its blocks are as large as those of both in contact together, so that the
-        steps of both do not add up to more than the depth.
+        Parameters
+        ----------
+        bodies : sequence of Body
+        poses : tuple of ndarray, shapes (F, P, 3, 3) and (F, P, 3)
+        sought : sequence of int, optional
+            Indices of the performers that are solved for, by default all; contact among the others is left out.
+
+        Returns
+        -------
+        list of BandedBlocks
+            One per performer.
         """
         R, T = poses
         F, P = T.shape[:2]
@@ -112,7 +122,7 @@ class ContactFactor:
         ]
 
     def depths(self, poses: Poses) -> Array:
-        """How deep performers are in each other at most, metres, shape (F,)."""
+        """Largest depth by which performers penetrate each other on each frame, metres, shape (F,)."""
         deepest = np.zeros(len(poses[0]))
         for i, j in permutations(range(len(self.spans)), 2):
             for part, other, near in self._near(poses, i, j):
@@ -121,7 +131,9 @@ class ContactFactor:
         return deepest
 
     def _near(self, poses: Poses, performer: int, other: int) -> Iterator[tuple[int, int, Ints]]:
-        """Pairs of parts of two performers whose spheres meet, with the frames on which they do."""
+        """Generate the pairs of parts of two performers whose bounding spheres meet, with the frames on which they
+        do.
+        """
         R, T = poses
         centres = np.einsum("fpab,pb->fpa", R, self.centres) + T
         a, b = self.spans[performer], self.spans[other]
@@ -132,9 +144,16 @@ class ContactFactor:
                 yield *part, np.flatnonzero(meeting[:, p, q])
 
     def _deepest(self, poses: Poses, part: int, other: int, frames: Ints) -> tuple[Ints, Array, Array]:
-        """Of some frames those on which points of a part are in the box around another one, (n,); how deep the deepest
-        of them is in that part, metres, below 0 where it is outside; and the depth's change by the twist of the part
-        that it is on (n, 6). That by the other's twist is the opposite.
+        """Find the deepest point of a part inside another one.
+
+        Returns
+        -------
+        frames : ndarray of int, shape (n,)
+            Those of the given frames on which points of the part are in the other's bounding box.
+        depth : ndarray, shape (n,)
+            Depth of the deepest of them, metres; negative outside.
+        rows : ndarray, shape (n, 6)
+            Derivative of the depth by the twist of the part; that by the twist of the other one is the negative.
         """
         R, T = poses
         world = self.points[part] @ np.swapaxes(R[frames, part], -1, -2) + T[frames, part, None]
@@ -153,7 +172,7 @@ class ContactFactor:
 
 
 def surface_points(vertices: Array) -> Array:
-    """Vertices (V, 3) of a convex polyhedron, and points on its edges between them, (K, 3)."""
+    """Return the vertices of a convex polyhedron, (V, 3), with points along its edges between them, (K, 3)."""
     hull = ConvexHull(vertices)
     edges = np.unique(np.sort(np.concatenate([hull.simplices[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))])), axis=0)
     points = [vertices[hull.vertices]]
@@ -171,7 +190,7 @@ def with_contact(
     motions: Sequence[Motion],
     sought: Sequence[int] | None = None,
 ) -> list[BandedBlocks]:
-    """Add the contact of the performers that are sought, by default all, to their normal equations."""
+    """Add contact to the normal equations of every performer; see `ContactFactor.blocks`."""
     if contact is None:
         return list(systems)
     blocks = contact.blocks(bodies, scene_poses(bodies, motions), sought)

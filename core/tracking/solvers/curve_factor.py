@@ -1,8 +1,7 @@
-"""Trunk and collar bones between key poses.
+"""A prior on stiff parts, the trunk and the collar bones: they stay near the curve through their key poses.
 
-Their outlines run along the body, and clothes move over them: pictures show little of how a bend is shared between
-them, and lead them astray together. Parts that usually stay near their rest orientation therefore stay near the curve
-through the key poses.
+Images hardly show how a bend is shared between these parts, as their outlines run along the body and clothes move over
+them, and all of them may go astray together.
 """
 
 from __future__ import annotations
@@ -17,21 +16,21 @@ from ...numerics.banded_blocks import BandedBlocks
 from .problem import SegmentProblem
 
 ON_A_FRAME = 1 / 3
-"""Usual departure from the curve on a frame, as a share of that of a whole motion from rest."""
+"""Usual departure from the curve on a frame, relative to the part's usual departure from its rest orientation."""
 
 
 def with_curves(
     problem: SegmentProblem, systems: list[BandedBlocks], motions: tuple[Motion, ...]
 ) -> list[BandedBlocks]:
-    """Normal equations of every performer with those of its stiff parts (`Body.is_stiff`) that leave the curve.
+    """Add the prior on stiff parts (`Body.is_stiff`) to the normal equations of the performers that are solved for.
 
     Parameters
     ----------
     problem : SegmentProblem
     systems : list of BandedBlocks
-        Per performer.
+        One per performer.
     motions : tuple of Motion
-        F poses per performer; where parts are fixed, they are key poses.
+        F poses per performer; where parts are fixed, these are key poses.
     """
     found = list(systems)
     for i in problem.sought:
@@ -41,10 +40,10 @@ def with_curves(
 
 
 def near_curve(problem: SegmentProblem, performer: int, motion: Motion) -> BandedBlocks:
-    """Normal equations of the departures of one performer's stiff parts from the curve through their key poses.
+    """Build the normal equations of the departures of one performer's stiff parts from the curve.
 
-    The curve turns steadily from one key pose to the next. Before the first and after the last it is that key pose, and
-    without any the rest orientation.
+    The curve turns at a constant rate from one key pose to the next (slerp). Before the first key pose and after the
+    last one it stays there; without any key pose it is the rest orientation.
     """
     body, F = problem.bodies[performer], len(motion)
     fixed = problem.fixed[performer][:, 3:].reshape(F, -1, 3).all(axis=2)

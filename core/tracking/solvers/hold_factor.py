@@ -1,8 +1,8 @@
-"""Holds as evidence: while a prop is held, what is seen of it says where the hand is, and the other way round.
+"""Holds as evidence: while a prop is held, images of the prop show where the hand is, and the other way round.
 
-Residuals are how far the prop is from where the part that holds it has it by the grip (`core.shot.holds`), and how far
-it is turned from there. They are stiff against all that images say, so that the bodies that they tie to each other are
-solved together: solved one by one, each would stay where the other is.
+The residuals are the differences in position and orientation between the prop and where the holding part has it by the
+grip (`core.shot.holds`). They are stiff compared with the images, so bodies that are tied to each other are solved in
+one system: solved one after the other, each would stay where the other is.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from ...shot.holds import Hold
 from ...shot.shot import Performer
 
 PLACE, TURN = 0.005, 0.05
-"""Standard deviations of the prop's place in the hand along each axis, metres, and of its turn about each, radians:
-fingers give way a little, and the hand is one stiff part."""
+"""Standard deviations of the prop's position in the hand along each axis, metres, and of its rotation about each,
+radians: fingers give way a little, and the model's hand is a single rigid part."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +34,11 @@ class HoldFactor:
     Attributes
     ----------
     prop, holder : int
-        Numbers of the performers.
+        Indices of the performers.
     part : int
-        The part of the holder's body that holds the prop.
+        Index of the part of the holder's body that holds the prop.
     frames : ndarray of int, shape (K,)
-        Of the segment's F.
+        Frames of the segment on which the prop is held.
     turns, places : ndarray, shape (K, 3, 3) and (K, 3)
         The grip on these frames, see `core.shot.holds.Grip`.
     """
@@ -52,7 +52,7 @@ class HoldFactor:
 
     @classmethod
     def of(cls, hold: Hold, performers: Sequence[Performer], first: int, last: int) -> HoldFactor | None:
-        """Return that of a hold with a grip on shot frames first to last; None where it is not on any of them."""
+        """Build the factor of a hold with a grip on shot frames first to last; None if it is on none of them."""
         begin, end = max(hold.frames[0], first), min(hold.frames[1], last)
         if begin > end or hold.grip is None:
             return None
@@ -63,13 +63,13 @@ class HoldFactor:
         return cls(prop, holder, part, frames - first, *hold.grip.at(frames))
 
     def on_frames(self, first: int, stop: int) -> HoldFactor:
-        """The hold on frames first to stop of the segment, counted from the first of these; maybe on none."""
+        """Restrict the hold to frames first to stop - 1 of the segment, and count from the first of these."""
         inside = (self.frames >= first) & (self.frames < stop)
         return replace(self, frames=self.frames[inside] - first, turns=self.turns[inside], places=self.places[inside])
 
     def residuals(self, bodies: Sequence[Body], motions: Sequence[Motion]) -> tuple[Array, Array, Array]:
-        """Whitened residuals (K, 6), and their Jacobians by the degrees of freedom of the prop, (K, 6, D), and of the
-        holder.
+        """Return residuals (K, 6) in standard deviations, and their Jacobians (K, 6, D) by the degrees of freedom of
+        the prop and of the holder.
         """
         own = [motions[i][self.frames] for i in (self.prop, self.holder)]
         (R_prop, T_prop), (R, T) = poses = [part_poses(bodies[i], m) for i, m in zip(self._tied, own, strict=True)]
@@ -93,19 +93,19 @@ class HoldFactor:
 def hold_factors(
     holds: Sequence[Hold], performers: Sequence[Performer], first: int, last: int
 ) -> tuple[HoldFactor, ...]:
-    """Return the holds on shot frames first to last as evidence."""
+    """Build the factors of all holds on shot frames first to last."""
     found = (HoldFactor.of(hold, performers, first, last) for hold in holds)
     return tuple(factor for factor in found if factor is not None)
 
 
 @dataclass(frozen=True, eq=False)
 class TiedSystems:
-    """Normal equations of performers, with those that a hold ties to each other in one system.
+    """Normal equations of all performers, with one system for every group of performers that holds tie to each other.
 
     Attributes
     ----------
     places : tuple of dict of int to slice
-        Of each system: the degrees of freedom of each of its performers in it.
+        Per system: the slice of its degrees of freedom that belongs to each of its performers.
     systems : tuple of BandedEquations
     """
 
@@ -114,17 +114,21 @@ class TiedSystems:
 
     @property
     def groups(self) -> tuple[tuple[int, ...], ...]:
-        """The performers of each system, in the order of their degrees of freedom in it."""
+        """Indices of the performers of each system, in the order of their degrees of freedom."""
         return tuple(map(tuple, self.places))
 
     @property
     def cost(self) -> float:
-        """Sum of all costs."""
+        """Sum of the costs of all systems."""
         return sum(system.cost for system in self.systems)
 
     def by_performer(self, values: Sequence[Array]) -> dict[int, Array]:
-        """Split what is given per system along the last axes of its degrees of freedom: steps (F, D), or covariances
-        (F, D, D) of which the blocks of each performer are kept.
+        """Split arrays given per system by performer.
+
+        Parameters
+        ----------
+        values : sequence of ndarray, shape (F, D) or (F, D, D)
+            Per system: steps, or covariances, of which the diagonal block of each performer is returned.
         """
         return {
             i: value[:, own, own] if value.ndim == 3 else value[:, own]
@@ -142,9 +146,9 @@ def tied_systems(
     fixed: Sequence[Bools],
     sought: Sequence[int],
 ) -> TiedSystems:
-    """Add what holds say to the normal equations of the performers that are sought.
+    """Add holds to the normal equations of the performers that are solved for, and join those of tied performers.
 
-    A performer whose motion is given ties those that it holds, or that hold it, to where it is.
+    A performer whose motion is given acts on those that it holds or that hold it as a fixed target.
 
     Parameters
     ----------
@@ -174,7 +178,7 @@ def tied_systems(
 
 
 def _groups(sought: Sequence[int], holds: Sequence[HoldFactor]) -> tuple[tuple[int, ...], ...]:
-    """The performers that are sought, by which of them holds tie to each other."""
+    """Group the performers that are solved for by which of them holds tie to each other."""
     group = {i: {i} for i in sought}
     for hold in holds:
         if hold.prop in group and hold.holder in group:
@@ -184,7 +188,7 @@ def _groups(sought: Sequence[int], holds: Sequence[HoldFactor]) -> tuple[tuple[i
 
 
 def _side_by_side(systems: Sequence[BandedBlocks], where: Sequence[slice]) -> BandedBlocks:
-    """Several systems as one without common terms."""
+    """Join several systems into one without coupling terms."""
     joined = BandedBlocks.zeros(len(systems[0].gradient), where[-1].stop)
     for system, own in zip(systems, where, strict=True):
         joined.diagonal[:, own, own], joined.gradient[:, own] = system.diagonal, system.gradient
@@ -195,7 +199,7 @@ def _side_by_side(systems: Sequence[BandedBlocks], where: Sequence[slice]) -> Ba
 def _add(
     system: BandedBlocks, hold: HoldFactor, where: Mapping[int, slice], linearised: tuple[Array, Array, Array]
 ) -> float:
-    """Add a hold, its residuals and their Jacobians, to a system; returns its cost."""
+    """Add the residuals and Jacobians of a hold to a system, in place; returns the cost of the hold."""
     r, J_prop, J_holder = linearised
     jacobians = [(where[i], J) for i, J in ((hold.prop, J_prop), (hold.holder, J_holder)) if i in where]
     for own, J in jacobians:
@@ -206,8 +210,8 @@ def _add(
 
 
 def touching_parts(holds: Sequence[HoldFactor], bodies: Sequence[Body]) -> frozenset[tuple[int, int]]:
-    """Pairs of parts, among those of all bodies, that are in each other where a prop is held: the prop's against the
-    part that holds it, the one above and all below.
+    """Return the pairs of parts, in both orders, that may penetrate each other because a prop is held: the prop's parts
+    with the holding part, its parent and all its descendants. Indices are those of all bodies' parts.
     """
     spans, found = slices_of(len(body) for body in bodies), set()
     for hold in holds:

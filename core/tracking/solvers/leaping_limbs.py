@@ -1,8 +1,8 @@
-"""Limbs that leap away and back for a moment, where a way straight across may be better.
+"""Limbs that leap away and back within a moment: whether a straight path across is better.
 
-While others hide a limb, or two legs pass each other, a few frames may have it where something else is: each of them is
-near a solution of its own, and as it lasts for less than the images need to tell, the search around the whole motion
-seldom draws its way out. Next to how the limb moves otherwise, the leaps stand out.
+While a limb is hidden, or two legs pass each other, the solution may have it elsewhere on a few frames, in a local
+minimum. These are too few frames for the search around the whole motion to correct them, but the leaps stand out from
+how the limb moves otherwise.
 """
 
 from __future__ import annotations
@@ -27,27 +27,29 @@ from .problem import SegmentProblem, SegmentSolution
 from .solution_ranking import likeliest, noise_of
 
 LEAP = 6.0
-"""How much larger than usual, the median over the frames, the acceleration of a limb's joint is where it leaps."""
+"""Smallest ratio of the acceleration at a leap to the limb's median acceleration."""
 LEAST = 0.05
-"""A smaller one is no leap, metres per frame squared: heels that meet the floor are stopped as fast."""
+"""Smallest acceleration of a leap, metres per frame squared; a heel is stopped as abruptly when it meets the floor."""
 LONGEST = 0.3
-"""For how long a limb may be away, seconds: beyond that, a straight way back is far from its own."""
+"""Longest time that a limb may be away, seconds: over a longer one, a straight path is far from the true one."""
 NEXT = 0.1
-"""Leaps within this time of each other are there and back, seconds."""
+"""Two leaps within this time are one away and one back, seconds."""
 
 BRIDGING = (*SETTLING, *SETTLED, *SETTLED)
-"""From a straight way to the solution: all else must have settled again as far as before, or it outweighs the limb."""
+"""From a straight path to the solution. The rest of the body must converge again as far as before, or its residuals
+outweigh those of the limb."""
 
 
 @dataclass(frozen=True)
 class Leap:
-    """Frames, from the first to the last, on which limbs are away.
+    """An interval in which limbs are away.
 
     Attributes
     ----------
     first, last : int
+        First and last of its frames.
     parts : tuple of int
-        Of all limbs that leap there, among the parts of their body.
+        Indices of the parts of all limbs that leap there.
     """
 
     first: int
@@ -56,9 +58,9 @@ class Leap:
 
 
 def solved(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
-    """The best of solutions from several starts; where limbs leap in it, the way across is tried.
+    """Solve from several starts (`best_of_starts`) and then bridge leaps of limbs; the `solve` of Gauss-Newton.
 
-    Parameters as of `gauss_newton.descend`.
+    Parameters as in `gauss_newton.descend`.
     """
     solution = best_of_starts(problem, start, workspace.part(0.0, 0.9))
     if not pictures_find_limbs(problem):
@@ -67,9 +69,9 @@ def solved(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspac
 
 
 def with_leaps_bridged(problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SegmentSolution:
-    """The solution, with limbs that leap led straight across where that makes the pictures likelier.
+    """Lead limbs that leap straight across where that makes the images likelier.
 
-    Performers take turns, each among the others as they are by then.
+    Performers are treated in turn, with the motions of the others given.
 
     Parameters
     ----------
@@ -100,7 +102,7 @@ def with_leaps_bridged(problem: SegmentProblem, solution: SegmentSolution, works
 def _bridged(
     problem: SegmentProblem, performer: int, before: SegmentSolution, found: Sequence[Leap], workspace: Workspace
 ) -> SegmentSolution | None:
-    """The solution with those leaps bridged that are better so; None if none of them is."""
+    """Bridge the leaps of one performer where that is better; None if it is nowhere."""
     noise = noise_of(problem, before, workspace)
     settled = best = descend(problem, before.motions, workspace.silent(), SETTLED, noise)
     for k, leap in enumerate(found):
@@ -112,7 +114,7 @@ def _bridged(
 
 
 def leaps(problem: SegmentProblem, performer: int, motion: Motion) -> list[Leap]:
-    """Where limbs of a performer leap, between frames that hold them.
+    """Find the leaps of a performer's limbs, between frames on which key poses fix them.
 
     Parameters
     ----------
@@ -144,7 +146,7 @@ def leaps(problem: SegmentProblem, performer: int, motion: Motion) -> list[Leap]
 
 
 def bridged_motion(motion: Motion, leap: Leap, fixed: Bools) -> Motion:
-    """A motion whose limbs turn evenly from before a leap to what is after it, but for what is fixed (F, D)."""
+    """Turn the limbs evenly from the frame before a leap to the one after it, except for what is fixed (F, D)."""
     parts, Q = list(leap.parts), motion.rotations.copy()
     before, after = Q[leap.first - 1, parts], Q[leap.last + 1, parts]
     turn = rotations.log(np.swapaxes(before, -1, -2) @ after)

@@ -1,4 +1,4 @@
-"""Limbs exchanged between solutions, or with each other, where the pictures are likelier with that."""
+"""Exchanging limbs between solutions, or left with right, where that makes the images likelier."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from .problem import SegmentProblem, SegmentSolution
 from .solution_ranking import RESTING, alike, cover_at, equals, likeliest_at_rest, likelihood, noise_of
 
 LENDING = 0.03
-"""A solution that covers less than the best by more than this share has no limbs to lend to it."""
+"""Relative difference of cover up to which a solution may lend its limbs to the best one."""
 HOPELESS = 0.06
-"""Limbs of one of several performers that were exchanged, and cover less by this share once they have settled, do not
-come to cover more."""
+"""Relative loss of cover after the first iterations from which on an exchange, for one of several performers, is given
+up."""
 
 
 def recombined(
@@ -29,11 +29,19 @@ def recombined(
     noise: SegmentNoise,
     workspace: Workspace,
 ) -> SegmentSolution:
-    """The best of some solutions, with like limbs taken from the others where that is likelier.
+    """Take over pairs of limbs from other solutions into the best one where that makes the images likelier.
 
-    What is drawn by chance may bring the arms to their places in one solution and the legs in another. Limbs do not
-    fit a trunk that others have led, so they settle before they are compared. Of equals the
-    likeliest counts; all are compared under one noise.
+    The random search may find the arms in one solution and the legs in another. A limb does not quite fit the trunk of
+    another solution, so each mixture is solved further before it is compared.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+    best : SegmentSolution
+    others : sequence of SegmentSolution
+    noise : SegmentNoise
+        All are compared under this noise.
+    workspace : Workspace
     """
     lenders = equals(others, LENDING)
     tried = [solution.motions for solution in lenders]
@@ -56,11 +64,11 @@ def recombined(
 
 
 def with_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspace: Workspace) -> SegmentSolution:
-    """The solution, with like limbs exchanged between their meetings where that covers more and is likelier.
+    """Exchange left and right limbs of a solution between two of their meetings, where that is better.
 
-    Legs that pass each other twice between two key poses look much as if they had turned back both times; looking for
-    one limb at a time does not find that, as the other one is in its place. Performers take turns, each among the
-    others as they are by then; where limbs of somebody were exchanged, all settle together at last.
+    Legs that pass each other twice between two key poses look much as if they had turned back both times. A search for
+    one limb at a time does not find this error, as the other limb is in its place. Performers are treated in turn, with
+    the motions of the others given; if limbs of any were exchanged, all are solved together at the end.
     """
     if len(problem.sought) == 1:
         return _with_own_limbs_exchanged(problem, best, workspace)
@@ -76,8 +84,8 @@ def with_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspa
 
 
 def _with_own_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspace: Workspace) -> SegmentSolution:
-    """The same for the performer that is sought. What one of several has is settled on only for an exchange that may be
-    better.
+    """Do the same for the performer that is solved for. Among several performers, the solution is only solved further
+    once there is an exchange that may be better.
     """
     noise = noise_of(problem, best, workspace)
     count = len(list(exchanges(problem, best.motions)))
@@ -86,7 +94,7 @@ def _with_own_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, wo
         best = _settled_on(problem, best, noise, workspace)
     for k in range(count):
         part = workspace.part(k / count, (k + 1) / count)
-        # Anew of what is best by now: an exchange that was accepted leaves the limbs meeting where they did.
+        # Generated anew from the best so far: an accepted exchange leaves the meetings of the limbs where they were.
         for motions in islice(exchanges(problem, best.motions), k, k + 1):
             found = _exchange_settled(problem, best, motions, noise, part)
             if found is None:
@@ -107,8 +115,10 @@ def _settled_on(
 def _exchange_counts(
     problem: SegmentProblem, best: SegmentSolution, found: SegmentSolution, noise: SegmentNoise
 ) -> bool:
-    """Whether a solution with limbs exchanged is the better one. Of one of several performers the pictures' likelihood
-    decides, which knows what it hides of the others; a limb that is hidden the right way may cover less.
+    """Whether a solution with exchanged limbs is better than the one without.
+
+    A single performer must cover more at a lower cost. Among several, the likelihood decides, which accounts for what a
+    performer hides of the others: a limb that is rightly hidden may cover less.
     """
     if problem.only is None:
         return found.cover > best.cover and found.energy[-1] < best.energy[-1]
@@ -122,8 +132,8 @@ def _exchange_settled(
     noise: SegmentNoise,
     workspace: Workspace,
 ) -> SegmentSolution | None:
-    """The solution from limbs that were exchanged; None for one of several performers if once the limbs have settled it
-    covers so much less that the rest cannot make up for it.
+    """Solve from exchanged limbs. For one of several performers, return None if after the first iterations the cover is
+    so much smaller (`HOPELESS`) that the exchange cannot be better.
     """
     if problem.only is None:
         return descend(problem, motions, workspace, (*SETTLING, *SETTLED), noise)

@@ -1,4 +1,4 @@
-"""What each view shows for a limb: pixels that look like the performer and nobody covers, and edges of brightness."""
+"""Images in which a limb is searched for: uncovered pixels that look like the performer, and slopes of brightness."""
 
 from __future__ import annotations
 
@@ -25,21 +25,35 @@ from ...numerics.repeatable import transformed
 from .problem import SegmentProblem
 
 PartPoses = tuple[Array, Array]
-"""Orientations and places of a part on m frames, K each: (m, K, 3, 3) and (m, K, 3)."""
+"""K world orientations and positions of a part on each of m frames: (m, K, 3, 3) and (m, K, 3)."""
 ZERO = 128
-"""What a foreground image has where a performer is as likely as anything else."""
+"""Value of a foreground image whose log likelihood ratio is 0: performer and background are equally likely."""
 DEPTH_STEP = 0.002
-"""Metres."""
+"""Unit of depth images, metres."""
 NOBODY = (1 << 16) - 1
-"""Depth where there is no part, in steps of `DEPTH_STEP`."""
+"""Depth where there is no part, in units of `DEPTH_STEP`."""
 STRIDE = 3
-"""From one pixel that is looked at to the next, in rows and in columns."""
+"""Distance between the pixels that are used, in rows and in columns."""
 
 
 @dataclass(frozen=True, eq=False)
 class ViewRatios:
-    """Every STRIDE-th pixel of a view's frames: a performer's foreground images, (F, h, w), and the colours of its
-    parts; and how brightness changes.
+    """What a view shows of a performer, at every STRIDE-th pixel.
+
+    Attributes
+    ----------
+    camera : Camera
+        At the reduced resolution.
+    first : int
+        Shot frame of the first image.
+    foreground : ndarray of uint8, shape (F, h, w)
+        The performer's foreground images, see `core.evidence.foreground`.
+    coloured : ColouredFrames or None
+        Colours of the performer's parts.
+    still : StillParts or None
+        Label images of the other performers, where their motion is given.
+    slopes : SlopeImages or None
+        How brightness changes, at full resolution.
     """
 
     camera: Camera
@@ -51,7 +65,7 @@ class ViewRatios:
 
     @classmethod
     def of(cls, view: ViewFrames, problem: SegmentProblem, performer: int, motions: Sequence[Motion]) -> ViewRatios:
-        """What a view shows of a performer on the frames of a problem, among the others as `motions` have them."""
+        """Collect what a view shows of a performer on the frames of a problem; the others are posed as in `motions`."""
         foreground = view.foreground_at(problem.first, problem.length, STRIDE)[performer]
         coloured = view.part_colours(problem.first, problem.length, STRIDE)
         camera, still = view.camera.subsampled(STRIDE), None
@@ -63,7 +77,7 @@ class ViewRatios:
         return cls(camera, problem.first, foreground, coloured, still, slopes)
 
     def labels(self, geometry: Geometry, poses: tuple[Array, Array], without: Sequence[int] = ()) -> LabelImages:
-        """Label images of all parts but for some; beside those that are still, numbered as all are."""
+        """Render label images of all parts without some; indices are those of all parts."""
         parts = np.setdiff1d(np.arange(len(geometry.spans)), without)
         if self.still is not None:
             parts = np.setdiff1d(parts, self.still.parts)
@@ -72,7 +86,7 @@ class ViewRatios:
         return moving if self.still is None else self.still.among(moving, parts)
 
     def uncovered(self, geometry: Geometry, poses: tuple[Array, Array], parts: Sequence[int]) -> UncoveredImages:
-        """What the pixels that a limb, a chain of parts, can reach show for it where others do not hide it."""
+        """Compute the log likelihood ratios of a limb's parts at all pixels that the limb can reach."""
         labels = self.labels(geometry, poses, parts)
         rows, columns = self._within_reach(geometry, poses[1][:, list(parts)], parts)
         window, corner = (slice(None), rows, columns), (columns.start, rows.start)
@@ -85,7 +99,7 @@ class ViewRatios:
         others = np.arange(len(geometry.spans))
         if self.still is None:
             others = np.setdiff1d(others, parts)
-        # What an image has at a pixel is decided by the colour there and by who shows: another part, or the foreground.
+        # The ratio at a pixel depends on its colour and on what is there now: another part, or a foreground value.
         row = np.where(nobody, foreground.astype(np.int32) + np.int32(len(others)), shown)
         place = row * np.int32(colours.ratio.shape[1]) + palette
         images = []
@@ -97,7 +111,7 @@ class ViewRatios:
         return UncoveredImages(self.camera, self.first, tuple(images), depth, self.slopes, origin=corner)
 
     def _within_reach(self, geometry: Geometry, joints: Array, parts: Sequence[int]) -> tuple[slice, slice]:
-        """Rows and columns of the pixels that may show a chain of parts with joints (F, n, 3), however these turn."""
+        """Rows and columns of the pixels that a chain of parts with joints (F, n, 3) may cover, however they turn."""
         sizes = [float(np.linalg.norm(geometry.vertices[geometry.spans[part]], axis=1).max()) for part in parts]
         lengths = np.linalg.norm(np.diff(joints, axis=1), axis=-1).max(axis=0, initial=0.0)
         reach = max(size + before for size, before in zip(sizes, np.cumsum([0.0, *lengths]), strict=True))
@@ -117,7 +131,7 @@ class ViewRatios:
 
 
 def _slopes_around(view: ViewFrames, problem: SegmentProblem, foreground: NDArray[np.uint8]) -> SlopeImages | None:
-    """How brightness changes where some frame may show the performer."""
+    """Slopes of brightness within the box of pixels that may show the performer on some frame."""
     shown = (foreground > ZERO).any(axis=0)
     if not shown.any():
         return None
@@ -131,10 +145,22 @@ def _slopes_around(view: ViewFrames, problem: SegmentProblem, foreground: NDArra
 
 @dataclass(frozen=True, eq=False)
 class UncoveredImages:
-    """How much likelier each pixel of a view is with each of some parts there than as the others are.
+    """Log likelihood ratios of a view's pixels for each part of a limb, against what is there without the limb.
 
-    `ratio` are n images (F, h, w) as foreground images are; `depth` (F, h, w) is how far the others are, in steps of
-    `DEPTH_STEP`, if it matters. `origin` is the view's pixel (column, row) that is the first of these.
+    Attributes
+    ----------
+    camera : Camera
+    first : int
+        Shot frame of the first image.
+    ratio : tuple of ndarray of uint8, shape (F, h, w)
+        Per part: log likelihood ratios, encoded as in foreground images (`ZERO`).
+    depth : ndarray of uint16, shape (F, h, w), or None
+        Depth of all other parts in units of `DEPTH_STEP`; None where it does not matter.
+    slopes : SlopeImages or None
+    sides : SideRatios or None
+        Distribution of brightness changes across the limb's sides, once learned.
+    origin : tuple of int
+        Column and row of the view's pixel that is the first of the images.
     """
 
     camera: Camera
@@ -146,8 +172,8 @@ class UncoveredImages:
     origin: tuple[int, int] = (0, 0)
 
     def changes(self, sides: PartSides, frames: slice, poses: PartPoses) -> tuple[NDArray[np.float32], Bools]:
-        """The changes of brightness across the sides of a part in its poses on some frames, grey levels per pixel, and
-        which of them others do not hide; shape (m, 2, n, K).
+        """Return the brightness changes across the sides of a part in K poses on m frames, grey levels per pixel, and
+        which of them other parts do not hide; shapes (m, 2, n, K) for n points on either side.
         """
         assert self.slopes is not None and self.depth is not None
         Rc, tc = self.camera.poses(self.first + frames.start, len(poses[0]))
@@ -159,14 +185,15 @@ class UncoveredImages:
         return change, seen[:, 2] < others * np.float32(DEPTH_STEP)
 
     def beside(self, sides: PartSides, frames: slice, poses: PartPoses) -> NDArray[np.float32]:
-        """How much likelier what shows across the sides of a part is with it in its poses, (m, K)."""
+        """Log likelihood ratio of the brightness across the sides of a part in K poses on m frames, (m, K)."""
         if self.sides is None:
             return np.zeros(poses[1].shape[:2], np.float32)
         return self.sides.of(*self.changes(sides, frames, poses)).sum(axis=(1, 2))
 
     def at(self, part: int, frames: slice, points_world: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Ratios of the pixels that points (m, 3, K, points) of a part on some frames fall on, 0 beyond the picture and
-        behind others; shape (m, K).
+        """Mean log likelihood ratio of the pixels that a part's points (m, 3, K, points) fall on, shape (m, K).
+
+        Points outside of the image or behind other parts count 0.
         """
         Rc, tc = self.camera.poses(self.first + frames.start, len(points_world))
         K = self.camera.matrix
@@ -181,7 +208,7 @@ class UncoveredImages:
         return np.asarray(steps.mean(axis=-1, dtype=np.float32) / np.float32(SCALE))
 
     def _looked_up(self, images: NDArray[Any], columns: Array, rows: Array, beyond: float) -> NDArray[Any]:
-        """The nearest pixels of images (m, h, w) to places (m, K, points) in the view."""
+        """Look up the nearest pixels of images (m, h, w) at positions (m, K, points) in the view."""
         left, top = (np.float32(edge) for edge in self.origin)
         found = np.empty(columns.shape, images.dtype)
         for image, u, v, out in zip(images, columns - left, rows - top, found, strict=True):
@@ -190,7 +217,7 @@ class UncoveredImages:
 
 
 def depth_steps(labels: LabelImages) -> NDArray[np.uint16]:
-    """How far the parts are, in steps of `DEPTH_STEP`."""
+    """Depth of the parts at every pixel of label images, in units of `DEPTH_STEP`."""
     if labels.still is None:
         images = np.full(labels.part.shape, NOBODY, np.uint16)
     else:
@@ -204,10 +231,10 @@ def _in_depth_steps(depth: NDArray[np.float32]) -> NDArray[np.uint16]:
 
 
 def _as_steps(ratio: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Log likelihood ratios as foreground images have them: there may be many images."""
+    """Encode log likelihood ratios as bytes, as in foreground images, to save memory."""
     return np.rint(np.clip(ratio, -STRONGEST, STRONGEST) * np.float32(SCALE) + np.float32(ZERO)).astype(np.uint8)
 
 
 def shown_areas(geometry: Geometry, parts: Sequence[int]) -> Array:
-    """The areas that parts show on the average, square metres: by Cauchy's formula a quarter of their surfaces."""
+    """Mean projected areas of parts, square metres: by Cauchy's formula a quarter of their surfaces."""
     return np.array([ConvexHull(geometry.vertices[geometry.spans[part]]).area / 4 for part in parts])

@@ -1,4 +1,4 @@
-"""How much likelier the pictures are with a limb in one pose or another: by its pixels, and across its sides."""
+"""Log likelihood ratios of poses of a limb: by the pixels that it covers, and by the edges at its sides."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ from .limb_images import NOBODY, PartPoses, UncoveredImages, ViewRatios, depth_s
 from .problem import SegmentProblem
 
 PATCH = 0.06
-"""Pixels within this length of each other on the body count as one, metres."""
+"""Pixels within this distance of each other on the body count as one observation, metres."""
 LEAST_HELD = 0.02
-"""How surely a limb that is not seen is where it is: poses that the images cannot distinguish stay what they are."""
+"""Weight with which a limb that is not seen is kept where it is: among poses that the images cannot distinguish, the
+present one is preferred."""
 ELSEWHERE_SPREAD = 0.5
-"""Standard deviation of the joints of poses drawn around each key pose, radians: as `limb_search.SPREADS`."""
+"""Standard deviation of poses drawn around each key pose, radians, for a joint with a range of half a circle."""
 ELSEWHERE = 60
-"""Poses drawn around each key pose that show how brightness changes where no limb ends."""
+"""Poses drawn around each key pose, to learn how brightness changes where no limb has its side."""
 _POINTS = 16
 _AT_A_TIME = 16  # frames
 _LEAST_RANGE = 0.05
@@ -37,12 +38,29 @@ _LEAST_RANGE = 0.05
 
 @dataclass(frozen=True, eq=False)
 class LimbModel:
-    """One limb and what is known of it: n parts, F frames.
+    """A limb of n parts on F frames, as the search needs it.
 
-    `range` is (n, 3), 1 for half a circle; points (n, points, 3) are in the parts' frames, and each part shows its
-    area, square metres, on the average; `parent` are the poses of what the limb hangs on; `begin` (F, n, 3) are the
-    rotation vectors of where it is; `fixed` (F, n, 3) are the degrees of freedom that stay; `held` (F, n) is how surely
-    it is where it is; `sides` are those of its first parts, see `without_end`.
+    Attributes
+    ----------
+    body : Body
+    chain : list of int
+        The limb's parts, from the trunk outward.
+    range : ndarray, shape (n, 3)
+        Range of each joint's rotation vector in half circles.
+    points : ndarray, shape (n, points, 3)
+        Points inside each part, in its frame, metres.
+    areas : ndarray, shape (n,)
+        Mean projected area of each part, square metres.
+    parent : tuple of ndarray, shapes (F, 3, 3) and (F, 3)
+        World poses of the part that the limb hangs on.
+    begin : ndarray, shape (F, n, 3)
+        Present rotation vectors of the limb.
+    fixed : ndarray of bool, shape (F, n, 3)
+        Degrees of freedom that stay as they are.
+    held : ndarray, shape (F, n)
+        How clearly each part is seen where it is, 0 to 1.
+    sides : tuple of PartSides
+        Sides of the limb's parts but the last, see `without_end`.
     """
 
     body: Body
@@ -60,7 +78,7 @@ class LimbModel:
 def limb_of(
     problem: SegmentProblem, motions: Sequence[Motion], place: tuple[int, list[int]], rng: Generator
 ) -> tuple[LimbModel, list[int]]:
-    """A limb as motions have it, seen nowhere where it is, and its parts of all performers'."""
+    """Return a limb as motions have it, with the least `held`, and the indices of its parts among all performers'."""
     i, chain = place
     body, span = problem.bodies[i], problem.spans()[i]
     parts = [span.start + part for part in chain]
@@ -82,7 +100,7 @@ def limb_of(
 def support_of_limbs(
     problem: SegmentProblem, motions: Sequence[Motion]
 ) -> Iterator[tuple[int, list[int], Array, Callable[[], Array]]]:
-    """How much likelier what the pictures show is with each limb where it is than without it.
+    """Generate, for every limb, the log likelihood ratio of the images with the limb where it is against without it.
 
     Parameters
     ----------
@@ -97,10 +115,10 @@ def support_of_limbs(
     list of int
         The limb as a chain of its parts.
     ndarray, shape (F,)
-        Logarithm of the ratio of likelihoods on each frame, of what shows across its sides.
+        Log likelihood ratio on each frame by the brightness across the limb's sides alone.
     callable
-        Returns the same of all that shows, (F,): its sides, and what its pixels would show without it. It is 0 where
-        all views have the limb behind something else.
+        Computes the ratio on each frame by sides and pixels together, (F,). It is 0 where the limb is hidden in all
+        views.
     """
     rng = np.random.default_rng(problem.settings.search_seed)
     views = [view for view in views_with_foreground(problem.views) if view.colours is not None]
@@ -126,7 +144,7 @@ def _all_shown(
     drawn: tuple[Geometry, tuple[Array, Array], Sequence[int]],
     sides: Array,
 ) -> Array:
-    """How much all that shows of a limb, with what its sides show, speaks for where it begins, (F,)."""
+    """Log likelihood ratio of a limb's present pose by its pixels, plus that of its sides, (F,)."""
     uncovered = [look.uncovered(*drawn) for look in looks]
     return sides + covered(replace(limb, sides=()), uncovered, limb.begin[:, None])[:, 0]
 
@@ -134,7 +152,7 @@ def _all_shown(
 def with_sides_learned(
     limb: LimbModel, looks: Sequence[UncoveredImages], keys: NDArray[np.intp], rng: Generator
 ) -> list[UncoveredImages]:
-    """Views that also know how brightness changes across the limb's sides, as its key poses show it."""
+    """Return the views with the distribution of brightness changes across the limb's sides, learned on key poses."""
     return [_with_learned(limb, look, keys, own) for look, own in zip(looks, rng.spawn(len(looks)), strict=True)]
 
 
@@ -154,7 +172,7 @@ def _with_learned(limb: LimbModel, look: UncoveredImages, keys: NDArray[np.intp]
 
 
 def sides_shown(limb: LimbModel, looks: Sequence[UncoveredImages]) -> Array:
-    """How much what the limb's sides show speaks for where it begins, (F,)."""
+    """Log likelihood ratio of a limb's present pose by the brightness across its sides, (F,)."""
     score = np.zeros(len(limb.begin))
     for some in _chunks(len(score)):
         for sides, poses in zip(limb.sides, _posed(limb, some, limb.begin[some, None]), strict=False):
@@ -164,18 +182,22 @@ def sides_shown(limb: LimbModel, looks: Sequence[UncoveredImages]) -> Array:
 
 
 def _samples(geometry: Geometry, parts: Sequence[int], rng: Generator) -> tuple[Array, Array]:
-    """Points within the parts, (n, points, 3), and the area that each shows on the average: by Cauchy's formula a
-    quarter of its surface, square metres.
-    """
+    """Random points inside the parts, (n, points, 3), and the parts' mean projected areas (n,), square metres."""
     vertices = [geometry.vertices[geometry.spans[part]] for part in parts]
     points = [rng.dirichlet(np.full(len(v), 0.3), _POINTS) @ v for v in vertices]
     return np.array(points), shown_areas(geometry, parts)
 
 
 def covered(limb: LimbModel, uncovered: Sequence[UncoveredImages], drawn: Array) -> Array:
-    """How much likelier the images are with the limb in each of K poses drawn (F, K, n, 3), shape (F, K).
+    """Log likelihood ratios of K poses of the limb on each frame, shape (F, K).
 
-    PartPoses that are the same on all frames may be (1, K, n, 3).
+    Parameters
+    ----------
+    limb : LimbModel
+    uncovered : sequence of UncoveredImages
+        One per view.
+    drawn : ndarray, shape (F, K, n, 3), or (1, K, n, 3) if they are the same on all frames
+        Rotation vectors.
     """
     score = np.zeros((len(limb.held), drawn.shape[1]))
     for some in _chunks(len(score)):
@@ -194,7 +216,7 @@ def _chunks(frames: int) -> Iterator[slice]:
 
 
 def _posed(limb: LimbModel, frames: slice, drawn: Array) -> Iterator[PartPoses]:
-    """The poses of each of the limb's parts on m frames as drawn, rotation vectors (m or 1, K, n, 3)."""
+    """Generate the world poses of the limb's parts on m frames from rotation vectors (m or 1, K, n, 3)."""
     R, T = limb.parent[0][frames, None], limb.parent[1][frames, None]
     Q = rotations.exp(drawn)
     for k, part in enumerate(limb.chain):
@@ -204,7 +226,7 @@ def _posed(limb: LimbModel, frames: slice, drawn: Array) -> Iterator[PartPoses]:
 
 
 def _placed(points: Array, poses: PartPoses) -> NDArray[np.float32]:
-    """World points (m, 3, K, points) of a part in poses, from points in its frame."""
+    """Transform points in a part's frame to the world, (m, 3, K, points)."""
     # Coordinate by coordinate: one product of matrices for all poses, and long rows for what follows. In double
     # precision: processors differ in products of single precision.
     R, T = poses

@@ -1,9 +1,9 @@
-"""Lost limbs are looked for where the images show a performer and the model does not.
+"""Searching for lost limbs in foreground that the model does not cover.
 
-Outlines pull over a few centimetres; an arm that comes out of hiding, or a leg half a step ahead, is farther away.
-Poses of a limb are drawn around its motion, each is scored by how much of the uncovered foreground it would cover, and
-dynamic programming finds the likeliest way through them between the key poses; then poses are drawn nearer to that. The
-result is a start for the solver.
+Outlines attract over a few centimetres only; an arm that comes into sight again, or a leg half a step ahead, is farther
+away. So poses of a limb are drawn at random around its present motion on every frame. Each is scored by how much
+uncovered foreground it would cover, and dynamic programming finds the likeliest path through them between the key
+poses. This is repeated with poses drawn ever closer to the path. The result is a start for the solver.
 """
 
 from __future__ import annotations
@@ -33,43 +33,48 @@ from .measurement import Workspace
 from .problem import SegmentProblem
 
 SPREADS = (1.0, 0.5, 0.25, 0.12)
-"""Standard deviations of the poses drawn, round after round, radians: of a joint that can turn half a circle; that of
-others is in proportion to their range."""
+"""Standard deviation of the poses drawn in each round, radians, for a joint with a range of half a circle; for others
+in proportion to their range."""
 DRAWS = 80
-"""Poses drawn per round; a third and two thirds of the way to each are tried as well."""
+"""Poses drawn per round; those at one and two thirds of the way to each are scored as well."""
 ANYWHERE = 60
-"""Poses per round, the first alone, that may be anywhere within the joints' limits: each the best of `HEAT` by a few
-points."""
+"""Poses of the first round that are drawn from the whole range of the joints; each is the best of `HEAT` draws, judged
+by a few points."""
 HEAT = 32
 SPEED = 3.0
-"""How fast the error of a joint that can turn half a circle usually changes, rad/s: half as fast as the joint turns."""
+"""Usual rate of change of the error of a joint with a range of half a circle, rad/s: half the speed of the joint."""
 HELD = 0.1
-"""How far a limb that is seen, and covers foreground, may be from where it is, radians."""
+"""Standard deviation, radians, of the departure of a limb that is clearly seen where it is."""
 SEEN = 0.1
-"""How surely a limb is where it is, below which it may be elsewhere: hardly any of it is seen on its own colours."""
+"""A limb of which a smaller share is seen on pixels of its own colours may be elsewhere."""
 _FEW_POINTS = 2
 LEAST_GAIN = 50.0
-"""By how much a limb's motion has to become likelier to be changed, in natural units."""
+"""Smallest gain in log likelihood, in natural units, for which a limb's motion is changed."""
 
 
 def pictures_find_limbs(problem: SegmentProblem) -> bool:
-    """Whether limbs may be looked for in the pictures; where there are keypoints, these show where limbs are."""
+    """Whether limbs can be searched for: it needs foreground images, and with keypoints it is not done."""
     return not problem.keypoints and problem.settings.limb_search and bool(views_with_foreground(problem.views))
 
 
 def found_limbs(problem: SegmentProblem, motions: Sequence[Motion], seed: int, workspace: Workspace) -> list[Motion]:
-    """Look for every limb of every performer; the trunk stays as it is.
+    """Search for every limb of the performers that are solved for, one limb after the other; the trunk stays as it is.
 
     Parameters
     ----------
     problem : SegmentProblem
-        Views without foreground images are not looked at. Views are taken to be simultaneous.
+        Only views with foreground images are used; they are taken to be simultaneous.
     motions : sequence of Motion
-        F poses per performer; their fixed degrees of freedom are kept.
+        F poses per performer; fixed degrees of freedom are kept.
     seed : int
-        Of the poses drawn, with the setting's.
+        Seed of the random poses, together with that of the settings.
     workspace : Workspace
         Progress is reported before each limb.
+
+    Returns
+    -------
+    list of Motion
+        F poses per performer.
     """
     views = views_with_foreground(problem.views)
     looks = {i: [ViewRatios.of(view, problem, i, motions) for view in views] for i in problem.sought}
@@ -82,23 +87,24 @@ def found_limbs(problem: SegmentProblem, motions: Sequence[Motion], seed: int, w
 
 
 def freed_limb(problem: SegmentProblem, motions: Sequence[Motion], place: tuple[int, list[int]], seed: int) -> Motion:
-    """Look for one limb of a performer as if it were nowhere seen where it is: in front of the body, a limb in a wrong
-    place seems right.
+    """Search for one limb of a performer regardless of how well it is seen where it is.
+
+    A misplaced limb in front of the body seems right, as it covers foreground of similar colours.
 
     Parameters
     ----------
     problem : SegmentProblem
     motions : sequence of Motion
-        F poses per performer; their fixed degrees of freedom are kept.
+        F poses per performer; fixed degrees of freedom are kept.
     place : tuple
         Index of the performer, and the limb as a chain of its parts.
     seed : int
-        Of the poses drawn, with the setting's.
+        Seed of the random poses, together with that of the settings.
 
     Returns
     -------
     Motion
-        That of the performer.
+        F poses of the performer.
     """
     rng = np.random.default_rng([seed, problem.settings.search_seed])
     looks = [ViewRatios.of(view, problem, place[0], motions) for view in views_with_foreground(problem.views)]
@@ -114,7 +120,7 @@ def _with_limb_found(
     *,
     free: bool = False,
 ) -> Motion:
-    """One performer's motion with one limb, a chain of its parts, where it is likeliest; `free` as in `freed_limb`."""
+    """Move one limb of a performer to where it is likeliest; with `free`, regardless of how well it is seen now."""
     i, chain = place
     motion = motions[i]
     limb, parts = limb_of(problem, motions, place, rng)
@@ -135,16 +141,16 @@ def _with_limb_found(
 
 
 def _doubted(limb: LimbModel) -> bool:
-    """Whether a limb is hardly seen where it is for longer than a moment."""
+    """Whether a limb is hardly seen where it is (`SEEN`) on two or more frames in a row."""
     unsure = limb.held[:, : len(limb.sides)].mean(axis=1) < SEEN
     return any(last > first for first, last in intervals(unsure))
 
 
 def _held(looks: Sequence[ViewRatios], geometry: Geometry, poses: tuple[Array, Array], parts: list[int]) -> Array:
-    """The share of each part that is seen and on foreground of its own colours, in the view that shows most of it,
-    (F, n).
+    """Share of each part's area that is seen on foreground of its own colours, in the view that shows most, (F, n).
 
-    A part that is mostly on the background in another view is not there: it is held the less, the more of it is seen.
+    It is reduced for a part that lies mostly on the background in another view, in proportion to its visible share
+    there: such a part is misplaced.
     """
     held = np.zeros((len(poses[0]), len(parts)))
     free = np.zeros(held.shape)
@@ -163,9 +169,9 @@ def _held(looks: Sequence[ViewRatios], geometry: Geometry, poses: tuple[Array, A
 def _likeliest(
     limb: LimbModel, uncovered: Sequence[UncoveredImages], fps: float, rng: Generator
 ) -> tuple[Array, float]:
-    """The limb's rotation vectors (F, n, 3) that are likeliest around those it begins with, and by how much.
+    """Return the likeliest rotation vectors (F, n, 3) of the limb, and by how much likelier they are than the present.
 
-    How far they are from those costs by how fast it changes; how fast the limb itself moves costs nothing.
+    Their difference from the present ones should change slowly (`SPEED`); how fast the limb itself moves costs nothing.
     """
     begin = limb.begin
     low = np.minimum(limb.body.limits[limb.chain, :, 0], begin.min(axis=0))
@@ -187,7 +193,7 @@ def _likeliest(
         if not values:
             values.append(float(score[:, 0].sum()))
         values.append(value)
-        # While draws are far apart the best are of different kinds; later their mean is smoother than any of them.
+        # Draws that are far apart are different poses, so the best is taken; later their mean is smoother.
         wide = spread > SPREADS[len(SPREADS) // 2]
         frames = np.arange(len(drawn))
         path = drawn[frames, best] if wide else np.einsum("fk,fkna->fna", place_probabilities(score, places), drawn)
@@ -198,8 +204,8 @@ def _likeliest(
 def _anywhere(
     limb: LimbModel, uncovered: Sequence[UncoveredImages], bounds: tuple[Array, Array], rng: Generator
 ) -> NDArray[np.float64]:
-    """Poses of the limb (F, `ANYWHERE`, n, 3) drawn between bounds (n, 3), the same on all frames, of which every frame
-    has its own winners: what is far from where the limb begins is hardly met by drawing around it.
+    """Poses of the limb (F, `ANYWHERE`, n, 3) from between bounds (n, 3), as drawing around its present pose rarely
+    reaches far: of poses drawn once for all frames, each frame has the best of every `HEAT`.
     """
     drawn = rng.uniform(*bounds, size=(ANYWHERE * HEAT, *limb.range.shape))
     score = covered(replace(limb, points=limb.points[:, :_FEW_POINTS], sides=()), uncovered, drawn[None])

@@ -1,6 +1,6 @@
-"""The papers' motion parameters: steps from one pose to the next, and normal equations in them (paper 1, section 2).
+"""The motion parameters of paper 1, section 2: steps from one pose to the next, and normal equations in them.
 
-A step moves the pose that it leads to and, with it, all that follow.
+A step moves the pose that it leads to and all later poses.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ class Steps:
 
     @classmethod
     def of(cls, motion: Motion) -> Steps:
-        """The motion parameters of n + 1 poses."""
+        """Return the motion parameters between n + 1 poses."""
         T, Q = motion.translations, motion.rotations
         return cls(np.diff(T, axis=0), rotations.log(np.swapaxes(Q[:-1], -1, -2) @ Q[1:]))
 
     def accumulated(self, start: Motion) -> Motion:
-        """The poses that follow from a first pose, equations (6) and (7), shape F = n + 1."""
+        """Accumulate the steps from the first pose of `start`, equations (6) and (7), to n + 1 poses."""
         turned = [start.rotations[0]]
         for Q in rotations.exp(self.turns):
             turned.append(turned[-1] @ Q)
@@ -45,29 +45,30 @@ class Steps:
         return Motion(T, rotations.orthonormal(np.stack(turned)))
 
     def vectors(self) -> Array:
-        """x_j as equation (5) has them, shape (n, D)."""
+        """Return the vectors x_j of equation (5), shape (n, D)."""
         return np.concatenate([self.shifts, self.turns.reshape(len(self.turns), 3 * self.turns.shape[1])], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
 class StepEquations:
-    """The spatio-temporal terms of one performer's motion parameters x_1 .. x_n around a motion.
+    """The gradient terms of the energy in one performer's motion parameters x_1 .. x_n, linearised around a motion.
 
-    A step moves the pose that it leads to and, with it, all that follow: the rows (12) of every later frame depend on
-    it. The derivative (22) has them all. Where a row depends on its own step alone, it is A_t,j x_j - b_t,j of (23).
+    A step moves all later poses, so the spatio-temporal gradient constraints (12) of every later frame depend on it.
+    The derivative (22) contains them all; equation (23), A_t,j x_j - b_t,j, only those of the step's own frame.
 
     Attributes
     ----------
     steps : ndarray, shape (n, D)
-        x of the motion.
+        The steps x of the motion.
     poses : BandedBlocks
-        Normal equations of the increments of the n poses after the first, see `Motion.moved`.
+        Normal equations in the increments of the n poses after the first, see `Motion.moved`.
     carried : ndarray, shape (n, D, D)
-        Each pose's increments by those of the pose before, if the step between them stays.
+        Derivative of each pose's increments by those of the pose before, with the step between them fixed.
     curvature : ndarray, shape (n, D, D)
-        Second derivative by each step.
+        Second derivative of the energy by each step.
     first, second : ndarray, shape (n, D, D)
-        What the derivative by x_j gains with increments of pose j - 1, and of pose j - 2, if those after stay.
+        Derivative of the gradient by x_j with respect to increments of pose j - 1 and of pose j - 2, the poses after
+        them being fixed.
     """
 
     steps: Array
@@ -79,7 +80,7 @@ class StepEquations:
 
     @classmethod
     def of(cls, blocks: BandedBlocks, motion: Motion) -> StepEquations:
-        """From the normal equations of the increments of all n + 1 poses of a motion."""
+        """Convert normal equations in the increments of all n + 1 poses of a motion."""
         x = Steps.of(motion)
         carried = block_diagonal(with_translation(np.swapaxes(rotations.exp(x.turns), -1, -2)))
         poses = blocks.cut(1, len(motion))
@@ -94,7 +95,9 @@ class StepEquations:
 
     @classmethod
     def printed(cls, A: Array, left: Array, motion: Motion) -> StepEquations:
-        """From A_t (n, D, D) and A_t x - b_t (n, D) of (23) at a motion: each row depends on its own step alone."""
+        """Build them from A_t (n, D, D) and A_t x - b_t (n, D) of equation (23), as printed: each constraint depends on
+        its own step alone.
+        """
         back = block_diagonal(with_translation(np.swapaxes(rotations.exp(Steps.of(motion).turns), -1, -2)))
         across = np.swapaxes(back, 1, 2)
         blocks = BandedBlocks.zeros(len(motion), A.shape[-1])
@@ -106,7 +109,7 @@ class StepEquations:
         return cls.of(blocks, motion)
 
     def gradient(self, x: Array) -> Array:
-        """Derivatives by the steps (n, D) at others."""
+        """Gradient by the steps, (n, D), at steps x (n, D)."""
         change = x - self.steps
         for j in range(1, len(change)):
             change[j] += self.carried[j] @ change[j - 1]

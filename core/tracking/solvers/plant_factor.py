@@ -1,8 +1,8 @@
-"""Plants as evidence: while a point of the sole is planted, it stands still.
+"""Plants as evidence: while a point of the sole is planted on the ground, it stands still.
 
-Residuals are the steps of a planted point from one frame to the next. While a solution is looked for, points count as
-planted that seem so in the motion so far, and a robust kernel lets go of those that move after all. Which of them stand
-is decided at the end (`standing_feet`).
+The residuals are the displacements of planted points from one frame to the next. During a descent, points count as
+planted that seem so in the present motion, and a robust kernel releases those that move after all. Which of them really
+stand is decided at the end (`standing_feet`).
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from ...numerics.robust_kernels import GemanMcClure, RobustKernel
 from .problem import SegmentProblem
 
 SPEED = 0.02
-"""Metres per second: standard deviation along each axis of the speed of a point of the sole that is planted. Shoes
-give way and roll, and a foot is not quite rigid."""
+"""Standard deviation of the velocity of a planted point along each axis, metres per second: shoes give way and roll,
+and a foot is not quite rigid."""
 GROSS = 4.0
-"""Standard deviations at which a step counts for a quarter of one that is right (Geman and McClure's error)."""
+"""Residual, in standard deviations, at which the Geman-McClure kernel gives a weight of one quarter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,13 +37,13 @@ class PlantFactor:
     Attributes
     ----------
     soles : Soles
-        C points.
+        C points of the soles.
     steps : ndarray of bool, shape (F - 1, C)
         Which points are planted on a frame and on the next.
     deviation : float
-        Of a step along each axis, metres.
+        Standard deviation of a displacement between two frames along each axis, metres.
     kernel : RobustKernel
-        On the length of a step.
+        Applied to the length of a displacement.
     """
 
     soles: Soles
@@ -53,7 +53,7 @@ class PlantFactor:
 
     @classmethod
     def found(cls, body: Body, motion: Motion, fps: float) -> PlantFactor | None:
-        """Return what seems planted in a motion; None where nothing does, or the body has no soles."""
+        """Find the points that seem planted in a motion; None if there are none, or the body has no soles."""
         soles = Soles.of(body)
         if soles is None or len(motion) < 3:
             return None
@@ -62,7 +62,7 @@ class PlantFactor:
         return cls(soles, steps, SPEED / fps, GemanMcClure(GROSS)) if steps.any() else None
 
     def blocks(self, body: Body, poses: Poses) -> BandedBlocks:
-        """The normal equations around poses (R, T) of F frames."""
+        """Build the normal equations around world poses (R, T) of the parts on F frames."""
         points = self.soles.world(poses)
         F, P, C = len(points), len(body), points.shape[1]
         r = np.diff(points, axis=0) / self.deviation
@@ -79,7 +79,7 @@ class PlantFactor:
 
 
 def plants_of(problem: SegmentProblem, motions: Sequence[Motion]) -> list[PlantFactor | None]:
-    """Find the plants of every performer's motion; none where the settings are against it."""
+    """Find the plants in every performer's motion; None for each where the settings switch plants off."""
     if not problem.settings.plants:
         return [None] * len(motions)
     return [PlantFactor.found(body, motion, problem.fps) for body, motion in zip(problem.bodies, motions, strict=True)]
@@ -91,7 +91,7 @@ def with_plants(
     bodies: Sequence[Body],
     motions: Sequence[Motion],
 ) -> list[BandedBlocks]:
-    """Add the evidence of plants to every performer's normal equations."""
+    """Add plants to the normal equations of every performer."""
     return [
         system if plant is None else system + plant.blocks(body, part_poses(body, motion))
         for system, plant, body, motion in zip(systems, plants, bodies, motions, strict=True)

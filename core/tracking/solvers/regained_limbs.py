@@ -1,10 +1,10 @@
-"""Limbs that are looked for again once a segment is solved: bent at a key pose, or refuted by what shows there.
+"""Searching again for limbs once a segment is solved and the motion beside it is known.
 
-Key poses are put on frames that the performer knows nothing of: a fist that flies through one at a steady speed and
-turns away exactly there has been lost on one side of it. Where brightness does not change across a limb's sides as it
-does across those of the key poses, or its pixels look as they would without it, the limb is not there. Next to the body
-a lost limb leaves no other trace, since it lies on what looks like the performer; and as it seems right where it is,
-the usual search holds it there.
+Two signs show that a limb is lost, even in front of the body, where it covers foreground and so seems right:
+
+- Its velocity changes abruptly at a key pose. The performer knows nothing of the frames that the animator chose, so a
+  fist that moves steadily up to a key pose and turns away exactly there has been lost on one side of it.
+- Brightness does not change across its sides as on key poses, or its pixels look as if it were not there.
 """
 
 from __future__ import annotations
@@ -31,15 +31,16 @@ from .problem import SegmentProblem, SegmentSolution
 from .solution_ranking import RESTING, likeliest_at_rest, likelihood, noise_of
 
 BENT = 3.0
-"""How much larger than its accelerations between the key poses, root mean square, that of a limb at a key pose must be
-for its motion to be bent there."""
+"""Ratio of a limb's acceleration at a key pose to its root mean square between key poses, from which on the motion
+counts as bent there."""
 KEY_ERROR = 0.01
-"""How far a key pose may be off, metres: it bends the motion by twice as much."""
+"""Possible error of a key pose, metres: it changes the velocity by twice as much per frame."""
 
 
 def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
-    """Continue from a solution when more is known of the motion around the segment; limbs whose motion that shows to be
-    bent, and those that the pictures refute, are looked for again. Parameters as of `gauss_newton.descend`.
+    """Refine a solution (`gauss_newton.refine`), then search again for limbs that are bent at its ends or refuted.
+
+    This is the `refine` of Gauss-Newton. Parameters as in `gauss_newton.descend`.
     """
     solution = gauss_newton.refine(problem, start, workspace.part(0.0, 0.3))
     if not pictures_find_limbs(problem):
@@ -53,10 +54,11 @@ def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
 
 
 def refuted_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[tuple[int, list[int]]]:
-    """The limbs that are, on some frames in turn, where what shows is likelier without them: across their sides, by
-    `LEAST_GAIN`, or across their sides and in all, for longer than prediction bridges.
+    """Find the limbs without which the images would be likelier on some run of frames.
 
-    A limb that something hides from all views is not among them.
+    This holds if the log likelihood ratio of the brightness across a limb's sides is below -`LEAST_GAIN` in sum, or if
+    both this ratio and that of sides and pixels together are negative over `LONG` frames, longer than prediction
+    bridges. A limb that is hidden in all views is not refuted.
 
     Parameters
     ----------
@@ -79,13 +81,13 @@ def refuted_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[tu
 
 
 def _against_for_long(shown: Array) -> bool:
-    """Whether logarithms of ratios of likelihoods (F,) are negative, in sum, for longer than prediction bridges."""
+    """Whether log likelihood ratios (F,) are negative in sum over some `LONG` frames."""
     upto = np.cumsum([0.0, *shown])
     return bool((upto[LONG:] < upto[:-LONG]).any())
 
 
 def bent_limbs(problem: SegmentProblem, performer: int, motion: Motion) -> list[list[int]]:
-    """The limbs of a performer whose motion is bent where the segment meets the poses that are known beside it.
+    """Find the limbs of a performer whose velocity changes abruptly where the segment meets the motion beside it.
 
     Parameters
     ----------
@@ -107,7 +109,7 @@ def bent_limbs(problem: SegmentProblem, performer: int, motion: Motion) -> list[
 
 
 def bend_of(problem: SegmentProblem, performer: int, motion: Motion, chain: Sequence[int]) -> float:
-    """How much the motion of a limb is bent at the segment's ends, as a share of what counts as bent."""
+    """Ratio of the change of a limb's velocity at the segment's ends to the least that counts as bent."""
     F, keys = len(motion), problem.whole_keys(performer)
     before, after = problem.around(performer)
     known = stacked([m for m in (before, motion, after) if m is not None])
@@ -122,9 +124,7 @@ def bend_of(problem: SegmentProblem, performer: int, motion: Motion, chain: Sequ
 
 
 def _joint_changes(problem: SegmentProblem, performer: int, motion: Motion, chain: Sequence[int]) -> Array:
-    """How much the velocities of a limb's joints, less that of where it begins, change on each frame but the first and
-    the last, metres per frame, (F - 2, n).
-    """
+    """Changes of velocity of a limb's joints relative to its first joint, metres per frame, (F - 2, n)."""
     _, T = part_poses(problem.bodies[performer], motion)
     joints = T[:, chain[1:]] - T[:, [chain[0]]]
     return np.asarray(np.linalg.norm(joints[2:] - 2 * joints[1:-1] + joints[:-2], axis=-1))
@@ -133,9 +133,9 @@ def _joint_changes(problem: SegmentProblem, performer: int, motion: Motion, chai
 def with_limb_regained(
     problem: SegmentProblem, solution: SegmentSolution, place: tuple[int, list[int]], workspace: Workspace
 ) -> SegmentSolution:
-    """The solution, with one limb brought to where the pictures are likelier, if there is such a place.
+    """Search for one limb of a solution and return the likeliest result, which may be the solution itself.
 
-    One look does not lead all the way to a limb that moves fast; each begins where the one before ended.
+    A limb that moves fast is not reached in one round: each round of the search starts where the one before ended.
 
     Parameters
     ----------

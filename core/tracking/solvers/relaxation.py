@@ -1,29 +1,31 @@
 """Relaxation as published (paper 1, section 4 and appendix).
 
-Unknown are the motion parameters x_j between frames j - 1 and j: the root's translation S_j in the world and each
-part's turn Q_j about its own axes. An initial solution follows the gradients alone, frame after frame; sweeps of
-equation (30) then solve one frame after the other for x_j, with the terminal terms (A.1) to (A.4) and the smoothness
-terms (A.5) and (A.6). Parts that no view sees are predicted in the initial solution, and have no gradients in the
-sweeps, equation (38).
+The unknowns are the motion parameters x_j between frames j - 1 and j: the translation S_j of the root in the world and
+the rotation Q_j of each part about its own axes. An initial solution follows the gradients alone, frame by frame.
+Sweeps of equation (30) then solve for x_j one frame after the other, with the terminal terms (A.1) to (A.4) and the
+smoothness terms (A.5) and (A.6). Parts that no view sees are predicted in the initial solution, and have no gradient
+terms in the sweeps, equation (38).
 
-Equation (23) is printed with the rows (12) of a step's own frame. A step moves all later poses, so the rows of all
-later frames depend on it, too; without them sweeps come to rest beside the minimum of (21): where a body turns, rows of
-one frame say what those of another do not, above all of depth. But where the initial solution has lost the body, rows
-of later frames, which see something else, hold steps where they are. So the first sweeps are those of (23) as printed,
-which let the key pose bring the body back, and the others take the derivative (22) whole.
+Two things differ from the paper.
 
-The weights lambda, nu and smoothness weigh grey levels, summed over pixels, against radians and lengths. The paper
-found its numbers by trial on its own footage, and states neither the scale of its grey levels, nor how many pixels it
-took, nor its unit of length. So that the numbers mean the same on all footage, pixels within a square of
-`Settings.correlation_length` on the body, which say nearly the same, count as one together: then the sums depend
-neither on the resolution, nor on the stride, nor on the distance. Grey levels count 0 to 1, turns radians, lengths
-metres in the first sweeps and `LENGTH` in the others.
+*Gradient terms.* Equation (23) is printed with the constraints (12) of a step's own frame only. But a step moves all
+later poses, so the constraints of all later frames depend on it as well. Without them the sweeps converge beside the
+minimum of (21): when a body turns, different frames show different directions, above all depth. On the other hand,
+where the initial solution has lost the body, later frames show something else and would hold the steps where they are.
+So the first sweeps use (23) as printed, which lets the key pose bring the body back, and the others use the full
+derivative (22).
 
-With u = 1/n of equation (27) the sweeps come to rest where equation (21) is least for lambda / n and nu / n, but slowly
-(section 4.3), as lambda and nu hold each step near to what it was. The first sweeps do so, while the key pose is far.
-The others have u = 1 with lambda / n and nu / n, which rest in the same place: a step is then what the energy asks for,
-and no sweep raises it. The axis vector (A.2) is the sine of a turn, so the terminal constraint is met in the limit of
-small turns only; the last pose is then set to the key pose.
+*Weights.* lambda, nu and smoothness weigh grey levels, summed over pixels, against radians and lengths. The paper chose
+its numbers by trial, without stating the scale of grey levels, the number of pixels, or the unit of length. For the
+numbers to mean the same on all footage, all pixels within a square of `Settings.correlation_length` on the body count
+as one: then the sums depend neither on the resolution, nor on the stride, nor on the distance. Grey levels run from 0
+to 1, rotations are in radians, lengths in metres in the first sweeps and in units of `LENGTH` in the others.
+
+With u = 1/n of equation (27) the sweeps converge to the minimum of (21) for lambda / n and nu / n, but slowly (section
+4.3), as lambda and nu hold each step near its former value. The first sweeps do so, while the key pose is far away. The
+others use u = 1 with lambda / n and nu / n, which has the same fixed point; each step is then the minimum of the energy
+for its frame, and no sweep raises the energy. The axis vector (A.2) is the sine of the rotation angle, so the terminal
+constraint is only met in the limit of small angles: finally the last pose is set to the key pose.
 """
 
 from __future__ import annotations
@@ -59,31 +61,31 @@ NU = 20.0
 SMOOTHNESS = 1.0
 """Weight of the smoothness of every motion parameter."""
 PRINTED = 0.5
-"""Share of the sweeps that solve equation (23) as it is printed, with lengths in metres."""
+"""Share of the sweeps, the first ones, that solve equation (23) as printed, with lengths in metres."""
 LENGTH = USUAL_ROOT / USUAL_JOINT
-"""Unit of length of the weights in the others, metres. The paper gives translations and turns the same smoothness: that
-is right in the unit in which the root is usually accelerated as much as a joint is in radians."""
+"""Unit of length in the other sweeps, metres. The paper weighs the smoothness of translations and rotations equally,
+which is right in the unit in which the root's usual acceleration equals that of a joint in radians."""
 DAMPING = 0.01
-"""Of the initial solution's steps, so that a direction that no pixel measures stands still: the variance of a patch's
-grey level, about 0.01 of the scale, over that of a step, about 0.1 radians or metres."""
+"""Damping of the steps of the initial solution, so that a direction that no pixel measures stands still: the variance
+of a patch's grey level (standard deviation about 0.01) over that of a step (about 0.1 radians or metres)."""
 RELINEARISE = 10
-"""Sweeps between two measurements of the gradients around the current motion."""
+"""Sweeps between two measurements of the gradients around the present motion."""
 STRIDE = 2
-"""Every how many pixels, each way, the gradients are taken."""
+"""Distance between the pixels whose gradients are used, in rows and in columns."""
 INITIAL = (Sampling(2.0, 8.0, STRIDE), Sampling(1.0, 4.0, STRIDE), Sampling(1.0, 4.0, STRIDE))
-"""Sampling for the steps from one frame to the next that make the initial solution."""
+"""Samplings for each step of the initial solution, from coarse to fine."""
 FIRST = (Sampling(8.0, 8.0, STRIDE), Sampling(4.0, 8.0, STRIDE), *INITIAL)
-"""Sampling for the first of them, which has none before it to begin with: gradients reach about as far as the images
-are smoothed."""
+"""Samplings for the first step, which has no earlier step to start from: gradients reach about as far as the images are
+smoothed."""
 FINE = Sampling(1.0, 1.0, STRIDE)
 """Sampling for the sweeps."""
 
 
 def relaxed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
-    """Fit the motion of all performers by relaxation; parameters as in `gauss_newton.descend`.
+    """Solve for the motion of all performers by relaxation; parameters as in `gauss_newton.descend`.
 
-    A segment that ends without a key pose has no terminal constraint. Key poses of some degrees of freedom within
-    the segment are held as they are.
+    A segment that ends without a key pose has no terminal constraint. Key poses of single degrees of freedom within the
+    segment are put in at the end.
     """
     seconds, settings = Seconds(), problem.settings
     with seconds.measure("initial solution"):
@@ -117,12 +119,18 @@ def relaxed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
 
 
 def follow_gradients(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> list[Motion]:
-    """Initial solution: from the first pose on, each frame from the one before by its gradients alone, equation (12).
+    """Initial solution: each pose from the one before it by gradients alone, equation (12), from the first pose of
+    `start` on.
 
-    The gradients are taken where the step before would lead, equation (20): a limb that is on its way has gone too far
-    for gradients around the pose that it left. The first step goes from coarse images to fine ones instead. A direction
-    that no pixel measures does not move. With prediction, parts that are out of sight move as predicted until they are
-    seen again (section 5.4). The first frame is that of `start`.
+    Gradients are measured at the pose to which a repetition of the last step leads, equation (20), since a fast limb
+    has moved too far for gradients at its last pose. The first step uses coarse images first instead. Directions that
+    no pixel measures do not move. With prediction, parts that no view sees move as predicted until they are seen again
+    (section 5.4).
+
+    Returns
+    -------
+    list of Motion
+        F poses per performer.
     """
     motions = [motion[:1] for motion in start]
     hidden = [np.zeros((0, len(body)), dtype=bool) for body in problem.bodies]
@@ -144,26 +152,25 @@ def follow_gradients(problem: SegmentProblem, start: Sequence[Motion], workspace
 
 
 def without_drift(motion: Motion, keyed: Motion, fixed: NDArray[np.bool_]) -> Motion:
-    """An initial solution that ends at the key pose; parameters as in `relax`.
+    """Correct an initial solution so that it ends at the key pose; parameters as in `relax`.
 
-    As each of its steps begins with the one before it, it strays as a velocity does that wanders, pose by pose more.
-    Of how far it is off in the end, s^2 (3 - s) / 2 is expected at a share s of the way: the mean of a random walk that
-    is summed once more, given where it ends. The same share for each step, (28), would move the first poses, which are
-    right.
+    Each step starts from the one before, so the error behaves like an integrated random walk. Given its value at the
+    end, its mean at a share s of the way is s^2 (3 - s) / 2 of that. Equal shares for all steps, equation (28), would
+    also move the first poses, which are right.
     """
     s = np.linspace(0.0, 1.0, len(motion))[:, None]
     return motion.moved(s**2 * (3 - s) / 2 * np.where(fixed[-1], motion.difference(keyed)[-1], 0.0))
 
 
 def predicted_step(motion: Motion, hidden: NDArray[np.bool_]) -> Array:
-    """The step that follows a motion, as many ahead of the last one seen as each part has been hidden, shape (D,).
+    """Predict the step that follows a motion, shape (D,); for each part from the steps on which it was last seen.
 
     Parameters
     ----------
     motion : Motion
         j poses of one performer.
     hidden : ndarray of bool, shape (j - 1, P)
-        Which of the steps between them are predicted themselves: a part's model is learnt from its others.
+        Which of the steps between the poses were predicted themselves; a part's model is learnt from the others.
     """
     x = Steps.of(motion).vectors()
     step = np.zeros(x.shape[1])
@@ -177,17 +184,17 @@ def predicted_step(motion: Motion, hidden: NDArray[np.bool_]) -> Array:
 
 
 def out_of_sight(pair: SegmentProblem, motions: Sequence[Motion]) -> list[NDArray[np.bool_]]:
-    """Per performer: parts whose motion from one frame to the next no view shows, shape (P,).
+    """Return, per performer, the parts whose motion from one frame to the next no view shows, shape (P,).
 
-    A view does not show a part that is occluded in its current pose or in the predicted one (section 5.3). But what a
-    part carries shows how it moves: arms before the trunk do not make the body stand still.
+    A view does not show a part that is occluded in its present or predicted pose (section 5.3), unless it shows a part
+    further out on the same chain, whose motion tells that of this one: arms in front of the trunk do not hide it.
 
     Parameters
     ----------
     pair : SegmentProblem
         The two frames.
     motions : sequence of Motion
-        The current pose and the predicted one.
+        Two poses per performer: the present one and the predicted one.
     """
     poses, geometry = scene_poses(pair.bodies, motions), pair.geometry()
     labels = [render_labels(geometry, v.camera.subsampled(STRIDE), pair.first, *poses) for v in pair.views]
@@ -204,7 +211,7 @@ def _moved_by_gradients(
     workspace: Workspace,
     samplings: Sequence[Sampling],
 ) -> list[Motion]:
-    """Two poses per performer, the second moved by the gradients on all parts but those that are gone."""
+    """Move the second of two poses of each performer by the gradients on all parts but those that no view shows."""
     here, seen = list(motions), ~np.concatenate(gone)
     for sampling in samplings:
         measured = workspace.measure(pair, here, sampling)
@@ -225,22 +232,22 @@ def _moved_by_gradients(
 
 
 def _last_step(motion: Motion) -> Array:
-    """The motion parameters to a motion's last pose, shape (D,); none before the first one."""
+    """The last motion parameters of a motion, shape (D,); zero for a single pose."""
     return Steps.of(motion[-2:]).vectors()[0] if len(motion) > 1 else np.zeros(3 + 3 * motion.rotations.shape[1])
 
 
 def _degrees(parts: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The degrees of freedom of parts, shape (D,): the root's place goes with its turn."""
+    """The degrees of freedom of parts, shape (D,); the root's translation belongs to the first part."""
     return np.concatenate([np.repeat(parts[:1], 3), np.repeat(parts, 3)])
 
 
 def _advanced(poses: Motion, step: Array) -> Motion:
-    """Two poses of which the second is moved by a step."""
+    """Move the second of two poses by a step."""
     return poses.moved(np.stack([np.zeros_like(step), step]))
 
 
 def rows_of_steps(problem: SegmentProblem, measured: MeasuredMotion, evidence: SegmentEvidence) -> list[StepEquations]:
-    """The spatio-temporal terms of every performer around what was measured, summed over the views of all instants."""
+    """Return the gradient terms of every performer by the full derivative (22), summed over all views."""
     systems = [BandedBlocks.zeros(problem.length, body.dof) for body in problem.bodies]
     count = _pixel_counts(problem, evidence)
     for instants in measured.instants:
@@ -254,7 +261,7 @@ def rows_of_steps(problem: SegmentProblem, measured: MeasuredMotion, evidence: S
 
 
 def printed_rows(problem: SegmentProblem, measured: MeasuredMotion, evidence: SegmentEvidence) -> list[StepEquations]:
-    """The spatio-temporal terms of every performer as (23) has them: the rows of a pair of frames, for its own step."""
+    """Return the gradient terms of every performer as printed in (23): those of a pair of frames, for its own step."""
     A = [np.zeros((problem.length - 1, body.dof, body.dof)) for body in problem.bodies]
     left = [np.zeros((problem.length - 1, body.dof)) for body in problem.bodies]
     count = _pixel_counts(problem, evidence)
@@ -271,12 +278,12 @@ def printed_rows(problem: SegmentProblem, measured: MeasuredMotion, evidence: Se
 
 
 def _pixel_counts(problem: SegmentProblem, evidence: SegmentEvidence) -> Array:
-    """What a pixel of each view counts, shape (V, 1, 1, 1, 1); see the module's docstring."""
+    """Weight of a pixel of each view, shape (V, 1, 1, 1, 1), by the correlation length; see the module's docstring."""
     return evidence.pixel_share(problem.settings.lengths[0])[:, None, None, None, None]
 
 
 def shared_out(rows: Array, delay: float) -> Array:
-    """Rows of the n steps between instants, shared out to the steps between frames by how long these overlap."""
+    """Distribute terms (n, ...) of the steps between instants to the steps between frames, by how long they overlap."""
     if delay == 0:
         return rows
     rows = rows if delay > 0 else rows[::-1]
@@ -295,20 +302,20 @@ def relax(
     *,
     whole: bool = False,
 ) -> Motion:
-    """Sweeps of equation (30) over one performer's frames.
+    """Make sweeps of equation (30) over one performer's frames, and return the motion.
 
     Parameters
     ----------
     motion : Motion
-        F = n + 1 poses; the first one stays.
+        F = n + 1 poses; the first one is not changed.
     keyed : Motion
-        F poses that are right where `fixed` is true; the last one gives the terminal constraint.
+        F poses, of which the values where `fixed` is true are used; the last one gives the terminal constraint.
     fixed : ndarray of bool, shape (F, D)
     rows : StepEquations
-        The spatio-temporal terms around the motion.
+        Gradient terms, linearised around the motion.
     sweeps : int
     whole : bool
-        The sweeps are those of the second half, with u = 1 and `LENGTH` for a unit.
+        Use u = 1 and the unit `LENGTH`, as in the second half of the sweeps.
     """
     n, D = rows.steps.shape
     u, length = (1.0, LENGTH) if whole else (1.0 / n, 1.0)
@@ -349,7 +356,7 @@ def axis_vector(P: Array) -> Array:
 
 
 def _products_after(Q: Array) -> Array:
-    """Products Q_{j+1} ... Q_n of the frames after each, shape as Q (n, P, 3, 3)."""
+    """Products Q_{j+1} ... Q_n of the rotations after each frame j, (n, P, 3, 3)."""
     out = np.empty_like(Q)
     out[-1] = np.eye(3)
     for j in range(len(Q) - 1, 0, -1):
@@ -358,5 +365,5 @@ def _products_after(Q: Array) -> Array:
 
 
 def _held(motion: Motion, keyed: Motion, fixed: NDArray[np.bool_]) -> Motion:
-    """The motion with the fixed degrees of freedom of key poses put in: they are met in the limit only."""
+    """Set the fixed degrees of freedom to those of the key poses, which the sweeps meet only in the limit."""
     return motion.moved(np.where(fixed, motion.difference(keyed), 0.0))

@@ -1,8 +1,8 @@
-"""Initial solution: the motion followed from a key pose on, forward and backward, and the two blended (section 4.1).
+"""Initial solution: the motion followed from a key pose, forward and backward, and both blended (paper 1, section 4.1).
 
-A window of a few frames moves along the segment. What lies behind it is held, the frames in it are solved together from
-where the motion so far leads, and the window moves on by half of its length. Following from one key pose needs no
-other: it is tracking in the sense of paper 2 where the segment has no key pose at its end.
+A window of a few frames moves along the segment. The frames behind it are fixed. Those inside are solved together,
+starting from an extrapolation of the motion so far; then the window moves on by half of its length. A single key pose
+is enough for one direction: where a segment has none at its other end, this is the tracking of paper 2.
 """
 
 from __future__ import annotations
@@ -24,9 +24,10 @@ WINDOW = 10
 STEP = 5
 """Frames by which the window moves on."""
 PERSISTENCE = 0.9
-"""Share of its speed that a motion keeps from one frame to the next."""
+"""Share of its velocity that an extrapolated motion keeps from one frame to the next."""
 
 SolveWindow = Callable[[SegmentProblem, Sequence[Motion], Workspace], SegmentSolution]
+"""Solves the frames of a window, given its problem, a guess of their poses, and a workspace."""
 
 
 def follow(
@@ -43,12 +44,17 @@ def follow(
     ----------
     problem : SegmentProblem
     start : sequence of Motion
-        F poses per performer, of which the first (or last) pose and the fixed degrees of freedom are taken.
+        F poses per performer, of which only the first pose (backward: the last) and fixed degrees of freedom are used.
     workspace : Workspace
         Progress is reported before each window.
     solve : callable
-        Solves the frames of a window, given its problem, a guess of their poses, and a workspace.
+        See `SolveWindow`.
     backward : bool
+
+    Returns
+    -------
+    list of Motion
+        F poses per performer.
     """
     F = problem.length
     order = list(range(F - 1, -1, -1) if backward else range(F))
@@ -79,13 +85,13 @@ def follow(
 
 
 def blended(forward: Sequence[Motion], backward: Sequence[Motion]) -> list[Motion]:
-    """Motions that go over from the first to the second along their frames."""
+    """Blend two motions of each performer linearly along their frames, from the first to the second."""
     share = np.linspace(0, 1, len(forward[0]))[:, None]
     return [a.moved(share * a.difference(b)) for a, b in zip(forward, backward, strict=True)]
 
 
 def _continued(behind: Motion, count: int) -> Motion:
-    """Poses that follow the last ones, in the order in which they are followed, at a speed that slowly fades."""
+    """Extrapolate poses at a velocity that decays (`PERSISTENCE`), in the order in which frames are followed."""
     last = behind[-1:]
     if len(behind) < 2:
         return stacked([last] * count)
@@ -95,14 +101,14 @@ def _continued(behind: Motion, count: int) -> Motion:
 
 
 def _placed(motion: Motion, frames: Sequence[int], poses: Motion) -> Motion:
-    """The motion with poses put in at some frames."""
+    """Replace the poses of a motion on some frames."""
     T, Q = motion.translations.copy(), motion.rotations.copy()
     T[frames], Q[frames] = poses.translations, poses.rotations
     return Motion(T, Q)
 
 
 def _window(problem: SegmentProblem, first: int, stop: int, held: Sequence[int]) -> SegmentProblem:
-    """The frames first to stop of a problem, with some of them held."""
+    """Return frames first to stop - 1 of a problem, with some of them fixed."""
     window = excerpt(problem, first, stop)
     fixed = [f.copy() for f in window.fixed]
     for f in fixed:
@@ -111,7 +117,7 @@ def _window(problem: SegmentProblem, first: int, stop: int, held: Sequence[int])
 
 
 def excerpt(problem: SegmentProblem, first: int, stop: int) -> SegmentProblem:
-    """Return the frames first to stop of a problem, as if nothing were known of the motion beside them."""
+    """Return frames first to stop - 1 of a problem, as if nothing were known of the motion beside them."""
     if (first, stop) == (0, problem.length):
         return problem
     precision = [problem.precision(i) for i in range(len(problem.bodies))]
@@ -128,7 +134,7 @@ def excerpt(problem: SegmentProblem, first: int, stop: int) -> SegmentProblem:
 
 
 def _predicted(motion: Motion, frames: Sequence[int], hidden: NDArray[np.bool_], fixed: NDArray[np.bool_]) -> Motion:
-    """The motion with hidden parts predicted on the frames followed so far, which may run backward."""
+    """Replace hidden parts by their prediction on the frames followed so far, which may run backward."""
     filled = predict_unseen(motion[list(frames)], hidden[list(frames)], since=len(frames) - WINDOW)
     placed = _placed(motion, frames, filled)
     return placed.moved(np.where(fixed, placed.difference(motion), 0.0))

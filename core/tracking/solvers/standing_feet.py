@@ -1,13 +1,14 @@
-"""Feet that stand: the points of soles that the evidence lets stand still come to rest.
+"""Standing feet: points of the soles that may be standing, by the evidence, are brought to rest.
 
-Which points seem to be planted is found from a motion that was refined without plants. A foot that creeps seems planted
-as well, and must not be held. So each plant is tested: what the evidence loses if the point stands still throughout,
-beside the least cost that its normal equations allow, is a chi-squared of the plant's steps under their whole
-covariance, in which a drift over many frames weighs more than jitter. Plants that fit are then held, all together, on
-the same normal equations: pictures do not show the last millimetres, and are not looked at again.
+Candidate plants are found in a motion that was refined without plants. A foot that creeps slowly is a candidate, too,
+but must not be held, so each plant is tested as a whole: the increase of the least cost of the normal equations, if the
+point stands still throughout, has a chi-squared distribution with three degrees of freedom per step. It takes the full
+covariance of the steps into account, in which a drift over many frames weighs more than jitter. The plants that pass
+are then held together. All of this uses the same normal equations: images do not show the last millimetres, and are not
+evaluated again.
 
-One view alone hardly contradicts a plant. There, what seems planted is kept still in the refinement as well, and
-nothing is tested.
+A single view hardly contradicts any plant. With one view, candidates are kept still during the refinement already, and
+nothing is tested here.
 """
 
 from __future__ import annotations
@@ -30,29 +31,29 @@ from .plant_factor import PlantFactor
 from .problem import SegmentProblem, SegmentSolution
 
 REFUSED = 0.01
-"""Share of true plants that do not fit, were the covariance of their steps right."""
+"""Significance level of the test: share of true plants that it rejects if the covariance is right."""
 REST = 0.005
-"""Metres per second: standard deviation along each axis of the speed of a point that stands."""
+"""Standard deviation of the velocity of a standing point along each axis, metres per second."""
 STEPS = 4
-"""Steps of Gauss-Newton, all on the same normal equations."""
+"""Gauss-Newton steps, all on the same normal equations."""
 
 
 def with_standing_feet(
     problem: SegmentProblem, solution: SegmentSolution, before: Sequence[Motion]
 ) -> tuple[Motion, ...]:
-    """The motions of a solution, moved to where feet that stand are at rest.
+    """Correct the motions of a solution so that standing feet are at rest; the `settle` of Gauss-Newton.
 
-    Degrees of freedom that key poses hold stay, and so do performers whose feet do not stand.
+    Degrees of freedom that key poses fix do not change, nor do performers whose feet do not stand.
 
     Parameters
     ----------
     problem : SegmentProblem
-        As it was solved.
+        The problem that was solved.
     solution : SegmentSolution
         With its evidence.
     before : sequence of Motion
-        Those that led to the solution, in which soles that seemed planted were kept still: plants have their full
-        length there, while in the solution they may be broken up.
+        The motions before refinement, which were solved with plants: there plants have their full length, while in the
+        solution they may be broken up.
 
     Returns
     -------
@@ -70,8 +71,15 @@ def at_rest(
     motions: tuple[Motion, ...],
     before: Sequence[Motion],
 ) -> tuple[Motion, ...]:
-    """Motions moved to where feet that stand are at rest, by the normal equations of each performer there, which are
-    without plants and holds.
+    """Correct motions so that standing feet are at rest.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+    systems : sequence of BandedBlocks
+        Normal equations of each performer at the motions, without those of plants and holds.
+    motions, before
+        See `with_standing_feet`.
     """
     for members in problem.tied(systems, motions).groups:
         evidence = _Evidence(problem, members, systems, motions)
@@ -83,7 +91,7 @@ def at_rest(
 
 @dataclass(frozen=True, eq=False)
 class _Evidence:
-    """The normal equations of performers that are tied to each other, the members, at motions of all."""
+    """The normal equations of performers that holds tie to each other, the members, linearised at motions of all."""
 
     problem: SegmentProblem
     members: Sequence[int]
@@ -91,7 +99,7 @@ class _Evidence:
     motions: tuple[Motion, ...]
 
     def plants_that_fit(self, performer: int, before: Motion) -> PlantFactor | None:
-        """The plants of a member that the evidence lets stand still; None where there are none."""
+        """Return the plants of a member that pass the test; None if there are none."""
         problem = self.problem
         seeming, earlier = (
             PlantFactor.found(problem.bodies[performer], motion, problem.fps)
@@ -119,7 +127,7 @@ class _Evidence:
         return PlantFactor(seeming.soles, found, REST / problem.fps, Quadratic()) if found.any() else None
 
     def with_plants_held(self, plants: Mapping[int, PlantFactor]) -> tuple[Motion, ...]:
-        """The motions once planted points of members are at rest."""
+        """Solve for the motions with the planted points of members at rest."""
         motions = self.motions
         for _ in range(STEPS):
             tied = self._with_plants(plants, motions)
@@ -127,12 +135,12 @@ class _Evidence:
         return motions
 
     def _least_cost(self, plants: Mapping[int, PlantFactor]) -> float:
-        """What is left of the cost where the normal equations, with some plants, are solved."""
+        """Least cost of the normal equations together with some plants."""
         [system] = self._with_plants(plants, self.motions).systems
         return system.cost + system.slope(system.solve(0.0)) / 2
 
     def _with_plants(self, plants: Mapping[int, PlantFactor], there: tuple[Motion, ...]) -> TiedSystems:
-        """The normal equations at other motions that are near, with plants."""
+        """Move the normal equations to motions nearby, and add plants."""
         problem, systems = self.problem, list(self.systems)
         for i in self.members:
             increments = self.motions[i].difference(there[i])
@@ -143,6 +151,6 @@ class _Evidence:
 
 
 def _joined(run: tuple[int, int], others: Sequence[tuple[int, int]]) -> tuple[int, int]:
-    """A run with those of others that it overlaps."""
+    """Return the union of a run of frames with those others that it overlaps."""
     over = [run, *(other for other in others if other[0] <= run[1] and other[1] >= run[0])]
     return min(first for first, _ in over), max(last for _, last in over)

@@ -1,7 +1,7 @@
-"""Limbs that a solution has led away from where keypoints had them.
+"""Limbs that have strayed from the first pass, the motion fitted to keypoints alone.
 
-Solving moves every joint a little. A limb that it moves by many times as much as the others follows something else in
-the pictures, or keypoints that were wrong: only the evidence of both can tell.
+Solving moves every joint a little from the first pass. A limb that moves many times farther than the others either
+follows something else in the images, or the keypoints were wrong there: the evidence of both possibilities is compared.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ from .problem import SegmentProblem, SegmentSolution
 from .solution_ranking import better
 
 STRAYED = 4.0
-"""A limb has strayed where it is farther from the first pass than the performer's limbs usually are, so many times."""
+"""Ratio of a limb's distance from the first pass to the performer's median, from which on it has strayed."""
 LEAST = 0.05
-"""Nearer than this it has not in any case, metres."""
+"""Smaller distances do not count, metres."""
 BRIEF = 0.1
-"""For how long, seconds: keypoints leap for single frames."""
+"""Shorter intervals do not count, seconds: keypoints leap for single frames."""
 
 
 def strayed_limbs(problem: SegmentProblem, performer: int, first_pass: Motion, found: Motion) -> list[list[int]]:
-    """The limbs of a performer that are far from where the first pass had them, as chains of parts.
+    """Find the limbs of a performer that a solution has moved far from the first pass, as chains of parts.
 
     Parameters
     ----------
     problem : SegmentProblem
     performer : int
     first_pass, found : Motion
-        The performer's F poses there, and in a solution.
+        The performer's F poses in the first pass and in the solution.
     """
     body = problem.bodies[performer]
     tips = [tip_positions(body, part_poses(body, motion)) for motion in (first_pass, found)]
@@ -57,7 +57,7 @@ def strayed_limbs(problem: SegmentProblem, performer: int, first_pass: Motion, f
 
 
 def with_limbs_held(problem: SegmentProblem, performer: int, chains: Sequence[Sequence[int]]) -> SegmentProblem:
-    """The problem with some limbs of a performer held as they are."""
+    """Return the problem with some limbs of a performer fixed."""
     fixed = [f.copy() for f in problem.fixed]
     for part in {part for chain in chains for part in chain}:
         fixed[performer][:, 3 + 3 * part : 6 + 3 * part] = True
@@ -67,10 +67,10 @@ def with_limbs_held(problem: SegmentProblem, performer: int, chains: Sequence[Se
 def with_limbs_returned(
     problem: SegmentProblem, start: Sequence[Motion], solution: SegmentSolution, workspace: Workspace
 ) -> SegmentSolution:
-    """The solution, with limbs that have left the first pass brought back there where the evidence is for it.
+    """Return limbs that have strayed to the first pass where the evidence favours it.
 
-    A limb is brought back and its performer solved from there. If that leads it away again, it is also held there while
-    all else of the performer is solved.
+    The performer is solved again from the motion with its strayed limbs back in the first pass. If they stray again, it
+    is also solved with these limbs fixed. The best of the solutions is taken.
 
     Parameters
     ----------
