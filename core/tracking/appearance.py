@@ -26,16 +26,18 @@ from .reader import ColourFrames
 from .segments import PosedFrames
 
 AWAY = 0.1
-"""How far a performer may be from where key poses on neighbouring frames put it, metres; and `DRIFT` more per second
-of the time between.
+"""Distance by which a performer may differ from its nearest key poses, metres; it grows by `DRIFT` per second of the
+time between.
 """
 DRIFT = 0.5
 FARTHEST = 1.0
-"""No farther than this, metres."""
+"""Upper limit of that distance, metres."""
 
 
 def grey_frames(frames: ColourFrames, store: PictureStore | None = None) -> ViewFrames:
-    """The grey levels of frames, for solvers that look at gradients alone; kept in a store, by default in memory."""
+    """Convert frames to grey levels, for solvers that use image gradients alone; kept in a store, by default in
+    memory.
+    """
     pictures = (np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8) for image in each_row(frames.colour))
     grey = (store or PictureStore()).kept(GREY, pictures, len(frames.colour))
     return ViewFrames(frames.camera, grey, frames.first, delay=frames.delay, torn=frames.torn)
@@ -51,10 +53,10 @@ def frames_with_foreground(
     fps: float,
     store: PictureStore | None = None,
 ) -> ViewFrames:
-    """Grey levels of frames, and each performer's foreground images, by the frames that show somebody in a known pose.
+    """Convert frames to grey levels and foreground images of each performer, learned on the frames with known poses.
 
-    Where a performer is on frames that pose others alone is known roughly: nothing is learned there from pixels that
-    it may show.
+    On a frame with a known pose of some performers only, the others are known roughly: pixels that may show them are
+    not learned from.
 
     Parameters
     ----------
@@ -62,7 +64,7 @@ def frames_with_foreground(
         Consecutive frames of a view.
     bodies : sequence of Body
     motions : sequence of Motion
-        Poses on every frame of the shot, of which those on the key frames count.
+        Poses on every frame of the shot; only those on the key frames are used.
     keys : PosedFrames
         Shot frames, among these, that show performers in known poses.
     footage_offset : float
@@ -99,7 +101,7 @@ def frames_with_foreground(
 
 
 def parts_apart(bodies: Sequence[Body]) -> Bools:
-    """Which parts of all performers belong to one body and do not meet, shape (P, P)."""
+    """Return which pairs of all performers' parts belong to one body and do not touch, shape (P, P)."""
     sizes = [len(body) for body in bodies]
     apart = np.zeros((sum(sizes), sum(sizes)), bool)
     for body, end in zip(bodies, np.cumsum(sizes), strict=True):
@@ -112,7 +114,7 @@ def parts_apart(bodies: Sequence[Body]) -> Bools:
 
 
 def known_pixels(view: ViewFrames, geometry: Geometry, poses: Poses, keys: PosedFrames, margins: Array) -> KnownPixels:
-    """What is known of the pixels of K frames that pose performers, by their number in the view's frames.
+    """Find which pixels of K frames with known poses surely show a performer, or the background.
 
     Parameters
     ----------
@@ -154,9 +156,9 @@ def key_frame_shape(
     keys: PosedFrames,
     footage_offset: float,
 ) -> Geometry | None:
-    """The parts of all performers as the frames that pose them show them; None where no view has foreground images.
+    """Fit the shapes of all performers' parts to the frames with known poses; None if no view has foreground images.
 
-    Parameters are those of `frames_with_foreground`.
+    Parameters as in `frames_with_foreground`.
     """
     seeing = views_with_foreground(views)
     if not seeing:

@@ -1,4 +1,4 @@
-"""What footage cannot show of a performer's joints: how far those of the body lie from them."""
+"""The error of joints that footage cannot show: how far the joints of the model lie from the performer's."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ from ..numerics.arrays import Array
 from ..shot.shot import KeyPoses, Performer
 
 USUAL_JOINT_DEVIATION = 0.003
-"""Distance of a body's joints from the performer's where key poses were set by hand, metres."""
+"""Usual distance of the model's joints from the performer's where key poses were set by hand, metres."""
 LIFTED_ERROR = 0.15
 """Usual error of joints whose depth follows from the lengths of bones in a single view, metres."""
 LIFTED_WITHIN = 0.5
-"""Nearer than this to a key pose of the whole body it is less, seconds."""
+"""Time from a key pose of the whole body within which that error is smaller, seconds."""
 
 
 def body_covariances(performer: Performer, motion: Motion, fps: float, observed: PerformerKeypoints | None) -> Array:
-    """Covariances of the distances of a body's tips from the performer's joints, (F, P, 3, 3), metres squared.
+    """Covariances of the differences between the tips of the model's parts and the performer's joints, (F, P, 3, 3), in
+    square metres.
 
-    Where key poses hold the body, they are as far as the landmarks were from the tips. Where keypoints alone show it,
-    the body is where a detector sees it: its constant offsets from the joints are unknown, and part of the result.
+    With key poses they follow from the distances between landmarks and tips. With keypoints alone the model is where
+    the detector sees the performer, so the detector's unknown constant offsets from the joints are added.
 
     Parameters
     ----------
@@ -49,13 +50,15 @@ def body_covariances(performer: Performer, motion: Motion, fps: float, observed:
 
 
 def frames_to_key_poses(keys: KeyPoses, length: int) -> Array:
-    """Return how many frames each frame (F,) is away from a key pose of the whole body; infinite without any."""
+    """Return the distance of each frame from the nearest key pose of the whole body, frames, (F,); infinite without
+    any.
+    """
     away = np.abs(np.arange(length)[:, None] - keys.full()[None])
     return np.asarray(away.min(axis=1, initial=np.inf) if away.size else np.full(length, np.inf))
 
 
 def _offset_covariances(performer: Performer, motion: Motion) -> Array:
-    """Covariances of a detector's usual offsets from the joints, as they lie on the parts."""
+    """Covariances of a detector's usual offsets from the joints, in the world, by the orientations of the parts."""
     body = performer.body
     at, usual = tip_landmarks(body), np.full((len(body), 3), OFFSET_DEVIATION)
     carriers = np.arange(len(body))

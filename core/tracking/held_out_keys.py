@@ -1,9 +1,8 @@
-"""Key poses predicted without themselves: what the shot's own errors are against those that the solver expects.
+"""Cross-validation on key poses: the actual errors of a shot relative to those that the solver expects.
 
-A key pose at the end of a segment is let go, and the segment solved for it from the evidence and the key pose at the
-other end. The ratio of the prediction's error to the solver's covariance for it measures how wrong that covariance is:
-through noise that stays correlated for longer than the solver assumes, clothes, cameras that do not fit. The causes
-need not be known.
+The key pose at one end of a segment is released, and predicted from the evidence and the key pose at the other end. The
+squared error of the prediction over the solver's covariance for it shows by what factor that covariance is too small,
+whatever the cause: correlated noise, clothes, inexact cameras.
 """
 
 from __future__ import annotations
@@ -22,15 +21,15 @@ from .solvers.problem import SegmentProblem, SegmentSolution
 from .solvers.smoothness_factor import SegmentSmoothness
 
 USUAL_RATIO = 2.0
-"""Squared errors against those that the solver expects, where there is no key pose to measure them by."""
+"""Ratio of squared errors to expected ones where no key pose measures it."""
 KNOWN_RATIO = 6.0
-"""What `USUAL_RATIO` counts, in squared errors along an axis."""
+"""Weight of `USUAL_RATIO`, as a number of squared errors along an axis."""
 VAGUE = 0.5
-"""Axes along which a prediction is expected to be so far off are left out, metres."""
+"""Axes along which the expected error of a prediction is larger than this are left out, metres."""
 ALIKE = 4.0
-"""Parts of a body miss a key pose together: so many count as one for the body's ratio."""
+"""Number of parts that count as one observation for the ratio of the body, as parts miss a key pose together."""
 OWN_RATIO = 6.0
-"""Squared errors along an axis that a part must have shown to count as much as all of the body."""
+"""Number of squared errors along an axis at which a part's own ratio weighs as much as that of the body."""
 
 
 def missed_key_poses(
@@ -40,7 +39,7 @@ def missed_key_poses(
     performer: int,
     growth: Array,
 ) -> Array:
-    """Predict a performer's key poses of a segment that hold the whole body, one at a time.
+    """Predict the whole-body key poses of a performer at the ends of a segment, one at a time, without using them.
 
     Parameters
     ----------
@@ -51,13 +50,13 @@ def missed_key_poses(
     performer : int
         Index of the performer.
     growth : ndarray, shape (F, P)
-        By how much squared errors are larger than the solver expects for what moves.
+        Factor on expected squared errors by the speed of each part, see `joint_covariances.growth_by_speed`.
 
     Returns
     -------
     ndarray, shape (K, P)
-        How far each key pose was missed: squared distance of every part's tip in units of its expected covariance,
-        summed over the three axes.
+        Squared distance of every part's tip from each key pose in units of its expected covariance, summed over the
+        three axes.
     """
     body, motion = problem.bodies[performer], solution.motions[performer]
     found = []
@@ -75,17 +74,16 @@ def missed_key_poses(
 
 
 def covariance_ratios(misses: Array, joints: Sequence[int]) -> Array:
-    """By what factor covariances of a performer's parts are to be multiplied, shape (P,).
+    """Factors by which the covariances of a performer's parts are multiplied, shape (P,).
 
-    It is the mean of what is known of the part, of the body, and of shots in general, each counted by how much is
-    known.
+    Each is a weighted mean of the ratios of the part, of the whole body, and of shots in general.
 
     Parameters
     ----------
     misses : ndarray, shape (K, P)
         See `missed_key_poses`.
     joints : sequence of int
-        Parts whose tips are joints: they stand for the body.
+        Parts whose tips are joints; the ratio of the body is taken over these.
     """
     total, each = misses.sum(axis=0), 3.0 * len(misses)
     body = KNOWN_RATIO * USUAL_RATIO + total[list(joints)].sum() / ALIKE
@@ -96,9 +94,9 @@ def covariance_ratios(misses: Array, joints: Sequence[int]) -> Array:
 def _without_key(
     problem: SegmentProblem, solution: SegmentSolution, performer: int, frame: int
 ) -> tuple[SegmentProblem, SegmentSmoothness]:
-    """The problem with the performer's pose on a frame free, and its smoothness.
+    """Return the problem with the performer's pose on a frame released, and its smoothness.
 
-    What is known beyond an end is not used: it was found from that end.
+    Poses known beyond the segment's ends are left out, as they were found from these key poses.
     """
     fixed, variances = problem.fixed[performer].copy(), solution.variances
     fixed[frame] = problem.fixed[performer].all(axis=0)
@@ -111,8 +109,8 @@ def _without_key(
 
 
 def _miss(jacobian: Array, step: Array, covariance: Array, growth: Array | float = 1.0) -> Array:
-    """Squared errors (P,) of a step (D,), over the axes along which its covariance (D, D), that of each tip grown by
-    speed (P,), determines the tips.
+    """Squared error of each tip after a step (D,) in units of its covariance, (P,), over the axes on which the
+    covariance (D, D), times `growth` (P,), determines the tip; see `VAGUE`.
     """
     apart = jacobian @ step
     variances, axes = np.linalg.eigh(tip_covariances(jacobian[None], covariance[None])[0])

@@ -1,7 +1,7 @@
-"""The journal of a run: its finished segments as files, from which a run that was ended is taken up again.
+"""The journal of a run: files of its finished segments, from which an interrupted run can be resumed.
 
-A file is a checksum and NumPy's arrays. The checksum is of the arrays and of all that they depend on: the shot, its
-files and the program. A file that is damaged, or belongs to another shot, is as good as none.
+A file holds NumPy arrays and a checksum over them and over everything that they depend on: the shot, its files and the
+program. A file that is damaged or belongs to another shot is ignored.
 """
 
 from __future__ import annotations
@@ -31,26 +31,26 @@ from .track_result import SegmentResult
 from .uncertainty import SegmentUncertainty
 
 UNFINISHED = ".unfinished"
-"""A journal's folder has the name of the results' folder and this ending."""
+"""Suffix that is added to the name of the results' folder for that of the journal."""
 SPARE = 20
-"""A file is written only where there is room for so many of its size: the results need room as well."""
+"""A file is written only if the disk has room for this many times its size, as the results need room, too."""
 _FILE = re.compile(r"[0-9a-f]{16}_\d+_\d+\.segment(\.new)?")
 _CHECKSUM = hashlib.sha256().digest_size
 
 
 @dataclass(frozen=True, eq=False)
 class FinishedSegment:
-    """What is kept of a segment once it is done: its footage and evidence are not.
+    """What is kept of a finished segment: all but its footage and evidence.
 
     Attributes
     ----------
     result : SegmentResult
     first_motions : tuple of Motion
-        Per performer: as they were before the segment was refined. Those beside it were refined with these.
+        Per performer: the motion before refinement, with which the neighbouring segments were refined.
     motions : tuple of Motion
-        Per performer: as they are in the end.
+        Per performer: the final motion.
     offset : Offset or None
-        Of the footage, as this segment shows it.
+        Offset of the footage as measured on this segment.
     share : ndarray, shape (V, F, P)
         Visible share of the parts of all performers.
     residual : ndarray, shape (F,)
@@ -73,21 +73,21 @@ class FinishedSegment:
 
 
 class Journal:
-    """Where a run keeps its finished segments.
+    """The folder in which a run keeps its finished segments.
 
-    What cannot be written there is left out: a journal never keeps a run from its results.
+    Errors while writing are ignored: a journal never prevents results.
 
     Parameters
     ----------
     folder : Path
-        Made, for its user alone, with the first segment that is kept.
+        It is made with the first segment that is kept, accessible to the user alone.
     resume : bool
-        Segments that an earlier run finished are taken from there.
+        Reuse the segments that an earlier run finished.
 
     Attributes
     ----------
     taken, kept : list of Segment
-        The segments that were taken from there in this run, and those that were written.
+        Segments that were reused in this run, and those that were written.
     """
 
     def __init__(self, folder: Path, *, resume: bool = False) -> None:
@@ -96,7 +96,7 @@ class Journal:
         self.kept: list[Segment] = []
 
     def read(self, key: str, segment: Segment) -> FinishedSegment | None:
-        """Read a segment that an earlier run has finished; `key` is from `run_key`."""
+        """Read a segment that an earlier run finished, if it is there; `key` is that of `run_key`."""
         if not self.resume or not _is_own(self.folder):
             return None
         with suppress(Exception):  # of another version of the program, or damaged: it is tracked again
@@ -106,7 +106,7 @@ class Journal:
         return None
 
     def write(self, key: str, finished: FinishedSegment) -> None:
-        """Keep a segment."""
+        """Write a finished segment."""
         with suppress(OSError):
             data = _bytes_of(finished, key)
             self.folder.mkdir(mode=0o700, exist_ok=True)
@@ -119,7 +119,7 @@ class Journal:
             self.kept.append(finished.segment)
 
     def discard(self) -> None:
-        """Remove what was kept."""
+        """Remove the folder."""
         with suppress(OSError):
             if _is_own(self.folder):
                 for entry in list(os.scandir(self.folder)):
@@ -130,7 +130,7 @@ class Journal:
 
 @dataclass(frozen=True)
 class KeptSegments:
-    """The segments of one shot in a journal, or nowhere.
+    """The segments of one shot in a journal, if there is one.
 
     Attributes
     ----------
@@ -138,7 +138,7 @@ class KeptSegments:
     key : str
         See `run_key`.
     known : dict of Segment to FinishedSegment
-        Those that an earlier run has finished.
+        Segments that an earlier run finished.
     """
 
     journal: Journal | None
@@ -147,7 +147,7 @@ class KeptSegments:
 
     @classmethod
     def of(cls, journal: Journal | None, shot: Shot, around: Sequence[tuple[Motion, ...] | None]) -> KeptSegments:
-        """Read what a journal has of a shot with the poses that are known around it."""
+        """Read the finished segments of a shot; `around` are the poses known before and after it."""
         if journal is None:
             return cls(None, "", {})
         key = run_key(shot, around)
@@ -155,17 +155,16 @@ class KeptSegments:
         return cls(journal, key, {segment: one for segment, one in found.items() if one is not None})
 
     def write(self, finished: FinishedSegment) -> None:
-        """Keep one more."""
+        """Write one more finished segment."""
         if self.journal is not None:
             self.journal.write(self.key, finished)
 
 
 @contextmanager
 def journal_beside(folder: Path, *, resume: bool) -> Iterator[Journal]:
-    """Give the journal of a run whose results go into a folder; it is removed when the block ends well.
+    """Context with the journal of a run whose results go into a folder; it is removed when the block succeeds.
 
-    It stays where the block fails. Where the run is interrupted it stays if the run was to be resumed, so that it can
-    be again; else nothing is left behind.
+    If the block fails, the journal stays. If the run is interrupted, it stays only if `resume` is set.
     """
     whole = folder.absolute()
     journal = Journal(whole.with_name(whole.name + UNFINISHED) if whole.name else whole, resume=resume)
@@ -183,8 +182,8 @@ def journal_beside(folder: Path, *, resume: bool) -> Iterator[Journal]:
 
 
 def run_key(shot: Shot, around: Sequence[tuple[Motion, ...] | None]) -> str:
-    """A text that changes with anything that the result of tracking a shot depends on: the shot, with the poses that
-    are known around it, the content of its files, and the program.
+    """Hash of everything that the result of tracking depends on: the shot, the poses known around it, the content of
+    its files, and the program.
     """
     core = Path(__file__).parents[1]
     named = [file for view in shot.views for file in (view.footage, view.keypoints) if file is not None]
@@ -197,7 +196,7 @@ def _name(key: str, segment: Segment) -> str:
 
 
 def _is_own(folder: Path) -> bool:
-    """Whether a path is a folder of this user, not somebody's link to another place."""
+    """Whether a path is a folder owned by this user and no symbolic link."""
     if folder.is_symlink() or not folder.is_dir():
         return False
     return not hasattr(os, "getuid") or folder.stat().st_uid == os.getuid()

@@ -1,7 +1,7 @@
-"""FilterPy's Kalman filter, without the rest of FilterPy.
+"""FilterPy's Kalman filter, loaded without the rest of FilterPy.
 
-The package loads all of its filters at once, and with them all of scipy.stats, which takes every process that tracks a
-quarter of a second. The filter itself needs statistics for nothing but the likelihood of what it has seen.
+The package imports all of its filters and with them scipy.stats, which takes a quarter of a second in every process
+that tracks. The Kalman filter itself uses scipy.stats only for the likelihood of its measurements.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _lock = Lock()
 
 @cache
 def kalman_filter_class() -> type[KalmanFilter]:
-    """The class `filterpy.kalman.KalmanFilter`; where the package is not loaded yet, it is not loaded with it.
+    """Return the class `filterpy.kalman.KalmanFilter` without loading the whole package.
 
     Raises
     ------

@@ -1,9 +1,9 @@
-"""Limbs that may be lost: the probability that a part is not on what it is taken for.
+"""The probability that a part of a limb is lost: that the tracker has it somewhere else than in the footage.
 
-Where a part is right, the pixels that it covers look like the performer, as they do on the key frames. Where it is
-lost, it covers background in some views; in others it may lie on the rest of the body, and nothing shows. A limb that
-is lost stays so for a while: two states, found and lost, follow one another in a hidden Markov chain, and the chain's
-probabilities are those given all frames.
+The pixels that a part covers look like the performer where it is right, as on the key frames. Where it is lost, it
+covers background in some views; in others it may lie in front of the rest of the body, and nothing shows. A lost limb
+stays lost for a while, so the states found and lost form a hidden Markov chain, whose probabilities are computed given
+all frames.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from ..keypoints.keypoint_factor import KeypointFactor
 from ..numerics.arrays import Array, Bools, Ints
 
 LOSING, FINDING = 0.002, 0.1
-"""Probabilities that a part that was found is lost on the next frame, and that a lost one is found again."""
+"""Probabilities per frame that a part that is found gets lost, and that a lost one is found again."""
 PIECE = 0.05
-"""Side of a square on the body whose pixels count as one, as they are taken for background together, metres."""
+"""Side of a square on the body whose pixels count as one observation, metres."""
 TOGETHER = 2.0
-"""Frames that say the same."""
+"""Number of frames in a row that count as one observation."""
 USUAL_BACKGROUND = 0.05
-"""Share of a part's pixels that is taken for background though the part is right, where no frame tells: as one piece
-would."""
+"""Prior mean of the share of a part's pixels that look like background though the part is right; it weighs as much as
+one observation."""
 LEAST_USUAL = 0.02
-"""No part looks wholly like the performer, or wholly like background, on all frames."""
+"""This share is kept from 0 and 1 by this much."""
 STEADINESS = 20.0
-"""How little that share changes: as if so many pieces had been seen."""
+"""How little this share varies, as a number of observations (precision of a beta distribution)."""
 SHOWN = 0.5
-"""Probability that a view shows that a part is lost: it may lie before or behind the rest of the body."""
+"""Probability that a view reveals that a part is lost; otherwise it lies in front of or behind the rest of the body."""
 
 
 def lost_probabilities(body: Body, misfit: Misfit, span: slice, *, held: Bools, keys: Ints) -> Array:
-    """How likely each part of a performer is not where it is taken to be, shape (F, P).
+    """Probability that each part of a performer is lost, shape (F, P).
 
-    Parts of the trunk are not asked; a part of a limb is lost with the one that it hangs on.
+    It is zero for parts of the trunk. A part of a limb is at least as probably lost as the one that it hangs on.
 
     Parameters
     ----------
@@ -48,10 +48,10 @@ def lost_probabilities(body: Body, misfit: Misfit, span: slice, *, held: Bools, 
     span : slice
         The performer's parts in it.
     held : ndarray of bool, shape (F, P)
-        Where a part is known not to be lost: key poses hold it, or keypoints confirm it.
+        Where a part is known to be found: a key pose fixes it, or keypoints confirm it.
     keys : ndarray of int, shape (K,)
-        Frames with a key pose of the whole body: they show which share of each part looks like background anyway.
-        Without any that is the median over the frames.
+        Frames with a key pose of the whole body, which show the share of each part that looks like background though it
+        is right. Without any, it is the median over all frames.
     """
     visible, background = misfit.visible[..., span], misfit.background[..., span]
     pieces = visible / PIECE**2
@@ -67,7 +67,7 @@ def lost_probabilities(body: Body, misfit: Misfit, span: slice, *, held: Bools, 
 
 
 def confirmed_parts(body: Body, keypoints: KeypointFactor, poses: Poses) -> Bools:
-    """Where the keypoints at the tips of parts are near these in two views, or in the only one, shape (F, P)."""
+    """Return which parts have keypoints near their tips in two views, or in the only one, shape (F, P)."""
     views = keypoints.views_near(poses) >= min(2, len(keypoints.keypoints.rays))
     confirmed = np.zeros((len(views), len(body)), bool)
     for part, name in tip_landmarks(body).items():
@@ -77,7 +77,7 @@ def confirmed_parts(body: Body, keypoints: KeypointFactor, poses: Poses) -> Bool
 
 
 def limb_reach(body: Body) -> Array:
-    """How far the tip of each part of a limb is from where the limb begins, metres, shape (P,); 0 for the trunk."""
+    """Largest distance of each part's tip from the joint where its limb begins, metres, shape (P,); 0 for the trunk."""
     lengths = np.array([float(np.linalg.norm(part.tail_world - part.head_world)) for part in body.parts])
     reach = np.zeros(len(body))
     for chain in limbs(body):
@@ -86,7 +86,7 @@ def limb_reach(body: Body) -> Array:
 
 
 def _usual_background(background: Array, pieces: Array, keys: Ints) -> Array:
-    """What share of each part looks like background where it is right, of every view and frame, (V, F, P)."""
+    """Expected share of each part that looks like background where it is right, (V, F, P)."""
     if not len(keys):
         usual = np.where(pieces > 0, background, np.nan)
         seen = (pieces > 0).any(axis=1, keepdims=True)
@@ -102,7 +102,7 @@ def _usual_background(background: Array, pieces: Array, keys: Ints) -> Array:
 
 
 def _log_odds(background: Array, pieces: Array, usual: Array) -> Array:
-    """Log of how much likelier each share of background is for a part that is lost than for one that is right."""
+    """Log likelihood ratio (lost against found) of the share of background on each part."""
     hits, usual = background * pieces, np.clip(usual, LEAST_USUAL, 1 - LEAST_USUAL)
     a, b = usual * STEADINESS, (1 - usual) * STEADINESS
     right = betaln(hits + a, pieces - hits + b) - betaln(a, b)
@@ -111,9 +111,8 @@ def _log_odds(background: Array, pieces: Array, usual: Array) -> Array:
 
 
 def _chain_probabilities(log_odds: Array) -> Array:
-    """Probability of the lost state on each of F frames given all of them.
-
-    Worked out in logarithms of odds, forwards and backwards.
+    """Probability of the lost state on each of F frames given all of them, by the forward-backward algorithm in log
+    odds.
     """
     F = len(log_odds)
     forward, backward = np.empty(F), np.zeros(F)

@@ -1,4 +1,4 @@
-"""Where the pictures of segments are: in memory, or in files that are mapped and read where they are looked at."""
+"""Where the pictures of a segment are kept: in memory, or in memory-mapped files."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ COLOUR, GREY, FOREGROUND, PALETTE = "colour", "grey", "foreground", "palette"
 
 @dataclass(frozen=True)
 class PictureStore:
-    """Keeps the pictures of one view's segment.
+    """Keeps the pictures of one view on one segment.
 
     Attributes
     ----------
     folder : Path, optional
-        Of the files; without it pictures are kept in memory.
+        Folder of the files; without one, pictures are kept in memory.
     name : str
-        What the files' names begin with.
+        Prefix of the files' names.
     """
 
     folder: Path | None = None
     name: str = ""
 
     def kept(self, kind: str, pictures: Iterable[Images], count: int) -> Images:
-        """Keep `count` pictures of one shape as they come, shape (count, ...).
+        """Store `count` pictures of one shape as an iterable yields them; returns an array of shape (count, ...).
 
         Raises
         ------
@@ -52,13 +52,13 @@ class PictureStore:
         return out
 
     def remove(self, kind: str) -> None:
-        """Remove pictures that nobody looks at any more; on Windows, mapped ones stay until their folder is removed."""
+        """Remove pictures that are no longer used; on Windows, mapped ones stay until their folder is removed."""
         if self.folder is not None:
             with suppress(OSError):
                 self._path(kind).unlink()
 
     def stored(self, view: ViewFrames) -> ViewFrames | StoredView:
-        """A view of the pictures that are kept, as other processes can have it."""
+        """Return a view with kept pictures in a form that can be sent to other processes."""
         if self.folder is None:
             return view
         foreground = None
@@ -75,18 +75,15 @@ class PictureStore:
 
 @dataclass(frozen=True)
 class StoredView:
-    """A view's frames whose pictures are in files.
+    """Frames of a view whose pictures are in files.
 
     Attributes
     ----------
     frames : ViewFrames
-        Without pictures.
-    grey : SharedArray
-        Of shape (N, h, w).
-    foreground : SharedArray, optional
-        Of shape (N, M, h, w).
-    palette : SharedArray, optional
-        Of shape (N, h, w).
+        The view without its pictures.
+    grey : SharedArray, shape (N, h, w)
+    foreground : SharedArray, shape (N, M, h, w), optional
+    palette : SharedArray, shape (N, h, w), optional
     """
 
     frames: ViewFrames
@@ -95,7 +92,7 @@ class StoredView:
     palette: SharedArray | None
 
     def opened(self) -> ViewFrames:
-        """The view with its pictures."""
+        """Return the view with its pictures mapped into memory."""
         foreground = None if self.foreground is None else np.moveaxis(self.foreground.array(), 1, 0)
         palette = None if self.palette is None else self.palette.array()
         return replace(self.frames, grey=self.grey.array(), foreground=foreground, palette=palette)

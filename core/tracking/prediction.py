@@ -1,8 +1,8 @@
 """Prediction of parts that no camera sees (paper 1, section 5 and appendix 4).
 
-Each motion parameter, a step from one frame to the next, is an autoregressive series (31): its coefficients come from
-the steps that were seen, by Levinson's recursion, and a Kalman filter on its state space (32)-(37) predicts the steps
-that were not. A gap between two runs that were seen is entered from both sides.
+Each motion parameter, a step from one frame to the next, is modelled as an autoregressive series, equation (31). Its
+coefficients are estimated from the steps that were seen, by Levinson's recursion, and a Kalman filter on the state
+space (32)-(37) predicts the others. A gap between two runs of seen frames is predicted from both sides.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ if TYPE_CHECKING:
 
 
 ORDER = 12
-"""Past steps that a step is predicted from, at most; never more than a third of those that the model is learnt from.
+"""Largest order of a model; it is never more than a third of the number of steps that the model is learnt from.
 
-Akaike's criterion would choose fewer on series this short, where the autocovariance damps every model, and predict
-less well: of limbs hidden for 12 frames at 30 frames/s it leaves a fourth more error."""
+Akaike's criterion would choose lower orders on series this short, where estimates of the autocovariance damp every
+model, and predict less well: the error of limbs hidden for 12 frames at 30 frames/s would be a quarter larger."""
 PAST = 16
-"""Steps before a gap that the filter is run over; more change nothing."""
+"""Number of steps before a gap that the filter runs over; more make no difference."""
 _SMALLEST = 1e-12  # variance of a parameter that stands still, (rad/frame)^2 or (m/frame)^2
 
 
@@ -45,7 +45,7 @@ class AutoRegression:
     coefficients : ndarray, shape (h,)
         a.
     variance : float
-        Of the innovation v.
+        Variance of the innovation v.
     noise : float
         Variance of the observation noise w.
     covariance : ndarray, shape (max(h, 1),)
@@ -69,8 +69,9 @@ def levinson(covariance: Array) -> tuple[Array, float]:
     Returns
     -------
     coefficients : ndarray, shape (g,)
-        g is h, or less where so few predict the series exactly.
+        g is h, or less if the series can be predicted exactly with fewer.
     variance : float
+        Variance of the innovation.
 
     References
     ----------
@@ -87,10 +88,10 @@ def levinson(covariance: Array) -> tuple[Array, float]:
 
 
 def autocovariance(runs: Sequence[Array], lags: int) -> Array:
-    """Mean lagged products at lags 0 to `lags`, shape (lags + 1,), of one series known in runs.
+    """Autocovariance at lags 0 to `lags`, shape (lags + 1,), of a series that is known in separate runs.
 
-    Every lag is divided by the number of all samples: biased, but never indefinite. The mean is not taken away:
-    a joint that turns to and fro has none, and that of a short series is chance.
+    Every lag is divided by the number of all samples, a biased but positive semidefinite estimate. The mean is not
+    subtracted: that of a joint that turns to and fro is zero, and that of a short series is chance.
     """
     products = [sum(float(run[k:] @ run[: len(run) - k]) for run in runs if len(run) > k) for k in range(lags + 1)]
     return np.array(products) / max(1, sum(len(run) for run in runs))
@@ -99,8 +100,8 @@ def autocovariance(runs: Sequence[Array], lags: int) -> Array:
 def observation_noise(runs: Sequence[Array]) -> float:
     """Variance of the noise on the steps of a smooth motion whose poses have independent errors.
 
-    Third differences of the steps are fourth differences of the poses, in which little motion is left: 70 times the
-    variance of a pose's error, of which a step has twice. The median keeps sudden motion out of it.
+    Third differences of the steps are fourth differences of the poses, in which little motion is left. Their variance
+    is 70 times that of a pose's error; that of a step is twice that of a pose. The median ignores sudden motion.
     """
     rough = np.concatenate([np.zeros(0)] + [np.diff(run, 3) for run in runs if len(run) > 3])
     return float(2 / 70 * (np.median(np.abs(rough)) / 0.6745) ** 2) if len(rough) else 0.0
@@ -112,9 +113,9 @@ def autoregression(runs: Sequence[Array], order: int | None = None) -> AutoRegre
     Parameters
     ----------
     runs : sequence of ndarray, shape (n_k,)
-        Stretches of the series, rad/frame or m/frame. Too few or all zero, they make a model that stands still.
+        Runs of the series, rad/frame or m/frame. If there are too few samples, or all are zero, the model stands still.
     order : int, optional
-        h; by default `ORDER`. Never more than a third of the samples.
+        Order h, by default `ORDER`; never more than a third of the samples.
     """
     h = min(ORDER if order is None else order, sum(len(run) for run in runs) // 3)
     r = autocovariance(runs, h)
@@ -130,20 +131,21 @@ def autoregression(runs: Sequence[Array], order: int | None = None) -> AutoRegre
 
 
 def predict(series: Array, steps: int, models: Sequence[AutoRegression] | None = None) -> tuple[Array, Array]:
-    """Predict motion parameters by Kalman filters, k steps ahead of the last one known (appendix 4).
+    """Predict motion parameters by Kalman filters, up to k steps ahead of the last one seen (appendix 4).
 
     Parameters
     ----------
     series : ndarray, shape (n, d)
-        What was seen of d parameters, oldest first.
+        Seen values of d parameters, oldest first.
     steps : int
+        The largest k.
     models : sequence of AutoRegression, optional
         One per parameter; by default learnt from the series itself.
 
     Returns
     -------
     mean, variance : ndarray, shape (steps, d)
-        Of the parameters on the frames that follow.
+        Mean and variance of the parameters on the frames that follow.
     """
     models = [autoregression([y]) for y in series.T] if models is None else models
     mean, variance = np.zeros((2, steps, len(models)))
@@ -156,21 +158,21 @@ def predict(series: Array, steps: int, models: Sequence[AutoRegression] | None =
 
 
 def predict_unseen(motion: Motion, unseen: NDArray[np.bool_], *, since: int = 0) -> Motion:
-    """Fill in the frames on which parts are unseen from those on which they are seen.
+    """Replace the poses of unseen parts by predictions from the frames on which they are seen.
 
-    A part is predicted relative to its parent, whose own motion carries on. Within the motion it is predicted forward
-    and backward, and the two poses are weighed by the inverse of the variances that their steps have piled up; at the
-    motion's ends it is predicted from one side. A part that is never seen is left as it is.
+    A part is predicted relative to its parent. A gap within the motion is predicted forward and backward, and both
+    poses are averaged with the inverse of their accumulated variances; at the motion's ends there is one prediction. A
+    part that is never seen is left as it is.
 
     Parameters
     ----------
     motion : Motion
         F poses of P parts.
     unseen : ndarray of bool, shape (F, P)
-        The root's own place is unseen where the root is.
+        The root's position is unseen where the root is.
     since : int
-        Poses before this frame have not changed since the frames were filled in last: those are filled in again that
-        depend on poses from there on.
+        Poses before this frame have not changed since the last call; only predictions that depend on later poses are
+        made again.
     """
     T, Q = motion.translations.copy(), motion.rotations.copy()
     for p in np.flatnonzero(unseen.any(axis=0) & ~unseen.all(axis=0)):
@@ -183,7 +185,7 @@ def predict_unseen(motion: Motion, unseen: NDArray[np.bool_], *, since: int = 0)
 
 
 def _filled(part: Motion, unseen: NDArray[np.bool_], since: int) -> Motion:
-    """The motion of a single part with its unseen frames predicted, where they depend on poses from a frame on."""
+    """Predict the unseen frames of a single part's motion, where they depend on poses from frame `since` on."""
     gaps = [(a, b) for a, b in intervals(unseen) if b + 1 + PAST >= since]
     if not gaps:
         return part
@@ -201,19 +203,19 @@ def _filled(part: Motion, unseen: NDArray[np.bool_], since: int) -> Motion:
 
 
 def _steps(motion: Motion) -> Array:
-    """Motion parameters x_j that take each frame of a part to the next (5), shape (F - 1, 6)."""
+    """Motion parameters x_j of a part from each frame to the next, equation (5), shape (F - 1, 6)."""
     return motion[:-1].difference(motion[1:]) if len(motion) > 1 else np.zeros((0, 6))
 
 
 def _seen_before(past: Motion, unseen: NDArray[np.bool_]) -> Motion:
-    """The last run of the past that was seen without a break."""
+    """Return the last run of past frames that was seen without a break."""
     hidden = np.flatnonzero(unseen)
     start = hidden[-1] + 1 if len(hidden) else 0
     return past[max(start, len(past) - 1 - PAST) :]
 
 
 def _continued(seen: Motion, steps: int, models: Sequence[AutoRegression], drift: Array) -> tuple[Motion, Array]:
-    """Poses that follow what was seen, and how unsure they are in each parameter, shape (steps, D)."""
+    """Predict poses after those seen, with the variance of each parameter, shape (steps, D)."""
     mean, variance = predict(_steps(seen) - drift, steps, models)
     steps_ahead = np.concatenate([seen.translations[-1:], mean[:, :3] + drift[:3]])
     turns = accumulate(rotations.exp(mean[:, 3:] + drift[3:]), np.matmul, initial=seen.rotations[-1, 0])
@@ -222,7 +224,7 @@ def _continued(seen: Motion, steps: int, models: Sequence[AutoRegression], drift
 
 
 def _blended(ahead: tuple[Motion, Array] | None, back: tuple[Motion, Array] | None) -> Motion:
-    """One of two predicted motions, the second backwards in time; where there are both, the surer counts the more."""
+    """Average a forward and a backward prediction by their inverse variances; or return the only one."""
     if back is None:
         assert ahead is not None
         return ahead[0]
@@ -234,7 +236,7 @@ def _blended(ahead: tuple[Motion, Array] | None, back: tuple[Motion, Array] | No
 
 
 def _filtered(series: Array, model: AutoRegression) -> KalmanFilter:
-    """The filter after all of a series, in the state space (32)-(37)."""
+    """Run the Kalman filter of the state space (32)-(37) over a series."""
     h = len(model.covariance)
     kalman = kalman_filter_class()(dim_x=h, dim_z=1)
     kalman.F = np.eye(h, k=-1)

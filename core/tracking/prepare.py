@@ -1,4 +1,4 @@
-"""From what a shot file says to the shot: the files that it names are read, bodies and key poses are made of them."""
+"""From the content of a shot file to a shot: reads the files that it names, and fits bodies and key poses to them."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ MAIN_LANDMARKS = tuple(
     side + joint for joint in ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle") for side in "LR"
 )
 LEAST_LANDMARKS = 4
-"""Main joints that a key pose needs: of people who are not wholly in the picture not all are known."""
+"""Fewest main joints that a key pose needs; for people who are not wholly in the picture some are unknown."""
 
 
 def load_shot(
@@ -51,34 +51,49 @@ def load_shot(
     solver: str | None = None,
     cameras: Mapping[str, Camera] | None = None,
 ) -> Shot:
-    """Read a shot file and prepare its shot; see `ShotSpec.selected` and `prepare_shot`."""
+    """Read a shot file and prepare its shot.
+
+    Parameters
+    ----------
+    path : path
+        The shot file (.toml).
+    views, keyframes, solver
+        See `ShotSpec.selected`.
+    cameras
+        See `prepare_shot`.
+
+    Raises
+    ------
+    KFMocapError
+        The file, or one that it names, cannot be used; the message names file and field.
+    """
     return prepare_shot(read_shot_spec(path).selected(views=views, keyframes=keyframes, solver=solver), cameras)
 
 
 @one_library_thread()
 def prepare_shot(spec: ShotSpec, cameras: Mapping[str, Camera] | None = None) -> Shot:
-    """Read all that a shot file names but the footage's pictures, and make bodies and key poses of it.
+    """Read everything that a shot file names except the pictures of the footage, and fit bodies and key poses.
 
     Parameters
     ----------
     spec : ShotSpec
     cameras : mapping of str to Camera, optional
-        Used instead of those of the same names in the calibration.
+        Cameras that replace those of the same name in the calibration.
 
     Returns
     -------
     Shot
-        Of landmarks only those at the key frames were used: more the tracker may not see.
+        Only the landmarks at key frames were used; the tracker never sees others.
 
     Raises
     ------
     ShotError, CalibrationError, FootageError, LandmarkError, KeypointError, BodyError
-        One message that names the file and the field.
+        The message names the file and the field.
     """
     cameras = read_shot_cameras(spec) | dict(cameras or {})
     views = tuple(_view(view, cameras) for view in spec.views)
     length = spec.frames[1] - spec.frames[0] + 1
-    # FFmpeg looks at the footage while bodies are fitted.
+    # The footage is probed in other threads while bodies are fitted.
     with ThreadPoolExecutor(worker_count(spec.settings.threads)) as pool:
         checked = [pool.submit(check_view, view, spec.frames[0], length) for view in views]
         try:
@@ -98,7 +113,7 @@ def prepare_shot(spec: ShotSpec, cameras: Mapping[str, Camera] | None = None) ->
 
 
 def _with_fingers(shot: Shot, spec: ShotSpec) -> Shot:
-    """The shot with the performers whose fingers are asked for marked."""
+    """Mark the performers whose fingers the shot file asks for."""
     for asked in spec.performers:
         if asked.fingers and sum(view.keypoints is not None for view in spec.views) < 2:
             todo = "name keypoints with hands in two views or more, or leave it out"
@@ -138,7 +153,7 @@ def pose_by_keypoint_files(
 
 @one_library_thread()
 def with_proposed_keys(shot: Shot) -> Shot:
-    """Add key poses proposed from keypoints to those that a shot has, which stay as they are, as do the bodies.
+    """Add key poses proposed from keypoints to a shot; its own key poses and its bodies do not change.
 
     Raises
     ------
@@ -160,7 +175,7 @@ def _view(spec: ViewSpec, cameras: dict[str, Camera]) -> View:
 
 
 def _performer(spec: PerformerSpec, first: int) -> Performer | PerformerRequest:
-    """The performer, or where only keypoints show it, what is to be made of these."""
+    """Make the performer or, where only keypoints show it, a request to be fulfilled from these."""
     if spec.keyframes is None:
         raise ShotError("'keyframes' is missing", where=spec.where)
     if spec.mesh is not None and (spec.keyposes is None or spec.keyframes == "auto" or spec.height is not None):
@@ -184,12 +199,12 @@ def _performer(spec: PerformerSpec, first: int) -> Performer | PerformerRequest:
 def _request(spec: PerformerSpec, frames: tuple[int, ...] | None) -> PerformerRequest:
     request = PerformerRequest(spec.name, spec.height, frames, spec.person)
     with located(spec.where):
-        request.placeholder()  # refuses an impossible height
+        request.placeholder()  # raises for an impossible height
     return request
 
 
 def _posed_by_bvh(spec: PerformerSpec, file: Path, keys: NDArray[np.int64], first: int) -> Performer:
-    """A performer whose key poses stand in a BVH file, of which row r is frame first + r."""
+    """Make a performer with key poses from a BVH file, whose row r is frame first + r of the footage."""
     with located(f"{spec.where} keyposes"):
         skeleton = _read_key_poses(file, keys, first)
         with located(str(file)):
@@ -199,7 +214,7 @@ def _posed_by_bvh(spec: PerformerSpec, file: Path, keys: NDArray[np.int64], firs
 
 
 def _prop(spec: PerformerSpec, mesh: Path, keys: NDArray[np.int64], first: int) -> Performer:
-    """A prop: one part with the shape of a mesh, whose joint and key poses stand in a BVH file."""
+    """Make a prop: one part with the shape of a mesh, with its joint and key poses from a BVH file."""
     with located(f"{spec.where} mesh"):
         vertices = read_obj_vertices(mesh)
     assert spec.keyposes is not None
@@ -212,7 +227,7 @@ def _prop(spec: PerformerSpec, mesh: Path, keys: NDArray[np.int64], first: int) 
 
 
 def _read_key_poses(file: Path, keys: NDArray[np.int64], first: int) -> SkeletonMotion:
-    """Read a BVH file that has a pose on every key frame."""
+    """Read a BVH file; raises a ShotError where it lacks a key frame."""
     skeleton = read_bvh(file)
     count = len(skeleton)
     for key in keys:
@@ -223,7 +238,7 @@ def _read_key_poses(file: Path, keys: NDArray[np.int64], first: int) -> Skeleton
 
 
 def _posed_by_landmarks(spec: PerformerSpec, file: Path, keys: NDArray[np.int64], first: int) -> Performer:
-    """A performer whose body and key poses are fitted to landmarks, of which row r is frame first + r."""
+    """Fit the body and the key poses of a performer to landmarks, whose row r is frame first + r of the footage."""
     with located(f"{spec.where} landmarks"):
         landmarks = read_trc(file)
         with located(str(file)):
@@ -234,7 +249,7 @@ def _posed_by_landmarks(spec: PerformerSpec, file: Path, keys: NDArray[np.int64]
         poses = fit_poses(body, names, points)
     unknown = _unknown_parts(body, names, known.any(axis=0))
     resting = set(resting_parts(body, unknown))
-    free = np.zeros((len(keys), len(body)), bool)  # what other key poses show, but not this one
+    free = np.zeros((len(keys), len(body)), bool)  # parts that other key poses show, but not this one
     for row, shown in zip(free, known, strict=True):
         row[sorted(set(resting_parts(body, _unknown_parts(body, names, shown))) - resting)] = True
     posed = KeyPoses.whole(keys - first, poses).without_parts(free)
@@ -246,7 +261,7 @@ def _unknown_parts(body: Body, names: Sequence[str], shown: NDArray[np.bool_]) -
 
 
 def _landmarks_at(landmarks: Landmarks, keys: NDArray[np.int64], first: int) -> NDArray[np.float64]:
-    """The landmarks at the key frames and nothing else, shape (K, L, 3)."""
+    """Return the landmarks at the key frames alone, shape (K, L, 3), metres."""
     for key in keys:
         if key - first >= len(landmarks):
             raise LandmarkError(f"key frame {key} has no landmarks: they end at frame {first + len(landmarks) - 1}")
@@ -260,7 +275,7 @@ def _landmarks_at(landmarks: Landmarks, keys: NDArray[np.int64], first: int) -> 
 
 
 def _with_parts_that_keypoints_show(shot: Shot) -> Shot:
-    """The shot with those parts free that no key pose shows, but keypoints do."""
+    """Release the parts that no key pose shows, but keypoints do."""
     if not any(p.unknown for p in shot.performers) or not any(view.keypoints for view in shot.views):
         return shot
     performers = []
@@ -275,7 +290,7 @@ def _with_parts_that_keypoints_show(shot: Shot) -> Shot:
 
 
 def _from_keypoints(shot: Shot, requests: Sequence[PerformerRequest | None], spec: ShotSpec) -> tuple[Performer, ...]:
-    """The performers, with those that only keypoints show."""
+    """Return all performers, with the requests fulfilled from keypoints."""
     where = next(s.where for s, request in zip(spec.performers, requests, strict=True) if request is not None)
     if not any(view.keypoints for view in shot.views):
         todo = "name a TRC file as landmarks, a BVH file as keyposes, or keypoints in the views"

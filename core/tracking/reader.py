@@ -1,4 +1,4 @@
-"""Reading footage segment by segment: decoded once and in order, reduced and rectified, and nothing else."""
+"""Reading footage segment by segment: frames are decoded once and in order, reduced in size, and rectified."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Image = NDArray[np.uint8]
 
 @dataclass(frozen=True, eq=False)
 class ColourFrames:
-    """Consecutive frames of one view, reduced and rectified.
+    """Consecutive frames of one view, reduced in size and without lens distortion.
 
     Attributes
     ----------
@@ -38,9 +38,9 @@ class ColourFrames:
     first : int
         Shot frame of the first of them.
     delay : float
-        How much later than the shot's frames these were taken, frames.
+        How much later than the shot's frames these were taken, in frames.
     torn : ndarray of bool, shape (N - 1,), optional
-        Which pairs of frames do not fit together; see `core.shot.continuity`.
+        Pairs of frames that do not continue each other, see `core.shot.continuity`.
     """
 
     camera: Camera
@@ -58,11 +58,11 @@ class SegmentReader:
     shot : Shot
     view : View
     album : Album
-        Pictures that are kept on the way.
+        Collects the pictures of some frames on the way.
     stopped : threading.Event
-        Once it is set, reading ends with a CancelledError.
+        Once it is set, reading raises a CancelledError.
     memory : WorkerMemory, optional
-        Keeps frames for the next job; those that it has are not decoded.
+        Cache of frames for the next job; frames in it are not decoded again.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class SegmentReader:
         self._changes: list[NDArray[np.float16]] = []
 
     def read(self, segment: Segment, store: PictureStore) -> ColourFrames:
-        """Read a segment that begins on the frame where the one before it ended; its frames are kept in a store.
+        """Read the next segment, which begins on the last frame of the one before; its frames go to a store.
 
         Raises
         ------
@@ -91,12 +91,12 @@ class SegmentReader:
         CancelledError
         """
         first, last = segment
-        # One by one: a long segment's frames are many, and not to be held twice.
+        # As an iterator: the frames of a long segment should not be in memory twice.
         frames = store.kept(COLOUR, self._one_by_one(first, last), last + 1 - first)
         return ColourFrames(self._camera, frames, first, self._delay, self._torn(first, last))
 
     def _one_by_one(self, first: int, last: int) -> Iterator[Image]:
-        """The frames of a segment; its last one is also the first of the next."""
+        """Generate the frames of a segment; the last one is also the first of the next segment."""
         for frame in range(first, last + 1):
             while self._read < min(frame + 1 + AROUND, self._length):
                 if self._stopped.is_set():
@@ -105,7 +105,7 @@ class SegmentReader:
             yield self._ahead[0] if frame == last else self._ahead.pop(0)
 
     def _take(self, image: Image) -> None:
-        """Take the next frame, and see how much it differs from the one before."""
+        """Take the next frame, and measure how much it differs from the one before."""
         grey = small(image)
         if self._small is not None:
             self._changes.append(block_change(self._small, grey).astype(np.float16))
@@ -114,7 +114,7 @@ class SegmentReader:
         self._read += 1
 
     def _torn(self, first: int, last: int) -> Bools:
-        """Which pairs of a segment's frames are torn."""
+        """Return which pairs of a segment's frames do not continue each other."""
         start = max(first - AROUND, 0)
         torn = torn_pairs([change.astype(float) for change in self._changes[start : last + AROUND]])
         return torn[first - start : last - start]
@@ -123,12 +123,12 @@ class SegmentReader:
 def _frames(
     view: View, frames: range, factor: float, album: Album, *, memory: WorkerMemory | None, threads: int
 ) -> Iterator[Image]:
-    """Frames of a view in colour, decoded where they are not kept."""
+    """Generate the frames of a view in colour, decoding those that are not in memory."""
     if memory is None:
         yield from frames_at(view, frames, factor, grey=False, album=album, threads=threads)
         return
     made_of = _made_of(view, factor)
-    # Held from the beginning: what is kept for others meanwhile must not drive out a frame that is counted upon.
+    # Reserved from the beginning: frames that others add meanwhile must not displace one that is relied upon.
     kept = {f: image for f in frames if f not in album.frames and (image := memory.picture((made_of, f))) is not None}
     missing = [f for f in frames if f not in kept]
     decoded = frames_at(view, missing, factor, grey=False, album=album, threads=threads)
@@ -141,7 +141,7 @@ def _frames(
 
 
 def is_kept(shot: Shot, view: View, memory: WorkerMemory) -> bool:
-    """Whether all frames of a view that a shot needs are kept, and its files are what they were then."""
+    """Whether all frames of a view that a shot needs are in memory, and its files have not changed since."""
     try:
         made_of = _made_of(view, working_factor(view, shot.settings.working_size))
     except (OSError, FootageError):
@@ -150,7 +150,7 @@ def is_kept(shot: Shot, view: View, memory: WorkerMemory) -> bool:
 
 
 def _made_of(view: View, factor: float) -> bytes:
-    """All that a view's reduced frames depend on, frame by frame: the files as they are now, and how they are read."""
+    """Hash of everything that a view's reduced frames depend on: its files as they are now, and how they are read."""
     files = sorted((image_files(view.footage) or {0: view.footage}).values())
     states = [(str(file), file.stat().st_mtime_ns, file.stat().st_size) for file in files]
     camera = view.camera

@@ -1,4 +1,4 @@
-"""Tracking some segments of a shot: what lies beside them is held as it is."""
+"""Tracking some segments of a shot, while the motion beside them stays as it is."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ from .track_result import TrackResult
 from .tracker import track
 
 PREVIEWED = 4
-"""Iterations of a segment that a preview shows: the first of them is the initial solution."""
+"""Number of iterations that a preview shows; the first is the initial solution."""
 
 
 @dataclass(frozen=True, eq=False)
 class Excerpt:
-    """Frames of a shot that are tracked while the others stay.
+    """A range of a shot's frames that is tracked while the other frames stay as they are.
 
     Attributes
     ----------
     first, last : int
-        Shot frames, inclusive: where segments begin and end.
+        First and last shot frame; they are ends of segments.
     around : tuple of (tuple of Motion or None)
-        The poses beside them, see `tracking.track`.
+        The poses before and after these frames, see `tracker.track`.
     footage_offset : float, optional
-        As it was measured on the rest of the shot, see `core.shot.shot.Settings`; None measures it on the excerpt.
+        Offset as measured on the rest of the shot, see `core.shot.shot.Settings`; None: it is measured on the excerpt.
     earlier : tuple of Motion
-        Every performer's motion on these frames as it was tracked before, if it is to be begun with.
+        Per performer: the motion on these frames as it was tracked before, to start from; empty to start anew.
     """
 
     first: int
@@ -52,22 +52,22 @@ class Excerpt:
 
 
 def segments_at(segments: Sequence[Segment], frame: int) -> list[Segment]:
-    """The segments that a shot frame lies in: two where it is a key pose between them."""
+    """Return the segments that contain a shot frame: two if it is a key pose between them."""
     return [(first, last) for first, last in segments if first <= frame <= last]
 
 
 def segments_after(segments: Sequence[Segment], frame: int) -> list[Segment]:
-    """The segments that have frames after a shot frame."""
+    """Return the segments with frames after a shot frame."""
     return [(first, last) for first, last in segments if last > frame]
 
 
 def segments_before(segments: Sequence[Segment], frame: int) -> list[Segment]:
-    """The segments that have frames before a shot frame."""
+    """Return the segments with frames before a shot frame."""
     return [(first, last) for first, last in segments if first < frame]
 
 
 def joined(segments: Sequence[Segment]) -> list[Segment]:
-    """First and last frames of runs of segments that meet."""
+    """Join adjacent segments; returns the first and last frame of each run."""
     runs: list[Segment] = []
     for first, last in sorted(segments):
         begin = runs.pop()[0] if runs and runs[-1][1] == first else first
@@ -82,7 +82,7 @@ def track_excerpts(
     *,
     run: RunContext = NOTHING_KEPT,
 ) -> list[TrackResult]:
-    """Track excerpts of a shot; what it costs is theirs alone.
+    """Track excerpts of a shot; the time depends on the excerpts alone, not on the length of the shot.
 
     Parameters
     ----------
@@ -90,17 +90,17 @@ def track_excerpts(
     excerpts : sequence of Excerpt
     progress : callable, optional
     run : RunContext, optional
-        Segments are shown in frames of the shot.
+        Its `show` is called with segments in frames of the shot.
 
     Returns
     -------
     list of TrackResult
-        One per part, whose frames it counts from the part's first.
+        One per excerpt; frames are counted from its first.
 
     Raises
     ------
     KFMocapError
-        See `tracking.track`.
+        See `tracker.track`.
     """
     shot = completed(shot)
     ends = np.cumsum([0] + [part.last - part.first for part in excerpts])
@@ -130,10 +130,9 @@ def preview_segment(
     progress: Progress | None = None,
     memory: WorkerMemory | None = None,
 ) -> None:
-    """Show a coarse solution of the segment that the user looks at, unless that is tracked first anyway.
+    """Show a coarse solution of the segment at a frame early, unless this segment is tracked first anyway.
 
-    It is no part of the result, which does not depend on what is looked at. Errors are those of the tracking
-    that follows, and left to it.
+    The preview has no influence on the result. Errors are ignored here: the tracking that follows reports them.
     """
     chosen = [(part, s) for part in excerpts for s in segments(shot) if part.first <= s[0] and s[1] <= part.last]
     number = next((i for i, (_, (first, last)) in enumerate(chosen) if first <= frame <= last), 0)
@@ -151,7 +150,7 @@ def preview_segment(
         return len(seen) < PREVIEWED
 
     asked = completed(shot).between(first, last).with_footage_offset(part.footage_offset)
-    with contextlib.suppress(KFMocapError):  # it is cancelled, or the tracking that follows says what is wrong
+    with contextlib.suppress(KFMocapError):  # cancelled, or an error that the tracking that follows reports
         track(asked, looked, observed, run=RunContext(memory=memory))
 
 
@@ -161,9 +160,9 @@ def _show_in_shot(show: SegmentShown, start: int, segment: Segment, motions: tup
 
 
 def digest(shot: Shot, segment: Segment) -> str:
-    """A text that changes with anything that the motion of a segment depends on, but what is beside it.
+    """Hash of everything that the motion of a segment depends on, except the motion beside it.
 
-    What is in files counts by their names; where they are does not.
+    Files count by their names, not by their folders or content.
     """
     part = shot.between(*segment)
     numbers = {performer.name: str(i) for i, performer in enumerate(part.performers)}
@@ -173,7 +172,7 @@ def digest(shot: Shot, segment: Segment) -> str:
 
 
 def _asked(performer: Performer) -> Performer:
-    """A performer without what key poses do not fix: tracking changes that."""
+    """Return a performer without the values that its key poses do not fix, as tracking changes these."""
     keys, P = performer.key_poses, performer.key_poses.poses.rotations.shape[1]
     turned = keys.fixed[:, 3:].reshape(-1, P, 3).all(axis=2)[..., None, None]
     T, Q = keys.poses.translations, keys.poses.rotations

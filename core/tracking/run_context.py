@@ -1,4 +1,4 @@
-"""What a run of the tracker may use beside the shot."""
+"""Services for a run of the tracker beside the shot: journal, cache, and callbacks."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .schedule import SegmentShown
 
 @dataclass(frozen=True, eq=False)
 class SolvedShot:
-    """What is known of a shot once all of its segments are solved, and stays when they are refined.
+    """The results that are final once all segments of a shot are solved, before they are refined.
 
     Attributes
     ----------
@@ -30,21 +30,21 @@ class SolvedShot:
 
 @dataclass(frozen=True, eq=False)
 class RunContext:
-    """What a run may keep, reuse and hand out early. Nothing of it changes the result.
+    """What a run of the tracker may store, reuse and hand out early. None of it changes the result.
 
     Attributes
     ----------
     journal : Journal, optional
-        Where finished segments are kept, and taken from if an earlier run has finished them.
+        Where finished segments are written, and from where those of an earlier run are taken.
     memory : WorkerMemory, optional
-        Keeps frames and processes for the next shot that is tracked, which is often the same with one key pose changed.
+        Cache of frames and processes for the next shot, which is often the same one with a changed key pose.
     show : callable, optional
-        Called with a segment and the motions of its frames as soon as it is solved, and again when it is refined.
+        Called with a segment and its motions as soon as it is solved, and again once it is refined.
     solved : callable, optional
-        Called with the pool of workers and what is known of the shot, once all segments are solved and the last are
-        being refined: not all workers have something to do then. It is not called where there is one alone.
+        Called with the pool of workers and a `SolvedShot` once all segments are solved, while the last are refined and
+        some workers are idle. It is not called with a single worker.
     footage_checked : bool
-        It was seen a moment ago that the footage can serve the shot, as `core.tracking.prepare` does.
+        The footage has just been checked by `core.tracking.prepare`, and need not be checked again.
     """
 
     journal: Journal | None = None

@@ -1,8 +1,8 @@
-"""In which order the segments of a shot are solved and refined, and what each of them knows of the others.
+"""The order in which the segments of a shot are solved and refined, and what each one knows of the others.
 
-Segments that meet on a key pose of the whole body of every performer do not wait for each other: each is solved by
-itself, and refined when those beside it are solved. Where they meet on another frame, the motion goes on from the one
-before. What a segment knows does not depend on how many are worked on at a time.
+Segments that meet on a key pose of the whole body of every performer do not wait for each other: each is solved on its
+own, and refined once both neighbours are solved. Where segments meet on another frame, the later one continues the
+motion of the earlier one. What a segment knows does not depend on the number of workers.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from .segments import Segment, segments, whole_keys
 
 Observer = Callable[[Segment, int, Sequence[Motion]], None]
 SegmentShown = Callable[[Segment, tuple[Motion, ...]], None]
-"""Called with a segment and the motions of its frames as soon as it is solved, and once more when it is refined."""
+"""Called with a segment and its motions as soon as it is solved, and again once it is refined."""
 SOLVING = 0.7
-"""Share of the work on a segment that is done before it is refined."""
+"""Share of the work on a segment that is done before refinement, for reports of progress."""
 
 
 class SegmentSchedule:
@@ -40,28 +40,27 @@ class SegmentSchedule:
     ----------
     shot : Shot
     begin : TrackState
-        What is known before the first is solved.
+        What is known before any segment is solved.
     observed : ShotKeypoints
     pool : WorkerPool
     finished : KeptSegments
-        Segments that an earlier run has finished, and where those of this one are kept.
+        Segments of an earlier run, and where those of this one are kept.
     threads : int
-        Of each worker.
+        Threads of each worker.
     progress : callable, optional
     observe : callable, optional
-        See `tracker.track`; with a single worker alone.
+        See `tracker.track`; it needs a single worker.
     show : callable, optional
         See `SegmentShown`; called in the threads of the pool.
-
     earlier : TrackState, optional
-        The shot as it was tracked before.
+        The shot as it was tracked before, to start from.
 
     Attributes
     ----------
     state : TrackState
-        The shot with the segments that are solved so far, none of them refined.
+        The shot with all segments solved so far, before refinement.
     seconds : Seconds
-        Time spent on them, by stage.
+        Time spent, by stage.
     """
 
     def __init__(
@@ -91,7 +90,7 @@ class SegmentSchedule:
         self._solved = 0
 
     def add(self, views: tuple[ViewFrames | StoredView, ...]) -> None:
-        """Take the views of the next segment; returns once no more segments are under way than there are workers."""
+        """Take the views of the next segment; returns once no more segments are in work than there are workers."""
         k = len(self._solving)
         self._collect(k if self._goes_on[k] else k - self._pool.workers + 1)
         self._views.append(views)
@@ -110,9 +109,9 @@ class SegmentSchedule:
             self._collect(k + 1)
 
     def finish(self, solved: Callable[[TrackState], None] | None = None) -> tuple[TrackState, list[FinishedSegment]]:
-        """Wait for all segments; returns the shot with all of them refined, and what is kept of each.
+        """Wait for all segments; returns the shot with all segments refined, and the finished segments.
 
-        `solved` is called with the shot once all segments are solved, before the last of them are refined.
+        `solved` is called with the state once all segments are solved, before the last ones are refined.
         """
         self._collect(len(self._segments))
         if solved is not None:
@@ -130,12 +129,12 @@ class SegmentSchedule:
         return None if self._observe is None else partial(self._observe, self._segments[k])
 
     def _show_motions(self, done: Future[Any], k: int, motions: Callable[[Any], tuple[Motion, ...]]) -> None:
-        """Hand out the motions of a segment that is done; what went wrong with it is raised elsewhere."""
+        """Hand out the motions of a segment that is done; its errors are raised elsewhere."""
         if self._show is not None and not done.cancelled() and done.exception() is None:
             self._show(self._segments[k], motions(done.result()))
 
     def _collect(self, count: int) -> None:
-        """Wait until so many segments are solved; each is refined once the one after it is."""
+        """Wait until `count` segments are solved; the refinement of each begins once the next one is solved."""
         while self._solved < count:
             k, found = self._solved, self._solving[self._solved]
             if isinstance(found, FinishedSegment):
@@ -152,7 +151,7 @@ class SegmentSchedule:
             self._refine(self._solved - 1)
 
     def _refine(self, k: int) -> None:
-        """Have a segment refined, among those that are solved."""
+        """Start the refinement of a segment whose neighbours are solved."""
         found, state = self._solving[k], self.state
         if isinstance(found, FinishedSegment):
             self._refining.append(found)
@@ -171,7 +170,7 @@ class SegmentSchedule:
         self._finish(k - 2 * self._pool.workers)
 
     def _finish(self, count: int) -> None:
-        """Wait until so many segments are refined, keep all that are, and let go of their pictures."""
+        """Wait until `count` segments are refined, write them to the journal, and release their pictures."""
         for k in range(len(self._done), len(self._refining)):
             refining = self._refining[k]
             if isinstance(refining, FinishedSegment):
@@ -190,7 +189,7 @@ class SegmentSchedule:
 
 
 class _Report:
-    """Reports progress over the segments of a shot, which are worked on side by side."""
+    """Reports progress over all segments of a shot, which are in work at the same time."""
 
     def __init__(self, shot: Shot, progress: Progress | None) -> None:
         self._last, self._progress = shot.length - 1, progress
@@ -198,7 +197,7 @@ class _Report:
         self._lock = Lock()
 
     def part(self, segment: Segment, work: float) -> Callable[[float], None]:
-        """The callback for a share of the work on a segment."""
+        """Return the callback for a part of the work on a segment."""
         share, place = work * (segment[1] - segment[0]) / self._last, len(self._parts)
         self._parts.append(0.0)
 

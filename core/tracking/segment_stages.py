@@ -1,4 +1,4 @@
-"""The stages that a segment goes through, each a function from values to values.
+"""The stages of solving a segment, each a function from values to values.
 
 views -> SegmentData -> SegmentProblem -> SegmentState -> time offset -> refined SegmentState -> SegmentUncertainty
 """
@@ -29,23 +29,23 @@ from .solvers.problem import AccelerationSearch, SegmentProblem, SegmentSolution
 from .solvers.protocol import Solver
 
 Around = tuple[tuple[Motion, ...] | None, tuple[Motion, ...] | None]
-"""Every performer's pose on the frame before some frames, and on the one after them, where they are known."""
+"""Every performer's pose on the frame before a range of frames, and on the one after it; None where unknown."""
 
 
 @dataclass(frozen=True, eq=False)
 class TrackState:
-    """A shot that is being tracked, from its first frame on.
+    """The state of a shot that is being tracked, from its first frame on.
 
     Attributes
     ----------
     motions : tuple of Motion
-        Per performer, every frame of the shot; where nothing is solved yet, the start.
+        Per performer: the poses on every frame of the shot; the start where nothing is solved yet.
     around : tuple of (tuple of Motion or None)
         The poses before the shot's first frame and after its last, where they are known.
     solved : int
-        The frames before this one are solved.
+        The first frame that is not solved yet.
     offsets : tuple of Offset
-        The offset of the footage as it was measured on the segments solved.
+        Measurements of the footage's offset on the solved segments.
     """
 
     motions: tuple[Motion, ...]
@@ -54,22 +54,22 @@ class TrackState:
     offsets: tuple[Offset, ...] = ()
 
     def with_solution(self, segment: Segment, solved: Sequence[Motion]) -> TrackState:
-        """The state once a segment is solved, or solved better."""
+        """Return the state with the motions of a segment that was solved or refined."""
         first, last = segment
         motions = tuple(m.replaced(first, new) for m, new in zip(self.motions, solved, strict=True))
         return replace(self, motions=motions, solved=max(self.solved, last + 1))
 
     def with_offset(self, measured: Offset | None) -> TrackState:
-        """The state with one more measurement of the footage's offset, if there is one."""
+        """Return the state with another measurement of the footage's offset; unchanged for None."""
         return self if measured is None else replace(self, offsets=(*self.offsets, measured))
 
     def footage_offset(self, shot: Shot) -> float:
-        """The offset of the footage as the settings give it, or as it was measured so far, frames."""
+        """Offset of the footage in frames: that of the settings, or the estimate from all measurements so far."""
         given = shot.settings.footage_offset
         return Offset.likeliest(self.offsets).value if given is None else given
 
     def poses_at(self, frame: int) -> tuple[Motion, ...] | None:
-        """The poses on a frame where they are known: solved, or given from beside the shot."""
+        """Return the poses on a frame that is solved, or next to the shot and known; None otherwise."""
         if frame < 0 or frame == len(self.motions[0]):
             return self.around[frame > 0]
         return tuple(m[[frame]] for m in self.motions) if frame < self.solved else None
@@ -77,20 +77,20 @@ class TrackState:
 
 @dataclass(frozen=True, eq=False)
 class SegmentData:
-    """All that is known of a segment before it is solved.
+    """Everything that is known of a segment before it is solved.
 
     Attributes
     ----------
     segment : tuple of int
     views : tuple of ViewFrames
     fixed : tuple of ndarray of bool, shape (F, D)
-        Per performer: the degrees of freedom that key poses hold.
+        Per performer: the degrees of freedom that key poses fix.
     keypoints : tuple of KeypointFactor
-        One per performer, or none.
+        One per performer; empty without keypoints.
     shape : Geometry or None
-        The parts of all performers as the key frames show them.
+        Shapes of all performers' parts as estimated on the key frames.
     typical_variances : tuple of ndarray, shape (G,)
-        Per performer: variances of accelerations where their estimation begins, by keypoints or key poses.
+        Per performer: variances of the accelerations at which their estimation starts, from keypoints or key poses.
     """
 
     segment: Segment
@@ -103,16 +103,16 @@ class SegmentData:
 
 @dataclass(frozen=True, eq=False)
 class SegmentState:
-    """A segment that is solved.
+    """A solved segment.
 
     Attributes
     ----------
     data : SegmentData
     problem : SegmentProblem
-        As it was solved last.
+        The problem that was solved last.
     solution : SegmentSolution
     earlier : tuple of SegmentSolution
-        What was solved before that.
+        Solutions before that one.
     """
 
     data: SegmentData
@@ -129,7 +129,7 @@ class SegmentState:
 def segment_data(
     shot: Shot, segment: Segment, views: tuple[ViewFrames, ...], state: TrackState, observed: ShotKeypoints
 ) -> SegmentData:
-    """Put together what is known of a segment, with the shapes of the parts on its key frames."""
+    """Collect what is known of a segment, and fit the shapes of the parts on its key frames."""
     bodies, frames = [p.body for p in shot.performers], slice(segment[0], segment[1] + 1)
     keys = posed_frames(shot, *segment)
     return SegmentData(
@@ -143,10 +143,10 @@ def segment_data(
 
 
 def _typical_variances(shot: Shot, observed: ShotKeypoints) -> tuple[Array, ...] | None:
-    """Variances of accelerations before the pictures are looked at, per performer; None where they are not estimated.
+    """Return, per performer, the variances of accelerations at which their estimation starts; None if the settings give
+    the smoothness and nothing is estimated.
 
-    Keypoints show more of them than key poses do. Where they are estimated only if the pictures contradict the usual
-    ones, these are returned; what the settings give is not questioned.
+    They come from keypoints or, without any, from key poses. With two key poses alone they are the usual ones.
     """
     settings = shot.settings
     if observed.performers:
@@ -160,14 +160,16 @@ def _typical_variances(shot: Shot, observed: ShotKeypoints) -> tuple[Array, ...]
 
 
 def _acceleration_search(shot: Shot, data: SegmentData) -> AccelerationSearch:
-    """Two key poses do not show where the estimation of accelerations begins; in one view errors look like motion."""
+    """Choose which variances to estimate: two key poses alone do not show where an estimation of joints may start, and
+    in a single view errors look like motion.
+    """
     if data.keypoints or shot.settings.estimate_smoothness is not None:
         return AccelerationSearch.JOINTS
     return AccelerationSearch.SCALE_THEN_JOINTS if len(shot.views) == 1 else AccelerationSearch.SCALE
 
 
 def segment_problem(shot: Shot, data: SegmentData, state: TrackState) -> SegmentProblem:
-    """Make the problem of a segment, between the poses that are known beside it."""
+    """Make the problem of a segment, with the poses that are known beside it."""
     first, last = data.segment
     bodies = tuple(performer.body for performer in shot.performers)
     keeps_out = shot.settings.contact and len(bodies) > 1
@@ -194,7 +196,7 @@ def segment_problem(shot: Shot, data: SegmentData, state: TrackState) -> Segment
 
 
 def is_refined(shot: Shot, solver: Solver, segment: Segment, state: TrackState) -> bool:
-    """Whether a segment is solved once more when all beside it is solved, with the offset that was measured."""
+    """Whether a segment is refined once its neighbours are solved, with the offset of the footage that was measured."""
     alone = segment == (0, shot.length - 1) and state.around == (None, None)
     in_step = state.footage_offset(shot) == (shot.settings.footage_offset or 0.0)
     return solver.refines and not (alone and in_step)
@@ -203,7 +205,7 @@ def is_refined(shot: Shot, solver: Solver, segment: Segment, state: TrackState) 
 def solve_segment(
     shot: Shot, solver: Solver, data: SegmentData, state: TrackState, workspace: Workspace
 ) -> SegmentState:
-    """Solve a segment between what is known beside it."""
+    """Solve a segment; `state` holds what is known beside it."""
     problem = segment_problem(shot, data, state)
     return SegmentState(data, problem, solver.solve(problem, _on(data.segment, state.motions), workspace))
 
@@ -211,7 +213,7 @@ def solve_segment(
 def resume_segment(
     shot: Shot, solver: Solver, data: SegmentData, earlier: TrackState, workspace: Workspace
 ) -> SegmentState | None:
-    """Solve a segment from the motion that was tracked before; None where that leaves a doubt, or the solver cannot."""
+    """Solve a segment from an earlier result; None where the images contradict that, or the solver cannot resume."""
     if solver.resume is None:
         return None
     problem = segment_problem(shot, data, earlier)
@@ -222,7 +224,7 @@ def resume_segment(
 def refine_segment(
     shot: Shot, solver: Solver, data: SegmentData, solved: SegmentSolution, state: TrackState, *, workspace: Workspace
 ) -> SegmentState:
-    """Solve a segment once more, now that the motion on both sides is known."""
+    """Refine a solved segment, once the motion on both sides is known."""
     problem = segment_problem(shot, data, state)
     problem = problem.with_smoothness(solved.variances)
     refined = solver.refine(problem, _on(data.segment, state.motions), workspace)
@@ -230,7 +232,7 @@ def refine_segment(
 
 
 def measured_offset(shot: Shot, data: SegmentData, state: TrackState) -> Offset | None:
-    """How far a solved segment's key poses and the footage are out of step; None where nothing shows it."""
+    """Measure the offset between a solved segment's key poses and the footage; None where nothing shows it."""
     if shot.settings.footage_offset is not None or data.shape is None:
         return None
     bodies, first = [performer.body for performer in shot.performers], data.segment[0]

@@ -1,4 +1,4 @@
-"""Segments: runs of frames between key poses of the whole body, solved on their own."""
+"""Segments: ranges of frames between key poses of the whole body, each of which is solved on its own."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from ..numerics.arrays import Bools, Ints
 from ..shot.shot import Shot
 
 Segment = tuple[int, int]
-"""First and last shot frame of frames that are solved together."""
+"""First and last shot frame of a range that is solved together."""
 LONGEST = 150
-"""Frames that are solved together where key poses are proposed, or not on the same frames, at most."""
+"""Largest length of segments where key poses are only proposed, or on different frames for different performers."""
 
 NEVER = 1 << 30
-"""Frames to the nearest pose of a performer that has none."""
+"""Distance in frames to the nearest pose of a performer that has none."""
 
 
 @dataclass(frozen=True, eq=False)
 class PosedFrames:
-    """K frames on some of which each of M performers is posed.
+    """K frames on which the poses of some of M performers are known.
 
     Attributes
     ----------
     frames : ndarray of int, shape (K,)
         Shot frames, increasing.
     posed : ndarray of bool, shape (K, M)
-        Who is.
+        Whose pose is known on each frame.
     apart : ndarray of int, shape (K, M)
-        How many frames each performer's nearest pose is away, among these frames or not.
+        Distance in frames to each performer's nearest known pose, which may be on a frame that is not among these.
     """
 
     frames: Ints
@@ -41,7 +41,7 @@ class PosedFrames:
 
     @classmethod
     def of(cls, each: Sequence[Ints], first: int, last: int) -> PosedFrames:
-        """Return those of every performer's frames that are among the frames first to last."""
+        """Collect the known poses on frames first to last, from the frames of each performer."""
         frames = np.unique(np.concatenate(each)).astype(np.int64)
         frames = frames[(frames >= first) & (frames <= last)]
         apart = [np.abs(frames[:, None] - own).min(axis=1, initial=NEVER) for own in each]
@@ -49,11 +49,11 @@ class PosedFrames:
 
 
 def segments(shot: Shot) -> list[Segment]:
-    """First and last frames of the segments that are solved on their own.
+    """Divide a shot into segments.
 
-    They meet where every performer has a key pose of the whole body; before the first and after the last of these
-    a segment is held at one end only. Where key poses are only proposed, or performers have theirs on different frames,
-    long segments are cut on some of these, to hold fewer pictures at a time.
+    They meet where every performer has a key pose of the whole body; those before the first and after the last of these
+    frames have a key pose at one end only. Where key poses are only proposed, or performers have theirs on different
+    frames, segments longer than `LONGEST` are divided on some of these, so that fewer pictures are held at a time.
     """
     cuts = sorted({*whole_keys(shot, 0, shot.length - 1).tolist(), 0, shot.length - 1})
     proposed = posed_frames(shot, 0, shot.length - 1).frames
@@ -71,17 +71,19 @@ def segments(shot: Shot) -> list[Segment]:
 
 
 def whole_keys(shot: Shot, first: int, last: int) -> Ints:
-    """Frames first to last on which every performer has a key pose of the whole body."""
+    """Return those of frames first to last on which every performer has a key pose of the whole body."""
     whole = reduce(set.intersection, [set(performer.key_poses.full().tolist()) for performer in shot.performers])
     return np.array(sorted(f for f in whole if first <= f <= last), dtype=np.int64)
 
 
 def keyed_frames(shot: Shot, first: int, last: int) -> PosedFrames:
-    """Frames first to last on which a performer has a key pose of the whole body."""
+    """Return those of frames first to last on which some performer has a key pose of the whole body."""
     return PosedFrames.of([p.key_poses.full() for p in shot.performers], first, last)
 
 
 def posed_frames(shot: Shot, first: int, last: int) -> PosedFrames:
-    """Frames first to last that show how a performer looks: it has a key pose of the whole body, or a proposed one."""
+    """Return those of frames first to last on which the look of some performer is learned: with a key pose of the whole
+    body, set or proposed.
+    """
     each = [np.concatenate([p.key_poses.full(), p.key_poses.proposals()]) for p in shot.performers]
     return PosedFrames.of(each, first, last)

@@ -20,13 +20,14 @@ def selected(
     keyframes: Sequence[int] | Literal["auto"] | None = None,
     solver: str | None = None,
 ) -> Shot:
-    """The shot with only these cameras' views, only the key poses of these frames, this solver.
+    """Restrict a shot to the views of some cameras and the key poses on some frames, and choose the solver.
 
     Parameters
     ----------
     views : sequence of str, optional
     keyframes : sequence of int or "auto", optional
-        In the footage's count; each must have a key pose. "auto" leaves all key poses and adds proposals, of keypoints.
+        Frames in the footage's count; each must have a key pose. "auto" keeps all key poses and adds proposals from
+        keypoints.
     solver : str, optional
 
     Raises
@@ -34,7 +35,7 @@ def selected(
     ShotError
         There is no such view, key pose or solver, or there are no keypoints.
     KeypointError
-        They do not show a performer well enough.
+        The keypoints do not show a performer well enough.
     """
     if views is not None:
         shot = replace(shot, views=tuple(view for view in shot.views if view.camera.name in _known(shot, views)))
