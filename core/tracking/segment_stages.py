@@ -143,10 +143,10 @@ def segment_data(
 
 
 def _typical_variances(shot: Shot, observed: ShotKeypoints) -> tuple[Array, ...] | None:
-    """Return, per performer, the variances of accelerations at which their estimation starts; None if the settings give
-    the smoothness and nothing is estimated.
+    """Return, per performer, the variances of accelerations at which their estimation starts; None without estimation.
 
-    They come from keypoints or, without any, from key poses. With two key poses alone they are the usual ones.
+    They come from keypoints, if there are any. Otherwise they are the usual ones or, if the settings switch the
+    estimation on, those of the key poses. Nothing is estimated where the settings give accelerations.
     """
     settings = shot.settings
     if observed.performers:
