@@ -24,8 +24,9 @@ class OutputRequest:
     ----------
     folder : Path
         The folder to write into.
-    home : Path
-        The folder that the files are moved to afterwards; footage near it is referred to by a relative path.
+    home : Path, optional
+        The folder that the files are moved to afterwards, by default `folder`; footage near it is referred to by a
+        relative path.
     open_scene : bool
         The shot is the open scene's: shot.blend is a copy of the open file with the motion. Otherwise a new scene is
         built.
@@ -39,7 +40,7 @@ class OutputRequest:
     """
 
     folder: Path
-    home: Path
+    home: Path | None = None
     open_scene: bool = False
     leave_out_unknown: bool = False
     hands: tuple[Array | None, ...] = ()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -172,19 +173,11 @@ class PerformerRequest:
 
 ONE_VIEW, SEVERAL_VIEWS = (0.2, 0.25), (0.1, 0.1)
 """Correlation lengths of pixels and of outlines, metres: with several views the width of a limb."""
-_NOT_NUMBERS = (
-    "solver",
-    "broken_keypoints",
-    "estimate_smoothness",
-    "prediction",
-    "plants",
-    "contact",
-    "limb_search",
-    "search_seed",
-    "footage_offset",
-    "threads",
-)
-_LEFT_TO_THE_SHOT = ("correlation_length", "outline_correlation", "joint_acceleration", "root_acceleration")
+
+
+def _positive(default: Any) -> Any:
+    """A setting that must be a positive number; where its default is None, it may be left out."""
+    return field(default=default, metadata={"positive": True})
 
 
 @dataclass(frozen=True)
@@ -236,19 +229,19 @@ class Settings:
     """
 
     solver: str = "gauss-newton"
-    sweeps: int = 500
-    working_size: int = 480
-    correlation_length: float | None = None
-    outline_correlation: float | None = None
-    joint_acceleration: float | None = None
-    root_acceleration: float | None = None
+    sweeps: int = _positive(500)
+    working_size: int = _positive(480)
+    correlation_length: float | None = _positive(None)
+    outline_correlation: float | None = _positive(None)
+    joint_acceleration: float | None = _positive(None)
+    root_acceleration: float | None = _positive(None)
     estimate_smoothness: bool | None = None
     prediction: bool = True
     plants: bool = True
     contact: bool = True
     limb_search: bool = True
     search_seed: int = 0
-    keypoint_correlation: float = 0.3
+    keypoint_correlation: float = _positive(0.3)
     broken_keypoints: str = "refuse"
     footage_offset: float | None = None
     threads: int | None = field(default=None, compare=False)
@@ -271,7 +264,7 @@ class Settings:
             raise ShotError(shortened(f"it is {self.threads!r}", 60), where="[track] threads", todo=todo)
         for item in fields(self):
             value = getattr(self, item.name)
-            if item.name in _NOT_NUMBERS or (value is None and item.name in _LEFT_TO_THE_SHOT):
+            if not item.metadata.get("positive") or (value is None and item.default is None):
                 continue
             if not (isinstance(value, (int, float)) and np.isfinite(value) and value > 0):
                 raise ShotError(f"it is {value!r}", where=f"[track] {item.name}", todo="give a positive number")

@@ -92,14 +92,19 @@ def test_the_python_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
     The walk is shorter than the example's.
     """
+    pytest.importorskip("bpy")
+    from kfmocap.kfmocap_addon import registration
+
     (tmp_path / "examples").mkdir()
     short_walk(tmp_path / "examples" / "walk", 12)
     monkeypatch.chdir(tmp_path)
     examples = blocks(ROOT / "docs" / "python.md", "python")
     assert blocks(ROOT / "README.md", "python") == examples[:1]
     names: dict[str, Any] = {}
-    for code in examples:
-        exec(compile(code, "docs/python.md", "exec"), names)
+    with registration.registered():
+        for code in examples:
+            exec(compile(code, "docs/python.md", "exec"), names)
+    assert {path.name for path in (tmp_path / "results").iterdir()} == {"walk.bvh", "walk.fbx", "shot.blend"}
     keys = names["shot"].performers[0].key_poses.frames.tolist()
     truth = read_trc(tmp_path / "examples" / "walk" / "landmarks.trc")
     assert joint_error(read_trc(tmp_path / "walk.trc"), truth, keys).mean < 60
