@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from ..cameras.camera import Camera, reduced_size
 from ..errors import KFMocapError
 from ..runtime.progress import Progress, report_progress
-from ..shot.footage import check_view, frames_at, shown_delay, working_factor
+from ..shot.footage import frames_at, working_factor
+from ..shot.footage_checks import check_view
+from ..shot.frame_numbers import shown_delay
 from ..shot.shot import Shot, View
 from ..tracking.segments import whole_keys
 

@@ -13,7 +13,7 @@ from ..errors import KeypointError
 from ..formats.keypoint_layouts import HAND_NAMES, HAND_POINTS
 from ..numerics.arrays import Array
 from ..shot.detections import Detections
-from ..shot.footage import footage_delay
+from ..shot.frame_numbers import footage_delay
 from ..shot.shot import Shot
 from .keypoint_factor import Keypoints
 from .observations import on_shot_frames, on_time

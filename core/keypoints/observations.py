@@ -15,7 +15,7 @@ from ..cameras.camera import Camera
 from ..numerics.arrays import Array
 from ..shot.acceleration_prior import acceleration_precision
 from ..shot.detections import Detections
-from ..shot.footage import footage_delay, footage_index
+from ..shot.frame_numbers import footage_delay, footage_index
 from ..shot.shot import Performer, Settings, Shot, View
 from .assignment import Identity, PerformerClues, assign_detections
 from .first_pass import first_pass

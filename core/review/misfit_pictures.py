@@ -18,7 +18,9 @@ from ..evidence.label_images import render_labels
 from ..evidence.misfit import NEAR
 from ..evidence.part_geometry import Geometry
 from ..evidence.view_frames import ViewFrames
-from ..shot.footage import PICTURE_SIZE, check_view, frames_at, shown_delay, working_factor
+from ..shot.footage import PICTURE_SIZE, frames_at, working_factor
+from ..shot.footage_checks import check_view
+from ..shot.frame_numbers import shown_delay
 from ..shot.shot import Shot, View
 from ..tracking.segments import posed_frames, segments
 

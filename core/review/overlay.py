@@ -25,7 +25,8 @@ from ..numerics.arrays import Array
 from ..runtime.files import replacing
 from ..runtime.progress import Progress, report_progress
 from ..runtime.threads import worker_count
-from ..shot.footage import frames_at, shown_delay
+from ..shot.footage import frames_at
+from ..shot.frame_numbers import shown_delay
 from ..shot.shot import Shot, View
 
 Image = NDArray[Any]

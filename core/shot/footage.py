@@ -1,8 +1,4 @@
-"""Footage: videos and image sequences, decoded once, reduced, rectified and streamed.
-
-The frames of an interlaced view are its fields, two to a frame of the file: field k is the lines of one parity of the
-file's frame k // 2.
-"""
+"""Footage: videos and image sequences, decoded once, reduced, rectified and streamed."""
 
 from __future__ import annotations
 
@@ -18,15 +14,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras.camera import Camera, field_of_frame, same_proportions
+from ..cameras.camera import field_of_frame
 from ..errors import FootageError
-from .image_sequences import check_images, check_size, image_files, read_image
-from .shot import Settings, View
+from .frame_numbers import FIRST_PARITY, footage_index, frames_per_file_frame
+from .image_sequences import check_size, image_files, read_image
+from .shot import View
 from .video_file import check_video_file
 
 Image = NDArray[Any]
 
-_FIRST_PARITY = {"top-first": 0, "bottom-first": 1}
 _LINE_BLUR = np.array([1, 2, 1]) / 4
 _ROTATIONS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
 
@@ -88,112 +84,6 @@ def container_rate(view: View) -> float:
             return round(video.get(cv2.CAP_PROP_FPS) * frames_per_file_frame(view), 3)
     except FootageError:
         return 0.0
-
-
-def is_interlaced(view: View) -> bool:
-    """Whether a view's footage frames are fields, two to a frame of the file."""
-    return view.fields in _FIRST_PARITY
-
-
-def footage_index(view: View, frame: int) -> int:
-    """The footage's frame, or field, that shows a frame of the shot: the nearest where the offset is fractional.
-
-    Parameters
-    ----------
-    frame : int
-        In the count of the shot's first and last frame.
-    """
-    return int(np.floor(frame + view.offset + 0.5))
-
-
-def footage_delay(view: View) -> float:
-    """Return how much later than a frame of the shot its footage frame was taken, above -1/2 to 1/2 frames."""
-    return footage_index(view, 0) - view.offset
-
-
-def shown_delay(view: View, settings: Settings) -> float:
-    """Return `footage_delay` with the offset of all footage, where that is known, frames."""
-    return footage_delay(view) - (settings.footage_offset or 0.0)
-
-
-def file_index(view: View, frame: int) -> int:
-    """The frame of the file that shows a frame of the shot; of interlaced footage the one with its field.
-
-    Parameters
-    ----------
-    frame : int
-        In the count of the shot's first and last frame.
-    """
-    return footage_index(view, frame) // frames_per_file_frame(view)
-
-
-def frames_per_file_frame(view: View) -> int:
-    """How many of the view's footage frames there are in a frame of its file."""
-    return 2 if is_interlaced(view) else 1
-
-
-def check_view(view: View, first: int, length: int) -> Footage:
-    """See that a view's footage can serve a shot.
-
-    Raises
-    ------
-    FootageError
-        The footage is missing or unreadable, of another size than its camera's, begins after the shot or ends
-        before it.
-    """
-    footage, camera = probe(view.footage), view.camera
-    if footage.size != camera.size:
-        seen = "sizes are width x height after the rotation that the file asks for"
-        scaled = "; if the footage was resized after calibrating, say so: resized = true under [calibration]"
-        raise FootageError(
-            _sizes(footage, camera),
-            where=str(view.footage),
-            todo=seen + (scaled if same_proportions(footage.size, camera.size) else ""),
-        )
-    _check_range(view, footage, first, length)
-    return footage
-
-
-def camera_of_resized(camera: Camera, footage: Footage) -> Camera:
-    """The camera of footage that was resized, uncropped, after the camera was calibrated.
-
-    Raises
-    ------
-    FootageError
-        The footage has other proportions than the camera's pictures.
-    """
-    if footage.size == camera.size:
-        return camera
-    if not same_proportions(footage.size, camera.size):
-        what = f"{_sizes(footage, camera)}: it was cropped, not only resized"
-        raise FootageError(what, where=str(footage.path), todo="calibrate at the footage's size")
-    return camera.resized(footage.size)
-
-
-def _sizes(footage: Footage, camera: Camera) -> str:
-    return f"the footage is {_by(footage.size)}, the calibration of '{camera.name}' {_by(camera.size)}"
-
-
-def _check_range(view: View, footage: Footage, first: int, length: int) -> None:
-    start, end = footage_index(view, first), footage_index(view, first + length - 1)
-    last, offset, each = first + length - 1, view.offset, frames_per_file_frame(view)
-    unit = "fields" if is_interlaced(view) else "frames"
-    asked = f"the shot's frames {first} to {last} with offset {offset:g} are its {unit} {start} to {end}"
-    where = f"{view.footage} (camera '{view.camera.name}')"
-    if start < 0:
-        raise FootageError(f"the shot begins before the footage: {asked}", where=where)
-    count, images = each * footage.count, image_files(view.footage)
-    if end >= count and images is None:
-        # Some containers understate their length; only decoding shows it.
-        count = each * _decodable(view.footage, end // each + 1)
-    if end >= count:
-        raise FootageError(f"the footage has only {count} {unit}: {asked}", where=where)
-    if images is not None:
-        check_images(view.footage, images, range(start // each, end // each + 1), footage.size)
-
-
-def _by(size: tuple[int, int]) -> str:
-    return f"{size[0]}x{size[1]}"
 
 
 def frames_at(
@@ -347,7 +237,7 @@ def _quarter_turns(video: cv2.VideoCapture) -> int:
     return round(video.get(cv2.CAP_PROP_ORIENTATION_META) / 90) * 90 % 360
 
 
-def _decodable(path: Path, limit: int) -> int:
+def decodable(path: Path, limit: int) -> int:
     """How many frames, up to `limit`, a video really gives."""
     with _opened(path) as video:
         count = 0
@@ -358,7 +248,7 @@ def _decodable(path: Path, limit: int) -> int:
 
 def _decoded(view: View, indices: Sequence[int], threads: int) -> Iterator[_Decoded]:
     """The footage's frames, or fields, of those increasing indices; each frame of the file is decoded once."""
-    each, first = frames_per_file_frame(view), _FIRST_PARITY.get(view.fields)
+    each, first = frames_per_file_frame(view), FIRST_PARITY.get(view.fields)
     shared = [(number, list(same)) for number, same in groupby(indices, lambda index: index // each)]
     stored = _stored(view.footage, [number for number, _ in shared], view.camera.size, threads)
     for decoded, (_, same) in zip(stored, shared, strict=True):

@@ -8,7 +8,7 @@ import cv2
 
 from ..errors import listed
 from ..runtime.decoder_log import DecoderLog
-from .footage import file_index
+from .frame_numbers import file_index
 from .image_sequences import image_files
 from .shot import Shot, View
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from ..numerics.arrays import Array
-from .footage import file_index, frames_per_file_frame
+from .frame_numbers import file_index, frames_per_file_frame
 from .image_sequences import image_files
 from .shot import Shot, View
 

@@ -30,7 +30,8 @@ from ..keypoints.proposals import KeypointPoses, poses_from_keypoints, propose_p
 from ..keypoints.seen_landmarks import unseen_parts
 from ..runtime.progress import Progress, report_progress, share
 from ..runtime.threads import one_library_thread, worker_count
-from ..shot.footage import camera_of_resized, check_view, probe
+from ..shot.footage import probe
+from ..shot.footage_checks import camera_of_resized, check_view
 from ..shot.grips import shot_with_grips
 from ..shot.shot import KeyPoses, Performer, PerformerRequest, Shot, View
 from ..shot.shot_spec import PerformerSpec, ShotSpec, ViewSpec

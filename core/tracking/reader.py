@@ -16,7 +16,8 @@ from ..numerics.arrays import Array, Bools
 from ..runtime.threads import worker_count
 from ..runtime.worker_memory import WorkerMemory
 from ..shot.continuity import AROUND, block_change, small, torn_pairs
-from ..shot.footage import Album, footage_delay, frames_at, working_factor
+from ..shot.footage import Album, frames_at, working_factor
+from ..shot.frame_numbers import footage_delay
 from ..shot.image_sequences import image_files
 from ..shot.shot import Shot, View
 from .picture_store import COLOUR, PictureStore

@@ -36,7 +36,8 @@ from ..runtime.worker_memory import WorkerMemory
 from ..runtime.worker_pool import WorkerPool
 from ..runtime.workplaces import RESULTS, workplace
 from ..shot.carried_motion import carried, with_keys
-from ..shot.footage import PICTURE_SIZE, Album, check_view, working_factor
+from ..shot.footage import PICTURE_SIZE, Album, working_factor
+from ..shot.footage_checks import check_view
 from ..shot.footage_times import FootageRate, footage_rate
 from ..shot.grips import completed
 from ..shot.keypose_spline import spline

@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 
 from ...core.errors import FootageError
-from ...core.shot.footage import file_index, footage_index, is_interlaced
+from ...core.shot.frame_numbers import file_index, footage_index, is_interlaced
 from ...core.shot.image_sequences import image_files
 
 

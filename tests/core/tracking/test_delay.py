@@ -13,7 +13,7 @@ from kfmocap.core.body.time_shift import delayed, poses_after
 from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.banded_blocks import BandedBlocks, block_diagonal
 from kfmocap.core.review.overlay import contact_sheet
-from kfmocap.core.shot.footage import footage_delay
+from kfmocap.core.shot.frame_numbers import footage_delay
 from kfmocap.core.shot.shot import Settings, Shot, View
 from kfmocap.core.tracking.solvers.motion_steps import StepEquations
 from kfmocap.core.tracking.solvers.relaxation import shared_out

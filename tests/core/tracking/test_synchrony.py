@@ -10,7 +10,7 @@ from kfmocap.core.body import landmark_positions
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.errors import ShotError
 from kfmocap.core.evidence.time_offset import DEVIATION, Offset
-from kfmocap.core.shot.footage import shown_delay
+from kfmocap.core.shot.frame_numbers import shown_delay
 from kfmocap.core.shot.shot import KeyPoses, Performer, Settings, Shot
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts
 from kfmocap.core.tracking.track_result import TrackResult
