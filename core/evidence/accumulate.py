@@ -22,7 +22,8 @@ from .still_evidence import StillPartsCache
 from .view_frames import GradientImageCache, ViewFrames
 
 RUN = 32
-"""Pairs of frames that are worked on at a time, about: enough to keep NumPy busy, few enough to stay in the cache."""
+"""Approximate number of pairs of frames that are processed at a time: large enough for NumPy, small enough for the
+processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,18 +37,18 @@ class SegmentEvidence:
     outlines : OutlineSums
         Arrays of shape (V, F, ...); zero where a view has no foreground images.
     explained : ndarray, shape (V, M, F)
-        Of each of M performers: sum of the log likelihood ratios of the pixels that show it, with the colours of the
-        part that each shows.
+        Per performer (M): sum of the log likelihood ratios (performer against background) of the pixels that it covers,
+        including those of the colours of its parts.
     unhidden : ndarray, shape (M, F)
-        Its visible area over that which it would have without the others, over all views and parts, each with the
-        weight of what a pixel explains there; 1 for those that are not sought.
+        Per performer: visible area over the area without the other performers, summed over views and parts and weighted
+        by the mean log likelihood ratio of the pixels; 1 for performers whose motion is given.
     share : ndarray, shape (V, F, P)
         Visible share of every part, see `LabelImages`.
     agreeing : ndarray, shape (V, F, P)
-        Share of the pixels that show a part which look like its performer, or like another one, who may stand before
-        it; 1 where none shows it, or nothing tells.
+        Share of a part's pixels that look like its performer, or like another one who may stand in front of it; 1 where
+        the part is not seen or there are no foreground images.
     sampling : Sampling
-        How the evidence was taken.
+        How the images were sampled.
     seconds : dict
         Time spent, by stage.
     """
@@ -62,15 +63,16 @@ class SegmentEvidence:
     seconds: dict[str, float]
 
     def pixel_share(self, correlation_length: float) -> Array:
-        """What a pixel counts if those within a square of that side, metres, count as one together, shape (V,).
+        """Weight of a sampled pixel if all pixels within a square of side `correlation_length`, metres, count as one
+        observation, shape (V,).
 
-        Sums over pixels times this depend neither on the size of the footage nor on the stride.
+        Weighted sums over pixels then depend neither on the size of the footage nor on the stride.
         """
         density = np.maximum(np.median(self.gradients.density, axis=1), 1.0)
         return np.asarray(self.sampling.stride**2 / (density * correlation_length**2))
 
     def without(self, hidden: NDArray[np.bool_]) -> SegmentEvidence:
-        """The evidence less the rows of parts where they are hidden (F, P), equation (38)."""
+        """Return the evidence without the normal equations of hidden parts, (F, P); paper 1, equation (38)."""
         seen, pairs = ~hidden, ~(hidden[:-1] | hidden[1:])
         gradients, outlines = self.gradients, self.outlines
         return replace(
@@ -93,7 +95,7 @@ def accumulate_evidence(
     sought: Sequence[int] | None = None,
     still: StillPartsCache | None = None,
 ) -> SegmentEvidence:
-    """Collect the evidence of F frames; the result does not depend on the number of threads.
+    """Measure the evidence of F frames in all views; the result does not depend on the number of threads.
 
     Parameters
     ----------
@@ -106,15 +108,15 @@ def accumulate_evidence(
     first : int
         Shot frame of the first of the F frames.
     noise : ndarray, shape (V, F - 1), optional
-        Standard deviation of the residuals of each pair of frames under which their cost is measured; by default their
-        own.
+        Standard deviation of the residuals of each pair of frames, under which costs are computed; by default it is
+        estimated from the residuals.
     cache : GradientImageCache, optional
         Keeps gradient images for the next call.
     threads : int
     sought : sequence of int, optional
-        Performers whose gradients and outlines are wanted; by default all.
+        Indices of the performers that are solved for, by default all; the others get no gradients and outlines.
     still : StillPartsCache, optional
-        Keeps the label images of the others for the next call.
+        Keeps the label images of the other performers for the next call.
     """
     cache = GradientImageCache() if cache is None else cache
     still = StillPartsCache() if still is None else still
@@ -141,9 +143,7 @@ def accumulate_evidence(
 def _joined(
     rows: Sequence[Sequence[FrameEvidence]], geometry: Geometry, sampling: Sampling, threads: int
 ) -> SegmentEvidence:
-    """The evidence of a segment from that of its runs of frames, a row per view; two runs share the frame at which they
-    meet.
-    """
+    """Join the evidence of runs of frames, a row per view; adjacent runs share a frame."""
 
     def by_pair(of: Callable[[FrameEvidence], Array]) -> Array:
         return np.stack([np.concatenate([of(run) for run in row]) for row in rows])
@@ -168,10 +168,17 @@ def _joined(
 
 
 def _unhidden(areas: Array, explained: Array, whose: Bools) -> Array:
-    """What others leave in sight of each performer (M, F), from the areas (V, 2, P, F) of the parts with and without
-    them, and what these explain (V, P, F): views in which a pixel of a part explains nothing do not count.
+    """Compute `SegmentEvidence.unhidden`, (M, F).
 
-    `whose` (M, P) are the performers' parts. Parts that a view never sees explain what the performer's others do there.
+    Parameters
+    ----------
+    areas : ndarray, shape (V, 2, P, F)
+        Pixels of each part with the other performers and without them.
+    explained : ndarray, shape (V, P, F)
+        Log likelihood ratios that each part explains. Their mean per pixel is the part's weight in a view; a part that
+        a view never sees gets that of the performer's other parts.
+    whose : ndarray of bool, shape (M, P)
+        The parts of each performer.
     """
     seen, found = areas[:, 0].sum(axis=2), explained.sum(axis=2)
     others = (found @ whose.T / np.maximum(seen @ whose.T, 1)) @ whose

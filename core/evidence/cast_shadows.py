@@ -1,7 +1,7 @@
-"""Cast shadows: the background of a fixed camera where less light falls on it than at other times.
+"""Cast shadows on the background of a fixed camera.
 
-A shadow dims all colours of a pixel by nearly the same factor. How much of the background is in shadow, by which
-factors and with which tint, the key frames show: where one of them has a place in the light and another one in shadow.
+A shadow multiplies all colours of a pixel by nearly the same factor. How often shadows occur, with which factors and
+tint, is learned on the key frames, from places that are in the light on one of them and in shadow on another.
 """
 
 from __future__ import annotations
@@ -21,17 +21,15 @@ Bytes = NDArray[np.uint8]
 Array = NDArray[np.float32]
 
 REACH = 0.4
-"""How far from the performers it counts how much of the background is in shadow, metres: as far as they are looked for.
-Shadows are looked for as far from where some frame shows them.
-"""
+"""Distance from the performers within which the frequency of shadows is learned, metres, the same as that within which
+performers are searched for; and distance from known shadows within which others are searched for."""
 SPECK = 0.02
-"""Radius of the least shadow that counts as one, metres: noise passes for smaller ones anywhere."""
+"""Smallest radius of a shadow, metres; anything smaller may be noise."""
 LEAST = 0.02
-"""How much of the background must be seen in the light and in shadow to tell what shadows are like, square metres at
-the performers.
-"""
+"""Smallest area seen both in the light and in shadow from which shadows can be learned, square metres at the distance
+of the performers."""
 AGREEMENT = 3.0
-"""Standard deviations within which two frames show the same light."""
+"""Difference in standard deviations up to which two frames show the same light."""
 _UNUSUAL = 0.05
 """Share of shadows that may dim by any factor."""
 _STEPS = 64
@@ -52,17 +50,17 @@ def _brightness(colours: Bytes) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class ShadowModel:
-    """How shadows look before a fixed camera.
+    """How shadows look in a view of a fixed camera.
 
     Attributes
     ----------
     cost : ndarray of float32, shape (K + 1,)
-        By the factor of the brightness, k / K: the negative logarithm of how likely a pixel is dimmed by it, per unit
-        of the factor, against not being in shadow.
+        For each factor of brightness k / K: negative log likelihood ratio, per unit of the factor, of a pixel dimmed by
+        it against one in the light.
     dimmed : ndarray of float32, shape (K + 1, 3)
-        What the colours are multiplied by.
+        For each factor of brightness: factors of the three colours.
     deviation : float
-        Of colours where the light is the same, grey levels of 255.
+        Standard deviation of colours in the same light, grey levels (of 255).
     """
 
     cost: Array
@@ -71,22 +69,23 @@ class ShadowModel:
 
     @classmethod
     def of(cls, samples: Bytes, lit: Bytes, *, seen: int, deviation: float, least: float) -> ShadowModel | None:
-        """Learn it from colours that are darker than the same places are in the light.
+        """Learn the model from places that are darker on one frame than on another.
 
         Parameters
         ----------
         samples, lit : ndarray of uint8, shape (N, 3)
+            Colours of places when darker, and of the same places in the light.
         seen : int
-            How many samples there would be, were all places in shadow.
+            Number of samples there would be if all places were in shadow.
         deviation : float
-            Of colours where the light is the same, grey levels of 255.
+            Standard deviation of colours in the same light, grey levels (of 255).
         least : float
-            How many samples must be dimmed alike.
+            Smallest number of samples that must be dimmed alike.
 
         Returns
         -------
         ShadowModel or None
-            None where fewer are, or most are not: what darkens them is no shadow.
+            None if fewer samples, or less than half of them, are dimmed alike: then the cause is no shadow.
         """
         told = (np.minimum(samples, lit) >= _DARKEST).all(axis=1)
         samples, lit = samples[told], lit[told].astype(float)
@@ -107,7 +106,7 @@ class ShadowModel:
         return cls(cost.astype(np.float32), (steps[:, None] ** tint).astype(np.float32), deviation)
 
     def distances(self, colours: Bytes, plate: Bytes) -> Array:
-        """Negative logarithms of how likely it is that pixels are in shadow, or were when the plate was taken, against
+        """Negative log likelihood ratios of pixels being in shadow, or having been so on the background plate, against
         showing the plate as it is.
 
         Parameters
@@ -130,7 +129,7 @@ class ShadowModel:
         return np.asarray(misfit + self.cost.take(k) + within)
 
     def explains(self, colours: Bytes, lit: Bytes) -> Bools:
-        """Whether colours (N, 3) are those of places in shadow whose colours in the light (N, 3) are known."""
+        """Whether colours (N, 3) can be those of shadows on places with known colours in the light, (N, 3)."""
         dark, light = colours.T, lit.T
         k, _, miss = self._explained(dark, light, _brightness(dark), _brightness(light))
         return (np.abs(miss).max(axis=0, initial=0) < AGREEMENT * self.deviation) & (k < _STEPS)
@@ -138,7 +137,9 @@ class ShadowModel:
     def _explained(
         self, dark: Bytes, lit: Bytes, darkness: Array, light: Array
     ) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-        """Steps of factors, brightness in the light, and what of dark colours (3, N) is left unexplained."""
+        """Return the indices k of the factors, the brightness in the light, and the unexplained residual of dark
+        colours (3, N).
+        """
         light = np.maximum(light, np.float32(1))
         k = np.minimum(np.rint(darkness / light * np.float32(_STEPS)), _STEPS).astype(np.intp)
         miss = np.stack([dimmed.take(k) for dimmed in self.dimmed.T])
@@ -148,15 +149,15 @@ class ShadowModel:
 
 @dataclass(frozen=True, eq=False)
 class CastShadows:
-    """The shadows before a fixed camera.
+    """The shadows in a view of a fixed camera.
 
     Attributes
     ----------
     model : ShadowModel
     plate : ndarray of uint8, shape (h, w, 3)
-        The background, in the light where some frame shows it so.
+        The background, in the light wherever some frame shows it so.
     fall : ndarray of bool, shape (h, w)
-        Where shadows are looked for.
+        Where shadows are searched for.
     """
 
     model: ShadowModel
@@ -167,19 +168,19 @@ class CastShadows:
     def learned(
         cls, colour: Bytes, behind: Mapping[int, Bools], plate: Bytes, deviation: float, pixels_per_metre: float
     ) -> CastShadows | None:
-        """Learn them from places that some frames show in the light and others do not; None where nothing tells.
+        """Learn the shadows from places that some frames show in the light and others in shadow; None without any.
 
         Parameters
         ----------
         colour : ndarray of uint8, shape (F, h, w, 3)
         behind : mapping of int to ndarray of bool, shape (h, w)
-            By frame: where the background is seen.
+            For some frames: where the background is seen.
         plate : ndarray of uint8, shape (h, w, 3)
-            The background, as these frames show it on average.
+            Mean of the background over these frames.
         deviation : float
-            Of colours where the light is the same, grey levels of 255.
+            Standard deviation of colours in the same light, grey levels (of 255).
         pixels_per_metre : float
-            At the performers.
+            Scale at the performers.
         """
         alike = AGREEMENT * deviation
         changing, count = _changes(colour, behind, plate.shape[:2], alike)
@@ -211,8 +212,10 @@ class CastShadows:
         return cls(model, plate, fall)
 
     def shade(self, distance: Bytes, image: Bytes, steps: int) -> None:
-        """Lower distances of a picture's pixels (h, w, 3) from the plate, in so many steps per unit and in place, where
-        they more likely show it in shadow; 255 is that of a pixel whose background is unknown.
+        """Lower the distances of an image's pixels (h, w, 3) from the plate where a shadow explains them better.
+
+        Distances are changed in place; they count `steps` per unit of negative log likelihood, and 255 marks pixels
+        whose background is unknown.
         """
         apart, (fall, plate) = distance.ravel(), self._lit
         some = apart.take(fall)
@@ -225,13 +228,13 @@ class CastShadows:
 
     @cached_property
     def _lit(self) -> tuple[NDArray[np.intp], Bytes]:
-        """The pixels where shadows are looked for, and the plate's colours there, shape (3, N)."""
+        """Indices of the pixels where shadows are searched for, and the plate's colours there, (3, N)."""
         places = np.flatnonzero(self.fall)
         return places, np.ascontiguousarray(self.plate.reshape(-1, 3).take(places, axis=0).T)
 
 
 def _changes(colour: Bytes, behind: Mapping[int, Bools], shape: tuple[int, ...], alike: float) -> tuple[Bools, Bytes]:
-    """Where the background does not always look alike, and how many frames show it."""
+    """Return where the background changes between frames, and how many frames show it, both (h, w)."""
     brightest, darkest, count = np.zeros(shape, np.uint8), np.full(shape, 255, np.uint8), np.zeros(shape, np.uint8)
     for frame, region in behind.items():
         grey, mask = cv2.cvtColor(colour[frame], cv2.COLOR_BGR2GRAY), region.astype(np.uint8)
@@ -242,13 +245,13 @@ def _changes(colour: Bytes, behind: Mapping[int, Bools], shape: tuple[int, ...],
 
 
 def _level_in_the_light(light: Array, alike: float) -> Array:
-    """The brightest level (1, n), of frames (K, n), on which two agree; where none do, the brightest of all."""
+    """Brightest level (1, n) on which two of K frames (K, n) agree; where none do, the brightest of all."""
     order = np.sort(light, axis=0)[::-1]
     agreed = np.isfinite(order[1:]) & (order[:-1] <= order[1:] + alike)
     return np.take_along_axis(order, np.argmax(agreed, axis=0)[None], axis=0)
 
 
 def _mean_colours(colours: Bytes, counted: Bools) -> Bytes:
-    """Means over the first axis of colours (K, n, 3) of those that count (K, n)."""
+    """Mean over the first axis of those colours (K, n, 3) that are counted (K, n)."""
     total = (colours * counted[..., None]).sum(axis=0)
     return np.round(total / np.maximum(counted.sum(axis=0), 1)[:, None]).astype(np.uint8)

@@ -1,10 +1,11 @@
 """Outline evidence: where the performers end against the background.
 
-Every few pixels of a part's outline a line is drawn across it. The foreground image along the line shows how likely the
-body ends at each of its places; their mean is where the outline should be, their variance how sure that is. The row of
-such a place is the wrench of its normal, so it adds to the sums of the gradients. Outlines do not drift: they are
-compared with the key frames' colours, not with the frame before. (Correspondence lines: M. Stoiber et al., SRT3D: A
-sparse region-based 3D object tracking approach for the real world, IJCV 2022.)
+Lines are laid across the outline of each part, every few pixels. The foreground image along a line gives a probability
+for each of its positions that the body ends there; the mean is the measured position of the outline, and the variance
+its uncertainty. The Jacobian row of such a measurement is the wrench of the outline's normal, so it can be summed like
+those of the gradients. Outlines do not drift, because they compare a frame with the colours of the key frames and not
+with the frame before. (Correspondence lines: M. Stoiber et al., SRT3D: A sparse region-based 3D object tracking
+approach for the real world, IJCV 2022.)
 """
 
 from __future__ import annotations
@@ -25,43 +26,42 @@ from .view_frames import interpolated, stacked_places
 Indices = NDArray[np.intp]
 
 SPACING = 1.5
-"""Between lines along an outline, in strides of pixels."""
+"""Distance between lines along an outline, in strides of pixels."""
 CONTRAST = 0.5
-"""Of the foreground image: neighbouring pixels say nearly the same."""
+"""Factor on log likelihood ratios along a line, as neighbouring pixels are correlated."""
 MODEL_DEVIATION = 0.012
-"""How far an outline of the rigid model is from the body's, metres."""
+"""Standard deviation of the performer's outline from that of the rigid model, metres."""
 EDGE_DEVIATION = 1.0
-"""How far an edge in the foreground image is from that of the body, pixels."""
+"""Standard deviation of an edge in the foreground image from the body's, pixels."""
 BISQUARE = 4.0
-"""Standard deviations at which an outline has nothing more to say (Tukey's bisquare)."""
+"""Residual in standard deviations from which on a line has no influence (Tukey's bisquare)."""
 KEY_PIECE = 0.25
-"""Length of a piece of outline that counts as one measurement where the model itself is fitted to key frames, metres.
-It is longer than in tracking: on a few frames the model is wrong in the same way."""
+"""Length of outline that counts as one measurement where the shape of the model is fitted to key frames, metres. It is
+longer than in tracking, as the model is wrong in the same way on the few frames."""
 _FARTHEST = 0.75  # share of a line's half length: an edge found beyond is the line's end
 
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """Lines across the outlines of the parts in n frames, where a part is seen against the background; sorted by frame
-    and part.
+    """N lines across the outlines of the parts in n frames, sorted by frame and part.
 
     Attributes
     ----------
     frame, part : ndarray of int, shape (N,)
     uv : ndarray, shape (N, 2)
-        Places on the outlines, pixels of the view's frames.
+        Positions on the model's outlines, pixels of the view's frames.
     normal : ndarray, shape (N, 2)
-        Outward, of length one.
+        Unit normals of the outlines, pointing outward.
     points_cam : ndarray, shape (N, 3)
-        The points of the parts at these places, in camera axes, metres.
+        Points of the parts at these positions, in camera axes, metres.
     length : ndarray, shape (N,)
-        Of the outline that each line stands for, metres.
+        Length of outline that each line stands for, metres.
     shift : ndarray, shape (N,)
-        How far outward the body ends, pixels.
+        Measured distance of the body's outline along the normal, pixels.
     weight : ndarray, shape (N,)
-        Inverse variance of the shift, robust; pixels^-2.
+        Inverse variance of the shift times its robust weight, pixels^-2.
     error : ndarray, shape (N,)
-        Robust error of the shift, in units of its variance.
+        Robust error (Tukey) of the shift, in variances.
     """
 
     frame: Indices
@@ -79,12 +79,14 @@ class Lines:
         return Lines(**{item.name: getattr(self, item.name)[kept] for item in fields(self)})
 
     def wrenches(self, camera: Camera) -> Array:
-        """Rows of the shifts against twists in camera axes, shape (N, 6)."""
+        """Derivatives of the positions along the normals by twists in camera axes, shape (N, 6)."""
         focal = camera.matrix[[0, 1], [0, 1]].astype(np.float32)
         return wrenches(self.points_cam.astype(np.float32), self.normal.T.astype(np.float32), focal).astype(float)
 
     def cost(self, camera: Camera, points_cam: Array) -> float:
-        """Return the weighted squares of the shifts that are left when the points have moved to points_cam (N, 3)."""
+        """Return the weighted sum of squares of the shifts that remain once the points have moved to points_cam (N,
+        3).
+        """
         z = points_cam[:, 2:]
         if (z <= 0).any():
             return float("inf")
@@ -165,30 +167,31 @@ def outline_lines(
     halo: float = 0.0,
     coloured: ColouredFrames | None = None,
 ) -> Lines:
-    """Look for the body's outline along lines across the model's.
+    """Measure the body's outline along lines across the model's.
 
     Parameters
     ----------
     camera : Camera
         The view's camera, for its reduced and rectified frames.
     foreground : ndarray of uint8, shape (M, n, h, w)
-        Of each performer, see `core.evidence.foreground`.
+        Foreground images of each performer, see `core.evidence.foreground`.
     labels : LabelImages
         Label images of the n frames, with every stride-th pixel.
     stride : int
-        Every how many pixels, each way, the label images are drawn.
+        Distance between the pixels of the label images, in rows and in columns.
     reach : int
-        Half length of the lines, pixels.
+        Half the length of the lines, pixels.
     tolerance : float
-        Factor on the limit of the robust weights: 1 near the solution, more far from it.
+        Factor on the limit of the robust weights: 1 near the solution, larger far from it.
     halo : float
-        How far the foreground images show the body beyond its edge, pixels.
+        Distance by which foreground images extend beyond the body's edge, pixels.
     coloured : ColouredFrames, optional
-        The parts' colours: with them, outlines of parts in front of others of the same performer are looked for, too.
+        Colours of the parts; with them, outlines of parts in front of other parts of the same performer are measured,
+        too.
     """
     pieces = _seen_pieces(labels, stride, None if coloured is None else coloured.colours.distinct)
     places = np.arange(-reach, reach + 1)
-    # In double precision: processors differ in the exponentials of single precision.
+    # In double precision, as exponentials in single precision differ between processors.
     ratio = np.zeros((len(pieces.uv), len(places)))
     own = pieces.behind >= 0
     ratio[~own] = _along(foreground, labels, pieces.where(~own), places, stride)
@@ -225,11 +228,11 @@ def outline_lines(
 
 @dataclass(frozen=True, eq=False)
 class _Pieces:
-    """N pieces of the parts' outlines that are seen.
+    """N visible pieces of the parts' outlines.
 
-    `uv` (N, 2) are their middles and `length` (N,) their lengths, pixels; `normal` (N, 2) points outward, and `depth`
-    (N,) is the distance along the camera's axis, metres. `behind` (N,) is the part that is seen beyond, or -1 where the
-    background is.
+    `uv` (N, 2) are their midpoints and `length` (N,) their lengths, pixels; `normal` (N, 2) points outward, and `depth`
+    (N,) is the distance along the camera's axis, metres. `behind` (N,) is the part that is seen just outside, or -1 for
+    the background.
     """
 
     frame: Indices
@@ -246,8 +249,8 @@ class _Pieces:
 
 
 def _seen_pieces(labels: LabelImages, stride: int, distinct: Bools | None) -> _Pieces:
-    """The pieces of outline that have their part on one side and on the other one the background, or a part that is
-    behind it and may be told from it.
+    """Find the pieces of outline with their part on the inner side and, on the outer one, the background or a part
+    behind it that has distinct colours.
     """
     outlines, after = labels.outlines, labels.outlines.following
     group = outlines.group
@@ -283,9 +286,9 @@ def _along_within(
     places: NDArray[np.int_],
     stride: int,
 ) -> Array:
-    """How much likelier the colours along lines are on the part than on those behind it, shape (N, len(places)).
+    """Log likelihood ratios (part against the part behind it) of the colours along lines, shape (N, len(places)).
 
-    It is 0 where the model predicts something else, as in `_along`.
+    They are 0 where the model predicts something else, as in `_along`.
     """
     ratio, distinct = coloured.colours.ratio, coloured.colours.distinct
     u, v = (pieces.uv[:, k, None] + pieces.normal[:, k, None] * places for k in range(2))

@@ -1,4 +1,4 @@
-"""How much of what the pictures show the posed parts explain."""
+"""How well posed parts explain the foreground: log likelihood ratios of the pixels that they cover."""
 
 from __future__ import annotations
 
@@ -16,10 +16,20 @@ from .view_frames import ViewFrames
 def explained_by_part(
     view: ViewFrames, foreground: NDArray[np.uint8], labels: LabelImages, parts: Ints, *, stride: int, first: int
 ) -> Array:
-    """How much likelier the pixels that labels list are with the parts that they show: sums by part and frame, (P, n).
+    """Sum the log likelihood ratios of the pixels that label images list, by part and frame, (P, n).
 
-    `foreground` (M, n, h, w) are the images of the labels' frames, the first of which is a shot frame; `parts` (P,) are
-    the numbers of the labels' parts among those of all performers.
+    Parameters
+    ----------
+    view : ViewFrames
+    foreground : ndarray of uint8, shape (M, n, h, w)
+        Foreground images of the frames of the labels.
+    labels : LabelImages
+    parts : ndarray of int, shape (P,)
+        Indices of the labels' parts among those of all performers.
+    stride : int
+        Distance between the pixels of the label images, in rows and in columns.
+    first : int
+        Shot frame of the first of the n frames.
     """
     frame, u, v = labels.places
     n, P = labels.share.shape

@@ -1,9 +1,9 @@
-"""Foreground images: how well each pixel agrees with a performer's colours rather than with anything else.
+"""Foreground images: log likelihood ratios of each pixel showing a performer against anything else.
 
-Key poses show where a performer is, so their frames show the colours of both. Behind a fixed camera the background also
-stands still: what key frames show of it is compared pixel by pixel. Of several performers each has images of its own,
-for which the others are something else: in different clothes they are told apart by colour; in equal ones a pixel may
-be anybody's.
+On key frames it is known where a performer is, so they show the colours of performer and background. With a fixed
+camera the background also stands still, and is compared pixel by pixel with a plate made of the key frames. Each of
+several performers has foreground images of its own, for which the others count as something else: performers in
+different clothes are distinguished by colour, in equal clothes a pixel may belong to any of them.
 """
 
 from __future__ import annotations
@@ -25,38 +25,38 @@ Bytes = NDArray[np.uint8]
 Array = NDArray[np.float32]
 
 STRONGEST = 4.0
-"""Log likelihood ratios are cut to this, either way: no single pixel is surer."""
+"""Largest absolute value of a log likelihood ratio: no single pixel decides more."""
 SURE = 2.0
 """Log likelihood ratio at which a pixel counts as foreground, or as background, in full."""
 SCALE = 31.0
-"""Steps of a foreground image per unit of the log likelihood ratio; 128 is zero."""
+"""Grey levels of a foreground image per unit of the log likelihood ratio; level 128 is zero."""
 HALO = 0.25
-"""How far beyond the body's edge pixels show enough of it to be unlike the background, pixels."""
+"""Distance beyond the body's edge up to which pixels show enough of it to differ from the background, pixels."""
 LEVELS = 16
-"""Bins of each of the three channels of colour."""
+"""Histogram bins of each of the three colour channels."""
 _STEPS = 16
-"""Of the distance from the background, per unit of the logarithm of how likely it is; there are 255 of them at most."""
+"""Steps of the distance from the background per unit of negative log likelihood; 255 is the largest."""
 _UNKNOWN = 0.1
-"""Share of pixels that show something else than either model predicts: bystanders, shadows, highlights."""
+"""Share of pixels that show something that neither model predicts: bystanders, shadows, highlights."""
 _LEAST_DEVIATION = 4.0
 MARGIN = 0.05
-"""How far beyond the model's outline the background begins, metres: clothes and hair are not in the model."""
+"""Distance from the model's outline beyond which pixels surely show background, metres, as the model has no clothes."""
 
 
 @dataclass(frozen=True, eq=False)
 class KnownPixels:
-    """What is known of the pixels of some of a view's frames.
+    """Which pixels of some frames of a view surely show a performer or the background.
 
     Attributes
     ----------
     shown : tuple of mapping of int to ndarray of bool, shape (h, w)
-        Per performer, by frame: where it is seen.
+        Per performer, by frame: pixels that show it.
     behind : mapping of int to ndarray of bool, shape (h, w)
-        By frame: where the background is seen.
+        By frame: pixels that show the background.
     pixels_per_metre : float
-        At the performers.
+        Scale at the performers.
     parts : mapping of int to ndarray of int, shape (h, w)
-        By frame: the part, counted over all performers, that is known to be seen; -1 where none is.
+        By frame: index of the part, among those of all performers, that a pixel shows; -1 where it is not known.
     """
 
     shown: tuple[Mapping[int, Bools], ...]
@@ -71,7 +71,7 @@ class KnownPixels:
         pixels_per_metre: float,
         sure: Mapping[int, Bools] | None = None,
     ) -> KnownPixels:
-        """What masks of all performers together show; see `foreground_images`."""
+        """Derive it from masks of all performers together; see `foreground_images`."""
         return cls(
             ({f: within(mask) for f, mask in (sure or masks).items()},),
             {f: beyond(mask, MARGIN * pixels_per_metre) for f, mask in masks.items()},
@@ -80,12 +80,12 @@ class KnownPixels:
 
 
 def log_ratio(foreground: Bytes) -> Array:
-    """The log likelihood ratios, positive where a performer is likelier, that foreground images stand for."""
+    """Decode foreground images to log likelihood ratios, positive where the performer is likelier."""
     return (foreground.astype(np.float32) - np.float32(128)) / np.float32(SCALE)
 
 
 def background_share(ratio: Array) -> Array:
-    """How far pixels count as background, 0 to 1, by their log likelihood ratios: those that may be either do not."""
+    """Weight of pixels as background, 0 to 1, by their log likelihood ratios; undecided pixels count 0."""
     return np.asarray(np.clip(-ratio / np.float32(SURE), 0, 1))
 
 
@@ -96,19 +96,20 @@ def foreground_images(
     fixed: bool,
     sure: Mapping[int, Bools] | None = None,
 ) -> Bytes:
-    """Foreground images of the frames of one view.
+    """Compute the foreground images of all performers together, for the frames of one view.
 
     Parameters
     ----------
-    colour : ndarray, shape (N, h, w, 3)
+    colour : ndarray of uint8, shape (N, h, w, 3)
+        Blue, green, red.
     masks : mapping of int to ndarray of bool, shape (h, w)
-        Of some of the N frames: where the performers are.
+        For some of the N frames: where the performers are.
     pixels_per_metre : float
-        At the performers.
+        Scale at the performers.
     fixed : bool
-        The camera does not move.
+        Whether the camera stands still.
     sure : mapping of int to ndarray of bool, shape (h, w), optional
-        Of the same frames: where nothing but the performers is, if the masks may be too large.
+        For the same frames: pixels that surely show performers, if the masks may be too large.
 
     Returns
     -------
@@ -120,16 +121,17 @@ def foreground_images(
 
 
 def performer_foregrounds(colour: Bytes, known: KnownPixels, fixed: bool) -> Iterator[Bytes]:
-    """Foreground images of the frames of one view, one after the other, for each of M performers.
+    """Generate the foreground images of each of M performers, frame by frame, for one view.
 
-    A performer of whom nothing is shown may have any colour.
+    A performer of whom no pixels are known may have any colour.
 
     Parameters
     ----------
-    colour : ndarray, shape (N, h, w, 3)
+    colour : ndarray of uint8, shape (N, h, w, 3)
+        Blue, green, red.
     known : KnownPixels
     fixed : bool
-        The camera does not move.
+        Whether the camera stands still.
 
     Yields
     ------
@@ -163,10 +165,10 @@ def performer_foregrounds(colour: Bytes, known: KnownPixels, fixed: bool) -> Ite
 
 
 def _table(body: Array, background: Array, deviation: float, others: Sequence[Array]) -> Bytes:
-    """The foreground image's values by the bin of a pixel's colour and its distance from the plate, in steps.
+    """Table of foreground values by the bin of a pixel's colour and its distance from the plate in steps.
 
-    The last distance is that of pixels where no plate is known. Others' colours count for so little that a pixel of a
-    colour that all of them wear is as surely a performer's as any can be.
+    The last distance is for pixels where no plate is known. Colours of other performers weigh so little that a colour
+    that all wear may still reach the largest value.
     """
     volume = (256 / LEVELS) ** 3  # of a bin of the histograms, whose values are per bin
     nearness = volume * np.exp(-np.arange(255) / _STEPS) / (np.sqrt(2 * np.pi) * deviation) ** 3
@@ -185,7 +187,7 @@ def _table(body: Array, background: Array, deviation: float, others: Sequence[Ar
 
 
 def bins(image: Bytes) -> NDArray[np.uint16]:
-    """The histogram bin of every pixel of a picture (h, w, 3)."""
+    """Histogram bin of every pixel of an image (h, w, 3)."""
     b, g, r = cv2.split(image // (256 // LEVELS))
     places = b.astype(np.uint16)
     for channel in (g, r):
@@ -195,7 +197,7 @@ def bins(image: Bytes) -> NDArray[np.uint16]:
 
 
 def _histogram(colour: Bytes, regions: Mapping[int, Bools]) -> Array:
-    """How often each colour occurs in regions of frames, smoothed, shape (`LEVELS`^3,); of none all are as likely."""
+    """Smoothed colour histogram of regions of frames, shape (`LEVELS`^3,); uniform without any pixels."""
     counts = np.zeros(LEVELS**3)
     for frame, region in regions.items():
         counts += np.bincount(bins(colour[frame])[region], minlength=len(counts))
@@ -207,7 +209,7 @@ def _histogram(colour: Bytes, regions: Mapping[int, Bools]) -> Array:
 
 
 def smoothed(counts: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Counts of colours (LEVELS^3,), each spread over the bins around its own."""
+    """Blur a colour histogram, (LEVELS^3,), over neighbouring bins."""
     cube = counts.reshape(LEVELS, -1)  # in double precision: see `view_frames`
     for _ in range(3):  # blurs one axis of colour, then goes on to the next
         cube = cv2.GaussianBlur(cube, (1, 0), 0, sigmaY=0.7, borderType=cv2.BORDER_REPLICATE)
@@ -216,7 +218,7 @@ def smoothed(counts: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _plate(colour: Bytes, behind: Mapping[int, Bools]) -> tuple[Bytes, Bools]:
-    """The mean picture of the background, and where it is known."""
+    """Background plate: the mean of the background over some frames, and where it is known."""
     total = np.zeros(colour.shape[1:], np.float32)
     count = np.zeros(colour.shape[1:3], np.float32)
     for frame, region in behind.items():
@@ -226,7 +228,7 @@ def _plate(colour: Bytes, behind: Mapping[int, Bools]) -> tuple[Bytes, Bools]:
 
 
 def _deviation(colour: Bytes, plate: Bytes, known: Bools) -> float:
-    """Robust standard deviation of the frames from the plate, grey levels of 255; most of it shows the background."""
+    """Robust standard deviation of the frames from the plate, grey levels (of 255); most pixels show background."""
     if not known.any():
         return _LEAST_DEVIATION
     some = colour[:: max(1, len(colour) // 8)]

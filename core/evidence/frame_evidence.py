@@ -26,7 +26,7 @@ from .view_frames import GradientImageCache, ViewFrames
 
 @dataclass(frozen=True, eq=False)
 class FramesInView:
-    """Consecutive frames of a view, the first of which is shot frame `first`, with world poses (R, T) of all parts."""
+    """Consecutive frames of a view from shot frame `first` on, with world poses (R, T) of all parts on them."""
 
     view: ViewFrames
     first: int
@@ -43,7 +43,7 @@ class FramesInView:
         return frames, parts
 
     def foreground(self) -> NDArray[np.uint8] | None:
-        """The foreground images of these frames, where there are any and they are wanted."""
+        """Foreground images of these frames; None without any, or where the sampling leaves outlines out."""
         wanted = self.sampling.reach and self.view.foreground is not None
         return self.view.foreground_at(self.first, len(self)) if wanted else None
 
@@ -76,7 +76,7 @@ class FrameEvidence:
     seconds: dict[str, float]
 
     def of_whole_frames(self, view: ViewFrames, first: int) -> FrameEvidence:
-        """The evidence less that of frames that do not fit their neighbours; the first is shot frame `first`."""
+        """Return the evidence without that of damaged frames (`ViewFrames.torn`); the first is shot frame `first`."""
         if view.torn is None or not view.torn.any():
             return self
         start, count = first - view.first, len(self.share)
@@ -102,17 +102,17 @@ class FrameEvidence:
 
 @dataclass(frozen=True, eq=False)
 class _Drawing:
-    """Label images of the performers that are sought among the others.
+    """Label images of all performers, with those whose motion is given drawn only once.
 
     Attributes
     ----------
     labels : LabelImages
     areas : ndarray of int, shape (2, P, n)
-        Of all parts, with the other performers and without.
+        Pixels of every part with the other performers and without them.
     still : StillEvidence or None
-        The other performers, if there are any.
+        The performers whose motion is given, if there are any.
     hidden : LabelImages or None
-        What the performers that are sought hide of them.
+        Pixels of these that are hidden by the performers that are solved for.
     """
 
     labels: LabelImages
@@ -146,7 +146,7 @@ def frame_evidence(
     caches: tuple[GradientImageCache, StillPartsCache],
     sought: Sequence[int] | None,
 ) -> FrameEvidence:
-    """Collect the evidence of some frames of one view.
+    """Measure the evidence of some frames of one view.
 
     Parameters
     ----------
@@ -154,11 +154,11 @@ def frame_evidence(
     geometry : Geometry
         The parts of all performers.
     noise : ndarray, shape (n - 1,), optional
-        Standard deviation of the residuals of each pair of frames under which their cost is measured; by default their
-        own.
+        Standard deviation of the residuals of each pair of frames, under which costs are computed; by default it is
+        estimated from the residuals.
     caches : tuple of GradientImageCache and StillPartsCache
     sought : sequence of int, optional
-        Performers whose gradients and outlines are wanted; by default all.
+        Indices of the performers that are solved for, by default all; the others get no gradients and outlines.
     """
     begin = time.perf_counter()
     images, still = caches
@@ -189,7 +189,7 @@ def _gradients(
     foreground: NDArray[np.uint8] | None,
     noise: Array | None,
 ) -> GradientSums:
-    """Brightness constancy of the pairs of frames; with a given noise, what the other performers gain as well."""
+    """Sum brightness constancy over the pairs of frames; with a given noise, add the gain of the other performers."""
     view, first, sampling, labels = frames.view, frames.first, frames.sampling, drawing.labels
     left, top, right, bottom = (sampling.stride * edge for edge in labels.box())
     images = cache.images(view, range(first, first + len(frames)), sampling.sigma, (left, top, right, bottom))
@@ -218,7 +218,7 @@ def _outlines(frames: FramesInView, labels: LabelImages, foreground: NDArray[np.
 
 
 def _explained(frames: FramesInView, drawing: _Drawing, foreground: NDArray[np.uint8]) -> Array:
-    """How much likelier the pixels of all performers are with the parts that they show, by part and frame, (P, n)."""
+    """Log likelihood ratios of the pixels that all performers cover, summed by part and frame, (P, n)."""
     sums = partial(explained_by_part, frames.view, foreground, stride=frames.sampling.stride, first=frames.first)
     explained = sums(drawing.labels, np.arange(frames.shape[1]))
     if drawing.still is not None and drawing.hidden is not None:

@@ -1,7 +1,7 @@
-"""Outlines held in their places while a step of a fit is tested, as the iterative closest point algorithm does.
+"""Outlines that are held fixed while a step of a fit is tested, as in the iterative closest point algorithm.
 
-Outlines are looked for anew at every state. Whether a step is a good one is measured by the outlines that it was made
-from: the model's points move, and what must fall is their distance along the outlines' normals.
+Outlines are measured anew at every state. A step is judged by the outlines that it was computed from: the model's
+points move, and their distances from these outlines along the normals must decrease.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from .contours import Lines
 
 @dataclass(frozen=True, eq=False)
 class HeldOutlines:
-    """The performers' outlines in one view as they were found at one state, to test other states by.
+    """The outlines in one view as measured at one state, by which other states are tested.
 
     Attributes
     ----------
     lines : Lines
-        N of them.
+        N lines.
     points_part : ndarray, shape (N, 3)
-        The points of the model that belong on them, in the axes of their parts, metres.
+        Points of the model on the lines, in the frames of their parts, metres.
     precision : float
-        Factor of the squared distances, pixels, times the length that a line stands for, metres.
+        Factor on squared distances (pixels) times the length that a line stands for (metres).
     """
 
     lines: Lines
@@ -36,21 +36,21 @@ class HeldOutlines:
 
     @classmethod
     def at(cls, lines: Lines, camera: Camera, poses: Poses, precision: float) -> HeldOutlines:
-        """Hold lines that were found with a camera and world poses (R, T) of the K key frames."""
+        """Hold lines that were measured with a camera and world poses (R, T) on K key frames."""
         (R, T), (Rc, tc) = poses, camera.poses(0, len(poses[0]))
         frame, part = lines.frame, lines.part
         world = np.einsum("nba,nb->na", Rc[frame], lines.points_cam - tc[frame])
         return cls(lines, np.einsum("nba,nb->na", R[frame, part], world - T[frame, part]), precision)
 
     def cost(self, camera: Camera, poses: Poses, change: Array) -> float:
-        """Return the squared distances, in variances, after a change of the camera, the poses and the parts.
+        """Return the sum of squared distances, in variances, after a change of the camera, the poses and the parts.
 
         Parameters
         ----------
         camera : Camera
         poses : tuple of ndarray, shapes (K, P, 3, 3) and (K, P, 3)
         change : ndarray, shape (P, 6)
-            Stretches and shifts of the parts since the lines were found.
+            Stretches and shifts of the parts since the lines were measured, see `part_shapes`.
         """
         (R, T), (Rc, tc) = poses, camera.poses(0, len(poses[0]))
         frame, part = self.lines.frame, self.lines.part

@@ -1,9 +1,9 @@
 """Label and depth images: which part, and how far, every pixel of a posed scene shows (paper 1, section 2.3).
 
-A vertex of a convex polyhedron is on its outline where some of the faces that meet there look at the camera and others
-do not. OpenCV fills the outlines of the parts, painted far to near. A convex polyhedron is entered through the farthest
-of the planes of its faces that look at the camera, and in the image the inverse depth of a plane is linear, so the
-depth of a pixel is the minimum of a few linear functions: exact, and without drawing a single triangle.
+A vertex of a convex polyhedron is on its outline if some of the faces that meet there face the camera and others do
+not. OpenCV fills the outlines of the parts, painted from far to near. A ray enters a convex polyhedron at the farthest
+of the planes of its front faces, and in the image the inverse depth of a plane is linear, so the inverse depth of a
+pixel is the minimum of a few linear functions. This is exact, and no triangles are drawn.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ..numerics.arrays import Array, Bools, Ints
 from .part_geometry import TOUCHING, Geometry
 
 NEAR = 0.05
-"""Parts with a vertex nearer than this (metres before the camera) are not drawn."""
+"""Parts with a vertex nearer to the camera plane than this, metres, are not drawn."""
 _SHIFT = 4  # fractional bits of the outlines given to OpenCV
 _FARTHEST = 1 << 20
 _APART = 8  # between groups whose elements are sorted by angles
@@ -36,9 +36,9 @@ class Outlines:
     Attributes
     ----------
     uv : ndarray, shape (K, 2)
-        The outlines' corners in the image, pixels; each outline clockwise as the image is seen.
+        Corners of the outlines in the image, pixels; each outline runs clockwise as the image is seen.
     depth : ndarray, shape (K,)
-        How far they are, metres.
+        Depth z of the corners, metres.
     ends : ndarray of int, shape (n P + 1,)
         Corners ends[k] to ends[k + 1] are those of part k % P in frame k // P.
     """
@@ -63,7 +63,7 @@ class Outlines:
 
 @dataclass(frozen=True, eq=False)
 class Faces:
-    """The faces of the P parts that look at the camera in n frames.
+    """The front faces of the P parts in n frames.
 
     Attributes
     ----------
@@ -72,8 +72,8 @@ class Faces:
     ends : ndarray of int, shape (n P + 1,)
         Planes ends[k] to ends[k + 1] are those of part k % P in frame k // P.
     farthest : ndarray of float32, shape (n P,)
-        1/z of the farthest vertex of each part: a filled outline's rim lies just outside the part, where its planes may
-        meet far behind it.
+        1/z of the farthest vertex of each part, as a bound: the rim of a filled outline lies just outside the part,
+        where its planes may meet far behind it.
     """
 
     planes: NDArray[np.float32]
@@ -88,23 +88,22 @@ class LabelImages:
     Attributes
     ----------
     part : ndarray of int16, shape (n, h, w)
-        The part seen, counted over all P parts of all performers; -1 where there is none.
+        Index of the part seen, among all P parts of all performers; -1 where there is none.
     index : ndarray of int, shape (N,)
         The pixels of the flattened images that show a part, sorted by frame and part.
     ends : ndarray of int, shape (n P + 1,)
         Pixels ends[k] to ends[k + 1] of these show part k % P of frame k // P.
     share : ndarray, shape (n, P)
-        Visible area of each part over its whole projected area, 0 to 1 (section 5.3). Hidden by itself, by others, and
-        beyond the picture's edge count alike.
+        Visible area of each part over its whole projected area, 0 to 1 (section 5.3). It does not matter whether the
+        rest is hidden by the same performer, by others, or lies outside of the image.
     outlines : Outlines
     faces : Faces
     performer : ndarray of int, shape (P,)
         Whose part each is.
     distance : ndarray, shape (n, P)
-        Of the middle of each part's vertices along the camera's axis, metres: the farthest part is drawn first.
+        Depth of the centre of each part's vertices, metres; the farthest part is drawn first.
     still : StillParts, optional
-        The parts that were drawn before; `index`, `outlines` and `faces` list the pixels, corners and planes of the
-        others.
+        Parts that were drawn before; `index`, `outlines` and `faces` list only the other parts.
     """
 
     part: NDArray[np.int16]
@@ -119,7 +118,7 @@ class LabelImages:
 
     @cached_property
     def far_to_near(self) -> Ints:
-        """The parts in the order in which they were drawn, shape (n, P)."""
+        """Indices of the parts in the order in which they were drawn, shape (n, P)."""
         return np.argsort(-self.distance, axis=1)
 
     @cached_property
@@ -136,7 +135,7 @@ class LabelImages:
         return np.maximum(entered, np.repeat(self.faces.farthest, np.diff(self.ends)))
 
     def areas(self) -> Ints:
-        """Pixels that show each part, and those that would without other performers, shape (2, P, n)."""
+        """Number of pixels that show each part, and that would show it without other performers, (2, P, n)."""
         n, P = self.share.shape
         shown = np.diff(self.ends).reshape(n, P).T
         M = int(self.performer.max()) + 1
@@ -157,14 +156,14 @@ class LabelImages:
         return np.stack([shown, alone])
 
     def box(self) -> tuple[int, int, int, int]:
-        """Left, top, right and bottom of the pixels that show a part in any frame, the latter two exclusive."""
+        """Bounding box of all pixels that show a part in any frame: left, top, right, bottom (exclusive)."""
         seen = self.part.max(axis=0) >= 0
         u, v = np.flatnonzero(seen.any(axis=0)), np.flatnonzero(seen.any(axis=1))
         return (int(u[0]), int(v[0]), int(u[-1]) + 1, int(v[-1]) + 1) if len(u) else (0, 0, 0, 0)
 
     @cached_property
     def places(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-        """Frame, and column and row in its image, of the pixels of `index`."""
+        """Frame, column and row of the pixels of `index`."""
         n, height, width = self.part.shape
         frame = np.repeat(np.arange(n), np.diff(self.ends[:: self.share.shape[1]]))
         pixel = self.index - frame * (height * width)
@@ -174,7 +173,7 @@ class LabelImages:
     def part_at(
         self, frame: NDArray[np.intp], u: NDArray[np.floating[Any]], v: NDArray[np.floating[Any]]
     ) -> NDArray[np.int16]:
-        """The parts seen nearest to places in frames; -2 beyond the picture."""
+        """Look up the parts seen at the nearest pixels to positions in frames; -2 outside of the image."""
         return pixels_at(self.part, frame, u, v, np.int16(-2))
 
     def depth_images(self) -> NDArray[np.float32]:
@@ -186,16 +185,16 @@ class LabelImages:
 
 @dataclass(frozen=True, eq=False)
 class StillParts:
-    """Some of P parts, drawn once while the others move before and behind them.
+    """Some of P parts that do not move: they are drawn once, while others move in front of and behind them.
 
     Attributes
     ----------
     parts : ndarray of int, shape (S,)
-        Their numbers.
+        Indices of these parts.
     labels : LabelImages
-        Of these alone.
+        Label images of these parts alone.
     performer : ndarray of int, shape (P,)
-        Whose part each of all is.
+        Index of the performer of every part.
     """
 
     parts: Ints
@@ -204,7 +203,7 @@ class StillParts:
 
     @classmethod
     def drawn(cls, geometry: Geometry, parts: Ints, camera: Camera, first: int, poses: Poses) -> StillParts:
-        """Draw some of the parts of a geometry; the rest are those of `render_labels`, with the poses of all parts."""
+        """Draw some of the parts of a geometry; other parameters as in `render_labels`, with the poses of all parts."""
         R, T = poses
         alone = render_labels(geometry.subset(parts.tolist()), camera, first, R[:, parts], T[:, parts])
         return cls(parts, alone, geometry.performer)
@@ -219,9 +218,7 @@ class StillParts:
         return _filled(self.labels.outlines)
 
     def among(self, moving: LabelImages, parts: Ints) -> LabelImages:
-        """The label images of all parts from those of the others alone, whose numbers are given, ascending; parts that
-        are neither are nowhere.
-        """
+        """Merge these parts with label images of moving parts, whose indices (ascending) are `parts`."""
         n, P = len(moving.part), len(self.performer)
         distance = np.full((n, P), np.inf)
         distance[:, self.parts], distance[:, parts] = self.labels.distance, moving.distance
@@ -266,7 +263,7 @@ class StillParts:
         )
 
     def hidden(self, seen: LabelImages) -> LabelImages:
-        """Their pixels that others hide in label images of all parts (`among`), listed by part."""
+        """List the pixels of these parts that others hide in label images of all parts (`among`), by part."""
         n = len(seen.part)
         there = self.labels.part.ravel()[seen.index]
         covered = np.flatnonzero(there >= 0)
@@ -276,8 +273,16 @@ class StillParts:
         return replace(self.labels, index=seen.index[covered[order]], ends=ends)
 
     def areas(self, seen: LabelImages, hidden: LabelImages, moving: LabelImages, parts: Ints) -> Ints:
-        """Pixels that show each of all parts, and those that would show one that moves without these, shape (2, P, n):
-        from label images of all, what is hidden there, and label images of those that move, with their numbers.
+        """Compute `LabelImages.areas` of all parts, shape (2, P, n), without drawing them again.
+
+        Parameters
+        ----------
+        seen, hidden : LabelImages
+            Label images of all parts (`among`), and the pixels hidden there (`hidden`).
+        moving : LabelImages
+            Label images of the moving parts alone.
+        parts : ndarray of int
+            Indices of the moving parts.
         """
         n, P = seen.share.shape
         shown, alone = np.zeros((2, P, n), np.intp)
@@ -289,7 +294,7 @@ class StillParts:
 
     @property
     def nbytes(self) -> int:
-        """Size of what is kept of them, but for little."""
+        """Approximate size in memory, bytes."""
         return self.labels.part.nbytes + self.labels.index.nbytes
 
 
@@ -300,8 +305,8 @@ def pixels_at(
     v: NDArray[np.floating[Any]],
     beyond: Any,
 ) -> NDArray[Any]:
-    """The pixels of images (n, h, w) nearest to places in frames, which are broadcast to the places; `beyond` where
-    there is none.
+    """Look up the pixels of images (n, h, w) nearest to positions; `frame` is broadcast to u and v, and positions
+    outside of the image give `beyond`.
     """
     _, height, width = images.shape
     whole = np.dtype(np.int32 if images.size < 1 << 31 else np.int64)  # half as much to go through where it is enough
@@ -320,17 +325,17 @@ def pixels_at(
 
 
 def render_labels(geometry: Geometry, camera: Camera, first: int, R: Array, T: Array) -> LabelImages:
-    """Label and depth images of posed parts in n consecutive frames.
+    """Render label and depth images of posed parts in n consecutive frames.
 
     Parameters
     ----------
     geometry : Geometry
     camera : Camera
-        Without lens distortion, of the size of the images wanted.
+        Without lens distortion; its size is that of the images.
     first : int
-        Shot frame of the first of them, for the pose of a moving camera.
+        Shot frame of the first frame, for the pose of a moving camera.
     R, T : ndarray, shape (n, P, 3, 3) and (n, P, 3)
-        World pose of every part, counted over all performers.
+        World poses of all performers' parts.
     """
     n, P = T.shape[:2]
     Rc, tc = camera.poses(first, n)
@@ -371,12 +376,12 @@ def render_labels(geometry: Geometry, camera: Camera, first: int, R: Array, T: A
 
 
 def _subpixels(uv: Array) -> NDArray[np.int32]:
-    """Corners of outlines as OpenCV fills them."""
+    """Convert corners of outlines to the fixed-point numbers that OpenCV fills."""
     return np.clip(np.round(uv * (1 << _SHIFT)), -_FARTHEST, _FARTHEST).astype(np.int32)
 
 
 def _turned(vectors: Array, owner: Ints, R: Array) -> Array:
-    """Vectors (V, 3) of parts, sorted by part, turned by the parts' rotations (n, P, 3, 3); shape (n, 3, V)."""
+    """Rotate vectors (V, 3), sorted by part, by the rotations of their parts (n, P, 3, 3); shape (n, 3, V)."""
     n, P = R.shape[:2]
     ends = np.searchsorted(owner, np.arange(P + 1))
     parts = (R[:, i].reshape(-1, 3) @ vectors[ends[i] : ends[i + 1]].T for i in range(P))
@@ -384,8 +389,8 @@ def _turned(vectors: Array, owner: Ints, R: Array) -> Array:
 
 
 def _outlines(geometry: Geometry, camera: Camera, points: Array, facing: Bools, drawn: Bools) -> Outlines:
-    """The outlines of the parts that are drawn (n, P), from vertices in camera axes (n, 3, V) and which faces look at
-    the camera (n, N).
+    """Compute the outlines of the parts that are drawn, (n, P), from vertices in camera axes, (n, 3, V), and which
+    faces are front faces, (n, N).
     """
     n, P = drawn.shape
     looking = (geometry.meeting @ facing.T.astype(np.int64)).T
@@ -403,7 +408,7 @@ def _outlines(geometry: Geometry, camera: Camera, points: Array, facing: Bools, 
 
 
 def _filled(outlines: Outlines) -> Array:
-    """How many pixels each filled outline covers where nothing is before it, at least 1, shape (n P,)."""
+    """Number of pixels that each filled outline covers if nothing hides it, at least 1, shape (n P,)."""
     (u, v), after = outlines.uv.T, outlines.following
     twice = np.bincount(outlines.group, u * v[after] - u[after] * v, minlength=len(outlines.ends) - 1)
     length = np.hypot(u[after] - u, v[after] - v)

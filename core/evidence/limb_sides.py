@@ -1,8 +1,8 @@
 """Edges along the sides of limbs: where an arm of the same colours as the trunk ends in front of it.
 
-Neither foreground images nor colours show that. Along both sides of a limb, however, brightness changes more steeply,
-and across them, than it does elsewhere on a performer and in the room: by how much, the key frames tell, with the key
-poses and with poses that are drawn around them (after Sidenbladh and Black 2001).
+Neither foreground images nor colours show that. But across both sides of a limb, brightness changes more steeply than
+elsewhere on a performer or in the room. The distributions of both are learned on the key frames, at the key poses and
+at random poses around them. (H. Sidenbladh, M. J. Black, Learning image statistics for Bayesian tracking, ICCV 2001.)
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from .label_images import NEAR
 from .view_frames import smoothed_slopes
 
 PLACES = np.array([0.2, 0.5, 0.8])
-"""Where along its bone a part is looked at, as shares of the bone's length."""
+"""Positions along a part's bone at which its sides are sampled, as shares of the bone's length."""
 DIRECTIONS = 16
-"""Directions around the bone for which its width is known."""
+"""Number of directions around the bone for which a part's width is stored."""
 NEAREST = (-1.5, 0.0, 1.5)
-"""Where the steepest change is looked for across a side, pixels."""
+"""Offsets across a side at which the steepest change is searched for, pixels."""
 SLOPE_LIMITS = np.array([1.0, 2.0, 4.0, 6.0, 9.0, 13.0, 18.0, 25.0, 35.0, 50.0])
-"""Between these, changes of brightness count as one, grey levels (of 256) per pixel."""
+"""Limits between the bins of changes of brightness, grey levels (of 256) per pixel."""
 UNSURE = 8.0
-"""So many sides of unknown kind are counted with those that key poses show: a few of them teach little."""
+"""Number of prior observations with equal likelihoods, since a few sides teach little."""
 _SMOOTHING = 1.0  # pixels
 _SCALE = 2.0  # steps per grey level
 _ZERO = 128
@@ -38,14 +38,14 @@ _ZERO = 128
 
 @dataclass(frozen=True, eq=False)
 class PartSides:
-    """The two sides that a part shows, whatever it is looked at from.
+    """The two sides that a part shows from any direction.
 
     Attributes
     ----------
     length : float
-        Of its bone, metres.
+        Length of its bone, metres.
     half_width : ndarray of float32, shape (DIRECTIONS, n)
-        How far from the bone the part reaches, at `PLACES`, metres.
+        Distance of the part's surface from the bone in each direction, at `PLACES`, metres.
     """
 
     length: float
@@ -53,7 +53,7 @@ class PartSides:
 
     @classmethod
     def of(cls, part: Part) -> PartSides:
-        """The sides of a part's polyhedron."""
+        """Compute the sides of a part's polyhedron."""
         length = float(np.linalg.norm(part.tail_world - part.head_world))
         angle = 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
         across = np.stack([np.cos(angle), np.zeros(DIRECTIONS), np.sin(angle)], axis=1)
@@ -69,14 +69,14 @@ class PartSides:
     def seen_from(
         self, centre: NDArray[np.float32], R: NDArray[np.float32], T: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """The places along both sides, and the direction from one side to the other.
+        """Return points along both sides as seen from a camera, and the direction from one side to the other.
 
         Parameters
         ----------
         centre : ndarray, shape (m, 3)
             The camera's centre on each of m frames, in the world.
         R, T : ndarray, shapes (m, K, 3, 3) and (m, K, 3)
-            Poses of the part.
+            K world poses of the part on each frame.
 
         Returns
         -------
@@ -120,7 +120,7 @@ class SlopeImages:
 
     @classmethod
     def of(cls, camera: Camera, first: int, grey: NDArray[np.uint8], origin: tuple[int, int] = (0, 0)) -> SlopeImages:
-        """The slopes of windows of frames of 8 bits (F, h, w) that begin at a pixel (u, v)."""
+        """Compute the slopes of windows of 8-bit frames (F, h, w), whose first pixel is (u, v) of the frames."""
         slopes = np.empty((*grey.shape, 2), np.uint8)
         for each, out in zip(smoothed_slopes(grey, _SMOOTHING), slopes, strict=True):
             cut = (cv2.max(values, -_ZERO / (255 * _SCALE)) for values in each)
@@ -130,7 +130,7 @@ class SlopeImages:
     def steepest(
         self, frames: slice, points_world: NDArray[np.float32], across: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """The steepest change of brightness across sides on m consecutive frames.
+        """Return the steepest change of brightness across sides on m consecutive frames.
 
         Parameters
         ----------
@@ -168,19 +168,19 @@ class SlopeImages:
 
 @dataclass(frozen=True, eq=False)
 class SideRatios:
-    """How much likelier a change of brightness is across a limb's side than across a line elsewhere.
+    """Log likelihood ratios (across a limb's side against elsewhere) of changes of brightness.
 
     Attributes
     ----------
     ratio : ndarray of float32, shape (L + 1,)
-        Logarithm of it, by the limits between which the change is.
+        Ratio for each bin between the L limits `SLOPE_LIMITS`.
     """
 
     ratio: NDArray[np.float32]
 
     @classmethod
     def learned(cls, sides: NDArray[np.floating[Any]], elsewhere: NDArray[np.floating[Any]]) -> SideRatios:
-        """From changes of brightness, grey levels per pixel, as they were found at both."""
+        """Learn the ratios from changes of brightness at sides and elsewhere, grey levels per pixel."""
         bins = len(SLOPE_LIMITS) + 1
         right, wrong = (np.bincount(np.digitize(found, SLOPE_LIMITS), minlength=bins) for found in (sides, elsewhere))
         usual = (wrong + 1) / (wrong + 1).sum()
@@ -188,5 +188,5 @@ class SideRatios:
         return cls(np.log(own / usual).astype(np.float32))
 
     def of(self, change: NDArray[np.float32], visible: Bools) -> NDArray[np.float32]:
-        """The ratios of changes; 0 for what is hidden."""
+        """Look up the ratios of changes; 0 for hidden ones."""
         return self.ratio[np.digitize(change, SLOPE_LIMITS)] * visible

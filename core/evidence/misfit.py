@@ -1,4 +1,4 @@
-"""Misfit: what the pictures show of a performer and the model leaves uncovered."""
+"""Misfit: foreground that the model leaves uncovered, and background that it covers."""
 
 from __future__ import annotations
 
@@ -19,32 +19,32 @@ from .part_geometry import Geometry
 from .view_frames import ViewFrames, views_with_foreground
 
 NEAR = 0.2
-"""How far from the model uncovered foreground counts as the performer's, metres."""
+"""Distance from the model up to which uncovered foreground counts as the performer's, metres."""
 FAR = 0.4
-"""How far from the model a limb that it has elsewhere is looked for, metres."""
+"""Distance from the model up to which a lost limb is searched for, metres."""
 BESIDE = 0.04
-"""How far from the model foreground is no longer the clothes or the hair of what is there, metres."""
+"""Distance from the model from which on foreground cannot be clothes or hair of the part there, metres."""
 INSIDE = 0.02
-"""How far within the model's outline a pixel must lie to say what a part is on, metres: the model is not that exact."""
+"""Distance within the model's outline from which on pixels count as covered by a part, metres: the model is inexact."""
 _STRIDE = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Misfit:
-    """Where performers and the foreground of V views do not agree, on F frames.
+    """Differences between performers and the foreground of V views on F frames.
 
     Attributes
     ----------
     gaps : ndarray, shape (V, N, F)
-        Uncovered foreground near each of N performers over the length of the model's outline, metres; NaN where the
-        view does not see the performer.
+        Area of uncovered foreground near each of N performers divided by the length of the model's outline, metres; NaN
+        where the view does not see the performer.
     areas : ndarray, shape (V, N, F)
-        Foreground beside the performers, from `BESIDE` to `FAR` from the model, and farther than `BESIDE` from anybody
-        else's, square metres at their distance.
+        Area of foreground from `BESIDE` to `FAR` from a performer and farther than `BESIDE` from all others, square
+        metres at the performer's distance.
     visible : ndarray, shape (V, F, P)
-        Visible area of each part, but for a margin along the model's outline, square metres.
+        Visible area of each part without a margin along the outline, square metres.
     background : ndarray, shape (V, F, P)
-        The share of that area that shows background, and nobody else either, 0 to 1.
+        Share of that area that shows background, 0 to 1.
     """
 
     gaps: Array
@@ -53,10 +53,10 @@ class Misfit:
     background: Array
 
     def mean_gaps(self, known: Sequence[NDArray[np.intp]]) -> Array:
-        """How far the performers' outlines lie outside of the model's, on average over the views, metres, (N, F).
+        """Mean distance of the performers' outlines from the model's over all views, metres, (N, F).
 
-        It is less what it is on the frames whose poses are known, of each performer (K,): clothes, shadows and
-        bystanders that the model does not have.
+        The values on frames with known poses, (K,) for each performer, are subtracted: they are due to clothes, shadows
+        and bystanders.
         """
         if not len(self.gaps):
             return np.zeros(self.gaps.shape[1:])
@@ -65,12 +65,12 @@ class Misfit:
         return np.maximum(beyond_known(gaps, known), 0.0)
 
     def areas_beside(self, known: Sequence[NDArray[np.intp]]) -> Array:
-        """The areas (V, N, F) less what they are on the frames whose poses are known, as in `mean_gaps`."""
+        """The areas (V, N, F) minus those on frames with known poses, as in `mean_gaps`."""
         return np.array([beyond_known(view, known) for view in self.areas]).reshape(self.areas.shape)
 
 
 def beyond_known(rows: Array, known: Sequence[NDArray[np.intp]]) -> Array:
-    """Rows (N, F) of the performers less what they are between their known frames."""
+    """Subtract from rows (N, F) the values on their known frames, interpolated between these."""
     usual = [
         np.interp(np.arange(len(row)), keys, row[keys]) if len(keys) else np.zeros(len(row))
         for row, keys in zip(rows, known, strict=True)
@@ -116,7 +116,7 @@ def measured_misfit(
 def _view_misfit(
     view: ViewFrames, geometry: Geometry, poses: Poses, first: int, spans: Sequence[slice]
 ) -> tuple[Array, Array, Array, Array]:
-    """One view's gaps, areas, visible areas and shares of background, see `Misfit`."""
+    """Compute the four attributes of `Misfit` for one view."""
     R, T = poses
     P = T.shape[1]
     labels = render_labels(geometry, view.camera.subsampled(_STRIDE), first, R, T)
@@ -153,5 +153,5 @@ def _view_misfit(
 
 
 def _distance(mask: NDArray[np.bool_]) -> Array:
-    """How far every pixel (h, w) is from a mask, pixels."""
+    """Distance of every pixel (h, w) from a mask, pixels."""
     return np.asarray(cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3))

@@ -10,25 +10,25 @@ from ..numerics.arrays import Array
 OCCLUDED_BELOW = 0.3
 """A part is occluded in a view where less than this share of its area is seen (paper 1, section 5.3)."""
 LONG = 6
-"""Frames that a part must be out of sight for a key pose to be worth the work: prediction bridges fewer."""
+"""Number of frames out of sight from which on a part may be lost; prediction bridges shorter gaps."""
 
 
 def occluded(share: Array, predicted: Array | None = None) -> NDArray[np.bool_]:
-    """Where a part counts as occluded in a view, of the shape of `share`.
+    """Return which parts count as occluded in a view; same shape as `share`.
 
     Parameters
     ----------
     share : ndarray, shape (..., P)
         Visible share of each part's projected area in its current pose, 0 to 1.
     predicted : ndarray, shape (..., P), optional
-        The same in the pose predicted for the next frame: either is enough.
+        The same in the pose predicted for the next frame; being occluded in either is enough.
     """
     hidden = share < OCCLUDED_BELOW
     return hidden if predicted is None else hidden | (predicted < OCCLUDED_BELOW)
 
 
 def unseen(share: Array, predicted: Array | None = None) -> NDArray[np.bool_]:
-    """Frames on which no view sees a part, shape (F, P), of visible shares (V, F, P); see `occluded`."""
+    """Return which parts no view sees, shape (F, P), from visible shares (V, F, P); see `occluded`."""
     return occluded(share, predicted).all(axis=0)
 
 

@@ -1,8 +1,8 @@
-"""The colours of a body's parts: in front of a shirt, a bare arm is told from it.
+"""The colours of a body's parts, which distinguish a bare arm from the shirt behind it.
 
-Foreground images say where a performer ends. Within its outline they are silent, and a limb in front of the trunk might
-be anywhere there. The key frames also show which colours each part has: where those of two parts differ, their limit is
-looked for as the performer's own outline is, and a pose is the likelier the more its parts lie on their colours.
+Foreground images show where a performer ends, but not where a limb is in front of the trunk. The colours of each part
+are learned on the key frames. Where those of two parts differ, the edge between them is measured like the performer's
+outline, and poses are likelier if parts lie on pixels of their colours.
 """
 
 from __future__ import annotations
@@ -22,26 +22,26 @@ from .masks import within
 Bytes = NDArray[np.uint8]
 
 PALETTE_SIZE = 255
-"""Colours of a palette, at most."""
+"""Largest number of colours of a palette."""
 PATCH = 0.06
-"""A square of this side, metres, is as much of a part as all of its performer counts for in what its colours are: a
-part that shows hardly more has none of its own."""
+"""Side of a square, metres, whose pixels the colours of the whole performer weigh in those of a part: a part of which
+hardly more is seen has no distinct colours."""
 _RIM = 1  # narrower than that of masks: a forearm is a few pixels wide
 
 
 @dataclass(frozen=True, eq=False)
 class PartColours:
-    """Which colours the parts of all performers have in one view.
+    """The colour distributions of all performers' parts in one view.
 
     Attributes
     ----------
     nearest : ndarray of uint8, shape (LEVELS^3,)
-        The colour of the palette that stands for each bin of colours.
+        Index of the palette's colour for each histogram bin.
     ratio : ndarray of float32, shape (P, K)
-        Logarithm of how likely each of the palette's K colours is on a part, over how likely it is on all of its
-        performer; 0 for parts of which nothing is known.
+        Log likelihood ratio (part against its whole performer) of each of the palette's K colours; 0 for parts of which
+        nothing is known.
     distinct : ndarray of bool, shape (P, P)
-        Which parts are told apart by their colours: those of one performer that do not meet.
+        Pairs of parts that are distinguished by their colours: those of one performer that do not touch.
     """
 
     nearest: Bytes
@@ -52,15 +52,15 @@ class PartColours:
     def learned(
         cls, colour: Bytes, parts: Mapping[int, NDArray[np.int16]], performer: Ints, distinct: Bools, scale: float
     ) -> PartColours | None:
-        """The colours that some frames show; None if they show nobody.
+        """Learn the colours from some frames; None if they show nobody.
 
         Parameters
         ----------
         colour : ndarray, shape (N, h, w, 3)
         parts : mapping of int to ndarray of int, shape (h, w)
-            By frame: the part that is known to show at each pixel; -1 where none is.
+            By frame: index of the part that a pixel is known to show; -1 where none is.
         performer : ndarray of int, shape (P,)
-            Whose part each is.
+            Index of the performer of every part.
         distinct : ndarray of bool, shape (P, P)
         scale : float
             Pixels per metre at the performers.
@@ -87,14 +87,14 @@ class PartColours:
         return cls(nearest.astype(np.uint8), ratio, distinct)
 
     def images(self, colour: Bytes) -> Iterator[Bytes]:
-        """Give the palette's colours of frames (N, h, w, 3), one after the other, shape (h, w)."""
+        """Generate the palette indices, (h, w) each, of frames (N, h, w, 3)."""
         for image in each_row(colour):
             yield self.nearest.take(bins(image))
 
 
 @dataclass(frozen=True, eq=False)
 class ColouredFrames:
-    """What n frames say of the parts by their colours.
+    """The palette colours of n frames, with their likelihoods on the parts.
 
     Attributes
     ----------
@@ -107,5 +107,5 @@ class ColouredFrames:
     palette: Bytes
 
     def of(self, part: int) -> NDArray[np.float32]:
-        """How likely every pixel's colour is on a part, see `PartColours.ratio`, shape (n, h, w)."""
+        """Log likelihood ratio of every pixel's colour on a part, see `PartColours.ratio`, shape (n, h, w)."""
         return self.colours.ratio[part][self.palette]

@@ -1,4 +1,4 @@
-"""The body's shape as the key frames show it: parts are stretched and shifted until their outlines fit there."""
+"""Fitting the shapes of the parts to the key frames: parts are stretched and shifted until their outlines fit."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from .part_geometry import Geometry
 from .view_frames import ViewFrames
 
 STRETCH = 0.2
-"""Usual stretch of a part along each of its axes, beside the default body."""
+"""Standard deviation of the stretch of a part along each of its axes, relative to the default body."""
 SHIFT = 0.015
-"""Usual shift of a part along each of its axes, metres."""
+"""Standard deviation of the shift of a part along each of its axes, metres."""
 REACH = 0.12
-"""How far from the model's outline the body's is looked for, metres."""
+"""Distance from the model's outline within which that of the performer is searched for, metres."""
 PRIOR = np.diag([1 / STRETCH**2] * 3 + [1 / SHIFT**2] * 3)
-"""Of every step, not of their sum: it keeps what is hardly seen where it is, and lets what is seen go far."""
+"""Precision of every step, not of their sum: parts that are hardly seen stay as they are, others may change by more."""
 ITERATIONS = 4
 TOLERANCE = 2.0
 _STRIDE = 2
@@ -49,13 +49,13 @@ def fitted_shape(
     views : sequence of ViewFrames
         With foreground images.
     geometry : Geometry
-        Of all performers' P parts.
+        Shapes of all performers' P parts.
     poses : mapping of float to tuple
         (R, T) on these K frames, (K, P, 3, 3) and (K, P, 3), by the delay of the views that show them.
     frames : sequence of int
         Shot frames.
     known : ndarray of bool, shape (K, P), optional
-        Whose poses are known there: the others' outlines are left alone. By default all are.
+        Parts whose poses are known on each frame; outlines of others are not used. By default all are known.
     """
     start = np.zeros((len(geometry.spans), 6))
     result = minimise(
@@ -71,21 +71,21 @@ def fitted_shape(
 
 @dataclass(frozen=True, eq=False)
 class ShapeEquations(DenseEquations):
-    """Normal equations of a further stretch and shift of every part, and of what else moves the outlines.
+    """Normal equations of a further stretch and shift of every part, and optionally of a common time offset.
 
     Attributes
     ----------
     change : ndarray, shape (P, 6)
-        Stretches and shifts that they belong to.
+        Stretches and shifts at which they are linearised.
     held : tuple
-        The outlines of every view, its camera on the key frames, and its delay.
+        For every view: its outlines, its camera on the key frames, and its delay.
     """
 
     change: Array
     held: tuple[tuple[HeldOutlines, Camera, float], ...]
 
     def cost_at(self, change: Array, poses: Mapping[float, Poses]) -> float:
-        """Return the cost of another shape and other poses with the same outlines, and of the step there."""
+        """Return the cost of another shape and other poses by the same outlines, with that of the step there."""
         ratio = (1 + change[:, :3]) / (1 + self.change[:, :3])
         step = np.concatenate([ratio - 1, change[:, 3:] - ratio * self.change[:, 3:]], axis=1)
         cost = sum(outlines.cost(camera, poses[delay], step) for outlines, camera, delay in self.held)
@@ -93,7 +93,7 @@ class ShapeEquations(DenseEquations):
 
 
 def compose(change: Array, step: Array) -> Array:
-    """Return the stretches and shifts of parts (P, 6) after further ones (6 P,)."""
+    """Compose stretches and shifts of parts (P, 6) with further ones (6 P,)."""
     further = step.reshape(change.shape)
     ratio = 1 + further[:, :3]
     return np.concatenate([(1 + change[:, :3]) * ratio - 1, change[:, 3:] * ratio + further[:, 3:]], axis=1)
@@ -109,17 +109,17 @@ def shape_equations(
     twists: Mapping[float, Array] | None = None,
     known: Bools | None = None,
 ) -> ShapeEquations:
-    """Sum the outlines of all views.
+    """Build the normal equations from the outlines of all views.
 
     Parameters
     ----------
     views, geometry, poses, frames, known
         See `fitted_shape`.
     change : ndarray, shape (P, 6)
-        Stretches and shifts of the parts so far, which are linearised about.
+        Present stretches and shifts of the parts.
     twists : mapping of float to ndarray, optional
-        Twists of the parts about the world's origin (K, P, 6), by the delay of the views. How far all parts have gone
-        on along them is then one more unknown, the last.
+        Twists of the parts about the world's origin per frame, (K, P, 6), by the delay of the views. With them there is
+        one more unknown, the last: the time in frames by which all parts move along their twists.
     """
     P, own = len(geometry.spans), 6 if twists is None else 7
     shape = stretched(geometry, change)
@@ -145,7 +145,7 @@ def shape_equations(
 
 
 def _lines(view: ViewFrames, geometry: Geometry, poses: Poses, frames: Sequence[int]) -> Lines:
-    """Look for the outlines of one view on all frames."""
+    """Measure the outlines in one view on all frames."""
     (R, T), camera = poses, view.camera.at(frames)
     foreground = np.concatenate([view.foreground_at(frame, 1) for frame in frames], axis=1)
     labels = render_labels(geometry, camera.subsampled(_STRIDE), 0, R, T)
@@ -155,7 +155,7 @@ def _lines(view: ViewFrames, geometry: Geometry, poses: Poses, frames: Sequence[
 
 
 def _rows(lines: Lines, camera: Camera, poses: Poses, twists: Array | None) -> Array:
-    """Rows of the lines' shifts against the unknowns of their parts, shape (N, 6 or 7)."""
+    """Jacobian rows of the lines by the unknowns of their parts, shape (N, 6 or 7)."""
     wrench = lines.wrenches(camera)
     columns = shape_columns(lines, wrench, camera, poses)
     if twists is not None:
@@ -165,7 +165,9 @@ def _rows(lines: Lines, camera: Camera, poses: Poses, twists: Array | None) -> A
 
 
 def shape_columns(lines: Lines, wrench: Array, camera: Camera, poses: Poses) -> list[Array]:
-    """The lines' rows against their parts' stretches and shifts, (N, 3) each, of the rows against twists (N, 6)."""
+    """Jacobian rows of the lines by the stretches and the shifts of their parts, (N, 3) each, from those by twists
+    (N, 6).
+    """
     (R, T), (Rc, tc) = poses, camera.poses(0, len(poses[0]))
     of = lines.frame, lines.part
     to_part, joints = (Rc[:, None] @ R)[of], (T @ np.swapaxes(Rc, 1, 2) + tc[:, None])[of]
@@ -174,7 +176,7 @@ def shape_columns(lines: Lines, wrench: Array, camera: Camera, poses: Poses) -> 
 
 
 def stretched(geometry: Geometry, change: Array) -> Geometry:
-    """Parts with their points x moved to (1 + s) x + d, for changes (s, d) of shape (P, 6)."""
+    """Move the points x of all parts to (1 + s) x + d, for stretches and shifts (s, d), shape (P, 6)."""
     stretch, shift = 1 + change[:, :3], change[:, 3:]
     vertices = geometry.vertices * stretch[geometry.owner] + shift[geometry.owner]
     of = geometry.face_owner

@@ -1,4 +1,4 @@
-"""How images are sampled for evidence."""
+"""The settings by which images are sampled for evidence."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ class Sampling:
     Attributes
     ----------
     sigma : float
-        Smoothing of the images, pixels of the reduced frames.
+        Standard deviation of the Gaussian that smooths the images, pixels of the reduced frames.
     tolerance : float
-        Factor on the limits of the robust weights: far from the solution large residuals still have to pull.
+        Factor on the limits of robust kernels: far from the solution, large residuals must keep their influence.
     stride : int
-        Every how many pixels, each way, the evidence is taken: neighbours say nearly the same.
+        Distance between the pixels that are used, in rows and in columns; neighbouring pixels are correlated.
     reach : float
-        How far from the model's outlines the body's are looked for, metres; 0 leaves outlines and foreground images
-        out.
+        Distance from the model's outlines within which those of the performer are searched for, metres; 0 leaves
+        outlines and foreground images out.
     """
 
     sigma: float

@@ -1,4 +1,4 @@
-"""Evidence of performers whose motion is given while another's is sought, kept from one look at it to the next."""
+"""Evidence of performers whose motion is given, kept while another performer is solved for."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .view_frames import KEPT_BYTES, ViewFrames
 
 @dataclass(frozen=True, eq=False)
 class StillEvidence:
-    """Parts that stay where they are, with what they explain by part (S, n), and what they were drawn from."""
+    """Parts that do not move, with what they explain by part and frame, (S, n), and what they were drawn from."""
 
     still: StillParts
     explained: Array
@@ -29,7 +29,7 @@ class StillEvidence:
     kept_gains: dict[tuple[float, float, bytes], PixelGains] = field(default_factory=dict)
 
     def gains(self, frames: LabelledFrames, sampling: Sampling, noise: Array) -> PixelGains:
-        """What their pixels gain by how they move on frames, under a noise of each pair of these."""
+        """Compute the gain (`GradientSums.gain`) of their pixels, under a noise for each pair of frames."""
         key = sampling.sigma, sampling.tolerance, noise.tobytes()
         found = self.kept_gains.get(key)
         if found is None:
@@ -40,7 +40,7 @@ class StillEvidence:
         return found
 
     def matches(self, stride: int, geometry: Geometry, poses: Sequence[Array]) -> bool:
-        """Whether it is what the same parts show in these poses."""
+        """Whether it was computed for the same parts in these poses."""
         return (
             self.stride == stride
             and self.geometry is geometry
@@ -51,7 +51,7 @@ class StillEvidence:
 class StillPartsCache:
     """Label images of the performers whose motion is given, kept from one evaluation of the evidence to the next.
 
-    Threads may share a cache, and what it returns does not depend on which of them comes first.
+    Threads may share a cache; what it returns does not depend on their order.
     """
 
     def __init__(self) -> None:
@@ -59,7 +59,7 @@ class StillPartsCache:
         self._moving: dict[tuple[Geometry, tuple[int, ...]], tuple[Ints, Geometry]] = {}
 
     def moving(self, geometry: Geometry, sought: Sequence[int]) -> tuple[Ints, Geometry]:
-        """The parts of the performers that are sought, and a geometry of them alone."""
+        """Return the indices of the parts of the performers that are solved for, and a geometry of these alone."""
         key = geometry, tuple(sought)
         found = self._moving.get(key)
         if found is None:
@@ -71,7 +71,9 @@ class StillPartsCache:
     def drawn(
         self, view: ViewFrames, geometry: Geometry, poses: Poses, parts: Ints, *, stride: int, first: int
     ) -> StillEvidence:
-        """What some parts show in consecutive shot frames, the first of which is given, in poses of all parts."""
+        """Return the evidence of some parts on consecutive shot frames from `first` on; poses are those of all
+        parts.
+        """
         count = len(poses[0])
         own = tuple(a[:, parts] for a in poses)
         kept = self._kept.setdefault(view, {})

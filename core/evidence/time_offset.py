@@ -1,8 +1,8 @@
-"""How far the key poses and the footage are out of step.
+"""The time offset between key poses and footage.
 
-Key poses that were measured, or that belong to a shot whose views were put in step by whole frames, may show an instant
-a little after their frame, or before it. The outlines of what moves then lie ahead of the body's on the key frames, in
-proportion to its speed; what is wrong with the body's shape lies on all key frames alike.
+Key poses that were measured, or that belong to views synchronised to whole frames, may show an instant a little before
+or after their frame. On the key frames, the outlines of moving parts are then displaced in proportion to their speed,
+while errors of the body's shape are the same on all key frames.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from .part_shapes import ShapeEquations, compose, shape_equations
 from .view_frames import ViewFrames
 
 DEVIATION = 0.5 / np.sqrt(3)
-"""Usual offset, frames: anything within half a frame, as the nearest frame leaves it."""
+"""Prior standard deviation of the offset, frames: that of a uniform distribution over half a frame either way."""
 LEAST = 0.1
-"""A smaller offset is left alone, frames: it is hardly more than none, and poses between frames cost time."""
+"""Smaller offsets are taken as zero, frames: they hardly matter, and poses between frames cost time."""
 ITERATIONS = 2
 
 
@@ -38,7 +38,7 @@ class Offset:
 
     @classmethod
     def likeliest(cls, measured: Iterable[Offset]) -> Offset:
-        """What measurements and the usual offset say together; none where that is next to nothing."""
+        """Combine measurements with the prior; the offset is 0 if the result is smaller than `LEAST`."""
         found = list(measured)
         precision = sum(offset.precision for offset in found) + DEVIATION**-2
         value = sum(offset.precision * offset.value for offset in found) / precision
@@ -55,23 +55,23 @@ def key_frame_offset(
     keys: Sequence[int],
     known: Bools,
 ) -> Offset:
-    """Measure the offset on key frames, together with the shape of the parts.
+    """Estimate the offset on key frames, together with the shapes of the parts.
 
     Parameters
     ----------
     views : sequence of ViewFrames
         With foreground images.
     geometry : Geometry
-        Of all performers' parts, as the bodies have them.
+        Shapes of all performers' parts as in their bodies.
     bodies : sequence of Body
     motions : sequence of Motion
-        F tracked poses per performer: how fast everything moves.
+        F tracked poses per performer, which show how fast every part moves.
     first : int
-        Shot frame of the first of them.
+        Shot frame of the first pose.
     keys : sequence of int
-        Of the F, those on which a performer has a key pose of the whole body.
+        Indices of the K poses on which some performer has a key pose of the whole body.
     known : ndarray of bool, shape (K, M)
-        Which of the M performers have.
+        Which of the M performers have one there.
     """
     if len(motions[0]) < 4 or not views or not len(keys):
         return Offset()
@@ -118,14 +118,14 @@ class _OffsetState:
     change: Array
 
     def moved(self, step: Array) -> _OffsetState:
-        """Return the state after a step: parts that are ahead of the footage along their twists are too early."""
+        """Return the state after a step; parts that are ahead of the footage along their twists are early."""
         offset = float(np.clip(self.offset - step[-1], -1.0, 1.0))
         return _OffsetState(offset, compose(self.change, step[:-1]))
 
 
 def _rates(motion: Motion, frames: Sequence[int]) -> Array:
-    """Increments per frame on some of at least four frames, (K, D), from those around; key poses at the ends, which may
-    be out of step with what is beside them, are not among these.
+    """Increments per frame on some of four or more frames, (K, D), by differences of the frames around. Key poses at
+    the ends are left out of these, as they may be offset from their neighbours.
     """
     last = len(motion) - 1
     before = np.clip(np.asarray(frames) - 1, 1, last - 2)
@@ -134,7 +134,7 @@ def _rates(motion: Motion, frames: Sequence[int]) -> Array:
 
 
 def _twists(bodies: Sequence[Body], motions: Sequence[Motion], rates: Sequence[Array]) -> Array:
-    """Twists of all performers' parts per frame, (K, P, 6)."""
+    """Twists of all performers' parts about the world's origin per frame, (K, P, 6)."""
     found = []
     for body, motion, rate in zip(bodies, motions, rates, strict=True):
         J = twist_jacobian(body, *part_poses(body, motion))

@@ -18,32 +18,32 @@ from .part_colours import ColouredFrames, PartColours
 Image = NDArray[np.float32]
 
 MARGIN = 6
-"""How far beyond the box that is asked for gradient images reach, pixels."""
+"""Margin around a requested box for which gradient images are computed as well, pixels."""
 KEPT_BYTES = 32 << 20
-"""Most that a cache keeps of one view's gradient images."""
+"""Largest size of one view's gradient images in a cache."""
 _NEAREST = 0.5  # metres before the camera: nearer points have the scale of this distance
 _ROW = 256
 _STEPS = 1 << cv2.INTER_BITS
 
 
 _KERNEL_BITS = 12
-"""A kernel's weights are whole numbers and add up to two to this power."""
+"""The weights of a kernel are integers whose sum is two to this power."""
 _WHITE = 255 << 8
-"""What white is in a smoothed picture."""
+"""Value of white in a smoothed image."""
 
 
 def _whole_gaussian(sigma: float) -> Image:
-    """A Gaussian kernel of whole numbers, shape (2 n + 1,)."""
+    """Gaussian kernel with integer weights, shape (2 n + 1,)."""
     half = max(1, round(4 * sigma))
     tail = np.rint(cv2.getGaussianKernel(2 * half + 1, sigma)[:half, 0] * 2**_KERNEL_BITS)
     return np.concatenate([tail, [2**_KERNEL_BITS - 2 * tail.sum()], tail[::-1]]).astype(np.float32)
 
 
 def _smoothed(image: NDArray[np.uint8], kernel: Image) -> Image:
-    """A picture of 8 bits smoothed, in whole numbers up to `_WHITE`.
+    """Smooth an 8-bit image; the result has integer values up to `_WHITE`.
 
-    All sums are of whole numbers below 2^24, which single precision holds exactly: processors whose instructions add in
-    another order give the same pictures to the last bit. What they differ in, solving would make larger.
+    All sums are integers below 2^24, which single precision represents exactly, so processors that add in another order
+    give the same image to the last bit. Differences would be amplified by solving.
     """
     one = np.ones(1, np.float32)
     kernel = kernel * np.float32(2.0 ** (4 - _KERNEL_BITS))  # sums stay exact: it only moves their point
@@ -53,7 +53,7 @@ def _smoothed(image: NDArray[np.uint8], kernel: Image) -> Image:
 
 
 def _brightness_and_slopes(image: NDArray[np.uint8], kernel: Image) -> tuple[Image, Image, Image]:
-    """A picture of 8 bits smoothed, 0 to 1, and its derivatives by u and v per pixel."""
+    """Smooth an 8-bit image to brightness 0 to 1, and differentiate it by u and v, per pixel."""
     smooth = _smoothed(image, kernel)
     du, dv = (cv2.Scharr(smooth, cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1)))
     for values in (smooth, du, dv):  # while they are in the cache
@@ -62,8 +62,8 @@ def _brightness_and_slopes(image: NDArray[np.uint8], kernel: Image) -> tuple[Ima
 
 
 def smoothed_slopes(grey: NDArray[np.uint8], sigma: float) -> Iterator[tuple[Image, Image]]:
-    """The derivatives of pictures of 8 bits (n, h, w), smoothed by a Gaussian of `sigma` pixels, one after the other:
-    by u and v, of brightness 0 to 1 per pixel, (h, w) each.
+    """Generate the derivatives by u and v, (h, w) each, of 8-bit images (n, h, w) smoothed by a Gaussian of `sigma`
+    pixels; in brightness 0 to 1 per pixel.
     """
     kernel = _whole_gaussian(sigma)
     for image in each_row(grey):
@@ -72,16 +72,16 @@ def smoothed_slopes(grey: NDArray[np.uint8], sigma: float) -> Iterator[tuple[Ima
 
 @dataclass(frozen=True, eq=False)
 class GradientImages:
-    """One window of n frames as the evidence needs it: brightness 0 to 1 and its derivatives per pixel.
+    """Brightness (0 to 1) and its derivatives per pixel in a window of n frames.
 
     Attributes
     ----------
     values : ndarray, shape (n h, w, 3)
-        Brightness and its derivatives by u and v, the windows one below the other.
+        Brightness and its derivatives by u and v; the windows of the frames are stacked vertically.
     count : int
-        n.
+        The number of frames, n.
     origin : tuple of int
-        The frames' pixel (u, v) that is the window's first.
+        Pixel (u, v) of the frames that is the first one of the window.
     """
 
     values: Image
@@ -108,14 +108,14 @@ class GradientImages:
         return left <= box[0] and top <= box[1] and box[2] <= left + width and box[3] <= top + self.height
 
     def sample(self, image: NDArray[np.intp], pixels: Image) -> Image:
-        """Brightness and derivatives at sub-pixel places, bilinear.
+        """Interpolate brightness and derivatives bilinearly.
 
         Parameters
         ----------
         image : ndarray of int, shape (N,)
-            Which of the n frames.
+            Index of the frame.
         pixels : ndarray of float32, shape (N, 2)
-            Places in the frame; beyond the window, the window's edge is taken.
+            Positions in the frame; outside of the window, those on its edge are used.
 
         Returns
         -------
@@ -135,9 +135,9 @@ class GradientImages:
 def stacked_places(
     u: NDArray[np.floating[Any]], v: NDArray[np.floating[Any]], image: NDArray[np.intp], height: int
 ) -> NDArray[np.float32]:
-    """Places in images that stand one below the other, as `interpolated` takes them.
+    """Convert positions in images to positions in their vertical stack, as `interpolated` takes them.
 
-    A place above or below its image is taken at the image's edge; `image` is broadcast to the places.
+    Positions above or below an image are moved to its edge; `image` is broadcast to u and v.
     """
     places = np.zeros((2, (u.size // _ROW + 1) * _ROW), np.float32)  # OpenCV takes no more than 32767 rows
     places[0, : u.size] = u.ravel()
@@ -151,8 +151,8 @@ def stacked_places(
 
 
 def interpolated(image: NDArray[Any], places: Image, shape: tuple[int, ...]) -> NDArray[Any]:
-    """An image's bilinear values at the places that `stacked_places` made of arrays of that shape; an image of several
-    channels gives so many values each.
+    """Interpolate an image bilinearly at positions from `stacked_places`, which were made of arrays of `shape`; the
+    result has one more axis for images of several channels.
     """
     values = cv2.remap(image, places[0], places[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     channels = image.shape[2:]
@@ -161,7 +161,7 @@ def interpolated(image: NDArray[Any], places: Image, shape: tuple[int, ...]) -> 
 
 @dataclass(frozen=True, eq=False)
 class ViewFrames:
-    """Some consecutive frames of a view, reduced and rectified.
+    """Consecutive frames of a view, reduced in size and without lens distortion.
 
     Attributes
     ----------
@@ -171,17 +171,17 @@ class ViewFrames:
     first : int
         Shot frame of the first of them.
     foreground : ndarray of uint8, shape (M, N, h, w), optional
-        One image a frame for each of M performers, see `core.evidence.foreground`.
+        Foreground images of each of M performers, see `core.evidence.foreground`.
     halo : float
-        How far the foreground images show the body beyond its edge, pixels.
+        Distance by which foreground images extend beyond the body's edge, pixels.
     delay : float
-        How much later than the shot's frames these were taken, frames; see `core.body.time_shift`.
+        How much later than the shot's frames these were taken, in frames; see `core.body.time_shift`.
     torn : ndarray of bool, shape (N - 1,), optional
-        Which pairs of frames do not fit together, and say nothing; see `core.shot.continuity`.
+        Pairs of frames that do not continue each other and are not used as evidence, see `core.shot.continuity`.
     colours : PartColours, optional
-        Of the performers' parts, by a palette.
+        Colours of the performers' parts.
     palette : ndarray of uint8, shape (N, h, w), optional
-        The palette's colour of every pixel.
+        Index of the palette's colour of every pixel.
     """
 
     camera: Camera
@@ -195,36 +195,35 @@ class ViewFrames:
     palette: NDArray[np.uint8] | None = None
 
     def part_colours(self, first: int, count: int, stride: int = 1) -> ColouredFrames | None:
-        """The colours of consecutive shot frames: of every so many pixels, each way; None if nothing is known."""
+        """Return the palette colours of consecutive shot frames, at every stride-th pixel; None without any."""
         if self.colours is None or self.palette is None:
             return None
         start = first - self.first
         return ColouredFrames(self.colours, looked_at(self.palette[start : start + count, ::stride, ::stride]))
 
     def foreground_at(self, first: int, count: int, stride: int = 1) -> NDArray[np.uint8]:
-        """The foreground images of consecutive shot frames, shape (M, count, h, w): every so many pixels, each way."""
+        """Return the foreground images of consecutive shot frames at every stride-th pixel, shape (M, count, h, w)."""
         assert self.foreground is not None
         start = first - self.first
         return looked_at(self.foreground[:, start : start + count, ::stride, ::stride])
 
     def pixels_per_metre(self, point_world: NDArray[np.float64], frame: int) -> float:
-        """How large a metre that faces the camera is at a point; of points behind it, as before it."""
+        """Length in pixels of a metre that faces the camera at a point; points behind it count as in front of it."""
         R, t = self.camera.pose(frame)
         return float(self.camera.matrix[[0, 1], [0, 1]].mean() / max((R @ point_world + t)[2], _NEAREST))
 
 
 class GradientImageCache:
-    """Gradient images that are kept from one evaluation of the evidence to the next.
+    """Gradient images, kept from one evaluation of the evidence to the next, when performers have hardly moved.
 
-    Performers are then nearly where they were. Threads may share a cache; what it returns does not depend on which of
-    them comes first.
+    Threads may share a cache; what it returns does not depend on their order.
     """
 
     def __init__(self) -> None:
         self._kept: dict[ViewFrames, dict[tuple[int, int], tuple[float, GradientImages]]] = {}
 
     def images(self, view: ViewFrames, frames: range, sigma: float, box: tuple[int, int, int, int]) -> GradientImages:
-        """The gradient images of consecutive shot frames within a box (left, top, right, bottom) and around it."""
+        """Return the gradient images of consecutive shot frames in a box (left, top, right, bottom) and around it."""
         margin, (height, width) = MARGIN + int(np.ceil(2 * sigma)), view.grey.shape[1:]
         left, top = max(box[0] - margin, 0), max(box[1] - margin, 0)
         right, bottom = min(box[2] + margin, width), min(box[3] + margin, height)
@@ -247,5 +246,5 @@ class GradientImageCache:
 
 
 def views_with_foreground(views: Sequence[ViewFrames]) -> list[ViewFrames]:
-    """The views that have foreground images."""
+    """Return the views with foreground images."""
     return [view for view in views if view.foreground is not None]
