@@ -13,8 +13,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from ..body.soles import Soles
 from ..errors import listed
 from ..evidence.occlusion import OCCLUDED_BELOW, intervals, occluded, unseen
+from ..numerics.arrays import Bools
 from ..shot.footage import container_rate
 from ..shot.footage_damage import FootageDamage
 from ..shot.footage_times import FootageRate
@@ -118,6 +120,7 @@ def _performer_values(shot: Shot, result: TrackResult, number: int) -> dict[str,
         _performer(shot, performer, result.visible[number], result.residual[number], unknown)
         | _accelerations(performer, [s.accelerations[number] for s in result.segments if s.accelerations])
         | _expected_errors(shot, performer, result.errors[number], unknown)
+        | _plants(shot, performer, result.planted[number] if result.planted else None)
         | ({} if observed is None else _observed(shot, observed))
         | {"lifted": observed is not None and observed.is_lifted}
     )
@@ -186,6 +189,14 @@ def _expected_errors(shot: Shot, performer: Performer, errors: JointErrors, unkn
             for key in suggest_keys_by_error(errors.deviation, performer.key_poses, parents, left_out)
         ],
     }
+
+
+def _plants(shot: Shot, performer: Performer, planted: Bools | None) -> dict[str, Any]:
+    """First and last frame of each plant that was held, by point of the soles; nothing where none was tested."""
+    soles = Soles.of(performer.body)
+    if planted is None or soles is None:
+        return {}
+    return {"plants": {name: intervals(planted[:, c], shot.frames[0]) for c, name in enumerate(soles.names)}}
 
 
 def _observed(shot: Shot, own: PerformerKeypoints) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ..body.motion import Motion
 from ..errors import CancelledError
 from ..evidence.time_offset import Offset
-from ..numerics.arrays import Array
+from ..numerics.arrays import Array, Bools
 from ..runtime.interrupts import WRITTEN
 from ..shot.fingerprint import checksum, file_bytes, value_bytes
 from ..shot.shot import Shot
@@ -56,6 +56,8 @@ class FinishedSegment:
     residual : ndarray, shape (F,)
     uncertainties : tuple of SegmentUncertainty
         Per performer.
+    planted : tuple of (ndarray of bool, shape (F, C), or None)
+        Per performer: when points of the soles are planted, see `core.tracking.solvers.protocol.SettledMotions`.
     """
 
     result: SegmentResult
@@ -65,6 +67,7 @@ class FinishedSegment:
     share: Array
     residual: Array
     uncertainties: tuple[SegmentUncertainty, ...]
+    planted: tuple[Bools | None, ...]
 
     @property
     def segment(self) -> Segment:
@@ -224,6 +227,8 @@ def _bytes_of(finished: FinishedSegment, key: str) -> bytes:
         }
         if result.accelerations:
             arrays[f"accelerations {i}"] = result.accelerations[i]
+        if (planted := finished.planted[i]) is not None:
+            arrays[f"planted {i}"] = planted
     stream = io.BytesIO()
     np.savez(stream, **arrays)
     return _checksum(key, stream.getvalue()) + stream.getvalue()
@@ -260,4 +265,5 @@ def _of_bytes(data: bytes, key: str, segment: Segment) -> FinishedSegment:
         arrays["share"],
         arrays["residual"],
         tuple(map(SegmentUncertainty, *(each(f"doubt {f.name}") for f in fields(SegmentUncertainty)))),
+        tuple(arrays[name].astype(bool) if (name := f"planted {i}") in arrays else None for i in range(count)),
     )

@@ -33,6 +33,7 @@ from .segment_stages import (
 from .segments import Segment
 from .solvers.measurement import StepCallback, Workspace
 from .solvers.problem import SegmentSolution
+from .solvers.protocol import SettledMotions
 from .solvers.registry import solver_named
 from .track_result import SegmentResult
 from .uncertainty import segment_uncertainties
@@ -198,10 +199,19 @@ def _finished(
     energy = sum((earlier.energy for earlier in (*ended.earlier, solution)), ())
     found = _found_accelerations(ended)
     result = SegmentResult(*ended.data.segment, ended.iterations, energy, found)
-    motions, settle = solution.motions, solver_named(ended.problem.settings.solver).settle
-    if settle is not None:
+    settled = SettledMotions(solution.motions, (None,) * len(solution.motions))
+    if (settle := solver_named(ended.problem.settings.solver).settle) is not None:
         with seconds.measure("solve"):
-            motions = settle(ended.problem, solution, first_motions)
+            settled = settle(ended.problem, solution, first_motions)
     with seconds.measure("uncertainty"):
         uncertainties = tuple(segment_uncertainties(ended.problem, solution, threads))
-    return FinishedSegment(result, first_motions, motions, offset, solution.share, solution.residual, uncertainties)
+    return FinishedSegment(
+        result,
+        first_motions,
+        settled.motions,
+        offset,
+        solution.share,
+        solution.residual,
+        uncertainties,
+        settled.planted,
+    )

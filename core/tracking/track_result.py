@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..body.motion import Motion
 from ..keypoints.observations import ShotKeypoints
-from ..numerics.arrays import Array
+from ..numerics.arrays import Array, Bools
 from ..shot.footage_damage import FootageDamage
 from ..shot.footage_times import FootageRate
 from .uncertainty import JointErrors
@@ -63,6 +63,9 @@ class TrackResult:
         The keypoints that were used; empty where there are none.
     unknown : tuple of tuple of str
         Per performer: the parts that no key pose, keypoint or picture shows on any frame; they rest.
+    planted : tuple of (ndarray of bool, shape (F, C), or None)
+        Per performer: when each point of its soles (`core.body.soles.Soles`) stood still by the footage and was held
+        there. None where that was not tested: in one view, without `plants` in the settings, or on a body without feet.
     footage_offset : float
         How much later than on their frames the key poses are shown, frames; see `core.shot.shot.Settings`.
     torn : tuple of tuple of int
@@ -83,6 +86,7 @@ class TrackResult:
     unknown: tuple[tuple[str, ...], ...]
     pictures: tuple[dict[int, NDArray[np.uint8]], ...] = ()
     observed: ShotKeypoints = field(default_factory=ShotKeypoints)
+    planted: tuple[Bools | None, ...] = ()
     footage_offset: float = 0.0
     torn: tuple[tuple[int, ...], ...] = ()
     rates: tuple[FootageRate | None, ...] = ()

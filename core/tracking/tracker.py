@@ -28,7 +28,7 @@ from ..evidence.view_frames import ViewFrames
 from ..formats.keypoint_files import read_shot_keypoints
 from ..keypoints.observations import ShotKeypoints, fit_keypoints
 from ..keypoints.seen_landmarks import found_landmarks
-from ..numerics.arrays import Array, slices_of
+from ..numerics.arrays import Array, Bools, slices_of
 from ..runtime.progress import Progress, report_progress
 from ..runtime.threads import one_library_thread, worker_count
 from ..runtime.timing import Seconds
@@ -383,8 +383,19 @@ def _track_result(
         tuple(residual for _ in performers),
         tuple(errors),
         tuple(performer.unknown for performer in performers),
+        planted=tuple(_planted(shot.length, done, i) for i in range(len(performers))),
         footage_offset=state.footage_offset(shot),
     )
+
+
+def _planted(length: int, done: Sequence[FinishedSegment], performer: int) -> Bools | None:
+    """When points of a performer's soles were held, by any of the segments that have a frame in common."""
+    frames = None
+    for one in done:
+        if (own := one.planted[performer]) is not None:
+            frames = np.zeros((length, own.shape[1]), bool) if frames is None else frames
+            frames[one.result.first : one.result.last + 1] |= own
+    return frames
 
 
 def _with_unknown_parts(tracked: TrackResult, shot: Shot, observed: ShotKeypoints) -> TrackResult:

@@ -30,8 +30,8 @@ class PlantOperator(Conditional):
 
 
 class FindPlants(PlantOperator, bpy.types.Operator):
-    """Find when heel and ball of the performer's feet stand on the ground. What you have set stays. Tracking does this
-    by itself; do it again after changing the curves"""
+    """Find when heel and ball of the performer's feet seem to stand in the motion as it is now: for curves that you
+    changed after tracking, or to see also where the footage showed them creep. What you have set here stays"""
 
     bl_idname = "kfmocap.find_plants"
     bl_label = "Find Plants"
@@ -39,6 +39,7 @@ class FindPlants(PlantOperator, bpy.types.Operator):
     def change(self, scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> str:
         from ..retargeting import sole_plants
 
+        slot.tested_plants.clear()
         sole_plants.find(scene, slot)
         return f"{len(slot.plants)} plants of heels and balls"
 
@@ -91,9 +92,12 @@ class SetPlant(PlantOperator, bpy.types.Operator):
     def change(self, scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> str:
         from ...core.body.soles import SOLE_POINTS
         from ..retargeting import sole_plants
+        from ..scene_io import plant_lists
 
+        if not slot.plants_found:
+            sole_plants.find(scene, slot)
         points = [name for name in SOLE_POINTS if self.point in (name, name[-1])]
-        sole_plants.edit(scene, slot, points, (self.first, self.last), self.planted)
+        plant_lists.edit(scene, slot, points, (self.first, self.last), self.planted)
         what = f"{' and '.join(points)} {'stand' if self.planted else 'do not stand'}"
         if len(points) == 1:
             what = f"{points[0]} {'stands' if self.planted else 'does not stand'}"
@@ -101,7 +105,7 @@ class SetPlant(PlantOperator, bpy.types.Operator):
 
 
 class ForgetPlantEdits(PlantOperator, bpy.types.Operator):
-    """Discard your corrections of the plants, and find them again"""
+    """Discard your corrections of the plants"""
 
     bl_idname = "kfmocap.forget_plant_edits"
     bl_label = "Forget Edits"

@@ -62,7 +62,7 @@ class SendToRig(Conditional, bpy.types.Operator):
             if settings.source is None:
                 motion = source_motion.motion_of_performer(scene, slot)
                 live = LiveSource(slot.armature, {})
-                options = replace(options, planted=sole_plants.shown(scene, slot))
+                options = replace(options, planted=sole_plants.on_ground(scene, slot))
             else:
                 first = scene.frame_start
                 motion, bones = source_motion.motion_of_armature(scene, settings.source, (first, scene.frame_end))

@@ -100,8 +100,8 @@ class KFMocapMark(bpy.types.PropertyGroup):
 
 
 class KFMocapPlant(bpy.types.PropertyGroup):
-    """Frames on which a point of a sole stands on the ground, or, as the animator's edit, does not; its name is the
-    point's, such as "heel.L".
+    """Frames on which a point of a sole stands on the ground, or, as tracking has tested or the animator has set, does
+    not; its name is the point's, such as "heel.L".
     """
 
     first: bpy.props.IntProperty(name="First", description="First scene frame")
@@ -162,6 +162,7 @@ class KFMocapPerformer(bpy.types.PropertyGroup):
         description="Files that the command line writes have the performer's fingers, by keypoints",
     )
     plants: bpy.props.CollectionProperty(type=KFMocapPlant)
+    tested_plants: bpy.props.CollectionProperty(type=KFMocapPlant)
     plant_edits: bpy.props.CollectionProperty(type=KFMocapPlant)
     plants_found: bpy.props.StringProperty(
         name="Plants Found", description="The points of the feet whose plants were looked for; empty before that"

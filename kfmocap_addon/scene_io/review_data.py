@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from . import bone_confidence, bone_visibility, lost_parts, unknown_bones
+from . import bone_confidence, bone_visibility, lost_parts, plant_lists, unknown_bones
 from .identities import write_identity
 
 if TYPE_CHECKING:
@@ -35,11 +35,14 @@ def write_review(
     slots = dict(enumerate(scene.kfmocap.performers)) if slots is None else slots
     numbers, chosen = list(slots), list(slots.values())
     for shot, result, first in tracked:
+        frames = range(scene.kfmocap.frame_start + first, scene.kfmocap.frame_start + first + shot.length)
         own = replace(shot, performers=tuple(shot.performers[i] for i in numbers))
         bone_visibility.write_occlusion(scene, own, [result.visible[i] for i in numbers], first, slots=chosen)
         bone_confidence.write_confidence(scene, [result.deviation[i] for i in numbers], first, slots=chosen)
         lost_parts.write_lost(scene, [result.errors[i] for i in numbers], first, slots=chosen)
         for i, slot in slots.items():
+            planted = result.planted[i] if result.planted else None
+            plant_lists.write_tested(scene, slot, shot.performers[i].body, planted, frames)
             if i < len(result.observed.performers):
                 write_identity(slot, result.observed.performers[i].identity)
             if shot.length == scene.kfmocap.length:

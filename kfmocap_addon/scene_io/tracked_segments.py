@@ -15,7 +15,7 @@ from ...core.shot.shot import KeyPoses, Performer, Shot
 from ...core.tracking.retracking import Excerpt, digest, joined
 from ...core.tracking.segments import Segment, segments
 from ...core.tracking.track_result import TrackResult
-from . import bone_confidence, lossless, motion_curves, prop_holds, review_data
+from . import bone_confidence, lossless, motion_curves, plant_lists, prop_holds, review_data
 from . import scene as scenes
 
 _OFFSET = "kfmocap_footage_offset"
@@ -167,6 +167,7 @@ def clear(scene: bpy.types.Scene, shot: Shot, chosen: Sequence[Segment]) -> int:
     for slot in scene.kfmocap.performers:
         if gone := motion_curves.clear_motion(slot.armature, frames):
             bone_confidence.forget(scene, slot, sorted(gone))
+            plant_lists.forget(slot, gone)
             cleared |= gone
     return len(cleared)
 

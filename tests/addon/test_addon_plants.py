@@ -14,7 +14,13 @@ from kfmocap.core.body.motion import Motion  # noqa: E402
 from kfmocap.core.body.soles import SOLE_POINTS, Soles  # noqa: E402
 from kfmocap.kfmocap_addon.overlays.plant_bars import ROWS  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting import sole_plants  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import body_armature, key_pose_curves, motion_curves, scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import (  # noqa: E402
+    body_armature,
+    key_pose_curves,
+    motion_curves,
+    plant_lists,
+    scene,
+)
 from render.motions import MOTIONS  # noqa: E402
 
 pytestmark = pytest.mark.blender
@@ -41,7 +47,7 @@ def frame_start():
 
 
 def flags_of(slot):
-    return sole_plants.shown(bpy.context.scene, slot)
+    return plant_lists.shown(bpy.context.scene, slot)
 
 
 def test_plants_are_found_and_the_animators_corrections_stay(dancer):
@@ -62,6 +68,58 @@ def test_plants_are_found_and_the_animators_corrections_stay(dancer):
         assert bpy.ops.kfmocap.find_plants() == {"FINISHED"}
     assert bpy.ops.kfmocap.forget_plant_edits() == {"FINISHED"}
     assert all(np.array_equal(flags_of(dancer)[name], found[name]) for name in found)
+
+
+def test_what_tracking_has_tested_is_shown_and_not_what_seems_to_stand(dancer):
+    """Of an excerpt as well; what the animator sets is above it, and finding plants anew is without it."""
+    shot_scene, start = bpy.context.scene, frame_start()
+    body = body_armature.body_from_armature(dancer.armature)
+    assert bpy.ops.kfmocap.find_plants() == {"FINISHED"}
+    seeming = flags_of(dancer)
+    held = np.zeros((FRAMES, len(SOLE_POINTS)), bool)
+    held[5:20, 0] = held[15:, 3] = True
+    plant_lists.write_tested(shot_scene, dancer, body, held, range(start, start + FRAMES))
+    for _ in range(2):
+        for c, name in enumerate(SOLE_POINTS):
+            assert np.array_equal(flags_of(dancer)[name], held[:, c])
+        sole_plants.find(shot_scene, dancer)
+    again = np.ones((10, len(SOLE_POINTS)), bool)
+    plant_lists.write_tested(shot_scene, dancer, body, again, range(start + 12, start + 22))
+    held[12:22] = True
+    assert all(np.array_equal(flags_of(dancer)[name], held[:, c]) for c, name in enumerate(SOLE_POINTS))
+    frames = {"first": start, "last": start + 8}
+    assert bpy.ops.kfmocap.set_plant("EXEC_DEFAULT", point="heel.L", planted=False, **frames) == {"FINISHED"}
+    assert np.array_equal(flags_of(dancer)["heel.L"][9:], held[9:, 0]) and not flags_of(dancer)["heel.L"][:9].any()
+    assert bpy.ops.kfmocap.forget_plant_edits() == {"FINISHED"}
+    assert np.array_equal(flags_of(dancer)["heel.L"], held[:, 0])
+    assert bpy.ops.kfmocap.find_plants() == {"FINISHED"}
+    assert all(np.array_equal(flags_of(dancer)[name], seeming[name]) for name in seeming)
+
+
+def test_frames_that_are_tracked_without_a_test_are_no_longer_tested(dancer):
+    shot_scene, start = bpy.context.scene, frame_start()
+    body = body_armature.body_from_armature(dancer.armature)
+    held = np.ones((FRAMES, len(SOLE_POINTS)), bool)
+    plant_lists.write_tested(shot_scene, dancer, body, held, range(start, start + FRAMES))
+    plant_lists.write_tested(shot_scene, dancer, body, None, range(start + 10, start + 20))
+    for flags in flags_of(dancer).values():
+        assert flags[:10].all() and flags[20:].all() and not flags[10:20].any()
+
+
+def test_a_foot_that_creeps_is_on_the_ground_for_a_character_unless_the_animator_says_no(dancer):
+    shot_scene, start = bpy.context.scene, frame_start()
+    body = body_armature.body_from_armature(dancer.armature)
+    assert sole_plants.on_ground(shot_scene, dancer) is None
+    assert bpy.ops.kfmocap.find_plants() == {"FINISHED"}
+    seeming = flags_of(dancer)
+    none = np.zeros((FRAMES, len(SOLE_POINTS)), bool)
+    plant_lists.write_tested(shot_scene, dancer, body, none, range(start, start + FRAMES))
+    frames = {"first": start, "last": start + 12}
+    bpy.ops.kfmocap.set_plant("EXEC_DEFAULT", point="heel.L", planted=False, **frames)
+    found = sole_plants.on_ground(shot_scene, dancer)
+    assert not any(flags.any() for flags in flags_of(dancer).values())
+    assert np.array_equal(found["heel.L"][13:], seeming["heel.L"][13:]) and not found["heel.L"][:13].any()
+    assert np.array_equal(found["ball.R"], seeming["ball.R"])
 
 
 def test_clean_feet_stand_still_and_the_animators_keys_stay(dancer):

@@ -51,6 +51,12 @@ class PlantFactor:
     deviation: float
     kernel: RobustKernel
 
+    @property
+    def frames(self) -> Bools:
+        """When points are planted, (F, C)."""
+        none = np.zeros((1, self.steps.shape[1]), bool)
+        return np.concatenate([self.steps, none]) | np.concatenate([none, self.steps])
+
     @classmethod
     def found(cls, body: Body, motion: Motion, fps: float) -> PlantFactor | None:
         """Find the points that seem planted in a motion; None if there are none, or the body has no soles."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from ...body.motion import Motion
+from ...numerics.arrays import Bools
 from .measurement import Workspace
 from .problem import SegmentProblem, SegmentSolution
 
@@ -27,13 +28,28 @@ class Resume(Protocol):
         """Solve from the earlier motion; return None where the images cast doubt on the result."""
 
 
+@dataclass(frozen=True, eq=False)
+class SettledMotions:
+    """The motions of a segment once feet that stand are at rest.
+
+    Attributes
+    ----------
+    motions : tuple of Motion
+        F poses per performer.
+    planted : tuple of (ndarray of bool, shape (F, C), or None)
+        Per performer: when each point of its soles (`core.body.soles.Soles`) is held where it stands, or stands between
+        key poses on neighbouring frames. None where no plant was tested.
+    """
+
+    motions: tuple[Motion, ...]
+    planted: tuple[Bools | None, ...]
+
+
 class Settle(Protocol):
     """Corrects a refined solution so that standing feet are at rest."""
 
-    def __call__(
-        self, problem: SegmentProblem, solution: SegmentSolution, before: Sequence[Motion]
-    ) -> tuple[Motion, ...]:
-        """Return F corrected poses per performer.
+    def __call__(self, problem: SegmentProblem, solution: SegmentSolution, before: Sequence[Motion]) -> SettledMotions:
+        """Return the corrected poses, and which points of the soles are held.
 
         Parameters
         ----------

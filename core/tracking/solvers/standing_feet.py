@@ -22,6 +22,7 @@ from scipy.special import chdtri
 from ...body.foot_plants import runs
 from ...body.kinematics import part_poses
 from ...body.motion import Motion
+from ...body.soles import Soles
 from ...numerics.arrays import Bools
 from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.robust_kernels import Quadratic
@@ -29,6 +30,7 @@ from .gauss_newton import equations_at, increments_of, moved_by
 from .hold_factor import TiedSystems, tied_systems
 from .plant_factor import PlantFactor
 from .problem import SegmentProblem, SegmentSolution
+from .protocol import SettledMotions
 
 REFUSED = 0.01
 """Significance level of the test: share of true plants that it rejects if the covariance is right."""
@@ -38,9 +40,7 @@ STEPS = 4
 """Gauss-Newton steps, all on the same normal equations."""
 
 
-def with_standing_feet(
-    problem: SegmentProblem, solution: SegmentSolution, before: Sequence[Motion]
-) -> tuple[Motion, ...]:
+def with_standing_feet(problem: SegmentProblem, solution: SegmentSolution, before: Sequence[Motion]) -> SettledMotions:
     """Correct the motions of a solution so that standing feet are at rest; the `settle` of Gauss-Newton.
 
     Degrees of freedom that key poses fix do not change, nor do performers whose feet do not stand.
@@ -54,14 +54,9 @@ def with_standing_feet(
     before : sequence of Motion
         The motions before refinement, which were solved with plants: there plants have their full length, while in the
         solution they may be broken up.
-
-    Returns
-    -------
-    tuple of Motion
-        F poses per performer.
     """
     if not problem.settings.plants or not problem.shows_depth:
-        return solution.motions
+        return SettledMotions(solution.motions, (None,) * len(solution.motions))
     return at_rest(problem, equations_at(problem, solution), solution.motions, before)
 
 
@@ -70,7 +65,7 @@ def at_rest(
     systems: Sequence[BandedBlocks],
     motions: tuple[Motion, ...],
     before: Sequence[Motion],
-) -> tuple[Motion, ...]:
+) -> SettledMotions:
     """Correct motions so that standing feet are at rest.
 
     Parameters
@@ -81,12 +76,22 @@ def at_rest(
     motions, before
         See `with_standing_feet`.
     """
+    planted: list[Bools | None] = [None] * len(motions)
     for members in problem.tied(systems, motions).groups:
         evidence = _Evidence(problem, members, systems, motions)
-        standing = {i: plants for i in members if (plants := evidence.plants_that_fit(i, before[i])) is not None}
+        standing = {}
+        for i in members:
+            seeming = PlantFactor.found(problem.bodies[i], motions[i], problem.fps)
+            if seeming is not None:
+                keyed, fitting = evidence.plants_that_fit(i, seeming, before[i])
+                planted[i] = keyed.frames | fitting.frames
+                if fitting.steps.any():
+                    standing[i] = fitting
+            elif (soles := Soles.of(problem.bodies[i])) is not None:
+                planted[i] = np.zeros((problem.length, len(soles.names)), bool)
         if standing:
             motions = evidence.with_plants_held(standing)
-    return motions
+    return SettledMotions(motions, tuple(planted))
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,15 +103,12 @@ class _Evidence:
     systems: Sequence[BandedBlocks]
     motions: tuple[Motion, ...]
 
-    def plants_that_fit(self, performer: int, before: Motion) -> PlantFactor | None:
-        """Return the plants of a member that pass the test; None if there are none."""
+    def plants_that_fit(self, performer: int, seeming: PlantFactor, before: Motion) -> tuple[PlantFactor, PlantFactor]:
+        """Of the apparent plants of a member, return those between key poses on neighbouring frames, which nothing
+        moves, and those that pass the test.
+        """
         problem = self.problem
-        seeming, earlier = (
-            PlantFactor.found(problem.bodies[performer], motion, problem.fps)
-            for motion in (self.motions[performer], before)
-        )
-        if seeming is None:
-            return None
+        earlier = PlantFactor.found(problem.bodies[performer], before, problem.fps)
         held, least = problem.fixed[performer].all(axis=1), self._least_cost({})
         movable = ~(held[1:] & held[:-1])[:, None]
 
@@ -124,7 +126,8 @@ class _Evidence:
                     if fits(steps):
                         found |= steps
                         break
-        return PlantFactor(seeming.soles, found, REST / problem.fps, Quadratic()) if found.any() else None
+        keyed = replace(seeming, steps=seeming.steps & ~movable)
+        return keyed, PlantFactor(seeming.soles, found, REST / problem.fps, Quadratic())
 
     def with_plants_held(self, plants: Mapping[int, PlantFactor]) -> tuple[Motion, ...]:
         """Solve for the motions with the planted points of members at rest."""

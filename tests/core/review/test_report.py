@@ -56,6 +56,7 @@ def tracked() -> tuple[Shot, type]:
         camera_frames = 8
         footage_offset = 0.0
         unknown = ((),)
+        planted = (None,)
         torn = ()
         damage = ()
         rates = ()
@@ -99,6 +100,15 @@ def test_the_report_suggests_key_frames_beside_what_no_camera_saw(tracked: tuple
         {"frame": 107, "parts": ["hand.R"], "hidden": [108, 114]},
         {"frame": 115, "parts": ["hand.R"], "hidden": [108, 114]},
     ]
+
+
+def test_the_report_has_the_plants_that_were_held(tracked: tuple[Shot, type]) -> None:
+    shot, result = tracked
+    assert "plants" not in report(shot, result)["performers"][0]
+    result.planted = (np.zeros((24, 4), bool),)
+    result.planted[0][3:9, 0] = result.planted[0][12:, 3] = True
+    (man,) = report(shot, result)["performers"]
+    assert man["plants"] == {"heel.L": [[103, 108]], "ball.L": [], "heel.R": [], "ball.R": [[112, 123]]}
 
 
 def test_the_report_has_how_far_off_the_parts_may_be_and_where_one_more_key_pose_would_help(

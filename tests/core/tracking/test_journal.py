@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from kfmocap.core.errors import CancelledError
 from kfmocap.core.shot.shot import Shot, View
-from kfmocap.core.tracking.journal import UNFINISHED, Journal, KeptSegments, journal_beside
+from kfmocap.core.tracking.journal import UNFINISHED, Journal, KeptSegments, journal_beside, run_key
 from kfmocap.core.tracking.run_context import RunContext
 from kfmocap.core.tracking.track_result import TrackResult
 from kfmocap.core.tracking.tracker import track
@@ -91,6 +91,17 @@ def test_finished_segments_are_not_solved_again(tmp_path: Path, shot: Shot, ende
 def known(folder: Path, shot: Shot) -> list[tuple[int, int]]:
     """The segments that would be taken from a journal."""
     return list(KeptSegments.of(Journal(folder, resume=True), shot, (None, None)).known)
+
+
+def test_plants_that_were_held_are_kept(tmp_path: Path, shot: Shot, ended: Path) -> None:
+    key, segment = run_key(shot.with_settings_filled(), (None, None)), (0, 4)
+    finished = Journal(ended, resume=True).read(key, segment)
+    assert finished is not None and finished.planted == (None,)
+    planted = np.arange(20).reshape(5, 4) % 3 == 0
+    Journal(tmp_path / "journal").write(key, replace(finished, planted=(planted,)))
+    again = Journal(tmp_path / "journal", resume=True).read(key, segment)
+    assert again is not None
+    np.testing.assert_array_equal(again.planted[0], planted)
 
 
 def damages(data: bytes, other: bytes) -> dict[str, bytes]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,11 +15,14 @@ from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.retargeting.foot_clean_up import with_clean_feet
 from kfmocap.core.shot.shot import KeyPoses, Settings
 from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
+from kfmocap.core.tracking.solvers.protocol import SettledMotions
 from kfmocap.core.tracking.solvers.standing_feet import at_rest, with_standing_feet
+from kfmocap.core.tracking.tracker import track
 from made_evidence import no_evidence
 from render.motions import MOTIONS
 from scipy.linalg import solve_banded
-from synthetic import dark, ends_held, look_at
+from synthetic import at_rest as standing
+from synthetic import dark, ends_held, film, look_at, shot_of
 
 Array = np.ndarray
 BODY, FPS, FRAMES = human(1.75), 30.0, 31
@@ -74,8 +78,12 @@ def problem_of(*bodies: Body, plants: bool = True) -> SegmentProblem:
     return SegmentProblem(views, bodies, 0, FPS, tuple(FIXED for _ in bodies), settings=Settings(plants=plants))
 
 
-def settled(*motions: Motion) -> tuple[Motion, ...]:
+def rested(*motions: Motion) -> SettledMotions:
     return at_rest(problem_of(*(BODY for _ in motions)), [evidence() for _ in motions], motions, motions)
+
+
+def settled(*motions: Motion) -> tuple[Motion, ...]:
+    return rested(*motions).motions
 
 
 def soles_of(motion: Motion) -> Array:
@@ -143,9 +151,28 @@ def test_a_plant_is_as_long_as_it_seems_before_the_refinement() -> None:
     steps = [
         np.linalg.norm(np.diff(soles_of(found)[:2, 0], axis=0))
         for before in (motion, WALK)
-        for found in at_rest(problem_of(BODY), [evidence()], (motion,), (before,))
+        for found in at_rest(problem_of(BODY), [evidence()], (motion,), (before,)).motions
     ]
     assert steps[0] > 0.004 and steps[1] < 0.001
+
+
+def test_what_is_held_is_told_and_creeping_feet_are_not() -> None:
+    stands = rested(tracked(WALK, 1))
+    assert np.mean(stands.planted[0] == planted(WALK)) > 0.95
+    path = soles_of(stands.motions[0])
+    steps = np.linalg.norm(np.diff(path, axis=0), axis=2)
+    assert steps[stands.planted[0][1:] & stands.planted[0][:-1]].max() < 0.001
+    creeps = rested(tracked(creeping(), 1))
+    assert planted(creeps.motions[0]).mean() > 0.3 and not creeps.planted[0].any()
+
+
+def test_feet_that_stand_between_key_poses_on_neighbouring_frames_are_planted() -> None:
+    """There is nothing to hold, and the motion stays."""
+    fixed = np.ones_like(FIXED)
+    keyed = replace(problem_of(BODY), fixed=(fixed,))
+    found = at_rest(keyed, [evidence()], (WALK,), (WALK,))
+    assert found.motions[0] is WALK
+    assert np.array_equal(found.planted[0], planted(WALK))
 
 
 def test_each_performer_stands_alone() -> None:
@@ -157,6 +184,16 @@ def test_each_performer_stands_alone() -> None:
     np.testing.assert_allclose(beside[1].rotations, alone.rotations, atol=1e-4)
 
 
+def test_the_plants_of_all_segments_are_those_of_the_shot(tmp_path: Path) -> None:
+    """Somebody who only turns their head, with a key pose in the middle."""
+    turns = np.zeros((7, BODY.dof))
+    turns[:, 3 + 3 * BODY.index("head") + 2] = np.linspace(0.0, 0.3, 7)
+    truth = standing(BODY, 7).moved(turns)
+    shot = shot_of(film(tmp_path, [BODY], [truth], CAMERAS), [BODY], [truth], (0, 3, 6))
+    assert track(shot).planted[0].all()
+    assert track(replace(shot, settings=replace(shot.settings, plants=False))).planted == (None,)
+
+
 @pytest.mark.parametrize("case", ["settings", "one view"])
 def test_feet_stay_without_plants_in_the_settings_and_in_one_view(case: str) -> None:
     """One view alone hardly contradicts a plant."""
@@ -164,4 +201,6 @@ def test_feet_stay_without_plants_in_the_settings_and_in_one_view(case: str) -> 
     problem = replace(problem, views=problem.views[: 1 if case == "one view" else 2])
     evidence_there = no_evidence(len(problem.views), FRAMES, len(BODY))
     solution = SegmentSolution.of([motion], evidence_there, iterations=1, energy=[0.0])
-    assert with_standing_feet(problem, solution, [motion])[0] is motion
+    found = with_standing_feet(problem, solution, [motion])
+    assert found.motions[0] is motion
+    assert found.planted == (None,)
