@@ -50,6 +50,7 @@ class AddBody(Conditional, bpy.types.Operator):
         lengths = {name: getattr(self, name) for name in LENGTHS if self.measured and getattr(self, name) > 0}
         with reported(self) as outcome:
             body = human(round(self.height, 6), {name: round(value, 6) for name, value in lengths.items()})
+            context.view_layer.update()  # of what a script has just moved
             place = _free_place(context.scene)[:]
             select_only(context, performers.add_performer(context.scene, body, self.performer or "Performer", place))
         return outcome.value
@@ -66,14 +67,17 @@ class AddBody(Conditional, bpy.types.Operator):
                 column.prop(self, name)
 
 
-_BESIDE = 1.0  # metres
+_BESIDE = 0.75  # metres: arms may reach into each other
 
 
 def _free_place(scene: bpy.types.Scene) -> Vector:
-    """The 3D cursor, or a place beside the bodies that stand there: one within another would not be seen."""
+    """The 3D cursor, or a place beside the bodies that stand there on this frame: one within another would not be
+    seen.
+    """
     place = scene.cursor.location.copy()
-    taken = [slot.armature.location for slot in scene.kfmocap.performers if slot.armature is not None]
-    while any((other - place).length < _BESIDE / 2 for other in taken):
+    armatures = [slot.armature for slot in scene.kfmocap.performers if slot.armature is not None]
+    roots = [arm.matrix_world @ next(bone for bone in arm.pose.bones if bone.parent is None).head for arm in armatures]
+    while any((root - place).xy.length < _BESIDE for root in roots):
         place.x += _BESIDE
     return place
 

@@ -50,6 +50,7 @@ class FootagePanel(Section, bpy.types.Panel):
         layout.use_property_split, layout.use_property_decorate = True, False
         column = layout.column(align=True)
         column.prop(shot, "shot", text="Name")
+        column.prop(shot, "frame_rate")
         column.prop(shot, "scene_first")
         column.prop(shot, "scene_last")
 

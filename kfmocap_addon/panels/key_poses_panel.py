@@ -1,5 +1,7 @@
 """The section "Key Poses": the poses that tracking meets."""
 
+from collections.abc import Sequence
+
 import bpy
 
 from ..operators.conditions import is_placing
@@ -175,11 +177,20 @@ def _draw_advice(
         draw_text(column, context, "Proposals only: correct them, then accept them, or just track", "INFO")
     elif len(own) < len(rows):
         draw_text(column, context, "Proposals are left: accept or refuse them, or just track", "INFO")
-    elif len(own) == 1:
-        far = scene.frame_end if own[0] - scene.frame_start < scene.frame_end - own[0] else scene.frame_start
-        draw_text(column, context, "One key pose: a second at the other end helps the tracker most", "INFO")
+    elif (far := _open_end(scene, own)) is not None:
+        count = "A second" if len(own) == 1 else "One more"
+        draw_text(column, context, f"{count} key pose, on frame {far}, helps the tracker most", "INFO")
         if scene.frame_current != far:
             column.operator(GoToFrame.bl_idname, text=f"To Frame {far}", icon="FF").frame = far
+
+
+def _open_end(scene: bpy.types.Scene, keyed: Sequence[int]) -> int | None:
+    """The end of the shot that is farther from all key poses, where keypoints do not show the performer there."""
+    to_start, to_end = min(keyed) - scene.frame_start, scene.frame_end - max(keyed)
+    known = len(keyed) > 1 and any(view.keypoints for view in scene.kfmocap.views)
+    if known or max(to_start, to_end) <= 0:
+        return None
+    return scene.frame_start if to_start > to_end else scene.frame_end
 
 
 def _draw_rows(

@@ -119,7 +119,7 @@ def _draw_plants(column: bpy.types.UILayout, context: bpy.types.Context) -> None
             button = row.operator(SetPlant.bl_idname, text="", icon=icon)
             button.point, button.planted = name, planted
     if slot.plants:
-        column.operator(CleanFeet.bl_idname, icon="SNAP_FACE")
+        column.operator(CleanFeet.bl_idname, icon="CON_FLOOR")
 
 
 def _draw_bar(layout: bpy.types.UILayout, plants: list[tuple[int, int]], frames: tuple[int, int]) -> None:

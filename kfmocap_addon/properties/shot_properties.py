@@ -15,6 +15,18 @@ def _show_range(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> N
     self.id_data.frame_end = self.frame_start + max(self.length, 1) - 1
 
 
+def _frame_rate(self: bpy.types.PropertyGroup) -> float:
+    from ..scene_io.scene import frame_rate
+
+    return frame_rate(self.id_data)
+
+
+def _set_frame_rate(self: bpy.types.PropertyGroup, fps: float) -> None:
+    from ..scene_io.scene import set_rate
+
+    set_rate(self.id_data, fps)
+
+
 def _show_confidence(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
     """Give the parts the colours that the scene asks for."""
     from ..scene_io import bone_confidence
@@ -104,6 +116,16 @@ class KFMocapScene(bpy.types.PropertyGroup):
         set=lambda self, frame: setattr(self, "last", max(0, frame - self.zero)),
         name="Last Frame",
         description="Last scene frame to track; the timeline runs up to here",
+    )
+    frame_rate: bpy.props.FloatProperty(
+        get=_frame_rate,
+        set=_set_frame_rate,
+        min=1.0,
+        max=10000.0,
+        precision=3,
+        step=100,
+        name="Frame Rate",
+        description="Frames per second of the footage, and of the scene. Videos bring theirs; images have none",
     )
     views: bpy.props.CollectionProperty(type=KFMocapView)
     performers: bpy.props.CollectionProperty(type=KFMocapPerformer)

@@ -87,10 +87,16 @@ def _begin_shot(current: bpy.types.Scene, probed: Sequence[Footage]) -> None:
     properties = current.kfmocap
     scene.set_rate(current, next((footage.fps for footage in probed if footage.fps > 0), None))
     saved = Path(bpy.data.filepath).stem
-    properties.shot = properties.shot or saved or probed[0].path.parent.name or _UNNAMED
+    properties.shot = properties.shot or saved or _folder_name(probed[0].path) or _UNNAMED
     properties.zero, properties.first = scene.FRAME_START, 0
     properties.last = max(min(footage.count for footage in probed) - 1, 0)
     current.frame_set(scene.FRAME_START)
+
+
+def _folder_name(footage: Path) -> str:
+    """The name of the folder that a shot's footage is in: images of one camera are in a folder that is named for it."""
+    folder = footage.parent
+    return folder.parent.name if footage_name(footage) == folder.name else folder.name
 
 
 def _unknown_camera(name: str, size: tuple[int, int], rank: int) -> Camera:

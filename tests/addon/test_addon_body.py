@@ -19,7 +19,7 @@ from kfmocap.core.shot.shot import KeyPoses  # noqa: E402
 from kfmocap.kfmocap_addon.operators.edit_body import LENGTHS  # noqa: E402
 from kfmocap.kfmocap_addon.operators.fit_body import FitBody  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import body_armature, key_pose_curves, scene  # noqa: E402
-from mathutils import Matrix  # noqa: E402
+from mathutils import Matrix, Vector  # noqa: E402
 from ready_scenes import fitted  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
@@ -60,6 +60,23 @@ def test_bodies_stand_beside_each_other():
     places = np.array([slot.armature.location for slot in bpy.context.scene.kfmocap.performers])
     apart = np.linalg.norm(places[:, None] - places, axis=-1)
     assert (apart[np.triu_indices(3, 1)] > 0.5).all()
+
+
+def test_a_body_stands_beside_where_others_are_posed():
+    """Two performers who stand to the left and right of the cursor, as key poses have them."""
+    for x in (-0.5, 1.2):
+        bpy.ops.kfmocap.add_body()
+        armature = bpy.context.scene.kfmocap.performers[-1].armature
+        armature.location = (0, 0, 0)
+        root = armature.pose.bones[0]
+        root.location = armature.matrix_world.to_3x3() @ root.bone.matrix_local.to_3x3().inverted() @ Vector((x, 0, 0))
+    bpy.ops.kfmocap.add_body()
+    roots = [slot.armature.pose.bones[0] for slot in bpy.context.scene.kfmocap.performers]
+    bpy.context.view_layer.update()
+    places = np.array([(bone.id_data.matrix_world @ bone.head).xy for bone in roots])
+    assert places[0, 0] == pytest.approx(-0.5) and places[1, 0] == pytest.approx(1.2)
+    apart = np.linalg.norm(places[:, None] - places, axis=-1)
+    assert (apart[np.triu_indices(3, 1)] > 0.7).all()
 
 
 def test_a_body_stands_at_the_cursor():

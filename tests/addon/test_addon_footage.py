@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -46,6 +47,22 @@ def test_footage_becomes_views_of_an_empty_scene(take):
     assert (current.render.resolution_x, current.render.resolution_y) == SIZE
     assert not any(view.is_calibrated for view in shot().views)
     assert not bpy.ops.kfmocap.track.poll()
+
+
+def test_images_of_a_camera_in_its_own_folder_become_a_shot_with_a_rate_that_is_given(tmp_path):
+    """Images have no frame rate; the shot is not named for its first camera."""
+    for name in ("cam01", "cam02"):
+        folder = tmp_path / "kick" / name
+        folder.mkdir(parents=True)
+        for number in range(3):
+            cv2.imwrite(str(folder / f"{number:04d}.png"), np.full((SIZE[1], SIZE[0], 3), 90, np.uint8))
+        assert add(folder, "0000.png") == {"FINISHED"}
+    assert [view.name for view in shot().views] == ["cam01", "cam02"]
+    assert shot().shot == "kick"
+    shot().frame_rate = 59.94
+    render = bpy.context.scene.render
+    assert render.fps / render.fps_base == pytest.approx(59.94) == shot().frame_rate
+    assert scene.frame_rate(bpy.context.scene) == pytest.approx(59.94, rel=1e-7)
 
 
 def test_files_of_the_shot_are_looked_for_beside_its_footage(take, monkeypatch):

@@ -106,7 +106,7 @@ def test_while_proposals_are_left_nobody_is_sent_to_the_other_end(tmp_path, monk
     assert advised().startswith("Proposals are left")
     for frame in (second, last):
         bpy.ops.kfmocap.refuse_proposal(frame=frame)
-    assert advised().startswith("One key pose")
+    assert advised().startswith("A second key pose")
 
 
 def test_a_second_performer_folds_everything_but_its_key_poses(tmp_path, tracker):  # noqa: F811
@@ -209,6 +209,19 @@ def test_poses_between_and_towards_key_poses_need_these(blender, tmp_path):  # n
     sides = [key_poses_panel._sides_with_key_poses(tuple(rows), frame) for frame in (3, 4, 6, 9, 12)]
     assert sides == [(False, True), (False, True), (True, True), (True, False), (True, False)]
     assert key_poses_panel._sides_with_key_poses(None, 6) == (True, True)
+
+
+def test_the_end_that_is_farther_from_all_key_poses_is_offered(blender, tmp_path):  # noqa: F811
+    """As long as it has none; where keypoints show the performer, only for the second key pose."""
+    scenes.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    built = bpy.context.scene
+    built.frame_start, built.frame_end = 1, 55
+    for view in built.kfmocap.views:
+        view.keypoints = ""
+    ends = [key_poses_panel._open_end(built, keyed) for keyed in ([1], [55], [20], [1, 25], [30, 50], [1, 25, 55])]
+    assert ends == [55, 1, 55, 55, 1, None]
+    built.kfmocap.views[0].keypoints = "keypoints.json"
+    assert [key_poses_panel._open_end(built, keyed) for keyed in ([1], [1, 25])] == [55, None]
 
 
 def test_lines_beside_an_icon_have_less_room(monkeypatch):

@@ -117,6 +117,7 @@ def track_result(
         footage_offset=footage_offset,
         observed=ShotKeypoints(),
         torn=(),
+        planted=(),
         rates=(),
         pictures=(),
         damage=(),
