@@ -157,11 +157,11 @@ def test_a_plant_is_as_long_as_it_seems_before_the_refinement() -> None:
 
 
 def test_what_is_held_is_told_and_creeping_feet_are_not() -> None:
-    stands = rested(tracked(WALK, 1))
-    assert np.mean(stands.planted[0] == planted(WALK)) > 0.95
-    path = soles_of(stands.motions[0])
-    steps = np.linalg.norm(np.diff(path, axis=0), axis=2)
-    assert steps[stands.planted[0][1:] & stands.planted[0][:-1]].max() < 0.001
+    found = [rested(tracked(WALK, seed)) for seed in range(6)]
+    assert np.mean([stands.planted[0] == planted(WALK) for stands in found]) > 0.9
+    for stands in found:
+        steps = np.linalg.norm(np.diff(soles_of(stands.motions[0]), axis=0), axis=2)
+        assert steps[stands.planted[0][1:] & stands.planted[0][:-1]].max() < 0.001
     creeps = rested(tracked(creeping(), 1))
     assert planted(creeps.motions[0]).mean() > 0.3 and not creeps.planted[0].any()
 
