@@ -1,8 +1,9 @@
 """Assigning detections to performers: several people, in several views, over time.
 
-People whom two views or more see are found first (`people`). Who of them a performer is, its key poses say; without
-any, people are taken in the order in which they appear, those who take up the most of the pictures. What key poses say
-of a single view, where nobody is found in space, is compared with the tracks of that view.
+First, the people who are seen by two views or more are located in space (`people`). A performer with key poses is the
+person who stands where these put it. Performers without key poses are given people in the order in which these appear;
+if there are more people than performers, those who take up most of the pictures are chosen. With a single view nobody
+can be located in space; there, key poses are compared with the tracks of that view.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ from .triangulation import triangulate
 
 Reason = Literal["number", "key poses", "order of appearance", "nobody else"]
 SAME = 0.5
-"""A person whose points lie within this of where key poses put a performer is that performer, metres (median)."""
+"""A person is the performer if the median distance of its points from the performer's key poses is below this, metres.
+"""
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class Identity:
     people : int
         How many were found.
     reason : str
-        What it was decided by.
+        What decided it, in words that follow "by", such as "order of appearance".
     """
 
     person: int | None
@@ -46,7 +48,7 @@ class Identity:
     reason: Reason
 
     def __str__(self) -> str:
-        """Return it as a label says it; nothing where there is no choice."""
+        """Return the text of a label, such as "person 2 of 3, by ..."; empty if there was no choice."""
         if self.person is None or self.people < 2:
             return ""
         return f"person {self.person} of {self.people}, by {self.reason}"
@@ -54,17 +56,17 @@ class Identity:
 
 @dataclass(frozen=True, eq=False)
 class PerformerClues:
-    """What is known of a performer before its keypoints are.
+    """What is known of a performer before detections are assigned to it.
 
     Attributes
     ----------
     name : str
     places : ndarray, shape (F, L, 3), or None
-        Where key poses put the keypoints; NaN on other frames.
+        Positions of the L keypoints by the key poses, metres, world; NaN on frames without one.
     person : int, optional
-        The number of the person that it was said to be.
+        The number of the person whom the user chose for it.
     proposed : bool
-        The key poses were made of keypoints themselves.
+        Whether the key poses are proposals, which were themselves made from keypoints.
     """
 
     name: str
@@ -74,14 +76,14 @@ class PerformerClues:
 
     @property
     def is_posed(self) -> bool:
-        """Whether key poses say where it is."""
+        """Whether key poses show where the performer is."""
         return self.places is not None and bool(np.isfinite(self.places).any())
 
 
 def assign_detections(
     detections: Sequence[ViewDetections], empty: Keypoints, clues: Sequence[PerformerClues], fps: float
 ) -> tuple[list[Keypoints], list[Identity]]:
-    """Give detections to performers.
+    """Assign the detections of all views to performers.
 
     Parameters
     ----------
@@ -100,7 +102,7 @@ def assign_detections(
     Raises
     ------
     KeypointError
-        There is no person of a number that was chosen, or two performers were said to be one.
+        A chosen number is higher than the number of people found, or two performers have the same number.
     """
     tracks = [track for v, found in enumerate(detections) for track in detection_tracks(empty.names, found, v, fps)]
     if len(clues) == 1 and all(len(np.unique(found.frames)) == len(found.frames) for found in detections):
@@ -126,7 +128,7 @@ def _matched(
     people: Sequence[Person],
     clues: Sequence[PerformerClues],
 ) -> tuple[list[int | None], list[Reason]]:
-    """Which of the people every performer is, and why."""
+    """The index of the person that each performer is, if any, and the reason."""
     persons: list[int | None] = [None] * len(clues)
     reasons: list[Reason] = ["order of appearance"] * len(clues)
     for i, performer in enumerate(clues):
@@ -152,7 +154,7 @@ def _matched(
 
 
 def _chosen(name: str, number: int, count: int, taken: Sequence[int | None]) -> int:
-    """The index of a person by its number.
+    """The index of the person with a number that the user chose.
 
     Raises
     ------
@@ -170,8 +172,9 @@ def _chosen(name: str, number: int, count: int, taken: Sequence[int | None]) -> 
 def _by_key_poses(
     detections: Sequence[ViewDetections], empty: Keypoints, free: Sequence[Track], known: Array | None
 ) -> list[Track]:
-    """The tracks that key poses lie on, and those that lie where these are; without key poses the longest of one
-    view.
+    """The tracks that lie on the key poses, and further ones that agree with these.
+
+    Without key poses this is the longest track if all tracks are of one view, else none.
     """
     if known is None or not np.isfinite(known).any():
         one_view = len({track.view for track in free}) == 1
@@ -192,12 +195,12 @@ def _by_key_poses(
 
 
 def _doubled(owned: Sequence[Track], track: Track) -> bool:
-    """Whether this person would be seen twice at a time in a view with that track."""
+    """Whether a person would be seen twice in one view on the same frame if the track were added to its own."""
     return any(own.view == track.view and np.intersect1d(own.frames, track.frames).size for own in owned)
 
 
 def _distance(detections: Sequence[ViewDetections], empty: Keypoints, track: Track, places: Array) -> float:
-    """Median distance of a track's keypoints from known places, whichever side is which, metres."""
+    """Median distance of a track's keypoints from known positions, metres; left and right may be exchanged."""
     one = _filled(detections, empty, [track])
     sizes = [np.linalg.norm(k.residuals(places), axis=-1)[track.view] for k in (one, swap_sides(one))]
     by_frame = [
@@ -210,7 +213,7 @@ def _distance(detections: Sequence[ViewDetections], empty: Keypoints, track: Tra
 def _places(
     detections: Sequence[ViewDetections], empty: Keypoints, owned: Sequence[Track], known: Array | None
 ) -> Array:
-    """Where a performer is known to be: by triangulation, else by key poses and, near in time, by either."""
+    """Known positions of a performer (F, L, 3): triangulated from its tracks, else those of its key poses."""
     points, _ = triangulate(_filled(detections, empty, owned))
     if known is not None:
         points = np.where(np.isfinite(points), points, known)
@@ -218,7 +221,7 @@ def _places(
 
 
 def _filled(detections: Sequence[ViewDetections], empty: Keypoints, tracks: Sequence[Track]) -> Keypoints:
-    """The keypoints of some tracks."""
+    """The keypoints of some tracks as one performer's."""
     rays, confidence = empty.rays.copy(), empty.confidence.copy()
     for track in tracks:
         rays[track.view, track.frames] = detections[track.view].rays[track.rows]

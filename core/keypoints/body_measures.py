@@ -14,14 +14,14 @@ from ..numerics.arrays import Array
 from .keypoint_factor import Keypoints, KeypointSystem, Places
 
 PROPORTION_DEVIATION = 0.08
-"""Usual departure of a measure from the average person's of that height, as a share: of people, and of what different
-rigs and laboratories call a joint's centre."""
+"""Standard deviation of a measure from that of an average person of the same height, as a share of it. It includes what
+different rigs and laboratories mean by the centre of a joint."""
 MEASURE_ASYMMETRY = 0.02
-"""Usual departure of a measure on one side from that on the other, as a share."""
+"""Standard deviation of the difference between a measure of the left side and the same of the right, as a share."""
 SHIFT_DEVIATION = 0.02
-"""Usual departure of `core.body.human.SHIFTS` from the average person's, metres."""
+"""Standard deviation of the measures in `core.body.human.SHIFTS` from those of an average person, metres."""
 STATURE_DEVIATION = 0.07
-"""Usual departure of a person's height from where the fit begins, as a share."""
+"""Standard deviation of a person's height from the height at which the fit starts, as a share."""
 
 
 @dataclass(frozen=True)
@@ -45,11 +45,11 @@ class BodyMeasures:
         return cls(stature, default_measures(stature))
 
     def body(self, *, solid: bool = True) -> Body:
-        """Return the body that has these measures; without its parts' surfaces if not solid, which is faster."""
+        """Return the body with these measures. If not `solid`, its parts have no surfaces, which is faster."""
         return human(self.stature, self.values, solid=solid)
 
     def changed(self, change: Array) -> BodyMeasures:
-        """Return the measures after growth by exp(change[0]) in proportion and change[1:] beyond that, metres."""
+        """Return the measures after a step: all are scaled by exp(change[0]), then change[1:], in metres, is added."""
         growth = float(np.exp(np.clip(change[0], -0.1, 0.1)))
         before, after = default_measures(self.stature), default_measures(self.stature * growth)
         grown = {
@@ -60,10 +60,11 @@ class BodyMeasures:
         return BodyMeasures(self.stature * growth, least)
 
     def prior(self) -> tuple[Array, Array]:
-        """Return the inverse covariance (1 + M, 1 + M) and departures (1 + M,) of the height's logarithm and the
-        measures; those of the two sides go together.
+        """Return the prior of the height's logarithm and the M measures: inverse covariance and present deviations.
 
-        The height's departure is zero: it is known only by how far a step takes it.
+        The inverse covariance has the shape (1 + M, 1 + M), the deviations from the mean (1 + M,). Measures of the left
+        and the right side are correlated. The deviation of the height is given as zero, so that the prior only limits
+        how far each step changes it.
         """
         average, names = default_measures(self.stature), list(self.values)
         deviation = [SHIFT_DEVIATION if name in SHIFTS else PROPORTION_DEVIATION * average[name] for name in names]
@@ -94,14 +95,14 @@ def with_measures(
     system : KeypointSystem
         Of the same motion, keypoints, places and weights.
     measures : BodyMeasures
-        Of the body that moves.
+        The measures of the body that moves.
     motion : Motion
         F poses.
     keypoints : Keypoints
     places : Places
     weights : ndarray, shape (V, F, L)
     prior_weight : float
-        Factor of what is known of the measures beforehand.
+        Factor of the prior of the measures.
     """
     body = measures.body(solid=False)
     columns = _measure_columns(measures, motion, keypoints, places)  # (F, L, 3, 1 + M)
@@ -134,7 +135,7 @@ def with_measures(
 
 
 def _measure_columns(measures: BodyMeasures, motion: Motion, keypoints: Keypoints, places: Places) -> Array:
-    """Movement of the keypoints by the height's logarithm and by every measure, shape (F, L, 3, 1 + M)."""
+    """Derivatives of the keypoints' world positions by the height's logarithm and every measure, (F, L, 3, 1 + M)."""
     base, step = places.world(part_poses(measures.body(solid=False), motion)), 1e-4
 
     def moved(changed: BodyMeasures) -> Array:

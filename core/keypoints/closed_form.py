@@ -1,6 +1,7 @@
-"""A pose of the default body in closed form: parts point along their joints, and limbs twist as they bend.
+"""Poses of the default body from points, in closed form, as the start of a fit.
 
-It is exact only where the points are as far apart as the body's joints; a start for a fit, in closed form.
+Every part points from one of its joints to the next, and the plane in which a limb bends gives its twist. The pose is
+exact only if the points are as far apart as the joints of the body.
 """
 
 from __future__ import annotations
@@ -20,18 +21,18 @@ LIMBS = (
     ("upper_arm", "forearm", "Shoulder", "Elbow", "Wrist", 1.0, -0.3),
     ("thigh", "shin", "Hip", "Knee", "Ankle", -1.0, 0.3),
 )
-"""Upper and lower part, their joints, the sign of the turn about the x axis that bends them, and the cosine of the
-farthest twist: points that say more are wrong."""
+"""Upper and lower part, their three joints, the sign of the rotation about the x axis that bends the limb, and the
+cosine of the farthest twist that is possible: points that show more are taken to be wrong."""
 POSED_PARTS = frozenset(
     {"pelvis", "spine", "chest", *(f"{part}.{side}" for two in LIMBS for part in two[:2] for side in "LR")}
 )
-"""Those of the default body: another one cannot be posed in closed form."""
+"""Parts that a body needs to be posed in closed form; the default body has them."""
 STRAIGHT = (0.1, 0.3)
-"""Sine of the bend below which a limb is straight, and above which its bend gives the twist."""
+"""Below the first sine of its bend a limb counts as straight; above the second, its bend alone gives its twist."""
 TWIST_TIME = 0.07
-"""Time over which a limb's hinge is averaged, weighed by how far it is bent, seconds."""
+"""Time over which the hinge axis of a limb is averaged, seconds. Frames are weighted by how far the limb is bent."""
 LEAST_EVIDENCE = 0.02
-"""Squared sine of a bend that says as much of a limb's twist as the prior of the least twist."""
+"""Squared sine of a bend at which the bend and the prior (no twist) have equal weight in the limb's twist."""
 
 
 def closed_form_pose(body: Body, names: Sequence[str], points_world: Array, fps: float | None = None) -> Motion | None:
@@ -44,12 +45,14 @@ def closed_form_pose(body: Body, names: Sequence[str], points_world: Array, fps:
     points_world : ndarray, shape (F, L, 3)
         NaN where not known.
     fps : float, optional
-        Of frames that follow one another: a straight limb is then twisted as on the frames around on which it bends.
+        Frame rate, if the frames follow one another: a straight limb then has the twist of the frames around, on which
+        it is bent.
+
 
     Returns
     -------
     Motion or None
-        None for another body, or where too few of the trunk's points are ever known.
+        None if the body lacks one of `POSED_PARTS`, or if too few points of the trunk are ever known.
     """
     known = {name: _filled(points_world[:, i]) for i, name in enumerate(names)}
     known = {name: points for name, points in known.items() if np.isfinite(points).all()}
@@ -94,7 +97,7 @@ def closed_form_pose(body: Body, names: Sequence[str], points_world: Array, fps:
 def closed_form_limb(
     body: Body, motion: Motion, parts: tuple[int, int], points_world: Array, *, sign: float, farthest: float, fps: float
 ) -> Array:
-    """Rotations of a motion's parts with one limb posed in closed form, shape (F, P, 3, 3).
+    """The rotations of a motion's parts after one limb is posed in closed form, shape (F, P, 3, 3).
 
     Parameters
     ----------
@@ -120,8 +123,8 @@ def closed_form_limb(
 
 
 def _with_trunk(body: Body, known: dict[str, Array]) -> dict[str, Array]:
-    """Points by name with the hips below the shoulders, or the shoulders above the hips, of someone upright where only
-    the others are known.
+    """Points by name, with missing hips added below the shoulders, or missing shoulders above the hips, as of a person
+    who stands upright.
     """
     up = np.array([0.0, 0.0, 1.0])
     for near, far, sign in (("Shoulder", "Hip", -1.0), ("Hip", "Shoulder", 1.0)):
@@ -146,12 +149,12 @@ def _with_trunk(body: Body, known: dict[str, Array]) -> dict[str, Array]:
 
 
 def _joint(body: Body, name: str) -> Array:
-    """The place of a landmark's part in its parent's frame: of a hip, in the pelvis's."""
+    """The origin of a landmark's part in the frame of its parent, metres: of a hip, in the pelvis's frame."""
     return np.asarray(body.offsets[body.landmarks[name][0]])
 
 
 def _filled(points: Array) -> Array:
-    """Points over time (F, 3) with those that are not known put on the line between their neighbours."""
+    """Points over time (F, 3), in which missing ones are interpolated linearly."""
     known = np.isfinite(points).all(axis=-1)
     if not known.any():
         return points
@@ -160,7 +163,7 @@ def _filled(points: Array) -> Array:
 
 
 def along_and_across(along: Array, across: Array) -> Array:
-    """Rotations whose y axis is `along` and whose x axis is as near `across` as can be, shape (F, 3, 3)."""
+    """Rotations whose y axis is `along` and whose x axis is as close to `across` as possible, shape (F, 3, 3)."""
     y = along / np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-9)
     x = across - np.sum(across * y, axis=-1, keepdims=True) * y
     x /= np.maximum(np.linalg.norm(x, axis=-1, keepdims=True), 1e-9)
@@ -170,7 +173,7 @@ def along_and_across(along: Array, across: Array) -> Array:
 def limb_orientations(
     rest: Array, upper: Array, lower: Array, *, sign: float, farthest: float, fps: float | None
 ) -> tuple[Array, Array]:
-    """World rotations of both parts of a limb; one that is straight is twisted as its neighbours, or least."""
+    """World rotations of both parts of a limb. Where it is straight it has the twist of the frames around, or none."""
     a, b = (v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-9) for v in (upper, lower))
     hinge = sign * np.cross(a, b)
     bend = np.linalg.norm(hinge, axis=-1, keepdims=True)

@@ -34,13 +34,15 @@ def first_pass(
     fps: float,
     correlated: float,
 ) -> KeypointFit:
-    """Fit a body's motion to keypoints, from the best of its starts: key poses, and what the keypoints show alone.
+    """Fit the motion of a body to keypoints, from each of two starts, and return the better fit.
+
+    One start is the curve through the key poses, the other is posed on the keypoints alone.
 
     Parameters
     ----------
     body : Body
     keys : KeyPoses or None
-        The curve through them is a start.
+        The first start is the curve through them.
     keypoints : Keypoints
         On the F frames of the shot.
     fixed : ndarray of bool, shape (F, D)
@@ -54,7 +56,7 @@ def first_pass(
     Raises
     ------
     KeypointError
-        There is no start: no key pose, and too few keypoints that two views share.
+        There is no start: no key pose is given, and two views have too few keypoints in common.
     """
     held = keys if keys is not None and keys.fixed.any() else None
     starts = [spline(held, len(keypoints))] if held is not None else []
@@ -81,9 +83,9 @@ def first_pass(
 def scaled_first_pass(
     keypoints: Keypoints, *, fps: float, precision: Array, correlated: float, height: float | None = None
 ) -> KeypointFit:
-    """Fit a motion and the body's measures to keypoints.
+    """Fit a motion and the measures of the body to keypoints.
 
-    Where a single view has any, the body is an average one of its height, and depths follow from the bones' lengths.
+    If only one view has keypoints, the body has average proportions, and depths follow from the lengths of its bones.
 
     Parameters
     ----------
@@ -95,12 +97,13 @@ def scaled_first_pass(
     correlated : float
         See `FitProblem`.
     height : float, optional
-        Of the body, metres; by default estimated from the keypoints, or with a single view from feet on the floor.
+        Height of the body, metres. By default it is estimated from the keypoints; with a single view, from feet that
+        stand on the floor.
 
     Raises
     ------
     KeypointError
-        There are too few keypoints that two views share.
+        Two views have too few keypoints in common.
     """
     agreement = ViewAgreement.of(keypoints, fps)
     points = agreement.points_world

@@ -1,4 +1,4 @@
-"""Poses on triangulated points, where the fit of a motion to keypoints begins."""
+"""Poses on triangulated points, from which the fit of a motion to keypoints starts."""
 
 from __future__ import annotations
 
@@ -16,18 +16,19 @@ from .keypoint_factor import Keypoints
 from .view_agreement import averaged
 
 POSED_EVERY = 0.2
-"""Inverse kinematics poses a body other than the default this often, seconds; between, a curve is the start."""
+"""Interval at which a body other than the default is posed by inverse kinematics, seconds; a curve joins these
+poses."""
 MAIN = ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle")
 ENOUGH = 2 / 3
-"""Share of the main joints that are ever known which must be known on a frame to pose the body."""
+"""To pose the body on a frame, this share of those main joints must be known there that are known on any frame."""
 LEAST = 3
-"""Main joints that must be known in any case."""
+"""To pose the body on a frame, at least this many main joints must be known there."""
 LOST = 0.25
-"""Poses whose landmarks are farther off, in the median, are no start, metres."""
+"""A start is rejected if the median distance of its landmarks from the points is greater, metres."""
 
 
 def posing_frames(keypoints: Keypoints, points_world: Array, fps: float) -> NDArray[np.intp]:
-    """Return the frames to pose the body on: of every fifth of a second the one on which most joints are known."""
+    """Return the frames to pose the body on: in each interval `POSED_EVERY`, the one on which most joints are known."""
     main = [i for i, name in enumerate(keypoints.names) if name.endswith(MAIN) and name not in MAIN]
     finite = np.isfinite(points_world[:, main]).all(axis=-1)
     known, enough = finite.sum(axis=1), max(LEAST, ENOUGH * finite.any(axis=0).sum())
@@ -37,10 +38,11 @@ def posing_frames(keypoints: Keypoints, points_world: Array, fps: float) -> NDAr
 
 
 def posed_start(body: Body, keypoints: Keypoints, points_world: Array, fps: float) -> Motion:
-    """Return poses of all frames on triangulated points without leaps (F, L, 3).
+    """Return poses of all F frames on triangulated points (F, L, 3), from which leaps were removed.
 
-    The default body is posed in closed form on every frame, as a blow is shorter than the time between the frames of a
-    curve. Another body is posed by inverse kinematics on some, each from the one before, with a curve between.
+    The default body is posed in closed form on every frame: a blow is shorter than `POSED_EVERY`, so a curve through
+    fewer poses would miss it. Any other body is posed by inverse kinematics on some frames, each starting from the one
+    before, and a curve joins these poses.
     """
     names = list(keypoints.names)
     closed_form = closed_form_pose(body, names, averaged(points_world, fps), fps)
@@ -56,7 +58,7 @@ def posed_start(body: Body, keypoints: Keypoints, points_world: Array, fps: floa
 
 
 def landmark_distance(body: Body, names: list[str], points_world: Array, pose: Motion) -> float:
-    """Return the median distance of a pose's landmarks from points (F, L, 3), metres."""
+    """Return the median distance of the landmarks of F poses from points (F, L, 3), metres."""
     used = [i for i, name in enumerate(names) if name in body.landmarks]
     found = landmark_positions(body, pose, [names[i] for i in used])
     return float(np.nanmedian(np.linalg.norm(found - points_world[:, used], axis=-1)))

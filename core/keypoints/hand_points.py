@@ -1,4 +1,4 @@
-"""The points of a performer's hands, as detectors find them: in which detection they are, and where in space."""
+"""The points of a performer's hands in space, from the detections in several views."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ from .tracks import ViewDetections
 from .triangulation import triangulate
 
 NEAR = 0.15
-"""A hand is the performer's whose wrist is seen less than this from where the tracked one is, metres."""
+"""A detected hand belongs to the performer if its wrist is seen within this of the tracked wrist, metres."""
 ACCEPTED = 0.03
-"""A point of a hand counts on which two views or more agree to this, metres."""
+"""A point of a hand is accepted if at least two views agree on it to within this, metres."""
 
 
 def hand_points(shot: Shot, detections: Sequence[Detections], wrists_world: Array) -> Array:
-    """Return where the points of a performer's hands are.
+    """Triangulate the points of a performer's hands.
 
     Parameters
     ----------
     shot : Shot
         V views, F frames.
     detections : sequence of Detections
-        Per view, of hands; see `core.formats.keypoint_files.read_keypoints`.
+        The detected hands of each view; see `core.formats.keypoint_files.read_keypoints`.
     wrists_world : ndarray, shape (F, 2, 3)
-        The performer's left and right wrist, metres.
+        Positions of the performer's left and right wrist, metres.
 
     Returns
     -------
     ndarray, shape (F, 2, 21, 3)
-        Left and right hand, metres; the order of the points is `HAND_POINTS`. NaN where no two views agree.
+        The points of the left and the right hand in the order of `HAND_POINTS`, metres; NaN where no two views agree.
 
     Raises
     ------
@@ -75,15 +75,15 @@ def hand_points(shot: Shot, detections: Sequence[Detections], wrists_world: Arra
 
 
 def tracked_hands(shot: Shot, detections: Sequence[Detections], number: int, motion: Motion) -> Array:
-    """Return where the points of a tracked performer's hands are, see `hand_points`.
+    """Triangulate the points of a tracked performer's hands, see `hand_points`.
 
     Parameters
     ----------
     shot : Shot
     detections : sequence of Detections
-        Per view, of hands.
+        The detected hands of each view.
     number : int
-        Of the performer.
+        Index of the performer in the shot.
     motion : Motion
         F poses.
 
@@ -100,7 +100,7 @@ def tracked_hands(shot: Shot, detections: Sequence[Detections], number: int, mot
 
 
 def _take(seen: ViewDetections, wrists_cam: Array, rays: Array, confidence: Array) -> None:
-    """Fill in a view's rays (F, 42, 2) and confidence (F, 42) by the hands that are nearest to the tracked wrists."""
+    """Fill in the rays (F, 42, 2) and confidence (F, 42) of a view from the hands nearest to the tracked wrists."""
     count = len(HAND_POINTS)
     for side in range(2):
         hand = slice(count * side, count * (side + 1))

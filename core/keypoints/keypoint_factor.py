@@ -1,9 +1,9 @@
-"""2D keypoints as evidence: where a detector saw points of the body, by wrench accumulation.
+"""2D keypoints as evidence of poses: their normal equations are summed part by part, like those of the images.
 
-A keypoint is a point of a part. Its two residuals in the image, times its depth, are metres across the ray; their rows
-against the part's twist are the wrenches of the image's two axes, and add to the sums of the other evidence. What a
-detector calls a hip is not the joint's centre: every keypoint has a constant offset from its landmark in the part's
-frame, unknown like the motion and solved for with it.
+A keypoint is an image of a point that is fixed to a part of the body. Its two residuals in the image, multiplied by its
+depth, are distances across the ray in metres. The derivatives of these by the part's twist are wrenches, so keypoints
+add to the same sums over each part as the other evidence. What a detector calls a hip is not the centre of the joint:
+every keypoint has an offset from its landmark, constant in the frame of the part, which is solved for with the motion.
 """
 
 from __future__ import annotations
@@ -25,25 +25,28 @@ from ..numerics.banded_blocks import BandedBlocks
 from ..numerics.robust_kernels import RAYLEIGH_MEDIAN, GemanMcClure
 
 LEAST_DEVIATION = 0.006
-"""No keypoint is surer than this, metres."""
+"""Lower bound of the standard deviation of keypoints, metres."""
 USUAL_DEVIATION = 0.02
-"""Deviation of keypoints of which too little is seen to estimate it, metres."""
+"""Standard deviation of keypoints that are seen too seldom to estimate it, metres."""
 PRIOR_COUNT = 10.0
-"""Keypoints of usual deviation that count beside those found, for each view and joint."""
+"""Weight of `USUAL_DEVIATION` in each estimate, as a number of keypoints that are added to those found."""
 LIFTED_DEVIATION = 0.3
-"""What depths that follow from the lengths of bones are worth, metres: they err alike for many frames."""
+"""Standard deviation of depths that follow from the lengths of bones, metres. It is large because their errors last for
+many frames, over which they do not average out."""
 GROSS = 3.0
-"""Standard deviations at which a keypoint counts for a quarter of one that is right (Geman and McClure's error)."""
+"""Residual, in standard deviations, at which a keypoint has a quarter of its full weight (Geman and McClure's
+kernel)."""
 HIP_OFFSET_DEVIATION = 0.045
-"""Usual distance of a hip's keypoint from the joint along each axis, metres: hips lie deep in the body."""
+"""Standard deviation of the offset of a hip's keypoint along each axis, metres: hips lie deep in the body."""
 OFFSET_DEVIATION = 0.03
-"""Usual distance from their landmarks of shoulders and of keypoints on the head and the feet, metres."""
+"""Standard deviation of the offsets of shoulders and of keypoints on the head and the feet, metres."""
 LIMB_OFFSET_DEVIATION = 0.02
-"""Usual distance of keypoints from the joints of a limb along the limb, metres."""
+"""Standard deviation of the offsets of a limb's joints along the limb, metres."""
 THINNESS = (2.0, 1.0, 2.0)
-"""Limbs are thin: along these axes of the part offsets are so many times smaller."""
+"""Divisors of a limb's offset deviation along the x, y and z axes of the part: across a thin limb, offsets are smaller.
+"""
 OFFSET_ASYMMETRY = 0.3
-"""Share of its usual size by which an offset departs from the mirror image of the other side's."""
+"""Standard deviation of an offset from the mirror image of the other side's, as a share of the offset's own."""
 _LIMB = ("Elbow", "Wrist", "Knee", "Ankle")
 _TRUNK = ("LShoulder", "RShoulder", "LHip", "RHip")
 
@@ -56,12 +59,12 @@ class Keypoints:
     ----------
     names : tuple of str, length L
     rays : ndarray, shape (V, F, L, 2)
-        Places in the images at a distance of one: (x / z, y / z) in camera axes, without lens distortion. NaN where a
-        keypoint was not found.
+        Normalized image coordinates (x / z, y / z) in camera axes, without lens distortion; NaN where a keypoint was
+        not found.
     confidence : ndarray, shape (V, F, L)
         0 to 1.
     R_cam_world, t_cam_world : ndarray, shape (V, F, 3, 3) and (V, F, 3)
-        Poses of the cameras.
+        Poses of the cameras: X_cam = R_cam_world X_world + t_cam_world, metres.
     """
 
     names: tuple[str, ...]
@@ -89,14 +92,15 @@ class Keypoints:
         return Keypoints(self.names, self.rays[views], self.confidence[views], R, t)
 
     def residuals(self, points_world: Array) -> Array:
-        """Metres across the rays from the keypoints to points (F, L, 3), shape (V, F, L, 2); NaN where not found."""
+        """Distances of points (F, L, 3) from the rays along both image axes, metres, (V, F, L, 2); NaN if not found."""
         x = np.einsum("vfab,flb->vfla", self.R_cam_world, points_world) + self.t_cam_world[:, :, None]
         z = np.where(x[..., 2] > 0.1, x[..., 2], np.nan)
         return np.asarray(x[..., :2] - self.rays * z[..., None])
 
     def across(self) -> Array:
-        """Derivatives of the residuals by the points, shape (V, F, L, 2, 3): each image axis, less what moving along
-        the ray takes away, in the world; as of a ray along the optical axis where a keypoint was not found.
+        """Derivatives of the residuals by the points' world coordinates, shape (V, F, L, 2, 3).
+
+        Where a keypoint was not found, the derivatives are those of a ray along the optical axis.
         """
         R = self.R_cam_world[:, :, None]
         return R[..., :2, :] - np.nan_to_num(self.rays)[..., None] * R[..., 2:, :]
@@ -104,15 +108,15 @@ class Keypoints:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Places of the keypoints on the body.
+    """Positions of the keypoints on the body.
 
     Attributes
     ----------
     parts : ndarray of int, shape (L,)
     local : ndarray, shape (L, 3)
-        The landmarks in the frames of their parts, metres.
+        Positions of the landmarks in the frames of their parts, metres.
     offsets : ndarray, shape (L, 3)
-        From there to what the detector means.
+        From the landmarks to the points that the detector finds, in the same frames, metres.
     """
 
     parts: NDArray[np.int64]
@@ -121,7 +125,7 @@ class Places:
 
     @classmethod
     def on(cls, body: Body, names: Sequence[str]) -> Places:
-        """Return the places of keypoints at their landmarks on a body."""
+        """Return the positions of keypoints on a body, without offsets from their landmarks."""
         placed = [keypoint_on_body(body, name) for name in names]
         local = np.array([point for _, point in placed], float).reshape(-1, 3)
         return cls(np.array([part for part, _ in placed], np.int64), local, np.zeros_like(local))
@@ -131,7 +135,7 @@ class Places:
         return replace(Places.on(body, names), offsets=self.offsets)
 
     def world(self, poses: Poses) -> Array:
-        """The keypoints in the world, metres, shape (F, L, 3)."""
+        """World positions of the keypoints, metres, shape (F, L, 3)."""
         R, T = poses
         return np.asarray(np.einsum("flab,lb->fla", R[:, self.parts], self.local + self.offsets) + T[:, self.parts])
 
@@ -143,8 +147,8 @@ _FACE = {"Eye": (0.11, 0.62, 0.17), "Ear": (0.26, 0.55, 0.0)}
 def keypoint_on_body(body: Body, name: str) -> tuple[int, Array]:
     """Return the part that carries a keypoint, and the keypoint's landmark in its frame, metres.
 
-    What a detector calls a shoulder or a hip is a point of what the limb hangs on, collar bone or trunk: it does not
-    turn about the joint with the limb.
+    What a detector calls a shoulder or a hip is a point of the part that the limb hangs on, collar bone or trunk: it
+    does not turn with the limb.
     """
     if name[1:] in _FACE and "Head" in body.landmarks:
         part, top = body.landmarks["Head"]
@@ -162,16 +166,14 @@ def has_keypoint(body: Body, name: str) -> bool:
 
 
 def offset_deviation(name: str) -> float:
-    """Usual distance of a keypoint from its landmark along each axis, metres."""
+    """Standard deviation of a keypoint's offset from its landmark along each axis, metres."""
     if name.endswith("Hip"):
         return HIP_OFFSET_DEVIATION
     return LIMB_OFFSET_DEVIATION if name.endswith(_LIMB) else OFFSET_DEVIATION
 
 
 def offset_precision(names: Sequence[str]) -> Array:
-    """Inverse covariance of the offsets before anything is seen, shape (3 L, 3 L): their size, and that a detector's
-    left mirrors its right.
-    """
+    """Inverse covariance of the offsets' prior, (3 L, 3 L): offsets are small, left and right mirror each other."""
     L, axes = len(names), np.arange(3)
     precision = np.zeros((L, 3, L, 3))
     mirror = np.array([-1.0, 1.0, 1.0])  # the x axes of a left part and its right one point to the same side
@@ -192,17 +194,18 @@ def offset_precision(names: Sequence[str]) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class KeypointSystem:
-    """Normal equations of the keypoints of one performer: of the poses, the offsets, and both.
+    """Normal equations of one performer's keypoints in the poses and the offsets.
 
     Attributes
     ----------
     blocks : BandedBlocks
-        F frames of D degrees of freedom.
+        The equations of the poses: F frames of D degrees of freedom.
     border : ndarray, shape (F, D, 3 L)
-        Poses against offsets.
+        The block that couples poses and offsets.
     corner : ndarray, shape (3 L, 3 L)
+        The block of the offsets.
     gradient : ndarray, shape (3 L,)
-        Of half the energy by the offsets.
+        Derivative of half the energy by the offsets.
     """
 
     blocks: BandedBlocks
@@ -212,12 +215,12 @@ class KeypointSystem:
 
 
 def deviations(residuals: Array, confidence: Array) -> Array:
-    """Robust standard deviation of every view's keypoints over the frames, metres, shape (V, L)."""
+    """Robust standard deviations (V, L) of the keypoints over the frames, metres, from residuals (V, F, L, 2)."""
     return deviations_of_lengths(np.linalg.norm(residuals, axis=-1), confidence)
 
 
 def deviations_of_lengths(lengths: Array, confidence: Array) -> Array:
-    """The same from the lengths of the residuals, shape (V, F, L), NaN where there are none."""
+    """Robust standard deviations as of `deviations`, from the lengths of the residuals (V, F, L); NaN where none."""
     lengths = np.where(confidence > 0, lengths, np.nan)
     seen = np.isfinite(lengths).sum(axis=1)
     medians = np.nanquantile(np.where(seen[:, None] > 0, lengths, 0.0), 0.5, axis=1)
@@ -227,12 +230,12 @@ def deviations_of_lengths(lengths: Array, confidence: Array) -> Array:
 
 
 def robust_energy(residuals: Array, confidence: Array, deviation: Array) -> float:
-    """Return the sum of Geman and McClure's errors, in variances.
+    """Return the sum of Geman and McClure's robust errors, in units of the variance.
 
     Parameters
     ----------
     residuals : ndarray, shape (V, F, L, 2)
-        Metres; NaN where a keypoint was not found, or its point is behind the camera: then it counts in full.
+        Metres. NaN where a keypoint was not found, or if its point is behind the camera; the latter has the full error.
     confidence : ndarray, shape (V, F, L)
     deviation : ndarray, shape (V, L)
         Metres.
@@ -243,17 +246,17 @@ def robust_energy(residuals: Array, confidence: Array, deviation: Array) -> floa
 
 
 def robust_weights(residuals: Array, confidence: Array, deviation: Array, tolerance: float = 1.0) -> Array:
-    """Return the weights that belong to `robust_energy`, over the variance, shape (V, F, L); 0 for NaN."""
+    """Return the weights of `robust_energy` in iterated least squares, 1/m^2, shape (V, F, L); 0 for NaN."""
     error = np.sum(residuals**2, axis=-1) / deviation[:, None] ** 2
     weight = confidence * GemanMcClure(GROSS * tolerance).weight(error) / deviation[:, None] ** 2
     return np.nan_to_num(weight)
 
 
 def trusted_weights(residuals: Array, agreed: Array, deviation: Array, tolerance: float = 1.0) -> Array:
-    """Return Huber's weights over the variance, shape (V, F, L), of keypoints that views agree on; 0 for NaN.
+    """Return Huber's weights, 1/m^2, shape (V, F, L), of keypoints that views agree on; 0 for NaN.
 
-    They are no outliers, however far a motion is from them so far, and go on to pull where Geman and McClure's weights
-    would let go.
+    Such keypoints are no outliers, however far the motion is from them at present. With Huber's weights they still pull
+    from where Geman and McClure's weights would be close to zero.
 
     Parameters
     ----------
@@ -261,7 +264,9 @@ def trusted_weights(residuals: Array, agreed: Array, deviation: Array, tolerance
     agreed : ndarray, shape (V, F, L)
         Confidence of the keypoints that agree with those of other views, else 0.
     deviation : ndarray, shape (V, L)
+        Metres.
     tolerance : float
+        Factor of the deviation, above 1 while the motion is far from the solution.
     """
     size = np.linalg.norm(residuals, axis=-1) / deviation[:, None]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -283,7 +288,7 @@ def keypoint_system(
     places : Places
     weights : ndarray, shape (V, F, L)
     prior_weight : float
-        Factor of what is known of the offsets beforehand.
+        Factor of the prior of the offsets.
     """
     R, T = poses
     F, L, D = len(T), len(keypoints.names), body.dof
@@ -321,16 +326,16 @@ class KeypointFactor:
         On F frames.
     places : Places
     correlated : float
-        How many neighbouring frames err together and count as one.
+        How many neighbouring frames have the same error, and therefore count as one.
     deviation : ndarray, shape (V, L), optional
-        The detector's standard deviations, metres. By default they are found from the residuals of whatever motion the
-        keypoints are compared with: a motion that is too smooth then passes for a detector that is inexact.
+        The detector's standard deviations, metres. By default they are estimated from the residuals of the motion that
+        the keypoints are compared with; if that motion is too smooth, the detector seems worse than it is.
     agreed : ndarray, shape (V, F, L), optional
         Confidence of the keypoints that agree with those of other views, else 0: see `trusted_weights`.
     habit : tuple of ndarray, shape (F, P) and (P, 3, 3), optional
-        Precision, 1/radians^2, with which parts that keypoints do not show are turned as usual, and how that is.
+        For parts that keypoints do not show: the precision of their usual rotation, 1/radians^2, and that rotation.
     imagined : Keypoints, optional
-        Of an imagined view that holds the depths of a single view's keypoints, see `core.keypoints.lifting`.
+        The keypoints of an imagined view that holds the depths of a single view's, see `core.keypoints.lifting`.
     """
 
     keypoints: Keypoints
@@ -355,21 +360,21 @@ class KeypointFactor:
         return replace(self, keypoints=self.keypoints.of_views(views), deviation=deviation, agreed=agreed)
 
     def agreement(self, poses: Poses) -> float:
-        """Return the mean weight of the keypoints, 0 to 1: how far they agree with poses."""
+        """Return the mean robust weight of the keypoints, from 0 to 1 (all agree with the poses)."""
         residual, confidence = self.keypoints.residuals(self.places.world(poses)), self.keypoints.confidence
         usual = np.full((confidence.shape[0], confidence.shape[2]), USUAL_DEVIATION)
         weights = robust_weights(residual, confidence, usual) * USUAL_DEVIATION**2
         return float(weights.sum() / max(confidence.sum(), 1e-9))
 
     def views_near(self, poses: Poses) -> Array:
-        """Return how many views have each keypoint near its place on a body, shape (F, L)."""
+        """Return in how many views each keypoint is near its position on the posed body, shape (F, L)."""
         residual = self.keypoints.residuals(self.places.world(poses))
         with np.errstate(invalid="ignore"):
             near = np.linalg.norm(residual, axis=-1) < GROSS * USUAL_DEVIATION
         return np.asarray((near & (self.keypoints.confidence > 0)).sum(axis=0))
 
     def blocks(self, body: Body, poses: Poses, tolerance: float) -> BandedBlocks:
-        """The evidence around the poses; far from the solution, with a tolerance above 1, large errors still pull."""
+        """Normal equations at the poses. With a tolerance above 1, large errors still pull, far from the solution."""
         keypoints = self.keypoints
         residual = keypoints.residuals(self.places.world(poses))
         deviation = deviations(residual, keypoints.confidence) if self.deviation is None else self.deviation
@@ -384,7 +389,7 @@ class KeypointFactor:
         return blocks
 
     def _depth_blocks(self, body: Body, poses: Poses, imagined: Keypoints, tolerance: float) -> BandedBlocks:
-        """The evidence of the imagined view around the poses."""
+        """Normal equations of the imagined view at the poses."""
         residual = imagined.residuals(self.places.world(poses))
         usual = np.full((1, len(imagined.names)), LIFTED_DEVIATION)
         weights = trusted_weights(residual, imagined.confidence, usual, tolerance)

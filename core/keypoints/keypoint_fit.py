@@ -48,7 +48,7 @@ class FitStep:
     Attributes
     ----------
     tolerance : float
-        Above 1, far from the solution, larger errors still count.
+        Factor of the standard deviations in the robust kernel; above 1 far from the solution, where errors are large.
     counted : Counted
     """
 
@@ -66,13 +66,15 @@ FROM_START = (
 CONTINUED = (FitStep(2.0, Counted.BOTH), *[FitStep(1.0, Counted.FITTING)] * 3)
 """The iterations from an earlier fit some of whose limbs were posed anew."""
 SIDES_TOLERANCE = 2.0
-"""Sides are corrected when the tolerance has come down to this: before, the start may be farther off than the limbs are
-apart."""
+"""Left and right are corrected once the tolerance has come down to this: before, the motion may be farther off than the
+limbs are from each other."""
 REPEATED_POSES = 4.0
-"""A detector's errors repeat with the pose: for what is the same on all frames (offsets, measures), so many times fewer
-frames count than if the errors were only correlated in time. Whole key poses show these constants by themselves."""
+"""A detector's errors repeat when a pose does. For unknowns that are the same on all frames (offsets, measures), the
+frames therefore count this many times less than if errors were only correlated in time. With complete key poses the
+factor is not applied, as these show the constants by themselves."""
 WIDER_START = 4.0
-"""The estimate of smoothness begins with accelerations so many times the usual: what is smoothed away is lost to it."""
+"""The estimate of smoothness starts with this many times the usual accelerations, because movement that is smoothed
+away at the start cannot be found again."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,15 +84,16 @@ class FitProblem:
     Attributes
     ----------
     agreement : ViewAgreement
-        Of the keypoints that the motion is fitted to.
+        The keypoints that the motion is fitted to, and what the views agree on.
     fixed : ndarray of bool, shape (F, D)
         Degrees of freedom that are known.
     precision : ndarray, shape (D,)
-        Of accelerations as is usual, see `core.body.smoothness.smoothness`. Where views agree on keypoints, the fit
-        estimates how smooth the motion is from there on.
+        Inverse variances of usual accelerations, see `core.body.smoothness.smoothness`. If views agree on keypoints,
+        the fit starts from these and estimates how smooth the motion is.
     correlated : float
-        How many neighbouring frames err together. Errors that last say little about what is the same on all frames, but
-        nothing against quick movement; only a single view, which cannot tell the two apart, is given less weight.
+        Number of neighbouring frames that have the same error. It lowers the weight of the frames for unknowns that are
+        the same on all of them. The weight for the motion is lowered only with a single view, which cannot tell such
+        errors from movement.
     """
 
     agreement: ViewAgreement
@@ -105,21 +108,21 @@ class FitProblem:
 
     @property
     def views_agree(self) -> bool:
-        """Whether two views agree on any keypoint: then the detector's errors are known apart from the motion."""
+        """Whether two views agree on any keypoint, which shows the detector's errors independently of the motion."""
         return self.agreement.deviation is not None
 
     @property
     def weight(self) -> float:
-        """What a keypoint counts."""
+        """Weight of a keypoint, at most 1."""
         return 1.0 if self.views_agree else 1.0 / self.correlated
 
     @property
     def prior_weight(self) -> float:
-        """What is known beforehand of what is the same on all frames counts so many times."""
+        """Factor of the prior of the unknowns that are the same on all frames."""
         return self.correlated * self.weight * (1.0 if self.fixed.all(axis=1).any() else REPEATED_POSES)
 
     def usual_variances(self, mobility: Array, frames: int) -> AccelerationVariances:
-        """Where the estimation of smoothness begins, and where views agree on nothing, ends."""
+        """The variances from which the estimate of smoothness starts; if views agree on nothing, they are kept."""
         typical = (1 / (self.precision * mobility**2)).reshape(-1, 3).mean(axis=1)
         widened = typical * WIDER_START**2 if self.views_agree else typical
         return AccelerationVariances.constant(widened, max(frames - 2, 0))
@@ -127,7 +130,7 @@ class FitProblem:
 
 @dataclass(frozen=True, eq=False)
 class KeypointFit:
-    """A motion fitted to keypoints. Everything in it belongs to that motion.
+    """A motion that was fitted to keypoints, with what the keypoints say about it.
 
     Attributes
     ----------
@@ -135,26 +138,27 @@ class KeypointFit:
     motion : Motion
         F poses.
     places : Places
-        Of the keypoints on the body, offsets included.
+        Positions of the keypoints on the body, including their offsets.
     keypoints : Keypoints
-        With their sides corrected.
+        Left and right corrected.
     changed : ndarray of bool, shape (V, F, L)
-        Where they were changed.
+        Where left and right were exchanged.
     deviation : ndarray, shape (V, L)
-        The detector's, metres: as the views' disagreement shows it, or with one view the motion's residuals.
+        Standard deviations of the detector, metres, from the disagreement of the views, or, with one view, from the
+        residuals of the motion.
     weights : ndarray, shape (V, F, L)
-        Robust weights, 1 for a sure keypoint that fits.
+        Robust weights, 1 for a keypoint of full confidence that fits.
     energy : float
-        What keypoints and joint limits leave, with one usual deviation of all keypoints: so the fits of several starts
-        can be compared.
+        The final energy of keypoints and joint limits. It is computed with the same standard deviation for all
+        keypoints, so that fits from several starts can be compared.
     agreed : ndarray, shape (V, F, L), or None
         Confidence of the keypoints that agree with those of other views, else 0; None where no views agree on any.
     variances : AccelerationVariances
-        How smooth the motion is: as estimated, or where no views agree on any keypoints, as is usual.
+        Estimated variances of accelerations, or the usual ones if no views agree on any keypoint.
     measures : BodyMeasures or None
-        Those of the body, where they were fitted.
+        The measures of the body, if they were fitted.
     imagined : Keypoints or None
-        Of an imagined view from the side that holds the depths, where a single view has keypoints.
+        If only a single view has keypoints: those of an imagined view from the side, which hold the depths.
     """
 
     body: Body
@@ -173,7 +177,7 @@ class KeypointFit:
 
 @dataclass(frozen=True, eq=False)
 class _Estimate:
-    """The unknowns of a fit, and how smooth the motion was found to be so far."""
+    """The current estimates of the unknowns of a fit, and of how smooth the motion is."""
 
     body: Body
     motion: Motion
@@ -191,7 +195,7 @@ def fit_motion(
     steps: Sequence[FitStep] = FROM_START,
     earlier: KeypointFit | None = None,
 ) -> KeypointFit:
-    """Fit the motion of all frames, and the keypoints' offsets, by robust least squares from coarse to fine.
+    """Fit the motion on all frames and the keypoints' offsets by robust least squares, from coarse to fine.
 
     Parameters
     ----------
@@ -200,10 +204,10 @@ def fit_motion(
     start : Motion
         F poses.
     measures : BodyMeasures, optional
-        Those of the body, which are then fitted as well.
+        The measures of the body, if these are to be fitted too.
     steps : sequence of FitStep
     earlier : KeypointFit, optional
-        Fit whose body, offsets, measures and smoothness are taken over.
+        An earlier fit, whose body, offsets, measures and smoothness are the start.
     """
     mobility = axis_mobility(body)
     if earlier is None:
@@ -211,8 +215,8 @@ def fit_motion(
         found = _Estimate(body, start, Places.on(body, problem.keypoints.names), variances, measures)
     else:
         found = _Estimate(earlier.body, start, earlier.places, earlier.variances, earlier.measures)
-    # Which keypoints count, their sides and the smoothness change from one iteration to the next, so no cost is common
-    # to two of them by which `core.numerics.least_squares` could test a step: plain Gauss-Newton.
+    # This is plain Gauss-Newton rather than `core.numerics.least_squares`: the keypoints that count, their sides and
+    # the smoothness change with every iteration, so there is no common cost by which a step could be tested.
     for i, step in enumerate(steps):
         smoothness_known = problem.views_agree and (i > 0 or earlier is not None)
         found = _iterated(problem, found, step, mobility=mobility, estimates_smoothness=smoothness_known)
@@ -224,7 +228,7 @@ def fit_motion(
 def _iterated(
     problem: FitProblem, found: _Estimate, step: FitStep, *, mobility: Array, estimates_smoothness: bool
 ) -> _Estimate:
-    """The estimate after one step of Gauss-Newton."""
+    """The estimates after one Gauss-Newton step."""
     body, motion, places, measures = found.body, found.motion, found.places, found.measures
     poses = part_poses(body, motion)
     comparison = compared(problem.agreement, places.world(poses), step.tolerance)
@@ -259,7 +263,7 @@ def _iterated(
 
 
 def _finished(problem: FitProblem, found: _Estimate) -> KeypointFit:
-    """A fit with what its keypoints say of it."""
+    """The fit of a final estimate."""
     body, motion, places = found.body, found.motion, found.places
     comparison = compared(problem.agreement, places.world(part_poses(body, motion)))
     usual = np.full_like(comparison.deviation, USUAL_DEVIATION)
@@ -281,18 +285,18 @@ def _finished(problem: FitProblem, found: _Estimate) -> KeypointFit:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Keypoints beside a motion's.
+    """Keypoints compared with those of a motion.
 
     Attributes
     ----------
     keypoints : Keypoints
-        With their sides corrected.
+        Left and right corrected.
     changed : ndarray of bool, shape (V, F, L)
-        Where they were changed.
-    residual : ndarray
+        Where left and right were exchanged.
+    residual : ndarray, shape (V, F, L, 2)
         See `Keypoints.residuals`.
     deviation : ndarray, shape (V, L)
-        The detector's, metres.
+        Standard deviations of the detector, metres.
     agreed : ndarray, shape (V, F, L), or None
         Confidence of the keypoints that agree with those of other views, else 0; None where no views agree on any.
     """
@@ -304,11 +308,11 @@ class Comparison:
     agreed: Array | None
 
     def fitting(self, tolerance: float = 1.0) -> Array:
-        """Weights of the keypoints, shape (V, F, L), each by its own error."""
+        """Weights of the keypoints, shape (V, F, L), by the residual of each."""
         return robust_weights(self.residual, self.keypoints.confidence, self.deviation, tolerance)
 
     def counting(self, step: FitStep) -> Array:
-        """Weights of the keypoints, shape (V, F, L), in one iteration."""
+        """Weights of the keypoints, shape (V, F, L), in one iteration of the fit."""
         if self.agreed is None or step.counted is Counted.FITTING:
             return self.fitting(step.tolerance)
         trusted = trusted_weights(self.residual, self.agreed, self.deviation, step.tolerance)
@@ -316,7 +320,10 @@ class Comparison:
 
 
 def compared(agreement: ViewAgreement, points: Array, tolerance: float = 1.0) -> Comparison:
-    """Compare keypoints with those of a motion, in the world; far from the solution, sides stay as they are."""
+    """Compare keypoints with a motion's, which are at `points` (F, L, 3) in the world, metres.
+
+    If the tolerance is above `SIDES_TOLERANCE`, left and right stay as they are.
+    """
     sided, changed = agreement.keypoints, np.zeros(agreement.confidence.shape, bool)
     if tolerance <= SIDES_TOLERANCE:
         sided, changed = correct_sides(sided, points)
@@ -327,6 +334,6 @@ def compared(agreement: ViewAgreement, points: Array, tolerance: float = 1.0) ->
 
 
 def _pose_prior(body: Body, motion: Motion, agreement: ViewAgreement) -> BandedBlocks:
-    """What is known of poses beforehand: joint limits, posture, and how limbs out of sight are usually turned."""
+    """Normal equations of the pose prior: joint limits, posture, and the usual rotation of limbs out of sight."""
     precision = habit_precision(body, agreement.keypoints, agreement.fps)
     return posture_prior(body, motion) + habitual_prior(motion, precision, usual_turns(motion, precision))

@@ -1,4 +1,4 @@
-"""Left and right, which detectors confuse: of the legs, of the arms, or of the whole body."""
+"""Correction of left and right, which detectors confuse: of the legs, of the arms, or of the whole body."""
 
 from __future__ import annotations
 
@@ -12,26 +12,28 @@ from ..numerics.arrays import Array
 from .keypoint_factor import Keypoints
 
 GROUPS = (("Hip", "Knee", "Ankle", "BigToe", "Heel"), ("Shoulder", "Elbow", "Wrist", "Hand"), ("Eye", "Ear"))
-"""Landmarks whose sides are decided together."""
+"""Landmarks that are exchanged together."""
 FARTHEST = 0.15
-"""A keypoint farther from where it is expected says nothing of its side, metres."""
+"""A keypoint that is farther from its expected position than this says nothing about its side, metres."""
 CLEAR = 0.6
-"""Sides are changed where that leaves less than this share of the error."""
+"""Left and right are exchanged if this lowers the error to less than this share."""
 
 
 def correct_sides(keypoints: Keypoints, points_world: Array) -> tuple[Keypoints, NDArray[np.bool_]]:
-    """Change the sides of keypoints where that brings them nearer to expected places.
+    """Exchange left and right keypoints where this brings them nearer to their expected positions.
 
     Parameters
     ----------
     keypoints : Keypoints
     points_world : ndarray, shape (F, L, 3)
-        Where the keypoints are expected; NaN where that is not known.
+        Expected positions of the keypoints, metres, world; NaN where unknown.
 
     Returns
     -------
     keypoints : Keypoints
+        The corrected ones.
     changed : ndarray of bool, shape (V, F, L)
+        Which ones were exchanged.
     """
     other = swap_sides(keypoints)
     own, turned = (_cost(k, points_world) for k in (keypoints, other))
@@ -44,7 +46,7 @@ def correct_sides(keypoints: Keypoints, points_world: Array) -> tuple[Keypoints,
 
 
 def swap_sides(keypoints: Keypoints) -> Keypoints:
-    """All keypoints with left for right."""
+    """Exchange left and right of all keypoints."""
     order = [
         keypoints.names.index(mirrored_name(n)) if mirrored_name(n) in keypoints.names else i
         for i, n in enumerate(keypoints.names)
@@ -58,6 +60,6 @@ def _chosen(keypoints: Keypoints, other: Keypoints, changed: NDArray[np.bool_]) 
 
 
 def _cost(keypoints: Keypoints, points_world: Array) -> Array:
-    """Squared errors that level off, weighed by confidence, shape (V, F, L)."""
+    """Truncated squared errors of the keypoints, weighted by confidence, shape (V, F, L)."""
     error = np.sum(keypoints.residuals(points_world) ** 2, axis=-1)
     return np.asarray(np.nan_to_num(keypoints.confidence * np.minimum(error, FARTHEST**2)))

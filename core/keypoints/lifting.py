@@ -1,10 +1,10 @@
-"""Poses from the keypoints of a single view: how far each joint is, by the lengths of the bones.
+"""Points in space from the keypoints of a single view ("lifting"): depths follow from the lengths of the bones.
 
-A bone whose length is roughly known and whose ends are seen on two rays has its second joint at one of two depths,
-nearer or farther than the first. Which of them is a path through the frames (Viterbi): of the trunk first, whose states
-are the sides of the hips, the shoulders and the lean, then of every limb, whose states are those of its two bones. It
-costs what a person hardly does: to leave joint limits, to lean, to look away from the nose, to go through the floor,
-and to leap.
+If the length of a bone is roughly known and its ends are seen on two rays, its second joint is at one of two depths,
+nearer or farther than the first. The choice is a shortest path over the frames (Viterbi), first for the trunk, where a
+state says which hip and which shoulder is nearer and whether it leans forward, then for each limb, where a state is the
+choice for its two bones. What people hardly do has a cost: to exceed joint limits, to lean, to have the nose where the
+head does not face, to sink into the floor, and to leap.
 """
 
 from __future__ import annotations
@@ -25,40 +25,44 @@ from .keypoint_factor import LIFTED_DEVIATION, USUAL_DEVIATION, Keypoints
 from .view_agreement import ViewAgreement, interpolated, without_midpoints
 
 LEANING = 0.5
-"""Usual angle between the trunk and the vertical, radians."""
+"""Standard deviation of the angle between the trunk and the vertical, radians."""
 TWISTED = 0.4
-"""Usual turn of the shoulders against the hips, radians."""
+"""Standard deviation of the rotation of the shoulders relative to the hips, radians."""
 NOSE_DEVIATION = 0.08
-"""Usual distance of the nose from where a head that looks ahead has it, metres."""
+"""Standard deviation of the nose from its position on a head that looks ahead, metres."""
 LIMIT_DEVIATION = 0.2
-"""How far a joint may be beyond its limits, radians: depths are rough."""
+"""Standard deviation of a joint beyond its limits, radians; it is wide because depths are rough."""
 POSTURE_DEVIATION = 1.5
-"""Usual departure of a joint from rest, radians."""
+"""Standard deviation of a joint from its rest rotation, radians."""
 SPEED = 2.0
-"""Usual speed of a joint against the trunk, metres per second."""
+"""Standard deviation of the velocity of a joint relative to the trunk, metres per second."""
 ROUGH = 0.06
-"""Usual error of a lifted joint, metres: of a bone seen at nearly its full length a little noise makes much depth."""
+"""Standard deviation of a lifted joint, metres: for a bone seen at nearly its full length, little noise changes the
+depth much."""
 LEAP = 16.0
-"""No change between two frames costs more than this, in variances."""
+"""Upper bound of the cost of a change between two frames, in units of the variance."""
 DEPTH_TIME = 0.3
-"""Time over which the person's distance is a running median, seconds."""
+"""Window of the running median of the person's distance, seconds."""
 FORESHORTENED = 0.2
-"""Share of the bones that may be taken for longer than they are when the distance is judged."""
+"""When the person's distance is estimated, this share of the bones may come out longer than they are."""
 FLOOR_DEVIATION = 0.05
-"""How far feet may be below the floor, metres."""
+"""Standard deviation of feet below the floor, metres."""
 FLOOR_AGREES = 0.15
-"""Feet are taken to be on the floor, z = 0, where the distance that follows from that differs from that by the bones by
-less than this share."""
+"""Feet are assumed to be on the floor, z = 0, if the distance that follows from this differs from the one by the
+lengths of the bones by less than this share."""
 LEAST_DEPTH = 0.1
-"""Points nearer to the imagined view than this are left out, metres."""
+"""Points that are nearer to the imagined camera than this are left out, metres."""
 AVERAGE_HEIGHT = 1.7
-"""Of a person of whom nothing is known, metres."""
+"""Height of a person of whom nothing is known, metres."""
 HEIGHTS = (1.4, 2.05)
-"""Heights, metres, beyond which it is likelier that the floor is elsewhere than at z = 0."""
+"""Range of plausible heights, metres; if a height outside follows from the floor, the floor is probably not at z =
+0."""
 LENGTH_DEVIATION = 0.08
-"""How far a bone in the picture is usually off its length, as a share: proportions differ, and a detector errs."""
+"""Standard deviation of a bone's length as seen from that of the body, as a share: proportions differ, and detectors
+err.
+"""
 TURNED_AWAY = 0.25
-"""Usual depth of a bone, as a share of its length."""
+"""Standard deviation of a bone's extent in depth, as a share of its length."""
 _NEVER = 1e6
 _DEPTHS = 65  # nodes of an integral
 _ASIDE = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
@@ -72,14 +76,14 @@ _BONES = (
 
 @dataclass(frozen=True, eq=False)
 class Rays:
-    """Rays of one view to F frames' keypoints, all known.
+    """Rays of one view to the keypoints on F frames; missing ones are interpolated.
 
     Attributes
     ----------
     centre : ndarray, shape (F, 3)
-        Of the camera, in the world.
+        Centre of the camera, metres, world.
     directions : mapping of str to ndarray, shape (F, 3)
-        By keypoint, in the world, of depth one: a point is at centre + depth * direction.
+        By keypoint, in the world, scaled to a depth of one: a point is at centre + depth * direction.
     """
 
     centre: Array
@@ -87,7 +91,7 @@ class Rays:
 
     @classmethod
     def of(cls, keypoints: Keypoints) -> Rays:
-        """The rays of the first view's keypoints, on straight lines between the frames on which they are found."""
+        """The rays of the first view's keypoints, interpolated linearly between the frames on which they are found."""
         R, t = keypoints.R_cam_world[0], keypoints.t_cam_world[0]
         directions = {}
         for i, name in enumerate(keypoints.names):
@@ -102,9 +106,9 @@ class Rays:
         return self.centre + depth[..., None] * self.directions[name]
 
     def depths_from(self, start: Array, name: str, length: float) -> Array:
-        """The nearer and the farther depth of a keypoint that is about that far from points (..., F, 3), (2, ..., F).
+        """The nearer and the farther depth of a keypoint at a distance of `length` from points (..., F, 3).
 
-        What the length leaves for the direction of the ray is its expected share, see `expected_depth`.
+        Both have the shape (2, ..., F), metres. The extent in depth is the expected one, see `expected_depth`.
         """
         d = self.directions[name]
         square = np.sum(d * d, axis=-1)
@@ -115,10 +119,11 @@ class Rays:
 
 
 def expected_depth(seen: Array) -> Array:
-    """Share of a bone's length that lies along the ray, from the share that is seen across it, same shape.
+    """Share of a bone's length along the ray, from the share that is seen across it; the shape is the same.
 
-    A bone of which 95 % are seen is rather 5 % shorter than it is thought to be than turned away by 18 degrees: the
-    mean over how far bones are usually turned away and how exactly their lengths are known.
+    If 95 % of a bone's length are seen, it is more likely to be 5 % shorter than assumed than to be turned away by 18
+    degrees. The result is therefore the mean over the distributions of turns (`TURNED_AWAY`) and of lengths
+    (`LENGTH_DEVIATION`).
     """
     depths = np.linspace(0.0, 1.0, _DEPTHS)
     off = (np.sqrt(1 - depths**2) - np.minimum(seen, 1.0)[..., None]) / LENGTH_DEVIATION
@@ -135,7 +140,7 @@ def lone_view(body: Body, keypoints: Keypoints) -> int | None:
 
 
 def lifted_points(body: Body, keypoints: Keypoints, fps: float, *, mirrored: bool = False) -> tuple[Array, float]:
-    """Find points in the world for the keypoints of the first view.
+    """Find points in the world for the keypoints of the first view, by the lengths of the bones.
 
     Parameters
     ----------
@@ -144,14 +149,14 @@ def lifted_points(body: Body, keypoints: Keypoints, fps: float, *, mirrored: boo
     keypoints : Keypoints
     fps : float
     mirrored : bool
-        With the trunk turned to the other side of the picture's plane than is likeliest.
+        Whether to turn the trunk to the other side of the image plane than is most likely.
 
     Returns
     -------
     points_world : ndarray, shape (F, L, 3)
         NaN for keypoints that are not lifted, such as those of the face.
     cost : float
-        Of the paths, in variances.
+        Cost of the paths, in units of the variance.
     """
     rays = Rays.of(keypoints)
     places = _rest_places(body)
@@ -187,7 +192,7 @@ def _limb_joints() -> list[tuple[str, str, str, str, str]]:
 
 
 def _root_depth(rays: Rays, places: Mapping[str, Array], fps: float) -> Array:
-    """Depth of the hips' middle, (F,): bones cannot be longer than they are, and some are seen at their full length."""
+    """Depth of the middle of the hips, (F,): no bone may come out too long, and some are seen at their full length."""
     bones = [bone for bone in _BONES if set(bone) <= set(rays.directions)]
     seen = [np.linalg.norm(rays.directions[a] - rays.directions[b], axis=-1) for a, b in bones]
     lengths = [float(np.linalg.norm(places[a] - places[b])) for a, b in bones]
@@ -208,7 +213,7 @@ def _torso_length(places: Mapping[str, Array]) -> float:
 
 
 def _floor_ratio(rays: Rays, depth: Array) -> float:
-    """By how much feet that stand on the floor are farther away than depths (F,) say."""
+    """Distance of feet that stand on the floor, as a multiple of depths (F,)."""
     standing = np.full(depth.shape, np.inf)
     for name in ("LAnkle", "RAnkle"):
         if name in rays.directions:
@@ -224,7 +229,7 @@ def _floor_ratio(rays: Rays, depth: Array) -> float:
 def _trunk_points(
     rays: Rays, places: Mapping[str, Array], root: Array, fps: float, *, mirrored: bool
 ) -> tuple[dict[str, Array], float]:
-    """The hips and shoulders on the likeliest path, by name, shape (F, 3) each, and the path's cost."""
+    """The hips and shoulders on the cheapest path, by name, shape (F, 3) each, and the path's cost."""
     middles = {
         joint: Rays(rays.centre, {joint: 0.5 * (rays.directions["L" + joint] + rays.directions["R" + joint])})
         for joint in ("Hip", "Shoulder")
@@ -268,7 +273,7 @@ def _distance(rays: Rays, name: str, points: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Limb:
-    """Two parts of a body, and the joints between which they are.
+    """Two parts of a body and their three joints.
 
     Attributes
     ----------
@@ -293,7 +298,7 @@ class Limb:
         return [float(np.linalg.norm(part.tail_world - part.head_world)) for part in parts]
 
     def turns(self, trunk: Array, upper: Array, lower: Array) -> list[Array]:
-        """Rotation vectors of both parts that point along directions, from a trunk's orientations (F, 3, 3)."""
+        """Rotation vectors of both parts, which point along `upper` and `lower`, relative to a trunk (F, 3, 3)."""
         name = self.body.names[self.parts[0]]
         sign, farthest = next((float(s), float(f)) for part, *_, s, f in LIMBS if name.startswith(part))
         # The arms hang on the chest through collar bones, which rest here.
@@ -311,7 +316,7 @@ class Limb:
 def _limb_points(
     rays: Rays, limb: Limb, trunk: Array, start: Array, *, fps: float, standing: bool
 ) -> tuple[dict[str, Array], float]:
-    """The middle and the end of a limb that begins at points (F, 3), on the likeliest path, by name, and its cost."""
+    """The middle and last joint of a limb that starts at points (F, 3), by name, on the cheapest path; and its cost."""
     _, middle, last = limb.joints
     lengths = limb.lengths()
     bent = rays.at(middle, rays.depths_from(start, middle, lengths[0]))  # (2, F, 3)
@@ -330,14 +335,14 @@ def _limb_points(
 
 
 def _cheapest_path(cost: Array, moving: Array, fps: float) -> tuple[Ints, float]:
-    """The states (F,) that cost least in all, and that cost (Viterbi).
+    """The sequence of states (F,) with the least total cost, and that cost (Viterbi).
 
     Parameters
     ----------
     cost : ndarray, shape (S, F)
-        Of the states.
+        Cost of each state on each frame.
     moving : ndarray, shape (S, F, K)
-        What should not leap from one frame to the next, metres.
+        Coordinates that should not leap from one frame to the next, metres.
     fps : float
     """
     variance = (SPEED / fps) ** 2 + ROUGH**2
@@ -355,7 +360,9 @@ def _cheapest_path(cost: Array, moving: Array, fps: float) -> tuple[Ints, float]
 
 
 def likely_height(keypoints: Keypoints, fps: float) -> float:
-    """Return the height of a person who stands on the floor, z = 0, if that is a person's, else an average one."""
+    """Return the height of a person who stands on the floor, z = 0, in metres; an average one if this is
+    implausible.
+    """
     body = human(AVERAGE_HEIGHT)
     rays, places = Rays.of(keypoints), _rest_places(body)
     height = AVERAGE_HEIGHT * _floor_ratio(rays, _root_depth(rays, places, fps))
@@ -363,10 +370,10 @@ def likely_height(keypoints: Keypoints, fps: float) -> float:
 
 
 def with_imagined_view(keypoints: Keypoints, points_world: Array, fps: float) -> ViewAgreement:
-    """Return one view's keypoints beside those of an imagined view of points (F, L, 3), from the side.
+    """Return one view's keypoints together with those of an imagined view of points (F, L, 3) from the side.
 
-    The points' depths are held by it, roughly: a fit to the one view alone would bring the person nearer, where errors
-    are smaller, and turn the limbs away.
+    The imagined view holds the depths of the points, weakly. A fit to the real view alone would move the person towards
+    the camera, where residuals in metres are smaller, and turn the limbs away.
     """
     R, t = keypoints.R_cam_world[0], keypoints.t_cam_world[0]
     trunk = [i for i, name in enumerate(keypoints.names) if name in TRUNK]

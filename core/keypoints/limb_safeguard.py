@@ -1,4 +1,4 @@
-"""Limbs that a fit has lost are posed anew along the points that views agree on."""
+"""Limbs that a fit has lost are posed again on the triangulated points."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from .closed_form import LIMBS, closed_form_limb
 from .keypoint_factor import GROSS, Keypoints, Places
 
 WORSE = 2.0
-"""A limb is lost where its keypoints are so many variances farther from the views than the points that these agree on,
-averaged over a few frames; with errors of the usual size it is less than one."""
+"""A limb is lost if its squared error in the views exceeds that of the triangulated points by this, in units of the
+variance, averaged over `LOST_FOR`. With errors of the usual size the excess is below one."""
 LOST_FOR = 0.1
-"""The time of that average, and for which a lost limb is posed anew before and after as well, seconds."""
+"""Window of that average, seconds. A lost limb is posed again for the same time before and after as well."""
 
 
 def repose_lost_limbs(
@@ -29,7 +29,7 @@ def repose_lost_limbs(
     deviation: Array,
     fps: float,
 ) -> Motion | None:
-    """Return a motion with lost limbs posed on points in closed form; None where no limb is lost.
+    """Return a motion whose lost limbs are posed on points in closed form; None if no limb is lost.
 
     Parameters
     ----------
@@ -39,9 +39,9 @@ def repose_lost_limbs(
     places : Places
     keypoints : Keypoints
     points_world : ndarray, shape (F, L, 3)
-        Where views agree that the keypoints are; NaN where not known.
+        The triangulated keypoints, metres; NaN where not known.
     deviation : ndarray, shape (V, L)
-        The detector's, metres.
+        Standard deviations of the detector, metres.
     fps : float
     """
     poses, names = part_poses(body, motion), list(keypoints.names)
@@ -68,7 +68,7 @@ def repose_lost_limbs(
 
 
 def _mean_error(keypoints: Keypoints, points_world: Array, deviation: Array) -> Array:
-    """Mean over the views of squared errors, in variances, that level off, shape (F, L); 0 where nothing is known."""
+    """Mean over the views of robust squared errors, in units of the variance, (F, L); 0 where nothing is known."""
     error = np.sum(keypoints.residuals(points_world) ** 2, axis=-1) / deviation[:, None] ** 2
     known = keypoints.confidence * np.isfinite(error)
     total = np.sum(known * np.nan_to_num(np.minimum(error, GROSS**2)), axis=0)
@@ -76,7 +76,7 @@ def _mean_error(keypoints: Keypoints, points_world: Array, deviation: Array) -> 
 
 
 def _lost_frames(worse: Array, fps: float) -> NDArray[np.bool_]:
-    """Frames on which, and next to which, something is worse for a while, shape (F,)."""
+    """The frames on which the mean of `worse` (F,) over `LOST_FOR` exceeds `WORSE`, and their neighbours, (F,)."""
     span = max(1, round(LOST_FOR * fps))
     lost = scipy.ndimage.uniform_filter1d(worse, span, mode="nearest") > WORSE
     return np.asarray(scipy.ndimage.binary_dilation(lost, iterations=span)) if lost.any() else lost

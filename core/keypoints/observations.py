@@ -1,4 +1,4 @@
-"""The keypoints of a shot, as detectors found them: freed of lens distortion and given to the performers."""
+"""The keypoints of a shot: detections without lens distortion, assigned to the performers."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .tracks import ViewDetections
 
 
 def image_rays(camera: Camera, pixels: Array) -> Array:
-    """Places in the image at a distance of one, (x / z, y / z), of distorted pixels, shape (..., 2); NaN stays NaN."""
+    """Normalized image coordinates (x / z, y / z) of distorted pixels, shape (..., 2); NaN stays NaN."""
     known = np.isfinite(pixels).all(axis=-1)
     out = np.full(pixels.shape, np.nan)
     if known.any():
@@ -36,7 +36,7 @@ def image_rays(camera: Camera, pixels: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class PerformerKeypoints:
-    """The keypoints of one performer over a whole shot, and the motion that they show.
+    """The keypoints of one performer over a whole shot, and the motion fitted to them.
 
     Attributes
     ----------
@@ -45,13 +45,13 @@ class PerformerKeypoints:
     factor : KeypointFactor
         The same keypoints as evidence.
     changed : ndarray of bool, shape (V, F, L)
-        Where left and right were changed.
+        Where left and right were exchanged.
     weights : ndarray, shape (V, F, L)
-        0 to 1: how far each keypoint agrees with the motion, times its confidence.
+        Robust weight of each keypoint beside the motion times its confidence, 0 to 1.
     typical_variances : ndarray, shape (G,)
-        Of accelerations: how smooth the motion is, see `core.body.smoothness_estimate`.
+        Typical variances of accelerations, see `core.body.smoothness_estimate`.
     identity : Identity
-        Which of the people that detectors found the performer is.
+        Which of the detected people the performer is.
     """
 
     motion: Motion
@@ -63,7 +63,7 @@ class PerformerKeypoints:
 
     @property
     def is_lifted(self) -> bool:
-        """Whether a single view shows the performer, so that depths follow from the lengths of the bones."""
+        """Whether a single view shows the performer, so that depths follow from the lengths of its bones."""
         return self.factor.imagined is not None
 
     def of_views(self, views: list[int]) -> PerformerKeypoints:
@@ -81,7 +81,7 @@ class ShotKeypoints:
     ----------
     performers : tuple of PerformerKeypoints
     skipped : tuple of tuple of str
-        Per view: files that could not be read, and why.
+        Per view: the files that could not be read, each with the reason.
     """
 
     performers: tuple[PerformerKeypoints, ...] = ()
@@ -96,7 +96,7 @@ class ShotKeypoints:
 
 
 def fit_keypoints(shot: Shot, detections: Sequence[Detections], fixed: Sequence[NDArray[np.bool_]]) -> ShotKeypoints:
-    """Give the detections of a shot's views to its performers, and fit every performer's motion to its own.
+    """Assign the detections of a shot to its performers, and fit a motion to the keypoints of each.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def fit_keypoints(shot: Shot, detections: Sequence[Detections], fixed: Sequence[
     Raises
     ------
     KeypointError
-        They do not show enough to begin with.
+        The keypoints are too few to start from.
     """
     found, identities = identified_keypoints(shot, detections)
     performers = []
@@ -128,8 +128,8 @@ def fit_keypoints(shot: Shot, detections: Sequence[Detections], fixed: Sequence[
         if fit.agreed is None:
             factor = KeypointFactor(fit.keypoints, fit.places, correlated, imagined=fit.imagined)
         else:
-            # Errors that last shift what is constant, the offsets and measures, which the first pass has settled. They
-            # are no reason to doubt a movement that views agree on: every frame counts in full.
+            # Errors that last over many frames shift the constants (offsets and measures), but the first pass has
+            # settled these. They are no reason to doubt a movement that views agree on, so every frame counts in full.
             factor = KeypointFactor(fit.keypoints, fit.places, 1.0, fit.deviation, fit.agreed)
         habit = habit_precision(body, fit.keypoints, shot.fps)
         factor = replace(factor, habit=(habit, usual_turns(fit.motion, habit)))
@@ -140,7 +140,7 @@ def fit_keypoints(shot: Shot, detections: Sequence[Detections], fixed: Sequence[
 
 
 def correlated_frames(settings: Settings, fps: float) -> float:
-    """Return how many neighbouring frames' keypoints count as one."""
+    """Return how many neighbouring frames count as one, because a detector has the same error on them."""
     return max(1.0, settings.keypoint_correlation * fps)
 
 
@@ -150,12 +150,12 @@ def performer_keypoints(shot: Shot, detections: Sequence[Detections]) -> list[Ke
 
 
 def identified_keypoints(shot: Shot, detections: Sequence[Detections]) -> tuple[list[Keypoints], list[Identity]]:
-    """Return the keypoints of every performer of a shot, on its frames, and which of the people found each one is.
+    """Return the keypoints of every performer of a shot, on its frames, and which of the detected people each one is.
 
     Raises
     ------
     KeypointError
-        A performer was said to be a person that there is not; see `assign_detections`.
+        The person chosen for a performer does not exist; see `assign_detections`.
     """
     bodies = [performer.body for performer in shot.performers]
     known_names = dict.fromkeys(name for found in detections for name in found.names)
@@ -179,7 +179,7 @@ def identified_keypoints(shot: Shot, detections: Sequence[Detections]) -> tuple[
 
 
 def on_shot_frames(view: View, detections: Detections, names: Sequence[str], shot: Shot) -> ViewDetections:
-    """The detections that are on the shot's frames, with the keypoints of these names."""
+    """The detections of a view that lie on the shot's frames, reduced to the keypoints of these names."""
     first = footage_index(view, shot.frames[0])
     frames = detections.frames - first
     rows = np.flatnonzero((frames >= 0) & (frames < shot.length))
@@ -191,14 +191,14 @@ def on_shot_frames(view: View, detections: Detections, names: Sequence[str], sho
     pixels = detections.points[rows][:, used]
     with np.errstate(invalid="ignore"):
         inside = ((pixels >= -0.5) & (pixels < np.array(view.camera.size) - 0.5)).all(axis=-1)
-    # Some detectors complete a person beyond the picture's edge, where they see nothing.
+    # Some detectors guess the rest of a person beyond the edge of the picture, where they see nothing.
     rays[:, kept] = image_rays(view.camera, np.where(inside[..., None], pixels, np.nan))
     confidence[:, kept] = np.where(inside, detections.confidence[rows][:, used], 0.0)
     return ViewDetections(frames[rows], rays, confidence, detections.tracks[rows])
 
 
 def _key_places(performer: Performer, names: Sequence[str], frames: int) -> Array:
-    """Where the performer's key poses put the keypoints, shape (F, L, 3); NaN on other frames."""
+    """World positions of the keypoints by the performer's key poses, metres, (F, L, 3); NaN on other frames."""
     places = np.full((frames, len(names), 3), np.nan)
     keys, body = performer.key_poses, performer.body
     places[keys.frames] = Places.on(body, names).world(part_poses(body, keys.poses))
@@ -206,7 +206,7 @@ def _key_places(performer: Performer, names: Sequence[str], frames: int) -> Arra
 
 
 def on_time(keypoints: Keypoints, delays: Sequence[float]) -> Keypoints:
-    """The keypoints at the shot's instants: of views that were taken later or earlier, between two of their frames."""
+    """The keypoints at the shot's instants: views with a delay are interpolated between two of their frames."""
     rays, confidence = keypoints.rays.copy(), keypoints.confidence.copy()
     for v, delay in enumerate(delays):
         if delay:

@@ -1,8 +1,9 @@
-"""People: the detections of several views, over time, that show one person.
+"""People: detections of several views, over time, are grouped by the person that they show.
 
-Detectors confuse left and right, so people are compared by points that have no side, such as the middle between both
-hips. Views side by side see every two people at the same heights, so rays of two people often meet nearly as well as
-those of one: what counts is how well a third view confirms the points, and whether they are as far apart as a body's.
+Detectors confuse left and right, so people are compared by points that have no side, such as the middle of both hips.
+In views from similar heights, everybody is seen at the same height, so that rays to two different people often meet
+almost as well as rays to one. Therefore a third view must confirm the points, and the distances between them must be
+those of a body.
 """
 
 from __future__ import annotations
@@ -20,29 +21,29 @@ from .tracks import GAP, Track, ViewDetections, without_sides
 from .triangulation import triangulate
 
 NEAR = 0.25
-"""A person's track lies within this of where the person is, metres (median)."""
+"""A track belongs to a person if its median distance from the person's points is below this, metres."""
 MEETING = 0.15
-"""Rays of one person's points pass each other within this, metres."""
+"""Largest distance between two rays to the same point of one person, metres."""
 TRUNK = (0.2, 0.9)
-"""How far the middle of the shoulders is from that of the hips, metres."""
+"""Least and greatest distance between the middle of the shoulders and the middle of the hips, metres."""
 LONGEST_BONE = 0.8
-"""No middle of two joints is farther from that of the next two, metres."""
+"""Greatest distance between the middle of two joints and the middle of the next two along the body, metres."""
 LEAST = 0.2
-"""A person is confirmed by two views for this long, seconds."""
+"""A person counts if two views agree on it for at least this long, seconds."""
 SPEED = 2.0
-"""How fast a person may have gone where it was not seen, m/s."""
+"""Greatest speed of a person while it is not seen, m/s."""
 _CHAIN = ("Shoulder", "Hip", "Knee", "Ankle")
 
 
 @dataclass(frozen=True, eq=False)
 class Person:
-    """Somebody whom two views or more see.
+    """Somebody who is seen by at least two views.
 
     Attributes
     ----------
     tracks : tuple of Track
     places : ndarray, shape (F, K, 3)
-        Of the points without sides, metres; NaN where no two views agree.
+        World positions of the points without sides, metres; NaN where no two views agree.
     """
 
     tracks: tuple[Track, ...]
@@ -54,7 +55,7 @@ class Person:
         return np.flatnonzero(np.isfinite(self.places).all(axis=-1).any(axis=1))
 
     def doubled_by(self, track: Track) -> bool:
-        """Whether it would be seen twice at a time in a view if a track were its own."""
+        """Whether the person would be seen twice in one view on the same frame if the track were added to its own."""
         return any(t.view == track.view and np.intersect1d(t.frames, track.frames).size for t in self.tracks)
 
 
@@ -63,22 +64,22 @@ def find_people(
 ) -> list[Person]:
     """Group tracks by person, in the order in which people appear.
 
-    Those who are there at the beginning, or come within `tracks.GAP` of each other, are counted from left to right as
-    the first view sees them.
+    People who are there at the beginning, or who appear within `tracks.GAP` of each other, are ordered from left to
+    right as seen by the first view.
 
     Parameters
     ----------
     detections : sequence of ViewDetections
         Per view.
     empty : Keypoints
-        On F frames, without a keypoint: the names and the cameras.
+        Keypoints on F frames of which none is found; they carry the names and the cameras.
     tracks : sequence of Track
     fps : float
 
     Returns
     -------
     list of Person
-        Those whom two views show for `LEAST` seconds.
+        Everybody on whom two views agree for `LEAST` seconds.
     """
     scene = _Scene.of(detections, empty)
     rays, together = [scene.directions(track) for track in tracks], _overlapping(tracks)
@@ -103,8 +104,10 @@ def find_people(
 
 
 def prominence(detections: Sequence[ViewDetections], person: Person) -> float:
-    """How much of the pictures a person takes up: its sizes, as seen at a distance of one, over the frames of the
-    median view. Somebody who is close to one camera alone does not take up much.
+    """How much of the pictures a person takes up: the sum of its sizes over the frames, in the median view.
+
+    Sizes are in normalized image coordinates. By the median, somebody who is close to one camera only does not count
+    for much.
     """
     sizes = np.zeros(len(detections))
     for track in person.tracks:
@@ -114,7 +117,7 @@ def prominence(detections: Sequence[ViewDetections], person: Person) -> float:
 
 
 def distance_to(person: Person, places: Array) -> float:
-    """Median distance of a person from known places of the points without sides (F, K, 3), metres."""
+    """Median distance of a person from known positions (F, K, 3) of the points without sides, metres."""
     each = np.linalg.norm(person.places - places, axis=-1)
     known = each[np.isfinite(each)]
     return float(np.median(known)) if len(known) else np.inf
@@ -123,9 +126,10 @@ def distance_to(person: Person, places: Array) -> float:
 def detections_of(
     detections: Sequence[ViewDetections], empty: Keypoints, people: Sequence[Person], fps: float
 ) -> list[list[Track]]:
-    """The detections of every person, frame by frame: those nearest to where the others' views put it.
+    """The detections of every person: on each frame those nearest to where the other views put the person.
 
-    Tracks may go over from one person to another where they meet; where a person is known each frame is judged alone.
+    A track may change from one person to another where they meet. Therefore, once people are located, every frame is
+    decided by itself.
     """
     scene = _Scene.of(detections, empty)
     places = [_filled_in(person.places, round(GAP * fps)) for person in people]
@@ -155,7 +159,7 @@ def detections_of(
 
 @dataclass(frozen=True, eq=False)
 class _Scene:
-    """Detections by their points without sides, and the cameras; `points[v]` is (N, K, 2)."""
+    """The points without sides of all detections, and the cameras. `points[v]` has the shape (N, K, 2)."""
 
     empty: Keypoints
     points: tuple[Array, ...]
@@ -169,14 +173,14 @@ class _Scene:
         return cls(Keypoints(names, rays, confidence, empty.R_cam_world, empty.t_cam_world), middles)
 
     def keypoints(self, tracks: Sequence[Track]) -> Keypoints:
-        """The points of some tracks together."""
+        """The points of some tracks as one person's keypoints."""
         rays = self.empty.rays.copy()
         for track in tracks:
             rays[track.view, track.frames] = self.points[track.view][track.rows]
         return replace(self.empty, rays=rays, confidence=np.isfinite(rays).all(axis=-1).astype(float))
 
     def origins(self, view: int, frames: Ints) -> Array:
-        """Places of a camera, shape (n, 3)."""
+        """Positions of a camera on n frames, metres, world, shape (n, 3)."""
         R, t = self.empty.R_cam_world[view, frames], self.empty.t_cam_world[view, frames]
         return -np.einsum("fba,fb->fa", R, t)
 
@@ -188,7 +192,7 @@ class _Scene:
         return np.asarray(world / np.linalg.norm(world, axis=-1, keepdims=True))
 
     def apart(self, view: int, row: int, frame: int, places: Array) -> float:
-        """Median distance of a detection's rays from places (K, 3), metres."""
+        """Median distance of a detection's rays from points (K, 3), metres."""
         R, t = self.empty.R_cam_world[view, frame], self.empty.t_cam_world[view, frame]
         x = places @ R.T + t
         away = np.linalg.norm(x[:, :2] - self.points[view][row] * x[:, 2:], axis=1)
@@ -203,8 +207,8 @@ def _overlapping(tracks: Sequence[Track]) -> Bools:
 
 
 def _score(scene: _Scene, tracks: Sequence[Track], rays: Sequence[Array], pair: tuple[int, int], others: Ints) -> float:
-    """How many frames, and views besides, confirm that two tracks of different views show one person; `others` are
-    those of other views at that time.
+    """How strongly it is confirmed that two tracks of different views show one person: the number of frames on which
+    they agree, and of further views that agree there. `others` are the tracks of other views at that time.
     """
     first, second = tracks[pair[0]], tracks[pair[1]]
     frames, rows_a, rows_b = np.intersect1d(first.frames, second.frames, assume_unique=True, return_indices=True)
@@ -232,7 +236,7 @@ def _score(scene: _Scene, tracks: Sequence[Track], rays: Sequence[Array], pair: 
 
 
 def _nearest(origin_a: Array, ray_a: Array, origin_b: Array, ray_b: Array) -> tuple[Array, Array]:
-    """Where two rays come nearest to each other before both cameras, and how near; NaN where they do not."""
+    """The point where two rays are nearest to each other, and their distance there; NaN if it is behind a camera."""
     between = origin_b - origin_a
     cosine = (ray_a * ray_b).sum(axis=-1)
     along_a, along_b = (ray_a * between).sum(axis=-1), (ray_b * between).sum(axis=-1)
@@ -245,7 +249,7 @@ def _nearest(origin_a: Array, ray_a: Array, origin_b: Array, ray_b: Array) -> tu
 
 
 def _bodily(names: Sequence[str], points: Array) -> Bools:
-    """Where points (n, K, 3) are as far apart as those of a body."""
+    """Whether the distances between points are those of a body, for each of n sets (n, K, 3)."""
     fine = np.ones(len(points), bool)
     for upper, lower in pairwise(_CHAIN):
         if upper in names and lower in names:
@@ -256,7 +260,7 @@ def _bodily(names: Sequence[str], points: Array) -> Bools:
 
 
 def _grown(scene: _Scene, tracks: Sequence[Track], own: set[int], free: set[int]) -> tuple[Person, set[int]]:
-    """A person with all free tracks that lie where it is, and which these are; it begins with some of them."""
+    """A person with its `own` tracks and every free one that agrees with it, and the set of all these."""
     own = set(own)
     while True:
         person = Person(
@@ -276,14 +280,14 @@ def _grown(scene: _Scene, tracks: Sequence[Track], own: set[int], free: set[int]
 
 
 def _track_distance(scene: _Scene, track: Track, places: Array) -> float:
-    """Median distance of a track from places (F, K, 3), metres; infinite where none are known."""
+    """Median distance of a track from points (F, K, 3), metres; infinite if none of them is known."""
     away = np.linalg.norm(scene.keypoints([track]).residuals(places)[track.view, track.frames], axis=-1)
     by_frame = _median(away)
     return float(np.median(by_frame[np.isfinite(by_frame)])) if np.isfinite(by_frame).any() else np.inf
 
 
 def _joined(scene: _Scene, people: Sequence[Person], fps: float) -> list[Person]:
-    """People of whom one goes on where another ended, as one."""
+    """The people, with two joined into one where the second appears where the first has disappeared."""
     left = list(people)
     while True:
         pairs = [
@@ -301,7 +305,7 @@ def _joined(scene: _Scene, people: Sequence[Person], fps: float) -> list[Person]
 
 
 def _goes_on(before: Person, after: Person, fps: float) -> bool:
-    """Whether a person may be who another was."""
+    """Whether a person may be the continuation of another."""
     last, first = before.frames[-1], after.frames[0]
     seconds = (first - last) / fps
     away = np.linalg.norm(_middle(after.places[first]) - _middle(before.places[last]))
@@ -309,7 +313,7 @@ def _goes_on(before: Person, after: Person, fps: float) -> bool:
 
 
 def _appearance(scene: _Scene, person: Person, fps: float) -> tuple[int, int, float]:
-    """What people are ordered by: when they appear, and where in the first view that sees them."""
+    """The key that people are sorted by: when they appear, and where in the first view that sees them."""
     begin = int(person.frames[0])
     view = min(track.view for track in person.tracks)
     track = min((t for t in person.tracks if t.view == view), key=lambda t: int(t.frames[0]))
@@ -317,7 +321,7 @@ def _appearance(scene: _Scene, person: Person, fps: float) -> tuple[int, int, fl
 
 
 def _filled_in(places: Array, most: int) -> Array:
-    """Places (F, K, 3) with gaps of at most so many frames bridged, straight and at a constant speed."""
+    """Positions (F, K, 3) in which gaps of at most `most` frames are interpolated linearly."""
     out = places.copy()
     for k in range(places.shape[1]):
         known = np.flatnonzero(np.isfinite(places[:, k, 0]))
@@ -333,13 +337,13 @@ def _middle(points: Array) -> Array:
 
 
 def _seen(rays: Array) -> Array:
-    """Which of some detections (n, L, 2) have a keypoint at all."""
+    """Which of n detections (n, L, 2) have any keypoint."""
     return rays[np.isfinite(rays).any(axis=(1, 2))]
 
 
 def _median(values: Array) -> Array:
-    """Median along the last axis of what is known; infinite of nothing."""
-    ordered = np.sort(values, axis=-1)  # what is no number comes last
+    """Median of the known values along the last axis; infinite if there are none."""
+    ordered = np.sort(values, axis=-1)  # NaN comes last
     count = np.isfinite(ordered).sum(axis=-1)
     middle = np.take_along_axis(ordered, np.maximum(count - 1, 0)[..., None] // 2, axis=-1)[..., 0]
     return np.where(count > 0, middle, np.inf)

@@ -1,4 +1,4 @@
-"""Performers whose body and key poses come from keypoints alone: a first pass that the animator then owns."""
+"""Performers whose body and key poses come from keypoints alone: proposals that the animator can then change."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ EVERY = 0.6
 def propose_performers(
     shot: Shot, detections: Sequence[Detections], requests: Sequence[PerformerRequest | None]
 ) -> tuple[Performer, ...]:
-    """Make the performers that are asked for from keypoints: their bodies, and proposed key poses.
+    """Make the requested performers from keypoints: their bodies, and proposed key poses.
 
     Parameters
     ----------
     shot : Shot
-        The performers asked for stand in it as `PerformerRequest.placeholder`.
+        The requested performers stand in it as `PerformerRequest.placeholder`.
     detections : sequence of Detections
         Per view.
     requests : sequence of PerformerRequest or None
-        Per performer of the shot; None for those that are known already.
+        One per performer of the shot; None for performers that exist already.
 
     Returns
     -------
@@ -73,16 +73,16 @@ def propose_performers(
 
 @dataclass(frozen=True, eq=False)
 class KeypointPoses:
-    """The motion that keypoints show of one performer of a shot, and frames for key poses.
+    """The motion of one performer by its keypoints, and frames for key poses.
 
     Attributes
     ----------
     motion : Motion
-        F poses, held to the key poses that there are.
+        F poses; existing key poses are kept.
     frames : ndarray of int, shape (K,)
-        Shot frames asked for, or chosen.
+        Shot frames for key poses, as requested or as chosen.
     identity : Identity
-        Which of the people that detectors found the performer is.
+        Which of the detected people the performer is.
     """
 
     motion: Motion
@@ -90,7 +90,7 @@ class KeypointPoses:
     identity: Identity
 
     def key_poses(self) -> KeyPoses:
-        """Return the poses of these frames as proposals, which fix nothing."""
+        """Return the poses on these frames as proposals, which hold no degree of freedom."""
         return KeyPoses.proposed(self.frames, self.motion[self.frames])
 
 
@@ -108,7 +108,7 @@ def poses_from_keypoints(
     detections : sequence of Detections
         Per view.
     frames : sequence of int, optional
-        Shot frames on which poses are wanted; by default some are chosen, away from the key poses that there are.
+        Shot frames for the poses. By default they are chosen, at some distance from existing key poses.
     progress : callable, optional
 
     Raises
@@ -144,18 +144,18 @@ def poses_from_keypoints(
 
 
 def away_from_keys(chosen: NDArray[np.int64], keys: NDArray[np.int64], fps: float) -> NDArray[np.int64]:
-    """Return those of some frames that are not near a key pose."""
+    """Return those of the chosen frames that are not near a key pose."""
     apart = EVERY * fps / 2
     return np.array([f for f in chosen if not len(keys) or abs(keys - f).min() > apart], np.int64)
 
 
 def chosen_frames(fit: KeypointFit, fps: float) -> NDArray[np.int64]:
-    """Return the frame that keypoints show best in the middle half of every `EVERY` seconds."""
+    """Return, for every interval of `EVERY` seconds, the frame in its middle half that keypoints show best."""
     return best_frames(seen_quality(fit), fps)
 
 
 def best_frames(quality: Array, fps: float) -> NDArray[np.int64]:
-    """Return the frame with the greatest quality (F,) in the middle half of every `EVERY` seconds."""
+    """Return, for every interval of `EVERY` seconds, the frame in its middle half with the highest quality (F,)."""
     if not len(quality):
         return np.zeros(0, np.int64)
     count = max(1, round(len(quality) / (EVERY * fps)))
@@ -169,6 +169,6 @@ def best_frames(quality: Array, fps: float) -> NDArray[np.int64]:
 
 
 def seen_quality(fit: KeypointFit) -> Array:
-    """Return the share of keypoints on which two views or more agree with the motion, 0 to 1, shape (F,)."""
+    """Return the share of keypoints on which at least two views agree with the motion, 0 to 1, shape (F,)."""
     two_best = np.sort(fit.weights, axis=0)[-2:]
     return np.asarray(two_best.sum(axis=0).mean(axis=-1) / 2)

@@ -1,4 +1,4 @@
-"""Which landmarks a detector saw at all, and which parts of the body it thus shows."""
+"""Which landmarks a detector found at all, and therefore which parts of the body are known."""
 
 from __future__ import annotations
 
@@ -14,18 +14,19 @@ from ..numerics.arrays import Array, Bools
 from .keypoint_factor import Keypoints, Places
 
 LEAST_CONFIDENCE = 0.3
-"""A keypoint is seen with at least this confidence: below, most detectors' own programs do not draw it."""
+"""A keypoint counts as seen from this confidence on; below, most detectors' own programs do not draw it."""
 SEEN_OFTEN = 3
-"""A landmark is seen that is found in a view with that confidence on so many frames."""
+"""A landmark counts as seen if it has that confidence on at least this many frames of one view."""
 HABIT_DEVIATION = 0.5
-"""Usual departure of a part that is out of sight from how it is turned on average where it is seen, radians."""
+"""Standard deviation of a part that is out of sight from its mean rotation on frames on which it is seen, radians."""
 HABIT_TIME = 0.2
-"""How long a part goes on departing from that to the same side, seconds: frames within count as one."""
+"""How long such a deviation lasts, seconds: the frames of this time count as one."""
 
 
 def without_guesses(keypoints: Keypoints) -> Keypoints:
-    """Return the keypoints without those of landmarks that are nowhere found with some confidence: detectors that name
-    every keypoint whatever they see only guess at them.
+    """Return the keypoints without landmarks that no view finds with some confidence.
+
+    Some detectors give a position to every keypoint whatever they see; these are guesses.
     """
     often = min(SEEN_OFTEN, len(keypoints))
     seen = (keypoints.confidence >= LEAST_CONFIDENCE).any(axis=0).sum(axis=0) >= often
@@ -33,7 +34,7 @@ def without_guesses(keypoints: Keypoints) -> Keypoints:
 
 
 def unseen_parts(body: Body, keypoints: Keypoints) -> tuple[str, ...]:
-    """Return the names of the body's parts that keypoints show on no frame."""
+    """Return the names of the body's parts that no keypoint shows on any frame."""
     return unknown_parts(body, found_landmarks(keypoints))
 
 
@@ -44,10 +45,10 @@ def found_landmarks(keypoints: Keypoints) -> list[str]:
 
 
 def habit_precision(body: Body, keypoints: Keypoints, fps: float) -> Array:
-    """Return the precision with which parts are turned as usual on frames on which they are out of sight, (F, P).
+    """Return the precision of each part's usual rotation as a prior, 1/radians^2, (F, P); 0 where the part is seen.
 
-    A limb that leaves the picture would go on turning as it did when it was seen last. Parts that no keypoint shows on
-    any frame are left alone, as are hands and feet of which a detector says nothing.
+    Without this prior, a limb that leaves the picture would keep turning as it did when it was last seen. Parts that no
+    keypoint shows on any frame have no prior, nor have hands and feet if the detector does not find them.
     """
     carried = body.ancestry[Places.on(body, keypoints.names).parts]  # (L, P): what a landmark shows
     shown = (keypoints.confidence.any(axis=0)[:, :, None] & carried).any(axis=1)
@@ -55,18 +56,18 @@ def habit_precision(body: Body, keypoints: Keypoints, fps: float) -> Array:
 
 
 def usual_turns(motion: Motion, precision: Array) -> Array:
-    """Return the mean rotations (P, 3, 3) of parts over the frames on which they are not out of sight."""
+    """Return the mean rotations (P, 3, 3) of parts over the frames on which they are seen."""
     return rotations.mean(motion.rotations, (precision == 0).astype(float))
 
 
 def resting_degrees(body: Body, keypoints: Keypoints) -> Bools:
-    """Return the degrees of freedom of parts that rest, as no keypoint shows them, shape (F, D)."""
+    """Return which degrees of freedom belong to parts that rest because no keypoint shows them, shape (F, D)."""
     resting = np.zeros(1 + len(body), bool)
     resting[[1 + part for part in resting_parts(body, unseen_parts(body, keypoints))]] = True
     return np.tile(np.repeat(resting, 3), (len(keypoints), 1))
 
 
 def with_resting(motion: Motion, fixed: Bools) -> Motion:
-    """Return a motion whose parts that are held on all frames rest."""
+    """Return the motion with its rest rotation for all parts that are fixed on all frames."""
     held = fixed[:, 3:].reshape(len(fixed), -1, 3).all(axis=(0, 2))
     return Motion(motion.translations, np.where(held[:, None, None], np.eye(3), motion.rotations))

@@ -1,4 +1,4 @@
-"""A motion from the keypoints of a single view: several hypotheses of the depths, and a choice."""
+"""A motion from the keypoints of a single view: two hypotheses about the depths, and the choice between them."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from .view_agreement import ViewAgreement, without_midpoints
 def lifted_fit(
     body: Body, keypoints: Keypoints, view: int, *, fixed: Bools, precision: Array, fps: float
 ) -> KeypointFit:
-    """Fit a body's motion to the keypoints of one view, with depths by the lengths of the bones.
+    """Fit a body's motion to the keypoints of one view, with depths from the lengths of the bones.
 
-    Of two hypotheses, the likeliest path and one whose trunk is turned to the other side of the picture's plane, the
-    one counts whose limbs and trunk together cost less. Collar bones rest: in one view their turns look as one of
-    the trunk does.
+    There are two hypotheses: the cheapest path of the trunk, and one with the trunk turned to the other side of the
+    image plane. The one with the lower cost of trunk and limbs together is fitted. Collar bones rest: in one view,
+    their rotation cannot be told from one of the trunk.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def lifted_fit(
         The default body, of the person's height.
     keypoints : Keypoints
     view : int
-        The view that has some.
+        Index of the view that has keypoints.
     fixed : ndarray of bool, shape (F, D)
     precision : ndarray, shape (D,)
         See `FitProblem`.
@@ -48,10 +48,10 @@ def lifted_fit(
 
 
 def lifted_start(body: Body, keys: KeyPoses, keypoints: Keypoints, view: int, *, fixed: Bools, fps: float) -> Motion:
-    """The motion that the keypoints of one view show by the lengths of the bones, bent to pass through key poses.
+    """The motion lifted from the keypoints of one view, bent to pass through the key poses, as a start.
 
-    Depths are decimetres off, but limbs are those that the view shows. The curve through the key poses may have a leg
-    where the other one is.
+    Its depths are wrong by decimetres, but each limb follows its own keypoints. The curve through the key poses, the
+    other possible start, may have one leg in the place of the other.
 
     Parameters are those of `lifted_fit`.
     """
@@ -59,7 +59,9 @@ def lifted_start(body: Body, keys: KeyPoses, keypoints: Keypoints, view: int, *,
 
 
 def _lifted(body: Body, keypoints: Keypoints, view: int, *, fixed: Bools, fps: float) -> tuple[Motion, ViewAgreement]:
-    """The likelier hypothesis as a motion, and the view beside an imagined one that holds its depths."""
+    """The motion of the likelier hypothesis, and the agreement of the view with an imagined one that holds its
+    depths.
+    """
     own = without_midpoints(keypoints.of_views([view]))
     hypotheses = [lifted_points(body, own, fps, mirrored=mirrored) for mirrored in (False, True)]
     points, _ = min(hypotheses, key=lambda one: one[1])
@@ -70,7 +72,7 @@ def _lifted(body: Body, keypoints: Keypoints, view: int, *, fixed: Bools, fps: f
 def corrected_fit(
     body: Body, start: Motion, keypoints: Keypoints, view: int, *, fixed: Bools, precision: Array, fps: float
 ) -> KeypointFit:
-    """Fit a body's motion to the keypoints of one view, with depths and collar bones as they are at the start.
+    """Fit a body's motion to the keypoints of one view; depths and collar bones are held where they are at the start.
 
     Parameters are those of `lifted_fit`.
     """
@@ -101,7 +103,7 @@ def _fitted(
 
 
 def _as_of_all_views(fit: KeypointFit, keypoints: Keypoints, view: int, fps: float) -> KeypointFit:
-    """A fit to one view, and one that was imagined beside it, as one to all views, of which others show nothing."""
+    """A fit to one view and an imagined one, expressed as a fit to all views of the shot, in which others are empty."""
 
     def spread(values: NDArray[Any]) -> NDArray[Any]:
         everywhere = np.zeros((len(keypoints.confidence), *values.shape[1:]), values.dtype)

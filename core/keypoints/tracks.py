@@ -1,4 +1,4 @@
-"""Tracks: detections of one view strung together where they hardly move from one frame to the next."""
+"""Tracks: detections of one view that are linked from frame to frame where they hardly move."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from ..formats.keypoint_layouts import is_sided, mirrored_name
 from ..numerics.arrays import Array, Ints
 
 LEAP = 0.5
-"""From one frame to the next a person moves less than this share of its size."""
+"""Greatest movement of a person from one frame to the next, as a share of its size."""
 GAP = 0.5
-"""A track goes on after this long without detections, at most, seconds."""
+"""Longest time without detections after which a track is continued, seconds."""
 ALIKE = 0.1
-"""Where two ways to go on differ by less than this, in `LEAP`s, and by less than half of the worse, tracks end: it
-cannot be told who is who."""
+"""Tracks end where it is unclear who is who: where two possible continuations differ by less than this, in units of
+`LEAP`, and by less than half of the worse one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +29,7 @@ class Track:
     view : int
     frames : ndarray of int, shape (n,)
     rows : ndarray of int, shape (n,)
-        Which of the view's detections.
+        The rows of its detections in the view's `ViewDetections`.
     """
 
     view: int
@@ -49,7 +49,7 @@ class ViewDetections:
         See `Keypoints`.
     confidence : ndarray, shape (N, L)
     tracks : ndarray of int, shape (N,)
-        The detector's own numbers of people, -1 where there are none.
+        The numbers that the detector itself gave to people, -1 if it gave none.
     """
 
     frames: Ints
@@ -59,13 +59,13 @@ class ViewDetections:
 
 
 def without_sides(names: Sequence[str], points: Array) -> tuple[tuple[str, ...], Array]:
-    """Names and places of points that have no side: the middles of left and right ones, and the others as they are.
+    """Names and positions of points without a side: middles of left and right ones, and those that have no side anyway.
 
     Parameters
     ----------
     names : sequence of str, length L
     points : ndarray, shape (..., L, n)
-        In space, or in an image, where the middle of two points is nearly the image of the middle.
+        In space, or in an image, where the middle of two points is close to the image of their middle in space.
     """
     found: dict[str, Array] = {}
     for i, name in enumerate(names):
@@ -77,9 +77,9 @@ def without_sides(names: Sequence[str], points: Array) -> tuple[tuple[str, ...],
 
 
 def detection_tracks(names: Sequence[str], found: ViewDetections, view: int, fps: float) -> list[Track]:
-    """String the detections of a view together, frame by frame: the least movement in all (Hungarian method).
+    """Link the detections of a view from frame to frame with the least total movement (Hungarian method).
 
-    Where two people are so near to each other that it is not clear who goes on where, their tracks end.
+    Where two people are so close to each other that it is unclear who is who, their tracks end.
     """
     _, points = without_sides(names, found.rays)
     open_tracks: list[list[int]] = []
@@ -106,14 +106,16 @@ def detection_tracks(names: Sequence[str], found: ViewDetections, view: int, fps
 
 
 def _unclear(cost: Array, track: int, row: int) -> bool:
-    """Whether a track may as well go on with another detection, or a detection belong to another track."""
+    """Whether the track might as well continue with another detection, or the detection belong to another track."""
     others = np.concatenate([np.delete(cost[track], row), np.delete(cost[:, row], track)])
     least = others.min(initial=np.inf)
     return bool(least - cost[track, row] < ALIKE and cost[track, row] > 0.5 * least)
 
 
 def _movement(found: ViewDetections, points: Array, before: int, after: int) -> float:
-    """Median movement of the points that both have, in `LEAP`s of the person's size, at most 2."""
+    """Median movement of the points that two detections share, in units of `LEAP` times the person's size; at most
+    2.
+    """
     same = found.tracks[before] == found.tracks[after]
     if not same and min(found.tracks[before], found.tracks[after]) >= 0:
         return 2.0

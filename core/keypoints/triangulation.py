@@ -1,4 +1,4 @@
-"""Points in space from keypoints of several views: what pairs of views agree on, then least squares by confidence."""
+"""Triangulation: points on which pairs of views agree, then least squares over the agreeing views by confidence."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from ..numerics.arrays import Array, Ints
 from .keypoint_factor import Keypoints
 
 ACCEPTED = 0.06
-"""A view agrees with a point that is within this of its ray, metres."""
+"""A view agrees with a point if its ray passes the point within this distance, metres."""
 LEAST_ANGLE = np.radians(3)
-"""Two rays that meet at less than this angle give no depth."""
+"""Two rays that meet at a smaller angle do not give a depth, radians."""
 MOST_CANDIDATES = 6
-"""So many points are kept on which pairs of views agree."""
+"""How many candidate points are kept for each keypoint and frame, at most."""
 LEAP = 0.25
-"""A point leaps that is farther from where the frames around have it, metres."""
+"""A point leaps if it is farther than this from its position on the frames around, metres."""
 LEAP_TIME = 0.1
-"""A leap is believed where one view that is sure agrees with it for so long, seconds."""
+"""A leap is accepted if one view of full confidence agrees with it for this long, seconds."""
 
 
 def triangulate(keypoints: Keypoints, fps: float | None = None) -> tuple[Array, NDArray[np.bool_]]:
-    """Points on which the most views agree, weighed by confidence.
+    """Triangulate keypoints: the points on which the most views agree, weighted by confidence.
 
     Parameters
     ----------
     keypoints : Keypoints
     fps : float, optional
-        Of frames that follow one another: where pairs of views agree on different points, the point that moves steadily
-        counts, rather than the one that the most views agree on in a single frame.
+        Frame rate, if the frames follow one another. If pairs of views then agree on different points, the point that
+        moves steadily is preferred to the one on which the most views agree on a single frame.
 
     Returns
     -------
@@ -77,9 +77,9 @@ def triangulate(keypoints: Keypoints, fps: float | None = None) -> tuple[Array, 
 
 
 def _steadiest(candidates: Array, agreed: Array, leap_cost: float) -> Ints:
-    """Which of S candidates (S, F, 3) to take on every frame, shape (F,): most agreement (S, F) and least acceleration.
+    """The best of S candidates (S, F, 3) on every frame, shape (F,), by agreement (S, F) and by least acceleration.
 
-    The best path by dynamic programming over pairs of neighbouring frames.
+    The path is found by dynamic programming over pairs of neighbouring frames.
     """
     S, F = agreed.shape
     cost = np.where(np.isfinite(candidates).all(axis=-1), -agreed, np.inf)
@@ -101,7 +101,7 @@ def _steadiest(candidates: Array, agreed: Array, leap_cost: float) -> Ints:
 
 
 def _equations(keypoints: Keypoints) -> tuple[Array, Array]:
-    """Rows a and values b of a.x = b, both image axes, shape (V, F, L, 2, 3) and (V, F, L, 2)."""
+    """Linear equations a.x = b of both image axes: a with shape (V, F, L, 2, 3), b with (V, F, L, 2)."""
     R, t, rays = keypoints.R_cam_world[:, :, None], keypoints.t_cam_world[:, :, None], keypoints.rays
     rows = R[..., :2, :] - rays[..., None] * R[..., 2:, :]
     values = rays * t[..., 2:] - t[..., :2]
@@ -109,7 +109,7 @@ def _equations(keypoints: Keypoints) -> tuple[Array, Array]:
 
 
 def _solved(rows: Array, values: Array, weight: Array) -> Array:
-    """Weighted least squares over the views; NaN where fewer than two count."""
+    """Solution of the equations by weighted least squares over the views; NaN if fewer than two have a weight."""
     A = np.einsum("vflka,vfl,vflkb->flab", rows, weight, rows)
     b = np.einsum("vflka,vfl,vflk->fla", rows, weight, values)
     enough = (weight > 0).sum(axis=0) >= 2
@@ -126,7 +126,7 @@ def _depth(keypoints: Keypoints, points: Array) -> Array:
 
 
 def _distance(keypoints: Keypoints, points: Array) -> Array:
-    """Metres across the rays, infinite where a view has no keypoint, shape (V, F, L)."""
+    """Distances of points from the rays, metres, shape (V, F, L); infinite where a view has no keypoint."""
     size = np.linalg.norm(keypoints.residuals(points), axis=-1)
     return np.where(np.isfinite(size), size, np.inf)
 
@@ -137,7 +137,7 @@ def _agreement(keypoints: Keypoints, points: Array, weight: Array) -> Array:
 
 
 def _angle(keypoints: Keypoints, pair: tuple[int, int]) -> Array:
-    """Between the rays of two views, radians, shape (F, L)."""
+    """Angle between the rays of two views, radians, shape (F, L)."""
     directions = []
     for v in pair:
         ray = np.concatenate([keypoints.rays[v], np.ones((*keypoints.rays.shape[1:3], 1))], axis=-1)

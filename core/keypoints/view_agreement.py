@@ -1,7 +1,7 @@
-"""What several views agree on before any motion is known: points in space, sides, and how far a detector errs.
+"""What several views agree on before any motion is fitted: points in space, left and right, and the detector's errors.
 
-A motion that is fitted too smoothly leaves large residuals. If these were taken for the detector's errors, the motion
-would be made smoother still, until a fast limb is lost. Points that the views agree on know nothing of smoothness.
+A motion that is too smooth leaves large residuals. If these were taken for errors of the detector, the motion would
+become smoother still, until fast limbs are lost. Triangulated points do not depend on any assumed smoothness.
 """
 
 from __future__ import annotations
@@ -19,15 +19,17 @@ from .left_right import correct_sides
 from .triangulation import LEAP, triangulate
 
 COMPARED_WITHIN = 0.1
-"""How long before and after a point is compared with, seconds."""
+"""A point is compared with those up to this long before and after it, seconds."""
 AVERAGED_OVER = 0.04
 """Time over which points are averaged before a body is posed on them, seconds."""
 BRIDGED = 0.6
-"""Time between two sure places of a point over which a straight line says on which side it is, seconds."""
+"""Longest time between two certain positions of a point across which a straight line decides on left and right,
+seconds.
+"""
 MIDPOINTS = {"Neck": "Shoulder", "Hip": "Hip", "MidHip": "Hip"}
-"""Keypoints that many a layout makes of those of both sides."""
+"""Keypoints that many layouts define as the middle of a left and a right one."""
 MIDPOINT_TOLERANCE = 0.02
-"""A keypoint this near the middle of two others was made of them, as a share of their distance."""
+"""A keypoint was computed from two others if it is this close to their middle, as a share of their distance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,15 +39,15 @@ class ViewAgreement:
     Attributes
     ----------
     keypoints : Keypoints
-        Sides corrected where views contradict one another, without midpoints.
+        Left and right corrected where views contradict one another; without midpoints.
     changed : ndarray of bool, shape (V, F, L)
-        Where sides were changed for that.
+        Where left and right were exchanged.
     points_world : ndarray, shape (F, L, 3)
-        Without those that leap; NaN where no two views agree.
+        Triangulated points without those that leap, metres; NaN where no two views agree.
     confidence : ndarray, shape (V, F, L)
-        That of the keypoints that agree, else 0.
+        Confidence of the keypoints that agree with the points, else 0.
     deviation : ndarray, shape (V, L), or None
-        The detector's standard deviations, metres; None where no two views agree on anything.
+        Standard deviations of the detector, metres; None if no two views agree on anything.
     fps : float
     """
 
@@ -58,7 +60,7 @@ class ViewAgreement:
 
     @classmethod
     def of(cls, keypoints: Keypoints, fps: float) -> ViewAgreement:
-        """Correct the sides of keypoints where views contradict one another, and triangulate them."""
+        """Correct left and right of keypoints where views contradict one another, and triangulate them."""
         own = without_midpoints(keypoints)
         sided, changed = own, np.zeros(own.confidence.shape, bool)
         points, inliers = triangulate(sided, fps)
@@ -74,12 +76,12 @@ class ViewAgreement:
         return cls(sided, changed, points, inliers * sided.confidence, deviation, fps)
 
     def averaged(self) -> Array:
-        """The points averaged over a few frames; NaN where they are not known."""
+        """The points averaged over a few frames; see the function `averaged`."""
         return np.where(np.isfinite(self.points_world), averaged(self.points_world, self.fps), np.nan)
 
 
 def without_midpoints(keypoints: Keypoints) -> Keypoints:
-    """Return the keypoints without those that are only the middle of two others, which would count twice."""
+    """Return the keypoints without exact middles of two others, which would otherwise count twice."""
     names, confidence = keypoints.names, keypoints.confidence.copy()
     for midpoint, joint in MIDPOINTS.items():
         if {midpoint, "L" + joint, "R" + joint} <= set(names):
@@ -94,7 +96,7 @@ def without_midpoints(keypoints: Keypoints) -> Keypoints:
 
 
 def view_deviations(keypoints: Keypoints, points_world: Array, inliers: NDArray[np.bool_]) -> Array:
-    """Return a robust standard deviation of every view's keypoints from triangulated points, metres, shape (V, L).
+    """Return robust standard deviations of every view's keypoints from triangulated points, metres, shape (V, L).
 
     Parameters
     ----------
@@ -102,7 +104,7 @@ def view_deviations(keypoints: Keypoints, points_world: Array, inliers: NDArray[
     points_world : ndarray, shape (F, L, 3)
         NaN where not known.
     inliers : ndarray of bool, shape (V, F, L)
-        The views that each point was triangulated from: of 2 N coordinates, 3 were used up by the point.
+        The views from which each point was triangulated. Of the 2 N coordinates of N views, a point uses up 3.
     """
     size = np.linalg.norm(keypoints.residuals(points_world), axis=-1)
     views = np.maximum(inliers.sum(axis=0), 2)
@@ -110,8 +112,10 @@ def view_deviations(keypoints: Keypoints, points_world: Array, inliers: NDArray[
 
 
 def _expected(points_world: Array, inliers: NDArray[np.bool_], fps: float) -> Array:
-    """Return where points (F, L, 3) are expected: what two views agree on may be wrong, if one of them has exchanged
-    the sides; where a third does not decide, it is expected between the places before and after on which three agree.
+    """Return the expected positions of points (F, L, 3).
+
+    A point on which only two views agree may be wrong, because one of them may have exchanged left and right. Without a
+    third view to decide, it is expected between the positions before and after on which three views agree.
     """
     expected = running_median(without_leaps(points_world, fps), fps)
     sure = np.where((inliers.sum(axis=0) > 2)[..., None], expected, np.nan)
@@ -127,25 +131,27 @@ def _expected(points_world: Array, inliers: NDArray[np.bool_], fps: float) -> Ar
 
 
 def running_median(points_world: Array, fps: float) -> Array:
-    """Return medians of points (F, L, 3) over `COMPARED_WITHIN` before and after; NaN where none is known then."""
+    """Return running medians of points (F, L, 3) over `COMPARED_WITHIN` before and after; NaN if none is known
+    there.
+    """
     half = max(1, round(COMPARED_WITHIN * fps))
     padded = np.pad(points_world, ((half, half), (0, 0), (0, 0)), constant_values=np.nan)
     around = np.stack([padded[k : k + len(points_world)] for k in range(2 * half + 1)])
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # of points that are nowhere known
+        warnings.simplefilter("ignore", RuntimeWarning)  # all values of a window may be NaN
         return np.asarray(np.nanmedian(around, axis=0))
 
 
 def without_leaps(points_world: Array, fps: float) -> Array:
-    """Return points (F, L, 3), NaN where one leaps away from where it is before and after."""
+    """Return points (F, L, 3) with NaN for those that leap away from their positions before and after."""
     leaps = np.linalg.norm(points_world - running_median(points_world, fps), axis=-1) > LEAP
     return np.where(leaps[..., None], np.nan, points_world)
 
 
 def averaged(points_world: Array, fps: float) -> Array:
-    """Return points averaged over a few frames, gaps closed along straight lines; NaN where one is never known.
+    """Return points (F, L, 3) without gaps, averaged over a few frames; NaN for a point that is never known.
 
-    Where a point is not known for a while, it moves with those that are known all the time.
+    During a gap a point moves with the points that are known on all frames, and otherwise in a straight line.
     """
     lasting = np.isfinite(points_world).all(axis=(0, 2))
     carrier = points_world[:, lasting].mean(axis=1) if lasting.any() else np.zeros((len(points_world), 3))
@@ -154,7 +160,7 @@ def averaged(points_world: Array, fps: float) -> Array:
 
 
 def interpolated(points: Array) -> Array:
-    """Return points over time (F, 3), those not known on the line between their neighbours; NaN if none is known."""
+    """Return points over time (F, 3), in which missing ones are interpolated linearly; NaN if none is known."""
     known = np.isfinite(points).all(axis=-1)
     if not known.any():
         return points
