@@ -22,7 +22,7 @@ from ..runtime.worker_pool import WorkerPool
 from ..shot.shot import Shot
 from .journal import FinishedSegment, KeptSegments
 from .picture_store import StoredView
-from .segment_stages import TrackState
+from .segment_stages import EarlierTrack, TrackState
 from .segment_tasks import RefinedSegment, SegmentTask, SolvedSegment, Watcher, refine_task, solve_task
 from .segments import Segment, segments, whole_keys
 
@@ -52,7 +52,7 @@ class SegmentSchedule:
         See `tracker.track`; it needs a single worker.
     show : callable, optional
         See `SegmentShown`; called in the threads of the pool.
-    earlier : TrackState, optional
+    earlier : EarlierTrack, optional
         The shot as it was tracked before, to start from.
 
     Attributes
@@ -75,7 +75,7 @@ class SegmentSchedule:
         progress: Progress | None = None,
         observe: Observer | None = None,
         show: SegmentShown | None = None,
-        earlier: TrackState | None = None,
+        earlier: EarlierTrack | None = None,
     ) -> None:
         self.state, self.seconds = begin, Seconds()
         self._begin, self._shot, self._observed, self._pool, self._threads = begin, shot, observed, pool, threads

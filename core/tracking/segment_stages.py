@@ -76,6 +76,22 @@ class TrackState:
 
 
 @dataclass(frozen=True, eq=False)
+class EarlierTrack:
+    """A shot as it was tracked before some key poses changed.
+
+    Attributes
+    ----------
+    motions : tuple of Motion
+        Per performer, every frame of the shot. On key frames these may be the key poses of then or of now.
+    carried : TrackState
+        With these motions bent to pass through the key poses of now; see `core.shot.carried_motion.carried`.
+    """
+
+    motions: tuple[Motion, ...]
+    carried: TrackState
+
+
+@dataclass(frozen=True, eq=False)
 class SegmentData:
     """Everything that is known of a segment before it is solved.
 
@@ -211,13 +227,14 @@ def solve_segment(
 
 
 def resume_segment(
-    shot: Shot, solver: Solver, data: SegmentData, earlier: TrackState, workspace: Workspace
+    shot: Shot, solver: Solver, data: SegmentData, earlier: EarlierTrack, workspace: Workspace
 ) -> SegmentState | None:
     """Solve a segment from an earlier result; None where the images contradict that, or the solver cannot resume."""
     if solver.resume is None:
         return None
-    problem = segment_problem(shot, data, earlier)
-    found = solver.resume(problem, _on(data.segment, earlier.motions), workspace)
+    problem = segment_problem(shot, data, earlier.carried)
+    start, before = (_on(data.segment, motions) for motions in (earlier.carried.motions, earlier.motions))
+    found = solver.resume(problem, start, workspace, before)
     return None if found is None else SegmentState(data, problem, found)
 
 

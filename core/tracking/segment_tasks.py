@@ -20,6 +20,7 @@ from ..shot.shot import Shot
 from .journal import FinishedSegment
 from .picture_store import StoredView
 from .segment_stages import (
+    EarlierTrack,
     SegmentData,
     SegmentState,
     TrackState,
@@ -111,7 +112,7 @@ class SolvedSegment:
 def solve_task(
     task: SegmentTask,
     observed: ShotKeypoints,
-    earlier: TrackState | None = None,
+    earlier: EarlierTrack | None = None,
     progress: Progress | None = None,
     watch: Watcher | None = None,
 ) -> SolvedSegment:
@@ -121,7 +122,7 @@ def solve_task(
     ----------
     task : SegmentTask
     observed : ShotKeypoints
-    earlier : TrackState, optional
+    earlier : EarlierTrack, optional
         The shot as it was tracked before. A segment that is solved from there, without a doubt, is not refined.
     progress, watch : callable, optional
     """

@@ -50,7 +50,7 @@ from .picture_store import COLOUR, PictureStore, StoredView
 from .reader import SegmentReader, is_kept
 from .run_context import NOTHING_KEPT, RunContext, SolvedShot
 from .schedule import Observer, SegmentSchedule
-from .segment_stages import Around, TrackState
+from .segment_stages import Around, EarlierTrack, TrackState
 from .segment_tasks import solve_task
 from .segments import Segment, posed_frames, segments
 from .solvers.protocol import Solver
@@ -174,12 +174,12 @@ def _in_order(shot: Shot) -> tuple[Shot, list[int]]:
     return completed(in_order), [order.index(v) for v in range(len(order))]
 
 
-def _carried(begin: TrackState, shot: Shot, earlier: Sequence[Motion]) -> TrackState | None:
+def _carried(begin: TrackState, shot: Shot, earlier: Sequence[Motion]) -> EarlierTrack | None:
     """The shot as it was tracked before, if it was, with the key poses as they are now."""
     if not earlier or shot.length < 3 or shot.settings.footage_offset is None:
         return None
     motions = tuple(carried(m, p.key_poses) for m, p in zip(earlier, shot.performers, strict=True))
-    return replace(begin, motions=motions, solved=shot.length)
+    return EarlierTrack(tuple(earlier), replace(begin, motions=motions, solved=shot.length))
 
 
 def _check(shot: Shot) -> None:

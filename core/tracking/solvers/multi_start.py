@@ -17,8 +17,8 @@ import numpy as np
 
 from ...body.motion import Motion
 from ...runtime.timing import Seconds
-from .descent_stages import RESUMED, SETTLED, SETTLING, WINDOW
-from .gauss_newton import SegmentNoise, approach, continued, descend
+from .descent_stages import REACH, RESUMED, SETTLED, SETTLING, WINDOW
+from .gauss_newton import SegmentNoise, approach, continued, descend, farthest_joint
 from .like_limbs import untangled_limbs
 from .limb_exchange import recombined, with_limbs_exchanged
 from .limb_search import found_limbs
@@ -83,13 +83,19 @@ def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: 
     return replace(best, seconds=seconds)
 
 
-def resumed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution | None:
+def resumed(
+    problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace, before: Sequence[Motion]
+) -> SegmentSolution | None:
     """Solve from the motion that was found before key poses changed; None where the images contradict the result.
 
-    Parameters as in `gauss_newton.descend`.
+    Foreground beside the earlier motion was searched for limbs then. It does not count again, unless key poses moved
+    farther than a descent reaches.
+
+    Parameters as in `gauss_newton.descend`; `before` as in `protocol.Resume`.
     """
     found = descend(problem, start, workspace, RESUMED)
-    return None if doubted_performers(problem, start, found) else found
+    searched = start if farthest_joint(problem, before, start) < REACH else None
+    return None if doubted_performers(problem, start, found, searched) else found
 
 
 def best_of_own_starts(

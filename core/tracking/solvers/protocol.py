@@ -23,9 +23,19 @@ class Resume(Protocol):
     """Updates the motion of a segment after its key poses have changed a little."""
 
     def __call__(
-        self, problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace
+        self, problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace, before: Sequence[Motion]
     ) -> SegmentSolution | None:
-        """Solve from the earlier motion; return None where the images cast doubt on the result."""
+        """Solve from the earlier motion; return None where the images cast doubt on the result.
+
+        Parameters
+        ----------
+        problem : SegmentProblem
+        start : sequence of Motion
+            The earlier motion, bent to pass through the key poses of now.
+        workspace : Workspace
+        before : sequence of Motion
+            The earlier motion itself.
+        """
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,7 +33,12 @@ CONFIRMED = 0.9
 first pass."""
 
 
-def doubted_performers(problem: SegmentProblem, start: Sequence[Motion], solution: SegmentSolution) -> list[int]:
+def doubted_performers(
+    problem: SegmentProblem,
+    start: Sequence[Motion],
+    solution: SegmentSolution,
+    searched: Sequence[Motion] | None = None,
+) -> list[int]:
     """Return the indices of the performers for whom other starts are worth trying.
 
     These are the performers whose images contradict the solution while no keypoints confirm it, and those with limbs
@@ -45,12 +50,14 @@ def doubted_performers(problem: SegmentProblem, start: Sequence[Motion], solutio
     start : sequence of Motion
         F poses per performer, from which the solution was found.
     solution : SegmentSolution
+    searched : sequence of Motion, optional
+        As in `performers_uncovered`.
     """
     each = {i: problem.alone(i) for i in problem.sought}
     unsure = {i for i, alone in each.items() if not confirmed(alone, start, solution)}
     missed = {i for i in unsure if doubtful(each[i], solution) or limb_astray(each[i], solution)}
     if unsure - missed:
-        missed |= unsure & set(performers_uncovered(problem, solution))
+        missed |= unsure & set(performers_uncovered(problem, solution.motions, searched))
     return [i for i, alone in each.items() if i in missed or concealed(alone, solution)]
 
 
@@ -125,28 +132,39 @@ def limb_astray(problem: SegmentProblem, solution: SegmentSolution) -> bool:
     return False
 
 
-def performers_uncovered(problem: SegmentProblem, solution: SegmentSolution) -> list[int]:
+def performers_uncovered(
+    problem: SegmentProblem, motions: Sequence[Motion], searched: Sequence[Motion] | None = None
+) -> list[int]:
     """Return the performers beside whom some view shows foreground of half a limb or more that nobody covers.
 
     It must last for `LONG` frames, longer than prediction bridges. A lost arm is found by this; it is too small a part
-    of the performer to show in the cover of the whole body.
+    of the performer to show in the cover of the whole body. What is as large beside motions around which limbs were
+    searched for already, if there are any, is something else, such as a bystander.
     """
     held = [i for i in problem.sought if len(problem.whole_keys(i)) > 1]
     if not (held and views_with_foreground(problem.views)):
         return []
-    geometry, spans = problem.geometry(), problem.spans()
-    poses = poses_by_delay(problem, view_instants(problem, solution.motions))
-    misfit = measured_misfit(problem.views, geometry, poses, first=problem.first, spans=spans)
-    areas = misfit.areas_beside([problem.whole_keys(i) for i in range(len(problem.bodies))])
-    found = []
-    for i in held:
-        sizes = [
-            shown_areas(geometry, [spans[i].start + part for part in chain]).sum() for chain in limbs(problem.bodies[i])
-        ]
-        beside = areas[:, i] > LIMB_SHARE * min(sizes, default=np.inf)
-        if any(last + 1 - first >= LONG for row in beside for first, last in intervals(row)):
-            found.append(i)
-    return found
+    areas = _areas_beside(problem, motions)
+    found = [i for i in held if _limb_for_long(problem, i, areas[:, i])]
+    if not found or searched is None:
+        return found
+    areas -= _areas_beside(problem, searched)
+    return [i for i in found if _limb_for_long(problem, i, areas[:, i])]
+
+
+def _areas_beside(problem: SegmentProblem, motions: Sequence[Motion]) -> Array:
+    """Return the areas of foreground beside all performers, see `Misfit.areas_beside`, shape (V, M, F)."""
+    poses = poses_by_delay(problem, view_instants(problem, motions))
+    misfit = measured_misfit(problem.views, problem.geometry(), poses, first=problem.first, spans=problem.spans())
+    return misfit.areas_beside([problem.whole_keys(i) for i in range(len(problem.bodies))])
+
+
+def _limb_for_long(problem: SegmentProblem, performer: int, areas: Array) -> bool:
+    """Whether areas (V, F) beside a performer could be one of its limbs in some view, for `LONG` frames."""
+    geometry, begin = problem.geometry(), problem.spans()[performer].start
+    chains = [[begin + part for part in chain] for chain in limbs(problem.bodies[performer])]
+    smallest = min((shown_areas(geometry, parts).sum() for parts in chains), default=np.inf)
+    return any(last + 1 - first >= LONG for row in areas > LIMB_SHARE * smallest for first, last in intervals(row))
 
 
 def concealed(problem: SegmentProblem, solution: SegmentSolution) -> bool:

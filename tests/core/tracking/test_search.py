@@ -91,7 +91,35 @@ def test_a_view_that_shows_a_limb_where_the_solution_has_none_for_long_calls_for
     lowered[1 : 1 + wrong] = rest.rotations[1 : 1 + wrong]
     problem = SegmentProblem(coloured(HUMAN, truth, CAMERAS), (HUMAN,), 0, FPS, (ends_held(HUMAN, LENGTH),))
     found = explained(problem, Motion(rest.translations, lowered))
-    assert solution_doubts.performers_uncovered(problem, found) == [0] * expected
+    assert solution_doubts.performers_uncovered(problem, found.motions) == [0] * expected
+
+
+def test_foreground_that_was_beside_a_searched_motion_is_no_limb() -> None:
+    """A small correction is not followed by another search."""
+    rest = at_rest(HUMAN, LENGTH)
+    raised = rest.rotations.copy()
+    raised[1:-1, HUMAN.index("upper_arm.L")] = rotations.exp(np.array([0.0, 0.0, 1.2]))
+    truth = Motion(rest.translations, raised)
+    problem = SegmentProblem(coloured(HUMAN, truth, CAMERAS), (HUMAN,), 0, FPS, (ends_held(HUMAN, LENGTH),))
+    nearly = rest.moved(np.full((LENGTH, HUMAN.dof), 0.01))
+    assert solution_doubts.performers_uncovered(problem, [nearly]) == [0]
+    assert solution_doubts.performers_uncovered(problem, [nearly], [rest]) == []
+    assert solution_doubts.performers_uncovered(problem, [rest], [truth]) == [0]
+
+
+@pytest.mark.parametrize(("moved", "known"), [(0.01, True), (0.5, False)])
+def test_after_a_large_correction_limbs_are_searched_for_again(
+    moved: float, known: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    truth = swing(BODY, 5, 0.2)
+    problem = SegmentProblem(dark(CAMERAS[0], 5), (BODY,), 0, FPS, (ends_held(BODY, 5),))
+    step = np.zeros((5, BODY.dof))
+    step[0, 0] = moved
+    asked: list[object] = []
+    monkeypatch.setattr(multi_start, "doubted_performers", lambda *given: asked.append(given[3]))
+    start = [truth]
+    assert multi_start.resumed(problem, start, Workspace(), [truth.moved(step)]) is not None
+    assert asked == [start if known else None]
 
 
 @pytest.mark.parametrize(
