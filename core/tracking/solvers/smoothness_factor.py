@@ -80,7 +80,8 @@ class SegmentSmoothness:
         rounds : int
             Number of iterations of the estimate.
         bursts : bool
-            Whether the variances may differ from frame to frame, see `estimate_variances`.
+            Whether the variances may differ from frame to frame, see `estimate_variances`. They may not in coarse looks
+            at the pictures; usual accelerations that such a look does not contradict are not final.
         """
         if self.kept:
             return self
@@ -124,7 +125,7 @@ class SegmentSmoothness:
                     given=given_groups(problem.bodies[i], problem.settings),
                 )
             )
-        return SegmentSmoothness(tuple(found), scaled=True) if contradicted else replace(self, kept=True)
+        return SegmentSmoothness(tuple(found), scaled=True) if contradicted else replace(self, kept=bursts)
 
     def blocks(
         self, problem: SegmentProblem, performer: int, motion: Motion, expected: Array | None = None

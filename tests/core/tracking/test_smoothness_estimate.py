@@ -22,6 +22,8 @@ from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.shot.acceleration_prior import given_groups, usual_variances, variances_from_key_poses
 from kfmocap.core.shot.keypose_spline import spline
 from kfmocap.core.shot.shot import KeyPoses, Settings
+from kfmocap.core.tracking.solvers.problem import AccelerationSearch, SegmentProblem
+from kfmocap.core.tracking.solvers.smoothness_factor import SegmentSmoothness
 
 BODY = human(solid=False)
 BODY = replace(BODY, parts=BODY.parts[:4], landmarks={})
@@ -193,3 +195,23 @@ def test_where_nothing_is_seen_the_scale_is_the_expected_one_nearly() -> None:
     precision = precision_of(np.full(BODY.dof // 3, 0.02**2), FREE)[None]
     assert likeliest_scale(still, nothing, np.ones_like(fixed), precision) == 1.0
     assert 0.1 < likeliest_scale(moved, nothing, fixed, precision) < 10
+
+
+def test_usual_accelerations_are_settled_by_a_look_at_all_the_pictures_say_and_not_by_a_coarse_one() -> None:
+    """The first coarse looks still lie near a smooth start, where fast movement passes for usual movement."""
+    fixed = np.zeros((60, BODY.dof), bool)
+    problem = SegmentProblem(
+        (), (BODY,), 0, 30.0, (fixed,), typical_variances=(USUAL,), search=AccelerationSearch.SCALE_THEN_JOINTS
+    )
+
+    def estimated(before: SegmentSmoothness, factor: float, *, bursts: bool) -> SegmentSmoothness:
+        truth = walk(60, factor * np.sqrt(np.repeat(USUAL, 3)) * FREE)
+        seen = observed_blocks(truth, truth, 0.2 * factor * float(np.sqrt(USUAL[1])))
+        return before.estimated(problem, [truth], [seen], bursts=bursts)
+
+    start = SegmentSmoothness.start(problem)
+    coarse, settled = (estimated(start, 0.3, bursts=bursts) for bursts in (False, True))
+    for one in (coarse, settled):
+        np.testing.assert_array_equal(one.variances[0].typical, USUAL)
+    assert estimated(coarse, 4.0, bursts=False).scaled
+    assert not estimated(settled, 4.0, bursts=True).scaled
