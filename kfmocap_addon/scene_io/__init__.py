@@ -12,5 +12,5 @@ Modules by what they are about:
 - poses and keys: `fcurves`, `body_channels`, `rotation_modes`, `shown_pose`, `joint_marks`, `key_pose_curves`,
   `motion_curves`; whose a key is: `key_ownership`, `tracked_keys`; `lossless` keeps what Blender rounds
 - tracking and its review: `tracked_segments`, `tracking_preview`, `unfinished_tracking`, `review_data`,
-  `bone_confidence`, `bone_visibility`, `lost_parts`, `unknown_bones`
+  `bone_confidence`, `bone_visibility`, `lost_parts`, `unknown_bones`, `plant_lists`
 """
