@@ -20,7 +20,7 @@ from ..numerics.arrays import Array
 
 UNLIMITED = ((-np.pi, np.pi),) * 3
 AT_EASE = 2.0
-"""Usual departure from its rest orientation of a joint that turns as it likes, radians."""
+"""Standard deviation of a free joint's rotation from its rest orientation, radians."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,8 @@ class Part:
     limits : ndarray, shape (3, 2)
         Smallest and largest value of each component of Q's rotation vector, radians.
     departure : float
-        Usual departure from the rest orientation, radians: decides what landmarks and pictures do not show.
+        Standard deviation of the rotation from the rest orientation, radians. It decides what landmarks and images do
+        not show.
     """
 
     name: str
@@ -78,7 +79,7 @@ class Body:
     ----------
     parts : tuple of Part
     landmarks : mapping of str to (int, ndarray of shape (3,))
-        Landmark name to the index of the part that carries it and its place in that part's frame, metres. Joint
+        Landmark name to the index of the part that carries it and its position in that part's frame, metres. Joint
         centres are landmarks too.
     """
 
@@ -111,7 +112,7 @@ class Body:
 
     @cached_property
     def parents(self) -> list[int]:
-        """Index of each part's parent; -1 of the root."""
+        """Index of each part's parent, -1 for the root."""
         return [part.parent for part in self.parts]
 
     @cached_property
@@ -122,7 +123,7 @@ class Body:
 
     @cached_property
     def offsets(self) -> Array:
-        """o: place of each part's joint in its parent's frame (the root: in the world), metres, shape (P, 3)."""
+        """o: position of each part's joint in its parent's frame (the root: in the world), metres, shape (P, 3)."""
         heads = [part.head_world for part in self.parts]
         R = [part.R_world_rest for part in self.parts]
         return np.stack([heads[i] if p < 0 else R[p].T @ (heads[i] - heads[p]) for i, p in enumerate(self.parents)])
@@ -143,7 +144,7 @@ class Body:
 
     @cached_property
     def departures(self) -> Array:
-        """Usual departures of all parts from their rest orientations, radians, shape (P,)."""
+        """Standard deviations of all parts' rotations from their rest orientations, radians, shape (P,)."""
         return np.array([part.departure for part in self.parts])
 
     @cached_property
@@ -152,7 +153,9 @@ class Body:
         return np.asarray(self.departures < AT_EASE)
 
     def landmark_arrays(self, names: list[str]) -> tuple[NDArray[np.int64], Array]:
-        """Part indices (L,) and places in the part frames (L, 3) of the named landmarks."""
+        """Part indices (L,) of the named landmarks, and their positions in the frames of these parts, metres, (L,
+        3).
+        """
         parts = np.array([self.landmarks[n][0] for n in names], dtype=np.int64)
         points = np.array([self.landmarks[n][1] for n in names], dtype=float).reshape(-1, 3)
         return parts, points

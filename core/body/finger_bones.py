@@ -1,6 +1,6 @@
-"""Bones of fingers on the hands of the default body, which has none: where they are at rest.
+"""The rest positions of finger bones, which the default body itself does not have.
 
-They carry no part: the tracker does not see fingers by themselves. Their names are Rigify's.
+No part belongs to them, because the tracker does not see single fingers. Their names are Rigify's.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ _KNUCKLES = {
     "f_ring": (0.46, -0.08, 0.47),
     "f_pinky": (0.43, -0.18, 0.37),
 }
-"""Of each finger: its knuckle along the hand and across it to the thumb's side, and its length, in hand lengths; of an
-average adult's hand."""
+"""For each finger of an average adult, in hand lengths: the position of its knuckle along the hand and across it
+towards the thumb, and the length of the finger."""
 _SHARES = (0.50, 0.28, 0.22)
-"""Of a finger's length, its bones'."""
+"""Lengths of a finger's bones as shares of the finger's length."""
 _THUMB, _THUMB_BONES = (0.12, 0.12), (0.22, 0.17, 0.14)
 _THUMB_WAY = np.array([1.0, 1.0]) / np.sqrt(2)
 """Where the thumb begins, how long its bones are, and where it points, along the hand and across it."""

@@ -1,8 +1,9 @@
 """When a foot stands on the ground: plants of points of the sole, from their motion alone.
 
-A point of the sole is planted or swings. While it is planted its speed is noise and its height the floor's; while it
-swings both are those of a step. The sizes of these are estimated from the motion itself (expectation maximisation of a
-two-state model), and the most likely sequence of states is found by Viterbi's algorithm.
+A point of the sole is either planted or swinging. While it is planted, its speed is noise and its height that of the
+floor; while it swings, both are those of a step. The typical speeds and heights of both states are estimated from the
+motion itself (expectation maximisation of a two-state model), and Viterbi's algorithm finds the most likely sequence of
+states.
 """
 
 from __future__ import annotations
@@ -49,16 +50,16 @@ def find_plants(
     Parameters
     ----------
     points : ndarray, shape (F, C, 3)
-        Places of heel and ball, or of other points of the sole, in the world, Z up.
+        World positions of heel and ball, or of other points of the sole, Z up.
     fps : float
         Frames per second.
     leg : float
         Length of the leg in the same unit: speeds and heights are measured in it.
     deviation : ndarray, shape (F, C), optional
-        Standard deviation of each point's place: frames on which it is larger than usual decide less. What is usual
-        shows in the motion itself.
+        Standard deviation of each point's position. Frames on which it is larger than the median have less influence;
+        the median itself is part of the noise that is estimated from the motion.
     by_height : bool
-        Points that stand still are also at one height; else anywhere, as hands on tables and walls.
+        Whether planted points are all at one height. If not, they may be anywhere, like hands on tables and walls.
 
     Returns
     -------
@@ -86,13 +87,13 @@ def find_plants(
 
 
 def _beyond_usual(deviation: Array) -> Array:
-    """What of standard deviations is more than their median over the frames, as independent of it."""
+    """By how much standard deviations exceed their median over the frames, as the deviation of an independent error."""
     return np.asarray(np.sqrt(np.maximum(deviation**2 - np.median(deviation, axis=0) ** 2, 0.0)))
 
 
 @dataclass(frozen=True)
 class _Sizes:
-    """Sizes of speeds and heights, in legs: of planted points and swinging ones."""
+    """Typical speeds and heights of planted and of swinging points, in leg lengths (per second)."""
 
     planted: float
     swinging: float
@@ -116,7 +117,7 @@ class _Sizes:
 
 
 def _gain(speed: Array, height: Array, sizes: _Sizes, doubt: Array, fps: float) -> Array:
-    """Log likelihood ratio of being planted to swinging, by frame and point; what is in doubt says little."""
+    """Log likelihood ratio of planted to swinging, by frame and point; it is small where `doubt` is large."""
     blur = doubt * fps / np.sqrt(2)  # of a speed from the frame before to the frame after
     a, b = (np.sqrt(size**2 + blur**2) for size in (sizes.planted, sizes.swinging))
     by_speed = 3 * np.log(b / a) - speed**2 / 2 * (1 / a**2 - 1 / b**2)
@@ -133,7 +134,7 @@ def _weighted_median(values: Array, weights: Array) -> float:
 
 
 def _most_likely(gain: Array, change: float) -> Bools:
-    """The most likely sequence of states: planted gains `gain` (F,) a frame, every change costs `change`."""
+    """The most likely sequence of states, if a planted frame gains `gain` (F,) and every change costs `change`."""
     value = np.zeros(2)
     came = np.zeros((len(gain), 2), np.int64)
     for f, step in enumerate(gain):
@@ -154,7 +155,7 @@ def runs(flags: Bools) -> list[tuple[int, int]]:
 
 
 def _without_short(flags: Bools, shortest: int, state: bool) -> Bools:
-    """Turn runs of a state that are shorter than a number of frames, but not at either end."""
+    """Flip runs of a state that are shorter than a number of frames, except those at either end."""
     kept = flags.copy()
     for a, b in runs(flags == state):
         if b - a + 1 < shortest and a > 0 and b < len(flags) - 1:

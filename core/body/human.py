@@ -63,8 +63,8 @@ _LIMITS: dict[str, Array] = {
 }
 _FREE = _limits((-180, 180), (-180, 180), (-180, 180))
 _DEPARTURES = {"spine": 0.7, "chest": 0.7, "shoulder": 0.5}
-"""Where landmarks leave open how a bend is shared: spine and chest alike, and a turn of the shoulders is mostly theirs.
-"""
+"""Standard deviations of stiff parts from rest, radians. If landmarks do not show which parts bend, spine and chest
+share the bend equally, and the arms turn rather than the collar bones."""
 
 # Rings of each part: (place along the bone as a fraction of its length, half width, half depth, shift in depth), the
 # last three in metres for a height of 1.75 m; width along the bone's x axis, depth along its z axis.
@@ -81,7 +81,7 @@ _RINGS: dict[str, list[tuple[float, float, float, float]]] = {
     "shin": [(0.0, 0.052, 0.055, 0.0), (0.3, 0.056, 0.06, -0.012), (1.0, 0.034, 0.036, 0.0)],
 }
 _COLLAR_BEGINS = 0.15
-"""Where collar bones begin, as a share of the way from the middle of the body to the shoulder joints."""
+"""Start of the collar bones, as a share of the way from the middle of the body to the shoulder joints."""
 _SIDES = 10
 _FORWARD, _UP = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0])
 _SOLE = 0.016  # below the heel and toe landmarks, metres for a height of 1.75 m
@@ -115,19 +115,20 @@ def human(
     Parameters
     ----------
     height : float
-        Metres. Gives what `measures` leaves open, and all widths of the parts.
+        Metres. It determines the measures that are not given, and the widths of all parts.
     measures : mapping, optional
         Measures in metres by the names of `default_measures`; a name without its side sets both.
     solid : bool
-        Give the parts their polyhedra; joints and landmarks, which are there sooner, need none.
+        Whether to build the polyhedra of the parts. Without them the body is built faster, with joints and landmarks
+        only.
     collar_bones : bool
-        Give the arms collar bones, named shoulder; without them they hang on the chest.
+        Whether the arms hang on collar bones, named shoulder; otherwise they hang on the chest.
 
     Returns
     -------
     Body
-        Parts pelvis (root), spine, chest, head, and on each side shoulder, upper_arm, forearm, hand, thigh, shin, foot;
-        landmarks named as Pose2Sim's.
+        The parts are pelvis (root), spine, chest, head, and on each side shoulder, upper_arm, forearm, hand, thigh,
+        shin, foot. Landmarks have Pose2Sim's names.
     """
     m = default_measures(height)
     for name, value in (measures or {}).items():
@@ -150,7 +151,7 @@ class _Assembly:
         self._girth, self._solid = girth, solid
 
     def add(self, name: str, parent: str | None, head: Array, tail: Array, z_hint: Array = _FORWARD) -> int:
-        """Add a part, of rings along its bone where it has some, and return its index."""
+        """Add a part, with a solid made of rings along its bone if it has any, and return its index."""
         kind = name.split(".", maxsplit=1)[0]
         limits = _LIMITS.get(kind, _FREE)
         if name.endswith(".R"):  # mirrored across x = 0: turns about y and z change sign
@@ -226,7 +227,7 @@ def _assemble(m: Mapping[str, float], girth: float, *, solid: bool, collar_bones
 
 
 def bone_axes(direction: Array, z_hint: Array) -> Array:
-    """Rest orientation with y along `direction` and z as near `z_hint` as can be, shape (3, 3)."""
+    """Rest orientation with y along `direction` and z as close to `z_hint` as possible, shape (3, 3)."""
     y = direction / math.sqrt(direction @ direction)
     z = z_hint - y * (y @ z_hint)
     z /= math.sqrt(z @ z)

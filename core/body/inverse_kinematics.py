@@ -23,27 +23,28 @@ from .motion import Motion, stacked
 LANDMARK_SIGMA = 0.01
 """Expected error of a landmark, metres."""
 SETTLED = 1e-9
-"""Relative change after which a pose is found. Roundings decide what is left of it, and they differ between processors.
-"""
+"""Relative change at which a pose has converged. Smaller changes depend on rounding, which differs between
+processors."""
 EVALUATIONS = 200
-"""At most so many for a pose: landmarks that no pose fits would take thousands."""
+"""Upper bound of the evaluations for a pose: landmarks that no pose fits would take thousands."""
 ACCEPTED_MISFIT = 0.03
-"""A landmark farther than this from its place, metres, is reason to look for another pose from other poses of the
-limbs; one that is farther than its expected error, to try the arms turned."""
+"""If a landmark of the body ends up farther than this from its target, metres, further starts with other poses of the
+limbs are tried; if farther than its expected error, only starts with the arms turned."""
 DRAWS = 12
-"""So many of them: of those drawn for a man who gets up from the floor, six in ten lead to the pose."""
+"""Number of random starts. For a man who gets up from the floor, six in ten lead to the right pose."""
 CLEARLY = 0.5
-"""Share of the misfit below which a pose found from there counts: on a body of other proportions all of them misfit."""
+"""A pose from a random start replaces the first one only if its misfit is below this share of the first one's: on a
+body of other proportions, all poses have a misfit."""
 LIMIT_SIGMA = 0.02
-"""How far a joint may go beyond its limits while the fit is searching, radians."""
+"""Standard deviation of a joint beyond its limits while the fit is searching, radians."""
 MEASURE_SIGMA = 0.12
-"""Expected relative departure of a measure from the average person's."""
+"""Standard deviation of a measure from the average person's, as a share of it."""
 SHIFT_SIGMA = 0.03
-"""Expected departure of a shift (`body.human.SHIFTS`) from the average person's, metres."""
+"""Standard deviation of a shift (`body.human.SHIFTS`) from the average person's, metres."""
 LITTLE_GAIN = 1e-3
-"""Share of the cost below which a gain by other measures is followed by no other."""
+"""The fit of measures ends when a step lowers the cost by less than this share."""
 AT_LIMIT = 1e-6
-"""A joint this near to its limit does not follow the measures, radians."""
+"""A joint this near to its limit is held while measures change, radians."""
 TINY = 1e-12
 """Square metres per square unit of a degree of freedom that no landmark shows."""
 ROUGH = 1e-4
@@ -86,7 +87,7 @@ def _fit_poses(
     draw: bool = False,
     tolerance: float = 1e-6,
 ) -> Motion:
-    """Fit poses; with `search`, one that does not fit is tried with its arms turned, with `draw` from others drawn."""
+    """Fit poses. If one does not fit, `search` also tries starts with its arms turned, and `draw` random starts."""
     used = [i for i, name in enumerate(names) if name in body.landmarks]
     known, targets = [names[i] for i in used], np.asarray(targets_world, float)[:, used]
     seen = np.isfinite(targets).all(axis=2)
@@ -119,23 +120,23 @@ def _fit_poses(
 
 
 def _replace(poses: Motion, which: NDArray[np.intp], others: Motion) -> None:
-    """Put others in the place of some poses."""
+    """Replace some of the poses by others, in place."""
     poses.translations[which] = others.translations
     poses.rotations[which] = others.rotations
 
 
 def _limited(body: Body) -> NDArray[np.bool_]:
-    """Which parts have joints that cannot turn all the way round, shape (P,)."""
+    """Which parts have joints with limits, shape (P,)."""
     limited = np.ptp(body.limits, axis=2).max(axis=1) < 2 * np.pi - 1e-6
     limited[0] = False
     return np.asarray(limited)
 
 
 def _limbs_drawn(body: Body, pose: Motion) -> Motion:
-    """The pose (1) with its joints that have limits drawn within them, the same for every pose, `DRAWS` times.
+    """`DRAWS` copies of one pose whose limited joints are drawn at random within their limits.
 
-    Limits are walls between poses: from the rest pose a fit may be caught with a leg on the wrong side of one, and the
-    trunk turned to make up for it.
+    The draws are the same for every pose. They are needed because limits separate poses: a fit that starts from rest
+    may end with a leg on the wrong side of a limit, and the trunk turned to make up for it.
     """
     low, high = body.limits[:, :, 0], body.limits[:, :, 1]
     drawn = np.random.default_rng(0).uniform(low, high, size=(DRAWS, len(body), 3))
@@ -144,27 +145,27 @@ def _limbs_drawn(body: Body, pose: Motion) -> Motion:
 
 
 def _misfits(body: Body, names: list[str], targets: Array, poses: Motion) -> Array:
-    """The farthest that a landmark of each pose is from its place, metres, shape (K,)."""
+    """The largest distance of a landmark from its target in each pose, metres, shape (K,)."""
     distance = np.linalg.norm(landmark_positions(body, poses, names) - targets, axis=2)
     return np.asarray(np.nanmax(distance, axis=1))
 
 
 def _costs(body: Body, names: list[str], targets: Array, poses: Motion) -> Array:
-    """What is minimised, of poses within the joint limits, square metres, shape (K,)."""
+    """The objective of poses that are within the joint limits, square metres, shape (K,)."""
     turns = rotations.log(poses.rotations[:, 1:]).reshape(len(poses), -1)
     error = landmark_positions(body, poses, names) - targets
     return np.asarray(np.nansum(error**2, axis=(1, 2)) + turns**2 @ _posture(body)[6:])
 
 
 def _posture(body: Body) -> Array:
-    """What the square of each degree of freedom costs, so that joints rest where landmarks leave them open."""
+    """Weight of the square of each degree of freedom, (D,): joints stay near rest where landmarks do not show them."""
     posture = np.zeros(body.dof)
     posture[6:] = np.repeat((LANDMARK_SIGMA / body.departures[1:]) ** 2, 3)
     return posture
 
 
 def _elbow_turned(body: Body, poses: Motion, side: str) -> Motion:
-    """The poses with an elbow bent and turned to the other side: a fit may be caught with an arm twisted wrongly."""
+    """The poses with an elbow bent and turned to the other side, for fits that end with a wrongly twisted arm."""
     Q = poses.rotations.copy()
     if f"forearm.{side}" in body.names:
         upper, lower = body.index(f"upper_arm.{side}"), body.index(f"forearm.{side}")
@@ -174,7 +175,7 @@ def _elbow_turned(body: Body, poses: Motion, side: str) -> Motion:
 
 
 def _placed(body: Body, names: list[str], points: Array) -> Motion:
-    """The rest pose moved rigidly onto the landmarks, the trunk's above all (Kabsch)."""
+    """The rest pose moved rigidly onto the landmarks (Kabsch), with those of the trunk weighted most."""
     rest = Motion(body.offsets[:1], np.tile(np.eye(3), (1, len(body), 1, 1)))
     model = landmark_positions(body, rest, names)[0]
     trunk = [n.endswith(("Hip", "Shoulder", "Neck")) for n in names]
@@ -226,8 +227,8 @@ def _descended(body: Body, names: list[str], targets: Array, start: Motion, tole
 def fit_body(names: Sequence[str], targets_world: Array, height: float | None = None, rounds: int = 5) -> Body:
     """Scale the default human to landmarks of some poses.
 
-    The measures are fitted while the poses follow. They are held near an average person's of that height where the
-    landmarks do not show them.
+    Measures and poses are fitted together. A prior keeps measures that the landmarks do not show near those of an
+    average person of that height.
 
     Parameters
     ----------
@@ -235,9 +236,9 @@ def fit_body(names: Sequence[str], targets_world: Array, height: float | None = 
     targets_world : ndarray, shape (K, L, 3)
         Metres; NaN where a landmark is not known.
     height : float, optional
-        Metres; by default judged from the limbs.
+        Metres; by default estimated from the lengths of the limbs.
     rounds : int
-        Steps of the measures, at most.
+        Largest number of steps of the measures.
     """
     targets = np.asarray(targets_world, float)
     stature = estimate_height(names, targets) if height is None else height
@@ -271,7 +272,7 @@ def estimate_height(names: Sequence[str], targets_world: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _MeasuredPoses:
-    """Measures (M,), the body that has them, without its parts' surfaces, and its poses on the landmarks."""
+    """Measures (M,), the body with these measures, without surfaces, and its poses on the landmarks."""
 
     values: Array
     body: Body
@@ -280,12 +281,13 @@ class _MeasuredPoses:
 
 @dataclass(frozen=True, eq=False)
 class _MeasureProblem:
-    """Measures of a body as the unknowns, with which its poses on landmarks change.
+    """The fit of measures to landmarks, in which poses are eliminated: they are fitted anew for any measures.
 
-    With the poses held they would hardly move: a trunk that is too long for its landmarks buckles forward or backward,
-    and buckled as it is, its length fits. This is variable projection: G. H. Golub, V. Pereyra, The differentiation of
-    pseudo-inverses and nonlinear least squares problems whose variables separate (1973). Every step is tested on the
-    poses fitted anew: from poses that a limit holds, or that are not found yet, steps lead far away.
+    If poses were held, measures would hardly change: a trunk that is too long for its landmarks is bent forward or
+    backward, and in that pose its length fits. The method is variable projection (G. H. Golub, V. Pereyra, The
+    differentiation of pseudo-inverses and nonlinear least squares problems whose variables separate, 1973). Every step
+    is tested with poses that are fitted anew, because steps from poses at a limit, or not yet converged, may lead far
+    away.
 
     Attributes
     ----------
@@ -294,7 +296,7 @@ class _MeasureProblem:
         Landmarks that the body has.
     targets : ndarray, shape (K, L, 3)
     average, sigma : ndarray, shape (M,)
-        Measures of the average person of that height, and how far others' usually are from them.
+        Measures of the average person of that height, and their standard deviations.
     """
 
     stature: float
@@ -305,7 +307,7 @@ class _MeasureProblem:
 
     @classmethod
     def of(cls, stature: float, names: Sequence[str], targets: Array) -> _MeasureProblem:
-        """That of landmarks (K, L, 3), some of which a body has."""
+        """The problem for landmarks (K, L, 3), without those that a body does not have."""
         average = default_measures(stature)
         sigma = [SHIFT_SIGMA if key in SHIFTS else MEASURE_SIGMA * value for key, value in average.items()]
         known = human(stature, solid=False).landmarks
@@ -321,13 +323,13 @@ class _MeasureProblem:
     def posed(
         self, values: Array, start: Motion | None, *, search: bool = False, tolerance: float = SETTLED
     ) -> _MeasuredPoses:
-        """The body of some measures on the landmarks, from poses of another one; with `search` from others as well."""
+        """The body with some measures, posed on the landmarks from given poses; with `search` from others as well."""
         body = human(self.stature, self.measures(values), solid=False)
         poses = _fit_poses(body, self.labels, self.targets, start, search=search, draw=search, tolerance=tolerance)
         return _MeasuredPoses(values, body, poses)
 
     def minimised(self, start: _MeasuredPoses, steps: int) -> _MeasuredPoses:
-        """The measures after so many steps that bring the landmarks nearer, at most."""
+        """The measures after at most `steps` steps, each of which lowers the cost."""
         stopping: StoppingRule[_MeasuredPoses] = StoppingRule(steps, LITTLE_GAIN)
         return minimise(start, self._linearised, self._moved, damping=GAUSS_NEWTON, stopping=stopping).state
 
@@ -336,7 +338,7 @@ class _MeasureProblem:
         return self.posed(np.maximum(on_grid(state.values + step), least), state.poses)
 
     def _linearised(self, state: _MeasuredPoses) -> DenseEquations:
-        """The normal equations of the measures; the poses, which fit, follow."""
+        """The normal equations of the measures, with the poses eliminated."""
         step = 1e-4
         base = landmark_positions(state.body, state.poses, self.labels)
         columns = []
@@ -361,7 +363,7 @@ class _MeasureProblem:
 
 
 def _free_jacobian(body: Body, poses: Motion, names: list[str]) -> Array:
-    """Movement of landmarks per degree of freedom, none of those at their limits, shape (K, L, 3, D)."""
+    """Derivatives of landmarks by the degrees of freedom, zero for those at their limits, shape (K, L, 3, D)."""
     parts, local = body.landmark_arrays(names)
     R, T = part_poses(body, poses)
     J = point_jacobian(body, R, T, parts, np.einsum("klab,lb->kla", R[:, parts], local) + T[:, parts])

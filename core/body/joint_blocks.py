@@ -1,9 +1,9 @@
 """Normal equations of the parts' twists, mapped to those of the joints.
 
-A degree of freedom moves all parts below its joint by the same twist. What two degrees of freedom have in common is
-therefore that twist of each against the sum over the parts below both: below the lower of the two where one is an
-ancestor of the other, else nothing. (The composite rigid body algorithm: R. Featherstone, Rigid Body Dynamics
-Algorithms, 2008, section 6.2.)
+A degree of freedom moves all parts below its joint by the same twist. The entry of the normal matrix for two degrees of
+freedom is therefore t1^T (sum of H) t2, with their twists t1 and t2, and the sum over the parts below both joints. If
+one joint is an ancestor of the other, these are the parts below the lower one; otherwise there are none. This is the
+composite rigid body algorithm (R. Featherstone, Rigid Body Dynamics Algorithms, 2008, section 6.2).
 """
 
 from __future__ import annotations
@@ -62,8 +62,10 @@ def joint_blocks(body: Body, poses: Poses, H: Array, g: Array, energy: float) ->
 
 
 def _tree(body: Body) -> tuple[Array, Bools]:
-    """Which parts are below each joint, the translation's among them, shape (1 + P, P); and whether the joint of one
-    degree of freedom is that of another or below it, shape (D, D).
+    """The tree as two tables of bool.
+
+    The first, (1 + P, P), says which parts are below each joint, where the translation counts as the first joint. The
+    second, (D, D), says whether the joint of one degree of freedom is that of another, or below it.
     """
     P = len(body)
     below = np.concatenate([np.ones((1, P)), body.ancestry.T])

@@ -1,4 +1,4 @@
-"""Prior of poses: joints stay within their limits, and near rest where nothing else is known."""
+"""Prior of poses: joints stay within their limits, and near their rest rotation if nothing else is known."""
 
 from __future__ import annotations
 
@@ -11,11 +11,13 @@ from .body import Body
 from .motion import Motion
 
 LIMIT_DEVIATION = 0.05
-"""How far a joint may go beyond its limits, radians."""
+"""Standard deviation of a joint beyond its limits, radians."""
 
 
 def posture_prior(body: Body, motion: Motion, *, rest: bool = True) -> BandedBlocks:
-    """Return the normal equations of joint limits and of the departure from rest, which counts once per motion.
+    """Return the normal equations of joint limits and of deviations from rest.
+
+    The weight of deviations from rest is divided by the number of frames, so that they count once for the whole motion.
 
     Parameters
     ----------
@@ -23,7 +25,7 @@ def posture_prior(body: Body, motion: Motion, *, rest: bool = True) -> BandedBlo
     motion : Motion
         F poses. The root is free.
     rest : bool
-        Count the departure; otherwise limits alone.
+        Whether deviations from rest count; otherwise only limits do.
     """
     turns = rotations.log(motion.rotations[:, 1:])
     beyond = turns - np.clip(turns, body.limits[1:, :, 0], body.limits[1:, :, 1])
@@ -33,14 +35,14 @@ def posture_prior(body: Body, motion: Motion, *, rest: bool = True) -> BandedBlo
 
 
 def habitual_prior(motion: Motion, precision: Array, usual: Array) -> BandedBlocks:
-    """Return the normal equations of parts that are turned as usual as far as is known.
+    """Return the normal equations of a prior that parts have their usual rotations.
 
     Parameters
     ----------
     motion : Motion
         F poses.
     precision : ndarray, shape (F, P)
-        Of each part's turn from its usual one, 1/radians^2. The root is free.
+        Precision of each part's rotation from its usual one, 1/radians^2. The root is free.
     usual : ndarray, shape (P, 3, 3) or (F, P, 3, 3)
         The usual rotations.
     """

@@ -38,7 +38,7 @@ def tip_positions(body: Body, poses: Poses) -> Array:
 
 
 def motion_of_poses(body: Body, poses: Poses) -> Motion:
-    """The motion that puts the parts where they are; inverse of `part_poses`."""
+    """The motion that has these poses of the parts; inverse of `part_poses`."""
     R, T = poses
     parents = [i if p < 0 else p for i, p in enumerate(body.parents)]
     before = np.swapaxes(R[:, parents], -1, -2)
@@ -86,6 +86,6 @@ def point_jacobian(body: Body, R: Array, T: Array, parts: NDArray[np.int64], poi
 
 
 def scene_poses(bodies: Sequence[Body], motions: Sequence[Motion]) -> Poses:
-    """World poses (F, P, 3, 3) and (F, P, 3) of all performers' parts, one performer after the other."""
+    """World poses (F, P, 3, 3) and (F, P, 3) of the parts of all performers, concatenated."""
     posed = [part_poses(body, motion) for body, motion in zip(bodies, motions, strict=True)]
     return np.concatenate([R for R, _ in posed], axis=1), np.concatenate([T for _, T in posed], axis=1)

@@ -10,9 +10,10 @@ from .body import Body
 
 
 def limbs(body: Body) -> list[list[int]]:
-    """Chains of at least two parts from where the tree branches last to its tips, as indices, the tip last.
+    """Chains of at least two parts from the last branching of the tree to its tips, as indices, the tip last.
 
-    Collar bones are not of them: poses drawn of an arm would be spread over turns that move it little.
+    Collar bones do not belong to them: they would waste poses that are sampled for an arm on rotations that hardly move
+    it.
     """
     children = np.bincount([p for p in body.parents if p >= 0], minlength=len(body))
     chains = []
@@ -26,12 +27,12 @@ def limbs(body: Body) -> list[list[int]]:
 
 
 def without_end(chain: Sequence[int]) -> list[int]:
-    """The parts of a limb that say where it is: how a hand or a foot is turned, the last of three, is hardly seen."""
+    """The parts of a limb without the last of three: the rotation of a hand or a foot is hardly visible."""
     return list(chain[: max(2, len(chain) - 1)])
 
 
 def limb_pairs(body: Body) -> list[tuple[list[int], list[int]]]:
-    """The left and the right ones of limbs that look alike, by Blender's names."""
+    """Pairs of a left limb and the right one that looks like it, by Blender's names."""
     chains = {tuple(body.names[part] for part in chain): chain for chain in limbs(body)}
     sides = [(names, tuple(name.removesuffix(".L") + ".R" for name in names)) for names in chains]
     return [(chains[left], chains[right]) for left, right in sides if left != right and right in chains]

@@ -42,7 +42,7 @@ class Motion:
         return Motion(T, Q)
 
     def with_parts(self, parts: Sequence[int], other: Motion) -> Motion:
-        """A copy whose parts given turn as in another motion."""
+        """A copy in which some parts have the rotations of another motion."""
         Q = self.rotations.copy()
         Q[:, parts] = other.rotations[:, parts]
         return Motion(self.translations, Q)
@@ -72,5 +72,5 @@ class Motion:
 
 
 def stacked(motions: list[Motion]) -> Motion:
-    """Motions one after the other."""
+    """Motions concatenated along time."""
     return Motion(np.concatenate([m.translations for m in motions]), np.concatenate([m.rotations for m in motions]))

@@ -1,4 +1,4 @@
-"""Measures of a body as they are taken with a tape, and bodies of other proportions."""
+"""Measures of a body as one would take them with a tape, and bodies with other measures."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ Ends = Mapping[str, tuple[Sequence[float], Sequence[float]]]
 """Head and tail of every bone by its name, metres."""
 _HEAD, _TAIL = 0, 1
 _ACROSS, _ALONG = 0, 1
-"""Axes of a part: across the body, of those of the trunk, and along the bone."""
+"""Axes of a part: across the body (for parts of the trunk), and along the bone."""
 
 
 @dataclass(frozen=True)
 class _Measure:
-    """A distance between two ends of bones, the parts that grow with it along one of their axes, and others that grow
-    with it along the bone, where a body has them.
+    """A distance between two ends of bones, and the parts that are stretched with it: some along one of their axes,
+    others, which a body need not have, along the bone.
     """
 
     start: tuple[str, int]
@@ -59,7 +59,7 @@ _MEASURES: dict[str, _Measure] = {
 
 
 def measured(ends: Ends, name: str) -> float | None:
-    """Take a measure of a skeleton at rest, metres; of limbs the mean of both sides.
+    """Take a measure of a skeleton at rest, metres; for limbs this is the mean of both sides.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def measured(ends: Ends, name: str) -> float | None:
     Returns
     -------
     float or None
-        None where a bone is missing: the skeleton is another than the default body's.
+        None if a bone is missing, because the skeleton is not that of the default body.
     """
     found = [_length(ends, _MEASURES[key]) for key in _keys(name)]
     lengths = [length for length in found if length is not None]
@@ -79,12 +79,12 @@ def measured(ends: Ends, name: str) -> float | None:
 
 
 def with_measure(body: Body, name: str, value: float) -> Body:
-    """The body with a measure of this length, on both sides alike; its other measures stay.
+    """The body with one measure changed, on both sides; all other measures stay.
 
     Raises
     ------
     BodyError
-        The body has no such measure, or the value is none.
+        The body has no such measure, or the value is not a possible length.
     """
     if not np.isfinite(value) or value <= 0:
         raise BodyError(f"measure '{name}' is {value}", todo="give a positive number of metres")

@@ -1,4 +1,4 @@
-"""Bodies of other proportions: every part stretched along its own axes, with all that hangs on it."""
+"""Bodies of other proportions: every part may be stretched along its own axes, with everything attached to it."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ from .body import Body
 def shaped(body: Body, stretch: Array, shift: Array) -> Body:
     """The body with its parts stretched and their solids shifted; the root's joint and all orientations stay.
 
-    A part's stretch acts on its solid, on its landmarks and on where its children's joints are: along the bone it is a
-    limb's length, across it a width, of the trunk also that between the shoulders or the hips.
+    The stretch of a part applies to its solid, its landmarks and the joints of its children. Along the bone it changes
+    the length of a limb, across the bone the width of the part, and for the trunk also that between the shoulders or
+    hips.
 
     Parameters
     ----------
     stretch : ndarray, shape (P, 3)
-        Along the part's axes; 0 leaves it as it is.
+        Relative stretch along the axes of each part; 0 leaves it unchanged.
     shift : ndarray, shape (P, 3)
-        Of the part's vertices along its axes, metres.
+        Shift of each part's vertices along its axes, metres.
     """
     scale = 1 + np.asarray(stretch, float)
     heads: list[Array] = []
@@ -37,7 +38,7 @@ def shaped(body: Body, stretch: Array, shift: Array) -> Body:
 
 
 def joint_jacobian(body: Body, R: Array) -> Array:
-    """Movement of every part's joint in the world by the stretches of all parts, shape (F, P, 3, P, 3).
+    """Derivatives of every joint's world position by the stretches of all parts, shape (F, P, 3, P, 3).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Silhouettes of convex parts as lines in space: the edges between faces that look at the eye and faces that do not."""
+"""Silhouettes of convex parts as lines in space: the edges between faces that face the eye and faces that do not."""
 
 from __future__ import annotations
 
@@ -47,6 +47,6 @@ class Solid:
         return cls(points, hull.simplices.astype(np.int64), hull.equations, edges.astype(np.int64), sides)
 
     def silhouette(self, eye: Array) -> Indices:
-        """The edges of its outline as seen from a point, shape (n, 2)."""
+        """The edges of the outline as seen from a point (3,), as pairs of vertices, shape (n, 2)."""
         facing = self.planes[:, :3] @ eye + self.planes[:, 3] > 0
         return np.asarray(self.edges[facing[self.sides[:, 0]] != facing[self.sides[:, 1]]])

@@ -1,4 +1,4 @@
-"""A skeleton at rest, and its motion, in the world: what is read from files and from rigs, whatever their bones."""
+"""A skeleton at rest and its motion, in the world: what files and rigs contain, with bones of any names."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class RestSkeleton:
     ground: float = 0.0
 
     def indices(self, names: Sequence[str]) -> list[int]:
-        """Return the places of bones by their names."""
+        """Return the indices of bones by their names."""
         where = {name: i for i, name in enumerate(self.names)}
         return [where[name] for name in names]
 
@@ -47,14 +47,14 @@ class SkeletonMotion:
     Attributes
     ----------
     name : str
-        What is moved: a performer, a file.
+        What is moved: the name of a performer or a file.
     rest : RestSkeleton
     turns : ndarray, shape (F, J, 3, 3)
         Rotation of every bone from its rest orientation, in the world's axes.
     positions : ndarray, shape (F, J, 3)
         The bones' heads in the world.
     fps : float
-        Frames per second; 0 where a file does not tell.
+        Frames per second; 0 if a file does not state it.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Smoothness of motion: accelerations of joints and of the root, and what they cost."""
+"""Smoothness of motion: normal equations of the accelerations of joints and of the root."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class SecondDifferences:
         In metres and radians per frame squared. That of a rotation is log(Q_j^T Q_{j+1}) + log(Q_j^T Q_{j-1}): zero for
         a constant turn, and in the frame of Q_j.
     jacobians : tuple of ndarray, shape (F - 2, 1 + P, 3, 3)
-        Derivatives by the increments of the frame before, the frame itself and the next, of the translation and of
-        every part's turn; the others are zero.
+        Derivatives by the increments of the frame before, the frame itself and the next. Only the blocks of the
+        translation and of every part's rotation by itself are stored; all others are zero.
     """
 
     values: Array
@@ -61,7 +61,7 @@ class SecondDifferences:
         return BandedBlocks(blocks.diagonal, blocks.first, blocks.second, blocks.gradient, energy)
 
     def variances(self, band: tuple[Array, Array, Array]) -> Array:
-        """Variances of the accelerations, shape (F - 2, D), where the poses have a covariance.
+        """Variances of the accelerations, shape (F - 2, D), from the covariance of the poses.
 
         Parameters
         ----------
@@ -110,7 +110,7 @@ def smoothness(motion: Motion, weights: Array, expected: Array | None = None) ->
     weights : ndarray, shape (D,) or (F - 2, D)
         Inverse variance of the acceleration of each degree of freedom, 1/(m/frame^2)^2 and 1/(rad/frame^2)^2.
     expected : ndarray, shape (F - 2, D), optional
-        Accelerations that cost nothing; by default none.
+        Expected accelerations, which cost nothing; by default zero.
     """
     if len(motion) < 3:
         return BandedBlocks.zeros(len(motion), weights.shape[-1])
@@ -118,11 +118,12 @@ def smoothness(motion: Motion, weights: Array, expected: Array | None = None) ->
 
 
 LONGEST_STEP = 0.5
-"""No joint turns farther than this in one iteration, radians: beyond it the images' gradients say nothing."""
+"""Largest rotation of a joint in one iteration, radians (and movement of the root, metres). Beyond it, the images'
+gradients are meaningless."""
 
 
 def limited(step: Array) -> Array:
-    """A step with every joint's part of it cut to `LONGEST_STEP`."""
+    """The step (F, D) with the rotation of every joint (and the root's translation) limited to `LONGEST_STEP`."""
     turns = step.reshape(len(step), -1, 3)
     length = np.linalg.norm(turns, axis=-1, keepdims=True)
     return np.asarray((turns * np.minimum(1.0, LONGEST_STEP / np.maximum(length, 1e-12))).reshape(step.shape))

@@ -1,20 +1,20 @@
 """How smooth a movement is, estimated from what is seen of it.
 
-Accelerations are modelled in three levels. A joint on one frame has its own variance of acceleration; the variances of
-a joint over the frames scatter about the joint's typical one; those of the joints about the body's. Each level is an
-inverse gamma distribution about the next, so that the accelerations of a joint have Student's t distribution: most of a
-movement may be quiet, and a throw or a landing is a burst in it, not an error to be smoothed away. A joint of which
-little is seen is taken to be as smooth as the others.
+Accelerations are modelled in three levels. On each frame a joint has its own variance of acceleration; over the frames
+these variances scatter about a typical one of the joint; over the joints, the typical variances scatter about one of
+the body. Each level is an inverse gamma distribution about the next, so that the accelerations of a joint have
+Student's t distribution: most of a movement may be quiet, and a throw or a landing in it is a burst, not an error to be
+smoothed away. A joint of which little is seen is assumed to be as smooth as the others.
 
 The variances maximise the evidence: each is the sum of squared accelerations over the number of those that are well
 determined, gamma = n - sum(Var(a)) / sigma^2, where Var(a) is what the solution leaves uncertain (D. MacKay, Bayesian
 interpolation, Neural Computation 4, 1992). Without that correction a smooth solution would call for a smoother one. A
 part that the pictures do not show has no influence: its gamma is zero.
 
-Where less is known, in one view or between two key poses, only the scale of all accelerations together is estimated, by
+If less is known, in one view or between two key poses, only a common scale of all accelerations is estimated, by
 maximising the marginal likelihood itself (`likeliest_scale`).
 
-Time is counted in frames, so the frame rate that a shot claims does not matter.
+The unit of time is the frame, so the frame rate that a shot claims does not matter.
 """
 
 from __future__ import annotations
@@ -34,20 +34,21 @@ from .smoothness import SecondDifferences, acceleration, limited
 TAILS = 4.0
 """Degrees of freedom of Student's t."""
 POOLED = 30.0
-"""Accelerations that a joint must show to count as much as all joints together: three axes on ten frames."""
+"""Number of accelerations at which a joint's own estimate weighs as much as that of all joints: three axes, ten frames.
+"""
 ROOT_MEMORY = 6.0
-"""Accelerations that count for the root's earlier estimate, as it has no other joints to be compared with."""
+"""Weight of the root's earlier estimate, as a number of accelerations: it has no other joints to be pooled with."""
 LEAST_MOBILITY = 0.05
-"""A joint that can hardly turn about an axis has this share of the usual acceleration there, at least."""
+"""Lower bound of the acceleration about an axis about which a joint can hardly turn, as a share of the usual one."""
 _LEAST_VARIANCE = 1e-12  # of what stands still, (rad/frame^2)^2 or (m/frame^2)^2
 _POOL_ITERATIONS = 20
 _SCALE_STEP = 2.0
-"""Between the scales of accelerations that are compared."""
+"""Ratio between neighbouring scales of accelerations that are compared."""
 _MOST_STEPS = 7
-"""As many of them from where the search begins at most."""
+"""Largest number of steps from the scale at which the search begins."""
 _SCALE_SPREAD = np.log(8.0)
-"""Standard deviation of the logarithm of that factor before the pictures are looked at. Frame rates that are called by
-another number, slow motion and kicks are all within it."""
+"""Prior standard deviation of the logarithm of the scale. It covers wrongly stated frame rates, slow motion and
+kicks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,14 +87,14 @@ class AccelerationVariances:
 
 
 def precision_of(variances: Array, mobility: Array) -> Array:
-    """Inverse variance of the acceleration of each degree of freedom, shape (..., D), of those of G groups (..., G)."""
+    """Inverse variances of the acceleration of each degree of freedom (..., D), from variances of G groups (..., G)."""
     return np.asarray(1 / (np.repeat(variances, 3, axis=-1) * mobility**2))
 
 
 def axis_mobility(body: Body) -> Array:
-    """Share of its group's acceleration that each degree of freedom has, shape (D,).
+    """Acceleration of each degree of freedom as a share of its group's, shape (D,).
 
-    A joint is accelerated the less about an axis the less it can turn about it: knees and elbows are nearly hinges.
+    The less a joint can turn about an axis, the smaller its acceleration about it: knees and elbows are almost hinges.
     """
     ranges = np.concatenate([np.ptp(part.limits, axis=1) for part in body.parts])
     return np.concatenate([np.ones(3), np.clip(ranges / np.pi, LEAST_MOBILITY, 1)])
@@ -107,14 +108,14 @@ def updated_variances(
     Parameters
     ----------
     before : AccelerationVariances
-        Those with which the accelerations were solved for.
+        The variances with which the motion was solved.
     squares, uncertain : ndarray, shape (N, G)
-        Sums over a group's axes, each divided by the square of its mobility, of the squared accelerations and of their
-        posterior variances.
+        The squared accelerations, and their posterior variances, each divided by the squared mobility of its axis and
+        summed over the axes of a group.
     axes : ndarray, shape (G,)
         How many of a group's axes are free.
     bursts : bool
-        Whether frames differ in their variances.
+        Whether the variances of frames may differ.
     """
     gamma = np.clip(axes - uncertain / before.local, 0, axes)
     total = (squares * before.typical / before.local).sum(axis=0)
@@ -151,23 +152,23 @@ def estimate_variances(
     Parameters
     ----------
     known : Motion
-        F poses, with those that are held on the frame before and the frame after, if any.
+        F poses, preceded and followed by the held poses on the frame before and the frame after, if any.
     evidence : BandedBlocks
-        Normal equations of all evidence around the F poses, without smoothness.
+        Normal equations of all evidence at the F poses, without smoothness.
     fixed : ndarray of bool, shape (F, D)
     mobility : ndarray, shape (D,)
         See `axis_mobility`.
     before : AccelerationVariances
         The estimate so far.
     start : int
-        Which of the known poses is the first of the F.
+        Index of the first of the F poses among the known ones.
     expected : ndarray, shape (N, D), optional
         Accelerations that are predicted, see `smoothness`.
     rounds : int
-        Times that the estimate is repeated on the same evidence.
+        How often the estimate is repeated with the same evidence.
     bursts : bool
-        Whether frames differ in their variances. Far from the solution they should not: a limb that is taken for
-        another would pass for one that jumps at a key pose.
+        Whether the variances of frames may differ. Far from the solution they should not: a limb that was mistaken for
+        another would be explained as one that jumps at a key pose.
     given : ndarray of bool, shape (G,), optional
         Groups whose variances are not estimated.
     """
@@ -204,7 +205,7 @@ def likeliest_scale(
     expected: Array | None = None,
     guess: float = 1.0,
 ) -> float:
-    """The factor by which all accelerations are likeliest to differ from some.
+    """The most likely common factor of all accelerations relative to given ones.
 
     Parameters
     ----------
@@ -218,7 +219,8 @@ def likeliest_scale(
     Returns
     -------
     float
-        Of deviations, not of variances: the best in steps of two, on the parabola through it and its neighbours.
+        The factor of standard deviations, not of variances. The best of a series of factors in steps of two is refined
+        by the parabola through it and its neighbours.
     """
     F, free = len(fixed), ~fixed
     if len(known) < 3 or not free.any():
@@ -255,7 +257,9 @@ def likeliest_scale(
 
 
 def _among(blocks: Array, start: int, count: int) -> Array:
-    """Blocks among those of more frames, which are held and have zeros."""
+    """The blocks placed among those of `count` frames from index `start` on; the other frames are held and get
+    zeros.
+    """
     out = np.zeros((count, *blocks.shape[1:]))
     out[start : start + len(blocks)] = blocks
     return out

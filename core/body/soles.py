@@ -1,4 +1,4 @@
-"""Heel and ball of the feet: the points of a body that touch the ground, and when they are planted."""
+"""Heel and ball of the feet, the points of a body that touch the ground, and when they are planted."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ class Soles:
     Attributes
     ----------
     names : tuple of str, length C
-        Of `SOLE_POINTS`.
+        Names from `SOLE_POINTS`.
     parts : ndarray of int, shape (C,)
-        The parts that carry them.
+        The parts that carry the points.
     local : ndarray, shape (C, 3)
-        Their places in the parts' frames, metres.
+        Positions of the points in the frames of these parts, metres.
     leg : float
         Length of thigh and shin, metres.
     """
@@ -41,7 +41,7 @@ class Soles:
 
     @classmethod
     def of(cls, body: Body) -> Soles | None:
-        """Return the soles of a body; None where it has no landmarks on heels and toes."""
+        """Return the soles of a body; None if it has no landmarks on heels and toes."""
         sides = [side for side in "LR" if all(f"{side}{name}" in body.landmarks for name in ("Heel", "BigToe", "Hip"))]
         if not sides:
             return None
@@ -62,7 +62,7 @@ class Soles:
         return np.asarray(np.einsum("fcab,cb->fca", R[:, self.parts], self.local) + T[:, self.parts])
 
     def planted(self, poses: Poses, fps: float, deviation: Array | None = None) -> Bools:
-        """Find when the points are planted, shape (F, C).
+        """Find on which frames the points are planted, shape (F, C).
 
         Parameters
         ----------
@@ -70,7 +70,7 @@ class Soles:
             See `core.body.kinematics.Poses`.
         fps : float
         deviation : ndarray, shape (F, P), optional
-            Standard deviation of the parts' places, metres.
+            Standard deviations of the parts' positions, metres.
         """
         doubt = None if deviation is None else deviation[:, self.parts]
         return find_plants(self.world(poses), fps, self.leg, doubt).planted

@@ -1,7 +1,8 @@
-"""Views that were taken between the frames: the poses at their instants, and how these depend on those of the frames.
+"""Views taken between the frames of the shot: the poses at their instants, and how these depend on the frames' poses.
 
-A camera that is not synchronised shows the performers a little later, or earlier, than the shot's frames. Between two
-frames a joint turns, and the root moves, at a constant rate; beyond the first and last of those known they go on so.
+A camera that is not synchronised shows the performers slightly later, or earlier, than the shot's frames. Between two
+frames, joints are assumed to turn and the root to move at a constant rate; before the first and after the last known
+pose they are extrapolated at the same rate.
 """
 
 from __future__ import annotations
@@ -21,19 +22,19 @@ from .motion import Motion, stacked
 
 @dataclass(frozen=True, eq=False)
 class Delayed:
-    """The poses of a motion at F instants, each on the way between two of the N poses that are known.
+    """The poses of a motion at F instants, each interpolated between two of N known poses.
 
     Attributes
     ----------
     motion : Motion
         F poses, at the instants.
     earlier : ndarray of int, shape (F,)
-        The first of the two poses known, of N.
+        Index of the first of the two known poses.
     start : int
-        Which of the N is the first that the F instants belong to; those before and after the F are held.
+        Index among the N of the first of the F poses that belong to the instants; those before and after are held.
     jacobians : tuple of ndarray, shape (F, 1 + P, 3, 3)
-        The instants' increments by those of the first and of the second pose, see `Motion.moved`: of the translation,
-        and of every part's turn. The others are zero.
+        Derivatives of the instants' increments by those of the first and of the second pose, see `Motion.moved`. Only
+        the blocks of the translation and of every part's rotation by itself are stored; all others are zero.
     """
 
     motion: Motion
@@ -42,7 +43,10 @@ class Delayed:
     jacobians: tuple[Array, Array]
 
     def spread(self, blocks: BandedBlocks) -> BandedBlocks:
-        """The system of the frames' poses for one of the instants' that couples only neighbours."""
+        """Map normal equations in the poses at the instants to those in the poses on the frames.
+
+        The given system may couple neighbouring instants only.
+        """
         F, D = blocks.gradient.shape
         N = max(self.start + F, int(self.earlier.max()) + 2)
         out = BandedBlocks.zeros(N, D)
@@ -70,7 +74,7 @@ def _between(left: Array, blocks: Array, right: Array) -> Array:
 
 
 def _add(out: BandedBlocks, row: NDArray[np.intp], column: NDArray[np.intp], blocks: Array) -> None:
-    """Add the blocks on and below the diagonal; those above mirror them."""
+    """Add blocks on and below the diagonal to a system; those above it are their transposes, and are skipped."""
     for distance, band in enumerate((out.diagonal, out.first, out.second)):
         at = row - column == distance
         for there, block in zip(column[at], blocks[at], strict=True):  # np.add.at takes several times as long
@@ -78,16 +82,16 @@ def _add(out: BandedBlocks, row: NDArray[np.intp], column: NDArray[np.intp], blo
 
 
 def delayed(motion: Motion, delay: float, before: Motion | None = None, after: Motion | None = None) -> Delayed:
-    """The poses of F >= 2 frames some time after each of them.
+    """The poses at a constant delay after each of F >= 2 frames.
 
     Parameters
     ----------
     motion : Motion
         F poses.
     delay : float
-        Frames, between -1 and 1.
+        The delay in frames, between -1 and 1.
     before, after : Motion, optional
-        The poses on the frame before the first and after the last, where they are known.
+        The poses on the frame before the first and on the frame after the last, if they are known.
     """
     known = stacked([m for m in (before, motion, after) if m is not None])
     start = 0 if before is None else 1
@@ -110,6 +114,6 @@ def delayed(motion: Motion, delay: float, before: Motion | None = None, after: M
 
 
 def poses_after(motions: Sequence[Motion], delay: float, frames: NDArray[np.int64] | Sequence[int]) -> list[Motion]:
-    """The poses of some performers some time after frames; see `delayed`."""
+    """The poses of some performers at a delay after some of their frames; see `delayed`."""
     picked = np.asarray(frames, dtype=np.int64)
     return [motion[picked] if delay == 0 else delayed(motion, delay).motion[picked] for motion in motions]

@@ -1,4 +1,4 @@
-"""Landmarks at the tips of parts: joints, by the names that detectors and files give them."""
+"""Landmarks at the tips of parts, which are joints with the names that detectors and files give them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .kinematics import landmark_positions
 from .motion import Motion
 
 SAME_PLACE = 0.01
-"""A landmark is at a part's tip if it is nearer than this in the rest pose, metres."""
+"""A landmark belongs to the tip of a part if their distance in the rest pose is below this, metres."""
 
 
 def tip_landmarks(body: Body) -> dict[int, str]:
@@ -28,10 +28,9 @@ def tip_landmarks(body: Body) -> dict[int, str]:
 
 
 def tip_misfits(body: Body, names: Sequence[str], points_world: Array, poses: Motion) -> Array:
-    """How far the tips of a body's parts lie from the landmarks that it was posed by: root mean square over K poses,
-    metres, shape (P,).
+    """Root mean square distances of the parts' tips from the landmarks on which K poses were fitted, metres, (P,).
 
-    Tips without a landmark are taken to be as far off as the others are on average.
+    For tips without a landmark, the average of the others is assumed.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-"""Parts of a body that nothing shows: people who are not wholly in the picture.
+"""Parts of a body that nothing shows, because the person is not wholly in the picture.
 
-A part is shown by landmarks on it or beyond it. A landmark at a joint lies on the part that the joint ends: an ankle
-shows the shin, not the foot. The last part of a limb is left to the pictures where the joint that it begins at is
-shown, as most detectors say nothing of hands and feet.
+A part is known if there are landmarks on it or beyond it. A landmark at a joint lies on the part that ends there: an
+ankle shows the shin, not the foot. Most detectors do not find hands and feet; therefore the last part of a limb is left
+to the images if the joint where it begins is known.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from .body import Body
 
 NO_SIZE = 2e-3
-"""Half the size of the solid of a part that is not to be seen, metres."""
+"""Half the size of the solid of a part that should be invisible, metres."""
 
 
 def unknown_parts(body: Body, shown: Collection[str]) -> tuple[str, ...]:
@@ -26,7 +26,7 @@ def unknown_parts(body: Body, shown: Collection[str]) -> tuple[str, ...]:
     ----------
     body : Body
     shown : collection of str
-        Landmarks whose places are known on some frame at least. Without any of the body's, no part is called unknown.
+        Landmarks whose positions are known on at least one frame. If none of them is the body's, no part is unknown.
     """
     joints = {body.landmarks[name][0] for name in shown if name in body.landmarks}
     hidden = unshown_parts(body, shown)
@@ -39,7 +39,7 @@ def unknown_parts(body: Body, shown: Collection[str]) -> tuple[str, ...]:
 
 
 def unshown_parts(body: Body, shown: Collection[str]) -> tuple[str, ...]:
-    """Return the names of all parts that landmarks do not show, the last ones of limbs as well."""
+    """Return the names of all parts that landmarks do not show, including the last parts of limbs."""
     carrying = {_carrier(body, name) for name in shown if name in body.landmarks}
     if not carrying:
         return ()
@@ -49,17 +49,19 @@ def unshown_parts(body: Body, shown: Collection[str]) -> tuple[str, ...]:
 
 
 def resting_parts(body: Body, unknown: Collection[str]) -> list[int]:
-    """Return the parts that keep their rest orientation to their parents: the unknown ones but the root and, if the
-    root is unknown, the first known part, whose own turn cannot be told from the root's.
+    """Return the parts that keep their rest orientation relative to their parents.
+
+    These are the unknown parts except the root. If the root is unknown, the first known part is one of them too,
+    because its own rotation cannot be told from the root's.
     """
     hidden = [name in unknown for name in body.names]
     return [p for p, parent in enumerate(body.parents) if parent >= 0 and (hidden[p] or hidden[parent])]
 
 
 def without_hidden_solids(body: Body, unknown: Collection[str]) -> Body:
-    """Return the body with its unknown parts too small to be seen, so that pictures say nothing of them.
+    """Return the body with its unknown parts too small to be seen, so that the images do not affect them.
 
-    Those that lead from the root to the first known part keep their size: they move with it.
+    Unknown parts between the root and the first known part keep their size, because they move with it.
     """
     hidden = np.array([name in unknown for name in body.names])
     parts = [
@@ -72,13 +74,14 @@ def without_hidden_solids(body: Body, unknown: Collection[str]) -> Body:
 
 
 def known_landmarks(body: Body, unknown: Collection[str]) -> list[str]:
-    """Return the landmarks of a body whose places do not depend on unknown parts, in their order."""
+    """Return the landmarks of a body whose positions do not depend on unknown parts, in their order."""
     return [name for name in body.landmarks if body.names[_carrier(body, name)] not in unknown]
 
 
 def unknown_reach(body: Body, unknown: Collection[str]) -> dict[int, float]:
-    """Return how far the tips of unknown parts are from the nearest known joint, metres, by part: what their places may
-    be wrong by. Parts that lead from the root to the known ones are left out.
+    """Return the distance of the tips of unknown parts from the nearest known joint, metres, by part.
+
+    This is by how much their positions may be wrong. Unknown parts between the root and the known ones are left out.
     """
     hidden, reach = np.array([name in unknown for name in body.names]), dict[int, float]()
     for i, part in enumerate(body.parts):
@@ -89,13 +92,13 @@ def unknown_reach(body: Body, unknown: Collection[str]) -> dict[int, float]:
 
 
 def _carrier(body: Body, name: str) -> int:
-    """The part whose place and turn put a landmark where it is: at a joint, the part that the joint ends."""
+    """The part that determines the position of a landmark; at a joint, this is the part that ends there."""
     part, point = body.landmarks[name]
     return part if point.any() or body.parents[part] < 0 else body.parents[part]
 
 
 def _leading_parts(body: Body, carrying: Collection[int], known: NDArray[np.bool_]) -> list[int]:
-    """The parts from the root on that carry nothing shown but by way of a single child."""
+    """The unknown parts from the root on whose known descendants all hang on a single child."""
     part, found = 0, []
     while part not in carrying:
         branches = [child for child, parent in enumerate(body.parents) if parent == part and known[child]]

@@ -1,4 +1,4 @@
-"""Types of arrays, as annotations name them, and where pieces of joined ones are."""
+"""Types of arrays for annotations, and slices of concatenated arrays."""
 
 from collections.abc import Iterable
 from itertools import accumulate, pairwise
@@ -12,5 +12,5 @@ Ints = NDArray[np.int64]
 
 
 def slices_of(counts: Iterable[int]) -> list[slice]:
-    """Where pieces of these lengths are in the array that joins them."""
+    """The slices of pieces with these lengths in the array that concatenates them."""
     return [slice(a, b) for a, b in pairwise(accumulate(counts, initial=0))]

@@ -1,4 +1,4 @@
-"""Block-banded systems over the frames of a segment, degrees of freedom fixed one by one."""
+"""Block-banded systems over the frames of a segment, in which any degree of freedom may be fixed."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from .banded_blocks import BandedBlocks
 
 
 class BandedFactor:
-    """Cholesky factor of a block-banded matrix with some unknowns taken out.
+    """Cholesky factor of a block-banded matrix, from which fixed unknowns are removed.
 
     Parameters
     ----------
     blocks : BandedBlocks
         F frames of D degrees of freedom.
     fixed : ndarray of bool, shape (F, D)
-        Unknowns that do not move: their rows and columns are taken out.
+        Unknowns that do not move: their rows and columns are removed.
     damping : float
-        Levenberg's: this share of the diagonal is added to it.
+        Levenberg-Marquardt's: this share of the diagonal is added to it.
     """
 
     def __init__(self, blocks: BandedBlocks, fixed: NDArray[np.bool_], damping: float = 0.0) -> None:
@@ -41,33 +41,33 @@ class BandedFactor:
         return float(2 * np.log(self._factor[0]).sum())
 
     def covariance(self, frame: int) -> Array:
-        """Block of the inverse at one frame, shape (D, D): the uncertainty of that pose."""
+        """Diagonal block of the inverse at one frame, shape (D, D): the covariance of that pose."""
         return self.column(frame)[frame]
 
     def column(self, frame: int) -> Array:
-        """Blocks of the inverse between every frame and one, shape (F, D, D): how poses go with that one."""
+        """Blocks of the inverse between every frame and one, (F, D, D): the covariance of each pose with that one."""
         F, D = self.free.shape
         unit = np.zeros((F, D, D))
         unit[frame] = np.eye(D)
         return self.solve(unit)
 
     def covariances(self) -> Array:
-        """Blocks of the inverse at all frames, shape (F, D, D); see `covariance_band`."""
+        """Diagonal blocks of the inverse at all frames, shape (F, D, D); see `covariance_band`."""
         return self.covariance_band()[0]
 
     def covariance_band(self) -> tuple[Array, Array, Array]:
         """Blocks of the inverse within the band, in time linear in F; zero where unknowns are fixed.
 
-        By Takahashi's recurrence, from the last frame to the first: of the inverse only the blocks within the band are
-        formed (K. Takahashi, J. Fagan, M. Chen, Formation of a sparse bus impedance matrix, 1973).
+        Takahashi's recurrence computes them from the last frame to the first, without the blocks outside the band (K.
+        Takahashi, J. Fagan, M. Chen, Formation of a sparse bus impedance matrix, 1973).
 
         Returns
         -------
         diagonal : ndarray, shape (F, D, D)
         first : ndarray, shape (F - 1, D, D)
-            Each frame's next frame (rows) against it (columns).
+            Blocks of frame j + 1 (rows) against frame j (columns).
         second : ndarray, shape (max(F - 2, 0), D, D)
-            Each frame's next frame but one against it.
+            Blocks of frame j + 2 against frame j.
         """
         F, D = self.free.shape
         columns = _column_blocks(self._factor, D)
@@ -78,7 +78,7 @@ class BandedFactor:
         for j in range(F - 1, -1, -1):
             beside = -ahead @ below[j]
             block = own[j] - below[j].T @ beside
-            found[j] = (block + block.T) / 2  # what is not symmetric in the rounding would grow from frame to frame
+            found[j] = (block + block.T) / 2  # asymmetry by rounding would grow from frame to frame
             first[j], second[j] = beside[:D], beside[D:]
             ahead[D:, D:] = ahead[:D, :D]
             ahead[:D, :D], ahead[:D, D:], ahead[D:, :D] = found[j], first[j].T, first[j]
@@ -89,11 +89,11 @@ class BandedFactor:
 
 
 def banded(blocks: BandedBlocks, fixed: NDArray[np.bool_], damping: float = 0.0) -> Array:
-    """Lower banded storage (3 D, F D) as `scipy.linalg.cholesky_banded` takes it; fixed unknowns become identity."""
+    """Lower banded storage (3 D, F D) for `scipy.linalg.cholesky_banded`, with identity rows for fixed unknowns."""
     F, D = fixed.shape
     out = np.zeros((3 * D, F * D), order="F")
     columns = _column_blocks(out, D)
-    # Directions that nothing measures keep the matrix positive definite by a ridge above the rounding of the sums.
+    # A ridge above the rounding of the sums keeps the matrix positive definite in directions that nothing measures.
     own = np.einsum("fdd->fd", blocks.diagonal)
     own = np.where(fixed, 1.0, own + (1e-6 * np.maximum(own, 1.0) + damping * own))
     for k, block in enumerate((np.tril(blocks.diagonal), blocks.first, blocks.second)):
@@ -106,9 +106,7 @@ def banded(blocks: BandedBlocks, fixed: NDArray[np.bool_], damping: float = 0.0)
 
 
 def _without_fixed(band: Array, fixed: NDArray[np.bool_], distance: int) -> None:
-    """Make the rows and columns of fixed unknowns zero, in place, in the blocks of each frame so many frames on (rows)
-    against the frame (columns).
-    """
+    """Set rows and columns of fixed unknowns to zero, in place, in the blocks of frames j + distance against j."""
     for j in np.flatnonzero(fixed.any(axis=1)).tolist():
         if j < len(band):
             band[j][:, fixed[j]] = 0.0
@@ -117,10 +115,10 @@ def _without_fixed(band: Array, fixed: NDArray[np.bool_], distance: int) -> None
 
 
 def _column_blocks(stored: Array, D: int) -> Array:
-    """The blocks of a banded matrix as they lie in its storage (3 D, F D), by columns: those of each frame against
-    itself, of which only the lower triangle is stored, and of the next two frames, shape (F, 3 D, D).
+    """The blocks in the storage (3 D, F D) of a banded matrix by columns, as a view of shape (F, 3 D, D).
 
-    The triangle above has the places of entries beyond the band, which are zero.
+    Each frame has its block against itself, of which only the lower triangle is stored, and those of the next two
+    frames against it. The upper triangle shares its memory with entries beyond the band, which are zero.
     """
     height, width = stored.shape
     size = stored.itemsize
@@ -131,12 +129,12 @@ def _column_blocks(stored: Array, D: int) -> Array:
 def bordered_solution(
     factor: BandedFactor, gradient: Array, border: Array, corner: Array, corner_gradient: Array
 ) -> tuple[Array, Array]:
-    """Solve a banded system with a few more unknowns that touch every frame, by their Schur complement.
+    """Solve a banded system with a few further unknowns that couple with every frame, by their Schur complement.
 
     Parameters
     ----------
     factor : BandedFactor
-        Of the banded part A.
+        Factor of the banded part A.
     gradient : ndarray, shape (F, D)
     border : ndarray, shape (F, D, n)
         B in [[A, B], [B^T, C]].

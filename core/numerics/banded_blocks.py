@@ -34,7 +34,7 @@ class BandedBlocks:
 
     @classmethod
     def zeros(cls, frames: int, dof: int) -> BandedBlocks:
-        """Return the system that says nothing."""
+        """Return the system without any information, all zeros."""
         return cls(
             np.zeros((frames, dof, dof)),
             np.zeros((max(frames - 1, 0), dof, dof)),
@@ -44,7 +44,7 @@ class BandedBlocks:
         )
 
     def cut(self, start: int, stop: int) -> BandedBlocks:
-        """The system of frames start to stop alone, the others held."""
+        """The system of frames start to stop (exclusive) alone, with all others held."""
         return BandedBlocks(
             self.diagonal[start:stop],
             self.first[start : stop - 1],
@@ -64,7 +64,7 @@ class BandedBlocks:
         )
 
     def gradient_at(self, increments: Array) -> Array:
-        """Gradient of half the energy where the unknowns (F, D) have grown by increments, shape (F, D)."""
+        """Gradient of half the energy after the unknowns have changed by increments (F, D), shape (F, D)."""
         out = self.gradient + (self.diagonal @ increments[..., None])[..., 0]
         for distance, band in ((1, self.first), (2, self.second)):
             out[distance:] += (band @ increments[:-distance, :, None])[..., 0]

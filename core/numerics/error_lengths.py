@@ -1,4 +1,4 @@
-"""How long errors in space are: the interval that holds a share of them."""
+"""Quantiles of the lengths of errors in space, from their covariances."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ _HALVINGS = 40
 def length_quantile(
     covariances: Array, share: float, *, tails: float, gross: Array | None = None, gross_length: Array | None = None
 ) -> Array:
-    """The length that a share of errors in space stay below.
+    """The length below which a given share of errors in space stay.
 
-    Errors have a multivariate t distribution about zero; some are gross ones instead, normal and alike in all
-    directions. The squared length of a normal error is taken for a multiple of chi squared with the same mean and
-    variance (F. Satterthwaite, An approximate distribution of estimates of variance components, Biometrics 2, 1946),
-    which is exact where the error is alike in all directions, or along a line.
+    Errors have a multivariate t distribution about zero, mixed with a share of gross errors, which are normal and
+    isotropic. The squared length of a normal error is approximated by a multiple of a chi-squared variable with the
+    same mean and variance (F. Satterthwaite, An approximate distribution of estimates of variance components,
+    Biometrics 2, 1946). This is exact for errors that are isotropic, or along a line.
 
     Parameters
     ----------
     covariances : ndarray, shape (..., 3, 3)
-        Scale matrices of the t distributions, metres squared; what is zero is certain.
+        Scale matrices of the t distributions, metres squared; zero for an exact position.
     share : float
-        Of all errors, 0 to 1.
+        The share of all errors, 0 to 1.
     tails : float
-        Degrees of freedom: how well the scale itself is known. Infinite for normal errors.
+        Degrees of freedom of the t distribution: how well the scale itself is known. Infinite for normal errors.
     gross : ndarray, shape (...), optional
         Share of gross errors, by default none.
     gross_length : ndarray, shape (...), optional

@@ -1,10 +1,10 @@
 """Nonlinear least squares by Levenberg-Marquardt, for states that are not plain vectors.
 
 A problem is two functions: `linearise` gives the normal equations at a state, with robust weights applied (see
-`robust_kernels`), and `move` applies a step. The storage of the equations - dense, banded or sparse - is theirs alone
-(see `normal_equations`). Coarse to fine is one call of `minimise` after another. After K. Madsen, H. B. Nielsen,
-O. Tingleff, Methods for non-linear least squares problems (2004), algorithm 3.16, with Marquardt's diagonal scaling; in
-the manner of PoseLib and small_gicp.
+`robust_kernels`), and `move` applies a step. Whether the equations are stored dense, banded or sparse makes no
+difference here (see `normal_equations`). To solve from coarse to fine, call `minimise` repeatedly. The method is
+algorithm 3.16 of K. Madsen, H. B. Nielsen, O. Tingleff, Methods for non-linear least squares problems (2004), with
+Marquardt's diagonal scaling; the interface resembles those of PoseLib and small_gicp.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ Equations = TypeVar("Equations", bound=NormalEquations[Any, Any])
 
 @dataclass(frozen=True)
 class Damping:
-    """How Levenberg-Marquardt's damping, a share of the diagonal, follows the success of steps.
+    """How the damping of Levenberg-Marquardt, a share of the diagonal, changes with the success of steps.
 
     Attributes
     ----------
     initial : float
-        Of the first step; 0 begins with a step of Gauss-Newton.
+        Damping of the first step; with 0 it is a Gauss-Newton step.
     grow : float
         Factor after a refused step.
     shrink : float
         Factor after an accepted step.
     least : float
-        Damping that an accepted step leaves at least; 0 where it began at 0.
+        Lower bound of the damping after an accepted step, unless the damping was 0 from the start.
     most : float
-        The search ends when a step with more damping than this would be next.
+        The search ends when the next step would need more damping than this.
     """
 
     initial: float = 1e-4
@@ -56,7 +56,7 @@ class Damping:
 
 
 GAUSS_NEWTON = Damping(initial=0.0)
-"""Full steps, damped only where one would raise the cost."""
+"""Full steps; damping is applied only if a step would raise the cost."""
 _FIRST_DAMPING = 1e-4  # after an undamped step was refused
 
 
@@ -67,17 +67,17 @@ class StoppingRule(Generic[State]):
     Attributes
     ----------
     iterations : int
-        After so many accepted steps.
+        It ends after this many accepted steps.
     relative_gain : float
-        When a step lowers the cost by no more than this share of it.
+        It ends when a step lowers the cost by no more than this share of it.
     small_step : float
-        When the size of a step is less.
+        It ends when a step is smaller than this.
     step_size : callable, optional
-        Size of the step from one state to the next, in the unit of `small_step`.
+        Gives the size of the step from one state to the next, in the unit of `small_step`.
     small_refused : bool
-        Such a step ends it where it is refused as well: shorter ones are not tried then.
+        Whether a small step also ends it if the step is refused, without shorter ones being tried.
     least_promise : float
-        A step that promises to lower the cost by less is not tried.
+        A step whose predicted decrease of the cost is below this is not tried.
     """
 
     iterations: int = 50
@@ -106,13 +106,13 @@ class LeastSquaresResult(Generic[State, Equations]):
     ----------
     state : State
     cost_history : tuple of float
-        Cost of the start and after every accepted step. It never rises, unless `linearise` changes the problem from
+        Cost at the start and after every accepted step. It never rises, unless `linearise` changes the problem from
         state to state; see the `trial_cost` of `minimise`.
     converged : bool
-        False where the iterations ran out or no damping gave a step that lowered the cost.
+        False if the iterations ran out, or if no damping gave a step that lowered the cost.
     linearised : callable
-        Returns the normal equations at the state: the covariance of its unknowns is the inverse of their `factor()`.
-        Where steps were tested by a `trial_cost`, every call linearises.
+        Returns the normal equations at the state; the covariance of its unknowns follows from their `factor()`. If
+        steps were tested by a `trial_cost`, every call linearises anew.
     """
 
     state: State
@@ -152,12 +152,12 @@ def minimise(
     linearise : callable
         Normal equations at a state.
     move : callable
-        The state after a step that `NormalEquations.solve` gave. It may shorten or lengthen the step.
+        Returns the state after a step that came from `NormalEquations.solve`. It may shorten or lengthen the step.
     trial_cost : callable, optional
-        Cost of a trial state, given the equations that the step was made from: where that is much cheaper than
-        `linearise`, or where `linearise` chooses associations or weights anew at every state, which must stay the same
-        while a step is tested. By default a trial state is linearised, its cost taken from there, and the equations
-        used for the next step.
+        Returns the cost of a trial state, given the equations from which the step was computed. It is needed if
+        `linearise` chooses associations or weights anew at every state, because these must not change while a step is
+        tested; it is useful if it is much cheaper than `linearise`. By default a trial state is linearised, which gives
+        its cost and the equations for the next step.
     damping : Damping
     stopping : StoppingRule
     on_iteration : callable, optional
@@ -178,7 +178,7 @@ def minimise(
         if step is None:
             share = damping.after_refusal(share)
             continue
-        # Without damping, half of what the slope is: the other half is lost on the way to the minimum.
+        # Without damping, the predicted gain is half the slope: along the step, the slope falls linearly to zero.
         if converged := -equations.slope(step) / 2 < stopping.least_promise:
             break
         trial = move(state, step)
@@ -193,7 +193,7 @@ def minimise(
             history.append(cost)
             share = damping.after_success(share)
         else:
-            # A step that promises next to nothing is refused only for rounding: the state is the minimum.
+            # A step with almost no predicted gain is refused only because of rounding: the state is the minimum.
             converged = -equations.slope(step) <= stopping.relative_gain * equations.cost
             converged |= stopping.small_refused and stopping.small(state, trial)
             share = damping.after_refusal(share)

@@ -1,8 +1,8 @@
 """Many small least-squares problems of the same size side by side, each by Levenberg-Marquardt with its own damping.
 
-As `least_squares`, where one call of the functions would cost more than what they compute. After K. Madsen, H. B.
-Nielsen, O. Tingleff, Methods for non-linear least squares problems (2004), algorithm 3.16, with Marquardt's diagonal
-scaling.
+This is `least_squares` for problems so small that calls of functions would cost more than the computation. The method
+is algorithm 3.16 of K. Madsen, H. B. Nielsen, O. Tingleff, Methods for non-linear least squares problems (2004), with
+Marquardt's diagonal scaling.
 """
 
 from __future__ import annotations
@@ -35,12 +35,13 @@ def minimise_each(
     ----------
     start : ndarray, shape (K, D)
     linearise : callable
-        Called with unknowns (n, D) and which of the K problems they belong to (n,); returns the systems there.
+        Called with the unknowns (n, D) of some problems and the indices (n,) of these among the K; returns their
+        normal systems.
     tolerance : float
-        A problem is solved when a step lowers its cost, and promised to, by no more than this share of it, or is no
-        longer than this share of the unknowns.
+        A problem is solved when the actual and the predicted decrease of its cost by a step are at most this share of
+        the cost, or when the step is at most this share of the unknowns' norm.
     evaluations : int
-        At most so many for each.
+        Largest number of evaluations for each problem.
 
     Returns
     -------

@@ -1,7 +1,8 @@
-"""The likeliest path through places drawn on every frame, of which near ones follow each other.
+"""The most likely path through candidate places that were sampled on every frame; consecutive places are close
+together.
 
-A hidden Markov model whose states are drawn: Viterbi's algorithm finds the path, forward-backward the probabilities of
-the places.
+This is a hidden Markov model whose states are samples. Viterbi's algorithm finds the path, the forward-backward
+algorithm the probabilities of the places.
 """
 
 from __future__ import annotations
@@ -13,9 +14,11 @@ from .arrays import Array
 
 
 def likeliest_path(score: Array, places: Array) -> tuple[NDArray[np.intp], float]:
-    """The best way through K places on each of F frames (Viterbi), and its value.
+    """The best path through K places on each of F frames by Viterbi's algorithm: an index per frame (F,), and its
+    value.
 
-    The value is the sum of the places' scores (F, K) less half the squared distances between places (F, K, d).
+    The value is the sum of the scores (F, K) of its places minus half the sum of squared distances between consecutive
+    places (F, K, d).
     """
     F, K = score.shape
     best, total = np.zeros(F, np.intp), score[0]
@@ -33,14 +36,14 @@ def likeliest_path(score: Array, places: Array) -> tuple[NDArray[np.intp], float
 
 
 def place_probabilities(score: Array, places: Array) -> Array:
-    """The probability of every place, (F, K), where ways are the likelier the better they are.
+    """The posterior probability of every place, (F, K), if the probability of a path is proportional to exp(its value).
 
-    Parameters as of `likeliest_path`.
+    Parameters are those of `likeliest_path`.
     """
     last = len(score) - 1
     ahead, behind = score.copy(), np.zeros(score.shape)
     before, after = _link_factors(places)
-    # The factors between neighbouring frames are made twice: those of a long segment would fill the memory.
+    # The factors between neighbouring frames are computed twice: storing those of a long segment would fill the memory.
     for f in range(last):
         ahead[f + 1] += _log_sum(ahead[f], np.exp(before[f] @ after[f + 1].T))
     for f in range(last - 1, -1, -1):
@@ -51,14 +54,15 @@ def place_probabilities(score: Array, places: Array) -> Array:
 
 
 def _log_sum(log: Array, factors: Array) -> Array:
-    """Logarithms of sums of K numbers, given by their logarithms, with each column of factors (K, L)."""
+    """Logarithms of the L sums over K numbers times factors (K, L), from the logarithms of the numbers."""
     top = log.max()
     return np.asarray(top + np.log(np.maximum(np.exp(log - top) @ factors, np.finfo(float).tiny)))
 
 
 def _link_factors(places: Array) -> tuple[Array, Array]:
-    """Rows before[f] and after[f], (K, d + 2), of places (F, K, d): before[f] @ after[f + 1].T is less half the squared
-    distance from each of a frame's places to each of the next frame's, (K, K).
+    """Factors before and after (F, K, d + 2) of the costs between neighbouring frames, from places (F, K, d).
+
+    before[f] @ after[f + 1].T (K, K) is minus half the squared distance of each place on a frame from each on the next.
     """
     norm = -0.5 * np.einsum("fkd,fkd->fk", places, places)[..., None]
     one = np.ones_like(norm)

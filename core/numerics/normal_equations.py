@@ -1,7 +1,7 @@
-"""Normal equations of nonlinear least squares: what a solver must offer, and dense, banded and sparse storage.
+"""Normal equations of nonlinear least squares: their interface, and dense, banded and sparse storage.
 
-Everywhere, with whitened residuals r and their Jacobian J, H = J^T W J is Gauss-Newton's matrix, g = J^T W r the
-gradient of half the cost, and the cost the sum of rho(|r|^2). A step is -(H + damping * diag(H))^-1 g.
+With whitened residuals r, their Jacobian J and robust weights W, H = J^T W J is the Gauss-Newton matrix, g = J^T W r
+the gradient of half the cost, and the cost is the sum of rho(|r|^2). A step is -(H + damping * diag(H))^-1 g.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Factor_co = TypeVar("Factor_co", covariant=True)
 MatrixFactor = TypeVar("MatrixFactor", "DenseFactor", "SparseFactor")
 
 DIAGONAL_FLOOR = 1e-9
-"""Share of the largest diagonal element below which no unknown is damped less: unknowns that nothing measures."""
+"""Lower bound of the diagonal in the damping, as a share of its largest element, for unknowns that nothing measures."""
 
 
 class NormalEquations(Protocol[Step_co, Factor_co]):
@@ -38,11 +38,11 @@ class NormalEquations(Protocol[Step_co, Factor_co]):
         ...
 
     def solve(self, damping: float) -> Step_co:
-        """Levenberg-Marquardt's step; numpy's `LinAlgError` where the damped matrix is not positive definite."""
+        """Levenberg-Marquardt step; raises numpy's `LinAlgError` if the damped matrix is not positive definite."""
         ...
 
     def slope(self, step: Any) -> float:
-        """Derivative of the cost along a step, 2 g^T step: a quadratic gains at most its negative."""
+        """Derivative of the cost along a step, 2 g^T step."""
         ...
 
     def factor(self) -> Factor_co:
@@ -55,7 +55,7 @@ def _damped_diagonal(diagonal: Array, damping: float) -> Array:
 
 
 class _MatrixEquations(Generic[MatrixFactor]):
-    """Normal equations whose matrix is there as one."""
+    """Normal equations that store their matrix as a single array."""
 
     gradient: Array
 
@@ -93,7 +93,7 @@ class DenseFactor:
 
 @dataclass(frozen=True, eq=False)
 class DenseEquations(_MatrixEquations[DenseFactor]):
-    """Normal equations of few unknowns.
+    """Normal equations of a small number of unknowns.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ class DenseEquations(_MatrixEquations[DenseFactor]):
         residuals : ndarray, shape (m, k)
         jacobian : ndarray, shape (m, k, n)
         kernel : RobustKernel, optional
-            On the norm of each residual; by default plain least squares.
+            Kernel on the norm of each residual; by default plain least squares.
         """
         kernel = kernel or Quadratic()
         squared = np.sum(residuals**2, axis=1)
@@ -172,7 +172,7 @@ class SparseFactor:
 
     @classmethod
     def create(cls, matrix: sparse.csc_array) -> SparseFactor:
-        """Factorise without pivoting: for a band with a border that comes last no other order fills in less."""
+        """Factorise without pivoting: for a band whose border comes last, no other order has less fill-in."""
         try:
             decomposition = splu(matrix, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
         except RuntimeError as error:  # SuperLU's word for a singular matrix
@@ -186,7 +186,7 @@ class SparseFactor:
 
 @dataclass(frozen=True, eq=False)
 class SparseEquations(_MatrixEquations[SparseFactor]):
-    """Normal equations whose matrix is sparse, with the unknowns in an order that fills in little.
+    """Normal equations with a sparse matrix, whose unknowns are in an order with little fill-in.
 
     Attributes
     ----------
@@ -207,7 +207,7 @@ class SparseEquations(_MatrixEquations[SparseFactor]):
 
 @dataclass(frozen=True, eq=False)
 class IndependentEquations:
-    """Several systems without common unknowns, solved and damped alike: one per performer, for example.
+    """Several systems without common unknowns, solved with the same damping: one per performer, for example.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Curves at another frame rate: rotations by slerp, all else linearly."""
+"""Resampling of curves at another frame rate: rotations by slerp, everything else linearly."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ from .rotations import continuous_signs
 
 
 def sample_times(first: int, last: int, rate: float, wanted: float) -> Array:
-    """Frames, whole or not, at which a rate of `wanted` per second shows frames `first` to `last` of a rate of `rate`.
+    """Times, in frames of `rate` per second, at which to sample frames `first` to `last` for `wanted` frames per
+    second.
 
-    The first is the first; the last is at most the last.
+    They need not be whole numbers. They begin with `first` and do not exceed `last`.
     """
     count = int(np.floor((last - first) * wanted / rate + 1e-6)) + 1
     return np.minimum(first + np.arange(count) * (rate / wanted), float(last))
 
 
 def slerped(wxyz: Array, frames: Array, times: Array) -> Array:
-    """Unit quaternions (w, x, y, z) at times (K,), between those (F, 4) of frames (F,): each way at a constant rate."""
+    """Unit quaternions (w, x, y, z) at times (K,), by slerp between those (F, 4) of frames (F,): shape (K, 4)."""
     if len(frames) == 1:
         return np.repeat(wxyz / np.linalg.norm(wxyz), len(times), axis=0)
     if np.array_equal(frames, times):

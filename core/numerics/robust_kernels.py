@@ -1,4 +1,4 @@
-"""Robust kernels: how much a residual counts, so that outliers do not decide a least-squares fit.
+"""Robust kernels, which limit the influence of outliers on a least-squares fit.
 
 A kernel rho maps the squared norm s of a whitened residual to its cost. Iteratively reweighted least squares multiplies
 the residual's rows by the weight rho'(s). See Z. Zhang, Parameter estimation techniques: a tutorial with application to
@@ -18,7 +18,8 @@ from .arrays import Array
 NORMAL_MAD = 1.4826
 """Standard deviation of a normal error as a multiple of the median of its absolute values."""
 RAYLEIGH_MEDIAN = 1.1774
-"""Median length of two normal errors of standard deviation 1: a median over it is a deviation that outliers spare."""
+"""Median length of a vector of two normal errors of standard deviation 1. A median length divided by this is a robust
+estimate of the standard deviation."""
 
 
 class RobustKernel(Protocol):
