@@ -38,7 +38,7 @@ from .tables import markdown
 
 KEY_EVERY = 33
 """Frames between key poses, at most."""
-LENGTHS = (34, 100, 400)
+LENGTHS = (34, 100, 400, 1000)
 LONG = 3000
 FAR_APART = 400
 """Frames of a shot whose key poses are those at its ends."""
