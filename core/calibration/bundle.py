@@ -1,8 +1,9 @@
 """Bundle adjustment of cameras, clocks and a wand whose length is known.
 
-The normal matrix is a band, of the wand on neighbouring frames, with a border. With the cameras last, factorising it in
-the order of the unknowns eliminates the wand frame by frame and leaves the Schur complement of the cameras; no other
-ordering fills in less. See B. Triggs et al., Bundle adjustment - a modern synthesis (2000), section 6.
+The normal matrix is banded, because the wand is coupled between neighbouring frames only, with a border for the
+cameras. If the cameras come last, factorising in the order of the unknowns eliminates the wand frame by frame and
+leaves the Schur complement of the cameras; no other order has less fill-in. See B. Triggs et al., Bundle adjustment - a
+modern synthesis (2000), section 6.
 """
 
 from __future__ import annotations
@@ -43,10 +44,10 @@ class BundleFit:
     free : ndarray of bool, shape (unknowns,)
         Which unknowns were solved for.
     cost : float
-        Robust sum of squared residuals, in variances.
+        Robust sum of squared residuals, in units of the variance.
     iterations : int
     residual : ndarray, shape (n, 2)
-        Predicted less observed balls in standard deviations: the wand's, then the L-frame's.
+        Predicted minus observed positions of the balls, in standard deviations: those of the wand, then the L-frame's.
     """
 
     scene: Scene
@@ -59,7 +60,7 @@ class BundleFit:
     def noise(self) -> float:
         """Noise of the observations as a multiple of their sigma, from the median residual.
 
-        Corrected for the unknowns that were fitted to the same residuals.
+        It is corrected for the number of unknowns that were fitted to the same residuals.
         """
         if not len(self.residual):
             return np.inf
@@ -89,13 +90,13 @@ def adjust(
     free_camera : ndarray of bool, shape (C, 13)
         Which of the cameras' unknowns are solved for.
     scale : float
-        Of Cauchy's kernel on the residual of each ball, in standard deviations; infinite: least squares.
+        Scale of Cauchy's kernel on the residual of each ball, in standard deviations; infinite for least squares.
     iterations : int
-        At most.
+        Largest number of iterations.
     tolerance : float
         The adjustment ends when an iteration lowers the cost by less than this share.
     free_wand : bool
-        Solve for the wand and the L-frame, too.
+        Whether to solve for the wand and the L-frame, too.
     cancel : callable, optional
         Called in every iteration; may raise.
 
@@ -132,7 +133,7 @@ def adjust(
 
 
 def _normal_equations(found: BundleResiduals, free: Bools, kernel: RobustKernel) -> tuple[sparse.csc_array, Array]:
-    """Gauss-Newton's matrix and gradient of the free unknowns, robustly weighted."""
+    """The Gauss-Newton matrix and gradient of the free unknowns, with robust weights."""
     weight = np.ones(found.jacobian.shape[0])
     weight[: found.points.size] = np.repeat(kernel.weight((found.points**2).sum(axis=1)), 2)
     J = found.jacobian[:, np.flatnonzero(free)]
@@ -141,15 +142,15 @@ def _normal_equations(found: BundleResiduals, free: Bools, kernel: RobustKernel)
 
 
 def variance_inflation(seen: BallObservations, residual: Array) -> float:
-    """How many times larger variances are because errors on neighbouring frames are alike.
+    """The factor by which correlated errors of neighbouring frames increase variances.
 
-    The same ball in front of nearly the same background is measured with nearly the same error. With correlation r from
-    frame to frame, n observations count as n (1 - r) / (1 + r), as those of a first-order autoregressive series.
+    The same ball in front of almost the same background is measured with almost the same error. With a correlation r
+    between neighbouring frames, n observations count as n (1 - r) / (1 + r), as in a first-order autoregressive series.
 
     Parameters
     ----------
     seen : BallObservations
-        The wand's, n of them.
+        The n observations of the wand's balls.
     residual : ndarray, shape (n, 2)
         In standard deviations.
     """
@@ -163,18 +164,18 @@ def variance_inflation(seen: BallObservations, residual: Array) -> float:
 
 
 def covariance(scene: Scene, evidence: BundleEvidence, free: Bools) -> Array:
-    """Covariance of the cameras' unknowns, shape (13 C, 13 C), zero where they are held.
+    """Covariance of the cameras' unknowns, shape (13 C, 13 C), zero for those that are held.
 
     Parameters
     ----------
     scene : Scene
     evidence : BundleEvidence
     free : ndarray of bool, shape (unknowns,)
-        Which unknowns are not known beforehand, see `BundleFit.free`.
+        Which unknowns are solved for, see `BundleFit.free`.
     """
     H, _ = _normal_equations(linearise(scene, evidence), free, Quadratic())
     diagonal = H.diagonal()
-    # Nothing measures the direction of a wand of which only one end is seen.
+    # If only one end of the wand is seen, nothing measures its direction.
     ridge = sparse.diags_array(np.where(diagonal > 0, 1e-14 * diagonal, 1.0), format="csc")
     factor = SparseFactor.create(H + ridge)
     own = np.flatnonzero(free[first_camera(scene) :])

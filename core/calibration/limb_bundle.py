@@ -1,7 +1,8 @@
-"""Bundle adjustment of cameras and of a performer's joints, whose limbs keep their lengths.
+"""Bundle adjustment of cameras and of a performer's joints, with limbs of constant length.
 
-A limb is a wand whose length is not known but never changes: that is what shows focal lengths where the optical axes
-meet. The scale of everything is that of an average person of the performer's height.
+A limb is like a wand of unknown but constant length. This constraint determines the focal lengths of cameras that all
+point to one place, which matching points alone do not. The scale is that of an average person of the performer's
+height.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from ..numerics.rotations import skew
 from .camera_rig import CAMERA_DOF, FOCAL, SHIFT, TURN, Rig
 
 JOINTS = tuple(f"{side}{joint}" for joint in ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle") for side in "RL")
-"""The joints that take part."""
+"""The joints that are used."""
 LIMBS: Mapping[str, tuple[tuple[str, str], ...]] = MappingProxyType(
     {
         "shin": (("RKnee", "RAnkle"), ("LKnee", "LAnkle")),
@@ -33,20 +34,20 @@ LIMBS: Mapping[str, tuple[tuple[str, str], ...]] = MappingProxyType(
         "shoulder_width": (("RShoulder", "LShoulder"),),
     }
 )
-"""Pairs of joints that are always equally far apart, by the measure of the body that says how far."""
+"""Pairs of joints at a constant distance, by the measure of the body for this distance."""
 STICKS = ("shin", "thigh", "forearm", "upper_arm")
-"""Those of them that are bones: they point anywhere, and no trunk bends between their joints."""
+"""Those limbs that are single bones, which take many directions; between the other pairs, the trunk may bend."""
 LENGTH_SIGMA = 0.02
-"""How far a detector's joints may lie off the ends of a limb along it, metres."""
+"""Standard deviation of a limb's length as detected, metres: a detector's joints do not lie exactly at its ends."""
 PROPORTION_SIGMA = 0.08
-"""Usual differences of people's proportions, as a share."""
+"""Standard deviation of people's proportions, as a share."""
 USUAL_NOISE = 0.01
-"""Of a detector's keypoints, as a share of how large the performer is in the picture."""
+"""Usual standard deviation of a detector's keypoints, as a share of the performer's size in the picture."""
 USUAL_FOCAL, FOCAL_SPREAD = 0.9, 0.35
-"""Focal length of cameras that people film with, as a share of the picture's longer side, and the standard deviation of
-its logarithm."""
+"""Usual focal length of a camera, as a share of the picture's longer side, and the standard deviation of its logarithm.
+"""
 _ROBUST = 3.0
-"""Scale of the kernel, in standard deviations."""
+"""Scale of the robust kernel, in standard deviations."""
 _NEAREST = 0.1  # metres
 _LEAST_NOISE = 0.3  # pixels
 _ROUNDS = 4  # of adjusting and estimating the noise, at most
@@ -54,7 +55,7 @@ _ROUNDS = 4  # of adjusting and estimating the noise, at most
 
 @dataclass(frozen=True, eq=False)
 class JointSightings:
-    """The joints of one performer as the views show them, on F frames.
+    """The joints of one performer as seen by the views, on F frames.
 
     Attributes
     ----------
@@ -64,11 +65,11 @@ class JointSightings:
     frames : ndarray of int, shape (F,)
         Shot frames, increasing.
     points : ndarray, shape (V, F, L, 2)
-        Of `JOINTS`, pixels, without lens distortion where the lens is known; NaN where a joint was not found.
+        Positions of `JOINTS`, pixels, without lens distortion if the lens is known; NaN where a joint was not found.
     confidence : ndarray, shape (V, F, L)
         0 to 1.
     correlated : float
-        How many neighbouring frames of these err together and count as one.
+        How many neighbouring frames (of the F) have the same error, and therefore count as one.
     """
 
     cameras: tuple[str, ...]
@@ -81,7 +82,7 @@ class JointSightings:
 
 @dataclass(frozen=True, eq=False)
 class JointScene:
-    """The unknowns.
+    """The unknowns of the adjustment: cameras, joints and lengths of limbs.
 
     Attributes
     ----------
@@ -89,7 +90,7 @@ class JointScene:
     joints_world : ndarray, shape (F, L, 3)
         Metres; NaN where a joint is not seen by two views.
     lengths : ndarray, shape (K,)
-        Of the limbs, in the order of `LIMBS`, metres.
+        Lengths of the limbs in the order of `LIMBS`, metres.
     """
 
     rig: Rig
@@ -97,7 +98,7 @@ class JointScene:
     lengths: Array
 
     def moved(self, step: Array) -> JointScene:
-        """The scene after a step: of the known joints, of the logarithms of the lengths, and of the cameras."""
+        """The scene after a step, which has the order: known joints, logarithms of the lengths, cameras."""
         known = np.isfinite(self.joints_world).all(axis=-1)
         joints, lengths, cameras = np.split(step, np.cumsum([3 * known.sum(), len(self.lengths)]))
         points = self.joints_world.copy()
@@ -125,7 +126,7 @@ class JointFit:
 
 
 def usual_lengths(height: float) -> Array:
-    """An average person's limbs, in the order of `LIMBS`, metres."""
+    """Lengths of an average person's limbs in the order of `LIMBS`, metres."""
     return np.array([FRACTIONS[limb] * height for limb in LIMBS])
 
 
@@ -137,7 +138,7 @@ def adjust_joints(
     known_lens: Bools,
     cancel: Callable[[], None],
 ) -> JointFit:
-    """Minimise the robust sum of squares of a scene; the noise of every view is estimated on the way.
+    """Minimise the robust sum of squares of a scene, and estimate the noise of every view.
 
     Parameters
     ----------
@@ -145,7 +146,7 @@ def adjust_joints(
         The start.
     seen : JointSightings
     height : float
-        Metres.
+        Of the performer, metres.
     known_lens : ndarray of bool, shape (V,)
         Views whose focal lengths are held.
     cancel : callable
@@ -183,8 +184,9 @@ def adjust_joints(
 def _focal_deviation(scene: JointScene, seen: JointSightings, height: float, noise: Array, known_lens: Bools) -> Array:
     """Standard deviations of the logarithms of the focal lengths, shape (V,), 0 where they are held.
 
-    What a detector calls a hip is not the same point from every side, on all frames alike. So only kinds of joints are
-    independent of one another, and each is left out once (the jackknife); the covariance is the least that it can be.
+    What a detector calls a hip is not the same point from every side, and this error is the same on all frames.
+    Therefore only different kinds of joints are independent, and each kind is left out once (the jackknife). The
+    covariance of the adjustment is a lower bound.
     """
     V = len(scene.rig)
     focal = CAMERA_DOF * np.arange(-V, 0) + FOCAL
@@ -205,14 +207,14 @@ def _focal_deviation(scene: JointScene, seen: JointSightings, height: float, noi
 
 
 def cost_of_joints(scene: JointScene, seen: JointSightings, height: float) -> float:
-    """The robust sum of squares of a scene whose noise is a usual detector's: by it starts are compared."""
+    """The robust sum of squares of a scene with the usual noise of a detector, by which starts are compared."""
     noise = np.maximum(USUAL_NOISE * _extent(seen), _LEAST_NOISE)
     free = np.ones(_Columns.of(scene).count, bool)
     return joint_equations(scene, seen, height, noise=noise, free=free).cost
 
 
 def _free(scene: JointScene, known_lens: Bools) -> Bools:
-    """Which unknowns are solved for: the first camera stays where it is, and clocks and lens distortions are known."""
+    """Which unknowns are solved for: all but the first camera's pose, clocks, lens distortions and known lenses."""
     known = int(np.isfinite(scene.joints_world).all(axis=-1).sum())
     cameras = np.zeros((len(scene.rig), CAMERA_DOF), bool)
     cameras[1:, TURN] = cameras[1:, SHIFT] = True
@@ -221,7 +223,9 @@ def _free(scene: JointScene, known_lens: Bools) -> Bools:
 
 
 def _pictured(scene: JointScene, seen: JointSightings) -> tuple[Array, Array, Array]:
-    """View, frame and joint of every sighting of a known joint (n, 3), its place in the camera, and its residual."""
+    """View, frame and joint (n, 3) of every sighting of a known joint, its position in camera axes, and its
+    residual.
+    """
     known = np.isfinite(scene.joints_world).all(axis=-1)
     there = np.isfinite(seen.points).all(axis=-1) & (seen.confidence > 0) & known
     v, f, j = np.nonzero(there)
@@ -240,9 +244,9 @@ def _sizes(scene: JointScene, seen: JointSightings) -> Array:
 
 
 def _noise(sizes: Array, seen: JointSightings) -> Array:
-    """Noise of each view, pixels: the same share of how large the performer is in its pictures.
+    """Noise of each view, pixels: a common share of the performer's size in its pictures.
 
-    If each view had a noise of its own, the others would be fitted to two of them, which then seem to have none.
+    If each view had its own noise, two views would be fitted exactly, with no noise, and the others would be ignored.
     """
     extent = _extent(seen)
     shares = sizes / extent[:, None, None]
@@ -251,7 +255,7 @@ def _noise(sizes: Array, seen: JointSightings) -> Array:
 
 
 def _extent(seen: JointSightings) -> Array:
-    """How large the performer is in each view's pictures, diagonally, pixels, shape (V,)."""
+    """Diagonal size of the performer in the pictures of each view, pixels, shape (V,)."""
     spans = np.nanmax(seen.points, axis=2, initial=-np.inf) - np.nanmin(seen.points, axis=2, initial=np.inf)
     spans = np.linalg.norm(np.where(np.isfinite(spans), spans, np.nan), axis=-1)
     return np.asarray(np.nanmedian(spans, axis=1))
@@ -259,13 +263,13 @@ def _extent(seen: JointSightings) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """Residuals in standard deviations, with their robust weights' roots applied.
+    """Residuals in standard deviations, multiplied by the square roots of their robust weights.
 
     Attributes
     ----------
     residual : ndarray, shape (m,)
     columns : ndarray of int, shape (m, k)
-        The unknowns that each depends on.
+        The unknowns on which each residual depends.
     derivatives : ndarray, shape (m, k)
     cost : float
     """
@@ -284,14 +288,14 @@ class _Rows:
 
 @dataclass(frozen=True, eq=False)
 class _Columns:
-    """Where the unknowns are: the joints' places, the lengths, the cameras.
+    """Indices of the unknowns: the joints' positions, the lengths, the cameras.
 
     Attributes
     ----------
     joint : ndarray of int, shape (F, L)
-        The first of three; -1 where a joint is not known.
+        Index of the first of a joint's three; -1 where the joint is not known.
     length, camera : int
-        The first of each.
+        Index of the first length and of the first camera's first unknown.
     count : int
     """
 
@@ -316,7 +320,7 @@ class _Columns:
 def joint_equations(
     scene: JointScene, seen: JointSightings, height: float, *, noise: Array, free: Bools
 ) -> SparseEquations:
-    """Gauss-Newton's equations of the free unknowns at a scene, and its robust sum of squares.
+    """The Gauss-Newton equations of the free unknowns at a scene, with its robust sum of squares as their cost.
 
     Parameters
     ----------
@@ -344,7 +348,7 @@ def joint_equations(
 
 
 def _sighting_rows(scene: JointScene, seen: JointSightings, noise: Array, columns: _Columns) -> _Rows:
-    """How far joints are from where the pictures show them."""
+    """Residuals of joints in the pictures."""
     kernel, rig = Cauchy(_ROBUST), scene.rig
     index, x, off = _pictured(scene, seen)
     v, f, j = index.T
@@ -371,7 +375,7 @@ def _sighting_rows(scene: JointScene, seen: JointSightings, noise: Array, column
 
 
 def _limb_rows(scene: JointScene, usual: Array, correlated: float, columns: _Columns) -> Iterator[_Rows]:
-    """How far limbs are from their lengths, as shares of these: in metres, a smaller scene would fit better."""
+    """Residuals of the limbs' lengths, relative to the lengths: in metres, a smaller scene would fit better."""
     kernel = Cauchy(_ROBUST)
     for k, pairs in enumerate(LIMBS.values()):
         sigma = LENGTH_SIGMA / usual[k] * np.sqrt(correlated)

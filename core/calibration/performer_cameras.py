@@ -1,7 +1,7 @@
-"""Cameras from a performer alone: from 2D keypoints of somebody who moves about, and from their height.
+"""Cameras from the 2D keypoints of a performer who moves about, and from the performer's height.
 
-The limbs are wands whose lengths never change. The way to a first solution is the wand's (`first_cameras`), with the
-kind of limb that leads to the best one; then all joints and cameras are adjusted together (`limb_bundle`).
+Limbs are wands of constant length. Initial cameras are found as from a wand (`first_cameras`), for each kind of limb,
+and the best solution is kept; then all joints and cameras are adjusted together (`limb_bundle`).
 """
 
 from __future__ import annotations
@@ -29,28 +29,28 @@ from .wand_tracks import Tracks
 from .wand_triangulation import rays, triangulated
 
 FOCALS = (0.6, 0.9, 1.35)
-"""Focal lengths by which it is, where the lens is not known: shares of the picture's longer side."""
+"""Focal lengths that are tried if the lens is not known, as shares of the picture's longer side."""
 VAGUE_FOCAL = 0.1
-"""Deviation of a focal length from which it is said to be vague, as a share."""
+"""Standard deviation of a focal length above which the user is warned, as a share of it."""
 _USUAL_NOISE = 3.0  # pixels
 
 
 @dataclass(frozen=True, eq=False)
 class PerformerCalibration:
-    """Cameras, and how well they fit.
+    """Cameras that were found from a performer, and how well they fit.
 
     Attributes
     ----------
     cameras : dict of str to Camera
         Metres, z up from the floor, the origin below the performer's hips on the first frame, x to their left.
     noise : dict of str to float
-        By camera, how far the joints lie off their keypoints in the median, pixels.
+        By camera, the median distance of the joints from their keypoints, pixels.
     seen : dict of str to int
-        By camera, how many joints it shows, over all frames that took part.
+        By camera, the number of joints that it sees, over all frames that are used.
     lengths : dict of str to float
-        Of the performer's limbs, metres.
+        Lengths of the performer's limbs, metres.
     focal_deviation : dict of str to float
-        By camera, standard deviation of the focal length, as a share; 0 where the lens is known.
+        By camera, the standard deviation of the focal length, as a share of it; 0 if the lens is known.
     """
 
     cameras: dict[str, Camera]
@@ -61,7 +61,7 @@ class PerformerCalibration:
 
     @property
     def summary_lines(self) -> list[str]:
-        """What to tell the user."""
+        """Return the lines that tell the user about the result."""
         rows = []
         for name, camera in self.cameras.items():
             lens = f"focal length {camera.matrix[0, 0]:.0f} px"
@@ -87,14 +87,14 @@ def cameras_of_shot(
     spec : ShotSpec
         Its calibration is not read.
     lenses : mapping of str to Camera
-        By camera: those whose lens is known.
+        By camera: the known lenses.
     progress : callable, optional
 
     Raises
     ------
     CaptureError
-        The performer's height is missing, a view has no keypoints, a lens is of another picture, or the keypoints do
-        not determine the cameras.
+        The performer's height is missing, a view has no keypoints, a lens belongs to another picture size, or the
+        keypoints do not determine the cameras.
     FootageError, KeypointError
         Footage or keypoints cannot be read.
     CancelledError
@@ -117,20 +117,20 @@ def cameras_of_views(
     lenses: Mapping[str, Camera],
     correlated: float,
 ) -> PerformerCalibration | SingleViewCalibration:
-    """Solve for the cameras of views, or of the only one, from the files of their keypoints.
+    """Solve for the cameras of one or more views from the files of their keypoints.
 
     Parameters
     ----------
     specs : sequence of ViewSpec
     height : float
-        Of the performer, metres: the scale.
+        Height of the performer, metres, which gives the scale.
     frames : tuple of int
         First and last frame of the shot, in the shot's count.
     progress : callable, optional
     lenses : mapping of str to Camera
-        By camera: those whose lens is known.
+        By camera: the known lenses.
     correlated : float
-        How many neighbouring frames a detector errs on alike.
+        How many neighbouring frames have the same error of the detector, and therefore count as one.
 
     Raises
     ------
@@ -175,14 +175,14 @@ def cameras_by_performer(
     Parameters
     ----------
     views : sequence of PerformerView
-        Two or more; of several people in a view the one who is the largest there counts.
+        Two or more. If several people are in a view, the largest one there is used.
     height : float
-        Of the performer, metres: the scale.
+        Height of the performer, metres, which gives the scale.
     frames : tuple of int
         First and last frame of the shot, in the shot's count.
     progress : callable, optional
     correlated : float
-        How many neighbouring frames a detector errs on alike.
+        How many neighbouring frames have the same error of the detector, and therefore count as one.
 
     Raises
     ------
@@ -224,27 +224,27 @@ def cameras_by_performer(
 
 
 def _lens(view: PerformerView, share: float) -> Lens:
-    """The lens by which first cameras are found: the known one, or one of that focal length; without distortion."""
+    """The lens with which initial cameras are found: the known one, or one of that focal length; without distortion."""
     matrix = view.matrix(share * max(view.size))
     return Lens(view.size, matrix[:1, 0], matrix, np.zeros(4))
 
 
 def _rig_by_limb(seen: JointSightings, lenses: Sequence[Lens], limb: str, height: float, check: Cancel) -> Rig | None:
-    """First cameras by one kind of limb, whose left and right are sticks of one length."""
+    """Initial cameras from one kind of limb, whose left and right are sticks of the same length."""
     ends = np.array([[JOINTS.index(name) for name in pair] for pair in LIMBS[limb]])
     F = len(seen.frames)
     points = np.concatenate([seen.points[:, :, pair] for pair in ends], axis=1)
     sigma = np.where(np.isfinite(points).all(axis=-1), _USUAL_NOISE, np.nan)
     apart = 10 * (F + 1) * np.arange(len(ends))
     tracks = Tracks((np.arange(F) + apart[:, None]).ravel(), points, sigma)
-    # Which end is which is known: links that say otherwise are wrong.
+    # The two ends of a limb are known, so links that exchange them are wrong.
     links = [link for link in find_links(tracks, lenses, check) if not link.crossed]
     length = usual_lengths(height)[list(LIMBS).index(limb)]
     return first_rig(seen.cameras, tracks, lenses, links, length=float(length), cancel=check)
 
 
 def _with_joints(rig: Rig, seen: JointSightings, height: float) -> JointScene:
-    """The cameras with the joints where their rays meet."""
+    """The scene of these cameras with triangulated joints."""
     lines = rays(rig, seen.points.reshape(len(rig), -1, 2))
     joints = triangulated(rig.centres_world, lines).reshape(*seen.points.shape[1:3], 3)
     return JointScene(rig, joints, usual_lengths(height))

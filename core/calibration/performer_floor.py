@@ -1,7 +1,7 @@
-"""The floor from a performer who stood upright in some places, where there is neither an L-frame nor a wand on it.
+"""The floor from a performer who stood upright in some places, for captures without an L-frame or a wand on the floor.
 
-Their soles lie on the floor, and on the average their head is above their feet: both tell how it is tilted. Their
-height gives the scale where the wand's length is not known.
+Both the soles, which lie on the floor, and the direction from the feet to the head, which is vertical on average, show
+how the floor is tilted. The performer's height gives the scale if the wand's length is not known.
 """
 
 from __future__ import annotations
@@ -18,30 +18,32 @@ from .findings import Finding
 from .wand_triangulation import rays, triangulated
 
 SOLE_SIGMA = 0.01
-"""How far off the floor the point may be that is taken for a sole's, metres."""
+"""Standard deviation of a marked sole from the floor, metres."""
 HEAD_SIGMA = 0.05
-"""How far beside the middle of the feet the head of somebody is who stands upright, metres, each way."""
+"""Standard deviation, in both horizontal directions, of an upright person's head from above the middle of the feet,
+metres."""
 POINT_SIGMA = 0.02
-"""How far apart the points are that different views take for the same foot or the same head, metres."""
+"""Standard deviation between the points that were marked in different views for the same foot or head, metres."""
 _UNEVEN = 0.05
-"""Differences of the heights in different places, as a share, which nobody has who stands upright."""
+"""Largest difference between the heights found in different places, as a share, for somebody who stands upright."""
 _WRONG_HEIGHT = 0.1
-"""A share that no shoes and no hair explain."""
+"""Largest relative difference from the stated height that shoes and hair can explain."""
 _HEAD = PERFORMER_POINTS - 1
 
 
 @dataclass(frozen=True, eq=False)
 class PerformersFloor:
-    """What a performer tells of the world.
+    """The world as found from a performer who stood on the floor.
 
     Attributes
     ----------
     capture : Capture
-        With three points of their first place and one of another in place of the L-frame's balls; metres.
+        The capture with three of the performer's points in the first place, and one in another place, instead of the
+        balls of an L-frame, metres.
     scale : float
-        How many times as large the world is as the one that the cameras were in.
+        Scale of this world relative to the one of the given cameras.
     finding : Finding
-        What to say about it.
+        What to tell the user about it.
     """
 
     capture: Capture
@@ -50,7 +52,7 @@ class PerformersFloor:
 
 
 def on_performers_floor(capture: Capture, rig: Rig) -> PerformersFloor:
-    """The world of a performer: z up from the floor, origin between their feet in the first place, x towards the left.
+    """Find the world of a performer: z up from the floor, origin between the feet in the first place, x to their left.
 
     Parameters
     ----------
@@ -62,7 +64,8 @@ def on_performers_floor(capture: Capture, rig: Rig) -> PerformersFloor:
     Raises
     ------
     CaptureError
-        They are not seen by two cameras in each place, do not stand upright, or are not as tall as is said.
+        The performer is not seen by two cameras in each place, does not stand upright, or does not have the stated
+        height.
     """
     performer = capture.performer
     assert performer is not None
@@ -97,7 +100,9 @@ def on_performers_floor(capture: Capture, rig: Rig) -> PerformersFloor:
 
 
 def _seen(performer: StandingPerformer, rig: Rig) -> Array:
-    """The median of each point in each place by camera, pixels, shape (C, P, 3, 2); NaN where it was not marked."""
+    """Median position of each point in each place, by camera, pixels, shape (C, P, 3, 2); NaN where it is not
+    marked.
+    """
     out = np.full((len(rig), len(performer.places), PERFORMER_POINTS, 2), np.nan)
     for c, name in enumerate(rig.names):
         if (markers := performer.points.get(name)) is None:
@@ -112,7 +117,7 @@ def _seen(performer: StandingPerformer, rig: Rig) -> Array:
 
 
 def _vertical(feet: Array, head: Array) -> tuple[Array, float]:
-    """The upward unit vector that leaves the least sum of squares, and the deviation of its worst tilt, radians.
+    """The upward unit vector by least squares, and the standard deviation of its tilt in the worst direction, radians.
 
     Parameters
     ----------
@@ -127,7 +132,7 @@ def _vertical(feet: Array, head: Array) -> tuple[Array, float]:
 
 
 def _far_apart(feet: Array) -> list[int]:
-    """Both feet and the head in the first place, and the left foot in the place farthest from it, among all points."""
+    """Indices of four points: both feet and the head in the first place, and the left foot farthest from there."""
     places = feet.mean(axis=1)
     other = int(np.linalg.norm(places - places[0], axis=1).argmax())
     chosen = [0, 1, _HEAD, other * PERFORMER_POINTS]
@@ -145,6 +150,6 @@ def _in_world(points: Array, feet: Array, floor: Array, up: Array) -> Array:
 
 
 def _pixels(rig: Rig, c: int, points: Array, length: float) -> Array:
-    """How long a length looks across the ray of a camera to each point."""
+    """Apparent length in pixels of a `length` across the ray of a camera, at each point."""
     distance = np.linalg.norm(points - rig.centres_world[c], axis=1)
     return np.asarray(rig.focal[c].mean() * length / distance)

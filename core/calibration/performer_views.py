@@ -1,4 +1,4 @@
-"""What the views of a shot show of a performer whose cameras are not known: the main joints of the largest person."""
+"""The main joints of the largest person in the views of a shot whose cameras are not known."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from ..shot.detections import Detections
 from .limb_bundle import JOINTS, JointSightings
 
 MOST_FRAMES = 150
-"""Frames that take part, evenly over the shot: neighbouring ones have the same errors."""
+"""Largest number of frames that are used, evenly over the shot; neighbouring frames have the same errors."""
 USUAL_CORRELATION = 9.0
-"""Neighbouring frames on which a detector errs alike: 0.3 s at 30 frames a second."""
+"""Number of neighbouring frames on which a detector has the same error: 0.3 s at 30 frames per second."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class PerformerView:
     size : tuple of int
         Width and height, pixels.
     detections : Detections
-        Frame f of the shot is the footage's frame f + offset, rounded.
+        The detector's results; frame f of the shot is frame f + offset of the footage, rounded.
     offset : float
     lens : Camera, optional
         A camera with this lens, whose focal length, principal point and distortion are kept.
@@ -43,14 +43,14 @@ class PerformerView:
     lens: Camera | None = None
 
     def matrix(self, focal: float) -> Array:
-        """The lens's intrinsic matrix, or where it is not known, that of a focal length in pixels, shape (3, 3)."""
+        """The intrinsic matrix of the lens, or if it is not known, of a focal length in pixels, shape (3, 3)."""
         if self.lens is not None:
             return self.lens.matrix
         width, height = self.size
         return np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
 
     def camera_at(self, matrix: Array, R_cam_world: Array, t_cam_world: Array) -> Camera:
-        """The view's camera at a place, with the distortion of its lens, or none."""
+        """The view's camera with this matrix and pose, and the distortion of its lens, if that is known."""
         distortions = np.zeros(4) if self.lens is None else self.lens.distortions
         fisheye = self.lens is not None and self.lens.fisheye
         return Camera.create(

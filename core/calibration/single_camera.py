@@ -1,9 +1,9 @@
-"""One camera from a performer on the floor: from the 2D keypoints of somebody who stands or walks there.
+"""A single camera from the 2D keypoints of a performer who stands or walks on the floor.
 
-How large the limbs look tells how far away the performer is, and where the feet are in the picture then tells how high
-the camera is and how it is tilted. Compare F. Lv, T. Zhao, R. Nevatia, Camera calibration from video of a walking
-human, IEEE PAMI 28 (2006). The lens hardly shows in one view, and the tilt only if the performer walks towards the
-camera or away from it; what is left open comes from how people usually film.
+The apparent size of the limbs gives the distance of the performer; from that, the positions of the feet in the picture
+give the height and the tilt of the camera. Compare F. Lv, T. Zhao, R. Nevatia, Camera calibration from video of a
+walking human, IEEE PAMI 28 (2006). One view hardly shows the focal length, and shows the tilt only if the performer
+walks towards the camera or away from it. Priors about how people usually film decide what remains open.
 """
 
 from __future__ import annotations
@@ -33,23 +33,23 @@ from .performer_views import USUAL_CORRELATION, PerformerView, joint_sightings
 from .performer_world import ANKLE_SHARE, LEVEL_SIGMA
 
 TILT_SIGMA = np.radians(10.0)
-"""How far down or up cameras usually look, radians."""
+"""Standard deviation of the tilt of a camera from the horizontal, radians."""
 USUAL_HEIGHT, HEIGHT_SPREAD = 1.3, 0.5
-"""Of a camera above the floor, metres, and the standard deviation of its logarithm."""
+"""Usual height of a camera above the floor, metres, and the standard deviation of its logarithm."""
 SWAY_SIGMA = np.radians(5.0)
-"""How far a performer leans to one side of the picture, radians, in the median over a shot."""
+"""Standard deviation of a performer's lean to one side of the picture, radians, in the median over a shot."""
 TURNED = np.radians(15.0)
-"""How far a camera is seldom turned about its line of sight, radians."""
+"""Roll of a camera about its line of sight beyond which the user is told that it is unusual, radians."""
 TRUE_LENGTH = 0.8
-"""Share of the limbs that look shorter than they are in proportion, because they point towards the camera or away: the
-next longer one shows the scale."""
+"""Quantile of the limbs' apparent lengths, relative to their true ones, that gives the scale: most limbs look too
+short, because they point towards the camera or away from it."""
 _ROBUST, _LEANING = 3.0, 2.0  # scales of the kernels, in standard deviations
 _NEAREST = 0.05  # metres
 
 
 @dataclass(frozen=True, eq=False)
 class SingleViewCalibration:
-    """The camera, and how much of it is known.
+    """A camera that was found from one view, and how certain it is.
 
     Attributes
     ----------
@@ -57,13 +57,13 @@ class SingleViewCalibration:
         Metres, z up from the floor, the origin below the performer's hips on the first frame, x to the right of the
         picture.
     tilt : float
-        How far it looks down, radians.
+        By how much the camera looks down, radians.
     tilt_deviation : float
-        Standard deviation of that.
+        Standard deviation of the tilt, radians.
     focal_deviation : float
-        Of the focal length, as a share; 0 where the lens is known.
+        Standard deviation of the focal length, as a share of it; 0 if the lens is known.
     standing : int
-        Frames that show a foot.
+        Number of frames on which a foot is seen.
     """
 
     camera: Camera
@@ -74,7 +74,7 @@ class SingleViewCalibration:
 
     @property
     def _roll(self) -> float:
-        """How far its rows are turned against the horizon, radians."""
+        """Angle between the rows of the picture and the horizon, radians."""
         return float(np.arcsin(-self.camera.pose(0)[0][0, 2]))
 
     @property
@@ -84,7 +84,7 @@ class SingleViewCalibration:
 
     @property
     def summary_lines(self) -> list[str]:
-        """What to tell the user."""
+        """Return the lines that tell the user about the result."""
         R, t = self.camera.pose(0)
         lens = f"focal length {self.camera.matrix[0, 0]:.0f} px"
         if self.focal_deviation:
@@ -109,17 +109,17 @@ class SingleViewCalibration:
 def camera_by_performer(
     view: PerformerView, height: float, frames: tuple[int, int], *, correlated: float = USUAL_CORRELATION
 ) -> SingleViewCalibration:
-    """Solve for a camera that stands still, from the keypoints of one performer.
+    """Solve for a stationary camera from the keypoints of one performer.
 
     Parameters
     ----------
     view : PerformerView
     height : float
-        Of the performer, metres: the scale.
+        Height of the performer, metres, which gives the scale.
     frames : tuple of int
         First and last frame of the shot, in the shot's count.
     correlated : float
-        How many neighbouring frames a detector errs on alike.
+        How many neighbouring frames have the same error of the detector, and therefore count as one.
 
     Raises
     ------
@@ -138,7 +138,7 @@ def camera_by_performer(
         return _Setting(TILT_SIGMA * x[0], LEVEL_SIGMA * x[1], USUAL_HEIGHT * np.exp(HEIGHT_SPREAD * x[2]), matrix)
 
     def residuals(x: Array) -> Array:
-        """All in standard deviations; the unknowns themselves are, from what is usual."""
+        """All residuals in standard deviations, as are the unknowns themselves, relative to their usual values."""
         level = _robust(x[1:2], _LEANING)
         return np.concatenate([standing.residuals(setting(x)), x[:1], level, x[2:]])
 
@@ -156,7 +156,7 @@ def camera_by_performer(
 
 @dataclass(frozen=True, eq=False)
 class _Setting:
-    """How the camera stands: radians, metres above the floor, pixels."""
+    """The unknowns of the camera: angles in radians, height above the floor in metres, focal length in pixels."""
 
     tilt: float
     roll: float
@@ -171,7 +171,7 @@ class _Setting:
         )
 
     def rays(self, points: Array) -> Array:
-        """Points of the camera's frame at unit depth, (..., 3), which pixels (..., 2) show."""
+        """Points at unit depth in camera axes, (..., 3), for pixels (..., 2)."""
         matrix = self.matrix
         plane = (points - matrix[:2, 2]) / matrix[[0, 1], [0, 1]]
         return np.concatenate([plane, np.ones((*plane.shape[:-1], 1))], axis=-1)
@@ -179,18 +179,18 @@ class _Setting:
 
 @dataclass(frozen=True, eq=False)
 class _Standing:
-    """The performer as the picture shows them, on the F frames on which a limb is seen; pixels, NaN where unseen.
+    """The performer in the picture, on the F frames on which a limb is seen; in pixels, NaN where unseen.
 
     Attributes
     ----------
     scale : ndarray, shape (F,)
-        Pixels that a metre covers at the performer.
+        Pixels per metre at the performer's distance.
     ankles : ndarray, shape (F, 2, 2)
-        Both ankles.
+        Positions of both ankles.
     hips, shoulders : ndarray, shape (F, 2)
-        Their middles.
+        Positions of their middles.
     ankle_height, tall : float
-        Of an ankle above the floor it stands on, and of the shoulders above the ankles of somebody who stands; metres.
+        Height of a standing foot's ankle above the floor, and of the shoulders above the ankles when upright, metres.
     correlated : float
         How many frames count as one.
     """
@@ -222,18 +222,18 @@ class _Standing:
         )
 
     def residuals(self, setting: _Setting) -> Array:
-        """How far the lower ankle is off the floor on each frame, and the performer off the vertical in the median."""
+        """Distances of the lower ankle from the floor, by frame, and the performer's median lean."""
         focal, down = setting.matrix[1, 1], setting.down
         depth = focal / self.scale
         below = (setting.rays(self.ankles) @ down) * depth[:, None]
         below = below[np.isfinite(below).any(axis=1)]
         lower = np.maximum(np.nanmax(below, axis=1), _NEAREST) if len(below) else np.zeros(0)
-        # A performer of other proportions is taken to be farther or nearer, so that heights are off by a share.
+        # A performer of other proportions seems farther away or nearer, so errors of heights are relative.
         off = np.log(lower / max(setting.height - self.ankle_height, _NEAREST)) / PROPORTION_SIGMA
         return np.concatenate([_robust(off, _ROBUST, self.correlated), self._leaning(setting, depth)])
 
     def _leaning(self, setting: _Setting, depth: Array) -> Array:
-        """The median angle in the picture between the performer and a vertical there; nothing if it is not seen."""
+        """The median angle in the picture between the performer and the vertical there; empty if it is not seen."""
         feet = self.ankles.mean(axis=1)
         body = self.shoulders - feet
         seen = np.isfinite(body).all(axis=1)
@@ -244,18 +244,18 @@ class _Standing:
         vertical += setting.matrix[:2, 2] - feet[seen]
         across = vertical[:, 0] * body[seen, 1] - vertical[:, 1] * body[seen, 0]
         angle = np.arctan2(across, (vertical * body[seen]).sum(axis=1))
-        spread = median_abs_deviation(angle, scale="normal")  # who bends or lies in between says less
+        spread = median_abs_deviation(angle, scale="normal")  # bending at times makes it less certain
         return np.array([np.median(angle) / np.hypot(SWAY_SIGMA, spread)])
 
     def first_hips(self, setting: _Setting) -> Array:
-        """Where the hips are on the first frame that shows them, in the camera's frame; metres."""
+        """Position of the hips on the first frame on which they are seen, in camera axes, metres."""
         frame = int(np.argmax(np.isfinite(self.hips).all(axis=1)))
         point = np.where(np.isfinite(self.hips[frame]), self.hips[frame], setting.matrix[:2, 2])
         return np.asarray(setting.rays(point) * setting.matrix[1, 1] / self.scale[frame])
 
 
 def _robust(residuals: Array, scale: float, correlated: float = 1.0) -> Array:
-    """Residuals whose squares are their robust costs, of which so many count as one."""
+    """Residuals whose squares are the robust costs of the given ones, of which `correlated` count as one."""
     return np.asarray(np.sign(residuals) * np.sqrt(Cauchy(scale).cost(residuals**2) / correlated))
 
 
