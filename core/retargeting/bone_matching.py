@@ -10,7 +10,7 @@ from .bone_names import roles_by_name
 from .bone_places import roles_by_place
 from .bone_presets import PRESETS, BonePreset
 from .bone_words import NAMESPACE, read_name
-from .roles import PARENTS, BoneMap
+from .roles import PARENTS, SIDES, BoneMap
 from .skeleton_tree import SkeletonTree
 
 
@@ -36,7 +36,7 @@ def match_bones(rest: RestSkeleton, preset: str | None = None, where: str = "ske
             raise BodyError(f"there is no preset '{preset}'", where=where, todo=f"choose {', '.join(PRESETS)}")
         return by_preset(rest.names, preset).checked(rest.names, where)
     found = [by_preset(rest.names, name) for name in PRESETS]
-    whole = [one for one in found if not one.missing()]
+    whole = [one for one in found if not one.missing() and _carries_legs(one, rest)]
     if whole:
         return max(whole, key=lambda one: len(one.names()))
     by_names = roles_by_name(rest)
@@ -46,6 +46,18 @@ def match_bones(rest: RestSkeleton, preset: str | None = None, where: str = "ske
     if not places:
         return by_names.checked(rest.names, where)
     return _with_named(BoneMap(places, found_by="places"), by_names, rest).checked(rest.names, where)
+
+
+def _carries_legs(bones: BoneMap, rest: RestSkeleton) -> bool:
+    """Whether the legs of a preset hang on its hips or beside them, not on a bone above: of a rig whose hips have
+    another name, the preset may call the spine hips. Controls hang as the rig needs it.
+    """
+    if preset_of(bones).follows:
+        return True
+    [hips, *_] = rest.indices(bones.bones["hips"])
+    tree = SkeletonTree(rest)
+    carrier = tree.common(rest.indices([bones.bones[f"thigh.{side}"][0] for side in SIDES]))
+    return carrier < 0 or not tree.is_above(carrier, hips) or rest.names[carrier] in bones.names()
 
 
 def _with_named(places: BoneMap, names: BoneMap, rest: RestSkeleton) -> BoneMap:

@@ -180,10 +180,25 @@ def foot_way(rest: RestSkeleton, bones: BoneMap, side: str) -> Array | None:
     if f"foot.{side}" not in bones.bones:
         return None
     [j] = rest.indices(bones.bones[f"foot.{side}"])
-    toe = bones.bones.get(f"toe.{side}")
-    way = (_end(rest, j) if toe is None else rest.heads[rest.indices(toe)[0]]) - rest.heads[j]
+    way = _to_ball(rest, bones, side)
     length, flat = float(np.linalg.norm(way)), way * [1.0, 1.0, 0.0]
     forward = facing(rest, bones) @ [0.0, -1.0, 0.0]
     [shin] = rest.indices(bones.bones[f"shin.{side}"])
     shown = flat @ forward > 0.5 * np.linalg.norm(flat) and np.linalg.norm(flat) > 0.3 * length
     return np.asarray(flat) if shown and length < np.linalg.norm(rest.heads[shin] - rest.heads[j]) else None
+
+
+def feet_point_back(rest: RestSkeleton, bones: BoneMap) -> bool:
+    """Whether both feet point backward at rest: left and right are named as seen from the front, not by the body."""
+    back = facing(rest, bones) @ [0.0, 1.0, 0.0]
+    if not all(f"foot.{side}" in bones.bones for side in SIDES):
+        return False
+    ways = [_to_ball(rest, bones, side) for side in SIDES]
+    return all(way @ back > 0.5 * np.linalg.norm(way) for way in ways)
+
+
+def _to_ball(rest: RestSkeleton, bones: BoneMap, side: str) -> Array:
+    """The way from the ankle to the toes' joint, or to the tail of the foot's bone."""
+    [j] = rest.indices(bones.bones[f"foot.{side}"])
+    toe = bones.bones.get(f"toe.{side}")
+    return np.asarray((_end(rest, j) if toe is None else rest.heads[rest.indices(toe)[0]]) - rest.heads[j])

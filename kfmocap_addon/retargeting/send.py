@@ -15,6 +15,7 @@ from ...core.errors import BodyError
 from ...core.numerics.arrays import Array, Bools
 from ...core.retargeting.bone_matching import described, match_bones, preset_of
 from ...core.retargeting.control_rig import ControlRig, RigPoses, local_places, local_turns
+from ...core.retargeting.rest_alignment import feet_point_back
 from ...core.retargeting.retarget import Retargeted, limb_changes, plant_intervals, prepared, retarget
 from ...core.retargeting.roles import SIDES, BoneMap
 from ...core.retargeting.transfer import RetargetOptions
@@ -167,7 +168,7 @@ def send_to_rig(
         "error": errors,
         "keys": keys,
         "frames": [int(frames[0]), int(frames[-1])],
-        "warnings": [*without_influence, *_warnings(sent.unsteady, errors)],
+        "warnings": [*_exchanged_sides(sent.rig), *without_influence, *_warnings(sent.unsteady, errors)],
         "seconds": round(time.perf_counter() - started, 3),
     }
 
@@ -320,6 +321,15 @@ def _report(
         "plants": plant_intervals(result),
         "turned_to_keep_feet_and_hands": limb_changes(rig, result),
     }
+
+
+def _exchanged_sides(rig: ControlRig) -> list[str]:
+    if not feet_point_back(rig.rest, rig.bones):
+        return []
+    return [
+        "the feet point backward: if left and right are named as seen from the front, exchange them in the list of "
+        "Find Bones, or in a bone map"
+    ]
 
 
 def _warnings(unsteady: tuple[str, ...], errors: Mapping[str, Mapping[str, float]]) -> list[str]:

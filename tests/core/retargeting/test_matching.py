@@ -15,6 +15,7 @@ from kfmocap.core.retargeting.bone_matching import match_bones
 from kfmocap.core.retargeting.bone_names import roles_by_name
 from kfmocap.core.retargeting.bone_places import roles_by_place
 from kfmocap.core.retargeting.bone_presets import PRESETS
+from kfmocap.core.retargeting.rest_alignment import feet_point_back
 from kfmocap.core.retargeting.roles import CHAINS, FINGERS, BoneMap
 from made_rigs import made_rig
 
@@ -28,6 +29,26 @@ def test_every_preset_is_recognised_by_its_bones(preset):
     found = match_bones(rig.rest)
     assert found.bones == rig.bones.bones
     assert found.preset == preset
+
+
+def test_a_rig_whose_hips_have_another_name_is_no_metarig():
+    """Its spine has the name that the metarig's hips have."""
+    rig = made_rig("kfmocap", BODY, 0.3)
+    plain = {rig.bones.bones["hips"][0]: "hips", rig.bones.bones["spine"][0]: "spine"}
+    renamed = replace(rig.rest, names=tuple(plain.get(name, name) for name in rig.rest.names))
+    found = match_bones(renamed)
+    assert found.bones["hips"] == ("hips",) and found.bones["spine"][0] == "spine"
+    assert found.preset == ""
+
+
+def test_feet_that_point_back_by_the_names_of_their_sides_are_noticed():
+    rig = made_rig("mixamo", BODY)
+    assert not feet_point_back(rig.rest, rig.bones)
+    swapped = {
+        role: rig.bones.bones[role[:-1] + {"L": "R", "R": "L"}[role[-1]] if role[-2:] in (".L", ".R") else role]
+        for role in rig.bones.bones
+    }
+    assert feet_point_back(rig.rest, BoneMap(swapped))
 
 
 @pytest.mark.parametrize("wrap", ["Character1:{}", "rig|{}", "{}"])
