@@ -200,12 +200,13 @@ def _finished(
     energy = sum((earlier.energy for earlier in (*ended.earlier, solution)), ())
     found = _found_accelerations(ended)
     result = SegmentResult(*ended.data.segment, ended.iterations, energy, found)
-    settled = SettledMotions(solution.motions, (None,) * len(solution.motions))
-    if (settle := solver_named(ended.problem.settings.solver).settle) is not None:
-        with seconds.measure("solve"):
-            settled = settle(ended.problem, solution, first_motions)
     with seconds.measure("uncertainty"):
         uncertainties = tuple(segment_uncertainties(ended.problem, solution, threads))
+    settled = SettledMotions(solution.motions, (None,) * len(solution.motions))
+    if (settle := solver_named(ended.problem.settings.solver).settle) is not None:
+        ratios = [own.ratios(body) for own, body in zip(uncertainties, ended.problem.bodies, strict=True)]
+        with seconds.measure("solve"):
+            settled = settle(ended.problem, solution, first_motions, ratios)
     return FinishedSegment(
         result,
         first_motions,

@@ -65,6 +65,12 @@ class SegmentUncertainty:
     gaps: Array
     lost: Array
 
+    def ratios(self, body: Body) -> Array:
+        """Squared errors of the parts' tips over those that the solver predicts, as this segment's key poses alone show
+        them, shape (P,).
+        """
+        return covariance_ratios(self.misses, joint_parts(body.parents))
+
 
 @dataclass(frozen=True, eq=False)
 class JointErrors:

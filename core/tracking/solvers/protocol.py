@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from ...body.motion import Motion
-from ...numerics.arrays import Bools
+from ...numerics.arrays import Array, Bools
 from .measurement import Workspace
 from .problem import SegmentProblem, SegmentSolution
 
@@ -58,7 +58,9 @@ class SettledMotions:
 class Settle(Protocol):
     """Corrects a refined solution so that standing feet are at rest."""
 
-    def __call__(self, problem: SegmentProblem, solution: SegmentSolution, before: Sequence[Motion]) -> SettledMotions:
+    def __call__(
+        self, problem: SegmentProblem, solution: SegmentSolution, before: Sequence[Motion], ratios: Sequence[Array]
+    ) -> SettledMotions:
         """Return the corrected poses, and which points of the soles are held.
 
         Parameters
@@ -68,6 +70,8 @@ class Settle(Protocol):
             After refinement. Degrees of freedom that key poses fix keep its values.
         before : sequence of Motion
             The motions before refinement.
+        ratios : sequence of ndarray, shape (P,)
+            Per performer: squared errors of the parts' tips over those that the solver predicts.
         """
 
 

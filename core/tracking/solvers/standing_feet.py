@@ -3,9 +3,10 @@
 Candidate plants are found in a motion that was refined without plants. A foot that creeps slowly is a candidate, too,
 but must not be held, so each plant is tested as a whole: the increase of the least cost of the normal equations, if the
 point stands still throughout, has a chi-squared distribution with three degrees of freedom per step. It takes the full
-covariance of the steps into account, in which a drift over many frames weighs more than jitter. The plants that pass
-are then held together. All of this uses the same normal equations: images do not show the last millimetres, and are not
-evaluated again.
+covariance of the steps into account, in which a drift over many frames weighs more than jitter. The covariance of the
+normal equations is first scaled by the ratio of errors to it that the shot shows for leg and foot: key poses that were
+predicted without themselves are missed by more where feet are half hidden. The plants that pass are then held together.
+All of this uses the same normal equations: images do not show the last millimetres, and are not evaluated again.
 
 A single view hardly contradicts any plant. With one view, candidates are kept still during the refinement already, and
 nothing is tested here.
@@ -15,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.special import chdtri
@@ -23,7 +25,7 @@ from ...body.foot_plants import runs
 from ...body.kinematics import part_poses
 from ...body.motion import Motion
 from ...body.soles import Soles
-from ...numerics.arrays import Bools
+from ...numerics.arrays import Array, Bools
 from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.robust_kernels import Quadratic
 from .gauss_newton import equations_at, increments_of, moved_by
@@ -40,7 +42,9 @@ STEPS = 4
 """Gauss-Newton steps, all on the same normal equations."""
 
 
-def with_standing_feet(problem: SegmentProblem, solution: SegmentSolution, before: Sequence[Motion]) -> SettledMotions:
+def with_standing_feet(
+    problem: SegmentProblem, solution: SegmentSolution, before: Sequence[Motion], ratios: Sequence[Array]
+) -> SettledMotions:
     """Correct the motions of a solution so that standing feet are at rest; the `settle` of Gauss-Newton.
 
     Degrees of freedom that key poses fix do not change, nor do performers whose feet do not stand.
@@ -54,10 +58,13 @@ def with_standing_feet(problem: SegmentProblem, solution: SegmentSolution, befor
     before : sequence of Motion
         The motions before refinement, which were solved with plants: there plants have their full length, while in the
         solution they may be broken up.
+    ratios : sequence of ndarray, shape (P,)
+        Per performer: squared errors of the parts' tips over those that the normal equations predict, see
+        `core.tracking.held_out_keys`.
     """
     if not problem.settings.plants or not problem.shows_depth:
         return SettledMotions(solution.motions, (None,) * len(solution.motions))
-    return at_rest(problem, equations_at(problem, solution), solution.motions, before)
+    return at_rest(problem, equations_at(problem, solution), solution.motions, before, ratios=ratios)
 
 
 def at_rest(
@@ -65,6 +72,8 @@ def at_rest(
     systems: Sequence[BandedBlocks],
     motions: tuple[Motion, ...],
     before: Sequence[Motion],
+    *,
+    ratios: Sequence[Array],
 ) -> SettledMotions:
     """Correct motions so that standing feet are at rest.
 
@@ -73,7 +82,7 @@ def at_rest(
     problem : SegmentProblem
     systems : sequence of BandedBlocks
         Normal equations of each performer at the motions, without those of plants and holds.
-    motions, before
+    motions, before, ratios
         See `with_standing_feet`.
     """
     planted: list[Bools | None] = [None] * len(motions)
@@ -83,7 +92,7 @@ def at_rest(
         for i in members:
             seeming = PlantFactor.found(problem.bodies[i], motions[i], problem.fps)
             if seeming is not None:
-                keyed, fitting = evidence.plants_that_fit(i, seeming, before[i])
+                keyed, fitting = evidence.plants_that_fit(i, seeming, before[i], ratios[i])
                 planted[i] = keyed.frames | fitting.frames
                 if fitting.steps.any():
                     standing[i] = fitting
@@ -103,27 +112,27 @@ class _Evidence:
     systems: Sequence[BandedBlocks]
     motions: tuple[Motion, ...]
 
-    def plants_that_fit(self, performer: int, seeming: PlantFactor, before: Motion) -> tuple[PlantFactor, PlantFactor]:
+    def plants_that_fit(
+        self, performer: int, seeming: PlantFactor, before: Motion, ratios: Array
+    ) -> tuple[PlantFactor, PlantFactor]:
         """Of the apparent plants of a member, return those between key poses on neighbouring frames, which nothing
         moves, and those that pass the test.
         """
         problem = self.problem
-        earlier = PlantFactor.found(problem.bodies[performer], before, problem.fps)
-        held, least = problem.fixed[performer].all(axis=1), self._least_cost({})
+        body, held = problem.bodies[performer], problem.fixed[performer].all(axis=1)
+        earlier = PlantFactor.found(body, before, problem.fps)
         movable = ~(held[1:] & held[:-1])[:, None]
-
-        def fits(steps: Bools) -> bool:
-            plant = replace(seeming, steps=steps, kernel=Quadratic())
-            return self._least_cost({performer: plant}) - least < chdtri(3 * np.count_nonzero(steps), REFUSED)
-
         found = np.zeros_like(seeming.steps)
         for c, column in enumerate((seeming.steps & movable).T):
+            part = seeming.soles.parts[c]
+            ratio = float(ratios[[part, max(body.parents[part], 0)]].mean())  # a sole lies between the tips of both
             longer = [] if earlier is None else runs((earlier.steps & movable)[:, c])
             for run in runs(column):
                 for first, last in dict.fromkeys((_joined(run, longer), run)):
                     steps = np.zeros_like(found)
                     steps[first : last + 1, c] = True
-                    if fits(steps):
+                    plant = replace(seeming, steps=steps, kernel=Quadratic())
+                    if self._key_poses_agree(performer, plant) and self._evidence_agrees(performer, plant, ratio):
                         found |= steps
                         break
         keyed = replace(seeming, steps=seeming.steps & ~movable)
@@ -136,6 +145,29 @@ class _Evidence:
             tied = self._with_plants(plants, motions)
             motions = moved_by(motions, increments_of(tied, [system.solve(0.0) for system in tied.systems]))
         return motions
+
+    def _key_poses_agree(self, performer: int, plant: PlantFactor) -> bool:
+        """Test whether key poses, which are exact, have the point of a plant in one place: a steady drift between them
+        would hide among the many steps.
+        """
+        frames, column = plant.frames.any(axis=1), plant.steps.any(axis=0)
+        keyed = np.flatnonzero(frames & self.problem.fixed[performer].all(axis=1))
+        if len(keyed) < 2:
+            return True
+        poses = part_poses(self.problem.bodies[performer], self.motions[performer][keyed[[0, -1]]])
+        drift = np.diff(plant.soles.world(poses)[:, column], axis=0)
+        return bool(np.sum(drift**2) < np.ptp(keyed) * plant.deviation**2 * chdtri(3, REFUSED))
+
+    def _evidence_agrees(self, performer: int, plant: PlantFactor, ratio: float) -> bool:
+        """Test a plant against the evidence, whose covariance is multiplied by a ratio."""
+        # All costs are divided by the ratio; this deviation gives the plant its own again.
+        scaled = replace(plant, deviation=plant.deviation / np.sqrt(ratio))
+        increase = self._least_cost({performer: scaled}) - self._least_without
+        return increase / ratio < chdtri(3 * np.count_nonzero(plant.steps), REFUSED)
+
+    @cached_property
+    def _least_without(self) -> float:
+        return self._least_cost({})
 
     def _least_cost(self, plants: Mapping[int, PlantFactor]) -> float:
         """Least cost of the normal equations together with some plants."""

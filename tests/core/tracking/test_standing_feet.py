@@ -33,6 +33,8 @@ PLACE, STEP = 0.004, 0.0015
 soles jitter by millimetres and drift by a centimetre."""
 CREEP = 0.1
 """Metres per second."""
+EXACT = np.ones(len(BODY))
+"""Ratios of squared errors: they are as the evidence predicts."""
 FIXED = ends_held(BODY, FRAMES)
 SOLES = Soles.of(BODY)
 assert SOLES is not None
@@ -79,7 +81,8 @@ def problem_of(*bodies: Body, plants: bool = True) -> SegmentProblem:
 
 
 def rested(*motions: Motion) -> SettledMotions:
-    return at_rest(problem_of(*(BODY for _ in motions)), [evidence() for _ in motions], motions, motions)
+    problem, ratios = problem_of(*(BODY for _ in motions)), [EXACT for _ in motions]
+    return at_rest(problem, [evidence() for _ in motions], motions, motions, ratios=ratios)
 
 
 def settled(*motions: Motion) -> tuple[Motion, ...]:
@@ -151,7 +154,7 @@ def test_a_plant_is_as_long_as_it_seems_before_the_refinement() -> None:
     steps = [
         np.linalg.norm(np.diff(soles_of(found)[:2, 0], axis=0))
         for before in (motion, WALK)
-        for found in at_rest(problem_of(BODY), [evidence()], (motion,), (before,)).motions
+        for found in at_rest(problem_of(BODY), [evidence()], (motion,), (before,), ratios=[EXACT]).motions
     ]
     assert steps[0] > 0.004 and steps[1] < 0.001
 
@@ -166,11 +169,30 @@ def test_what_is_held_is_told_and_creeping_feet_are_not() -> None:
     assert planted(creeps.motions[0]).mean() > 0.3 and not creeps.planted[0].any()
 
 
+def test_feet_stand_where_the_shot_shows_larger_errors_than_the_evidence_predicts() -> None:
+    """Half as large again, such as where feet are half hidden."""
+    motion = WALK.moved(1.5 * WALK.difference(tracked(WALK, 2)))
+    shares = [
+        at_rest(problem_of(BODY), [evidence()], (motion,), (motion,), ratios=[ratio * EXACT]).planted[0][planted(WALK)]
+        for ratio in (1.0, 4.0)
+    ]
+    assert shares[0].mean() < 0.5 < 0.9 < shares[1].mean()
+
+
+def test_no_ratio_lets_a_foot_stand_that_key_poses_have_in_two_places() -> None:
+    """Both ends of its plant are held, 3 cm apart: whatever the evidence says, it moves between them."""
+    path = np.linspace(0.0, 0.03, FRAMES)[:, None] * [1.0, 0.0, 0.0]
+    still = standing(BODY, FRAMES)
+    crept = Motion(still.translations + path, still.rotations)
+    found = at_rest(problem_of(BODY), [evidence()], (crept,), (crept,), ratios=[100 * EXACT])
+    assert planted(crept).all() and not found.planted[0].any()
+
+
 def test_feet_that_stand_between_key_poses_on_neighbouring_frames_are_planted() -> None:
     """There is nothing to hold, and the motion stays."""
     fixed = np.ones_like(FIXED)
     keyed = replace(problem_of(BODY), fixed=(fixed,))
-    found = at_rest(keyed, [evidence()], (WALK,), (WALK,))
+    found = at_rest(keyed, [evidence()], (WALK,), (WALK,), ratios=[EXACT])
     assert found.motions[0] is WALK
     assert np.array_equal(found.planted[0], planted(WALK))
 
@@ -201,6 +223,6 @@ def test_feet_stay_without_plants_in_the_settings_and_in_one_view(case: str) -> 
     problem = replace(problem, views=problem.views[: 1 if case == "one view" else 2])
     evidence_there = no_evidence(len(problem.views), FRAMES, len(BODY))
     solution = SegmentSolution.of([motion], evidence_there, iterations=1, energy=[0.0])
-    found = with_standing_feet(problem, solution, [motion])
+    found = with_standing_feet(problem, solution, [motion], [EXACT])
     assert found.motions[0] is motion
     assert found.planted == (None,)
