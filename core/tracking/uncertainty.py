@@ -19,7 +19,7 @@ from ..body import Body
 from ..evidence.misfit import measured_misfit
 from ..numerics.arrays import Array, Bools
 from ..numerics.error_lengths import length_quantile
-from .held_out_keys import covariance_ratios, missed_key_poses
+from .held_out_keys import USUAL_RATIO, covariance_ratios, missed_key_poses
 from .joint_covariances import growth_by_speed, tip_covariances, tip_jacobian
 from .lost_limbs import confirmed_parts, limb_reach, lost_probabilities
 from .solvers.gauss_newton import evidence_equations
@@ -67,9 +67,9 @@ class SegmentUncertainty:
 
     def ratios(self, body: Body) -> Array:
         """Squared errors of the parts' tips over those that the solver predicts, as this segment's key poses alone show
-        them, shape (P,).
+        them, shape (P,); at most the usual ratio, since key poses that are missed by more may be off themselves.
         """
-        return covariance_ratios(self.misses, joint_parts(body.parents))
+        return np.minimum(covariance_ratios(self.misses, joint_parts(body.parents)), USUAL_RATIO)
 
 
 @dataclass(frozen=True, eq=False)

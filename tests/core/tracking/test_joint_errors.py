@@ -29,6 +29,14 @@ def uncertainty_of(first: int, covariances: Array, misses: Array) -> SegmentUnce
     return SegmentUncertainty(first, held, covariances, misses, np.zeros(len(held)), np.zeros(covariances.shape[:2]))
 
 
+def test_what_a_segment_shows_of_its_errors_is_at_most_the_usual() -> None:
+    """Key poses that are missed by far more may be off themselves."""
+    covariances = np.tile(1e-6 * np.eye(3), (5, P, 1, 1))
+    near, far = (uncertainty_of(0, covariances, np.full((2, P), 3 * error)).ratios(BODY) for error in (0.1, 30.0))
+    assert near.max() < 1
+    np.testing.assert_array_equal(far, USUAL_RATIO)
+
+
 def test_errors_larger_than_the_solver_expects_are_covered_as_key_poses_show_them() -> None:
     """Two segments of a linear problem with nine times the variance that its solver assumes, more on some frames."""
     rng, F, keys = np.random.default_rng(0), 400, 24
