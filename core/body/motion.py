@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ..numerics import rotations
-from ..numerics.arrays import Array
+from ..numerics.arrays import Array, Bools
+from ..numerics.repeatable import on_grid
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +59,17 @@ class Motion:
         """
         steps = delta[:, 3:].reshape(len(self), -1, 3)
         return Motion(self.translations + delta[:, :3], rotations.orthonormal(self.rotations @ rotations.exp(steps)))
+
+    def on_grid(self, fixed: Bools) -> Motion:
+        """The motion where it is the same on every processor; what joints and root have that are fixed, bool (F, D),
+        in any degree of freedom stays as it is.
+        """
+        free = ~fixed.reshape(len(self), -1, 3).any(axis=2)
+        T, turns = (on_grid(values) for values in (self.translations, rotations.log(self.rotations)))
+        return Motion(
+            np.where(free[:, :1], T, self.translations),
+            np.where(free[:, 1:, None, None], rotations.exp(turns), self.rotations),
+        )
 
     def difference(self, other: Motion) -> Array:
         """The increments that take this motion to `other`, shape (F, D); inverse of `moved`."""

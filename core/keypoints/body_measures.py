@@ -11,6 +11,7 @@ from ..body import Body, default_measures, human, part_poses, point_jacobian
 from ..body.human import SHIFTS
 from ..body.motion import Motion
 from ..numerics.arrays import Array
+from ..numerics.repeatable import on_grid
 from .keypoint_factor import Keypoints, KeypointSystem, Places
 
 PROPORTION_DEVIATION = 0.08
@@ -58,6 +59,11 @@ class BodyMeasures:
         }
         least = {name: value if name in SHIFTS else max(value, 0.2 * after[name]) for name, value in grown.items()}
         return BodyMeasures(self.stature * growth, least)
+
+    def on_grid(self) -> BodyMeasures:
+        """Return the measures where they are the same on every processor."""
+        stature, *values = on_grid(np.array([self.stature, *self.values.values()])).tolist()
+        return BodyMeasures(stature, dict(zip(self.values, values, strict=True)))
 
     def prior(self) -> tuple[Array, Array]:
         """Return the prior of the height's logarithm and the M measures: inverse covariance and present deviations.

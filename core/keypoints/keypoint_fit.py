@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from ..body import Body, part_poses
 from ..body.joint_limits import habitual_prior, posture_prior
 from ..body.motion import Motion
-from ..body.smoothness import limited, smoothness
+from ..body.smoothness import LONGEST_STEP, limited, smoothness
 from ..body.smoothness_estimate import AccelerationVariances, axis_mobility, estimate_variances
 from ..numerics.arrays import Array
 from ..numerics.banded import BandedFactor, bordered_solution
 from ..numerics.banded_blocks import BandedBlocks
+from ..numerics.repeatable import on_grid
 from .body_measures import BodyMeasures, with_measures
 from .keypoint_factor import (
     USUAL_DEVIATION,
@@ -185,6 +186,16 @@ class _Estimate:
     variances: AccelerationVariances
     measures: BodyMeasures | None
 
+    def on_grid(self, problem: FitProblem) -> _Estimate:
+        """The estimate where it is the same on every processor, with the surfaces of its body."""
+        motion, measures = (
+            self.motion.on_grid(problem.fixed),
+            None if self.measures is None else self.measures.on_grid(),
+        )
+        body = self.body if measures is None else measures.body()
+        places = replace(self.places, offsets=on_grid(self.places.offsets)).on_body(body, problem.keypoints.names)
+        return _Estimate(body, motion, places, self.variances, measures)
+
 
 def fit_motion(
     problem: FitProblem,
@@ -220,9 +231,7 @@ def fit_motion(
     for i, step in enumerate(steps):
         smoothness_known = problem.views_agree and (i > 0 or earlier is not None)
         found = _iterated(problem, found, step, mobility=mobility, estimates_smoothness=smoothness_known)
-    if found.measures is not None:
-        found = replace(found, body=found.measures.body())
-    return _finished(problem, found)
+    return _finished(problem, found.on_grid(problem))
 
 
 def _iterated(
@@ -249,7 +258,9 @@ def _iterated(
             weights=weights,
             prior_weight=problem.prior_weight,
         )
-    blocks = evidence + smoothness(motion, variances.precision(mobility))
+    # Of what keypoints say little about, as the twist of a stretched arm, the linear model asks for steps far beyond
+    # where it holds: they would lead to and fro without end, and each would multiply the roundings of those before.
+    blocks = (evidence + smoothness(motion, variances.precision(mobility))).near(LONGEST_STEP)
     moved, others = bordered_solution(
         BandedFactor(blocks, problem.fixed), blocks.gradient, system.border, system.corner, system.gradient
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -62,6 +62,15 @@ class BandedBlocks:
             factor * self.gradient,
             factor * self.energy,
         )
+
+    def near(self, deviation: float) -> BandedBlocks:
+        """The system whose solution is expected within a deviation of where it is linearised, for every unknown.
+
+        Unknowns of which it says little then stay where they are, instead of going as far as it happens to say.
+        """
+        frames, dof = self.gradient.shape
+        expected = replace(self.zeros(frames, dof), diagonal=np.tile(np.eye(dof) / deviation**2, (frames, 1, 1)))
+        return self + expected
 
     def gradient_at(self, increments: Array) -> Array:
         """Gradient of half the energy after the unknowns have changed by increments (F, D), shape (F, D)."""
