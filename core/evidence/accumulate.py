@@ -107,7 +107,7 @@ def accumulate_evidence(
     sampling : Sampling
     first : int
         Shot frame of the first of the F frames.
-    noise : ndarray, shape (V, F - 1), optional
+    noise : ndarray, shape (V, F - 1, 1 + P), optional
         Standard deviation of the residuals of each pair of frames, under which costs are computed; by default it is
         estimated from the residuals.
     cache : GradientImageCache, optional

@@ -153,7 +153,7 @@ def frame_evidence(
     frames : FramesInView
     geometry : Geometry
         The parts of all performers.
-    noise : ndarray, shape (n - 1,), optional
+    noise : ndarray, shape (n - 1, 1 + P), optional
         Standard deviation of the residuals of each pair of frames, under which costs are computed; by default it is
         estimated from the residuals.
     caches : tuple of GradientImageCache and StillPartsCache
@@ -194,7 +194,7 @@ def _gradients(
     left, top, right, bottom = (sampling.stride * edge for edge in labels.box())
     images = cache.images(view, range(first, first + len(frames)), sampling.sigma, (left, top, right, bottom))
     labelled = LabelledFrames(view.camera, images, labels, frames.poses, first, sampling.stride, foreground)
-    gradients = brightness_constancy(labelled, sampling.tolerance, noise)
+    gradients = brightness_constancy(labelled, sampling.tolerance, noise, by_part=sampling.by_part)
     if drawing.still is None or noise is None or not view.camera.stands_still:
         return gradients
     gains = drawing.still.gains(labelled, sampling, noise)

@@ -30,6 +30,9 @@ BACKGROUND_BELOW = -0.5
 """Log likelihood ratio of a pixel that is rather background, within the model's outline though it may be."""
 OUTLIERS = 0.05
 """Share of pixels whose brightness may become any other: what hides or uncovers them, and shading, is no noise."""
+PART_PIXELS = 20.0
+"""A part's own noise is drawn toward that of its pair of frames, and its change of brightness toward none, as by so
+many pixels."""
 _LEAST_NOISE = 2e-4
 _LEAST_DEVIATION = 1e-3  # of the residuals of a frame whose pixels show next to nothing
 _AT_A_TIME = 16  # groups of pixels: few enough to stay in the cache
@@ -49,8 +52,8 @@ class GradientSums:
         Weighted sum of squared residuals, (grey level 0 to 1)^2.
     weight : ndarray, shape (m,)
         Sum of the weights.
-    noise : ndarray, shape (m,)
-        Robust standard deviation of the residuals, grey level 0 to 1.
+    noise : ndarray, shape (m, 1 + P)
+        Robust standard deviation of the residuals of each pair of frames, and of each of its parts, grey level 0 to 1.
     density : ndarray, shape (m,)
         Mean number of the view's pixels that a square metre facing it covers; 0 where no part is seen.
     count : ndarray, shape (m,)
@@ -141,7 +144,9 @@ class LabelledFrames:
     foreground: NDArray[np.uint8] | None = None
 
 
-def brightness_constancy(frames: LabelledFrames, tolerance: float, given_noise: Array | None = None) -> GradientSums:
+def brightness_constancy(
+    frames: LabelledFrames, tolerance: float, given_noise: Array | None = None, *, by_part: bool = False
+) -> GradientSums:
     """Sum the brightness constancy constraint between neighbouring frames of one view.
 
     A pixel of a frame counts if the next frame still shows its point.
@@ -152,8 +157,10 @@ def brightness_constancy(frames: LabelledFrames, tolerance: float, given_noise: 
         n frames.
     tolerance : float
         Huber's limit in units of `HUBER` standard deviations: 1 near the solution, more far from it.
-    given_noise : ndarray, shape (n - 1,), optional
-        Standard deviation of the residuals of each pair under which the cost is measured; by default their own.
+    given_noise : ndarray, shape (n - 1, 1 + P), optional
+        The noise under which the cost is measured, see `GradientSums`; by default their own.
+    by_part : bool
+        Whether every part has a noise of its own, and may get brighter or darker as a whole.
 
     Returns
     -------
@@ -169,20 +176,25 @@ def brightness_constancy(frames: LabelledFrames, tolerance: float, given_noise: 
     focal = camera.matrix[[0, 1], [0, 1]].astype(np.float32)
     here, there = compared.here, compared.there
     slope = 0.5 * (here[1:] + there[1:])
-    bounds = pixels.ends[::P]
-    noise = np.array([_robust_deviation(residual[a:b][seen[a:b]]) for a, b in pairwise(bounds)])
-    deviation = np.repeat(tolerance * np.maximum(noise, _LEAST_NOISE), np.diff(bounds)).astype(np.float32)
-    weight = huber_weights(residual, deviation) * seen
-    if given_noise is not None:
-        deviation = np.repeat(tolerance * np.maximum(given_noise, _LEAST_NOISE), np.diff(bounds)).astype(np.float32)
-    error = huber_errors(residual, deviation)
+    changes, noise = _residuals_of_parts(residual, seen, pixels.ends, P, by_part=by_part)
+    change = np.repeat(changes.ravel(), np.diff(pixels.ends)).astype(np.float32)
+    weight = _weights(residual - change, noise, tolerance, pixels.ends) * seen
+    given = noise if given_noise is None else given_noise
+    given = given if by_part else np.repeat(given[:, :1], 1 + P, axis=1)
+    deviation, relative = _deviations(given, tolerance, pixels.ends)
+    error = relative * huber_errors(residual - change, deviation)
     count = np.bincount(pixels.frame, seen, minlength=m).astype(float)
-    error_sum = np.bincount(pixels.frame, error * seen, minlength=m)
-    gain = _gains(compared, frames.images, deviation)
+    error_sum = np.bincount(pixels.frame, error * seen, minlength=m).astype(float)
+    error_sum += PART_PIXELS * ((given[:, :1] / given[:, 1:]) ** 2 * changes**2).sum(axis=1)
+    gain = _gains(compared, frames.images, (tolerance * given[pixels.frame, 0]).astype(np.float32))
 
     rows = np.empty((13, len(residual)), np.float32)
     rows[:6], rows[6:12], rows[12] = -wrenches(x_a, slope, focal).T, wrenches(x_b, slope, focal).T, residual
-    sums = summed_products(rows, weight, pixels.ends).reshape(m, P, 13, 13)
+    if by_part:
+        rows = np.concatenate([rows, np.ones((1, len(residual)), np.float32)])
+    sums = summed_products(rows, weight, pixels.ends).reshape(m, P, len(rows), len(rows))
+    if by_part:
+        sums = _without_change(sums, PART_PIXELS * (noise[:, :1] / noise[:, 1:]) ** 2)
     A = _pair_twists(*to_camera)[:, None]
     A_t = np.swapaxes(A, -1, -2)
     return GradientSums(
@@ -193,7 +205,7 @@ def brightness_constancy(frames: LabelledFrames, tolerance: float, given_noise: 
         noise,
         np.prod(focal)
         * np.bincount(pixels.frame, labels.inverse_depth[: len(residual)] ** 2, minlength=m)
-        / np.maximum(np.diff(bounds), 1),
+        / np.maximum(np.diff(pixels.ends[::P]), 1),
         count,
         error_sum / np.maximum(count, 1),
         np.bincount(pixels.frame, gain, minlength=m).astype(float),
@@ -229,7 +241,7 @@ class PixelGains:
         """The gains of the parts that label images show; parameters as of `brightness_constancy`."""
         compared, labels = _compared(frames), frames.labels
         pixels, deviation = compared.pixels, tolerance * np.maximum(noise, _LEAST_NOISE)
-        gain = _gains(compared, frames.images, deviation[pixels.frame])
+        gain = _gains(compared, frames.images, deviation[pixels.frame, 0])
         kept = np.flatnonzero(compared.seen)
         _, height, width = labels.part.shape
         u, v = np.rint(compared.uv_there[kept].T / frames.stride).astype(np.intp)
@@ -337,6 +349,48 @@ def summed_products(
             if a < b:
                 sums[i] = some[:, a:b] @ weighted[a:b]
     return sums
+
+
+def _residuals_of_parts(
+    residual: Image, seen: NDArray[np.bool_], ends: NDArray[np.intp], parts: int, *, by_part: bool
+) -> tuple[Array, Array]:
+    """By how much each part gets brighter (m, P), and the noise, see `GradientSums`; by default nothing changes, and
+    all parts have the noise of their pair of frames.
+    """
+    kept = [residual[a:b][seen[a:b]] for a, b in pairwise(ends.tolist())]
+    pairs = [np.concatenate(kept[i : i + parts]) for i in range(0, len(kept), parts)]
+    noise = np.maximum([_robust_deviation(pair) for pair in pairs], _LEAST_NOISE)
+    noise = np.repeat(noise[:, None], 1 + parts, axis=1)
+    change = np.zeros((len(pairs), parts))
+    if by_part:
+        for i, own in enumerate(kept):
+            if len(own):
+                at, share = divmod(i, parts), len(own) / (len(own) + PART_PIXELS)
+                change[at] = share * np.median(own)
+                squared = _robust_deviation(own - np.float32(change[at])) ** 2
+                noise[at[0], 1 + at[1]] = np.sqrt(share * squared + (1 - share) * noise[at[0], 0] ** 2)
+    return change, np.maximum(noise, _LEAST_NOISE)
+
+
+def _deviations(noise: Array, tolerance: float, ends: NDArray[np.intp]) -> tuple[Image, Image]:
+    """The standard deviation of each pixel, and the inverse of its square relative to that of its pair of frames."""
+    each = np.repeat(noise[:, 1:].ravel(), np.diff(ends))
+    relative = np.repeat((noise[:, :1] / noise[:, 1:]).ravel() ** 2, np.diff(ends))
+    return (tolerance * each).astype(np.float32), relative.astype(np.float32)
+
+
+def _weights(residual: Image, noise: Array, tolerance: float, ends: NDArray[np.intp]) -> Image:
+    """Huber's weights of pixels under a noise, less where their part has more of it than its pair of frames."""
+    deviation, relative = _deviations(noise, tolerance, ends)
+    return np.asarray(relative * huber_weights(residual, deviation))
+
+
+def _without_change(sums: Array, prior: Array) -> Array:
+    """Sums of products (m, P, k, k) whose last row is the part's change, which is solved for and left out; `prior`
+    (m, P) is the weight of its being zero.
+    """
+    own = sums[..., -1:, -1:] + prior[..., None, None]
+    return np.asarray(sums[..., :-1, :-1] - sums[..., :-1, -1:] @ sums[..., -1:, :-1] / own)
 
 
 def _robust_deviation(residual: Image) -> float:

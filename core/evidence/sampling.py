@@ -20,9 +20,13 @@ class Sampling:
     reach : float
         Distance from the model's outlines within which those of the performer are searched for, metres; 0 leaves
         outlines and foreground images out.
+    by_part : bool
+        Whether each part has a noise of its own and may get brighter or darker: near the solution, where residuals are
+        not those of its place.
     """
 
     sigma: float
     tolerance: float
     stride: int
     reach: float = 0.0
+    by_part: bool = False

@@ -22,7 +22,7 @@ Array = np.ndarray
 def no_evidence(views: int, frames: int, parts: int) -> SegmentEvidence:
     """Evidence of views that show nothing."""
     V, F, P = views, frames, parts
-    pairs = [np.zeros((V, F - 1)) for _ in range(7)]
+    pairs = [np.zeros((V, F - 1, *more)) for more in ((), (), (1 + P,), (), (), (), ())]
     gradients = GradientSums(np.zeros((V, F - 1, P, 12, 12)), np.zeros((V, F - 1, P, 12)), *pairs)
     outlines = OutlineSums(np.zeros((V, F, P, 6, 6)), np.zeros((V, F, P, 6)), np.zeros((V, F)))
     explained, unhidden = np.zeros((V, 1, F)), np.ones((1, F))

@@ -70,7 +70,14 @@ STAGES = (
 REFINEMENT = (
     DescentStage(Sampling(1.0, 1.0, 2, REACH), 6, small=0.004, small_refused=True, still=STILL, plants=False),
 )
-"""From a solution to the better one that motion known on both sides allows: no other stage follows."""
+"""From a solution to the better one that motion known on both sides allows."""
+POLISH = (
+    DescentStage(
+        Sampling(1.0, 1.0, 2, REACH, by_part=True), 4, small=0.004, small_refused=True, still=STILL, plants=False
+    ),
+)
+"""The last stage, once limbs are where they belong: a limb elsewhere would pass for one with much noise, which counts
+little."""
 SETTLING = (
     DescentStage(Sampling(1.0, 4.0, 3, REACH), 2, small=ROUGH_STEP),
     DescentStage(Sampling(1.0, 1.0, 3, REACH), 1),

@@ -63,8 +63,8 @@ class SegmentNoise:
 
     Attributes
     ----------
-    deviation : ndarray, shape (V, F - 1)
-        Standard deviation of the grey-level residuals of each pair of frames, 0 to 1.
+    deviation : ndarray, shape (V, F - 1, 1 + P)
+        Standard deviation of the grey-level residuals of each pair of frames, and of each of its parts, 0 to 1.
     weight : ndarray, shape (V, F - 1)
         Weight of the mean squared residual of each pair in the cost.
     share : ndarray, shape (V,)
@@ -463,5 +463,5 @@ def predicted_accelerations(
 
 def view_precision(evidence: SegmentEvidence, settings: Settings) -> Array:
     """Inverse variance of a pixel's residual in each view, less the correlation of neighbouring pixels, shape (V,)."""
-    noise = np.maximum(np.median(evidence.gradients.noise, axis=1), 1e-3)
+    noise = np.maximum(np.median(evidence.gradients.noise[..., 0], axis=1), 1e-3)
     return np.asarray(evidence.pixel_share(settings.lengths[0]) / noise**2)

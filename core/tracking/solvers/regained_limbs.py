@@ -21,7 +21,7 @@ from ...evidence.occlusion import LONG
 from ...numerics.arrays import Array
 from ...runtime.timing import Seconds
 from . import gauss_newton
-from .descent_stages import SETTLED
+from .descent_stages import POLISH, SETTLED
 from .gauss_newton import UNDER_WAY, descend, farthest_joint
 from .limb_likelihood import support_of_limbs
 from .limb_search import LEAST_GAIN, freed_limb, pictures_find_limbs
@@ -38,10 +38,22 @@ KEY_ERROR = 0.01
 
 
 def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
-    """Refine a solution (`gauss_newton.refine`), then search again for limbs that are bent at its ends or refuted.
+    """Refine a solution, search again for lost limbs, and polish what was found: the `refine` of Gauss-Newton.
 
-    This is the `refine` of Gauss-Newton. Parameters as in `gauss_newton.descend`.
+    Several performers are not polished: where they touch, much of a part's noise is the other performer. Nor is what a
+    single view shows: there errors in depth pass for noise. Parameters as in `gauss_newton.descend`.
     """
+    found = _with_limbs_regained(problem, start, workspace.part(0.0, 0.9))
+    if len(problem.bodies) > 1 or not problem.shows_depth:
+        return found
+    polished = descend(problem, found.motions, workspace.part(0.9, 1.0), POLISH)
+    seconds = Seconds(found.seconds)
+    seconds.add(polished.seconds)
+    return replace(gauss_newton.continued(found, polished), seconds=dict(seconds))
+
+
+def _with_limbs_regained(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
+    """Refine a solution (`gauss_newton.refine`), then search again for limbs that are bent at its ends or refuted."""
     solution = gauss_newton.refine(problem, start, workspace.part(0.0, 0.3))
     if not pictures_find_limbs(problem):
         return solution

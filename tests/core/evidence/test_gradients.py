@@ -251,10 +251,16 @@ def two_frames(seed: int = 0, shift: float = 0.01) -> tuple[Motion, list[ViewFra
 
 
 def evidence_of(
-    views: Sequence[ViewFrames], motion: Motion, *, stride: int = 1, tolerance: float = ALL_COUNT
+    views: Sequence[ViewFrames],
+    motion: Motion,
+    *,
+    stride: int = 1,
+    tolerance: float = ALL_COUNT,
+    by_part: bool = False,
 ) -> SegmentEvidence:
     poses = {0.0: poses_of([BODY], [motion])}
-    return accumulate_evidence(views, Geometry.of([BODY]), poses, Sampling(1.0, tolerance, stride), first=0)
+    sampling = Sampling(1.0, tolerance, stride, by_part=by_part)
+    return accumulate_evidence(views, Geometry.of([BODY]), poses, sampling, first=0)
 
 
 def test_pictures_that_do_not_follow_on_say_nothing() -> None:
@@ -430,13 +436,13 @@ def test_the_cost_is_hubers_error_under_the_noise_that_is_given() -> None:
 
     def measured(tolerance: float, noise: float | None = None) -> GradientSums:
         sampling, poses = Sampling(1.0, tolerance, 1), {0.0: poses_of([BODY], [motion])}
-        given = None if noise is None else np.full((len(views), 1), noise)
+        given = None if noise is None else np.full((len(views), 1, 1 + len(BODY)), noise)
         return accumulate_evidence(views, Geometry.of([BODY]), poses, sampling, first=0, noise=given).gradients
 
     own, whole = measured(1.0), measured(ALL_COUNT)
     np.testing.assert_allclose(whole.cost * whole.count, whole.energy, rtol=1e-5)
     assert (own.cost < whole.cost).all()
-    noise = float(own.noise[0, 0])
+    noise = float(own.noise[0, 0, 0])
     assert measured(1.0, noise).cost[0, 0] == pytest.approx(own.cost[0, 0], rel=1e-6)
     costs = [measured(1.0, k * noise).cost[0, 0] for k in (0.5, 1.0, 2.0)]
     assert costs[0] < costs[1] < costs[2]
@@ -462,6 +468,42 @@ def test_a_spot_of_other_light_hardly_pulls_under_robust_weights() -> None:
         )
     ]
     assert pull[0] < 0.2 * pull[1]
+
+
+def brightened(view: ViewFrames, motion: Motion, part: int, by: Array) -> ViewFrames:
+    """A view with light added, grey levels (h, w), where its second frame shows a part."""
+    labels, _ = labels_of(motion, view.camera)
+    grey = view.grey.astype(int)
+    grey[1] += np.where(labels.part[1] == part, by, 0).astype(int)
+    return replace(view, grey=np.clip(grey, 0, 255).astype(np.uint8))
+
+
+def test_a_part_that_gets_brighter_as_a_whole_hardly_pulls_where_parts_may() -> None:
+    motion, views = two_frames()
+    part = int(np.argmax(evidence_of(views[:1], motion).gradients.H[0, 0, :, 0, 0]))
+    lit = brightened(views[0], motion, part, np.full(views[0].grey.shape[1:], 8))
+
+    def step(view: ViewFrames, own: bool) -> Array:
+        sums = evidence_of([view], motion, tolerance=1.0, by_part=own).gradients
+        return np.linalg.lstsq(sums.H[0, 0, part, 6:, 6:], sums.g[0, 0, part, 6:], rcond=1e-3)[0]
+
+    pull = [np.abs(step(lit, own) - step(views[0], own)).max() for own in (True, False)]
+    assert pull[0] < 0.3 * pull[1]
+
+
+def test_a_part_with_more_noise_than_the_others_counts_less_where_parts_have_their_own() -> None:
+    motion, views = two_frames()
+    sizes = np.diff(labels_of(motion, views[0].camera)[0].ends)[:P]
+    part, other = np.argsort(sizes)[::-1][:2].tolist()
+    noise = np.random.default_rng(4).normal(0, 12, views[0].grey.shape[1:])
+    noisy = brightened(views[0], motion, part, noise)
+
+    def share(view: ViewFrames, own: bool) -> float:
+        H = evidence_of([view], motion, by_part=own).gradients.H[0, 0]
+        return float(np.trace(H[part]) / np.trace(H[other]))
+
+    less = [share(noisy, own) / share(views[0], own) for own in (True, False)]
+    assert less[0] < 0.2 * less[1]
 
 
 def test_sampling_reads_between_pixels_and_in_the_window_that_was_asked_for() -> None:

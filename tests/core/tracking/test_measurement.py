@@ -26,7 +26,7 @@ def test_recent_looks_are_not_taken_again(monkeypatch: pytest.MonkeyPatch) -> No
     problem = SegmentProblem(tuple(views), (BODY,), 0, 30.0, fixed, shape=shape)
     step = np.zeros((LENGTH, BODY.dof))
     step[1, -1] = 2.0**-17
-    moved, noise, taken = motion.moved(step), np.full((1, LENGTH - 1), 0.02), []
+    moved, noise, taken = motion.moved(step), np.full((1, LENGTH - 1, 1 + len(BODY)), 0.02), []
     accumulate = measurement.accumulate_evidence
 
     def counted(*given: Any, **named: Any) -> Any:
