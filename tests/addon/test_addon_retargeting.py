@@ -41,15 +41,13 @@ def built(preset, droop=0.0, name="hero"):
     rig = made_rig(preset, BODY, droop)
     armature = bpy.data.objects.new(name, bpy.data.armatures.new(name))
     bpy.context.scene.collection.objects.link(armature)
-    bpy.context.view_layer.objects.active = armature
-    bpy.ops.object.mode_set(mode="EDIT")
-    for b, bone_name in enumerate(rig.rest.names):
-        bone = armature.data.edit_bones.new(bone_name)
-        bone.head, bone.tail = (Vector(point[b]) for point in (rig.rest.heads, rig.rest.tails))
-        bone.roll = 0.3 * b
-        parent = rig.rest.parents[b]
-        bone.parent = armature.data.edit_bones[parent] if parent >= 0 else None
-    bpy.ops.object.mode_set(mode="OBJECT")
+    with edit_bones(armature) as bones:
+        for b, bone_name in enumerate(rig.rest.names):
+            bone = bones.new(bone_name)
+            bone.head, bone.tail = (Vector(point[b]) for point in (rig.rest.heads, rig.rest.tails))
+            bone.roll = 0.3 * b
+            parent = rig.rest.parents[b]
+            bone.parent = bones[parent] if parent >= 0 else None
     return armature
 
 
@@ -104,12 +102,10 @@ def test_a_scaled_and_turned_object_is_respected(blender):  # noqa: F811
 def test_a_mechanism_is_driven_through_its_controls(blender):  # noqa: F811
     """The arm's control hangs on nothing, but a constraint carries it along with the chest."""
     armature = built("unity")
-    bpy.ops.object.mode_set(mode="EDIT")
-    bones = armature.data.edit_bones
-    carrier = bones.new("carrier")
-    carrier.head, carrier.tail = bones["LeftUpperArm"].head, bones["LeftUpperArm"].tail
-    bones["LeftUpperArm"].parent = carrier
-    bpy.ops.object.mode_set(mode="OBJECT")
+    with edit_bones(armature) as bones:
+        carrier = bones.new("carrier")
+        carrier.head, carrier.tail = bones["LeftUpperArm"].head, bones["LeftUpperArm"].tail
+        bones["LeftUpperArm"].parent = carrier
     child_of = armature.pose.bones["carrier"].constraints.new("ARMATURE")
     child_of.targets.new().target = armature
     child_of.targets[0].subtarget = "UpperChest"

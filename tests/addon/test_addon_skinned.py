@@ -22,7 +22,7 @@ from kfmocap.kfmocap_addon.scene_io import (  # noqa: E402
     part_meshes,
     skinned_parts,
 )
-from odd_characters import as_imported, bind  # noqa: E402
+from odd_characters import as_imported, bind, foreign_armature, points_of  # noqa: E402
 from scipy.spatial import ConvexHull  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
@@ -33,26 +33,17 @@ FINGER, TWIST = "finger.L", "forearm_twist.L"
 
 def skinned(groups=True):
     """The default body without its parts, as one skin over two meshes; with a finger and a twist bone."""
-    armature = body_armature.build_armature(BODY, "hero", bpy.context.scene.collection)
-    for child in list(armature.children):
-        bpy.data.objects.remove(child)
-    for bone in armature.data.bones:
-        for name in (body_armature.PART, body_armature.LIMITS, body_armature.LANDMARKS, body_armature.REST):
-            del bone[name]
-    bpy.context.view_layer.objects.active = armature
-    bpy.ops.object.mode_set(mode="EDIT")
-    bones = armature.data.edit_bones
-    hand, forearm = bones["hand.L"], bones["forearm.L"]
-    for name, above, start, end in ((FINGER, hand, 0.6, 0.8), (TWIST, forearm, 0.3, 0.6)):
-        bone = bones.new(name)
-        bone.head, bone.tail = (above.head.lerp(above.tail, t) for t in (start, end))
-        bone.parent = above
-    bpy.ops.object.mode_set(mode="OBJECT")
+    armature = foreign_armature(BODY)
+    with body_armature.edit_bones(armature) as bones:
+        hand, forearm = bones["hand.L"], bones["forearm.L"]
+        for name, above, start, end in ((FINGER, hand, 0.6, 0.8), (TWIST, forearm, 0.3, 0.6)):
+            bone = bones.new(name)
+            bone.head, bone.tail = (above.head.lerp(above.tail, t) for t in (start, end))
+            bone.parent = above
     halves = {"upper": [], "lower": []}
     for part in BODY.parts:
         lower = part.name.split(".")[0] in ("pelvis", "thigh", "shin", "foot")
-        points = part.vertices @ part.R_world_rest.T + part.head_world
-        halves["lower" if lower else "upper"].append((part.name, points))
+        halves["lower" if lower else "upper"].append((part.name, points_of(part)))
     tip = BODY.parts[BODY.index("hand.L")].tail_world
     halves["upper"].append((FINGER, tip + 0.01 * np.random.default_rng(0).normal(size=(20, 3))))
     middle = BODY.parts[BODY.index("forearm.L")].head_world + [0.12, 0, 0]
@@ -136,12 +127,10 @@ def test_locked_axes_and_limited_rotations_are_limits_of_the_joint():
 
 def with_root(armature):
     """A bone that is no part, above all others."""
-    bpy.context.view_layer.objects.active = armature
-    bpy.ops.object.mode_set(mode="EDIT")
-    root = armature.data.edit_bones.new("master")
-    root.tail, root.use_deform = (0, 0.5, 0), False
-    armature.data.edit_bones["pelvis"].parent = root
-    bpy.ops.object.mode_set(mode="OBJECT")
+    with body_armature.edit_bones(armature) as bones:
+        root = bones.new("master")
+        root.tail, root.use_deform = (0, 0.5, 0), False
+        bones["pelvis"].parent = root
     return armature.pose.bones["master"]
 
 
@@ -185,13 +174,10 @@ def test_motion_on_a_skinned_character_is_what_blender_shows():
 
 def test_bones_between_parts_need_no_skin():
     armature = skinned()
-    bpy.context.view_layer.objects.active = armature
-    bpy.ops.object.mode_set(mode="EDIT")
-    bones = armature.data.edit_bones
-    between = bones.new("clavicle.L")
-    between.head, between.tail = bones["chest"].tail, bones["upper_arm.L"].head
-    between.parent, bones["upper_arm.L"].parent = bones["chest"], between
-    bpy.ops.object.mode_set(mode="OBJECT")
+    with body_armature.edit_bones(armature) as bones:
+        between = bones.new("clavicle.L")
+        between.head, between.tail = bones["chest"].tail, bones["upper_arm.L"].head
+        between.parent, bones["upper_arm.L"].parent = bones["chest"], between
     use_as_body(bpy.context.scene, armature)
     body = body_armature.body_from_armature(armature)
     assert body.names[body.parents[body.index("upper_arm.L")]] == "chest"
@@ -223,11 +209,8 @@ def extent(part):
 def test_hips_and_spine_that_hang_side_by_side_on_a_bone_without_skin_are_one_body():
     armature = skinned()
     centre = with_root(armature)
-    bpy.context.view_layer.objects.active = armature
-    bpy.ops.object.mode_set(mode="EDIT")
-    bones = armature.data.edit_bones
-    bones["spine"].use_connect, bones["spine"].parent = False, bones[centre.name]
-    bpy.ops.object.mode_set(mode="OBJECT")
+    with body_armature.edit_bones(armature) as bones:
+        bones["spine"].use_connect, bones["spine"].parent = False, bones[centre.name]
     _, remarks = use_as_body(bpy.context.scene, armature)
     body = body_armature.body_from_armature(armature)
     assert set(body.names) == {*BODY.names, centre.name}
@@ -241,12 +224,9 @@ def test_hips_and_spine_that_hang_side_by_side_on_a_bone_without_skin_are_one_bo
 def test_the_top_of_a_body_moves_though_it_was_connected_to_a_bone_above():
     armature = skinned()
     root = with_root(armature)
-    bpy.context.view_layer.objects.active = armature
-    bpy.ops.object.mode_set(mode="EDIT")
-    bones = armature.data.edit_bones
-    bones[root.name].tail = bones["pelvis"].head
-    bones["pelvis"].use_connect = True
-    bpy.ops.object.mode_set(mode="OBJECT")
+    with body_armature.edit_bones(armature) as bones:
+        bones[root.name].tail = bones["pelvis"].head
+        bones["pelvis"].use_connect = True
     _, remarks = use_as_body(bpy.context.scene, armature)
     assert [text.split(",")[0] for text in remarks] == ["bone pelvis: it was connected to the bone above"]
     body, motion = body_armature.body_from_armature(armature), made_motion(len(BODY))
@@ -282,17 +262,15 @@ def test_bone_envelopes_are_left_out_with_a_word():
 def with_tail(held_by):
     """The character with a tail of two bones below the pelvis, whose last bone something moves."""
     armature = skinned()
-    bpy.context.view_layer.objects.active = armature
-    bpy.ops.object.mode_set(mode="EDIT")
-    bones, dice, above = armature.data.edit_bones, np.random.default_rng(2), "pelvis"
-    clouds = []
-    for k, name in enumerate(("tail", "tuft")):
-        bone = bones.new(name)
-        bone.head, bone.tail = (0.0, 0.2 + 0.3 * k, 0.9), (0.0, 0.5 + 0.3 * k, 0.9)
-        bone.parent = bones[above]
-        clouds.append((name, np.array(bone.head) + dice.uniform([-0.05, 0, -0.05], [0.05, 0.3, 0.05], (40, 3))))
-        above = name
-    bpy.ops.object.mode_set(mode="OBJECT")
+    with body_armature.edit_bones(armature) as bones:
+        dice, above = np.random.default_rng(2), "pelvis"
+        clouds = []
+        for k, name in enumerate(("tail", "tuft")):
+            bone = bones.new(name)
+            bone.head, bone.tail = (0.0, 0.2 + 0.3 * k, 0.9), (0.0, 0.5 + 0.3 * k, 0.9)
+            bone.parent = bones[above]
+            clouds.append((name, np.array(bone.head) + dice.uniform([-0.05, 0, -0.05], [0.05, 0.3, 0.05], (40, 3))))
+            above = name
     bind(armature, "fur", clouds)
     if held_by == "driver":
         armature.pose.bones["tuft"].driver_add("rotation_quaternion", 1)
@@ -320,14 +298,12 @@ def test_bones_at_the_end_that_something_else_moves_are_left_out_with_a_word(hel
 def test_limbs_whose_skin_twist_bones_lead_are_parts(held):
     """As MetaHumans have them: the limb's own bone leads none, and importers lose where the twist bones point."""
     armature = skinned()
-    bpy.context.view_layer.objects.active = armature
-    bpy.ops.object.mode_set(mode="EDIT")
-    bones, limbs = armature.data.edit_bones, ("upper_arm.L", "forearm.R", "thigh.R", "shin.R")
-    for name in limbs:
-        above = bones[name]
-        bone = bones.new(name.replace(".", "_twist_01."))
-        bone.head, bone.tail, bone.parent = above.head, above.head + above.z_axis * 0.05, above
-    bpy.ops.object.mode_set(mode="OBJECT")
+    with body_armature.edit_bones(armature) as bones:
+        limbs = ("upper_arm.L", "forearm.R", "thigh.R", "shin.R")
+        for name in limbs:
+            above = bones[name]
+            bone = bones.new(name.replace(".", "_twist_01."))
+            bone.head, bone.tail, bone.parent = above.head, above.head + above.z_axis * 0.05, above
     for skin in skinned_parts.skinned_meshes(armature):
         for name in limbs:
             if name in skin.vertex_groups:
@@ -365,11 +341,9 @@ def test_a_bone_that_a_constraint_moves_is_named():
 def test_a_prop_of_one_bone_is_a_body():
     armature = bpy.data.objects.new("prop", bpy.data.armatures.new("prop"))
     bpy.context.scene.collection.objects.link(armature)
-    bpy.context.view_layer.objects.active = armature
-    bpy.ops.object.mode_set(mode="EDIT")
-    bone = armature.data.edit_bones.new("box")
-    bone.tail = (0, 0, 1)
-    bpy.ops.object.mode_set(mode="OBJECT")
+    with body_armature.edit_bones(armature) as bones:
+        bone = bones.new("box")
+        bone.tail = (0, 0, 1)
     box = np.array(np.meshgrid([-0.5, 0.5], [-0.2, 0.2], [0, 1])).reshape(3, -1).T
     bind(armature, "box", [("box", box)])
     use_as_body(bpy.context.scene, armature)

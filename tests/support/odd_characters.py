@@ -12,7 +12,7 @@ from pathlib import Path
 import addon_utils
 import bpy
 import numpy as np
-from kfmocap.core.body import Body, human
+from kfmocap.core.body import Body, Part, human
 from kfmocap.kfmocap_addon.scene_io import body_armature, skinned_parts
 from mathutils import Matrix
 
@@ -23,21 +23,29 @@ _RIGIFY_SKIN = tuple(
 )
 
 
-def skinned_human(names: Mapping[str, str] | None = None, body: Body = BODY) -> bpy.types.Object:
-    """The default body as an armature with one skin, its bones under other names."""
-    called = dict(names or {})
+def foreign_armature(body: Body = BODY) -> bpy.types.Object:
+    """The bones of a body as another program would have made them: without its parts and what these store in bones."""
     armature = body_armature.build_armature(body, "hero", bpy.context.scene.collection)
     for child in list(armature.children):
         bpy.data.objects.remove(child)
     for bone in armature.data.bones:
         for name in (body_armature.PART, body_armature.LIMITS, body_armature.LANDMARKS, body_armature.REST):
             del bone[name]
+    return armature
+
+
+def points_of(part: Part) -> np.ndarray:
+    """The surface points (V, 3) of a part of a body at rest, in the world."""
+    return part.vertices @ part.R_world_rest.T + part.head_world
+
+
+def skinned_human(names: Mapping[str, str] | None = None, body: Body = BODY) -> bpy.types.Object:
+    """The default body as an armature with one skin, its bones under other names."""
+    called = dict(names or {})
+    armature = foreign_armature(body)
     for bone in list(armature.data.bones):
         bone.name = called.get(bone.name, bone.name)
-    clouds = [
-        (called.get(part.name, part.name), part.vertices @ part.R_world_rest.T + part.head_world) for part in body.parts
-    ]
-    bind(armature, "skin", clouds)
+    bind(armature, "skin", [(called.get(part.name, part.name), points_of(part)) for part in body.parts])
     return armature
 
 
