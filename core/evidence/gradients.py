@@ -357,13 +357,12 @@ def _residuals_of_parts(
     """By how much each part gets brighter (m, P), and the noise, see `GradientSums`; by default nothing changes, and
     all parts have the noise of their pair of frames.
     """
-    kept = [residual[a:b][seen[a:b]] for a, b in pairwise(ends.tolist())]
-    pairs = [np.concatenate(kept[i : i + parts]) for i in range(0, len(kept), parts)]
-    noise = np.maximum([_robust_deviation(pair) for pair in pairs], _LEAST_NOISE)
-    noise = np.repeat(noise[:, None], 1 + parts, axis=1)
-    change = np.zeros((len(pairs), parts))
+    of_pairs = [_robust_deviation(residual[a:b][seen[a:b]]) for a, b in pairwise(ends[::parts])]
+    noise = np.repeat(np.maximum(of_pairs, _LEAST_NOISE)[:, None], 1 + parts, axis=1)
+    change = np.zeros((len(of_pairs), parts))
     if by_part:
-        for i, own in enumerate(kept):
+        for i, (a, b) in enumerate(pairwise(ends.tolist())):
+            own = residual[a:b][seen[a:b]]
             if len(own):
                 at, share = divmod(i, parts), len(own) / (len(own) + PART_PIXELS)
                 change[at] = share * np.median(own)
