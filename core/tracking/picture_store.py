@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from contextlib import suppress
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import OutputError
 from ..evidence.view_frames import ViewFrames
 from ..runtime.shared_arrays import SharedArray
+from ..runtime.workplaces import RESULTS, workplace
+from ..shot.footage import working_factor
+from ..shot.shot import Shot
+from .segments import segments
 
 Images = NDArray[np.uint8]
+
+HELD_BYTES = 256 << 20
+"""Largest size of a segment's pictures in memory; those of longer segments are in files."""
 
 COLOUR, GREY, FOREGROUND, PALETTE = "colour", "grey", "foreground", "palette"
 
@@ -102,3 +111,28 @@ class StoredView:
         for pictures in (self.grey, self.foreground, self.palette):
             if pictures is not None:
                 pictures.remove()
+
+
+def fits_in_memory(shot: Shot) -> bool:
+    """Whether the pictures of the longest segment of a shot take no more than `HELD_BYTES`."""
+    longest = max(last + 1 - first for first, last in segments(shot))
+    images = 3 + 1 + len(shot.performers)  # colour, grey, and the foreground of each performer
+    sizes = [view.camera.reduced(working_factor(view, shot.settings.working_size)).size for view in shot.views]
+    return longest * images * sum(width * height for width, height in sizes) <= HELD_BYTES
+
+
+@contextmanager
+def picture_folder() -> Iterator[Path]:
+    """Provide a temporary folder for pictures that several processes share, or that are too many for memory.
+
+    Raises
+    ------
+    OutputError
+        The disk is full, or the folder cannot be written.
+    """
+    folder = Path(tempfile.gettempdir())
+    try:
+        with workplace(folder) as place:
+            yield place / RESULTS
+    except OSError as error:
+        raise OutputError(f"the frames cannot be kept: {error.strerror or error}", where=str(folder)) from error

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ..keypoints.observations import ShotKeypoints
@@ -26,6 +26,10 @@ class SolvedShot:
     pictures: tuple[dict[int, Any], ...]
     observed: ShotKeypoints
     footage_offset: float
+
+    def of_views(self, views: Sequence[int]) -> SolvedShot:
+        """Return the same of some views, in that order."""
+        return replace(self, pictures=tuple(self.pictures[v] for v in views), observed=self.observed.of_views(views))
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from .uncertainty import JointErrors
 
 @dataclass(frozen=True, eq=False)
 class SegmentResult:
-    """How the solver went over one segment.
+    """The solver's run over one segment.
 
     Attributes
     ----------
@@ -27,8 +28,8 @@ class SegmentResult:
     energy : tuple of float
         Cost before each iteration and at the end, see `SegmentSolution`.
     accelerations : tuple of ndarray, shape (G,)
-        Per performer: typical accelerations that were found, of the root's place in m/s^2 and of every part's joint in
-        rad/s^2. Empty where they were not estimated.
+        Per performer: the typical accelerations that were estimated, of the root's position in m/s^2 and of every
+        part's joint in rad/s^2. Empty if none were estimated.
     """
 
     first: int
@@ -40,7 +41,7 @@ class SegmentResult:
 
 @dataclass(frozen=True, eq=False)
 class TrackResult:
-    """Tracked motion and how it came about.
+    """Tracked motion, and how it was found.
 
     Attributes
     ----------
@@ -91,6 +92,19 @@ class TrackResult:
     torn: tuple[tuple[int, ...], ...] = ()
     rates: tuple[FootageRate | None, ...] = ()
     damage: tuple[FootageDamage | None, ...] = ()
+
+    def of_views(self, views: Sequence[int]) -> TrackResult:
+        """Return the same result with the views in another order, as indices into these."""
+        order = list(views)
+        return replace(
+            self,
+            visible=tuple(share[order] for share in self.visible),
+            pictures=tuple(self.pictures[v] for v in order),
+            observed=self.observed.of_views(order),
+            torn=tuple(self.torn[v] for v in order),
+            rates=tuple(self.rates[v] for v in order),
+            damage=tuple(self.damage[v] for v in order) if self.damage else (),
+        )
 
     @property
     def deviation(self) -> tuple[Array, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -42,7 +43,7 @@ def tracked_by(workers: int, shot: Shot, monkeypatch: pytest.MonkeyPatch) -> Tra
     return tracker.track(replace(shot, settings=replace(shot.settings, threads=workers)))
 
 
-make = tracker._track_result
+make = tracker.result_of_segments
 
 
 def same(one: Motion, other: Motion) -> bool:
@@ -52,7 +53,7 @@ def same(one: Motion, other: Motion) -> bool:
 def test_one_and_two_processes_find_the_same_motion_to_the_last_bit(
     filmed: Shot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(tracker.tempfile, "gettempdir", lambda: str(tmp_path))
+    monkeypatch.setattr(tempfile, "gettempdir", lambda: str(tmp_path))
     alone, together = (tracked_by(n, filmed, monkeypatch) for n in (1, 2))
     assert same(alone.motions[0], together.motions[0])
     np.testing.assert_array_equal(alone.deviation[0], together.deviation[0])
@@ -75,13 +76,14 @@ def test_what_is_known_once_all_is_solved_is_handed_out_before_all_is_refined(
         assert pool.workers == workers and not refined
         found.append(known)
 
-    monkeypatch.setattr(tracker, "_track_result", lambda *args: refined.append(1) or make(*args))
+    monkeypatch.setattr(tracker, "result_of_segments", lambda *args: refined.append(1) or make(*args))
     result = tracker.track(shot, pictures=[0, 8], run=RunContext(solved=solved))
     assert len(found) == (workers > 1)
     for known in found:
         assert known.footage_offset == result.footage_offset
         assert [sorted(view) for view in known.pictures] == [[0, 8]] * len(shot.views)
-        assert known.pictures is result.pictures
+        for early, late in zip(known.pictures, result.pictures, strict=True):
+            assert all(early[frame] is late[frame] for frame in (0, 8))
 
 
 def test_a_worker_that_is_killed_ends_the_tracking_with_a_message(
@@ -97,7 +99,7 @@ def test_a_worker_that_is_killed_ends_the_tracking_with_a_message(
         pools[0]._processes[0].kill()
         return True
 
-    monkeypatch.setattr(tracker.tempfile, "gettempdir", lambda: str(tmp_path))
+    monkeypatch.setattr(tempfile, "gettempdir", lambda: str(tmp_path))
     monkeypatch.setattr(tracker, "WORTH_PROCESSES", 0)
     monkeypatch.setattr(tracker, "WorkerPool", kept)
     with pytest.raises(WorkerEndedError, match="ended unexpectedly"):

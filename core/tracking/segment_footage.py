@@ -1,0 +1,143 @@
+"""The footage of a shot, decoded once and in order, segment by segment."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Container, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import zip_longest
+from pathlib import Path
+from threading import Event
+
+import numpy as np
+
+from ..body.motion import Motion
+from ..evidence.view_frames import ViewFrames
+from ..runtime.threads import worker_count
+from ..runtime.timing import Seconds
+from ..runtime.worker_memory import WorkerMemory
+from ..shot.footage import PICTURE_SIZE, Album, Image, working_factor
+from ..shot.shot import Shot
+from .appearance import frames_with_foreground, grey_frames
+from .picture_store import COLOUR, PictureStore, StoredView
+from .reader import SegmentReader
+from .segments import Segment, posed_frames, segments
+from .solvers.protocol import Solver
+
+
+class SegmentFootage:
+    """Decodes the footage of a shot segment by segment, and collects what the result says about it.
+
+    Parameters
+    ----------
+    shot : Shot
+    solver : Solver
+    pictures : collection of int
+        Frames, counted from the shot's first, whose pictures are collected.
+    folder : Path, optional
+        Folder for the files with the segments' pictures; without one, these are held in memory.
+    memory : WorkerMemory, optional
+        Cache of frames for the next job; frames in it are not decoded again.
+
+    Attributes
+    ----------
+    torn : tuple of list of int
+        Per view: frames read so far that do not continue the frame before, counted from the shot's first.
+    """
+
+    def __init__(
+        self,
+        shot: Shot,
+        solver: Solver,
+        pictures: Collection[int],
+        *,
+        folder: Path | None = None,
+        memory: WorkerMemory | None = None,
+    ) -> None:
+        kept = frozenset(shot.frames[0] + frame for frame in pictures)
+        self._albums = [Album(kept, working_factor(view, PICTURE_SIZE)) for view in shot.views]
+        self._shot, self._solver, self._folder, self._memory = shot, solver, folder, memory
+        self.torn: tuple[list[int], ...] = tuple([] for _ in shot.views)
+
+    @property
+    def pictures(self) -> tuple[dict[int, Image], ...]:
+        """The pictures collected so far, per view, by frame counted from the shot's first."""
+        first = self._shot.frames[0]
+        return tuple({f - first: image for f, image in album.pictures.items()} for album in self._albums)
+
+    def by_segment(
+        self, start: Sequence[Motion], known: Container[Segment], seconds: Seconds
+    ) -> Iterator[tuple[ViewFrames | StoredView, ...]]:
+        """Generate the views of every segment; the next segment is read in the background.
+
+        Parameters
+        ----------
+        start : sequence of Motion
+            The performers' motions before tracking. Foreground images are made with these key poses for all segments,
+            so they do not depend on when a segment is read.
+        known : container of tuple
+            Segments whose solution is known, which need no foreground images.
+        seconds : Seconds
+            The time spent waiting is added to it, as the stage "footage".
+
+        Raises
+        ------
+        FootageError
+            The footage ends or breaks early.
+        CancelledError
+        """
+        shot, memory, stopped = self._shot, self._memory, Event()
+        readers = [
+            SegmentReader(shot, view, album, stopped, memory=memory)
+            for view, album in zip(shot.views, self._albums, strict=True)
+        ]
+        chosen = segments(shot)
+        with ThreadPoolExecutor(worker_count(shot.settings.threads)) as pool:
+
+            def submitted(segment: Segment) -> list[Future[ViewFrames | StoredView]]:
+                with_foreground = self._solver.uses_foreground and segment not in known
+                return [
+                    pool.submit(
+                        self._read, reader, segment, f"{segment[0]}_{number}", start if with_foreground else None
+                    )
+                    for number, reader in enumerate(readers)
+                ]
+
+            coming = submitted(chosen[0])
+            try:
+                for segment, following in zip_longest(chosen, chosen[1:]):
+                    with seconds.measure("footage"):
+                        views = tuple(job.result() for job in coming)
+                    if following is not None:
+                        coming = submitted(following)
+                    for frames, view in zip(self.torn, views, strict=True):
+                        frames += _torn_frames(segment, view)
+                    yield views
+            finally:
+                stopped.set()
+
+    def _read(
+        self, reader: SegmentReader, segment: Segment, name: str, start: Sequence[Motion] | None
+    ) -> ViewFrames | StoredView:
+        """Read one view of a segment; with foreground images if motions are given."""
+        shot, store = self._shot, PictureStore(self._folder, name)
+        frames = reader.read(segment, store)
+        if start is None:
+            view = grey_frames(frames, store)
+        else:
+            view = frames_with_foreground(
+                frames,
+                [performer.body for performer in shot.performers],
+                start,
+                posed_frames(shot, *segment),
+                footage_offset=shot.settings.footage_offset or 0.0,
+                fps=shot.fps,
+                store=store,
+            )
+        store.remove(COLOUR)
+        return store.stored(view)
+
+
+def _torn_frames(segment: Segment, view: ViewFrames | StoredView) -> list[int]:
+    """Return the frames of a segment that do not continue the frame before."""
+    pairs = view.frames.torn if isinstance(view, StoredView) else view.torn
+    return [] if pairs is None else (segment[0] + 1 + np.flatnonzero(pairs)).tolist()
