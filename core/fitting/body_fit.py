@@ -1,10 +1,10 @@
-"""Bodies fitted to their key poses: lengths and widths of the parts, until the model lies on the performers.
+"""Fitting bodies to their key poses: lengths and widths of the parts are changed until the model lies on the performer.
 
-On the frames with a key pose it is known roughly how the body stands. What is not known is how long and how wide its
-parts are: every part is stretched along its axes, with all that hangs on it, and its solid is shifted. Key poses were
-set with a body of other proportions, so they may give way, too. Evidence are the performers' outlines against the
-background (`core.evidence.contours`) and, where views have them, 2D keypoints. Both sides of a body are nearly alike,
-and what is not seen grows with the rest. Gauss-Newton over all of it, coarse to fine.
+On a key frame the pose is roughly known; how long and how wide the parts are is not. Every part is stretched along its
+axes, together with the parts that hang on it, and its solid is shifted. The key poses were set with a body of other
+proportions, so they are free to change a little, too. The evidence is the performers' outlines against the background
+(`core.evidence.contours`) and, where views have them, 2D keypoints. As priors, both sides of a body are nearly alike,
+and parts that are not seen grow with the rest. All unknowns are solved for by Gauss-Newton, coarse to fine.
 """
 
 from __future__ import annotations
@@ -41,13 +41,14 @@ from .key_frame_views import KeyFrameView, posed_key_frames, read_key_frames
 from .outline_fit import OutlineProblem, RefinementStage, coarse_to_fine, key_outlines, outline_products
 
 GROWTH = 0.08
-"""Usual departure of a performer's size from the body's, as a share."""
+"""Standard deviation of a performer's size, relative to the body's."""
 LENGTH = 0.08
-"""Usual departure of a part's length from what the size suggests, a share; of widths see `evidence.shape.STRETCH`."""
+"""Standard deviation of a part's length, relative to what the size suggests; for widths see
+`core.evidence.part_shapes.STRETCH`."""
 SIDES_STRETCH, SIDES_SHIFT = 0.02, 0.004
-"""Usual difference between the sides of a body, as a share and in metres."""
+"""Standard deviation of the difference between left and right parts: relative for lengths, in metres for shifts."""
 POSED_ROOT, POSED_JOINT = 0.03, 0.08
-"""Usual error of a key pose that was set with a body of other proportions, metres and radians."""
+"""Standard deviation of a key pose that was set with a body of other proportions, metres and radians."""
 STAGES = (
     RefinementStage(0.25, 4.0, 8, excess=0.4),
     RefinementStage(0.15, 2.0, 6, excess=0.2),
@@ -56,26 +57,27 @@ STAGES = (
 SETTLED = 0.001
 """A stage ends when no joint moves by more than this, metres."""
 OFFSET, LIMB_OFFSET = 0.03, 0.01
-"""Usual offsets of keypoints from their landmarks, and of those of limbs, metres: tighter along limbs than for a motion
-(`core.keypoints.keypoint_factor`), as a few frames cannot tell them from the limbs' lengths."""
+"""Standard deviations of the offsets of keypoints from their landmarks, and along limbs, metres. Along limbs they are
+smaller than for a motion (`core.keypoints.keypoint_factor`): a few frames cannot tell an offset from a limb's
+length."""
 _PART = 6  # unknowns of a part: stretch and shift along its axes
 _ROWS = 9  # of an outline's row: wrench in camera axes, and by the part's stretches
 
 
 @dataclass(frozen=True, eq=False)
 class BodyFit:
-    """Bodies that lie on their performers.
+    """Bodies fitted to their performers.
 
     Attributes
     ----------
     bodies : tuple of Body
-        Per performer, with its joints and solids; the root's joint of the rest pose is where it was.
+        Per performer, with fitted joints and solids; the root's joint in the rest pose has not moved.
     poses : tuple of Motion
-        Per performer: the key poses as they lie on the footage with that body.
+        Per performer: the key poses, fitted to the footage together with the body.
     frames : ndarray of int, shape (K,)
         Shot frames of these poses.
     growth : tuple of float
-        Per performer: how much larger the body became, as a share.
+        Per performer: the relative change of the body's size.
     """
 
     bodies: tuple[Body, ...]
@@ -91,7 +93,7 @@ def fit_bodies(shot: Shot, progress: Progress | None = None) -> BodyFit:
     Raises
     ------
     BodyError
-        There is no frame on which the whole body of every performer is posed.
+        No frame has a key pose of the whole body of every performer.
     FootageError, KeypointError
         See `core.tracking.tracker.track`.
     CancelledError
@@ -131,9 +133,9 @@ class BodyEstimate:
     places : Places
         Of the keypoints on the body.
     shape : ndarray, shape (1 + 6 P + 3 L,)
-        Changes since the start: growth, every part's stretch beyond it and shift, the keypoints' offsets.
+        Changes since the start: growth, stretch (beyond the growth) and shift of every part, the keypoints' offsets.
     posed : ndarray, shape (K, D)
-        The same of the key poses.
+        Changes of the key poses since the start.
     """
 
     body: Body
@@ -209,20 +211,20 @@ def _moved(estimates: Estimates, steps: Sequence[Array]) -> Estimates:
 
 
 def _largest_movement(before: Estimates, after: Estimates) -> float:
-    """How far the joint that moved most is from where it was, metres."""
+    """Return the largest distance that a joint has moved, metres."""
     return max(float(np.abs(a.joints() - b.joints()).max()) for a, b in zip(after, before, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
 class BodyEquations(IndependentEquations):
-    """Normal equations of every performer; who hides whom is as at the state that they belong to.
+    """Normal equations of all performers at some estimates, which also determine who hides whom.
 
     Attributes
     ----------
     estimates : tuple of BodyEstimate
-        That state.
+        The estimates.
     cost_at : callable
-        Cost of other estimates with the same outlines, and the same sides and weights of keypoints.
+        Returns the cost of other estimates with the same outlines, and the same sides and weights of keypoints.
     """
 
     estimates: Estimates
@@ -237,7 +239,7 @@ class BodyEquations(IndependentEquations):
 def _equations(
     estimates: Estimates, stage: RefinementStage, shot: Shot, views: Sequence[KeyFrameView]
 ) -> BodyEquations:
-    """Sum outlines, keypoints and what is known beforehand."""
+    """Sum the equations of outlines, keypoints and priors."""
     geometry = Geometry.of([estimate.body for estimate in estimates])
     own_parts = slices_of(len(estimate.body) for estimate in estimates)
     parts = [_prior(estimate) for estimate in estimates]
@@ -274,7 +276,7 @@ def _scene_poses(estimates: Estimates, delay: float) -> Poses:
 
 
 def _prior(estimate: BodyEstimate) -> DenseEquations:
-    """What is known beforehand: shape, poses, joint limits."""
+    """Return the equations of the priors: shape, poses, joint limits."""
     n, (K, D) = len(estimate.shape), estimate.posed.shape
     H, g = np.zeros((n + K * D, n + K * D)), np.zeros(n + K * D)
     H[:n, :n] = estimate.prior()
@@ -292,7 +294,9 @@ def _prior(estimate: BodyEstimate) -> DenseEquations:
 
 
 def _add(equations: DenseEquations, H_frames: Array, g_frames: Array, estimate: BodyEstimate) -> None:
-    """Add sums of every frame's unknowns, (K, n + D, n + D): the shape, shared, and that frame's pose."""
+    """Add the equations of every frame, (K, n + D, n + D): n unknowns of the shape, which all share, and D of its
+    pose.
+    """
     n, D = len(estimate.shape), estimate.posed.shape[1]
     for k, (own_H, own_g) in enumerate(zip(H_frames, g_frames, strict=True)):
         columns = np.concatenate([np.arange(n), n + k * D + np.arange(D)])
@@ -301,7 +305,7 @@ def _add(equations: DenseEquations, H_frames: Array, g_frames: Array, estimate: 
 
 
 def _outline_rows(estimate: BodyEstimate, camera: Camera, poses: Poses) -> Array:
-    """An outline's row by the shape and the pose of its frame, shape (K, P, 9, n + D)."""
+    """Return the derivatives of an outline's row by the shape and the pose of its frame, shape (K, P, 9, n + D)."""
     body, (R, T), (Rc, tc) = estimate.body, poses, camera.poses(0, len(poses[0]))
     K, P = T.shape[:2]
     n = len(estimate.shape)
@@ -320,7 +324,7 @@ def _outline_rows(estimate: BodyEstimate, camera: Camera, poses: Poses) -> Array
 
 @dataclass(frozen=True, eq=False)
 class _HeldKeypoints:
-    """A performer's keypoints with their sides put right and weighted as one state has them.
+    """A performer's keypoints, with the left and right sides and the weights that belong to one state.
 
     Attributes
     ----------
@@ -344,7 +348,7 @@ class _HeldKeypoints:
         return float(np.sum(self.weights[..., None] * residual**2))
 
     def normal_equations(self, estimate: BodyEstimate) -> tuple[Array, Array]:
-        """Sums of the distances from the rays that the keypoints were seen along: (K, n + D, n + D), (K, n + D)."""
+        """Return the equations of the distances from the keypoints' rays: H (K, n + D, n + D) and g (K, n + D)."""
         body, places = estimate.body, estimate.places
         R, T = part_poses(body, estimate.motions[0.0])
         points = places.world((R, T))

@@ -1,9 +1,9 @@
-"""Cameras refined from the performer: moved until the outlines of the key poses lie on those of the footage.
+"""Refining cameras from the performer: they are moved until the key poses' outlines lie on those of the footage.
 
-On the frames with a key pose it is known how the body stands, so its outline in a picture shows where the camera is.
-Unknown beside the cameras are the shapes of the parts and small errors of the key poses, which all views share: what
-every camera sees alike is not taken for an error of each. Coarse to fine, by Gauss-Newton over all of them at once;
-the colours of performers and background are learned anew on the way. See `core.fitting.resection`.
+On a key frame the pose is known, so the performer's outline in a picture shows where the camera is. The shapes of the
+parts and small errors of the key poses are unknowns as well, shared by all views, so that an error which all cameras
+see alike is not attributed to each of them. All unknowns are solved for together by Gauss-Newton, coarse to fine; the
+colours of performers and background are learned again for each outline search. See `core.fitting.resection`.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from .resection import CameraEquations, CameraState, camera_equations
 SETTLED = 0.05
 """A stage ends when no camera moves the body's picture by more than this, pixels of the reduced frames."""
 CHANCE = 1e-3
-"""How rarely a camera that fits is called one that does not."""
+"""Probability that a camera that fits is reported as one that does not."""
 LOST = 0.3
-"""A view that shows the performers' outlines less clearly than this beside the model's stays as it was: they are
-elsewhere."""
+"""A camera is left unchanged if its view shows the performers' outlines less clearly than this near the model's: the
+performers must be elsewhere in the picture."""
 
 
 STAGES = (
@@ -47,24 +47,24 @@ STAGES = (
 
 @dataclass(frozen=True, eq=False)
 class RefinedCamera:
-    """How one camera came out.
+    """A refined camera, and how much it changed.
 
     Attributes
     ----------
     camera : Camera
     shift : float
-        How far its picture of the performers' joints on the key frames moved, root mean square, pixels.
+        Root mean square distance by which the projections of the performers' joints moved on the key frames, pixels.
     deviation : float
-        Standard deviation of that picture, pixels; infinite where no joint is before the camera.
+        Standard deviation of these projections, pixels; infinite if no joint is in front of the camera.
     position_deviation, rotation_deviation : float
-        Standard deviations of the optical centre, metres, and of the orientation, radians, along and about the worst
-        axis.
+        Standard deviations of the optical centre along its worst axis, metres, and of the orientation about its worst
+        axis, radians.
     focal_deviation : float
         Standard deviation of the focal length, relative.
     clearness : float
-        How clearly it shows the performers' outlines where the key poses are, 0 to 1.
+        How clearly the view shows the performers' outlines at the key poses, 0 to 1.
     limit : float
-        Shifts up to this are what inexact key poses and outlines make of a camera that fits, pixels.
+        Largest shift that inexact key poses and outlines explain for a camera that fits, pixels.
     """
 
     camera: Camera
@@ -78,12 +78,12 @@ class RefinedCamera:
 
     @property
     def lost(self) -> bool:
-        """Whether it shows the performers elsewhere than where the key poses are, or not at all; it is as it was."""
+        """Whether the view does not show the performers at the key poses; the camera is then unchanged."""
         return self.clearness < LOST
 
     @property
     def summary(self) -> str:
-        """What became of the camera, in one line."""
+        """One line on how the camera changed, for the user."""
         if self.lost:
             return f"{self.camera.name}: not changed: it does not show the performers where the key poses are"
         return f"{self.camera.name}: its picture moved by {self.shift:.1f} px, known to {self.deviation:.1f} px"
@@ -126,8 +126,8 @@ def refine_cameras(
 ) -> Refinement:
     """Refine the pose and the focal length of every camera of a shot from its key poses of the whole body.
 
-    The key poses define the world: they stay as they are. A moving camera is moved and turned alike on all
-    frames, in its own axes.
+    The key poses define the world frame and do not change. A moving camera gets the same correction on all frames, in
+    its own axes.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def refine_cameras(
     progress : callable, optional
         See `core.runtime.progress.Progress`; returning False cancels.
     views : sequence of KeyFrameView, optional
-        What the views show of frames with key poses of the whole body; by default of all of these, read from the
+        The views' pictures of frames with key poses of the whole body; by default all such frames are read from the
         footage.
     stages : sequence of RefinementStage
     settled : float
@@ -179,7 +179,7 @@ def refine_cameras(
 
 
 def _start(shot: Shot, views: Sequence[KeyFrameView], frames: NDArray[np.int64]) -> CameraState:
-    """The cameras, bodies and key poses as they are."""
+    """Return the state before refinement."""
     curves = [spline(performer.key_poses, shot.length) for performer in shot.performers]
     motions = {view.delay: tuple(poses_after(curves, view.delay, frames)) for view in views}
     bodies = [performer.body for performer in shot.performers]
@@ -187,7 +187,7 @@ def _start(shot: Shot, views: Sequence[KeyFrameView], frames: NDArray[np.int64])
 
 
 def _shift(before: CameraState, after: CameraState, view: KeyFrameView, v: int) -> float:
-    """How far apart two states' cameras show the same joints, root mean square, pixels."""
+    """Return the root mean square distance between the projections of the same joints in two states, pixels."""
     joints = before.joints(view.delay)
     cameras = [on_frames(state.cameras[v].rectified(), view.frames) for state in (before, after)]
     one, other = (np.stack([c.project(points, k) for k, points in enumerate(joints)]) for c in cameras)
@@ -199,7 +199,7 @@ def _shift(before: CameraState, after: CameraState, view: KeyFrameView, v: int) 
 def _described(
     states: tuple[CameraState, CameraState], view: KeyFrameView, v: int, clearness: float, covariance: Array
 ) -> RefinedCamera:
-    """Describe how camera v came out between the first and the last state."""
+    """Describe how camera v changed from the first state to the last."""
     start, end = states
     state = start if clearness < LOST else end
     columns = state.camera_columns(v)
@@ -221,11 +221,18 @@ def _described(
 
 
 def chance_quantile(shares: Array, samples: int | None = None) -> float:
-    """How many times its mean a squared shift is at most by chance, in all but `CHANCE` of the cases.
+    """Return the ratio of a squared shift to its mean that chance exceeds with probability `CHANCE`.
 
-    The sum of squares of independent normal errors with these variances is distributed nearly as a multiple of chi
-    squared with fewer degrees of freedom (F. E. Satterthwaite, An approximate distribution of estimates of variance
-    components, Biometrics Bulletin 2, 1946); of F where the variances were estimated from few samples themselves.
+    The sum of squares of independent normal errors is distributed nearly as a multiple of chi-squared with fewer
+    degrees of freedom (F. E. Satterthwaite, An approximate distribution of estimates of variance components,
+    Biometrics Bulletin 2, 1946), or of F if the variances were themselves estimated from few samples.
+
+    Parameters
+    ----------
+    shares : ndarray, shape (n,)
+        Variances of the errors, in any unit.
+    samples : int, optional
+        Number of samples that the variances were estimated from.
     """
     degrees = max(float(shares.sum()) ** 2 / max(float((shares**2).sum()), 1e-300), 1.0)
     if samples is None:
@@ -234,7 +241,9 @@ def chance_quantile(shares: Array, samples: int | None = None) -> float:
 
 
 def _picture_rows(camera: Camera, points_world: Array) -> Array:
-    """Derivatives of the pictures of points (K, N, 3) by a camera's unknowns, shape (M, 2, 7), of those before it."""
+    """Return the derivatives of the projections of points (K, N, 3) by a camera's unknowns, shape (M, 2, 7), for the M
+    points in front of it.
+    """
     Rc, tc = camera.poses(0, len(points_world))
     points = (points_world @ np.swapaxes(Rc, 1, 2) + tc[:, None]).reshape(-1, 3)
     points = points[points[:, 2] > 0].astype(np.float32)

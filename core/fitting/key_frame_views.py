@@ -1,4 +1,4 @@
-"""What the views show of the frames with a key pose."""
+"""The views' pictures of the key frames."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from ..tracking.segments import whole_keys
 
 @dataclass(frozen=True, eq=False)
 class KeyFrameView:
-    """What a view shows of the K key frames.
+    """The pictures of the K key frames in one view.
 
     Attributes
     ----------
     frames : ndarray of int, shape (K,)
         Shot frames.
     pictures : ndarray of uint8, shape (K, h, w, 3)
-        Reduced, with the lens's distortion; blue, green, red.
+        Reduced in size, with lens distortion; blue, green, red.
     factor : float
-        How much they are reduced.
+        Factor by which they are reduced.
     delay : float
         See `core.body.time_shift`.
     """
@@ -62,7 +62,13 @@ def on_frames(camera: Camera, frames: NDArray[np.int64]) -> Camera:
 
 
 def posed_key_frames(shot: Shot, missing: KFMocapError) -> NDArray[np.int64]:
-    """Shot frames with a key pose of the whole body of every performer; raises `missing` where there is none."""
+    """Return the shot frames with a key pose of the whole body of every performer.
+
+    Raises
+    ------
+    KFMocapError
+        `missing`, if there is no such frame.
+    """
     frames = whole_keys(shot, 0, shot.length - 1)
     if not len(frames):
         raise missing
@@ -89,7 +95,7 @@ def read_key_frames(shot: Shot, frames: NDArray[np.int64], progress: Progress | 
 def pictured_key_frames(
     shot: Shot, frames: NDArray[np.int64], pictures: Sequence[Mapping[int, NDArray[np.uint8]]]
 ) -> list[KeyFrameView]:
-    """Make key frames of pictures that are at hand, reduced as those that are read.
+    """Make the views of key frames from pictures in memory, reduced like those that are read.
 
     Parameters
     ----------
@@ -97,7 +103,7 @@ def pictured_key_frames(
         Whose cameras have no lens distortion.
     frames : ndarray of int, shape (K,)
     pictures : sequence of mappings
-        Per view, by shot frame, rectified and not smaller than the frames to work on: `TrackResult.pictures`.
+        Per view: rectified pictures by shot frame, no smaller than the working size; see `TrackResult.pictures`.
     """
     found = []
     for view, images in zip(shot.views, pictures, strict=True):
@@ -110,7 +116,7 @@ def pictured_key_frames(
 
 
 def _read(view: View, shot: Shot, frames: NDArray[np.int64]) -> KeyFrameView:
-    """Decode once, with the distortion left in: the focal length changes, and what is rectified with it."""
+    """Decode the key frames with distortion: rectification depends on the focal length, which is still to change."""
     factor = working_factor(view, shot.settings.working_size)
     as_stored = replace(view, camera=view.camera.rectified())
     pictures = frames_at(as_stored, [shot.frames[0] + int(f) for f in frames], factor, grey=False)

@@ -1,10 +1,10 @@
-"""Cameras compared with one another by the 2D keypoints that they share.
+"""Comparing cameras with one another by the 2D keypoints that they share.
 
-A joint that several cameras see is a point in space. Where no point can be found that all of them show where their
-detectors found the joint, a camera is off. Unknown are the cameras' poses and focal lengths, and every joint's place on
-every frame; the places are eliminated (B. Triggs et al., Bundle adjustment - a modern synthesis, 2000, section 6.1).
-What a detector calls a hip is not the same point from every side, and that error is common to all frames. So only
-kinds of joints are independent of one another, and how exact a result is follows from leaving out one kind at a time.
+If no point in space projects to the keypoints that all cameras found for a joint, a camera is off. The unknowns are the
+cameras' poses and focal lengths and the positions of all joints on all frames; the positions are eliminated (B. Triggs
+et al., Bundle adjustment - a modern synthesis, 2000, section 6.1). What a detector calls a hip is not the same point
+from every side, and that error is the same on all frames. Only different kinds of joints therefore have independent
+errors, and the uncertainty of the result is estimated by leaving out one kind at a time (the jackknife).
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from .camera_refinement import chance_quantile
 from .resection import CAMERA, FOCAL, POSITION, ROTATION, adjusted
 
 GROSS = 3.0
-"""Standard deviations at which a keypoint counts for a quarter of one that is right (Geman and McClure's error)."""
+"""Residual, in standard deviations, at which a keypoint has a quarter of the full weight (Geman-McClure kernel)."""
 LEAST_DEVIATION = 0.3
-"""No keypoint is surer than this, pixels."""
+"""Least standard deviation of a keypoint, pixels."""
 LEAST_KINDS = 6
-"""Kinds of joints without which nothing can be said about a camera's seven unknowns."""
-_PER_CORRELATED = 3  # frames of those that err together; more say nothing new
+"""Least number of kinds of joints from which a camera's seven unknowns are estimated."""
+_PER_CORRELATED = 3  # frames used out of those with correlated errors; more add nothing
 _ITERATIONS = 12
 _SETTLED = 0.05  # pixels
 _NEAREST = 0.1  # metres
@@ -49,11 +49,11 @@ class SharedKeypoints:
     points_world : ndarray, shape (F, L, 3)
         Triangulated, metres; NaN where no two views agree.
     kind : ndarray of int, shape (L,)
-        Joints of one kind, left and right and of all performers, err together.
+        The kind of each joint. Joints of one kind, left and right and of all performers, have correlated errors.
     focal : ndarray, shape (V,)
         Pixels.
     correlated : float
-        How many neighbouring frames of these err together and count as one.
+        Number of neighbouring frames, of these F, whose errors are correlated and which count as one.
     """
 
     rays: Array
@@ -67,7 +67,7 @@ class SharedKeypoints:
 
     @classmethod
     def of(cls, performers: Sequence[Keypoints], cameras: Sequence[Camera], correlated: float) -> SharedKeypoints:
-        """Join the keypoints of all performers; `correlated` counts frames of the shot."""
+        """Join the keypoints of all performers; `correlated` is a number of frames of the shot."""
         step = max(1, int(correlated / _PER_CORRELATED))
         chosen = [keypoints[::step] for keypoints in performers]
         kinds = [name[1:] if name[0] in "LR" else name for keypoints in chosen for name in keypoints.names]
@@ -84,7 +84,7 @@ class SharedKeypoints:
         )
 
     def found(self) -> Bools:
-        """Which keypoints were found, of joints that can be triangulated, shape (V, F, L)."""
+        """Which keypoints were found and can be triangulated, shape (V, F, L)."""
         known = np.isfinite(self.rays).all(axis=-1) & (self.confidence > 0)
         return np.asarray(known & np.isfinite(self.points_world).all(axis=-1))
 
@@ -96,13 +96,14 @@ class SharedKeypoints:
 
 @dataclass(frozen=True, eq=False)
 class CameraEstimate:
-    """Cameras and joints.
+    """An estimate of cameras and joints.
 
     Attributes
     ----------
     change : ndarray, shape (V, 7)
-        Of every camera since the start, see `core.fitting.resection.adjusted`.
+        Change of every camera since the start, see `core.fitting.resection.adjusted`.
     points_world : ndarray, shape (F, L, 3)
+        Positions of the joints, metres.
     """
 
     change: Array
@@ -115,16 +116,16 @@ class CameraEstimate:
 
 @dataclass(frozen=True)
 class PictureShift:
-    """How far a camera's picture is off.
+    """How far a camera is off, measured in its picture.
 
     Attributes
     ----------
     shift : float
-        How far its picture of the performers' joints must move to fit, root mean square, pixels.
+        Root mean square distance by which the performers' joints must move in the picture to fit, pixels.
     deviation : float
-        Standard deviation of that, pixels.
+        Standard deviation of the shift, pixels.
     limit : float
-        Shifts up to this are no sign of a wrong camera, pixels.
+        Largest shift that errors of the keypoints explain, pixels.
     """
 
     shift: float
@@ -133,31 +134,31 @@ class PictureShift:
 
     @property
     def off(self) -> bool:
-        """Whether the camera does not fit."""
+        """Whether the camera is off."""
         return self.shift > self.limit
 
 
 @dataclass(frozen=True, eq=False)
 class _ReducedSystem:
-    """Normal equations of the cameras, the joints eliminated.
+    """Normal equations of the cameras after the joints have been eliminated.
 
     Attributes
     ----------
     H : ndarray, shape (K, 7 V, 7 V)
-        By kind of joint.
+        Per kind of joint.
     g : ndarray, shape (K, 7 V)
         Gradients of half the cost.
     rows : ndarray, shape (V, F, L, 2, 7)
-        Derivatives of the pictures of the joints by their camera, pixels.
+        Derivatives of the joints' projections by the unknowns of their camera, pixels.
     seen : ndarray of bool, shape (V, F, L)
     size : ndarray, shape (V, F, L)
         Lengths of the residuals, pixels; NaN where there is none.
     coupling : ndarray, shape (F, L, 7 V, 3)
         Blocks of the normal equations between cameras and joints.
     inverse : ndarray, shape (F, L, 3, 3)
-        Of the joints' own blocks.
+        Inverses of the joints' own blocks.
     gradient : ndarray, shape (F, L, 3)
-        By the joints.
+        Gradient of half the cost by the joints.
     """
 
     H: Array
@@ -170,23 +171,23 @@ class _ReducedSystem:
     gradient: Array
 
     def points_step(self, step: Array) -> Array:
-        """The step of the joints that goes with a step of the cameras (7 V,)."""
+        """Return the step of the joints (F, L, 3) that belongs to a step of the cameras (7 V,)."""
         gradient = self.gradient + np.einsum("flia,i->fla", self.coupling, step)
         return -np.einsum("flab,flb->fla", self.inverse, gradient)
 
 
 def _prior(views: int) -> Array:
-    """Inverse variances of the cameras' changes, shape (7 V,)."""
+    """Return the prior's inverse variances of the cameras' changes, shape (7 V,)."""
     return np.tile(1 / np.array([POSITION] * 3 + [ROTATION] * 3 + [FOCAL]) ** 2, views)
 
 
 def _columns(views: Sequence[int]) -> Ints:
-    """Where the cameras of some views are in the system."""
+    """Return the indices of some views' cameras in the system."""
     return (CAMERA * np.asarray(views, np.int64)[:, None] + np.arange(CAMERA)).ravel()
 
 
 def _weights(shared: SharedKeypoints, size: Array) -> Array:
-    """Robust weights by the deviations of every view's joints, pixels^-2, shape (V, F, L)."""
+    """Return robust weights from the noise of every view's joints, pixels^-2, shape (V, F, L)."""
     known = np.isfinite(size)
     middle = np.nanmedian(np.where(known.any(axis=1, keepdims=True), size, 0.0), axis=1) / RAYLEIGH_MEDIAN
     usual = np.array([np.median(row[row > 0]) if (row > 0).any() else 0.0 for row in middle])
@@ -197,7 +198,7 @@ def _weights(shared: SharedKeypoints, size: Array) -> Array:
 
 
 def _linearised(shared: SharedKeypoints, estimate: CameraEstimate) -> _ReducedSystem:
-    """The reduced system at an estimate."""
+    """Return the reduced system at an estimate."""
     change, V = estimate.change, len(shared.focal)
     turn = rotations.exp(change[:, 3:6])
     R = turn[:, None] @ shared.R_cam_world
@@ -241,7 +242,7 @@ def _linearised(shared: SharedKeypoints, estimate: CameraEstimate) -> _ReducedSy
 def _fitted(
     shared: SharedKeypoints, estimate: CameraEstimate, free: Sequence[int]
 ) -> tuple[CameraEstimate, _ReducedSystem]:
-    """The estimate after Gauss-Newton steps of some cameras and all joints, and the system there."""
+    """Run Gauss-Newton for some cameras and all joints; returns the estimate and the system there."""
     columns, prior = _columns(free), _prior(len(shared.focal))
     system = _linearised(shared, estimate)
     for _ in range(_ITERATIONS):
@@ -259,13 +260,15 @@ def _fitted(
 
 
 def _picture(system: _ReducedSystem, view: int) -> Array:
-    """M of the mean square x^T M x by which a change x of a camera moves its picture of the joints, pixels^2."""
+    """Return the matrix M (7, 7) for which x^T M x is the mean square shift of the joints in the picture, pixels^2,
+    that a change x of the camera causes.
+    """
     rows = system.rows[view][system.seen[view]]
     return np.asarray(np.einsum("nki,nkj->ij", rows, rows) / max(len(rows), 1))
 
 
 def _shift(system: _ReducedSystem, estimate: CameraEstimate, free: Sequence[int], view: int) -> PictureShift:
-    """How far a free camera is off, and how far the keypoints' errors alone could move it."""
+    """Return how far a free camera is off, and how far errors of the keypoints alone could move it."""
     columns, prior = _columns(free), _prior(len(estimate.change))
     H, g = system.H[:, columns][:, :, columns], system.g[:, columns]
     kinds = [k for k in range(len(H)) if H[k].any()]
@@ -279,7 +282,7 @@ def _shift(system: _ReducedSystem, estimate: CameraEstimate, free: Sequence[int]
     shares = np.maximum(np.linalg.eigvals(picture @ covariance).real, 0)
     variance = max(float(shares.sum()), 1e-12)
     chance = variance * chance_quantile(shares, len(kinds))
-    # What all joints have in common in one view, their own errors may be as large as any of them.
+    # An error that all joints of a view have in common may be as large as the error of any one of them.
     sizes = [system.size[system.seen], system.size[view][system.seen[view]]]
     error = np.sqrt(2) / RAYLEIGH_MEDIAN * max(float(np.median(found)) for found in sizes if len(found))
     change = estimate.change[view]
@@ -288,18 +291,18 @@ def _shift(system: _ReducedSystem, estimate: CameraEstimate, free: Sequence[int]
 
 
 def contradictions(shared: SharedKeypoints) -> tuple[dict[int, PictureShift], CameraEstimate]:
-    """Find the cameras that contradict the others, one after the other.
+    """Find the cameras that contradict the others, one at a time.
 
-    Every camera alone is moved to agree with the others; the one with which all agree best is off if that moves its
-    picture by more than the keypoints' errors explain. It is then moved along while the next one is looked for.
+    Each camera in turn is moved to agree with the others. The one whose movement makes all agree best is off if its
+    picture moves by more than errors of the keypoints explain; it then stays free while the next one is looked for.
 
     Returns
     -------
     shifts : dict of int to PictureShift
-        Of the views that could be compared, in their order; none where these are fewer than three. Of two cameras
-        nothing shows which is off, nor by how much.
+        By index of the views that could be compared, in order; empty if these are fewer than three, because nothing
+        shows which of two cameras is off, or by how much.
     CameraEstimate
-        With the cameras that are off moved.
+        The estimate in which the cameras that are off have been moved.
     """
     able = [v for v, count in enumerate(shared.kinds_seen()) if count >= LEAST_KINDS]
     estimate = CameraEstimate(np.zeros((len(shared.focal), CAMERA)), np.nan_to_num(shared.points_world))
@@ -309,7 +312,7 @@ def contradictions(shared: SharedKeypoints) -> tuple[dict[int, PictureShift], Ca
     estimate, start = _fitted(shared, estimate, [])
     scale = np.nanmedian(start.size[start.seen]) / RAYLEIGH_MEDIAN
     off: list[int] = []
-    # Two cameras at least must stay: one alone says nothing about the size of things.
+    # At least two cameras must stay: one alone does not determine the scale.
     while len(off) < len(able) - 2:
         best: tuple[float, int, PictureShift, CameraEstimate] | None = None
         for view in able:

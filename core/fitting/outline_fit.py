@@ -1,7 +1,7 @@
-"""Fits to the performers' outlines on key frames, coarse to fine: what cameras and bodies have in common.
+"""Fitting to the performers' outlines on key frames, coarse to fine; shared by the fits of cameras and of bodies.
 
-As in the iterative closest point algorithm, the outlines are looked for anew at every state, and held in their places
-while a step is tested: the model's points move, and what must fall is the distance along the outline's normals.
+As in the iterative closest point algorithm, the outlines are searched for at every state and held while a step is
+tested: the model's points move, and their distances along the outlines' normals must decrease.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ class RefinementStage:
     Attributes
     ----------
     reach : float
-        How far from the model's outlines the performers' are looked for, metres.
+        Distance from the model's outlines within which the performers' are searched for, metres.
     tolerance : float
-        Of the robust weights: 1 near the solution, more far from it.
+        Factor on the limit of the robust kernel: 1 near the solution, more far from it.
     iterations : int
-        At most.
+        Largest number of iterations.
     excess : float
-        How much wider than the performers the model's solids may be, as a share: colours are learned only from what is
-        within a performer for certain.
+        Relative amount by which the model's solids may be wider than the performers: colours are learned only from
+        pixels that surely show a performer.
     """
 
     reach: float
@@ -52,7 +52,7 @@ class RefinementStage:
     excess: float = 0.0
 
     def precision(self) -> float:
-        """Return the factor of squared distances of outlines, pieces of which count as one; see `KEY_PIECE`."""
+        """Return the weight of squared distances from outlines, metres^-2; see `KEY_PIECE`."""
         return 1 / (KEY_PIECE * self.tolerance**2)
 
 
@@ -62,19 +62,20 @@ Equations = TypeVar("Equations", bound=NormalEquations[Any, Any])
 
 @dataclass(frozen=True, eq=False)
 class OutlineProblem(Generic[State, Equations]):
-    """What is fitted to the outlines.
+    """The functions that define a fit to outlines.
 
     Attributes
     ----------
     linearise : callable
-        Normal equations at a state, with the outlines as a stage finds them there.
+        Returns the normal equations at a state, with the outlines that a stage finds there.
     move : callable
-        The state after a step.
+        Returns the state after a step.
     cost_at : callable
-        Cost of a state with the outlines held that normal equations were made from.
+        Returns the cost of a state with the outlines from which normal equations were made.
     step_size : callable
-        How far apart two states are; a stage ends at less than `settled`.
+        Returns the distance between two states.
     settled : float
+        A stage ends after a step smaller than this.
     """
 
     linearise: Callable[[State, RefinementStage], Equations]
@@ -100,7 +101,7 @@ def coarse_to_fine(
     stages : sequence of RefinementStage
         At least one.
     what : str
-        Name of the work for `progress`.
+        Name of the stage that is reported to `progress`.
     progress : callable, optional
         See `core.runtime.progress.Progress`.
 
@@ -138,13 +139,13 @@ def key_outlines(
     poses: Poses,
     stage: RefinementStage,
 ) -> Lines:
-    """Find the outlines in the key frames' pictures, by the colours that the poses show now.
+    """Find the outlines in the key frames' pictures, with colours learned at the present poses.
 
     Parameters
     ----------
     pictures : ndarray of uint8, shape (K, h, w, 3)
     camera : Camera
-        Whose frames are the K key frames.
+        The camera of the K key frames.
     geometry : Geometry
     poses : tuple of ndarray, shapes (K, P, 3, 3) and (K, P, 3)
     stage : RefinementStage
@@ -164,10 +165,10 @@ def key_outlines(
 
 
 def outline_products(lines: Lines, camera: Camera, poses: Poses) -> Array:
-    """Sum products of the lines' rows per frame and part, shape (K, P, 11, 11).
+    """Sum the products of the search lines' rows per frame and part, shape (K, P, 11, 11).
 
-    A row is the wrench in camera axes (6), the shift by the focal length's logarithm, that by the part's stretches (3),
-    and the shift itself.
+    A row holds the wrench in camera axes (6), the derivatives of the distance by the logarithm of the focal length (1)
+    and by the part's stretches (3), and the distance itself, metres.
     """
     wrench = lines.wrenches(camera)
     radial = ((lines.uv - camera.matrix[:2, 2]) * lines.normal).sum(axis=1)

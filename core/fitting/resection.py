@@ -1,9 +1,9 @@
-"""Cameras, part shapes and key poses as unknowns of one fit to the outlines of the key frames.
+"""Cameras, part shapes and key poses as the unknowns of one fit to the outlines of the key frames.
 
-A piece of outline that lies beside the model's is brought there by moving the camera, by its focal length, by
-stretching and shifting the part, or by posing the body otherwise. All but two of these act through the wrench of the
-piece: products of its row (wrench, radius, stretch, distance) are summed per view, frame and part, and then mapped to
-the unknowns.
+A distance between an outline and the model's is removed by moving the camera, changing its focal length, stretching or
+shifting the part, or changing the pose. All of these but focal length and stretch act through the wrench of the piece
+of outline. The products of its row (wrench, radius, stretch, distance) are therefore summed per view, frame and part,
+and then mapped to the unknowns.
 """
 
 from __future__ import annotations
@@ -35,36 +35,37 @@ from .outline_fit import RefinementStage, key_outlines, outline_products
 Columns = NDArray[np.intp]
 
 POSITION = 0.1
-"""Usual error of a camera's position along each axis, metres."""
+"""Prior standard deviation of a camera's position along each axis, metres."""
 ROTATION = 0.05
-"""Usual error of a camera's orientation about each axis, radians."""
+"""Prior standard deviation of a camera's orientation about each axis, radians."""
 FOCAL = 0.02
-"""Usual relative error of a focal length."""
+"""Prior standard deviation of a focal length, relative."""
 POSED_ROOT = 0.01
-"""Usual error of a key pose's root along each axis, metres."""
+"""Prior standard deviation of a key pose's root along each axis, metres."""
 POSED_JOINT = 0.05
-"""Usual error of a key pose's joint about each axis, radians."""
+"""Prior standard deviation of a key pose's joint about each axis, radians."""
 CAMERA = 7
-"""Unknowns of a camera: a twist (v, omega) in its axes, metres and radians, and the logarithm of the focal length."""
+"""Number of unknowns of a camera: a twist (v, omega) in its axes, metres and radians, and the logarithm of its focal
+length."""
 _SHAPE = 6  # of a part: stretch and shift along its axes
 
 
 @dataclass(frozen=True, eq=False)
 class CameraState:
-    """An estimate of all that is unknown.
+    """An estimate of all unknowns.
 
     Attributes
     ----------
     cameras : tuple of Camera
-        Of the whole footage, one per view.
+        One per view, for all frames of the footage.
     bodies : tuple of Body
     geometry : Geometry
         The shapes of all performers' P parts.
     motions : mapping of float to tuple of Motion
-        Per performer the K key poses, by the delay of the views that show them.
+        The K key poses per performer, by the delay of the views that show them.
     change : ndarray, shape (n,)
-        Increments since the start: `CAMERA` for every view, six for every part (stretch and shift), D for every key
-        pose of every performer.
+        Change of the unknowns since the start: `CAMERA` for every view, six for every part (stretch and shift), D for
+        every key pose of every performer.
     """
 
     cameras: tuple[Camera, ...]
@@ -77,37 +78,37 @@ class CameraState:
     def start(
         cls, cameras: Sequence[Camera], bodies: Sequence[Body], motions: Mapping[float, tuple[Motion, ...]]
     ) -> CameraState:
-        """The estimate to begin with: cameras, the bodies' own shapes, and key poses as they are."""
+        """Return the estimate before any change."""
         frames = len(next(iter(motions.values()))[0])
         size = CAMERA * len(cameras) + sum(_SHAPE * len(body) + frames * body.dof for body in bodies)
         return cls(tuple(cameras), tuple(bodies), Geometry.of(bodies), motions, np.zeros(size))
 
     @property
     def frames(self) -> int:
-        """K."""
+        """Number K of key frames."""
         return len(next(iter(self.motions.values()))[0])
 
     def spans(self) -> list[slice]:
-        """The parts of each performer in arrays over all performers' parts."""
+        """Return the slice of each performer in arrays over all performers' parts."""
         return slices_of(len(body) for body in self.bodies)
 
     def camera_columns(self, view: int) -> Columns:
-        """Where a view's camera is in the change, shape (7,)."""
+        """Return the columns of a view's camera, shape (7,)."""
         return CAMERA * view + np.arange(CAMERA)
 
     def shape_columns(self) -> Columns:
-        """Columns of the shapes of all parts, shape (P, 6)."""
+        """Return the columns of the shapes of all parts, shape (P, 6)."""
         first, P = CAMERA * len(self.cameras), len(self.geometry.spans)
         return first + np.arange(_SHAPE * P).reshape(P, _SHAPE)
 
     def pose_columns(self) -> list[Columns]:
-        """Columns of the key poses of every performer, shape (K, D)."""
+        """Return the columns of every performer's key poses, shape (K, D) each."""
         first = CAMERA * len(self.cameras) + _SHAPE * len(self.geometry.spans)
         ends = first + np.cumsum([0] + [self.frames * body.dof for body in self.bodies])
         return [np.arange(a, b).reshape(self.frames, -1) for a, b in pairwise(ends.tolist())]
 
     def prior(self) -> Array:
-        """Inverse variances of the change, shape (n,)."""
+        """Return the prior's inverse variances of the change, shape (n,)."""
         deviation = np.empty(len(self.change))
         deviation[: CAMERA * len(self.cameras)] = np.tile([POSITION] * 3 + [ROTATION] * 3 + [FOCAL], len(self.cameras))
         deviation[self.shape_columns()] = [STRETCH] * 3 + [SHIFT] * 3
@@ -116,7 +117,7 @@ class CameraState:
         return 1 / deviation**2
 
     def moved(self, step: Array) -> CameraState:
-        """The estimate after increments of the unknowns, shape (n,)."""
+        """Return the estimate after a step of the unknowns, shape (n,)."""
         cameras = tuple(adjusted(camera, step[self.camera_columns(v)]) for v, camera in enumerate(self.cameras))
         poses = [step[columns] for columns in self.pose_columns()]
         motions = {
@@ -127,12 +128,12 @@ class CameraState:
         return CameraState(cameras, self.bodies, geometry, motions, self.change + step)
 
     def joints(self, delay: float) -> Array:
-        """Joints of all parts on the key frames in the world, shape (K, P, 3)."""
+        """Return the joints of all parts on the key frames, world frame, metres, shape (K, P, 3)."""
         return scene_poses(self.bodies, self.motions[delay])[1]
 
 
 def adjusted(camera: Camera, step: Array) -> Camera:
-    """A camera that sees the world moved by a twist in its axes, through a longer lens; see `CAMERA`."""
+    """Return a camera after a change of its seven unknowns, see `CAMERA`; the twist moves the world in its axes."""
     turn = rotations.exp(step[3:6])
     K = camera.matrix.copy()
     K[:2, :2] *= np.exp(step[6])
@@ -146,15 +147,15 @@ def adjusted(camera: Camera, step: Array) -> Camera:
 
 @dataclass(frozen=True, eq=False)
 class CameraEquations(DenseEquations):
-    """Normal equations of a `CameraState`, what is known beforehand included.
+    """Normal equations at a `CameraState`, with the priors.
 
     Attributes
     ----------
     clearness : ndarray, shape (V,)
-        How clearly each view shows the performers' outlines beside the model's: their information over that of sharp
-        ones, 0 to 1.
+        How clearly each view shows the performers' outlines near the model's: their information relative to that of
+        sharp outlines, 0 to 1.
     cost_at : callable
-        Cost of another state with the same outlines.
+        Returns the cost of another state with the same outlines.
     """
 
     clearness: Array
@@ -206,21 +207,23 @@ def camera_equations(state: CameraState, stage: RefinementStage, views: Sequence
 
 
 def _columns(camera: Columns, shape: Columns, pose: Columns) -> Columns:
-    """The unknowns that the rows of every frame and part depend on, shape (K, P, 13 + D)."""
+    """Return the columns that the rows of every frame and part depend on, shape (K, P, 13 + D)."""
     K, P = len(pose), len(shape)
     parts = [np.broadcast_to(a, (K, P, a.shape[-1])) for a in (camera, shape, pose[:, None])]
     return np.concatenate(parts, axis=-1)
 
 
 def _clearness(lines: Lines, camera: Camera) -> float:
-    """The information in outlines as a share of that of sharp edges in their places."""
+    """Return the information in outlines, relative to that of sharp edges in their places."""
     model = MODEL_DEVIATION * camera.matrix[[0, 1], [0, 1]].mean() / lines.points_cam[:, 2]
     sharp = lines.length / (model**2 + EDGE_DEVIATION**2)
     return float((lines.weight * lines.length).sum() / sharp.sum()) if len(sharp) else 0.0
 
 
 def _jacobian(body: Body, camera: Camera, poses: Poses) -> Array:
-    """A row's first ten by camera, part shape and key pose of one performer, shape (K, P, 10, 13 + D)."""
+    """Return the derivatives of a row's first ten values by camera, part shape and key pose of one performer, shape
+    (K, P, 10, 13 + D).
+    """
     (R, T), (Rc, tc) = poses, camera.poses(0, len(poses[0]))
     known = CAMERA + 3
     B = np.zeros((*T.shape[:2], known, CAMERA + _SHAPE + body.dof))

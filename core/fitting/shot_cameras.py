@@ -1,9 +1,9 @@
-"""Whether a shot's cameras fit one another and the key poses, and what to do where they do not.
+"""Checking whether a shot's cameras fit one another and the key poses, and refining those that do not.
 
-There are two kinds of evidence. Where three views or more share 2D keypoints, each camera is compared with the others
-(`core.fitting.keypoint_cameras`). On frames with a key pose of the whole body, each camera's picture of the performers'
-outlines is compared with the model's (`core.fitting.camera_refinement`). What a camera is allowed comes from the shot:
-by how much the keypoints scatter, and how exactly the outlines show where a camera is.
+There are two kinds of evidence. If three or more views share 2D keypoints, each camera is compared with the others
+(`core.fitting.keypoint_cameras`). On frames with a key pose of the whole body, the performers' outlines in each picture
+are compared with the model's (`core.fitting.camera_refinement`). The deviation that a camera is allowed is estimated
+from the shot: from the scatter of the keypoints, and from how exactly the outlines determine the camera.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ from .keypoint_cameras import CameraEstimate, PictureShift, SharedKeypoints, con
 from .outline_fit import RefinementStage
 
 CHECKED_KEYS = 8
-"""Key frames that cameras are compared with at most, evenly over the shot."""
+"""Largest number of key frames that cameras are compared with, evenly spaced over the shot."""
 CHECK_STAGES = (RefinementStage(0.25, 4.0, 4), RefinementStage(0.10, 1.0, 4))
-"""A camera that fits is soon found to; one that does not need not be put right to be found out."""
+"""Few stages: a camera that fits passes soon, and one that does not need not be corrected to be detected."""
 CHECK_SETTLED = 0.25
-"""`SETTLED` of that, pixels of the reduced frames: inexact key poses leave some pixels of the footage to chance."""
+"""As `SETTLED`, for these stages, pixels of the reduced frames: inexact key poses are off by pixels anyway."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class CameraFit(PictureShift):
     ----------
     camera : str
     by : str
-        "keypoints" or "key poses": what it was compared with.
+        What it was compared with: "keypoints" or "key poses".
     """
 
     camera: str
@@ -61,12 +61,12 @@ class CameraFit(PictureShift):
 
     @property
     def brief(self) -> str:
-        """How far it is off, in a few words."""
+        """A few words on how far the camera is off, for the user."""
         return f"{self.shift:.0f} px off the {'other cameras' if self.by == 'keypoints' else 'key poses'}"
 
     @property
     def summary(self) -> str:
-        """What to know of a camera that does not fit, in one line."""
+        """One line on a camera that does not fit, for the user."""
         return f"{self.camera}: its picture is {self.brief}; up to {self.limit:.0f} px could be chance"
 
 
@@ -77,12 +77,12 @@ def fit_by_keypoints(shot: Shot, performers: Sequence[Keypoints]) -> tuple[Camer
     ----------
     shot : Shot
     performers : sequence of Keypoints
-        Of every performer on the frames of the shot, in the order of its views.
+        Every performer's keypoints on the frames of the shot, in the order of its views.
 
     Returns
     -------
     tuple of CameraFit
-        Of views that share enough keypoints with two others at least.
+        One per view that shares enough keypoints with at least two others.
     """
     shifts, _ = _compared(shot, performers)
     names = [view.camera.name for view in shot.views]
@@ -101,13 +101,14 @@ def fit_by_key_poses(
     ----------
     shot : Shot
     pictures : sequence of mappings, optional
-        Per view, rectified pictures by shot frame, those of `checked_frames` among them; by default they are read.
+        Per view: rectified pictures by shot frame, including those of `checked_frames`; read from the footage by
+        default.
     progress : callable, optional
 
     Returns
     -------
     tuple of CameraFit
-        Of views that show the performers clearly enough; none where there is no key pose of the whole body.
+        One per view that shows the performers clearly enough; none if there is no key pose of the whole body.
 
     Raises
     ------
@@ -141,7 +142,7 @@ def camera_fits(shot: Shot, result: SolvedShot, progress: Progress | None = None
     ----------
     shot : Shot
     result : SolvedShot
-        Where it has the pictures of `checked_frames`, they are not read again.
+        If it has the pictures of `checked_frames`, they are not read again.
     progress : callable, optional
     """
     keypoints = [own.factor.keypoints for own in result.observed.performers]
@@ -152,7 +153,7 @@ def camera_fits(shot: Shot, result: SolvedShot, progress: Progress | None = None
 
 
 def for_camera_fits(shot: Shot, result: TrackResult | SolvedShot) -> SolvedShot:
-    """What `camera_fits` looks at of a result: it is small enough to be handed to another process."""
+    """Return what `camera_fits` needs of a result, which is small enough to be sent to another process."""
     frames = set(checked_frames(shot))
     pictures = tuple({f: image for f, image in kept.items() if f in frames} for kept in result.pictures)
     return SolvedShot(pictures, result.observed, result.footage_offset)
@@ -160,13 +161,13 @@ def for_camera_fits(shot: Shot, result: TrackResult | SolvedShot) -> SolvedShot:
 
 @dataclass(frozen=True, eq=False)
 class CheckedTrack:
-    """Tracked excerpts of a shot, and how well its cameras fit.
+    """The results of a shot's tracked excerpts, and how well its cameras fit.
 
     Attributes
     ----------
     results : list of TrackResult
     fits : tuple of CameraFit, or None
-        None where only a part of the shot was tracked: the cameras were not compared.
+        None if only part of the shot was tracked: its cameras were not compared.
     """
 
     results: list[TrackResult]
@@ -183,9 +184,10 @@ def track_and_check(
     show: SegmentShown | None = None,
     looking_at: int = 0,
 ) -> CheckedTrack:
-    """Track excerpts of a shot, and compare its cameras where that is all of it; see `track_excerpts` and `RunContext`.
+    """Track excerpts of a shot, and compare its cameras if the whole shot is tracked.
 
-    What is shown begins with the segment of the shot frame that somebody is looking at.
+    Parameters as of `track_excerpts` and `RunContext`. The segment with the shot frame `looking_at`, which the user has
+    on the screen, is shown first.
 
     Raises
     ------
@@ -207,22 +209,22 @@ def track_and_check(
 
 
 def checked_frames(shot: Shot) -> list[int]:
-    """Shot frames whose key poses cameras are compared with."""
+    """Return the key frames on which cameras are compared with the key poses, as shot frames."""
     keys = whole_keys(shot, 0, shot.length - 1)
     chosen = np.linspace(0, len(keys) - 1, min(CHECKED_KEYS, len(keys))).round().astype(int)
     return [int(frame) for frame in keys[chosen]]
 
 
 def refine_shot_cameras(shot: Shot, progress: Progress | None = None) -> Refinement:
-    """Refine a shot's cameras by all that it has to compare them with.
+    """Refine a shot's cameras, by keypoints and by key poses.
 
-    Cameras that contradict the others' keypoints are moved to agree with them. Where no keypoints are shared by three
-    views, or the cameras do not fit the key poses then, all are refined by `refine_cameras`.
+    Cameras that contradict the keypoints of the others are moved to agree with them. If no three views share keypoints,
+    or the cameras then do not fit the key poses, all are refined by `refine_cameras`.
 
     Raises
     ------
     CalibrationError
-        There is neither; see `refine_cameras`.
+        There are neither shared keypoints nor key poses; see `refine_cameras`.
     FootageError, KeypointError
         A file cannot be read.
     CancelledError
@@ -240,7 +242,7 @@ def refine_shot_cameras(shot: Shot, progress: Progress | None = None) -> Refinem
 
 
 def _by_keypoints(shot: Shot) -> Refinement | None:
-    """The cameras that contradict the others moved; None where nothing can be compared."""
+    """Move the cameras that contradict the others; None if none can be compared."""
     if sum(view.keypoints is not None for view in shot.views) < 3:
         return None
     shifts, estimate = _compared(shot, performer_keypoints(shot, read_shot_keypoints(shot)))
@@ -257,7 +259,7 @@ def _by_keypoints(shot: Shot) -> Refinement | None:
 
 
 def _compared(shot: Shot, performers: Sequence[Keypoints]) -> tuple[dict[int, PictureShift], CameraEstimate]:
-    """What the keypoints say of the cameras."""
+    """Compare the cameras by keypoints, see `contradictions`."""
     own = [without_midpoints(keypoints) for keypoints in performers]
     cameras = [view.camera for view in shot.views]
     return contradictions(SharedKeypoints.of(own, cameras, correlated_frames(shot.settings, shot.fps)))
