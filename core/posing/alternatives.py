@@ -1,9 +1,9 @@
 """Poses that one view cannot tell apart, likeliest first.
 
-Every bone of a limb that is seen from one camera may point towards it or away from it: the sphere of the bone's length
-about its upper joint meets the ray of its lower joint twice (Lee and Chen, "Determination of 3D human body postures
-from a single view", Computer Vision, Graphics, and Image Processing 30, 1985). Joint limits, the balance of the body
-over its feet, and poses that are known nearby say which of these is likely.
+Seen from one camera, every bone of a limb may point towards it or away from it: the ray of the lower joint meets the
+sphere around the upper joint, whose radius is the bone's length, twice (Lee and Chen, "Determination of 3D human body
+postures from a single view", Computer Vision, Graphics, and Image Processing 30, 1985). Joint limits, the balance of
+the body over its feet, and known poses nearby in time decide which of these poses is likely.
 """
 
 from __future__ import annotations
@@ -27,27 +27,28 @@ from .depth import leading_part
 LIMBS = tuple((side + a, side + b) for side in "LR" for a, b in (("Elbow", "Wrist"), ("Knee", "Ankle")))
 """Landmarks at the ends of the two bones of each limb."""
 TWISTS = 36
-"""Turns of an upper bone about itself that are tried: one view hardly shows them, the next joint's limits do."""
+"""Number of twists of an upper bone that are tried: one view hardly shows them; the next joint's limits decide."""
 EASE = 1.0
-"""Usual turn of a joint from its rest orientation, radians."""
+"""Standard deviation of a joint's rotation from rest, radians."""
 UNBALANCED = 0.1
-"""Usual distance of the centre of mass from above the feet, metres."""
+"""Standard deviation of the horizontal distance between the centre of mass and the feet, metres."""
 MOVEMENT, SPEED = 0.05, 0.7
-"""Usual distance of a joint from where a pose known at the same time, or a second away, has it: metres, metres/s."""
+"""Standard deviation of a joint's distance from its position in a known pose: at the same time, metres, and growing
+with time, metres/s."""
 ALIKE = 0.05
-"""Poses whose limbs are nowhere farther apart are one, metres."""
+"""Poses count as the same if no joint of their limbs differs by more than this, metres."""
 
 
 @dataclass(frozen=True, eq=False)
 class Neighbour:
-    """A pose that is known nearby.
+    """A known pose at another time.
 
     Attributes
     ----------
     pose : Motion
         One pose.
     seconds : float
-        How far away in time it is.
+        Time between that pose and the present one.
     """
 
     pose: Motion
@@ -61,9 +62,9 @@ class Alternatives:
     Attributes
     ----------
     poses : Motion
-        N of them, likeliest first.
+        N poses, likeliest first.
     energy : ndarray, shape (N,)
-        How unlikely each is, in variances.
+        See `implausibility`.
     """
 
     poses: Motion
@@ -85,15 +86,15 @@ def alternative_poses(
     ----------
     body : Body
     pose : Motion
-        One pose, which meets what the camera shows. It is among the results unless others are likelier.
+        One pose, which agrees with the camera's picture. It is among the results unless `count` others are likelier.
     centre_world : ndarray, shape (3,)
-        The camera's centre.
+        The camera's centre, world frame, metres.
     neighbours : sequence of Neighbour, optional
         Poses known on other frames.
     held : ndarray of bool, shape (D,), optional
-        Degrees of freedom that stay; a limb of which some is held stays as a whole.
+        Degrees of freedom that must not change; if one of a limb is held, the whole limb is.
     count : int
-        At most so many.
+        Largest number of poses.
     """
     free = np.ones(len(body), bool) if held is None else ~held[3:].reshape(-1, 3).any(axis=1)
     found = [_LimbDepths.of(body, pose, centre_world, names, free) for names in LIMBS]
@@ -109,10 +110,10 @@ def alternative_poses(
 
 
 def implausibility(body: Body, poses: Motion, neighbours: Sequence[Neighbour] = ()) -> Array:
-    """Return how unlikely poses are without any picture, in variances, shape (F,).
+    """Return how unlikely F poses are regardless of any picture, as sums of squared standard deviations, shape (F,).
 
-    Joints beyond their limits or far from rest, a centre of mass that is not above the feet (z is up), and joints far
-    from where poses nearby have them.
+    It grows with joints beyond their limits or far from rest, with a centre of mass that is not above the feet (z is
+    up), and with the distance of joints from their positions in known poses.
     """
     turns = rotations.log(poses.rotations[:, 1:])
     energy = _strain(turns, body.limits[1:]) + (_off_balance(body, poses) / UNBALANCED) ** 2
@@ -125,14 +126,14 @@ def implausibility(body: Body, poses: Motion, neighbours: Sequence[Neighbour] = 
 
 @dataclass(frozen=True, eq=False)
 class _LimbDepths:
-    """Turns of the two bones of a limb, and of the hand or foot at its end, which stays as it lies in the world.
+    """Possible rotations of the two bones of a limb, and of the hand or foot, whose world orientation stays.
 
     Attributes
     ----------
     parts : list of int, length B
         Two or three.
     turns : ndarray, shape (N, B, 3, 3)
-        Q of these parts; the first is as it was.
+        Rotations of these parts relative to their parents; the first are those of the given pose.
     """
 
     parts: list[int]
@@ -142,7 +143,7 @@ class _LimbDepths:
     def of(
         cls, body: Body, pose: Motion, centre: Array, names: tuple[str, str], free: NDArray[np.bool_]
     ) -> _LimbDepths | None:
-        """Find what the bones that lead to two landmarks may do; None where they are no limb of two free bones."""
+        """Find the rotations of the bones that end at two landmarks; None if these are not a limb of two free bones."""
         middle, end = names
         if middle not in body.landmarks or end not in body.landmarks:
             return None
@@ -163,7 +164,7 @@ class _LimbDepths:
 
 
 def _other_side(root: Array, joint: Array, centre: Array) -> Array:
-    """The second point of a joint's ray at the same distance from the joint above it."""
+    """Return the other point on a joint's ray at the same distance from the joint above it."""
     away = np.linalg.norm(joint - centre)
     ray = (joint - centre) / away
     other = 2 * ray @ (root - centre) - away
@@ -171,8 +172,8 @@ def _other_side(root: Array, joint: Array, centre: Array) -> Array:
 
 
 def _on_ray(start: Array, seen: Array, centre: Array, length: float) -> list[Array]:
-    """Points in front of the camera on the ray through `seen` at a distance from a start; the nearest if there is
-    none.
+    """Return the points in front of the camera on the ray through `seen` whose distance from `start` is `length`; the
+    nearest point of the ray if there are none.
     """
     ray = (seen - centre) / np.linalg.norm(seen - centre)
     along = ray @ (start - centre)
@@ -182,15 +183,15 @@ def _on_ray(start: Array, seen: Array, centre: Array, length: float) -> list[Arr
 
 
 def _turned(body: Body, R: Array, parts: list[int], was: Array, bones: Array) -> Array:
-    """Q of a limb's parts (B, 3, 3) that point two bones (2, 3) elsewhere, the first turned about itself as the limits
-    of all have it.
+    """Return rotations of a limb's parts (B, 3, 3) that point its bones along (2, 3), with the twist of the first that
+    suits all joint limits best.
     """
     upper, lower, *last = parts
     above = R[body.parents[upper]] @ body.R_parent_rest[upper]
     direction = bones[0] / np.linalg.norm(bones[0])
     twists = np.linspace(-np.pi, np.pi, TWISTS, endpoint=False)[:, None] * direction
     R_upper = rotations.exp(twists) @ _aligning(was[0], bones[0]) @ R[upper]
-    # The lower bone is where it was in the frame of the upper one, then turns the shortest way.
+    # The lower bone keeps its rotation relative to the upper one, then turns the shortest way.
     carried = R_upper @ R[upper].T
     R_lower = np.stack([_aligning(G @ was[1], bones[1]) @ G @ R[lower] for G in carried])
     Q = np.stack(
@@ -202,7 +203,9 @@ def _turned(body: Body, R: Array, parts: list[int], was: Array, bones: Array) ->
 
 
 def _strain(turns: Array, limits: Array) -> Array:
-    """How far joints are beyond their limits (J, 3, 2) and from rest, in variances, by their turns (F, J, 3): (F,)."""
+    """Return how far joints with rotation vectors (F, J, 3) are beyond their limits (J, 3, 2) and from rest, as sums of
+    squared standard deviations, shape (F,).
+    """
     beyond = turns - np.clip(turns, limits[..., 0], limits[..., 1])
     return np.asarray(np.sum((beyond / LIMIT_DEVIATION) ** 2 + (turns / EASE) ** 2, axis=(1, 2)))
 
@@ -212,12 +215,14 @@ def _limb_landmarks(body: Body) -> list[str]:
 
 
 def _aligning(a: Array, b: Array) -> Array:
-    """The shortest rotation that points a where b points."""
+    """Return the shortest rotation that takes the direction of a to that of b, shape (3, 3)."""
     return np.asarray(Rotation.align_vectors(b, a)[0].as_matrix())
 
 
 def _off_balance(body: Body, poses: Motion) -> Array:
-    """Distance of the centre of mass from above the line between the feet, metres, shape (F,); 0 without feet."""
+    """Return the horizontal distance of the centre of mass from the line between the feet, metres, shape (F,); 0 for a
+    body without feet.
+    """
     soles = Soles.of(body)
     if soles is None:
         return np.zeros(len(poses))
@@ -229,7 +234,7 @@ def _off_balance(body: Body, poses: Motion) -> Array:
     feet = points.reshape(len(poses), -1, 2, 3).mean(axis=2)
     low, high = feet[np.arange(len(feet)), feet[..., 2].argmin(axis=1)], feet[:, -1]
     other = np.where((low == high).all(axis=1)[:, None], feet[:, 0], high)
-    # A foot that is high carries nothing.
+    # A raised foot carries no weight.
     carries = np.clip(1 - (other[:, 2] - low[:, 2]) / (0.2 * soles.leg), 0.0, 1.0)
     line = carries[:, None] * (other - low)[:, :2]
     share = np.einsum("fa,fa->f", centre - low[:, :2], line) / np.maximum(np.sum(line**2, axis=1), 1e-12)
@@ -238,7 +243,7 @@ def _off_balance(body: Body, poses: Motion) -> Array:
 
 
 def _distinct(body: Body, poses: Motion, order: NDArray[np.intp], count: int) -> list[int]:
-    """The first poses of an order without those that are like one before."""
+    """Return the first `count` poses in an order, leaving out those that are the same as an earlier one."""
     names = _limb_landmarks(body)
     points = landmark_positions(body, poses, names)
     kept: list[int] = []

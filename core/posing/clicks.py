@@ -1,8 +1,8 @@
-"""The pose that meets clicked joints with the least movement from one that is given.
+"""Posing by clicks: the pose that meets clicked joints with the least movement from a given pose.
 
-A click is a 2D keypoint of one view. Clicks of several views meet where their rays do; what a single view does not show
-stays as it was: every degree of freedom is held to the given pose, the more the more it moves, and landmarks
-that one view alone shows are held at their depth.
+A click is a 2D keypoint of one view. A joint clicked in several views lies where their rays meet. What a single view
+does not show stays as it was: every degree of freedom is drawn to the given pose in proportion to the mass that it
+moves, and landmarks clicked in one view alone keep their depth.
 """
 
 from __future__ import annotations
@@ -32,27 +32,27 @@ from ..numerics.normal_equations import BandedEquations
 from ..runtime.threads import one_library_thread
 
 CLICK_DEVIATION = 0.008
-"""Usual error of a click, metres across the ray: a pixel or two of a person who fills the picture."""
+"""Standard deviation of a click, metres across the ray: a pixel or two if the person fills the picture."""
 MOVEMENT_DEVIATION = 0.05
-"""Usual movement of the whole body from the given pose, metres. A joint's turn counts by the radius about which the
-whole body would have to turn to move as much."""
+"""Standard deviation of the whole body's movement from the given pose, metres. A joint's rotation is weighted by the
+radius at which the whole body would have to turn to move as much."""
 LEAST_RADIUS = 0.03
-"""Least such radius, metres: even hands and feet turn no more than is needed."""
+"""Least such radius, metres, so that hands and feet, too, turn no more than necessary."""
 DEPTH_DEVIATION = 0.1
-"""Usual movement along its ray of a landmark that one view alone shows, metres."""
+"""Standard deviation of the depth of a landmark clicked in one view alone, metres."""
 STEPS, FEW = 40, 10
-"""Steps of a fit, and of one that is only compared with others."""
+"""Largest number of steps of a fit, and of a trial fit that is only compared with others."""
 LEAST_GAIN = 1e-4
-"""The fit ends when a step lessens the energy by less than this share."""
+"""A fit ends when a step lowers the energy by less than this, relative."""
 POOR = 10.0
-"""A fit with more energy than this for every click, in variances, is reason to look for another."""
+"""Energy per click, in squared standard deviations, above which other starting poses are tried."""
 ENOUGH = 4
-"""Clicks that show which way the body is turned."""
+"""Number of clicks that is enough to show which way the body faces."""
 
 
 @dataclass(frozen=True)
 class Click:
-    """Where a view shows a landmark: a pixel of the undistorted picture, integers at pixel centres."""
+    """The position of a landmark in a view: a pixel of the undistorted picture, integers at pixel centres."""
 
     camera: Camera
     landmark: str
@@ -68,11 +68,11 @@ class ClickFit:
     pose : Motion
         One pose.
     given : Motion
-        The pose that it moved least from: the solver's, or where that was far off, that one moved as a whole.
+        The pose from which it moved least: the solver's given pose, or that pose moved as a whole if it was far off.
     misfit : float
         Root mean square distance of the clicked landmarks from their rays, metres; 0 without clicks.
     energy : float
-        Of clicks, joint limits and movement.
+        Cost of clicks, joint limits and movement, in squared standard deviations.
     """
 
     pose: Motion
@@ -82,14 +82,14 @@ class ClickFit:
 
 
 def click_keypoints(clicks: Sequence[Click], frame: int) -> Keypoints:
-    """Clicks as keypoints of one frame.
+    """Return clicks as keypoints of one frame.
 
     Parameters
     ----------
     clicks : sequence of Click
-        At most one of each landmark in each view; views are distinguished by the names of their cameras.
+        At most one per landmark and view; views are distinguished by the names of their cameras.
     frame : int
-        Shot frame, for cameras that move.
+        Shot frame, which matters for moving cameras.
     """
     cameras = {click.camera.name: click.camera for click in clicks}
     views, names = list(cameras), list(dict.fromkeys(click.landmark for click in clicks))
@@ -103,28 +103,33 @@ def click_keypoints(clicks: Sequence[Click], frame: int) -> Keypoints:
 
 
 def ray(matrix: Array, pixel: Sequence[float]) -> Array:
-    """Place (x / z, y / z) at a distance of one of a pixel of the undistorted picture, shape (2,); of an intrinsic
-    matrix (3, 3).
+    """Return the normalised image coordinates (x / z, y / z), shape (2,), of a pixel of the undistorted picture.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (3, 3)
+        The camera's intrinsic matrix.
+    pixel : sequence of float, length 2
     """
     x, y, w = np.linalg.solve(matrix, [*pixel, 1.0])
     return np.asarray(np.array([x, y]) / w)
 
 
 def pixel(matrix: Array, place: Sequence[float]) -> Array:
-    """Pixel of the undistorted picture of a place at a distance of one, shape (2,); inverse of `ray`."""
+    """Return the pixel of the undistorted picture at normalised image coordinates, shape (2,); inverse of `ray`."""
     return (matrix @ [*place, 1.0])[:2]
 
 
 class ClickSolver:
-    """Poses of one body on clicks.
+    """Fits poses of one body to clicks.
 
     Parameters
     ----------
     body : Body
     given : Motion
-        The pose to move least from.
+        One pose, from which fits move as little as possible.
     held : ndarray of bool, shape (D,), optional
-        Degrees of freedom that stay as given.
+        Degrees of freedom that must not change.
     """
 
     def __init__(self, body: Body, given: Motion, held: NDArray[np.bool_] | None = None) -> None:
@@ -137,7 +142,7 @@ class ClickSolver:
     def fit(
         self, clicks: Keypoints, start: ClickFit | None = None, steps: int = STEPS, search: bool = True
     ) -> ClickFit:
-        """Pose the body.
+        """Fit a pose to clicks.
 
         Parameters
         ----------
@@ -146,14 +151,14 @@ class ClickSolver:
         start : ClickFit, optional
             An earlier fit to begin from; by default the given pose.
         steps : int
-            At most so many; few follow a click that is being dragged.
+            Largest number of steps; a few are enough while a click is being dragged.
         search : bool
-            Where the fit is poor, also begin elsewhere: turned about, and from triangulated landmarks.
+            Whether to try other starting poses if the fit is poor: facing other ways, and from triangulated landmarks.
 
         Raises
         ------
         KeypointError
-            The body has no place for a landmark.
+            The body has no such landmark.
         """
         for name in clicks.names:
             if not has_keypoint(self.body, name):
@@ -175,8 +180,8 @@ class ClickSolver:
         return best
 
     def _elsewhere(self, problem: _Problem) -> list[Motion]:
-        """The given pose, turned about the vertical and moved as a whole to where it meets the clicks best; and one on
-        what two views or more show.
+        """Return other starting poses: the given one moved as a whole and facing other ways, and one fitted to the
+        landmarks that two or more views show.
         """
         stiff = np.ones_like(self._held)
         stiff[:, :6] = False
@@ -191,7 +196,7 @@ class ClickSolver:
         known = [i for i, name in enumerate(problem.clicks.names) if name in self.body.landmarks]
         if np.isfinite(points[0, known]).all(axis=-1).sum() >= ENOUGH:
             found.append(fit_poses(self.body, [problem.clicks.names[i] for i in known], points[:, known]))
-        # Joints that are held stay as given whatever the search proposes.
+        # Held joints keep their given rotations, whatever the search proposes.
         return [self.given.moved(np.where(self._held, 0.0, self.given.difference(pose))) for pose in found]
 
 
@@ -207,14 +212,14 @@ class _Problem:
     depth: float
 
     def descended(self, pose: Motion, steps: int) -> ClickFit:
-        """Levenberg-Marquardt from a pose."""
+        """Run Levenberg-Marquardt from a pose."""
         stopping: StoppingRule[Motion] = StoppingRule(iterations=steps, relative_gain=LEAST_GAIN)
         found = minimise(pose, self._linearised, _moved, damping=Damping(initial=1e-3), stopping=stopping)
         misses = np.linalg.norm(self._residuals(part_poses(self.body, found.state)), axis=-1)[self._seen]
         return ClickFit(found.state, self.given, float(np.sqrt(np.mean(misses**2))), found.cost)
 
     def nearest(self, pose: Motion) -> Motion:
-        """The pose moved, not turned, to where its clicked landmarks are nearest to their rays."""
+        """Return the pose translated, not turned, to where its clicked landmarks are nearest to their rays."""
         across, seen = self.clicks.across(), self._seen.astype(float)
         x = np.einsum("vfab,flb->vfla", self.clicks.R_cam_world, self._places.world(part_poses(self.body, pose)))
         x += self.clicks.t_cam_world[:, :, None]
@@ -232,7 +237,7 @@ class _Problem:
         return self.clicks.confidence > 0
 
     def _residuals(self, poses: Poses) -> Array:
-        """Metres across the rays, infinite for what is behind its camera."""
+        """Return the distances of landmarks from their rays, metres; infinite behind the camera."""
         return np.nan_to_num(self.clicks.residuals(self._places.world(poses)), nan=np.inf)
 
     def _linearised(self, pose: Motion) -> BandedEquations:
@@ -245,7 +250,7 @@ class _Problem:
         return BandedEquations(blocks if in_front else replace(blocks, energy=np.inf), self.held)
 
     def _depths(self, poses: Poses) -> BandedBlocks:
-        """Landmarks that one view alone shows stay as far from it as they are in the given pose."""
+        """Return the equations that keep the depth of landmarks clicked in one view alone."""
         given, now = self._places.world(part_poses(self.body, self.given)), self._places.world(poses)
         weight = self.depth * (self._seen & (self._seen.sum(axis=0) == 1))
         axis = self.clicks.R_cam_world[:, :, 2]
@@ -260,10 +265,10 @@ def _moved(pose: Motion, step: Array) -> Motion:
 
 
 def movement_precision(body: Body) -> Array:
-    """Inverse variance of the movement of every degree of freedom, shape (D,): by the inertia of what it moves.
+    """Return the inverse variance of every degree of freedom's movement, shape (D,): the inertia of what it moves.
 
-    The body's mass is its volume, spread over the vertices of each part's polyhedron; inertia is that about the joint
-    in the rest pose, at least `LEAST_RADIUS` squared.
+    The body's mass is its volume, spread over the vertices of each part's polyhedron. The inertia is about the joint in
+    the rest pose, relative to the body's mass, and at least `LEAST_RADIUS` squared.
     """
     volume = np.array([ConvexHull(part.vertices).volume for part in body.parts])
     volume /= volume.sum()
@@ -278,7 +283,7 @@ def movement_precision(body: Body) -> Array:
 
 
 def movement(given: Motion, pose: Motion, precision: Array) -> BandedBlocks:
-    """Normal equations of the weighted squared movement from a given pose."""
+    """Return the normal equations of the weighted squared movement from a given pose."""
     moved = given.difference(pose)
     J = block_diagonal(with_translation(rotations.right_jacobian_inverse(moved[:, 3:].reshape(len(pose), -1, 3))))
     H, g = np.swapaxes(J, 1, 2) @ (precision[:, None] * J), np.einsum("frd,r,fr->fd", J, precision, moved)
@@ -286,5 +291,5 @@ def movement(given: Motion, pose: Motion, precision: Array) -> BandedBlocks:
 
 
 def _diagonal(H: Array, g: Array, energy: float) -> BandedBlocks:
-    """A system of frames that know nothing of each other."""
+    """Return a system without coupling between frames."""
     return replace(BandedBlocks.zeros(*g.shape), diagonal=H, gradient=g, energy=energy)

@@ -1,4 +1,4 @@
-"""Depth, which one view does not show: poses that look nearly the same from a camera and are nearer or farther."""
+"""Changing what one view does not show: poses that look nearly the same from a camera but differ in depth."""
 
 from __future__ import annotations
 
@@ -14,13 +14,15 @@ from ..numerics.arrays import Array
 
 
 def leading_part(body: Body, landmark: str) -> int:
-    """Index of the part that leads to a landmark, a joint or the tip of a part; -1 for the root's joint."""
+    """Return the index of the part that ends at a landmark, which is a joint or the tip of a part; -1 for the root's
+    joint.
+    """
     carrier, local = body.landmarks[landmark]
     return carrier if np.linalg.norm(local) > 0 else body.parents[carrier]
 
 
 def limb_flipped(body: Body, pose: Motion, landmark: str, axis_world: Array) -> Motion:
-    """The pose with the part that leads to a landmark turned to point as far towards the camera as it pointed away.
+    """Return a pose in which the part that ends at a landmark points towards the camera as far as it pointed away.
 
     Parameters
     ----------
@@ -28,10 +30,10 @@ def limb_flipped(body: Body, pose: Motion, landmark: str, axis_world: Array) -> 
     pose : Motion
         One pose.
     landmark : str
-        A joint or the tip of a part; where a part of the trunk leads to it, one that carries several, or a collar bone,
-        the pose stays.
+        A joint or the tip of a part. The pose is unchanged if that part is a collar bone or belongs to the trunk (it
+        carries several parts).
     axis_world : ndarray, shape (3,)
-        The camera's optical axis, of length one.
+        The camera's optical axis, a unit vector in the world frame.
     """
     (carrier, local), part = body.landmarks[landmark], leading_part(body, landmark)
     if part < 1 or body.parents.count(part) > 1 or body.is_stiff[part]:
@@ -47,6 +49,6 @@ def limb_flipped(body: Body, pose: Motion, landmark: str, axis_world: Array) -> 
 
 
 def moved_in_depth(pose: Motion, centre_world: Array, distance: float) -> Motion:
-    """Poses moved away from a camera's centre along the ray of the root's joint, metres."""
+    """Return poses moved away from a camera's centre, world frame, by a distance along the root joint's ray, metres."""
     ray = pose.translations - centre_world
     return replace(pose, translations=pose.translations + distance * ray / np.linalg.norm(ray, axis=1, keepdims=True))

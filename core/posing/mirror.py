@@ -1,4 +1,4 @@
-"""Mirrored poses, as Blender's Paste Pose Flipped makes them."""
+"""Mirroring poses, as Blender's Paste Pose Flipped does."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from numpy.typing import NDArray
 from ..body import Body
 from ..body.motion import Motion
 
-_ACROSS = np.diag([1.0, -1.0, -1.0])  # turns about a bone's y and z axes change sign
+_ACROSS = np.diag([1.0, -1.0, -1.0])  # rotations about a bone's y and z axes change sign
 _SIDEWAYS = np.diag([-1.0, 1.0, 1.0])
 
 
 def mirrored_poses(body: Body, motion: Motion, partners: Sequence[int], root: bool = True) -> Motion:
-    """Poses with left and right exchanged.
+    """Return poses with left and right exchanged.
 
     Parameters
     ----------
     body : Body
     motion : Motion
     partners : sequence of int, length P
-        The part of the other side, of parts in the middle their own.
+        Index of each part's counterpart on the other side; parts in the middle have their own.
     root : bool
-        Mirror the root's turn, and its place across the middle of the rest pose, as well; else it stays.
+        Whether to mirror the root, too: its rotation, and its position across the symmetry plane of the rest pose.
     """
     Q: NDArray[np.float64] = _ACROSS @ motion.rotations[:, list(partners)] @ _ACROSS
     if not root:

@@ -1,4 +1,4 @@
-"""Pictures of the misfit: where footage and model contradict one another on one frame."""
+"""Pictures of the misfit: where the footage contradicts the model on one frame."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ from ..tracking.segments import posed_frames, segments
 Image = NDArray[np.uint8]
 
 UNCOVERED, BEYOND = (40, 90, 255), (255, 120, 40)
-"""Colours, blue green red: of the performer where the model is not, and of the model where the performer is not."""
+"""Colours (blue, green, red) where the performer is not covered by the model, and where the model covers background."""
 _DARKENED = 0.6
 
 
 @dataclass(frozen=True, eq=False)
 class MisfitPicture:
-    """What a view shows of the misfit on one frame.
+    """The misfit in one view on one frame.
 
     Attributes
     ----------
     image : ndarray of uint8, shape (h, w, 3)
         The rectified footage in dark grey, tinted; blue, green, red.
     uncovered, beyond : float
-        Area that looks like the performers and is not covered, and that is covered and does not, as shares of the
-        model's.
+        Area that looks like the performers but is not covered, and area that is covered but looks like background,
+        relative to the model's area.
     """
 
     image: Image
@@ -50,7 +50,7 @@ class MisfitPicture:
 
 
 def misfit_picture(shot: Shot, view: View, motions: Sequence[Motion], frame: int) -> MisfitPicture:
-    """Compare one frame of a view with a motion, by the colours of the key frames around it.
+    """Compare one frame of a view with a motion, using the colours of the key frames around it.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def misfit_picture(shot: Shot, view: View, motions: Sequence[Motion], frame: int
     Raises
     ------
     ShotError
-        There is no key pose of the whole body around the frame, or the view sees nobody there.
+        There is no key pose of the whole body before or after the frame, or the view shows no performer on it.
     FootageError
         The footage cannot be read.
     """
@@ -95,7 +95,7 @@ def misfit_picture(shot: Shot, view: View, motions: Sequence[Motion], frame: int
 
 
 def _tinted(picture: Image, ratio: NDArray[np.float32], model: NDArray[np.bool_], near: float) -> MisfitPicture:
-    """A picture with what contradicts the model, up to some pixels beside it, of log likelihood ratios (h, w)."""
+    """Tint a picture where log likelihood ratios (h, w) contradict the model, up to `near` pixels from it."""
     beside = cv2.distanceTransform((~model).astype(np.uint8), cv2.DIST_L2, 3) < near
     uncovered = np.where(beside & ~model, np.clip(ratio / SURE, 0, 1), 0)
     beyond = np.where(model, np.clip(-ratio / SURE, 0, 1), 0)

@@ -44,7 +44,7 @@ _SPACING = 1.5
 
 
 def sheet_frames(shot: Shot) -> list[int]:
-    """Frames worth a look, counted from the shot's first: key frames and the middles between them."""
+    """Return the key frames and the frames midway between them, counted from the shot's first."""
     keys = sorted({int(f) for performer in shot.performers for f in performer.key_poses.frames})
     ends = sorted({0, *keys, shot.length - 1})
     middles = [(a + b) // 2 for a, b in pairwise(ends)]
@@ -73,9 +73,10 @@ def contact_sheet(
         Counted from the shot's first frame; by default `sheet_frames`.
     progress : callable, optional
     pictures : sequence of mappings, optional
-        Per view, the rectified picture of each of these frames (`TrackResult.pictures`); else the footage is read.
+        Per view: the rectified picture of each of these frames (`TrackResult.pictures`); by default the footage is
+        read.
     labelled : bool
-        Whether each picture has its camera and frame in the corner, and a border where it is a key frame.
+        Whether each picture shows its camera and frame in the corner, and a border if it is a key frame.
 
     Returns
     -------
@@ -144,7 +145,7 @@ def _row(
     poses: Poses,
     labelled: bool,
 ) -> Image:
-    """The frames of one view, side by side, each as large as the performers allow."""
+    """Draw the frames of one view side by side, each cropped to the performers."""
     R, T = poses
     camera = view.camera.rectified()
     boxes = [_framing(camera, f, geometry, R[k], T[k]) for k, f in enumerate(frames)]
@@ -171,7 +172,7 @@ def _row(
 
 
 def _framing(camera: Camera, frame: int, geometry: Geometry, R: Array, T: Array) -> tuple[Array, Array]:
-    """Centre and size, pixels, of the part of a picture that holds the performers; all of it if none."""
+    """Return centre and size, pixels, of the part of a picture that contains the performers; all of it if none."""
     size = np.array(camera.size, float)
     owner = geometry.owner
     points = np.einsum("vab,vb->va", R[owner], geometry.vertices) + T[owner]
@@ -185,12 +186,12 @@ def _framing(camera: Camera, frame: int, geometry: Geometry, R: Array, T: Array)
 
 
 def draw_outlines(image: Image, geometry: Geometry, camera: Camera, *, frame: int, R: Array, T: Array) -> None:
-    """Outline every part, in place: white where it is seen, thin and grey where another part hides it.
+    """Draw the outline of every part into an image: white where it is visible, thin and grey where it is hidden.
 
     Parameters
     ----------
     image : ndarray of uint8, shape (h, w, 3)
-        Of the camera, without lens distortion.
+        The camera's picture without lens distortion; it is changed.
     R, T : ndarray, shape (P, 3, 3) and (P, 3)
         World poses of the parts on that frame.
     """
@@ -207,7 +208,7 @@ def draw_outlines(image: Image, geometry: Geometry, camera: Camera, *, frame: in
 
 
 def _resampled(corners: NDArray[Any]) -> Array:
-    """Points along a closed polygon, `_SPACING` pixels apart, shape (N, 2)."""
+    """Return points along a closed polygon, `_SPACING` pixels apart, shape (N, 2)."""
     closed = np.vstack([corners, corners[:1]])
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
     at = np.linspace(0, length[-1], max(8, int(length[-1] / _SPACING)))
@@ -215,7 +216,7 @@ def _resampled(corners: NDArray[Any]) -> Array:
 
 
 def _seen(outline: Array, label: NDArray[np.int16], part: int) -> NDArray[np.bool_]:
-    """Whether the part itself is the nearest just inside each point of its outline."""
+    """Return whether the part is the one visible just inside each point of its outline."""
     inward = outline.mean(axis=0) - outline
     inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-9)
     seen = np.zeros(len(outline), dtype=bool)
@@ -229,7 +230,7 @@ def _seen(outline: Array, label: NDArray[np.int16], part: int) -> NDArray[np.boo
 def _draw_runs(
     image: Image, outline: Array, mask: NDArray[np.bool_], colour: tuple[int, int, int], thickness: int
 ) -> None:
-    """Draw the stretches of an outline where the mask holds."""
+    """Draw the pieces of an outline where the mask is True."""
     points = np.round(outline * (1 << _SUBPIXEL_BITS)).astype(np.int32)
     for run in np.split(np.arange(len(mask)), np.flatnonzero(np.diff(mask.astype(np.int8))) + 1):
         if mask[run[0]]:
@@ -238,7 +239,7 @@ def _draw_runs(
 
 
 def _cropped(image: Image, centre: Array, size: tuple[int, int]) -> Image:
-    """The part of an image of that size around a place, moved into the picture; dark where that is small."""
+    """Return the crop of a size around a centre, shifted to lie in the image; padded with black if that is smaller."""
     whole = image.shape[1], image.shape[0]
     left, top = (
         round(min(max(c - s / 2, 0), w - s)) if w > s else round((w - s) / 2)
@@ -250,7 +251,7 @@ def _cropped(image: Image, centre: Array, size: tuple[int, int]) -> Image:
 
 
 def _label(cell: Image, camera: str, frame: int, key: bool) -> None:
-    """Camera and frame number in the corner; key frames have a frame of their own."""
+    """Write the camera and frame number in the corner, and draw a border around key frames."""
     if key:
         cv2.rectangle(cell, (0, 0), (cell.shape[1] - 1, cell.shape[0] - 1), _KEY, 2)
     text = f"{camera}  {frame}" + ("  key" if key else "")

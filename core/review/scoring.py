@@ -1,4 +1,4 @@
-"""How far tracked joints lie from reference landmarks."""
+"""Scoring: distances of tracked joints from reference landmarks."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def joint_error(result: Landmarks, reference: Landmarks, keys: Sequence[int]) ->
     Parameters
     ----------
     result, reference : Landmarks
-        `result` has at least as many frames.
+        Positions in metres, row by row for the same frames; `result` has at least as many rows.
     keys : sequence of int
         Rows to leave out: the tracker was given these poses.
 

@@ -1,7 +1,7 @@
 """Suggestions: the frames on which one more key pose would help most.
 
-There are two reasons for one: parts are out of sight just before or after (paper 1, section 6), and the motion there
-is expected to be wrong.
+There are two reasons to suggest a frame: parts are hidden just before or after it (paper 1, section 6), or the expected
+error of the motion is large there.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from ..shot.shot import KeyPoses
 from ..tracking.uncertainty import expected_errors, joint_parts
 
 APART = 5
-"""Frames between a suggested key frame and another, or one that there is, at least."""
+"""Least distance of a suggested key frame from other key frames, frames."""
 MOST_HIDDEN = 6
-"""Key frames suggested for one performer because parts are hidden, at most."""
+"""Largest number of key frames suggested for one performer because parts are hidden."""
 GLIMPSE = 3
-"""Frames that a part must be in sight to be posed there."""
+"""Number of frames for which a part must be visible to be posed there."""
 REACH = 5
-"""A key pose may be suggested this many frames before or after those on which a part is out of sight."""
+"""Largest distance of a suggested key frame from the frames on which a part is hidden, frames."""
 MOST_UNCERTAIN = 5
-"""Key frames suggested for one performer because of the expected error, at most."""
+"""Largest number of key frames suggested for one performer because of the expected error."""
 NAMED = 3
-"""Parts that are named with an expected error, at most."""
+"""Largest number of parts named with an expected error."""
 DOUBTFUL = 0.7
-"""A part is named that is at least this far off, as a share of the farthest."""
+"""A part is named if its expected error is at least this, relative to the largest."""
 WORTH = 0.05
-"""A suggestion removes at least this share of what is expected to be wrong."""
+"""Least share of the expected error that a suggestion must remove."""
 
 
 @dataclass(frozen=True)
@@ -45,14 +45,14 @@ class KeySuggestion:
     frame : int
         Shot frame.
     parts : tuple of int
-        The parts to look at, the worst first: those hidden longest, or expected to be farthest off.
+        The parts to look at, worst first: those hidden longest, or with the largest expected error.
     hidden : tuple of int or None
-        First and last of the frames on which the first of the parts is out of sight, where that is the reason.
+        First and last frame on which the first of the parts is hidden, if that is the reason.
     deviation : float
-        Expected error on the frame, mean over the joints, metres; 0 where that is not the reason.
+        Expected error on the frame, mean over the joints, metres; 0 if that is not the reason.
     gain : float
-        By how much a key pose there, after those that stand before it in the list, would lower the expected error
-        over the whole shot, mean, metres; 0 where that is not the reason.
+        How much a key pose there, in addition to those earlier in the list, would lower the expected error, mean over
+        joints and frames of the shot, metres; 0 if that is not the reason.
     """
 
     frame: int
@@ -63,21 +63,21 @@ class KeySuggestion:
 
 
 def suggest_keys_beside_hidden(unseen: NDArray[np.bool_], keys: KeyPoses) -> list[KeySuggestion]:
-    """Suggest key frames beside the frames on which parts are out of sight.
+    """Suggest key frames just before or after the frames on which parts are hidden.
 
-    Of the frames just before, or just after, it is the one on which the fewest parts are hidden.
+    Of these frames, the one on which the fewest parts are hidden is chosen.
 
     Parameters
     ----------
     unseen : ndarray of bool, shape (F, P)
         Frames on which no camera sees a part.
     keys : KeyPoses
-        A part is known where its rotation is keyed, and needs no other key pose near.
+        A part needs no further key pose near a frame on which its rotation is keyed.
 
     Returns
     -------
     list of KeySuggestion
-        The longest hidden first, `MOST_HIDDEN` at most.
+        At most `MOST_HIDDEN`, those of the longest hidden parts first.
     """
     glimpse = np.ones((GLIMPSE, 1), np.uint8)
     within = cv2.morphologyEx(
@@ -104,8 +104,8 @@ def suggest_keys_by_error(
 ) -> list[KeySuggestion]:
     """Suggest the key frames that would lower the expected error most.
 
-    A correction spreads to the key poses on both sides, fading evenly on the way. The frame whose correction takes
-    away most of the expected error comes first; the next is found as if that one were keyed.
+    A correction is assumed to spread to the key poses on both sides, fading linearly. The frame whose correction
+    removes most of the expected error comes first; the next is found as if that one were keyed.
 
     Parameters
     ----------
@@ -113,14 +113,14 @@ def suggest_keys_by_error(
         Expected error of every part, metres; see `core.tracking.uncertainty.JointErrors`.
     keys : KeyPoses
     parents : sequence of int
-        Of the body's parts.
+        Index of the parent of each part.
     unknown : sequence of int
-        Parts that nothing shows: they are left out.
+        Parts that nothing shows, which are left out.
 
     Returns
     -------
     list of KeySuggestion
-        The most helpful first, `MOST_UNCERTAIN` at most. Named are the parts whose tips are joints.
+        At most `MOST_UNCERTAIN`, the most helpful first. Only parts whose tips are joints are named.
     """
     expected, joints = expected_errors(deviation, parents, unknown), np.array(joint_parts(parents, unknown))
     keyed = {int(f) for f in keys.full()}
@@ -142,9 +142,8 @@ def suggest_keys_by_error(
 
 
 def _spread(frame: int, keyed: set[int], length: int) -> Array:
-    """How far a correction on a frame reaches: 1 there, fading evenly to 0 at the key frames on both sides.
-
-    Beyond the first and last key frame it is held.
+    """Return the effect of a correction on every frame, shape (F,): 1 on its frame, falling linearly to 0 at the key
+    frames on both sides. Before the first and after the last key frame it stays 1.
     """
     sides = [max((k for k in keyed if k < frame), default=None), min((k for k in keyed if k > frame), default=None)]
     knots = sorted([frame, *(key for key in sides if key is not None)])
@@ -152,7 +151,7 @@ def _spread(frame: int, keyed: set[int], length: int) -> Array:
 
 
 def _longest_hidden(hidden: NDArray[np.bool_], keys: KeyPoses) -> list[tuple[int, int, int]]:
-    """Part, first and last frame of every long interval on which a part is neither seen nor keyed."""
+    """Return part, first and last frame of every long interval on which a part is neither visible nor keyed."""
     spans = []
     for part in range(hidden.shape[1]):
         unknown = hidden[:, part].copy()
@@ -166,5 +165,5 @@ def _keyed(keys: KeyPoses, part: int) -> list[int]:
 
 
 def _away_from(frames: Sequence[int], others: Sequence[int]) -> list[int]:
-    """The frames that are far enough from others to be key frames beside them."""
+    """Return the frames that are at least `APART` frames from all others."""
     return [f for f in frames if all(abs(f - other) >= APART for other in others)]

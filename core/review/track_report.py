@@ -1,4 +1,4 @@
-"""report.json: what a tracking job did, how long it took, and where to doubt it."""
+"""The report of a tracking job (report.json): what was done, how long it took, and which results are doubtful."""
 
 from __future__ import annotations
 
@@ -52,14 +52,14 @@ def report(
     seconds : mapping, optional
         Seconds of further stages, beside those of `result`.
     fits : sequence of CameraFit
-        How well the cameras fit, as far as they were compared.
+        How well those cameras fit that were compared.
     refined : Refinement, optional
-        How the cameras of the shot were refined before it was tracked.
+        How the cameras were refined before tracking, if they were.
 
     Returns
     -------
     dict
-        Frames in it are in the footage's count, as in the shot file.
+        Frame numbers in it are those of the shot file.
     """
     stages = {**result.seconds, **(seconds or {})}
     tracking = sum(result.seconds.values())
@@ -95,7 +95,7 @@ def report(
 
 
 def _view_values(shot: Shot, result: TrackResult, number: int) -> dict[str, Any]:
-    """What there is to say of a view and its footage."""
+    """Return the report on a view and its footage."""
     view = shot.views[number]
     return {
         "camera": view.camera.name,
@@ -113,7 +113,7 @@ def _view_values(shot: Shot, result: TrackResult, number: int) -> dict[str, Any]
 
 
 def _performer_values(shot: Shot, result: TrackResult, number: int) -> dict[str, Any]:
-    """What there is to say of a performer."""
+    """Return the report on a performer."""
     performer, unknown = shot.performers[number], result.unknown[number]
     observed = result.observed.performers[number] if result.observed.performers else None
     return (
@@ -127,7 +127,7 @@ def _performer_values(shot: Shot, result: TrackResult, number: int) -> dict[str,
 
 
 def _of_view(found: Sequence[FootageRate | FootageDamage | None], view: int) -> dict[str, Any] | None:
-    """The values of what was found of a view; None where nothing was, or where it was not looked for."""
+    """Return a view's rate or damage as plain values; None if there is none, or it was not looked for."""
     own = found[view] if found else None
     return None if own is None else dataclasses.asdict(own)
 
@@ -167,7 +167,7 @@ def _performer(
 
 
 def _expected_errors(shot: Shot, performer: Performer, errors: JointErrors, unknown: Sequence[str]) -> dict[str, Any]:
-    """Expected errors of the joints, where parts may be lost, and the key frames that would help, in millimetres."""
+    """Return the joints' expected errors in millimetres, where parts may be lost, and the suggested key frames."""
     first, names, parents = shot.frames[0], performer.body.names, performer.body.parents
     left_out = [names.index(name) for name in unknown]
     joints = joint_parts(parents, left_out)
@@ -192,7 +192,7 @@ def _expected_errors(shot: Shot, performer: Performer, errors: JointErrors, unkn
 
 
 def _plants(shot: Shot, performer: Performer, planted: Bools | None) -> dict[str, Any]:
-    """First and last frame of each plant that was held, by point of the soles; nothing where none was tested."""
+    """Return first and last frame of each plant that was held, by point of the soles; empty if none was tested."""
     soles = Soles.of(performer.body)
     if planted is None or soles is None:
         return {}
@@ -200,7 +200,7 @@ def _plants(shot: Shot, performer: Performer, planted: Bools | None) -> dict[str
 
 
 def _observed(shot: Shot, own: PerformerKeypoints) -> dict[str, Any]:
-    """Which of the people found a performer is, and its keypoints."""
+    """Return which of the detected people a performer is, and its keypoints."""
     return {
         "identity": {**dataclasses.asdict(own.identity), "text": str(own.identity)},
         "keypoints": _keypoints(shot, own),
@@ -208,7 +208,9 @@ def _observed(shot: Shot, own: PerformerKeypoints) -> dict[str, Any]:
 
 
 def _keypoints(shot: Shot, own: PerformerKeypoints) -> dict[str, Any]:
-    """By view: on how many frames a performer's keypoints were found, how far they agree, where sides were changed."""
+    """Return for each view on how many frames a performer's keypoints were found, how well they agree with the other
+    views, and where left and right were exchanged.
+    """
     keypoints = own.factor.keypoints
     return {
         view.camera.name: {
@@ -221,7 +223,7 @@ def _keypoints(shot: Shot, own: PerformerKeypoints) -> dict[str, Any]:
 
 
 def _camera_fit(fit: CameraFit) -> dict[str, Any]:
-    """How well a camera fits, in pixels."""
+    """Return how well a camera fits, in pixels."""
     return {
         "by": fit.by,
         "off": fit.off,
@@ -233,13 +235,13 @@ def _camera_fit(fit: CameraFit) -> dict[str, Any]:
 
 
 def _refined_camera(found: RefinedCamera) -> dict[str, Any]:
-    """How a camera was refined, in pixels; the deviation is None where nothing showed it."""
+    """Return how a camera was refined, in pixels; the deviation is None if nothing determined it."""
     deviation = round(found.deviation, 1) if np.isfinite(found.deviation) else None
     return {"shift": round(found.shift, 1), "deviation": deviation, "lost": found.lost}
 
 
 def _accelerations(performer: Performer, found: list[NDArray[np.float64]]) -> dict[str, Any]:
-    """The accelerations found on the segments: their medians."""
+    """Return the medians of the accelerations that were estimated on the segments."""
     if not found:
         return {}
     root, *joints = np.median(found, axis=0)
@@ -248,13 +250,13 @@ def _accelerations(performer: Performer, found: list[NDArray[np.float64]]) -> di
 
 
 def _spans(names: list[str], hidden: NDArray[np.bool_], first: int) -> dict[str, list[list[int]]]:
-    """Intervals of the parts that are hidden on some frames (F, P); the shot's frame 0 is frame `first`."""
+    """Return by part the intervals in which it is hidden (F, P), as shot frames; the first row is frame `first`."""
     spans = {name: intervals(hidden[:, p], first) for p, name in enumerate(names)}
     return {name: found for name, found in spans.items() if found}
 
 
 def report_lines(values: Mapping[str, Any]) -> list[str]:
-    """Summarise a report in lines: what could not be read, what no camera saw, and where key poses would help."""
+    """Return a report as lines of text: problems of the footage, hidden parts, and suggested key poses."""
     lines = [f"left out, {file}" for view in values["views"] for file in view["skipped"]]
     offset = values["footage_offset"]
     if offset and values["settings"]["footage_offset"] is None:
@@ -273,7 +275,7 @@ def report_lines(values: Mapping[str, Any]) -> list[str]:
 
 
 def _performer_lines(performer: Mapping[str, Any]) -> list[str]:
-    """What the report says of a performer."""
+    """Return the report's lines on a performer."""
     lines = []
     if identity := performer.get("identity", {}).get("text"):
         lines.append(identity)
@@ -312,7 +314,7 @@ def _performer_lines(performer: Mapping[str, Any]) -> list[str]:
 
 
 def _footage_lines(values: Mapping[str, Any]) -> list[str]:
-    """What is wrong with the footage of the views."""
+    """Return lines on problems of the views' footage."""
     lines = []
     for view in values["views"]:
         rate = view["footage_fps"]
@@ -329,7 +331,7 @@ def _footage_lines(values: Mapping[str, Any]) -> list[str]:
 
 
 def torn_text(frames: Sequence[int]) -> str:
-    """Say which frames of a view do not continue from the one before."""
+    """Return a text that names the frames of a view which do not continue the one before."""
     shown = listed(frames, WORST_FRAMES)
     return (
         "pictures that do not continue from the one before (damaged, repeated or missing, or the light changed) were "
