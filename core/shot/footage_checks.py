@@ -1,9 +1,9 @@
-"""Whether footage can serve a shot: its size, beside the camera's, and its frames."""
+"""Checking that footage fits a shot: its size against the camera's, and its range of frames."""
 
 from __future__ import annotations
 
 from ..cameras.camera import Camera, same_proportions
-from ..errors import FootageError
+from ..errors import FootageError, located
 from .footage import Footage, decodable, probe
 from .frame_numbers import footage_index, frames_per_file_frame, is_interlaced
 from .image_sequences import check_images, image_files
@@ -11,7 +11,13 @@ from .shot import View
 
 
 def check_view(view: View, first: int, length: int) -> Footage:
-    """See that a view's footage can serve a shot.
+    """Check that a view's footage fits a shot.
+
+    Parameters
+    ----------
+    view : View
+    first, length : int
+        First shot frame, and number of frames.
 
     Raises
     ------
@@ -19,37 +25,41 @@ def check_view(view: View, first: int, length: int) -> Footage:
         The footage is missing or unreadable, of another size than its camera's, begins after the shot or ends
         before it.
     """
-    footage, camera = probe(view.footage), view.camera
-    if footage.size != camera.size:
-        seen = "sizes are width x height after the rotation that the file asks for"
-        scaled = "; if the footage was resized after calibrating, say so: resized = true under [calibration]"
-        raise FootageError(
-            _sizes(footage, camera),
-            where=str(view.footage),
-            todo=seen + (scaled if same_proportions(footage.size, camera.size) else ""),
-        )
+    footage = probe(view.footage)
+    with located(str(view.footage)):
+        camera_at_size(view.camera, footage.size, resized=False, declare="say so: resized = true under [calibration]")
     _check_range(view, footage, first, length)
     return footage
 
 
-def camera_of_resized(camera: Camera, footage: Footage) -> Camera:
-    """The camera of footage that was resized, uncropped, after the camera was calibrated.
+def camera_at_size(camera: Camera, size: tuple[int, int], *, resized: bool, declare: str = "") -> Camera:
+    """Return a camera for footage of a size: the same camera, or the camera of the resized footage.
+
+    Parameters
+    ----------
+    camera : Camera
+    size : tuple of int
+        Width and height of the footage, pixels.
+    resized : bool
+        Whether the footage may have been resized, uncropped, after the camera was calibrated.
+    declare : str
+        How the user says that it was, for the error where `resized` is False.
 
     Raises
     ------
     FootageError
-        The footage has other proportions than the camera's pictures.
+        The sizes differ, and the footage was not resized, or has other proportions than the camera's pictures.
     """
-    if footage.size == camera.size:
+    if size == camera.size:
         return camera
-    if not same_proportions(footage.size, camera.size):
-        what = f"{_sizes(footage, camera)}: it was cropped, not only resized"
-        raise FootageError(what, where=str(footage.path), todo="calibrate at the footage's size")
-    return camera.resized(footage.size)
-
-
-def _sizes(footage: Footage, camera: Camera) -> str:
-    return f"the footage is {_by(footage.size)}, the calibration of '{camera.name}' {_by(camera.size)}"
+    what = f"the footage is {_by(size)}, the calibration of '{camera.name}' {_by(camera.size)}"
+    if not same_proportions(size, camera.size):
+        what += ": it was cropped, not only resized" if resized else ""
+        seen = "sizes are width x height after the rotation that the file asks for"
+        raise FootageError(what, todo=f"calibrate at the footage's size; {seen}")
+    if not resized:
+        raise FootageError(what, todo=f"if the footage was resized after calibrating, {declare}")
+    return camera.resized(size)
 
 
 def _check_range(view: View, footage: Footage, first: int, length: int) -> None:

@@ -31,7 +31,7 @@ from ..keypoints.seen_landmarks import unseen_parts
 from ..runtime.progress import Progress, report_progress, share
 from ..runtime.threads import one_library_thread, worker_count
 from ..shot.footage import probe
-from ..shot.footage_checks import camera_of_resized, check_view
+from ..shot.footage_checks import camera_at_size, check_view
 from ..shot.grips import shot_with_grips
 from ..shot.shot import KeyPoses, Performer, PerformerRequest, Shot, View
 from ..shot.shot_spec import PerformerSpec, ShotSpec, ViewSpec
@@ -139,7 +139,7 @@ def read_shot_cameras(spec: ShotSpec) -> dict[str, Camera]:
     for view in spec.views if spec.resized else ():
         if view.camera in cameras:
             with located(f"{spec.path} [[view]] '{view.camera}' footage"):
-                cameras[view.camera] = camera_of_resized(cameras[view.camera], probe(view.footage))
+                cameras[view.camera] = camera_at_size(cameras[view.camera], probe(view.footage).size, resized=True)
     return cameras
 
 

@@ -1,4 +1,4 @@
-"""Views added to a scene one by one: footage first, its camera's calibration when it is there."""
+"""Adding views to a scene: footage first, and its camera's calibration when there is one."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...core.cameras.camera import Camera, same_proportions
-from ...core.errors import CalibrationError, FootageError, ShotError
+from ...core.cameras.camera import Camera
+from ...core.errors import CalibrationError, FootageError, ShotError, located
 from ...core.shot.footage import Footage, probe
+from ...core.shot.footage_checks import camera_at_size
 from ...core.shot.name_matching import footage_name, footage_of, paired
 from ...core.shot.shot import View
 from . import camera_poses, footage_background, scene, scene_cameras, solved_cameras, view_cameras
@@ -24,16 +25,16 @@ _UNNAMED = "shot"
 
 @dataclass(frozen=True)
 class Calibrated:
-    """What became of views that were to be calibrated: names of those that were, and of those without a camera."""
+    """Names of the views that were calibrated, and of those left without a camera."""
 
     views: tuple[str, ...]
     left: tuple[str, ...]
 
 
 def add_footage(current: bpy.types.Scene, files: Sequence[Path]) -> list[str]:
-    """Add views of footage: cameras of which nothing is known yet, each before its footage.
+    """Add views of footage, each with an uncalibrated camera.
 
-    The first footage of a scene gives it the frame rate, and the shot its frames and its name.
+    The first footage of a scene determines the scene's frame rate, and the shot's frames and name.
 
     Parameters
     ----------
@@ -48,7 +49,7 @@ def add_footage(current: bpy.types.Scene, files: Sequence[Path]) -> list[str]:
     Raises
     ------
     FootageError
-        Some cannot be read, or is there already. Nothing was added then.
+        A file cannot be read, or the scene has a view of it already; nothing is added then.
     """
     paths = footage_of(files)
     if not paths:
@@ -94,13 +95,13 @@ def _begin_shot(current: bpy.types.Scene, probed: Sequence[Footage]) -> None:
 
 
 def _folder_name(footage: Path) -> str:
-    """The name of the folder that a shot's footage is in: images of one camera are in a folder that is named for it."""
+    """Return the name of the shot's folder: the footage's, or the one above if that is named for the camera."""
     folder = footage.parent
     return folder.parent.name if footage_name(footage) == folder.name else folder.name
 
 
 def _unknown_camera(name: str, size: tuple[int, int], rank: int) -> Camera:
-    """A camera that stands before the origin and looks along y, level, beside those that came before it."""
+    """Return a level camera in front of the origin that looks along y, beside the `rank` cameras added before it."""
     focal, (width, height) = _USUAL_FOCAL * max(size), size
     K = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
     R = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
@@ -114,19 +115,25 @@ def calibrate_views(
     *,
     resized: bool = False,
 ) -> Calibrated:
-    """Give views the calibrations that go by their names, see `core.shot.name_matching.paired`.
+    """Give views the calibrated cameras that match their names, see `core.shot.name_matching.paired`.
+
+    Nothing is changed if an error is raised.
 
     Parameters
     ----------
+    current : bpy.types.Scene
+    cameras : mapping of str to Camera
     names : sequence of str, optional
-        Of the views that are meant; by default all.
+        Names of the views to calibrate; by default all.
     resized : bool
-        Whether footage was resized, uncropped, after the cameras were calibrated: they are scaled to its size.
+        Whether the footage may have been resized, uncropped, after calibrating: the cameras are scaled to its size.
 
     Raises
     ------
     CalibrationError
-        No camera goes with a view, or one is of another size than the footage. Nothing was changed then.
+        No camera matches a view, or the view's camera object is missing.
+    FootageError
+        A camera was calibrated for another size than that of the footage.
     """
     slots = {slot.name: slot for slot in current.kfmocap.views if names is None or slot.name in names}
     pairs = paired(list(slots), list(cameras))
@@ -144,21 +151,12 @@ def calibrate_views(
 
 
 def _camera_of(slot: bpy.types.PropertyGroup, camera: Camera, *, resized: bool) -> Camera:
-    """A calibrated camera at the size of a view's footage."""
+    """Return a calibrated camera at the size of a view's footage."""
     if slot.camera is None:
         raise CalibrationError("the camera object is gone from the scene", where=f"view {slot.name}")
-    size = (slot.size[0], slot.size[1])
-    if size == camera.size:
-        return camera
-    alike = same_proportions(size, camera.size)
-    if resized and alike:
-        return camera.resized(size)
-    (width, height), (own_width, own_height) = camera.size, size
-    raise CalibrationError(
-        f"the calibration of '{camera.name}' is for {width}x{height}, the footage is {own_width}x{own_height}",
-        where=f"view {slot.name}",
-        todo="if it was resized after calibrating, import with Resized Footage" if alike else "calibrate at that size",
-    )
+    with located(f"view {slot.name}"):
+        size = (slot.size[0], slot.size[1])
+        return camera_at_size(camera, size, resized=resized, declare="import with Resized Footage")
 
 
 def _calibrate(current: bpy.types.Scene, slot: bpy.types.PropertyGroup, camera: Camera) -> None:
@@ -168,21 +166,24 @@ def _calibrate(current: bpy.types.Scene, slot: bpy.types.PropertyGroup, camera: 
 
 
 def calibrated_by_scene(current: bpy.types.Scene, names: Sequence[str]) -> tuple[str, ...]:
-    """Names of those views that cameras of the scene could calibrate, see `use_scene_cameras`."""
-    with contextlib.suppress(CalibrationError):
+    """Calibrate what can be with the scene's cameras, see `use_scene_cameras`; returns the views' names."""
+    with contextlib.suppress(CalibrationError, FootageError):
         return use_scene_cameras(current, names).views
     return ()
 
 
 def use_scene_cameras(current: bpy.types.Scene, names: Sequence[str] | None = None) -> Calibrated:
-    """Calibrate views from camera objects that are no views, by name; without views, those with footage become some.
+    """Calibrate views, by name, from camera objects that are not views themselves.
 
-    Such cameras are those that Calibrate solved, those that Import Cameras showed, and those of Blender's own tracker.
+    Such cameras come from Calibrate, from Import Cameras or from Blender's own tracker. If the scene has no views yet,
+    those with footage become views.
 
     Raises
     ------
     CalibrationError
-        There is no such camera, or none goes with a view.
+        There is no such camera, or none matches a view.
+    FootageError
+        A camera was calibrated for another size than that of the footage.
     """
     owners = _spare_cameras(current)
     if not owners:
@@ -200,9 +201,9 @@ def use_scene_cameras(current: bpy.types.Scene, names: Sequence[str] | None = No
 
 
 def _spare_cameras(current: bpy.types.Scene) -> list[bpy.types.Object]:
-    """Calibrated camera objects that are no views: those of ours, else all with footage behind them.
+    """Return calibrated camera objects that are not views: those of this add-on, else all with footage behind them.
 
-    A camera of the scene that Blender starts with has neither.
+    The camera of Blender's default scene is neither.
     """
     own = [slot.camera for slot in current.kfmocap.views]
     spare = [owner for owner in current.objects if owner.type == "CAMERA" and owner not in own]
@@ -215,7 +216,7 @@ def _spare_cameras(current: bpy.types.Scene) -> list[bpy.types.Object]:
 
 
 def _plain(name: str) -> str:
-    """A name without what Blender adds where it is taken."""
+    """Return a name without the suffix, such as .001, that Blender adds if the name is taken."""
     stem, dot, number = name.rpartition(".")
     return stem if dot and number.isdigit() and len(number) == 3 else name
 
