@@ -1,4 +1,4 @@
-"""The Brown model nearest to a lens: what programs show footage with that know no other.
+"""Approximating a lens by a Brown distortion model, for programs that have no other.
 
 D. C. Brown, Decentering distortion of lenses, Photogrammetric Engineering 32(3), 1966; here with four radial terms.
 """
@@ -26,7 +26,7 @@ class BrownModel:
     tangential : ndarray, shape (2,)
         OpenCV's p1 and p2.
     error : float
-        How far from the lens's own it shows a place of the rectified picture, at most, pixels.
+        Largest distance between points of the footage under the Brown model and under the lens's own, pixels.
     """
 
     radial: Array
@@ -35,10 +35,10 @@ class BrownModel:
 
 
 def brown_model(camera: Camera) -> BrownModel:
-    """The Brown model that shows a camera's rectified picture as its own lens does.
+    """Return the Brown model that comes closest to a camera's lens distortion.
 
-    Least squares over the places of the rectified picture that the footage shows. Distortion in OpenCV's five
-    coefficients is such a model already and comes back as it is.
+    It is fitted by least squares over the points of the rectified picture that the footage shows. Distortion with up to
+    five of OpenCV's coefficients is a Brown model already, and is returned unchanged.
     """
     if not camera.fisheye and not camera.distortions[5:].any():
         k1, k2, p1, p2, k3 = (*camera.distortions, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
@@ -51,7 +51,7 @@ def brown_model(camera: Camera) -> BrownModel:
 
 
 def _shown(camera: Camera) -> tuple[Array, Array]:
-    """Directions (N, 2) that the rectified picture and the footage both show, without distortion and with it."""
+    """Return normalised coordinates (N, 2), undistorted and distorted, of points that both pictures show."""
     K, (width, height) = camera.matrix, camera.size
     u, v = np.meshgrid(np.linspace(0, width - 1, _GRID), np.linspace(0, height - 1, _GRID))
     xy = (np.stack([u, v], axis=-1).reshape(-1, 2) - K[:2, 2]) / K[[0, 1], [0, 1]]
@@ -62,7 +62,7 @@ def _shown(camera: Camera) -> tuple[Array, Array]:
 
 
 def _rows(xy: Array) -> Array:
-    """Shift of directions by the six coefficients, shape (N, 2, 6)."""
+    """Return the derivatives of distorted coordinates (N, 2) by the six coefficients, shape (N, 2, 6)."""
     r2 = (xy**2).sum(axis=1, keepdims=True)
     radial = xy[:, :, None] * (r2 ** np.arange(1, 5))[:, None]
     x, y = xy.T

@@ -58,7 +58,7 @@ class Camera:
         distortions: ArrayLike = (0.0, 0.0, 0.0, 0.0),
         fisheye: bool = False,
     ) -> Camera:
-        """Build a camera from array-likes; one pose is a fixed camera, several are one per shot frame."""
+        """Build a camera from array-likes; with one pose it is fixed, with several they are one per shot frame."""
         R = np.asarray(R_cam_world, float).reshape(-1, 3, 3)
         t = np.asarray(t_cam_world, float).reshape(-1, 3)
         if len(R) != len(t):
@@ -81,33 +81,37 @@ class Camera:
         return not (np.ptp(self.R_cam_world, axis=0).any() or np.ptp(self.t_cam_world, axis=0).any())
 
     def pose(self, frame: int) -> tuple[Array, Array]:
-        """World to camera rotation (3, 3) and translation (3,) at a shot frame."""
+        """Return the world to camera rotation (3, 3) and translation (3,), metres, at a shot frame."""
         i = min(max(frame, 0), len(self.R_cam_world) - 1) if self.moving else 0
         return self.R_cam_world[i], self.t_cam_world[i]
 
     def poses(self, first: int, count: int) -> tuple[Array, Array]:
-        """World to camera rotations (n, 3, 3) and translations (n, 3) of consecutive shot frames."""
+        """Return the world to camera rotations (n, 3, 3) and translations (n, 3), metres, of consecutive shot
+        frames.
+        """
         i = np.clip(np.arange(first, first + count), 0, len(self.R_cam_world) - 1)
         return self.R_cam_world[i], self.t_cam_world[i]
 
     def at(self, frames: Sequence[int]) -> Camera:
-        """The camera of some shot frames, which are counted from zero then."""
+        """Return the camera of some shot frames, which become its frames 0, 1, 2, ..."""
         if not self.moving:
             return self
         R, t = zip(*(self.pose(frame) for frame in frames), strict=True)
         return replace(self, R_cam_world=np.stack(R), t_cam_world=np.stack(t))
 
     def between(self, first: int, last: int) -> Camera:
-        """The camera of an excerpt of its shot, shot frames first to last."""
+        """Return the camera of an excerpt of its shot, shot frames first to last."""
         return self.at(range(first, last + 1))
 
     def centre_world(self, frame: int = 0) -> Array:
-        """Optical centre in the world, shape (3,), metres."""
+        """Return the optical centre in the world frame, metres, shape (3,)."""
         R, t = self.pose(frame)
         return -R.T @ t
 
     def project(self, points_world: ArrayLike, frame: int = 0) -> Array:
-        """Project points, shape (..., 3), to distorted pixels, shape (..., 2). Points behind are NaN."""
+        """Project points (..., 3), world frame, metres, to distorted pixels (..., 2); NaN for points behind the
+        camera.
+        """
         points = np.asarray(points_world, float)
         R, t = self.pose(frame)
         x = (points @ R.T + t).reshape(-1, 3)
@@ -120,15 +124,15 @@ class Camera:
         return uv.reshape(*points.shape[:-1], 2)
 
     def rectified(self) -> Camera:
-        """The same camera without lens distortion (the geometry of `rectify_maps`)."""
+        """Return the same camera without lens distortion (the geometry of `rectify_maps`)."""
         return replace(self, distortions=np.zeros(4), fisheye=False)
 
     def reduced(self, factor: float) -> Camera:
-        """The camera of footage reduced by `factor`, pixel centres kept at integers."""
+        """Return the camera of footage reduced by `factor`, with pixel centres at integers."""
         return self.resized(reduced_size(self.size, factor))
 
     def resized(self, size: tuple[int, int]) -> Camera:
-        """The camera of footage resized to a width and height, pixel centres kept at integers."""
+        """Return the camera of footage resized to a width and height, with pixel centres at integers."""
         width, height = size
         sx, sy = width / self.size[0], height / self.size[1]
         K = self.matrix.copy()
@@ -139,16 +143,16 @@ class Camera:
         return replace(self, size=(width, height), matrix=K)
 
     def subsampled(self, stride: int) -> Camera:
-        """The camera of every stride-th pixel each way, beginning with the first."""
+        """Return the camera of every stride-th pixel in both directions, beginning with the first."""
         K = self.matrix.copy()
         K[:2] /= stride
         width, height = (-(-n // stride) for n in self.size)
         return replace(self, size=(width, height), matrix=K)
 
     def field(self, parity: int) -> Camera:
-        """The camera of a field of interlaced footage: line i of the field is line 2 i + parity of the frame.
+        """Return the camera of a field of interlaced footage: line i of the field is line 2 i + parity of the frame.
 
-        Distortion stays as it is: it bends rays, however the lines are counted.
+        Its distortion coefficients are the same, as they do not depend on pixels.
 
         Parameters
         ----------
@@ -159,8 +163,8 @@ class Camera:
         return replace(self, size=size, matrix=field_of_frame(parity) @ self.matrix)
 
     def rectify_maps(self) -> tuple[NDArray[Any], NDArray[Any]] | None:
-        """Maps for `cv2.remap` that take an image of this camera to `rectified()`, or None if it has no distortion."""
-        # OpenCV's fisheye model is no pinhole even without coefficients.
+        """Return maps for `cv2.remap` from an image of this camera to `rectified()`, or None without distortion."""
+        # OpenCV's fisheye model is not a pinhole even with zero coefficients.
         if not self.fisheye and not self.distortions.any():
             return None
         init = cv2.fisheye.initUndistortRectifyMap if self.fisheye else cv2.initUndistortRectifyMap
@@ -169,16 +173,16 @@ class Camera:
 
 
 def same_proportions(size: tuple[int, int], other: tuple[int, int]) -> bool:
-    """Whether pictures of two sizes can be the same picture resized, a side of the smaller rounded by up to a pixel."""
+    """Whether two sizes have the same proportions, to within a pixel of the smaller."""
     (width, height), (other_width, other_height) = size, other
     return abs(width * other_height - height * other_width) <= max(*size, *other)
 
 
 def reduced_size(size: tuple[int, int], factor: float) -> tuple[int, int]:
-    """Width and height of an image reduced by `factor`, at least one pixel each."""
+    """Return the width and height of an image reduced by `factor`, at least one pixel each."""
     return max(1, round(size[0] / factor)), max(1, round(size[1] / factor))
 
 
 def field_of_frame(parity: int) -> Array:
-    """Homography, shape (3, 3), from the pixels of a frame to those of its field: v goes to (v - parity) / 2."""
+    """Return the homography (3, 3) from the pixels of a frame to those of its field: v becomes (v - parity) / 2."""
     return np.array([[1, 0, 0], [0, 1 / 2, -parity / 2], [0, 0, 1]])

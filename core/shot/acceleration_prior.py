@@ -1,4 +1,4 @@
-"""How strongly the joints and the root of a body are accelerated, before the footage is looked at."""
+"""Prior variances of the accelerations of a body's joints and root."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from ..numerics.arrays import Array, Bools
 from .shot import KeyPoses, Settings
 
 USUAL_JOINT = 30.0
-"""Angular acceleration of a joint in careful movement, rad/s^2: where nothing is known of a shot."""
+"""Typical angular acceleration of a joint in calm movement, rad/s^2; used if nothing is known of the shot."""
 USUAL_ROOT = 2.0
-"""Acceleration of the root, m/s^2, likewise."""
-_LEAST_CHANGE = 1e-6  # of a variance: key poses that stand still do not say that nothing moves between them
+"""Typical acceleration of the root in calm movement, m/s^2."""
+_LEAST_CHANGE = 1e-6  # of a variance: equal key poses do not mean that nothing moves between them
 
 
 def usual_variances(body: Body, fps: float, settings: Settings) -> Array:
-    """Variances of accelerations per frame, shape (G,), as the settings give them, or as is usual.
+    """Return the variances of accelerations per frame, shape (G,), from the settings or else the typical ones.
 
-    The groups are those of `core.body.smoothness_estimate`: the root's place and every part's turn.
+    The groups are those of `core.body.smoothness_estimate`: the root's position and the rotation of every part.
     """
     deviation = np.full(body.dof // 3, settings.joint_acceleration or USUAL_JOINT)
     deviation[0] = settings.root_acceleration or USUAL_ROOT
@@ -27,24 +27,24 @@ def usual_variances(body: Body, fps: float, settings: Settings) -> Array:
 
 
 def given_groups(body: Body, settings: Settings) -> Bools:
-    """Which groups' accelerations the settings give, shape (G,): these are not estimated."""
+    """Return which groups' accelerations are given in the settings and not estimated, shape (G,)."""
     given = np.full(body.dof // 3, settings.joint_acceleration is not None)
     given[0] = settings.root_acceleration is not None
     return given
 
 
 def acceleration_precision(body: Body, fps: float, settings: Settings) -> Array:
-    """Inverse variance of the acceleration of each degree of freedom, per frame squared, shape (D,)."""
+    """Return the inverse variance of each degree of freedom's acceleration per frame squared, shape (D,)."""
     return precision_of(usual_variances(body, fps, settings), axis_mobility(body))
 
 
 def variances_from_key_poses(body: Body, keys: KeyPoses, fps: float, settings: Settings) -> Array:
-    """Variances of accelerations per frame, shape (G,), that key poses of the whole body suggest.
+    """Estimate the variances of accelerations per frame, shape (G,), from key poses of the whole body.
 
-    Between them accelerations are taken for independent: then the change of the mean speed from one interval, of m
-    frames, to the next, of n, has the variance of an acceleration times (m + n) / 3 + (1 / m + 1 / n) / 6 (the sum of
-    squares of a triangle). Fewer than three key poses say nothing, and what is usual stays; so does what the settings
-    give.
+    If accelerations are independent from frame to frame, the change of mean velocity from an interval of m frames to
+    the next, of n frames, has the variance of an acceleration times (m + n) / 3 + (1 / m + 1 / n) / 6 (the sum of
+    squares of a triangle). With fewer than three key poses the typical variances are returned; groups given in the
+    settings always keep theirs.
     """
     usual = usual_variances(body, fps, settings)
     whole = np.flatnonzero(keys.fixed.all(axis=1))

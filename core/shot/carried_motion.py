@@ -1,4 +1,4 @@
-"""Motion carried through key poses that it was found without, or before they changed: where tracking begins."""
+"""Bending a motion to pass through key poses that were set or changed after it was found."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ from .shot import KeyPoses
 
 
 def carried(motion: Motion, keys: KeyPoses) -> Motion:
-    """A motion bent so that it passes through key poses which are not, or no longer, on its way.
+    """Return a motion bent to pass through key poses, each compared with the frames next to it.
 
-    How far each key pose is off the way of the frames beside it is spread over those up to the next key poses.
+    The offset of each key pose from the motion of the frames next to it is spread over the frames up to the next key
+    poses.
 
     Parameters
     ----------
     motion : Motion
-        F >= 3 poses. On frames with a key pose they do not count: those may be the new ones already.
+        F >= 3 poses. Those on key frames are ignored, as they may be the new key poses already.
     keys : KeyPoses
     """
     if not len(keys.frames):
@@ -33,9 +34,9 @@ def carried(motion: Motion, keys: KeyPoses) -> Motion:
 
 
 def bent(motion: Motion, keys: KeyPoses) -> Motion:
-    """A motion bent so that it passes through key poses which were not known to it.
+    """Return a motion bent to pass through key poses, each compared with the motion's own pose on its frame.
 
-    How far its own pose on each key frame is off is spread over the frames up to the next key poses.
+    The offset on each key frame is spread over the frames up to the next key poses.
 
     Parameters
     ----------
@@ -48,7 +49,7 @@ def bent(motion: Motion, keys: KeyPoses) -> Motion:
 
 
 def with_keys(motion: Motion, keys: KeyPoses) -> Motion:
-    """The motion with the key poses as they were set, to the last bit."""
+    """Return the motion with exactly the key poses on their frames."""
     T, Q = motion.translations.copy(), motion.rotations.copy()
     turned = keys.fixed[:, 3:].reshape(len(keys.frames), -1, 3).all(axis=2)
     for k, frame in enumerate(keys.frames):
@@ -58,12 +59,12 @@ def with_keys(motion: Motion, keys: KeyPoses) -> Motion:
 
 
 def _spread(off: Array, keys: KeyPoses, length: int) -> Array:
-    """Increments at key frames (K, D) as increments of all frames (F, D)."""
+    """Interpolate increments at key frames (K, D) to all frames (F, D)."""
     return np.stack([np.interp(np.arange(length), keys.frames, own) for own in off.T], axis=1)
 
 
 def _passed(motion: Motion, frame: int) -> Motion:
-    """The pose on a frame by those beside it: between them, or at the ends as they go on."""
+    """Return the pose on a frame predicted from those next to it: interpolated, or extrapolated at the ends."""
     if 0 < frame < len(motion) - 1:
         before, after, share = frame - 1, frame + 1, 0.5
     else:

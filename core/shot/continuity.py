@@ -1,10 +1,10 @@
-"""Frames that do not continue from the one before: damaged, repeated or missing, as decoders hand them out in silence,
-or taken in other light, as by a flash or when somebody steps out of the way of a low sun.
+"""Detecting frames that do not continue the frame before.
 
-Movement lasts: where a block of the picture changes, it does so over some frames, or in few blocks. Where many blocks
-change between two frames by several times as much as between those around them, one of the two frames is not what the
-camera saw, or frames are missing between them: one frame that does not fit makes two such pairs, and a limb that swings
-more of them. Where nothing changes in a picture that moves, a frame is repeated.
+They are damaged, repeated or missing, which decoders do not report, or lit differently, as by a flash. Movement changes
+a block of the picture over several frames, or few blocks at a time. If many blocks change between two frames several
+times as much as between the frames around them, one of the two was damaged or lit differently, or frames are missing
+between them. A single such frame makes two such pairs; a swinging limb makes more. If nothing changes in a picture that
+otherwise moves, a frame is repeated.
 """
 
 from __future__ import annotations
@@ -18,20 +18,22 @@ from numpy.typing import NDArray
 from ..numerics.arrays import Array, Bools, Ints
 
 AROUND = 4
-"""So many pairs of frames before and after a pair show how much changes."""
+"""Number of pairs of frames before and after a pair with which it is compared."""
 _BLOCKS = 32
-"""Blocks along the longer side of a picture."""
+"""Number of blocks along the longer side of a picture."""
 _TIMES, _LEVELS, _SHARE = 4.0, 6.0, 0.02
-"""A pair is torn where in this share of the blocks it differs by so many times as much, and so many grey levels."""
+"""A pair is discontinuous ("torn") if at least a share of its blocks changes by several times as much as usual, and by
+a number of grey levels: factor, grey levels, share of the blocks."""
 _ALIKE, _SINGLE = 0.5, 2
-"""Neighbouring pairs differ alike in so many blocks, as a share of each other's. One frame that does not fit makes two
-of them; where there are more, or one of the two is not torn by itself, something that was at rest moves."""
+"""Neighbouring pairs show the same change if they share this fraction of their changed blocks. One bad frame makes two
+such pairs; if there are more, or one of the two is not torn by itself, something starts to move."""
 _MOVING, _STILL = 2.0, 0.1
-"""Grey levels by which a twentieth of the blocks changes in a picture that moves; share of it in a repeated frame."""
+"""Change, in grey levels, of the most changed twentieth of the blocks in a picture that moves, and the largest share of
+it in a repeated frame."""
 
 
 def small(picture: NDArray[np.uint8]) -> Array:
-    """Grey levels of the blocks of a picture, grey or in colour."""
+    """Return the mean grey level of every block of a picture, grey or in colour."""
     height, width = picture.shape[:2]
     scale = _BLOCKS * 4 / max(height, width)
     size = max(round(width * scale), 8), max(round(height * scale), 8)
@@ -40,19 +42,19 @@ def small(picture: NDArray[np.uint8]) -> Array:
 
 
 def block_change(before: Array, after: Array) -> Array:
-    """Mean difference of two small pictures in every block, grey levels."""
+    """Return the mean absolute difference of two results of `small`, in blocks of 4 x 4 of theirs, grey levels."""
     difference = np.abs(after - before)
     size = max(difference.shape[1] // 4, 1), max(difference.shape[0] // 4, 1)
     return np.asarray(cv2.resize(difference, size, interpolation=cv2.INTER_AREA))
 
 
 def single_frames(torn: Bools) -> Bools:
-    """Which of N frames fit neither neighbour, by their N - 1 pairs."""
+    """Return which of N frames fit neither neighbour, from their N - 1 torn pairs."""
     return np.asarray(np.r_[False, torn[:-1] & torn[1:], False]) if len(torn) else np.zeros(1, bool)
 
 
 def torn_pairs(changes: Sequence[Array]) -> Bools:
-    """Which pairs of consecutive frames do not fit together.
+    """Return which pairs of consecutive frames do not continue each other.
 
     Parameters
     ----------
@@ -62,13 +64,13 @@ def torn_pairs(changes: Sequence[Array]) -> Bools:
     Returns
     -------
     ndarray of bool, shape (n,)
-        A frame that fits neither neighbour, and one that is repeated, is between two torn pairs.
+        Whether each pair is torn. A damaged frame lies between two torn pairs.
     """
     if not len(changes):
         return np.zeros(0, bool)
     D = np.stack(changes)
     near = [[j for j in range(max(k - AROUND, 0), min(k + AROUND + 1, len(D))) if j != k] for k in range(len(D))]
-    # What moves comes from the blocks beside.
+    # Whatever moves into a block comes from a neighbouring one.
     usual = [cv2.dilate(m, np.ones((3, 3))) if j else m for m, j in zip(_medians(D, near), near, strict=True)]
     changed = np.array([(np.maximum(_TIMES * u, _LEVELS) < d).mean() for u, d in zip(usual, D, strict=True)])
     moved = np.quantile(D.reshape(len(D), -1), 0.95, axis=1)
@@ -85,7 +87,7 @@ def torn_pairs(changes: Sequence[Array]) -> Bools:
 
 
 def _run(those: Bools, place: int) -> Ints:
-    """The places around one, itself included, up to the next that are not among those."""
+    """Return the run of True values around an index, as indices."""
     others = np.flatnonzero(~those)
     after = np.searchsorted(others, place)
     begin = others[after - 1] + 1 if after else 0
@@ -93,8 +95,10 @@ def _run(those: Bools, place: int) -> Ints:
 
 
 def _medians(values: Array, near: Sequence[Sequence[int]]) -> Array:
-    """The medians of the values (n, ...) near each of n places, as many places at a time as have equally many near;
-    the value itself where there are none.
+    """Return the median of the values (n, ...) at the indices near each of n places; the value itself if there are
+    none.
+
+    Places with equally many indices are computed together.
     """
     found = values.copy()
     for count in {len(j) for j in near} - {0}:

@@ -17,17 +17,17 @@ class Detections:
     Attributes
     ----------
     names : tuple of str, length L
-        Our names of the keypoints (`core.formats.keypoint_layouts`), each once.
+        Names of the keypoints, without repetition, see `core.formats.keypoint_layouts`.
     frames : ndarray of int, shape (N,)
         The footage's frames, from 0, not decreasing.
     points : ndarray, shape (N, L, 2)
-        Pixels of the footage as it was filmed, lens distortion and all; NaN where a keypoint was not found.
+        Pixels of the footage as it was filmed, with lens distortion; NaN where a keypoint was not found.
     confidence : ndarray, shape (N, L)
         0 to 1; 0 where it was not found.
     tracks : ndarray of int, shape (N,)
-        The detector's own number of the person, the same from frame to frame; -1 where it gave none.
+        The detector's number of the person, the same from frame to frame; -1 if it gave none.
     skipped : tuple of str
-        Files that were left out because they could not be read, and why.
+        Messages about files that were left out because they could not be read.
     """
 
     names: tuple[str, ...]

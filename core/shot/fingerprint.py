@@ -1,4 +1,4 @@
-"""What results depend on, as bytes to compute a checksum of: values, and the content of files."""
+"""Checksums of everything that a result depends on: values, and the content of files."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from .image_sequences import image_files
 
 _PIECE = 65536
 _SAMPLES = 64
-"""Pieces of a large file that count, of so many bytes each, from its beginning to its end."""
+"""Number of pieces of a large file that are included, from its beginning to its end, and bytes of each."""
 
 
 def checksum(*sources: Iterable[bytes]) -> str:
-    """The checksum of what comes piece by piece from some sources, one after the other."""
+    """Return the checksum of the bytes of some sources, one after the other."""
     sha = hashlib.sha256()
     for piece in chain.from_iterable(sources):
         sha.update(piece)
@@ -28,8 +28,8 @@ def checksum(*sources: Iterable[bytes]) -> str:
 
 
 def value_bytes(value: Any) -> list[bytes]:
-    """A value piece by piece; fields of dataclasses that do not count in comparisons are left out, paths but for
-    their names.
+    """Return a value as pieces of bytes, without dataclass fields that are excluded from comparison, and with only the
+    names of paths.
     """
     pieces: list[bytes] = []
     _append_pieces(pieces, value)
@@ -37,7 +37,7 @@ def value_bytes(value: Any) -> list[bytes]:
 
 
 def _append_pieces(pieces: list[bytes], value: Any) -> None:
-    # One list for all: generators within generators hand each piece up through every level.
+    # One list for all levels: nested generators would pass each piece up through every level.
     if isinstance(value, np.ndarray):
         pieces.append(f"{value.dtype}{value.shape}".encode())
         pieces.append(np.ascontiguousarray(value).tobytes())
@@ -57,10 +57,10 @@ def _append_pieces(pieces: list[bytes], value: Any) -> None:
 
 
 def file_bytes(path: Path) -> Iterator[bytes]:
-    """Names and contents of the file at a path, or of the files of a folder or an image sequence.
+    """Generate names and contents of the file at a path, or of the files of a folder or an image sequence.
 
-    Of large files the size and pieces from the beginning to the end count. A file that cannot be read has no content:
-    whoever needs it says so.
+    Of large files, the size and pieces from beginning to end are included. A file that cannot be read counts as empty:
+    whoever needs it reports the error.
     """
     images = image_files(path)
     if images is not None:
@@ -75,7 +75,7 @@ def file_bytes(path: Path) -> Iterator[bytes]:
 def _content(file: Path) -> bytes:
     pieces = []
     try:
-        if not file.is_file():  # a pipe or a device would be read for ever
+        if not file.is_file():  # reading a pipe or a device might never end
             return b""
         with file.open("rb") as stream:
             size = os.fstat(stream.fileno()).st_size

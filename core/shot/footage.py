@@ -39,9 +39,9 @@ class Footage:
     path : Path
         The video, or the pattern of an image sequence.
     size : tuple of int
-        Width and height as the footage is to be seen, after the rotation in its metadata, pixels.
+        Width and height after the rotation that the metadata asks for, pixels.
     count : int
-        Number of frames, fields woven. A video's is the container's claim.
+        Number of frames (not fields), for a video as its container states.
     fps : float
         Frames per second, 0 for an image sequence.
     """
@@ -53,7 +53,7 @@ class Footage:
 
 
 def probe(path: Path | str) -> Footage:
-    """Look at footage, decoding its first frame alone.
+    """Find out about footage, decoding only its first frame.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def probe(path: Path | str) -> Footage:
 
 
 def container_rate(view: View) -> float:
-    """Return the rate of a view's frames, or fields, that its file states, per second; 0 where it states none."""
+    """Return the rate of a view's frames, or fields, per second, as its file states; 0 if it states none."""
     if image_files(view.footage) is not None:
         return 0.0
     try:
@@ -102,15 +102,15 @@ def frames_at(
     Parameters
     ----------
     frames : sequence of int
-        Increasing, in the count of the shot's first and last frame.
+        Frames in increasing order, in the same numbering as the shot's first and last frame.
     factor : float
-        Reduction: the images have the size of `view.camera.reduced(factor)`.
+        Factor of reduction: the images have the size of `view.camera.reduced(factor)`.
     grey : bool
         Grey levels rather than colour.
     album : Album, optional
-        Pictures to keep on the way.
+        Collects pictures on the way.
     threads : int
-        That decode; by default one per core.
+        Number of decoding threads; 0 for one per core.
 
     Yields
     ------
@@ -135,16 +135,16 @@ def frames_at(
 
 @dataclass(frozen=True, eq=False)
 class Album:
-    """Pictures in colour that are kept while footage is streamed.
+    """Collects colour pictures of some frames while footage is streamed.
 
     Attributes
     ----------
     frames : frozenset of int
-        Which, in the count of the shot's first and last frame.
+        The frames to collect, in the same numbering as the shot's first and last frame.
     factor : float
-        How much they are reduced.
+        Factor by which the pictures are reduced.
     pictures : dict of int to ndarray of uint8, shape (h, w, 3)
-        Those that have come by, rectified; blue, green, red.
+        The pictures collected so far, rectified; blue, green, red.
     """
 
     frames: frozenset[int]
@@ -160,9 +160,9 @@ class _Decoded:
     ----------
     image : ndarray of uint8, shape (h, w, 3)
     turn : int
-        How far it is to be turned clockwise, degrees: 0, 90, 180 or 270.
+        Clockwise rotation that the metadata asks for, degrees: 0, 90, 180 or 270.
     parity : int or None
-        Which of its stored lines are the field that is meant: 0 even, 1 odd; None of progressive footage.
+        Which of the stored lines make up the field: 0 even, 1 odd; None for progressive footage.
     """
 
     image: Image
@@ -173,7 +173,7 @@ class _Decoded:
 def _prepared(
     decoded: _Decoded, size: tuple[int, int], maps: tuple[NDArray[Any], NDArray[Any]] | None, grey: bool
 ) -> Image:
-    """A decoded frame or field reduced to a size, turned as it is to be seen, and rectified."""
+    """Return a decoded frame or field, reduced to a size, rotated and rectified."""
     image, turn = decoded.image, decoded.turn
     if grey:
         image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
@@ -186,22 +186,22 @@ def _prepared(
         image = cv2.rotate(image, _ROTATIONS[turn])
     if maps is None:
         return image.copy() if image is decoded.image else image
-    # A black border would be an edge that moves with nothing.
+    # A black border would be an edge that moves with nothing in the scene.
     return cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
 def _reduced(image: Image, size: tuple[int, int]) -> Image:
-    """An image reduced to a size. Halving is many times as fast as the mean of more pixels, and comes to the same."""
+    """Return an image reduced to a size; repeated halving gives the same result as one mean, many times faster."""
     while all(have % 2 == 0 and have >= 4 * want for have, want in zip(image.shape[1::-1], size, strict=True)):
         image = cv2.resize(image, (image.shape[1] // 2, image.shape[0] // 2), interpolation=cv2.INTER_AREA)
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
 
 
 def _whole(frame: Image, parity: int, width: int) -> Image:
-    """A whole picture, reduced to a width, from the lines of one parity, each where it lies in the frame.
+    """Return a whole picture, reduced to a width, from the lines of one parity, each at its place in the frame.
 
-    The lines are interpolated by the quadratic B-spline (linear, then 1 2 1): it blurs all lines by the same variance.
-    Linear alone would leave a field's own lines sharp, and what stands still would flicker from field to field.
+    The lines are interpolated by a quadratic B-spline (linear, then 1 2 1), which blurs all lines by the same variance.
+    Linear interpolation alone would leave a field's own lines sharp, and static edges would flicker between fields.
     """
     lines = frame[parity::2]
     lines = cv2.resize(lines, (width, len(lines)), interpolation=cv2.INTER_AREA)
@@ -213,13 +213,13 @@ def _whole(frame: Image, parity: int, width: int) -> Image:
 
 @contextmanager
 def _opened(path: Path, threads: int = 0) -> Iterator[cv2.VideoCapture]:
-    """Open a video whose frames come as they are stored; `_quarter_turns` says how they are to be seen."""
+    """Open a video whose frames are returned as they are stored; `_quarter_turns` returns their rotation."""
     check_video_file(path)
     video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, threads])
     try:
         if not video.isOpened() or video.get(cv2.CAP_PROP_FRAME_WIDTH) <= 0:
             raise FootageError("the footage cannot be read as a video", where=str(path), todo=_CONVERT)
-        # OpenCV's builds differ in whether they turn frames themselves; turning them small is cheaper, too.
+        # OpenCV's builds differ in whether they rotate frames themselves; rotating reduced frames is cheaper, too.
         video.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
         yield video
     finally:
@@ -233,12 +233,12 @@ def _codec(video: cv2.VideoCapture) -> str:
 
 
 def _quarter_turns(video: cv2.VideoCapture) -> int:
-    """How far the metadata turns the frames clockwise, degrees: 0, 90, 180 or 270."""
+    """Return the clockwise rotation that the metadata asks for, degrees: 0, 90, 180 or 270."""
     return round(video.get(cv2.CAP_PROP_ORIENTATION_META) / 90) * 90 % 360
 
 
 def decodable(path: Path, limit: int) -> int:
-    """How many frames, up to `limit`, a video really gives."""
+    """Return how many frames, up to `limit`, can actually be decoded."""
     with _opened(path) as video:
         count = 0
         while count < limit and video.grab():
@@ -247,7 +247,7 @@ def decodable(path: Path, limit: int) -> int:
 
 
 def _decoded(view: View, indices: Sequence[int], threads: int) -> Iterator[_Decoded]:
-    """The footage's frames, or fields, of those increasing indices; each frame of the file is decoded once."""
+    """Generate the footage's frames, or fields, at increasing indices; each frame of the file is decoded once."""
     each, first = frames_per_file_frame(view), FIRST_PARITY.get(view.fields)
     shared = [(number, list(same)) for number, same in groupby(indices, lambda index: index // each)]
     stored = _stored(view.footage, [number for number, _ in shared], view.camera.size, threads)
@@ -257,9 +257,9 @@ def _decoded(view: View, indices: Sequence[int], threads: int) -> Iterator[_Deco
 
 
 def _stored(path: Path, numbers: Sequence[int], size: tuple[int, int], threads: int) -> Iterator[_Decoded]:
-    """The frames of a file of those increasing numbers; `size` is that of the frames as they are to be seen.
+    """Generate the frames of a file at increasing indices; `size` is the size of the frames after rotation.
 
-    The image of a video's frame holds until the next one is asked for.
+    The image of a video's frame is valid until the next one is requested.
     """
     images = image_files(path)
     if images is not None:
@@ -273,7 +273,7 @@ def _stored(path: Path, numbers: Sequence[int], size: tuple[int, int], threads: 
             # Seeking is not exact in every container: go through the frames.
             while position < number and video.grab():
                 position += 1
-            # Into the memory of the frame before: asking the system for some megabytes takes as long as decoding.
+            # Reuse the memory of the frame before: allocating some megabytes takes as long as decoding.
             read, frame = video.read(frame) if position == number else (False, None)
             if not read or frame is None:
                 raise FootageError(f"the footage ends or breaks at frame {position} of the file", where=str(path))
@@ -290,7 +290,7 @@ def _sequence_image(path: Path, images: dict[int, Path], index: int, size: tuple
 
 
 def pictures(path: Path | str) -> Iterator[Image]:
-    """Stream all frames of a video or an image sequence in colour, as they are to be seen, until it ends.
+    """Stream all frames of a video or an image sequence in colour, rotated as the metadata asks, until it ends.
 
     Yields
     ------
@@ -319,7 +319,8 @@ def pictures(path: Path | str) -> Iterator[Image]:
 
 
 def picture(path: Path | str, number: int) -> Image:
-    """One frame of a video or an image sequence in colour, as it is to be seen: that number, or the last.
+    """Return one frame of a video or an image sequence in colour, rotated as the metadata asks; the last frame if it
+    has fewer.
 
     Raises
     ------
@@ -334,7 +335,7 @@ def picture(path: Path | str, number: int) -> Image:
 
 
 PICTURE_SIZE = 960
-"""The longer side of pictures that are kept to be looked at is at most about this, pixels."""
+"""Approximate limit of the longer side of pictures that are kept to be shown to people, pixels."""
 
 
 def working_factor(view: View, working_size: int) -> float:

@@ -1,4 +1,4 @@
-"""Damage that a decoder finds in a video: it hands out the frames all the same."""
+"""Damage that a decoder finds in a video, whose frames it returns nevertheless."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ _SHOWN = 5
 
 @dataclass(frozen=True)
 class FootageDamage:
-    """What the decoder of a view's footage found wrong.
+    """The damage that the decoder of a view's footage reported.
 
     Attributes
     ----------
     frames : tuple of int
-        Frames of the file at which it said so; where it decodes some frames ahead they are just before the damage.
+        Frames of the file being read when it was reported: at the damage, or just before it if the decoder reads ahead.
     said : str
-        What it said first.
+        The decoder's first message.
     """
 
     frames: tuple[int, ...]
@@ -32,7 +32,7 @@ class FootageDamage:
 
     @property
     def text(self) -> str:
-        """Say where the footage is damaged, what that does, and what to do."""
+        """Message on where the footage is damaged, what that affects, and what to do."""
         return (
             f"the footage is damaged at or near frames {listed(self.frames, _SHOWN)} of the file ({self.said}); "
             "pictures from there on may be wrong and mislead the tracking: copy the file from the camera again, or "
@@ -41,15 +41,15 @@ class FootageDamage:
 
 
 def shot_damage(shot: Shot) -> tuple[FootageDamage | None, ...]:
-    """What the decoder finds wrong with the footage of every view; see `footage_damage`."""
+    """Return the damage of every view's footage; see `footage_damage`."""
     return tuple(footage_damage(shot, view) for view in shot.views)
 
 
 def footage_damage(shot: Shot, view: View) -> FootageDamage | None:
-    """Decode the footage of a view up to the shot's last frame, and return what is wrong with it; None if nothing is.
+    """Decode the footage of a view up to the shot's last frame, and return its damage; None if there is none.
 
-    It takes as long as decoding does: ask when `DecoderLog` has caught a complaint of any view. No other footage may be
-    decoded meanwhile.
+    As this decodes everything again, call it only if `DecoderLog` has caught a complaint, and while no other footage is
+    being decoded.
     """
     if not view.footage.is_file() or image_files(view.footage) is not None:
         return None
@@ -57,7 +57,7 @@ def footage_damage(shot: Shot, view: View) -> FootageDamage | None:
     frames: list[int] = []
     said: list[str] = []
     with DecoderLog() as log:
-        # One thread decodes no frame ahead of the one that it hands out, but for frames that are stored in other order.
+        # A single thread reads no frames ahead, except for those stored in another order.
         video = cv2.VideoCapture(str(view.footage), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
         try:
             for number in range(last + 1):

@@ -1,4 +1,6 @@
-"""When a video's frames were taken, as its container says: frames are counted as if they came at a constant rate."""
+"""The times of a video's frames, from its container: the tracker assumes a constant frame rate, which they may not
+have.
+"""
 
 from __future__ import annotations
 
@@ -14,23 +16,23 @@ from .image_sequences import image_files
 from .shot import Shot, View
 
 ASTRAY = 0.5
-"""Frames that are up to this far from a constant rate are taken for frames at that rate, frames."""
+"""Largest deviation of a frame from a constant rate that is ignored, frames."""
 _AHEAD = 32
-"""Packets are stored in another order than frames are shown, by fewer places than this."""
+"""Upper limit to how many places a packet's order in the file differs from the order in which frames are shown."""
 
 
 @dataclass(frozen=True)
 class FootageRate:
-    """The rate at which the frames of a shot come in a view's footage.
+    """The frame rate of a view's footage over the frames of a shot.
 
     Attributes
     ----------
     rate : float
-        Frames, or fields, per second; the nearest constant one.
+        The constant rate that fits best, frames (or fields) per second.
     astray : float
-        By how much a frame is earlier or later than at that rate at most, frames.
+        Largest deviation of a frame's time from that rate, frames.
     frame : int
-        The frame of the file that is.
+        The frame of the file with that deviation.
     """
 
     rate: float
@@ -39,12 +41,12 @@ class FootageRate:
 
     @property
     def varies(self) -> bool:
-        """Whether the frames cannot be taken for frames at a constant rate."""
+        """Whether the frame rate is too variable to be treated as constant."""
         return self.astray > ASTRAY
 
     @property
     def text(self) -> str:
-        """Say that it varies, and what to do."""
+        """Message that the frame rate varies, and what to do."""
         return (
             f"its frame rate varies: frame {self.frame} of the file is {self.astray:.1f} frames off a constant rate of "
             f"{self.rate:.4g}; convert it, as with: ffmpeg -i FOOTAGE -vf fps={self.rate:.4g} -crf 14 CONVERTED.mp4"
@@ -52,7 +54,7 @@ class FootageRate:
 
 
 def footage_rate(shot: Shot, view: View) -> FootageRate | None:
-    """Return the rate of the frames that a shot shows of a view; None where the container does not tell.
+    """Return the frame rate of a view over the frames of a shot; None if the container does not state times.
 
     Nothing is decoded.
     """
@@ -61,12 +63,12 @@ def footage_rate(shot: Shot, view: View) -> FootageRate | None:
 
 
 def video_rate(path: Path, count: int) -> FootageRate | None:
-    """Return the rate of a video's first frames; None where the container does not tell. Nothing is decoded."""
+    """Return the rate of a video's first frames, without decoding; None if the container does not state times."""
     return _rate(frame_times(path, count), 0, 1)
 
 
 def _rate(times: Array, first: int, each: int) -> FootageRate | None:
-    """The rate of frames at some times, seconds, the first of them of a number in the file; `each` count for one."""
+    """Return the rate of frames at some times, seconds, from number `first` in the file; `each` fields make a frame."""
     if len(times) < 3 or times[-1] <= times[0]:
         return None
     number = np.arange(len(times))
@@ -78,9 +80,9 @@ def _rate(times: Array, first: int, each: int) -> FootageRate | None:
 
 
 def frame_times(path: Path, count: int) -> Array:
-    """The times of a video's first frames, shape (N,) with N at most `count`, seconds; none where they are not known.
+    """Return the times of a video's first N <= `count` frames, seconds, shape (N,); empty if they are not known.
 
-    They are the packets' presentation times, in the order in which the frames are shown.
+    These are the packets' presentation times, in the order in which the frames are shown.
     """
     if not path.is_file() or image_files(path) is not None:
         return np.zeros(0)

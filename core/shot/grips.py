@@ -1,4 +1,4 @@
-"""How props are held: the grips that the key poses show."""
+"""Grips: how props are held, as the key poses show."""
 
 from __future__ import annotations
 
@@ -15,30 +15,32 @@ from .shot import KeyPoses, Performer, Shot
 
 
 def completed(shot: Shot) -> Shot:
-    """Return the shot with all that follows from the whole of it, so that a part of it can be tracked alone."""
+    """Return the shot with everything filled in that depends on the whole shot, so that excerpts can be tracked
+    alone.
+    """
     return shot_with_grips(shot.with_settings_filled())
 
 
 def shot_with_grips(shot: Shot) -> Shot:
-    """Return the shot with how props are held, as its key poses show it; see `with_grips`."""
+    """Return the shot with the grips of its holds, see `with_grips`."""
     return replace(shot, holds=with_grips(shot.holds, shot.performers, shot.frames[0]))
 
 
 def with_grips(holds: Sequence[Hold], performers: Sequence[Performer], zero: int = 0) -> tuple[Hold, ...]:
-    """Return the holds with the grips that the key poses within their ranges show; those that have one keep it.
+    """Return holds with the grips that the key poses within their ranges show; a grip that is given stays.
 
     Parameters
     ----------
     holds : sequence of Hold
     performers : sequence of Performer
     zero : int
-        What messages count shot frame 0 as.
+        Number of shot frame 0 in messages.
 
     Raises
     ------
     ShotError
-        A hold names what is not there, or no frame within its range has a key pose of both bodies, or a prop is held
-        twice at once; says which.
+        A hold names a performer or part that does not exist, no frame within its range has a key pose of both bodies,
+        or a prop is held twice at once.
     """
     by_name = {performer.name: performer for performer in performers}
     found = []
@@ -61,14 +63,16 @@ def with_grips(holds: Sequence[Hold], performers: Sequence[Performer], zero: int
 
 
 def relative_pose(held: Poses, holding: Poses, part: int) -> tuple[Array, Array]:
-    """Rotation (F, 3, 3) and place (F, 3) of a prop's topmost part relative to a part of what holds it."""
+    """Return the rotation (F, 3, 3) and position (F, 3), metres, of a prop's root part relative to the part that holds
+    it.
+    """
     (R_prop, T_prop), (R, T) = held, holding
     back = np.swapaxes(R[:, part], -1, -2)
     return back @ R_prop[:, 0], (back @ (T_prop[:, 0] - T[:, part])[..., None])[..., 0]
 
 
 def _checked(hold: Hold, by_name: Mapping[str, Performer]) -> tuple[Performer, Performer, int]:
-    """The prop, its holder, and the number of the part that holds it."""
+    """Return the prop, its holder, and the index of the part that holds it."""
     check_names(hold, by_name)
     parts = by_name[hold.holder].body.names
     if hold.part not in parts:
@@ -78,7 +82,7 @@ def _checked(hold: Hold, by_name: Mapping[str, Performer]) -> tuple[Performer, P
 
 
 def _posed(keys: KeyPoses) -> Ints:
-    """Frames with a key pose of the whole body, or a proposed one."""
+    """Return the frames with a key pose of the whole body, set or proposed."""
     return np.concatenate([keys.full(), keys.proposals()])
 
 
@@ -88,7 +92,7 @@ def _poses_at(performer: Performer, frames: Ints) -> Poses:
 
 
 def _refuse_two_at_once(holds: Sequence[Hold], zero: int) -> None:
-    """Raise a ShotError where the same two are tied to each other twice on a frame: two hands may hold a prop."""
+    """Raise a ShotError if two holds tie the same part and prop on one frame; two hands may hold a prop."""
     for i, one in enumerate(holds):
         for other in holds[:i]:
             same = (one.prop, one.holder, one.part) == (other.prop, other.holder, other.part)

@@ -1,7 +1,7 @@
-"""Holds: over a range of frames a prop stays in the hand of a performer, or on any other part.
+"""Holds: over a range of frames, a prop stays fixed to the hand of a performer, or to any other part.
 
-A prop is a performer like others, with a body and key poses of its own. While it is held its pose relative to the part
-that holds it, its grip, is that of the key poses within the range (`core.shot.grips`).
+A prop is a performer like others, with a body and key poses of its own. While it is held, its pose relative to the part
+that holds it (the grip) is that of the key poses within the range (`core.shot.grips`).
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from ..numerics.arrays import Array, Ints
 
 @dataclass(frozen=True, eq=False)
 class Grip:
-    """How a prop lies in what holds it, on K frames.
+    """The pose of a prop relative to the part that holds it, on K frames.
 
     Attributes
     ----------
     frames : ndarray of int, shape (K,)
         Shot frames, increasing.
     turns : ndarray, shape (K, 3, 3)
-        Rotation of the prop's topmost part relative to the part that holds it.
+        Rotation of the prop's root part relative to the part that holds it.
     places : ndarray, shape (K, 3)
-        Its joint in the axes of that part, metres.
+        Position of the prop's root joint in the axes of that part, metres.
     """
 
     frames: Ints
@@ -35,7 +35,7 @@ class Grip:
     places: Array
 
     def at(self, frames: Ints) -> tuple[Array, Array]:
-        """The rotation (F, 3, 3) and the place (F, 3) on frames: where key poses differ, between theirs."""
+        """Return the rotation (F, 3, 3) and the position (F, 3) on frames, interpolated between the key poses."""
         inside = np.clip(frames, self.frames[0], self.frames[-1])
         places = np.stack([np.interp(inside, self.frames, column) for column in self.places.T], axis=1)
         if len(self.frames) == 1:
@@ -50,11 +50,11 @@ class Hold:
     Attributes
     ----------
     prop : str
-        Name of the performer that is held, by the topmost part of its body.
+        Name of the performer that is held; its root part is tied to the holder.
     holder : str
         Name of the performer that holds it.
     part : str
-        The part of the holder's body that does.
+        The part of the holder's body that holds it.
     frames : tuple of int
         First and last shot frame, inclusive.
     grip : Grip, optional
@@ -71,18 +71,18 @@ class Hold:
     where: str = field(default="", compare=False)
 
     def later(self, frames: int) -> Hold:
-        """The hold in a count whose frame 0 is that many frames earlier."""
+        """Return the hold with frame numbers increased by `frames`."""
         first, last = self.frames
         grip = None if self.grip is None else replace(self.grip, frames=self.grip.frames + frames)
         return replace(self, frames=(first + frames, last + frames), grip=grip)
 
     @property
     def place(self) -> str:
-        """What messages call it."""
+        """Name of the hold in messages."""
         return self.where or f"{self.prop} in {self.part} of {self.holder}"
 
     def field(self, key: str) -> str:
-        """What messages call one of its fields: in a file it has a name."""
+        """Return the name of one of its fields in messages; only in a file do fields have names."""
         return f"{self.where} {key}" if self.where else self.place
 
 
@@ -93,12 +93,12 @@ def holds_between(holds: Sequence[Hold], first: int, last: int) -> tuple[Hold, .
 
 
 def check_names(hold: Hold, performers: Collection[str]) -> None:
-    """See that a hold is between two of some performers.
+    """Check that the names of a hold's prop and holder are two of the performers'.
 
     Raises
     ------
     ShotError
-        Names the field, where the hold comes from a file.
+        One is not, or both are the same.
     """
     for key, name in (("prop", hold.prop), ("holder", hold.holder)):
         if name not in performers:

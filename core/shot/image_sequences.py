@@ -1,4 +1,4 @@
-"""Image sequences: the files that a pattern names, and whether they can serve as footage."""
+"""Image sequences: finding the files that match a pattern, and checking that they can be used as footage."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ _SHOWN_GAPS = 5
 
 
 def image_files(path: Path) -> dict[int, Path] | None:
-    """Files of an image sequence by frame from 0, or None where the path is a video's.
+    """Return the files of an image sequence by frame from 0, or None if the path is a video's.
 
-    A sequence is named by a pattern in the file's name: printf's %04d or ####, whose lowest number is frame
-    0, or a glob with *, whose files are taken in natural order. A single image is a sequence of one.
+    A sequence is named by a pattern in the file name: printf's %04d or ####, where the lowest number is frame 0, or a
+    glob with *, whose files are taken in natural order. A single image is a sequence of one frame.
 
     Raises
     ------
     FootageError
-        No file fits the pattern, or there can be no file of that name.
+        No file matches the pattern, or the name is not a valid file name.
     """
     if "\0" in str(path) or len(path.name.encode(errors="replace")) > _LONGEST_NAME:
         shown = f"{str(path)[:60]!r}"
@@ -59,7 +59,7 @@ def _is_file(path: Path) -> bool:
 
 
 def _numbered(path: Path, number: re.Match[str]) -> dict[int, Path]:
-    """Files by the number in the place of printf's %04d or of ####."""
+    """Return the files by the number in place of printf's %04d or of ####."""
     digits = int(number[1] or 1) if number[0].startswith("%") else len(number[0])
     if digits > _MOST_DIGITS:
         raise FootageError(f"a number of {digits} digits is too long", where=str(path), todo=f"name {PATTERNS}")
@@ -71,7 +71,7 @@ def _numbered(path: Path, number: re.Match[str]) -> dict[int, Path]:
 
 
 def _globbed(path: Path) -> dict[int, Path]:
-    """Files whose names fit a pattern with asterisks, in natural order."""
+    """Return the files whose names match a pattern with asterisks, in natural order."""
     # Compiled by fnmatch: a plain .* for every asterisk takes exponential time.
     regex = re.compile(fnmatch.translate(re.sub(r"([?[])", r"[\1]", path.name)))
     return dict(enumerate(sorted((file for file in _listed(path.parent) if regex.match(file.name)), key=_natural)))
@@ -85,17 +85,17 @@ def _listed(folder: Path) -> list[Path]:
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:
-    """Sorts frame2 before frame10."""
+    """Return a sort key that puts frame2 before frame10."""
     return [(int(part or 0), text) for text, part in re.findall(r"(\D*)(\d*)", path.name)]
 
 
 def read_image(path: Path) -> Image:
-    """Read an image in colour. `cv2.imread` itself cannot open every file name on Windows.
+    """Read an image in colour; unlike `cv2.imread`, also with file names that it cannot open on Windows.
 
     Raises
     ------
     FootageError
-        It cannot be read, or claims more pixels than its file can hold.
+        It cannot be read, or states a size that its file is too short for.
     """
     try:
         data = path.read_bytes()
@@ -115,7 +115,7 @@ def read_image(path: Path) -> Image:
 
 
 def check_images(path: Path, files: Mapping[int, Path], frames: range, size: tuple[int, int]) -> None:
-    """See that a sequence has all images of some frames, whole and of one size, without decoding them all.
+    """Check that a sequence has all images of some frames, complete and of one size, without decoding them all.
 
     Parameters
     ----------
@@ -140,17 +140,17 @@ def check_images(path: Path, files: Mapping[int, Path], frames: range, size: tup
     first = _stored_size(files[min(files)])
     for number in needed:
         stored = _stored_size(files[number])
-        if stored is None or stored != first:  # what is out of the ordinary is decoded
+        if stored is None or stored != first:  # only what looks unusual is decoded
             check_size(files[number], read_image(files[number]), size)
 
 
 def check_size(path: Path, image: Image, size: tuple[int, int]) -> None:
-    """See that an image has the width and height of its sequence.
+    """Check that an image has the width and height of its sequence.
 
     Raises
     ------
     FootageError
-        It has not.
+        It has another size.
     """
     height, width = image.shape[:2]
     if (width, height) != size:
@@ -158,7 +158,7 @@ def check_size(path: Path, image: Image, size: tuple[int, int]) -> None:
 
 
 def _gaps(present: Iterable[int], wanted: range) -> list[str]:
-    """Intervals of the wanted numbers that are not among the increasing ones that are present."""
+    """Return the intervals of wanted numbers that are missing among the present ones, which are increasing."""
     gaps, following = [], wanted.start
     for number in (*present, wanted.stop):
         if number > following:
@@ -168,7 +168,7 @@ def _gaps(present: Iterable[int], wanted: range) -> list[str]:
 
 
 def _stored_size(path: Path) -> tuple[int, int] | None:
-    """Width and height in the header of a PNG or JPEG file that is whole to its end; None where that is not seen."""
+    """Return width and height from the header of a PNG or JPEG file that ends as it should; None if that is unclear."""
     try:
         with path.open("rb") as file:
             head = file.read(1 << 16)

@@ -1,11 +1,11 @@
-"""The size that an image's file claims, looked at before room is made for its pixels."""
+"""Image sizes as stated in files, checked before memory is allocated for the pixels."""
 
 from __future__ import annotations
 
 import struct
 
 PNG, JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8"
-_PNG_PIECE = 12  # bytes of a piece's length, kind and checksum
+_PNG_PIECE = 12  # bytes of a chunk's length, type and checksum
 _JPEG_SIZES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # markers of the frame headers that hold the size
 _TIFF_SIDES = 256, 257  # tags of its width and height
 _TIFF_TYPES = {3: "H", 4: "I", 16: "Q"}  # of whole numbers
@@ -13,17 +13,17 @@ _PIXELS_OF_A_BYTE, _SMALL = 32, 1 << 20
 
 
 def image_size(data: bytes) -> tuple[int, int] | None:
-    """Width and height that a PNG, JPEG, BMP, TIFF or WebP file claims, before its metadata turns the picture.
+    """Return the width and height stated in a PNG, JPEG, BMP, TIFF or WebP file, before rotation by its metadata.
 
     Parameters
     ----------
     data : bytes
-        Of the file, from its beginning.
+        The file's content, from its beginning.
 
     Returns
     -------
     tuple of int, optional
-        None where it is none of these, or breaks off before that.
+        None if it is none of these formats, or ends before the size.
     """
     try:
         if data.startswith(PNG):
@@ -45,21 +45,21 @@ def image_size(data: bytes) -> tuple[int, int] | None:
 
 
 def is_out_of_proportion(size: tuple[int, int], length: int) -> bool:
-    """Whether an image claims more pixels than one has that is stored in so many bytes.
+    """Whether an image states more pixels than its file of `length` bytes can hold.
 
-    Below 1 MB those of 8K are let through, which take 100 MB of memory; no picture of a camera is stored in less than a
-    quarter of a bit a pixel.
+    Camera pictures take at least a quarter of a bit per pixel. Files below 1 MB may state up to 8K, which takes 100 MB
+    of memory.
     """
     return size[0] * size[1] > _PIXELS_OF_A_BYTE * max(length, _SMALL)
 
 
 def breaks_off(data: bytes) -> bool:
-    """Whether a PNG file has less in it than one of its pieces claims: OpenCV would make room for what is not there."""
+    """Whether a PNG file ends before one of its chunks does: OpenCV would allocate memory for what is missing."""
     if not data.startswith(PNG):
         return False
     place = len(PNG)
     while place < len(data):
-        if data[place + 4 : place + 8] == b"IEND":  # what follows is not looked at
+        if data[place + 4 : place + 8] == b"IEND":  # the rest is ignored
             return False
         place += int.from_bytes(data[place : place + 4], "big") + _PNG_PIECE
     return place > len(data)
@@ -69,7 +69,7 @@ def _jpeg_size(data: bytes) -> tuple[int, int] | None:
     place = len(JPEG)
     while place + 9 <= len(data) and data[place] == 0xFF:
         marker, length = data[place + 1], int.from_bytes(data[place + 2 : place + 4], "big")
-        if marker == 0xFF:  # it may be preceded by any number of these
+        if marker == 0xFF:  # any number of fill bytes may precede a marker
             place += 1
             continue
         if marker in _JPEG_SIZES:

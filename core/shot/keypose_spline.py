@@ -1,4 +1,4 @@
-"""The curve through the key poses: where every solver may start."""
+"""The spline through the key poses, from which every solver may start."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from .shot import KeyPoses
 
 
 def spline(keys: KeyPoses, length: int) -> Motion:
-    """Smooth motion through key poses, each degree of freedom through the keys that fix it; held beyond the ends.
+    """Return a smooth motion through key poses; each degree of freedom passes through the keys that fix it.
+
+    Before the first and after the last key it is constant.
 
     Parameters
     ----------
@@ -35,7 +37,7 @@ def spline(keys: KeyPoses, length: int) -> Motion:
 
 
 def _known(fixed: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Key poses that fix all of these degrees of freedom; all of them if none does."""
+    """Return the indices of the key poses that fix all of these degrees of freedom; all indices if none does."""
     known = np.flatnonzero(fixed.all(axis=1))
     return known if len(known) else np.arange(len(fixed))
 

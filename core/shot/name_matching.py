@@ -12,11 +12,11 @@ _DUPLICATE = re.compile(r"\.\d{3}$")  # what Blender adds to a name that is take
 
 
 def paired(footage: Sequence[str], cameras: Sequence[str]) -> dict[str, str]:
-    """Cameras by the names of footage.
+    """Match cameras to footage by their names.
 
-    Names go together that are the same but for case and punctuation; then those of which one is among the other's
-    words ("walk_cam01" and "cam01"); then those that end on the same number ("GoPro 2" and "camera_02"); at last the
-    only footage and the only camera. What fits twice is left out.
+    Matched first are names that differ only in case and punctuation; then those of which one is contained in the words
+    of the other ("walk_cam01" and "cam01"); then those that end in the same number ("GoPro 2" and "camera_02"); finally
+    the only remaining footage and camera. Ambiguous matches are left out.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ def paired(footage: Sequence[str], cameras: Sequence[str]) -> dict[str, str]:
     Returns
     -------
     dict of str to str
-        From names of footage to names of cameras; no camera is there twice.
+        From names of footage to names of cameras; no camera appears twice.
     """
     found: dict[str, str] = {}
     for key in (_joined, _number):
@@ -67,7 +67,7 @@ def _words(name: str) -> tuple[str, ...]:
 
 
 def _is_within(few: tuple[str, ...], many: tuple[str, ...]) -> bool:
-    """Whether some words follow each other among others."""
+    """Whether some words occur consecutively among others."""
     return bool(few) and any(many[i : i + len(few)] == few for i in range(len(many) - len(few) + 1))
 
 
@@ -81,9 +81,9 @@ def _number(name: str) -> int | None:
 
 
 def footage_of(files: Iterable[Path]) -> list[Path]:
-    """Footage among the files chosen: videos as they are, numbered images as one pattern per sequence.
+    """Return the footage among chosen files, sorted by name: videos, and one pattern per sequence of numbered images.
 
-    See `core.shot.image_sequences.image_files` for patterns. The order is that of the names.
+    See `core.shot.image_sequences.image_files` for patterns.
     """
     found: dict[Path, list[Path]] = {}
     for file in sorted(files):
@@ -97,6 +97,6 @@ def footage_of(files: Iterable[Path]) -> list[Path]:
 
 
 def footage_name(path: Path) -> str:
-    """A name for the view that footage shows: the file's without its frame numbers, else its folder's."""
+    """Return a name for a view of footage: the file's without frame numbers, or else its folder's."""
     name = re.sub(r"%0?\d*d|#+|\*", "", path.stem).strip("-_. ") if path.suffix.lower() in IMAGE_SUFFIXES else path.stem
     return name or path.parent.name

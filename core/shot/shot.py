@@ -1,4 +1,4 @@
-"""The shot: what is tracked (views, performers, key poses) and how (settings). Plain values, however they came."""
+"""The shot: what is tracked (views, performers, key poses) and how (settings), as plain values."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from .holds import Hold, holds_between
 FIELD_ORDERS = ("progressive", "top-first", "bottom-first")
 SOLVERS = ("gauss-newton", "relaxation")
 ESTIMATING_SOLVERS = ("gauss-newton",)
-"""Those that can estimate how smooth a motion is."""
+"""Solvers that can estimate how smooth a motion is."""
 BROKEN_KEYPOINTS = ("refuse", "skip")
 MOST_THREADS = 256
-"""OpenCV starts as many for each video as it is told to."""
+"""Largest number of threads: OpenCV starts as many for each video as it is told to."""
 
 
 @dataclass(frozen=True, eq=False)
 class View:
     """A camera and its footage: shot frame f is the footage's frame (or field, if interlaced) f + offset.
 
-    Where the offset is fractional, that lies between two frames of the footage. The nearest counts as frame f, and
-    shows the performers a little later or earlier (`core.body.time_shift`); a moving camera's pose of frame f is
-    that of the footage's frame itself.
+    If the offset is fractional, that lies between two frames of the footage. The nearest is used as frame f, and shows
+    the performers a little later or earlier (`core.body.time_shift`); a moving camera's pose of frame f is the pose at
+    the footage's frame itself.
     """
 
     camera: Camera
@@ -52,8 +52,8 @@ class KeyPoses:
     poses : Motion
         K poses.
     fixed : ndarray of bool, shape (K, D)
-        Which degrees of freedom each key pose fixes, in the order of `Motion.moved`. One that fixes none is a proposal:
-        the tracker looks there to learn how the performer looks, and may move it.
+        Which degrees of freedom each key pose fixes, in the order of `Motion.moved`. A key pose that fixes none is a
+        proposal: the tracker learns the performer's appearance on its frame, but may change the pose.
     """
 
     frames: NDArray[np.int64]
@@ -62,18 +62,18 @@ class KeyPoses:
 
     @classmethod
     def whole(cls, frames: NDArray[np.int64] | list[int], poses: Motion) -> KeyPoses:
-        """Key poses that fix every degree of freedom."""
+        """Return key poses that fix every degree of freedom."""
         D = 3 + 3 * poses.rotations.shape[1]
         return cls(np.asarray(frames, dtype=np.int64), poses, np.ones((len(poses), D), dtype=bool))
 
     @classmethod
     def proposed(cls, frames: NDArray[np.int64] | list[int], poses: Motion) -> KeyPoses:
-        """Key poses that fix nothing."""
+        """Return key poses that fix nothing."""
         whole = cls.whole(frames, poses)
         return cls(whole.frames, poses, np.zeros_like(whole.fixed))
 
     def joined(self, other: KeyPoses) -> KeyPoses:
-        """Return these key poses and others, which are on other frames."""
+        """Return these key poses together with others on different frames."""
         frames = np.concatenate([self.frames, other.frames])
         order = np.argsort(frames)
         poses = stacked([self.poses, other.poses])[order]
@@ -85,17 +85,17 @@ class KeyPoses:
         return KeyPoses(self.frames[inside] - first, self.poses[inside], self.fixed[inside])
 
     def without_parts(self, free: NDArray[np.bool_]) -> KeyPoses:
-        """Return these key poses without the turns of some parts (K, P), which they no longer fix."""
+        """Return these key poses without the rotations of some parts (K, P), which they no longer fix."""
         fixed = self.fixed.copy()
         fixed[:, 3:] &= ~np.repeat(free, 3, axis=1)
         return replace(self, fixed=fixed)
 
     def proposals(self) -> NDArray[np.int64]:
-        """Frames whose key pose is a proposal."""
+        """Return the frames whose key pose is a proposal."""
         return np.asarray(self.frames[~self.fixed.any(axis=1)])
 
     def full(self) -> NDArray[np.int64]:
-        """Frames whose key pose fixes the whole body: the ends of segments."""
+        """Return the frames whose key pose fixes the whole body, where segments end."""
         return np.asarray(self.frames[self.fixed.all(axis=1)])
 
 
@@ -109,15 +109,15 @@ class Performer:
     body : Body
     key_poses : KeyPoses
     person : int, optional
-        Which of the people that keypoints show it is, from 1 in the order in which these appear; by default its key
-        poses say, or the order of the performers.
+        Which of the people in the keypoints it is, counted from 1 in order of appearance; by default this follows from
+        its key poses, or from the order of the performers.
     unknown : tuple of str
-        Parts of the body that neither landmarks nor keypoints show on any frame: they rest.
+        Parts of the body that neither landmarks nor keypoints show on any frame; they keep their rest rotation.
     joint_deviation : ndarray, shape (P,), optional
-        How far the tips of the parts lie from the landmarks that the key poses were made of, metres; None where nothing
-        was measured.
+        Distances of the parts' tips from the landmarks that the key poses were fitted to, metres; None if there were
+        none.
     fingers : bool
-        Files with its motion have its fingers, as keypoints show them.
+        Whether files with its motion include fingers, as found from keypoints.
     """
 
     name: str
@@ -130,8 +130,8 @@ class Performer:
 
 
 def fixed_degrees(performer: Performer, first: int, last: int) -> NDArray[np.bool_]:
-    """Return which degrees of freedom are held on frames first to last, shape (F, D): by key poses, by joints that are
-    locked, and those of parts that rest because they are unknown.
+    """Return which degrees of freedom are held on frames first to last, shape (F, D): by key poses, by locked joints,
+    or because the part is unknown and rests.
     """
     body = performer.body
     fixed = np.zeros((last + 1 - first, body.dof), dtype=bool)
@@ -146,15 +146,15 @@ def fixed_degrees(performer: Performer, first: int, last: int) -> NDArray[np.boo
 
 @dataclass(frozen=True)
 class PerformerRequest:
-    """A performer of whom only keypoints are known.
+    """A performer whose key poses are still to be found from keypoints.
 
     Attributes
     ----------
     name : str
     height : float or None
-        Metres; None to have it judged from the keypoints.
+        Metres; None to estimate it from the keypoints.
     frames : tuple of int or None
-        Shot frames on which key poses are wanted; None to have them chosen.
+        Shot frames for the key poses; None to choose them automatically.
     person : int, optional
         See `Performer`.
     """
@@ -165,67 +165,68 @@ class PerformerRequest:
     person: int | None = None
 
     def placeholder(self) -> Performer:
-        """Return the performer before anything is known of it."""
+        """Return the performer with a default body and no key poses."""
         body = human() if self.height is None else human(self.height)
         nowhere = Motion(np.zeros((0, 3)), np.zeros((0, len(body), 3, 3)))
         return Performer(self.name, body, KeyPoses.proposed([], nowhere), self.person)
 
 
 ONE_VIEW, SEVERAL_VIEWS = (0.2, 0.25), (0.1, 0.1)
-"""Correlation lengths of pixels and of outlines, metres: with several views the width of a limb."""
+"""Correlation lengths of pixels and of outlines, metres; with several views, the width of a limb."""
 
 
 def _positive(default: Any) -> Any:
-    """A setting that must be a positive number; where its default is None, it may be left out."""
+    """Declare a setting that must be a positive number; if its default is None, it may also be None."""
     return field(default=default, metadata={"positive": True})
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of the tracker. The defaults serve every shot; see each field for its unit.
+    """Settings of the tracker. The defaults are meant for every shot.
 
     Attributes
     ----------
     solver : str
-        "gauss-newton" (the whole segment at once) or "relaxation" (the papers').
+        "gauss-newton" (solves for the whole segment at once) or "relaxation" (the method of paper 1).
     sweeps : int
-        Sweeps of the relaxation.
+        Number of sweeps of the relaxation.
     working_size : int
-        The longer side of the reduced frames that are worked on is at most about this, pixels.
+        Approximate limit of the longer side of the reduced frames that are tracked, pixels.
     correlation_length : float, optional
-        How far apart, on the body, residuals say different things, metres: pixels within a square of that side count
-        as one. None: see `for_shot`.
+        Distance on the body within which residuals of pixels are correlated, metres: pixels within a square of that
+        side count as one measurement. None: see `for_shot`.
     outline_correlation : float, optional
-        The same along the body's outline: how long a piece of it counts as one, metres; None as above.
+        The same along the body's outline, metres: a piece of that length counts as one measurement. None: see
+        `for_shot`.
     joint_acceleration : float, optional
-        Typical angular acceleration of a joint that turns freely, rad/s^2. None estimates it from the shot, joint by
-        joint and frame by frame (`core.body.smoothness_estimate`); the relaxation does not need it.
+        Typical angular acceleration of a freely moving joint, rad/s^2. None estimates it from the shot, for each joint
+        and frame (`core.body.smoothness_estimate`); the relaxation does not need it.
     root_acceleration : float, optional
-        Typical acceleration of the root, m/s^2; None as above.
+        Typical acceleration of the root, m/s^2; None estimates it likewise.
     estimate_smoothness : bool, optional
-        Estimate the accelerations that are not given, joint by joint. If not, they are those of
-        `core.shot.acceleration_prior`, except where keypoints show them. None: see `for_shot`; once settings are
-        filled in it means that only the scale of all of them together is estimated.
+        Whether to estimate those accelerations that are not given for each joint; if not, they are those of
+        `core.shot.acceleration_prior`, except where keypoints determine them. None: see `for_shot`; in settings that
+        are filled in, None means that only one scale of all accelerations is estimated.
     prediction : bool
-        Predict the motion of parts that no camera sees from the frames on which they are seen.
+        Whether to predict the motion of parts that no camera sees from the frames on which they are seen.
     plants : bool
-        Points of the soles that are found to be planted stand still.
+        Whether points of the soles stand still while they are found to be planted.
     contact : bool
-        Bodies of different performers do not pass through each other.
+        Whether bodies of different performers are kept from passing through each other.
     limb_search : bool
-        Where the images leave a doubt of a solution, other starts are tried and limbs are looked for; the relaxation
-        does not.
+        Whether to try other starts and to search for lost limbs if the images leave a solution in doubt; the relaxation
+        never does.
     search_seed : int
-        Of the poses that are drawn to look for limbs; another one draws others.
+        Random seed of the poses sampled in the search for limbs.
     keypoint_correlation : float
-        How far apart in time a detector's errors are independent, seconds: keypoints within that time count as one.
+        Time within which a detector's errors are correlated, seconds: keypoints within it count as one measurement.
     broken_keypoints : str
-        "refuse" or "skip": what to do with files of a folder of keypoints that cannot be read.
+        What to do about files in a folder of keypoints that cannot be read: "refuse" or "skip".
     footage_offset : float, optional
-        Of all footage, beside its views' own: the key pose of a frame shows the performers this many frames later,
-        -0.5 to 0.5. None looks for it (`core.evidence.time_offset`).
+        Offset of all footage, in addition to each view's own: the footage shows the key pose of a frame this many
+        frames later, -0.5 to 0.5. None estimates it (`core.evidence.time_offset`).
     threads : int, optional
-        Worker threads for decoding and image work. None uses every core (`core.runtime.threads.worker_count`).
+        Number of threads. None uses every core (`core.runtime.threads.worker_count`).
     """
 
     solver: str = "gauss-newton"
@@ -271,7 +272,7 @@ class Settings:
 
     @property
     def lengths(self) -> tuple[float, float]:
-        """The correlation lengths of pixels and of outlines, metres, as given or as for one view."""
+        """Correlation lengths of pixels and of outlines, metres: as given, or else those for one view."""
         pixels, outlines = ONE_VIEW
         return self.correlation_length or pixels, self.outline_correlation or outlines
 
@@ -281,12 +282,12 @@ class Settings:
         return self.solver in ESTIMATING_SOLVERS
 
     def for_shot(self, views: int, key_frames: int, keypoint_views: int = 0) -> Settings:
-        """Return the settings with what is not given filled in for a shot of some views and key frames.
+        """Return the settings with missing values filled in for a shot with some views and key frames.
 
-        In one view, errors that do not change with time, of the model's shape and of the calibration, look like
-        motion; two key poses say nothing of accelerations, from which an estimate could begin, unless keypoints in two
-        views do. There pixels count for less, and of the accelerations only a common scale is estimated, which the
-        frame rate that a shot claims would change most. The relaxation needs none of this.
+        With one view, constant errors of the model's shape and of the calibration look like motion, so pixels have less
+        weight. With one view or two key poses, and no keypoints in two views, the accelerations of single joints cannot
+        be estimated: only a common scale is, which corrects most for a wrong frame rate. The relaxation needs none of
+        this.
         """
         shown = key_frames > 2 or keypoint_views > 1
         can_estimate = views > 1 and shown and self.solver_estimates
@@ -306,9 +307,9 @@ class Shot:
     Attributes
     ----------
     frames : tuple of int
-        First and last frame of the shot in the footage's count, inclusive; shot frame 0 is the first.
+        First and last frame number of the footage, inclusive; shot frame 0 is the first.
     holds : tuple of Hold
-        Which performers, that are props, others hold, and when.
+        Which performers (props) are held by which others, and when.
     """
 
     name: str
@@ -325,19 +326,19 @@ class Shot:
         return self.frames[1] - self.frames[0] + 1
 
     def with_settings_filled(self) -> Shot:
-        """Return the shot with the settings that are not given filled in, see `Settings.for_shot`."""
+        """Return the shot with missing settings filled in, see `Settings.for_shot`."""
         key_frames = min((len(p.key_poses.frames) for p in self.performers), default=0)
         keypoint_views = sum(view.keypoints is not None for view in self.views)
         return replace(self, settings=self.settings.for_shot(len(self.views), key_frames, keypoint_views))
 
     def with_footage_offset(self, found: float | None) -> Shot:
-        """Return the shot with the offset of all footage that was found, if any, unless its settings give one."""
+        """Return the shot with an estimated offset of all footage, if there is one and its settings give none."""
         if found is None or self.settings.footage_offset is not None:
             return self
         return replace(self, settings=replace(self.settings, footage_offset=found))
 
     def between(self, first: int, last: int) -> Shot:
-        """Return shot frames first to last as a shot of their own, with the key poses on these alone."""
+        """Return shot frames first to last as a shot of their own, with the key poses on these frames."""
         return replace(
             self,
             frames=(self.frames[0] + first, self.frames[0] + last),

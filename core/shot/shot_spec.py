@@ -1,4 +1,4 @@
-"""What a shot file says, before any of the files that it names is read."""
+"""The content of a shot file, before any of the files that it names is read."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from .holds import Hold
 from .shot import Settings
 
 KeyFrames = tuple[int, ...] | Literal["auto"]
-"""Key frames in the footage's count, increasing; "auto" has them chosen by 2D keypoints."""
+"""Increasing frame numbers of the footage, or "auto" to choose key frames from 2D keypoints."""
 
 _RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")
-_LONGEST_NAME = 100  # bytes: two of them and an ending are well below what file systems take
+_LONGEST_NAME = 100  # bytes: two of them and an ending are well below the limit of file systems
 
 
 @dataclass(frozen=True)
@@ -45,11 +45,11 @@ class PerformerSpec:
     ----------
     name : str
     height : float or None
-        Metres; None to have it estimated.
+        Metres; None to estimate it.
     keyframes : tuple of int, "auto" or None
-        None if the file gives none.
+        None if the shot file states none.
     landmarks, keyposes : Path or None
-        The files that the key poses come from (TRC or BVH); None for both to have them posed by 2D keypoints.
+        File from which the key poses are taken (TRC or C3D landmarks, or BVH); if both are None, 2D keypoints are used.
     where : str
         File and table, for error messages.
     person : int, optional
@@ -82,13 +82,13 @@ class ShotSpec:
     name : str
     fps : float
     frames : tuple of int
-        First and last frame in the footage's count, inclusive.
+        First and last frame number of the footage, inclusive.
     calibration : Path
     views : tuple of ViewSpec
     performers : tuple of PerformerSpec
     settings : Settings
     holds : tuple of Hold
-        Frames in the footage's count.
+        With frame numbers of the footage.
     resized : bool
         Whether footage was resized, uncropped, after its camera was calibrated.
     """
@@ -105,7 +105,7 @@ class ShotSpec:
     resized: bool = False
 
     def files(self) -> list[Path]:
-        """The files, folders and image sequences that it names."""
+        """Return the files, folders and image sequences that it names."""
         views = [file for view in self.views for file in (view.footage, view.keypoints)]
         performers = [file for one in self.performers for file in (one.landmarks, one.keyposes, one.mesh)]
         return [self.calibration, *(file for file in (*views, *performers) if file is not None)]
@@ -117,7 +117,7 @@ class ShotSpec:
         keyframes: Sequence[int] | Literal["auto"] | None = None,
         solver: str | None = None,
     ) -> ShotSpec:
-        """Return the specification with the choices of a command line instead of the file's.
+        """Return the specification with choices that override the file's.
 
         Parameters
         ----------
@@ -173,12 +173,12 @@ def checked_keyframes(frames: Sequence[int], shot_frames: tuple[int, int], *, wh
 
 
 def checked_file_name(name: str, where: str) -> str:
-    """Return a name if it can be a file's name on every system, with an ending and the name of a performer after it.
+    """Return a name if it is a valid file name on every system, also with a performer's name and an ending added.
 
     Raises
     ------
     ShotError
-        It cannot.
+        It is not.
     """
     unsafe = re.search(r'[<>:"/\\|?*\x00-\x1f\x7f]', name) or name.startswith(".") or name.endswith((".", " "))
     if not name or unsafe or _RESERVED.fullmatch(name):
@@ -191,12 +191,12 @@ def checked_file_name(name: str, where: str) -> str:
 
 
 def result_names(shot: str, performers: Sequence[str], where: str = "[[performer]]") -> list[str]:
-    """Names, without endings, of the files with the motions of a shot's performers.
+    """Return the names, without endings, of the files with the performers' motions.
 
     Raises
     ------
     ShotError
-        One of them cannot be a file's name, or two differ in capitals alone, which some systems do not tell apart.
+        One of them is not a valid file name, or two differ only in case, which some systems do not distinguish.
     """
     checked_file_name(shot, "[shot]")
     if len(performers) == 1:

@@ -1,4 +1,4 @@
-"""Files that are not given to OpenCV as videos: those it crashes on, and texts by which FFmpeg reads something else."""
+"""Refusing files that OpenCV must not open as videos: some crash it, and playlists make FFmpeg open other files."""
 
 from __future__ import annotations
 
@@ -8,20 +8,21 @@ from ..errors import FootageError
 from .image_sequences import PATTERNS
 
 _HEAD = 64
-"""Bytes that are looked at: every container and stream of video has some among them that no text has."""
+"""Number of bytes examined: in every video container or stream, some of these do not occur in text."""
 _TEXT = bytes([*b"\t\n\f\r", *range(0x20, 0x7F)])
 _VIDEO_WITH_A_TEXT_FIRST = b"YUV4MPEG2"
 
 
 def check_video_file(path: Path) -> None:
-    """See that a video is a file, under a name that OpenCV can open, and no playlist.
+    """Check that a video is a regular file with a name that OpenCV can open, and not a playlist.
 
-    A playlist, whatever its name ends in, has FFmpeg open the files that it names, and wait half a minute for those
-    that are not there.
+    A playlist, whatever its file ending, makes FFmpeg open the files that it names, and wait half a minute for those
+    that do not exist.
 
     Raises
     ------
     FootageError
+        It is not.
     """
     if not path.is_file():
         raise FootageError("there is no such footage", where=str(path), todo=f"name {PATTERNS}")
