@@ -11,16 +11,16 @@ from ..errors import BodyError
 from ..runtime.files import write_json
 from .reading import read_bytes, reading
 
-_LONGEST = 100  # letters of a preset's name
+_LONGEST = 100  # characters of a preset's name
 
 
 def read_bone_map(path: Path) -> tuple[str, dict[str, tuple[str, ...]]]:
-    """Read a bone map: the name of its preset, which may be empty, and names of bones by role.
+    """Read a bone map: the name of its preset, which may be empty, and the names of bones by role.
 
     Raises
     ------
     BodyError
-        The file cannot be read or is no bone map; names the file and the field.
+        The file cannot be read or is not a bone map; names the file and the field.
     """
     data = read_bytes(path, "the bone map", BodyError)
     with reading(path, "a bone map", BodyError):

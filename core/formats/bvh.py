@@ -1,4 +1,4 @@
-"""Key poses from BVH files as our exporter writes them: Y up, metres, joints named as the body's parts."""
+"""BVH files: reading motions, and key poses from files with our exporter's joint names."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _LIMBS = ("upper_arm", "forearm", "thigh", "shin")
 
 
 def read_bvh(path: Path) -> SkeletonMotion:
-    """Read a BVH file, Y up, as a motion with Z up, in the file's unit; it has the file's name.
+    """Read a BVH file (Y up) as a motion with Z up, in the file's unit of length; it is named after the file.
 
     Raises
     ------
     ShotError
-        The file cannot be read or is no BVH; names the file.
+        The file cannot be read or is not a BVH file; names the file.
     """
     words = iter(read_text(path, "the BVH", ShotError).split())
     with reading(path, "a BVH file", ShotError):
@@ -73,7 +73,7 @@ def _parsed(words: Iterator[str], name: str) -> SkeletonMotion:
     if not names or len(names) > _MOST_JOINTS or count * len(names) > max(len(numbers), 1):
         raise ValueError(f"{len(numbers)} numbers for {count} frames of {len(names)} joints")
     columns = sum(map(len, channels))
-    if columns and len(numbers) % columns == 0:  # some programs write one frame more than they announce
+    if columns and len(numbers) % columns == 0:  # some programs write one frame more than they state
         numbers = numbers[: count * columns]
     values = numbers.reshape(count, columns)
     moved, turns = _motion(values, channels, parents, np.array(offsets))
@@ -101,10 +101,10 @@ def _expect(word: str, wanted: str) -> None:
 
 
 def _motion(values: Array, channels: list[list[str]], parents: list[int], offsets: Array) -> tuple[Array, Array]:
-    """Every joint's position from the one above (F, J, 3) and its global turn (F, J, 3, 3), in the file's axes.
+    """Return every joint's position relative to its parent (F, J, 3) and its global rotation (F, J, 3, 3), in the
+    file's axes.
 
-    Position channels stand in place of the joint's offset (J, 3), and so do those of joints below the root, as other
-    programs write them.
+    Position channels, which some programs write for joints below the root, too, replace the joint's offset (J, 3).
     """
     positions = np.tile(offsets, (len(values), 1, 1))
     turns = np.empty((len(values), len(channels), 3, 3))
@@ -117,7 +117,7 @@ def _motion(values: Array, channels: list[list[str]], parents: list[int], offset
             continue
         axes = "".join(name[0].upper() for name in names if name.endswith("rotation"))
         angles = block[:, [i for i, name in enumerate(names) if name.endswith("rotation")]]
-        local = Rotation.from_euler(axes, angles, degrees=True).as_matrix()  # capitals: about the turned axes
+        local = Rotation.from_euler(axes, angles, degrees=True).as_matrix()  # capitals: intrinsic rotations
         turns[:, j] = local if parents[j] < 0 else turns[:, parents[j]] @ local
         for i, name in enumerate(names):
             if name.endswith("position"):
@@ -126,18 +126,18 @@ def _motion(values: Array, channels: list[list[str]], parents: list[int], offset
 
 
 def body_of_bvh(skeleton: SkeletonMotion, height: float | None = None) -> Body:
-    """The default human with the lengths of a BVH's bones.
+    """Return the default human with the bone lengths of a BVH file.
 
     Parameters
     ----------
     skeleton : SkeletonMotion
     height : float, optional
-        Metres; judged from the limbs where it is not given.
+        Metres; by default estimated from the limbs.
 
     Raises
     ------
     BodyError
-        The skeleton is not that of our default human.
+        The skeleton is not that of the default human.
     """
     strange = sorted(set(_human_like(skeleton).names) ^ set(skeleton.rest.names))
     if strange:
@@ -156,13 +156,13 @@ def body_of_bvh(skeleton: SkeletonMotion, height: float | None = None) -> Body:
 
 
 def _human_like(skeleton: SkeletonMotion, height: float = 1.75, measures: Mapping[str, float] | None = None) -> Body:
-    """The default human, without collar bones where the skeleton has none: those of other makers do not always."""
+    """Return the default human, without collar bones if the skeleton has none."""
     collar_bones = any(name.startswith("shoulder.") for name in skeleton.rest.names)
     return human(height, measures, collar_bones=collar_bones)
 
 
 def _fitted_measures(skeleton: SkeletonMotion, height: float) -> dict[str, float]:
-    """The measures whose rest pose is the BVH's; where it shows nothing, an average person's."""
+    """Return the measures whose rest pose is the BVH's; those that it does not determine are an average person's."""
     average = default_measures(height)
     start = np.array(list(average.values()))
     target = _rest_of_bvh(skeleton, _human_like(skeleton))
@@ -172,7 +172,7 @@ def _fitted_measures(skeleton: SkeletonMotion, height: float) -> dict[str, float
         body = _human_like(skeleton, height, dict(zip(average, x.tolist(), strict=True)))
         return np.concatenate([(_rest(body) - target)[seen], 1e-4 * (x - start)])
 
-    # The rest pose is linear in the measures: one step of any length leads there.
+    # The rest pose is linear in the measures: a single step is exact, whatever the increment of the differences.
     step = 1e-3
     before = residuals(start)
     J = np.stack([(residuals(start + step * e) - before) / step for e in np.eye(len(start))], axis=1)
@@ -181,7 +181,9 @@ def _fitted_measures(skeleton: SkeletonMotion, height: float) -> dict[str, float
 
 
 def _rest(body: Body) -> Array:
-    """Each joint from its parent, and from its joint the tip of each bone without children, (P, 2, 3)."""
+    """Return every joint relative to its parent, and the tip of every bone without children relative to its joint,
+    shape (P, 2, 3).
+    """
     rest = np.full((len(body), 2, 3), np.nan)
     for i, part in enumerate(body.parts):
         if part.parent >= 0:
@@ -192,7 +194,7 @@ def _rest(body: Body) -> Array:
 
 
 def _rest_of_bvh(skeleton: SkeletonMotion, body: Body) -> Array:
-    """As `_rest`, in the order of the body's parts."""
+    """Return the same as `_rest` for a skeleton, in the order of the body's parts."""
     order = [skeleton.rest.names.index(name) for name in body.names]
     heads, parents = skeleton.rest.heads, skeleton.rest.parents
     offsets = np.array([heads[j] - (heads[parents[j]] if parents[j] >= 0 else 0.0) for j in order])
@@ -202,7 +204,7 @@ def _rest_of_bvh(skeleton: SkeletonMotion, body: Body) -> Array:
 
 
 def poses_of_bvh(skeleton: SkeletonMotion, body: Body, rows: NDArray[np.int64]) -> Motion:
-    """A BVH's poses at some of its rows as poses of a body whose parts have the joints' names."""
+    """Return some rows of a BVH's motion as poses of a body whose parts have the joints' names."""
     order = [skeleton.rest.names.index(name) for name in body.names]
     rest = np.stack([part.R_world_rest for part in body.parts])
     R = skeleton.turns[rows][:, order] @ rest

@@ -1,8 +1,8 @@
 """C3D files: landmarks of marker systems.
 
-A file is made of blocks of 512 bytes: a header, the parameters in groups, and the points, frame by frame, as 16 bit
-whole numbers or 32 bit floats; numbers are as those of an Intel, a DEC or a MIPS processor. See "The C3D file format
-user guide", Motion Lab Systems, 2008 (https://www.c3d.org).
+A file consists of blocks of 512 bytes: a header, the parameters in groups, and the points, frame by frame, as 16-bit
+integers or 32-bit floats. Numbers are stored as on Intel, DEC or MIPS processors. See "The C3D file format user guide",
+Motion Lab Systems, 2008 (https://www.c3d.org).
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from .reading import BEYOND, read_bytes, reading
 from .trc import METRES, WORLD_OF_Y_UP, Landmarks
 
 UPRIGHT = ("auto", "z", "y")
-"""Which axis of a file is up; "auto" as the file says (POINT:Y_SCREEN), z where it does not."""
+"""Which axis of a file points up; "auto" means as the file states (POINT:Y_SCREEN), or z if it does not."""
 
 _BLOCK = 512
 _MAGIC = 0x50
 _INTEL, _DEC, _MIPS = 84, 85, 86
-_TEXT, _BYTE, _INTEGER, _FLOAT = -1, 1, 2, 4  # types of parameters, as a file has them
+_TEXT, _BYTE, _INTEGER, _FLOAT = -1, 1, 2, 4  # codes of the types of parameters
 _WIDTHS = {_TEXT: 1, _BYTE: 1, _INTEGER: 2, _FLOAT: 4}
-_HEADER_FRAMES = 65535  # more do not fit into the header: parameters have them
+_HEADER_FRAMES = 65535  # larger counts do not fit into the header and are stored as parameters
 
 
 def read_c3d(path: Path | str, up: str = "auto") -> Landmarks:
@@ -39,7 +39,8 @@ def read_c3d(path: Path | str, up: str = "auto") -> Landmarks:
     ----------
     path : path
     up : str
-        One of `UPRIGHT`. A file whose y axis is up has (X, Y, Z) = (y, z, x) of our Z-up world, as TRC files have.
+        One of `UPRIGHT`. In a file whose y axis is up, (X, Y, Z) are (y, z, x) of the world frame (Z up), as in TRC
+        files.
 
     Raises
     ------
@@ -54,7 +55,7 @@ def read_c3d(path: Path | str, up: str = "auto") -> Landmarks:
 
 @dataclass(frozen=True)
 class _Numbers:
-    """The numbers in a file, as its processor has them."""
+    """The bytes of a file, read as numbers in its processor's format."""
 
     data: bytes
     order: str
@@ -62,7 +63,7 @@ class _Numbers:
 
     @classmethod
     def of(cls, data: bytes) -> _Numbers:
-        """Find out what processor a file is for."""
+        """Find the processor whose number format a file uses."""
         if len(data) < 2 * _BLOCK or data[1] != _MAGIC:
             raise ValueError("its beginning is not that of one")
         place = _BLOCK * (data[0] - 1)
@@ -72,18 +73,18 @@ class _Numbers:
         return cls(data, ">" if processor == _MIPS else "<", processor == _DEC)
 
     def integers(self, place: int, count: int, *, signed: bool = True) -> NDArray[np.int64]:
-        """Whole numbers of 16 bits."""
+        """Return 16-bit integers."""
         return self._taken(place, 2 * count).view(f"{self.order}{'i' if signed else 'u'}2").astype(np.int64)
 
     def floats(self, place: int, count: int) -> Array:
-        """Numbers of 32 bits; DEC's have their halves exchanged, and twice two too large an exponent."""
+        """Return 32-bit floats; DEC's have their halves exchanged and are four times too large when read as IEEE."""
         raw = self._taken(place, 4 * count)
         if self.vax:
             return raw.view("<u2").reshape(-1, 2)[:, ::-1].copy().view("<f4").ravel().astype(float) / 4
         return raw.view(f"{self.order}f4").astype(float)
 
     def text(self, place: int, count: int) -> str:
-        """A text, without the blanks around it."""
+        """Return a string, stripped."""
         return bytes(self._taken(place, count)).decode("latin-1").strip(" \0")
 
     def _taken(self, place: int, count: int) -> NDArray[np.uint8]:
@@ -113,12 +114,12 @@ def _landmarks(numbers: _Numbers, up: str, where: str) -> Landmarks:
 
 
 def _parameters(numbers: _Numbers) -> dict[str, dict[str, list[Any]]]:
-    """The parameters by the names of their groups, and then by their own."""
+    """Return the parameters by group name and parameter name."""
     data, place = numbers.data, _BLOCK * (numbers.data[0] - 1) + 4
     groups: dict[int, str] = {}
     found: dict[int, dict[str, list[Any]]] = {}
     while place + 2 <= len(data) and data[place]:
-        # A negative length is that of a locked name.
+        # A negative length marks a locked name.
         length, number = abs(_signed(data[place])), _signed(data[place + 1])
         name = numbers.text(place + 2, length).upper()
         place += 2 + length
@@ -134,7 +135,7 @@ def _parameters(numbers: _Numbers) -> dict[str, dict[str, list[Any]]]:
 
 
 def _values(numbers: _Numbers, place: int) -> list[Any]:
-    """The values of a parameter; of texts one string for each."""
+    """Return the values of a parameter: numbers or strings."""
     kind, depth = _signed(numbers.data[place]), numbers.data[place + 1]
     sizes = list(numbers.data[place + 2 : place + 2 + depth])
     count, place = math.prod(sizes), place + 2 + depth
@@ -155,7 +156,7 @@ def _signed(byte: int) -> int:
 
 
 def _frame_count(numbers: _Numbers, parameters: Mapping[str, Mapping[str, list[Any]]]) -> int:
-    """How many frames the points have; programs put what does not fit into the header into parameters."""
+    """Return the number of frames; counts too large for the header are stored in parameters."""
     first, last = (int(n) for n in numbers.integers(6, 2, signed=False))
     trial = parameters.get("TRIAL", {})
     ends = [trial.get(name, []) for name in ("ACTUAL_START_FIELD", "ACTUAL_END_FIELD")]
@@ -169,14 +170,14 @@ def _frame_count(numbers: _Numbers, parameters: Mapping[str, Mapping[str, list[A
 
 
 def _points(numbers: _Numbers, place: int, counts: tuple[int, int, int], scale: float) -> Array:
-    """The points, (F, count, 3) in the file's unit; NaN where one was not seen.
+    """Return the points (F, L, 3) in the file's unit; NaN where a point was not seen.
 
     Parameters
     ----------
     counts : tuple of int
-        Of frames, of points, and of the analogue values that follow the points of every frame.
+        Numbers of frames, of points, and of the analogue values that follow the points of every frame.
     scale : float
-        Unit of whole numbers; negative where there are floats.
+        Unit of integers; negative if the points are floats.
     """
     frames, count, analogue = counts
     if frames < 0 or not count:
@@ -187,7 +188,7 @@ def _points(numbers: _Numbers, place: int, counts: tuple[int, int, int], scale: 
         raise ValueError(f"it is cut off: {frames} frames of {count} points do not fit")
     values = numbers.floats(place, frames * row) if scale < 0 else numbers.integers(place, frames * row) * scale
     points = values.reshape(frames, row)[:, : 4 * count].reshape(frames, count, 4)
-    # The residual of a point that was not seen is -1; some programs write no number for its place.
+    # The residual of a point that was not seen is -1; some programs write NaN as its position.
     unseen = (points[..., 3] < 0) | np.isnan(points[..., :3]).any(axis=-1)
     if not (np.abs(points[..., :3][~unseen]) <= BEYOND).all():
         raise ValueError("a coordinate is too large to be true")
@@ -195,7 +196,7 @@ def _points(numbers: _Numbers, place: int, counts: tuple[int, int, int], scale: 
 
 
 def _names(point: Mapping[str, list[Any]], count: int) -> tuple[str, ...]:
-    """Names of the points: those beyond 255 stand in LABELS2 and so on."""
+    """Return the names of the points; those beyond 255 are in LABELS2, LABELS3, ..."""
     names: list[str] = []
     for key in ("LABELS", *(f"LABELS{k}" for k in range(2, 2 + count // 255))):
         names += [str(name) for name in point.get(key, ())]

@@ -26,14 +26,16 @@ class CalibrationFormat:
     programs : str
         The programs that use it, for error messages.
     endings : tuple of str
-        How its files' names end, in lower case. The first format with an ending reads the files that have it, and
-        writes them unless another format is asked for by name.
+        The file name endings, in lower case. The first format with an ending reads files with it, and writes them
+        unless another format is asked for by name.
     read : callable
+        Called with a path; returns a list of Camera.
     write : callable
+        Called with a path and a sequence of Camera.
     moving, fisheye : bool
         Whether it can store moving cameras, and fisheye lenses.
     coefficients : int or None
-        How many distortion coefficients it can store; None for any number.
+        Number of distortion coefficients that it can store; None for any number.
     """
 
     programs: str
@@ -61,7 +63,7 @@ FORMATS = {
         "OpenCV", (".yml", ".yaml", ".json"), read_opencv_cameras, write_opencv_cameras, fisheye=True, coefficients=None
     ),
 }
-"""By the name that the command line knows them by."""
+"""The formats by their names on the command line."""
 
 
 def load_cameras(path: Path | str) -> dict[str, Camera]:
@@ -134,7 +136,7 @@ def format_name(path: Path, kind: str | None = None) -> str:
 
 
 def _check_distortions(camera: Camera, where: str) -> None:
-    """Refuse a number of coefficients that OpenCV does not take."""
+    """Raise an error for a number of coefficients that OpenCV does not support."""
     counts = (4,) if camera.fisheye else (4, 5, 8, 12, 14)
     if len(camera.distortions) not in counts:
         wanted = " or ".join(map(str, counts))
@@ -142,7 +144,7 @@ def _check_distortions(camera: Camera, where: str) -> None:
 
 
 def _check_measures(camera: Camera, where: str) -> None:
-    """Refuse what no camera has, such as a picture of no width or a position too large to be true."""
+    """Raise an error for impossible values, such as a width of 0 or a position beyond all bounds."""
     if not all(0 < side <= _LARGEST_SIDE for side in camera.size):
         todo = "give the width and height of the footage"
         raise CalibrationError(f"a picture of {camera.size[0]} x {camera.size[1]} pixels", where=where, todo=todo)

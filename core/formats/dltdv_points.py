@@ -34,18 +34,19 @@ def is_dltdv_file(path: Path) -> bool:
 
 
 def read_dltdv_points(path: Path, count: int) -> dict[str, Markers]:
-    """Read the first points of a file by camera, named cam1, cam2 ..., in pixels from the bottom or top as they stand.
+    """Read the first points of a file by camera (cam1, cam2 ...), in pixels counted from the bottom or top as in the
+    file.
 
     Parameters
     ----------
     path : Path
     count : int
-        How many points there must be: 2 of a wand, 4 of an L-frame. Further points are left out.
+        Number of points to read: 2 for a wand, 4 for an L-frame.
 
     Raises
     ------
     CalibrationError
-        The file cannot be read, or lacks a column; names the file, and the line where there is one.
+        The file cannot be read, or lacks a column; names the file, and the line if there is one.
     """
     text = read_text(path, "the points", CalibrationError)
     with reading(path, "a file of digitised points", CalibrationError):
@@ -56,7 +57,7 @@ def _points(text: str, path: Path, count: int) -> dict[str, Markers]:
     lines = csv.reader(text.split("\n"), skipinitialspace=True)
     rows = [row for row in lines if any(cell.strip() for cell in row)]
     columns = _columns(rows[0] if rows else [], path)
-    if len(rows) * len(columns) > len(text):  # every cell but the first follows a comma
+    if len(rows) * len(columns) > len(text):  # every cell takes at least one character
         what = f"{len(columns)} columns and {len(rows) - 1} rows, nearly all of them empty"
         raise CalibrationError(f"is not a file of digitised points, or not whole: {what}", where=str(path))
     cameras = sorted({camera for _, camera, _ in columns})
@@ -75,14 +76,14 @@ def _points(text: str, path: Path, count: int) -> dict[str, Markers]:
 
 
 def from_bottom(markers: Markers, height: int) -> Markers:
-    """Return points of a file that counts pixels from the bottom of a picture of some height, from its top."""
+    """Return markers whose rows were counted from the bottom of a picture, with rows counted from its top."""
     points = markers.points.copy()
     points[..., 1] = height - 1 - points[..., 1]
     return Markers(markers.frames, points, markers.sigma)
 
 
 def _columns(header: list[str], path: Path) -> Mapping[tuple[int, int, int], int]:
-    """Where the coordinate of a point in a camera is, by point, camera and axis."""
+    """Return the column of every coordinate by point, camera and axis."""
     found = {}
     for k, name in enumerate(header):
         match = _COLUMN.fullmatch(name.strip())
@@ -105,7 +106,7 @@ def _number(row: list[str], column: int, where: str) -> float:
 
 
 def _markers(points: Array) -> Markers:
-    """The points of the frames that show any; half a point is none."""
+    """Return the points of the frames that have any; a point with one coordinate missing is missing."""
     points = np.where(np.isfinite(points).all(axis=-1, keepdims=True), points, np.nan)
     frames = np.flatnonzero(np.isfinite(points).any(axis=(1, 2)))
     sigma = np.where(np.isfinite(points[frames, :, 0]), DIGITISED_SIGMA, np.nan)

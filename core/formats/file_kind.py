@@ -17,8 +17,8 @@ _CAPTURE = {"lframe", "wand"}
 
 
 def file_kind(path: Path | str) -> Kind:
-    """Whether a file is a shot, a capture of L-frame and wand, 2D keypoints, 3D landmarks, or else may be a
-    calibration.
+    """Return whether a file is a shot file, a capture of L-frame and wand, 2D keypoints or 3D landmarks; any other file
+    is taken for a calibration.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Reports as HTML pages that need nothing else."""
+"""Reports as self-contained HTML pages."""
 
 from __future__ import annotations
 
@@ -14,6 +14,6 @@ _STYLE = (
 
 
 def html_page(title: str, body: str) -> str:
-    """A page with a title; the body is HTML already."""
+    """Return a page with a title (plain text) and a body (HTML)."""
     head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{_STYLE}</style>'
     return f'<!doctype html><html lang="en">{head}<h1>{escape(title)}</h1>{body}</html>\n'

@@ -1,6 +1,6 @@
-"""The JSON documents of pose detectors, recognised by what is in them, as lists of people.
+"""The JSON documents of pose detectors, recognised by their content, as lists of people.
 
-Known are OpenPose (`people`), COCO's results and annotations, AlphaPose (COCO's results with names of pictures, or
+Supported are OpenPose (`people`), COCO's results and annotations, AlphaPose (COCO's results with names of pictures, or
 `bodies` by name), MMPose and RTMPose (`instances`, alone or with `instance_info`), MediaPipe (landmarks as `x`, `y`,
 `visibility`) and Ultralytics' YOLO-pose (`keypoints` of lists `x`, `y`, `visible`).
 """
@@ -26,15 +26,15 @@ class DetectedPerson:
     values : sequence of float
         x, y, confidence of every keypoint, one after the other.
     frame : int or None
-        None where the document does not say: it is then about one picture.
+        None if the document does not state it, because it is about one picture.
     track : int
-        -1 where there is none.
+        The detector's number of the person; -1 if there is none.
     normalised : bool
-        Places are shares of the picture's width and height, 0 to 1 from edge to edge.
+        Whether coordinates are fractions of the picture's width and height, 0 to 1 from edge to edge.
     names : tuple of str or None
-        Our names of the keypoints where the document names them.
+        Names of the keypoints (`core.formats.keypoint_layouts`), if the document has names.
     hands : sequence of float
-        x, y, confidence of the 42 points of both hands, where the document has them beside the body's keypoints.
+        x, y, confidence of the 42 points of both hands, if the document lists them separately from the body's.
     """
 
     values: Sequence[float]
@@ -46,12 +46,12 @@ class DetectedPerson:
 
 
 def people(document: Any) -> list[DetectedPerson] | None:
-    """All people of a document, or None if it is not one of those known.
+    """Return all people of a document, or None if its format is unknown.
 
     Raises
     ------
     KeyError, TypeError, ValueError, IndexError, AttributeError
-        It is one of them, but not whole.
+        The format is known, but the document is incomplete.
     """
     if isinstance(document, Mapping):
         return _of_mapping(document)
@@ -102,7 +102,7 @@ def _of_list(document: list[Any]) -> list[DetectedPerson] | None:
 
 
 def picture_number(name: Any) -> int:
-    """The number of a picture: the last in its name."""
+    """Return the number of a picture: the last number in its name."""
     if isinstance(name, int):
         return name
     numbers = re.findall(r"\d+", re.sub(r"\.\w*$", "", str(name)))
@@ -132,7 +132,9 @@ def _coco(entry: Mapping[str, Any], frame: int) -> DetectedPerson:
 
 
 def _annotations(document: Mapping[str, Any]) -> list[DetectedPerson]:
-    """COCO's ground truth: visibility is 0, 1 (hidden) or 2; pictures are numbered by their names where they can be."""
+    """Read COCO's ground truth: visibility is 0, 1 (hidden) or 2; frame numbers are those in the pictures' names, if
+    any.
+    """
     names = {image["id"]: image.get("file_name", image["id"]) for image in document.get("images", ())}
     found = []
     for entry in document["annotations"]:
@@ -159,7 +161,7 @@ def _mmpose(one: Mapping[str, Any], frame: int | None, names: tuple[str, ...] | 
 
 
 def _mmpose_video(entries: Sequence[Mapping[str, Any]], names: tuple[str, ...] | None) -> list[DetectedPerson]:
-    """Frames by their `frame_id`; MMPose's demo programs count them from 1, its inferencer from 0."""
+    """Read frames by their `frame_id`, which MMPose's demo programs count from 1 and its inferencer from 0."""
     first = min((int(entry["frame_id"]) for entry in entries), default=0)
     start = 1 if first >= 1 and names is not None else 0
     return [_mmpose(one, int(entry["frame_id"]) - start, names) for entry in entries for one in entry["instances"]]
@@ -177,7 +179,7 @@ def _is_landmark(value: Any) -> bool:
 
 
 def _is_mediapipe_frame(value: Any) -> bool:
-    """A picture's landmarks: a list of them, a list of such lists, or a table that has one."""
+    """Whether a value is one picture's landmarks: a list of them, a list of such lists, or a table with such a list."""
     if value is None:
         return True
     if isinstance(value, Mapping):
@@ -190,13 +192,13 @@ def _mediapipe_bodies(document: Mapping[str, Any]) -> list[DetectedPerson] | Non
         if key in document:
             frame = document.get("frame", document.get("frame_id"))
             found = list(_mediapipe_picture(document[key], None if frame is None else int(frame)))
-            # Holistic, which finds hands, finds one person.
+            # MediaPipe Holistic, which finds hands, finds only one person.
             return [replace(person, hands=_mediapipe_hands(document)) for person in found]
     return None
 
 
 def _mediapipe_hands(document: Mapping[str, Any]) -> list[float]:
-    """Both hands of MediaPipe Holistic; empty where there is none."""
+    """Return both hands of MediaPipe Holistic; empty if there are none."""
     values: list[float] = []
     for keys in (("left_hand_landmarks", "leftHandLandmarks"), ("right_hand_landmarks", "rightHandLandmarks")):
         found = next((document[key] for key in keys if document.get(key)), None)
@@ -216,7 +218,7 @@ def _mediapipe_frames(document: Sequence[Any]) -> Iterator[DetectedPerson]:
 
 
 def _mediapipe_picture(value: Any, frame: int | None) -> Iterator[DetectedPerson]:
-    """One person's landmarks or several people's; nothing where nobody was found."""
+    """Generate the people of a picture, which has one person's landmarks, several people's, or none."""
     if isinstance(value, Mapping):
         value = value["landmark"]
     if value and _is_landmark(value[0]):

@@ -18,7 +18,7 @@ from .keypoint_documents import DetectedPerson, people, picture_number
 from .keypoint_layouts import HAND_NAMES, LAYOUTS, WHOLE_BODY, keypoint_layout
 from .reading import BEYOND, read_bytes, reading
 
-_LARGEST = 10**15  # of frames and tracks: some programs number pictures by the time
+_LARGEST = 10**15  # number of a frame or track: some programs number pictures by the time
 KNOWN = "OpenPose, COCO, AlphaPose, MMPose, MediaPipe or YOLO"
 
 
@@ -30,19 +30,20 @@ def read_keypoints(
     Parameters
     ----------
     path : path
-        A JSON file, or a folder of them: one for every picture, with the frame as the last number in its name.
+        A JSON file, or a folder with one for every picture, whose frame is the last number in the file's name.
     size : tuple of int, optional
-        Width and height of the footage, pixels: needed where places are shares of them (MediaPipe).
+        Width and height of the footage, pixels; needed if coordinates are fractions of them (MediaPipe).
     skip_broken : bool
-        Leave files of a folder that cannot be read out, and name them in the result, rather than refuse them all.
+        Whether to leave out files of a folder that cannot be read, and list them in the result, instead of raising an
+        error.
     hands : bool
-        Read the 42 points of both hands (`core.formats.keypoint_layouts.HAND_NAMES`) instead of those of the body;
-        people whose hands were not looked for are left out.
+        Whether to read the 42 points of both hands (`core.formats.keypoint_layouts.HAND_NAMES`) instead of the body's;
+        people without hands in the file are left out.
 
     Raises
     ------
     KeypointError
-        A file cannot be read or is no keypoint file; names it.
+        A file cannot be read or is not a keypoint file; names it.
     """
     path = Path(path)
     if path.is_file():
@@ -67,12 +68,12 @@ def read_keypoints(
 
 
 def read_shot_keypoints(shot: Shot, *, hands: bool = False) -> list[Detections]:
-    """Read what detectors found in every view of a shot, bodies or hands; nothing for views that name no keypoints.
+    """Read the keypoints of bodies, or of hands, of every view of a shot; empty for views without keypoint files.
 
     Raises
     ------
     KeypointError
-        Files cannot be read; names the camera and the file.
+        A file cannot be read; names the camera and the file.
     """
     skip_broken = shot.settings.broken_keypoints == "skip"
     return [_read_view(view, skip_broken=skip_broken, hands=hands) for view in shot.views]
@@ -127,7 +128,7 @@ def _check(person: DetectedPerson, file: Path) -> None:
 
 
 def _numbered(found: list[DetectedPerson], file: Path) -> list[DetectedPerson]:
-    """People of a folder's file, which is about the picture whose number is in its name."""
+    """Return the people of a file in a folder, with the number in the file's name as their frame."""
     if all(person.frame is not None for person in found):
         return found
     try:
@@ -141,7 +142,7 @@ def _numbered(found: list[DetectedPerson], file: Path) -> list[DetectedPerson]:
 
 
 def _of_hands(found: list[DetectedPerson], file: Path) -> list[DetectedPerson]:
-    """The hands of people who have some."""
+    """Return the hands of those people who have some."""
     hands = []
     for person in found:
         count = 3 * len(HAND_NAMES)
@@ -155,14 +156,14 @@ def _of_hands(found: list[DetectedPerson], file: Path) -> list[DetectedPerson]:
 def _gathered(
     found: list[DetectedPerson], skipped: Sequence[str], path: Path, size: tuple[int, int] | None
 ) -> Detections:
-    """All people in one set of arrays, sorted by frame."""
+    """Return all people as arrays, sorted by frame."""
     found = sorted(found, key=lambda person: person.frame or 0)
     names, table = _table(found)
     if (shares := np.array([person.normalised for person in found], bool)).any():
         if size is None:
             raise KeypointError("its places are shares of a picture of unknown size", where=str(path))
-        table[shares, :, :2] = table[shares, :, :2] * size - 0.5  # from edge to edge; ours count from centre to centre
-    # Detectors write 0, 0 or no confidence for what they did not find.
+        table[shares, :, :2] = table[shares, :, :2] * size - 0.5  # integers at pixel centres
+    # Detectors write (0, 0) or a confidence of 0 for keypoints that they did not find.
     missing = ~np.isfinite(table).all(axis=-1) | (table[..., 2] <= 0) | (table[..., :2] == 0).all(axis=-1)
     table[missing] = [np.nan, np.nan, 0.0]
     return Detections(
@@ -176,7 +177,9 @@ def _gathered(
 
 
 def _table(found: Sequence[DetectedPerson]) -> tuple[tuple[str, ...], NDArray[np.float64]]:
-    """Our names of all their keypoints, and (n, k, 3) x, y, confidence; NaN where a list has no such name."""
+    """Return the names of all keypoints, and their x, y, confidence, shape (n, k, 3); NaN if a person's list lacks
+    one.
+    """
     alike: dict[tuple[int, tuple[str, ...] | None], list[int]] = {}
     for i, person in enumerate(found):
         alike.setdefault((len(person.values), person.names), []).append(i)

@@ -1,8 +1,8 @@
-"""The orders in which detectors list their keypoints, with our names of them.
+"""The orders in which detectors list their keypoints, and the names of these keypoints.
 
-Names are those of the body's landmarks (Pose2Sim's), and a few more of the face; an empty name is a keypoint that is
-not used. Where several orders have the same number of keypoints, the one that the detectors' own programs write counts;
-of OpenPose's two orders of 25 the right one is chosen by the people themselves.
+Names are those of the body's landmarks (as in Pose2Sim), and a few more of the face; an empty name marks a keypoint
+that is not used. An order is recognised by its number of keypoints. If several have the same number, the one that the
+detectors' own programs write is used; OpenPose's two orders of 25 are told apart by the positions of the keypoints.
 """
 
 from __future__ import annotations
@@ -37,7 +37,9 @@ MEDIAPIPE_33 = _listed(
 
 
 def _hands(first: int, count: int) -> list[str]:
-    """The rest of a list whose last 42 are the hands', 21 each; of a hand the tip of its middle finger is used."""
+    """Return the rest of a list of names whose last 42 are the hands', 21 each, of which only the tips of the middle
+    fingers are used.
+    """
     rest = ["-"] * (count - first)
     rest[-42 + 12], rest[-21 + 12] = "LHand", "RHand"
     return rest
@@ -47,12 +49,12 @@ HAND_POINTS = (
     "Wrist",
     *(f"{finger}{k}" for finger in ("Thumb", "Index", "Middle", "Ring", "Pinky") for k in range(1, 5)),
 )
-"""The points of a hand in the order of all detectors that are known: the wrist, then each finger from its knuckle (the
-thumb: from its root) to its tip."""
+"""The points of a hand in the order of all supported detectors: the wrist, then each finger from its knuckle (the
+thumb from its root) to its tip."""
 HAND_NAMES = tuple(f"{side}Hand{point}" for side in "LR" for point in HAND_POINTS)
-"""Of both hands."""
+"""The points of both hands."""
 WHOLE_BODY = (133, 136)
-"""Lists of so many keypoints end with those of both hands, the left one first."""
+"""Lengths of lists that end with the points of both hands, the left hand first."""
 
 COCO_133 = [*COCO_17, *_listed("LBigToe - LHeel RBigToe - RHeel"), *_hands(23, 133)]
 HALPE_136 = [*HALPE_26, *_hands(26, 136)]
@@ -64,19 +66,20 @@ def _named(names: Sequence[str]) -> tuple[str, ...]:
 
 _LAYOUTS = (MPII_16, COCO_17, OPENPOSE_18, BODY_25, HALPE_26, MEDIAPIPE_33, COCO_133, HALPE_136)
 LAYOUTS: Mapping[int, Sequence[str]] = {len(names): _named(names) for names in _LAYOUTS}
-"""Our names of a detector's keypoints, by how many it lists."""
+"""Names of a detector's keypoints, by the length of its list."""
 
 
 def keypoint_layout(people: NDArray[np.float64]) -> Sequence[str]:
-    """Our names of the keypoints of people whose lists have one length.
+    """Return the names of the keypoints of people whose lists have the same length.
 
-    OpenPose has two orders of 25. BODY_25 lists the eyes and ears 16th to 19th and a whole arm among the first five;
-    BODY_25B begins with the face and has the ankles, the neck and the head's top there.
+    OpenPose has two orders of 25 keypoints. In BODY_25, the 16th to 19th are eyes and ears, and a whole arm is among
+    the first five; BODY_25B begins with the face, and its 16th to 19th are the ankles, the neck and the top of the
+    head.
 
     Parameters
     ----------
-    people : (n, k, 3) array
-        x, y, confidence of every keypoint; confidence 0 where it was not found.
+    people : ndarray, shape (n, k, 3)
+        x, y, confidence of every keypoint; the confidence is 0 where it was not found.
     """
     count = people.shape[1]
     if count != len(BODY_25B):
@@ -86,7 +89,9 @@ def keypoint_layout(people: NDArray[np.float64]) -> Sequence[str]:
 
 
 def _extents(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Diagonals of the boxes round people's (n, k, 3) keypoints; NaN with fewer than three found."""
+    """Return the diagonals of the bounding boxes of people's keypoints (n, k, 3); NaN if fewer than three were
+    found.
+    """
     found = points[..., 2:] > 0
     lowest = np.where(found, points[..., :2], np.inf).min(axis=1)
     highest = np.where(found, points[..., :2], -np.inf).max(axis=1)
@@ -104,7 +109,7 @@ _SPOKEN = {
 
 
 def landmark_of(spoken: str) -> str:
-    """Our name of a keypoint that a file names itself, as `left_shoulder`; empty if it is not used."""
+    """Return the landmark name for a keypoint's name in a file, such as `left_shoulder`; empty if it is not used."""
     words = spoken.lower().replace("_", " ").split()
     side = {"left": "L", "right": "R"}.get(words[0], "") if words else ""
     name = _SPOKEN.get(" ".join(words[1:] if side else words), "")
@@ -112,7 +117,7 @@ def landmark_of(spoken: str) -> str:
 
 
 def mirrored_name(name: str) -> str:
-    """The name of the same landmark on the body's other side; its own on the middle."""
+    """Return the name of the same landmark on the other side of the body; its own name if it is in the middle."""
     return {"L": "R", "R": "L"}[name[0]] + name[1:] if is_sided(name) else name
 
 

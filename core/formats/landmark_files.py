@@ -1,4 +1,4 @@
-"""3D landmarks of any file that we read, by the names of a body's landmarks."""
+"""3D landmarks from TRC and C3D files, by the names of a body's landmarks."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .trc import Landmarks, read_trc
 
 
 def read_landmarks(path: Path | str, up: str = "auto") -> Landmarks:
-    """Read a TRC or a C3D file, by the ending of its name.
+    """Read a TRC or a C3D file, according to its ending; `up` as in `read_c3d`.
 
     Raises
     ------
@@ -29,9 +29,16 @@ def read_landmarks(path: Path | str, up: str = "auto") -> Landmarks:
 
 
 def landmarks_of(body: Body, found: Landmarks, where: str) -> Landmarks:
-    """Return the landmarks that a body has, by its names.
+    """Return those landmarks of a file that a body has, under the body's names.
 
-    Names may stand in other capitals, after "subject:", or be spoken out as in "left_shoulder".
+    Names in the file may differ in case, have a prefix such as "subject:", or be spelled out as in "left_shoulder".
+
+    Parameters
+    ----------
+    body : Body
+    found : Landmarks
+    where : str
+        The file, for error messages.
 
     Raises
     ------

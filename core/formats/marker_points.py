@@ -1,6 +1,7 @@
-"""Marker points as CSV: what any detector found of an L-frame and a wand.
+"""Marker points as CSV: the balls of an L-frame and a wand as found by any detector.
 
-Columns camera, take (lframe or wand), frame, marker, u, v, in any order, and sigma where it is known: one ball a row.
+Each row is one ball, with columns camera, take (lframe or wand), frame, marker, u, v in any order, and optionally
+sigma.
 """
 
 from __future__ import annotations
@@ -18,11 +19,11 @@ from ..runtime.files import replacing
 from .reading import BEYOND, read_text, reading
 
 TAKES = {"lframe": LFRAME_BALLS, "wand": WAND_BALLS, "performer": PERFORMER_POINTS}
-"""Points of each take."""
+"""Number of points of each take."""
 _MOST_COLUMNS = 100
 COLUMNS = ("camera", "take", "frame", "marker", "u", "v")
 USUAL_SIGMA = 0.5
-"""Standard deviation of a coordinate that the file does not give, pixels."""
+"""Standard deviation of a coordinate if the file states none, pixels."""
 
 
 def read_marker_points(path: Path | str) -> dict[tuple[str, str], Markers]:
@@ -31,7 +32,7 @@ def read_marker_points(path: Path | str) -> dict[tuple[str, str], Markers]:
     Raises
     ------
     CalibrationError
-        The file cannot be read, or a row of it does not make sense; names the file and the line.
+        The file cannot be read, or a row is invalid; names the file and the line.
     """
     path = Path(path)
     with reading(path, "a table of points", CalibrationError):
@@ -61,7 +62,7 @@ def _read_points(path: Path) -> dict[tuple[str, str], Markers]:
 
 
 def _rows(path: Path) -> Iterator[tuple[str, Mapping[str, str]]]:
-    """Rows with their places."""
+    """Generate the rows, each with its file and line for messages."""
     text = read_text(path, "the points", CalibrationError)
     reader = csv.DictReader(io.StringIO(text, newline=""), skipinitialspace=True)
     header = [name.strip() for name in reader.fieldnames or ()]
@@ -108,7 +109,7 @@ def _markers(balls: Mapping[tuple[int, int], tuple[float, float, float]], count:
 
 
 def write_marker_points(path: Path | str, capture: Capture) -> None:
-    """Write all points of a capture; `read_marker_points` gives them back.
+    """Write all points of a capture; `read_marker_points` reads them back.
 
     Raises
     ------

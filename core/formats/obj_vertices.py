@@ -11,16 +11,16 @@ from ..numerics.arrays import Array
 from .reading import BEYOND, read_text, reading
 
 LEAST = 4
-"""Vertices of the simplest solid."""
+"""Number of vertices of the simplest solid, a tetrahedron."""
 
 
 def read_obj_vertices(path: Path) -> Array:
-    """Read the vertices of an OBJ file as they stand in it, shape (V, 3): no axes are exchanged.
+    """Read the vertices of an OBJ file, in its own axes and unit, shape (V, 3).
 
     Raises
     ------
     BodyError
-        The file cannot be read, is no OBJ or has too few vertices; names the file.
+        The file cannot be read, is not an OBJ file or has too few vertices; names the file.
     """
     text = read_text(path, "the mesh", BodyError)
     with reading(path, "an OBJ file", BodyError):

@@ -55,7 +55,7 @@ def read_opencv_cameras(path: Path) -> list[Camera]:
 
 
 def _document(path: Path) -> dict[str, Any]:
-    """The whole file as plain values: dict, list, str, numbers and arrays."""
+    """Read the whole file as plain values: dict, list, str, numbers and arrays."""
     text = read_text(path, "the calibration", CalibrationError)
     check_depth(text, path, "an OpenCV file", CalibrationError)
     with reading(path, "an OpenCV file", CalibrationError):
@@ -66,7 +66,7 @@ def _document(path: Path) -> dict[str, Any]:
 
 
 def _of_json(value: Any) -> Any:
-    """What Python made of a document in JSON, with arrays for matrices."""
+    """Convert a parsed JSON document, with matrices as arrays."""
     if isinstance(value, dict):
         if value.keys() >= {"rows", "cols", "data"}:
             return np.array(value["data"], float).reshape(int(value["rows"]), int(value["cols"]))
@@ -78,7 +78,7 @@ def _of_yaml(text: str) -> Any:
     _check_yaml(text)
     storage = cv2.FileStorage()
     try:
-        # OpenCV never ends with an integer of more than 32 bits, such as a time in milliseconds: a real one it reads.
+        # OpenCV hangs on an integer of more than 32 bits, such as a time in milliseconds, but reads it as a float.
         opened = storage.open(_LONG_INTEGER.sub(r"\g<0>.", text), cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
         return _value(storage.root()) if opened else None
     finally:
@@ -86,11 +86,12 @@ def _of_yaml(text: str) -> Any:
 
 
 def _check_yaml(text: str) -> None:
-    """Refuse what OpenCV's parser does not survive: it loses its way after a key without a value, and in long words.
+    """Check for what crashes OpenCV's parser: keys without a value, and very long words.
 
     Raises
     ------
     ValueError
+        The text has one of these.
     """
     if not text.startswith("%YAML"):
         raise ValueError("it begins neither as YAML nor as JSON")
@@ -117,7 +118,7 @@ def _value(node: Any) -> Any:
             return _matrix(node)
         return {key: _value(node.getNode(key)) for key in keys}
     if node.isSeq():
-        if node.size() > _LONGEST:  # `at` goes through all that come before
+        if node.size() > _LONGEST:  # `at` steps through all elements before, so this is quadratic
             raise ValueError(f"a list of {node.size()} values")
         return [_value(node.at(i)) for i in range(node.size())]
     if node.isString():
@@ -126,7 +127,7 @@ def _value(node: Any) -> Any:
 
 
 def _matrix(node: Any) -> Any:
-    """A matrix; OpenCV makes room for as many values as the file claims, not for those that it has."""
+    """Return a matrix, if it has as many values as it states: OpenCV allocates memory for the stated number."""
     rows, columns, kind = (node.getNode(key) for key in ("rows", "cols", "dt"))
     claimed, data = rows.real() * columns.real(), node.getNode("data")
     if re.fullmatch("[ucwsifdh]", kind.string()) is None or not 0 < claimed <= _LONGEST:
@@ -137,7 +138,7 @@ def _matrix(node: Any) -> Any:
 
 
 def _easymocap_names(document: dict[str, Any], path: Path) -> list[str]:
-    """The names in the file, the poses from extri.yml taken into `document` where the file is intri.yml."""
+    """Return the names in the file; if it is intri.yml, the poses in extri.yml are added to `document`."""
     extrinsics = path.with_name(path.name.replace("intri", "extri").replace("Intri", "Extri"))
     if extrinsics != path and extrinsics.is_file():
         for key, value in _document(extrinsics).items():
@@ -199,7 +200,7 @@ def _size(table: Mapping[str, Any], where: str) -> tuple[int, int]:
 def write_opencv_cameras(path: Path, cameras: Sequence[Camera]) -> None:
     """Write a node per camera with the fields of OpenCV's calibration sample, its rotation as a matrix."""
     with replacing(path) as temporary:
-        # In memory: OpenCV does not say why a file cannot be written, nor that the disk is full.
+        # In memory: OpenCV reports neither why a file cannot be written nor that the disk is full.
         kind = cv2.FILE_STORAGE_FORMAT_JSON if path.suffix.lower() == ".json" else cv2.FILE_STORAGE_FORMAT_YAML
         storage = cv2.FileStorage("", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY | kind)
         for c, camera in enumerate(cameras, 1):

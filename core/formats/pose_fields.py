@@ -1,4 +1,4 @@
-"""Poses of cameras in the shapes that calibration files give them in."""
+"""Camera poses in all the shapes that occur in calibration files."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..numerics import rotations
 from ..numerics.arrays import Array
 
 ROUNDING = 1e-3
-"""Largest departure of R^T R from the identity that is still the rounding of printed digits."""
+"""Largest deviation of R^T R from the identity that rounding of the printed digits can explain."""
 _VECTORS = ((3,), (3, 1), (1, 3))
 _MATRICES = ((3, 3), (9,))
 _ACCEPTED = "a Rodrigues vector (3, 3x1 or 1x3 numbers, radians) or a 3x3 matrix"
@@ -23,21 +23,21 @@ def camera_poses(rotation: Any, translation: Any, where: str) -> tuple[Array, Ar
     Parameters
     ----------
     rotation : array-like
-        Of a fixed camera a Rodrigues vector of shape (3,), (3, 1) or (1, 3), or a matrix of shape (3, 3), or its nine
-        numbers row by row. Of a moving camera one of (3,), (3, 1), (1, 3) or (3, 3) for every frame.
+        For a fixed camera, a Rodrigues vector of shape (3,), (3, 1) or (1, 3), a matrix of shape (3, 3), or its nine
+        numbers row by row. For a moving camera, one of shape (3,), (3, 1), (1, 3) or (3, 3) per frame.
     translation : array-like
-        Of a fixed camera three numbers in any shape; of a moving camera three for every frame.
+        For a fixed camera, three numbers in any shape; for a moving camera, three per frame.
     where : str
         File and camera, for error messages.
 
     Raises
     ------
     CalibrationError
-        The shapes are others, a number is not finite, or a matrix is not a rotation.
+        The shapes are different, a number is not finite, or a matrix is not a rotation.
 
     Notes
     -----
-    Three frames of Rodrigues vectors and one matrix have the same shape: the translation tells them apart.
+    Three frames of Rodrigues vectors have the same shape as one matrix; the shape of the translation decides.
     """
     R, t = _finite(rotation, "rotation", where), _finite(translation, "translation", where)
     if t.size == 3:
@@ -60,7 +60,7 @@ def _finite(values: Any, key: str, where: str) -> Array:
 
 
 def _matrices(values: Array, where: str) -> Array:
-    """Rotation matrices (N, 3, 3) of N vectors or matrices."""
+    """Return the rotation matrices (N, 3, 3) of N Rodrigues vectors or matrices."""
     shape = values.shape[1:]
     if shape in _VECTORS:
         return rotations.exp(values.reshape(-1, 3))

@@ -1,7 +1,7 @@
 """Qualisys' calibration files (.qca.txt, an XML document).
 
-The transform holds the camera's place (mm) and its rotation by columns, with the camera looking along -z: its
-inverse, turned by pi about x, is OpenCV's. Lengths on the sensor are in 1/64 pixel.
+The transform holds the camera's position (mm) and its rotation, column by column, with the camera looking along -z. Its
+inverse, rotated by pi about x, is OpenCV's. Lengths on the sensor are in units of 1/64 pixel.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def read_qualisys_cameras(path: Path) -> list[Camera]:
 
 
 def _films(element: ElementTree.Element) -> bool:
-    """Marker cameras of the same system are in the file too."""
+    """Whether an element is a video camera; the file also lists the system's marker cameras."""
     model = element.get("model", "none").lower()
     return element.get("active", "1") != "0" and ("video" in model or model == "none")
 
@@ -66,7 +66,7 @@ def _camera(element: ElementTree.Element, path: Path) -> Camera:
         for key in ("focalLengthU", "focalLengthV", "centerPointU", "centerPointV", "skew")
     )
     K = np.array([[fu, skew, cu - left], [0.0, fv, cv - top], [0.0, 0.0, 1.0]])
-    # Unlike the lengths these belong to normalised coordinates: no 1/64. Qualisys spells it "tangental".
+    # Unlike the lengths, these apply to normalised coordinates: no 1/64. Qualisys spells it "tangental".
     radial, tangential = "radialDistortion", "tangentalDistortion"
     keys = (f"{radial}1", f"{radial}2", f"{tangential}1", f"{tangential}2", f"{radial}3")
     distortions = [value("intrinsic", key) for key in keys]

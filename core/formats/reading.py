@@ -1,6 +1,7 @@
-"""One rule for all readers of files: whatever a file holds, reading it gives its content or an error of the project's.
+"""What all readers of files share: whatever a file contains, reading it returns its content or raises a KFMocapError.
 
-Readers read within `reading`, and check what a file claims (lengths, depths, counts) before they make room for it.
+Readers run inside `reading`, and check the sizes that a file states (lengths, depths, counts) before they allocate
+memory.
 """
 
 from __future__ import annotations
@@ -20,11 +21,11 @@ from ..errors import KFMocapError, located
 Name = TypeVar("Name")
 
 MOST_BYTES = 1 << 30
-"""Larger files are refused: none of those that are read here comes near."""
+"""Largest file that is read; no legitimate file comes near."""
 DEEPEST = 100
-"""Levels of lists and tables within each other that a document may have."""
+"""Largest depth of nested lists and tables in a document."""
 BEYOND = 1e9
-"""Numbers that are larger than this stand for nothing that is measured here: metres, pixels, frames."""
+"""Upper limit to all numbers that are read: metres, pixels, frames."""
 _DAMAGE = (
     ArithmeticError,
     AttributeError,
@@ -39,13 +40,13 @@ _DAMAGE = (
     csv.Error,
     struct.error,
 )
-"""What reading a damaged file leads to, in Python and in the libraries."""
+"""Exceptions that Python and the libraries raise on damaged files."""
 _SHOWN = 120
 
 
 @contextmanager
 def reading(path: Path, what: str, error: type[KFMocapError], todo: str | None = None) -> Iterator[None]:
-    """Turn whatever goes wrong in the block into an error about a file.
+    """Turn exceptions in the block into an error about a file.
 
     Parameters
     ----------
@@ -60,7 +61,7 @@ def reading(path: Path, what: str, error: type[KFMocapError], todo: str | None =
     Raises
     ------
     KFMocapError
-        Of that kind, with the file's name; those of the block are given its name where they lack it.
+        Of the given type, with the file's name; the block's own KFMocapErrors get the name if they lack it.
     """
     try:
         with np.errstate(all="ignore"):
@@ -81,12 +82,12 @@ def reading(path: Path, what: str, error: type[KFMocapError], todo: str | None =
 
 
 def read_bytes(path: Path, what: str, error: type[KFMocapError]) -> bytes:
-    """Read a file, which messages call `what`.
+    """Read a file, which is called `what` in messages.
 
     Raises
     ------
     KFMocapError
-        Of that kind: it cannot be read, is none (a folder, a device) or is larger than `MOST_BYTES`.
+        Of type `error`: the file cannot be read, is a folder or a device, or is larger than `MOST_BYTES`.
     """
     try:
         if path.exists() and not path.is_file():
@@ -109,7 +110,7 @@ def read_text(path: Path, what: str, error: type[KFMocapError]) -> str:
 
 
 def first_repeated(names: Iterable[Name]) -> Name | None:
-    """Return the first name that was there before, or None."""
+    """Return the first name that occurs a second time, or None."""
     seen: set[Name] = set()
     for name in names:
         if name in seen:
@@ -119,12 +120,12 @@ def first_repeated(names: Iterable[Name]) -> Name | None:
 
 
 def check_depth(text: str, path: Path, what: str, error: type[KFMocapError]) -> None:
-    """See that lists and tables of a document in YAML or JSON are not within each other without end.
+    """Check that lists and tables of a YAML or JSON document are not nested deeper than `DEEPEST`.
 
     Raises
     ------
     KFMocapError
-        Of that kind. Brackets within texts count, too: documents with so many of them are no better.
+        Of type `error`: they are. Brackets in strings are counted, too.
     """
     depth = np.cumsum([(c in "[{") - (c in "]}") for c in text if c in "[]{}"], dtype=np.int64)
     indented = max((len(line) - len(line.lstrip(" ")) for line in text.split("\n")), default=0)

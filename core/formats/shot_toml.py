@@ -1,4 +1,4 @@
-"""Reading shot files: a shot for batches and other programs. Paths in it are relative to it."""
+"""Reading shot files. Paths in a shot file are relative to its folder."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def _settings(document: Table, path: Path) -> Settings:
 
 
 def _setting(table: Table, name: str, kind: Any) -> Any:
-    """A setting's value, of the type that `Settings` declares for it."""
+    """Return a setting's value, checked to be of the type that `Settings` declares for it."""
     kinds = [k for k in get_args(kind) if k is not type(None)] if isinstance(kind, UnionType) else [kind]
     value = table.value(name)
     if float in kinds:

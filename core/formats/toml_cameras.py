@@ -1,4 +1,4 @@
-"""KF Mocap's own calibration files (.toml), which aniposelib and Pose2Sim share; Caliscope's are read as well.
+"""KF Mocap's own calibration files (.toml), in the format of aniposelib and Pose2Sim; Caliscope's are read as well.
 
 A camera is a table with name, size, matrix, distortions, rotation (Rodrigues vector) and translation (metres). A moving
 camera's rotation and translation are lists of such vectors, one per frame of the shot. Other programs' files may give a
@@ -34,14 +34,14 @@ def read_toml_cameras(path: Path) -> list[Camera]:
     """
     document = read_toml(path, "the calibration", CalibrationError)
     tables = {k: v for k, v in document.items() if isinstance(v, dict) and "matrix" in v}
-    nested = document.get("cameras")  # Caliscope: [cameras.1], without names of their own
+    nested = document.get("cameras")  # Caliscope has tables [cameras.1], ... without names
     if isinstance(nested, dict):
         tables.update({f"cam_{k}": v for k, v in nested.items() if isinstance(v, dict) and "matrix" in v})
     return [_toml_camera(key, table, path) for key, table in tables.items() if _posed(table)]
 
 
 def _posed(table: Mapping[str, Any]) -> bool:
-    """Caliscope leaves cameras without a pose in the file, with "null" for what is not known."""
+    """Whether a camera has a pose; Caliscope's files also list cameras without one, with "null" for unknown values."""
     return all(table.get(key, "null") != "null" for key in ("matrix", "rotation", "translation"))
 
 
@@ -66,7 +66,9 @@ def _toml_camera(key: str, table: Mapping[str, Any], path: Path) -> Camera:
 
 
 def _numbers(table: Mapping[str, Any], key: str, where: str, shape: tuple[int, ...] | None) -> Array:
-    """The array of one field, of the asked shape; None: of a vector, which may also be one row or column."""
+    """Return the array of one field with the given shape; None stands for a vector, which may also be a row or
+    column.
+    """
     if key not in table:
         raise CalibrationError(f"'{key}' is missing", where=where)
     try:
@@ -84,7 +86,7 @@ def _numbers(table: Mapping[str, Any], key: str, where: str, shape: tuple[int, .
 
 
 def save_cameras(path: Path | str, cameras: Mapping[str, Camera] | Sequence[Camera]) -> None:
-    """Write cameras as our TOML; `load_cameras` gives the same cameras back.
+    """Write cameras as TOML; `load_cameras` reads the same cameras back.
 
     Raises
     ------
@@ -114,5 +116,5 @@ def _toml_table(camera: Camera) -> str:
 
 
 def _quoted(text: str) -> str:
-    """A TOML basic string: JSON's escapes are a part of TOML's."""
+    """Return a TOML basic string, whose escapes include all of JSON's."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -1,4 +1,4 @@
-"""Strict reading of TOML files: every mistake is one message with the file, the table and the key."""
+"""Strict reading of TOML files: every mistake gives one message with the file, the table and the key."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from .reading import BEYOND, read_text, reading
 
 _REQUIRED: Any = object()
 _LONGEST_PATH, _LONGEST_NAME, _SHOWN = 4000, 255, 60
-# tomllib takes quadratic time for a key of very many parts. The repetitions are possessive: they never go back.
+# tomllib takes quadratic time for a key with very many parts. The possessive repetitions never backtrack.
 _LONG_KEY = re.compile(r"""(?<![\w"'-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){50}""")
 
 
 def read_toml(path: Path, what: str, error: type[KFMocapError]) -> dict[str, Any]:
-    """The document in a TOML file; messages call the file `what`, and are of that family of errors."""
+    """Read the document in a TOML file, which is called `what` in messages of the type `error`."""
     text = read_text(path, what, error)
     with reading(path, "a TOML file", error):
         if _LONG_KEY.search(text):
@@ -41,7 +41,7 @@ class Table:
     Raises
     ------
     ShotError
-        A key is unknown; so do the readers below when a key is missing or of the wrong kind.
+        A key is unknown; the methods below raise it if a key is missing or its value has the wrong type.
     """
 
     def __init__(self, values: Any, where: str, keys: Iterable[str]) -> None:
@@ -59,11 +59,11 @@ class Table:
         return key in self._values
 
     def error(self, key: str, what: str, todo: str | None = None) -> ShotError:
-        """An error about one key."""
+        """Return an error about one key."""
         return ShotError(what, where=f"{self.where} {key}", todo=todo)
 
     def value(self, key: str, default: Any = _REQUIRED) -> Any:
-        """The value as it stands."""
+        """Return a value without checking its type."""
         if key in self._values:
             return self._values[key]
         if default is _REQUIRED:
@@ -71,35 +71,35 @@ class Table:
         return default
 
     def text(self, key: str, default: Any = _REQUIRED) -> str:
-        """A string that is not empty."""
+        """Return a string that is not empty."""
         value: str = self.value(key, default)
         if key in self._values and not (isinstance(value, str) and value.strip()):
             raise self.error(key, f"must be a text in quotes, not {_shown(value)}")
         return value
 
     def number(self, key: str, default: Any = _REQUIRED) -> float:
-        """A number that is not too large to be true."""
+        """Return a finite number within `BEYOND`."""
         value: float = self.value(key, default)
         if key in self._values and not _is_number(value):
             raise self.error(key, f"must be a number, not {_shown(value)}")
         return value
 
     def integers(self, key: str, default: Any = _REQUIRED) -> list[int]:
-        """A list of whole numbers."""
+        """Return a list of integers."""
         value: list[int] = self.value(key, default)
         if key in self._values and not (isinstance(value, list) and all(_is_integer(v) for v in value)):
             raise self.error(key, f"must be a list of whole numbers, not {_shown(value)}")
         return value
 
     def flag(self, key: str) -> bool:
-        """True or false; false where the file does not say."""
+        """Return a boolean, False by default."""
         value = self.value(key, False)
         if not isinstance(value, bool):
             raise self.error(key, f"must be true or false, not {_shown(value)}")
         return value
 
     def path(self, key: str, folder: Path, default: Any = _REQUIRED) -> Path | Any:
-        """A path, relative to the folder of the file."""
+        """Return a path, which is relative to the folder of the file."""
         if key not in self._values and default is not _REQUIRED:
             return default
         text = self.text(key)
@@ -118,6 +118,6 @@ def _is_number(value: Any) -> bool:
 
 
 def _shown(value: Any) -> str:
-    """A value for a message, its end left out where it is long."""
+    """Return a value as text for a message, cut off if it is long."""
     text = repr(value)
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."

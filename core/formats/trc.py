@@ -1,6 +1,7 @@
 """TRC files: landmarks over time, as Pose2Sim and OpenSim write them.
 
-Its axes are Y up, (X, Y, Z) = (y, z, x) of our Z-up world; blanks and "nan" are landmarks that were not seen.
+The file's axes are Y up: (X, Y, Z) are (y, z, x) of the world frame (Z up). Blanks and "nan" are landmarks that were
+not seen.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ WORLD_OF_Y_UP = [2, 0, 1]
 _TRC_OF_WORLD = [1, 2, 0]
 _HEADER_LINES = 5
 _ROOM, _SPARSEST = 1_000_000, 10
-"""Values that there is room for whatever a file's length, and values for each of its letters, most of them missing."""
+"""Number of values for which memory is allocated regardless of the file's length, and beyond that, per character of the
+file: most values may be missing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +36,7 @@ class Landmarks:
     points_world : ndarray, shape (F, L, 3)
         Metres, Z up; NaN where a landmark was not seen.
     fps : float
-        Frames per second, 0 when the file does not say.
+        Frames per second, 0 if the file does not state it.
     """
 
     names: tuple[str, ...]
@@ -94,7 +96,7 @@ def _rate(header: dict[str, str], path: Path) -> float:
 
 
 def _row(line: str, count: int, where: str) -> list[float]:
-    """The coordinates of one frame, as many as its line has; what it lacks at its end was not seen."""
+    """Return the coordinates of one frame; those missing at the end of its line were not seen."""
     fields = line.split("\t")[2 : 2 + 3 * count]
     try:
         values = [float(f) if f.strip() else np.nan for f in fields]

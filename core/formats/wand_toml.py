@@ -1,4 +1,4 @@
-"""The capture file: an L-frame and a wand, filmed or as points. Paths in it are relative to it."""
+"""Reading capture files: an L-frame and a wand, as videos or as points. Paths are relative to the file's folder."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _VIEW = ("camera", "lframe", "wand", "offset", "focal", "matrix", "distortions",
 
 
 def load_wand(path: Path | str) -> CaptureVideos | Capture:
-    """Read a capture file: videos to look for markers in, or the markers' points themselves.
+    """Read a capture file: videos in which markers are to be detected, or the markers' points themselves.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def load_wand(path: Path | str) -> CaptureVideos | Capture:
 
 
 def _floor(document: Table, path: Path) -> tuple[tuple[tuple[int, int], ...], StandingPerformer | None]:
-    """What is on the floor in place of an L-frame: the frames on which the wand lies there, or who stands there."""
+    """Read what replaces an L-frame: the frames on which the wand lies on the floor, or somebody who stands there."""
     if "floor" not in document:
         return (), None
     floor = Table(document.value("floor"), f"{path} [floor]", ("wand", "performer", "height", "points"))
@@ -89,7 +89,7 @@ def _floor(document: Table, path: Path) -> tuple[tuple[tuple[int, int], ...], St
 
 
 def _stretches(floor: Table, key: str, count: int | None = None) -> tuple[tuple[int, int], ...]:
-    """Stretches of frames, one after the other: a number of them, or two at least."""
+    """Read `count` ranges of frames in increasing order; at least two if it is None."""
     shape = (count or max(len(floor.value(key)) if isinstance(floor.value(key), list) else 0, 2), 2)
     ends = _vectors(floor, key, shape).ravel()
     if not ((ends == ends.round()).all() and (np.diff(ends) > 0).all()):
@@ -101,7 +101,7 @@ def _stretches(floor: Table, key: str, count: int | None = None) -> tuple[tuple[
 
 @contextmanager
 def _as_calibration_error() -> Iterator[None]:
-    """Errors of tables are the calibration's here."""
+    """Turn errors of tables into CalibrationErrors."""
     try:
         yield
     except ShotError as error:
@@ -124,7 +124,7 @@ def _capture_view(view: Table, folder: Path) -> CaptureVideoView:
 
 
 def _known_beforehand(view: Table) -> tuple[float | None, float | None, Array | None, Array | None]:
-    """Offset, focal length, matrix and distortions, where they are given."""
+    """Read offset, focal length, matrix and distortions, each None if it is not given."""
     offset = view.number("offset", None)
     focal = _positive(view, "focal") if "focal" in view else None
     matrix = _vectors(view, "matrix", (3, 3)) if "matrix" in view else None
@@ -146,7 +146,7 @@ def _colours(wand: Table) -> tuple[Colour, ...]:
 
 
 def _capture(table: Table, points: Array, length: float, views: list[Table], path: Path) -> Capture:
-    """Points of a file, by the views that are to be used."""
+    """Read the points of a file for the views that are to be used."""
     file = table.path("file", path.parent)
     digitised = is_dltdv_file(file)
     found = _digitised(table, path.parent) if digitised else read_marker_points(file)
@@ -165,13 +165,13 @@ def _capture(table: Table, points: Array, length: float, views: list[Table], pat
             lframe, wand = from_bottom(lframe, int(size[1])), from_bottom(wand, int(size[1]))
         known = _known_beforehand(view)
         if digitised and known[0] is None:
-            known = (0.0, *known[1:])  # a row of such a file is the same instant in all cameras
+            known = (0.0, *known[1:])  # a row of such a file belongs to one instant in all cameras
         out.append(CaptureView(name, (int(size[0]), int(size[1])), fps, lframe, wand, *known))
     return Capture(points, length, tuple(out))
 
 
 def _digitised(table: Table, folder: Path) -> dict[tuple[str, str], Markers]:
-    """The points of DLTdv's files by camera and take."""
+    """Read the points of DLTdv's files by camera and take."""
     if table.value("origin", ORIGINS[0]) not in ORIGINS:
         raise table.error("origin", f"must be {' or '.join(ORIGINS)}")
     found = {(camera, "wand"): m for camera, m in read_dltdv_points(table.path("file", folder), WAND_BALLS).items()}
@@ -193,7 +193,7 @@ def _positive(table: Table, key: str) -> float:
 
 
 def _vectors(table: Table, key: str, shape: tuple[int, ...] | None) -> Array:
-    """Numbers of one field, of the asked shape (None: any list)."""
+    """Return the numbers of one field with the given shape; None stands for any list."""
     try:
         values = np.asarray(table.value(key), dtype=float)
     except (TypeError, ValueError, OverflowError) as error:

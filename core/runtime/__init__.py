@@ -1,1 +1,1 @@
-"""Services of every job: threads, timing, progress, files that appear whole."""
+"""Services for every job: threads, processes, timing, progress, atomic writing of files."""

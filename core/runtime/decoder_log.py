@@ -1,4 +1,4 @@
-"""What FFmpeg says of damaged footage on the standard error, where OpenCV leaves it: reading such a frame succeeds."""
+"""Catching FFmpeg's messages about damaged footage: OpenCV reads such frames without an error."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from typing import IO, Self, TextIO
 from .standard_streams import LenientStream
 
 _SAID = re.compile(rb"\[[\w,/]+ @ 0x[0-9a-f]+\] *(.*)")
-"""A line of FFmpeg's: who speaks, and what."""
+"""A line of FFmpeg's: its component, and the message."""
 
 
 class DecoderLog:
-    """Keeps what FFmpeg says while footage is decoded within a `with` statement.
+    """Collects FFmpeg's messages while footage is decoded within a `with` statement.
 
-    The standard error of the whole process goes to a temporary file meanwhile, and what else is written there appears
-    afterwards; Python's own `sys.stderr` appears at once. Where OPENCV_FFMPEG_LOGLEVEL is set, OpenCV prints what
-    FFmpeg says on the standard output, and nothing is heard.
+    Meanwhile the standard error of the whole process goes to a temporary file. Anything else in it is printed
+    afterwards; Python's own `sys.stderr` is printed at once. If OPENCV_FFMPEG_LOGLEVEL is set, OpenCV prints FFmpeg's
+    messages on the standard output, and none are caught.
     """
 
     def __init__(self) -> None:
@@ -39,7 +39,7 @@ class DecoderLog:
         return self
 
     def new(self) -> list[str]:
-        """What FFmpeg has said since this was asked for the last time."""
+        """Return FFmpeg's messages since the last call."""
         lines = self._new_lines()
         self._show(line for line in lines if not _SAID.match(line))
         said = [m[1].decode(errors="replace").strip() for m in map(_SAID.match, lines) if m]
@@ -70,5 +70,5 @@ class DecoderLog:
 def _writes_to(stream: TextIO | None, descriptor: int) -> bool:
     try:
         return stream is not None and stream.fileno() == descriptor
-    except (OSError, ValueError):  # pytest and Blender put other streams there
+    except (OSError, ValueError):  # pytest and Blender replace the streams
         return False

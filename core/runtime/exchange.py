@@ -1,4 +1,4 @@
-"""Exchanging two folders in one step, on systems that can."""
+"""Exchanging two folders atomically, on systems that can."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ _HERE = {"linux": -100, "darwin": -2}  # AT_FDCWD
 
 
 def exchanged(one: Path, other: Path) -> bool:
-    """Exchange what two paths of one file system name, in one step.
+    """Exchange the files or folders at two paths of one file system atomically.
 
     Returns
     -------
     bool
-        False where the system cannot, or does not for these paths: nothing has changed then.
+        False if the system cannot do so, or not for these paths; nothing has changed then.
     """
     call = _system_call()
     if call is None:
@@ -30,7 +30,7 @@ def exchanged(one: Path, other: Path) -> bool:
 
 
 def _system_call() -> tuple[ctypes._NamedFuncPointer, int] | None:
-    """The C library's function and its flag."""
+    """Return the C library's function and its flag, or None if there is none."""
     if sys.platform not in _HERE:
         return None
     library = ctypes.CDLL(None, use_errno=True)

@@ -1,9 +1,10 @@
-"""Writing files so that nothing half-written is ever seen.
+"""Writing files so that nobody ever sees half-written results.
 
-What a run writes is written to temporary names, flushed to the disk, and put in place at its end, all of it together.
-A new folder appears by one renaming, and one that holds plain files alone is exchanged in one step for a folder with
-the new files and hard links to the others. Where that is not possible (on Windows, a folder with folders in it, the
-working folder) files are moved one by one; a run that is killed meanwhile is finished by the next one.
+The results of a run are written under temporary names, flushed to the disk, and put in place together at its end. A new
+folder is put in place by a single renaming. An existing folder that contains only files is exchanged atomically for one
+with the new files and hard links to the others. If that is not possible (on Windows, in a folder that contains folders,
+in the working folder of a process), files are moved one by one; if the run is killed meanwhile, the next run finishes
+the moving.
 """
 
 from __future__ import annotations
@@ -23,12 +24,12 @@ from .exchange import exchanged
 from .interrupts import WRITTEN, held_signals
 from .workplaces import MOVING, RESULTS, in_workplace, move_files, remove_leftovers, workplace
 
-_MOST_LINKED = 1000  # other files in a folder that is exchanged
+_MOST_LINKED = 1000  # largest number of other files in a folder that is exchanged
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give a temporary path beside `path`; what is written there takes its place when the block ends well.
+    """Provide a temporary path beside `path`; the file written there replaces it if the block ends without an error.
 
     Raises
     ------
@@ -41,19 +42,19 @@ def replacing(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def staged(folder: Path, names: Sequence[str] = ()) -> Iterator[Path]:
-    """Give an empty temporary folder; its files are moved into `folder` when the block ends well, else dropped.
+    """Provide an empty temporary folder; its files are moved into `folder` if the block ends without an error.
 
     Parameters
     ----------
     folder : Path
-        Made if it does not exist; other files in it stay as they are.
+        Created if it does not exist; other files in it are not changed.
     names : sequence of str, optional
         Names of the files that will be written.
 
     Raises
     ------
     OutputError
-        `folder` cannot be written, or a folder has the name of a file: raised before the block begins.
+        `folder` cannot be written, or contains a folder with the name of a file; raised before the block begins.
     """
     with _reported(folder), together() as outputs:
         yield outputs.folder(folder, names)
@@ -61,12 +62,12 @@ def staged(folder: Path, names: Sequence[str] = ()) -> Iterator[Path]:
 
 @contextmanager
 def together() -> Iterator[Outputs]:
-    """Give the outputs of a run; they are put in place together when the block ends well, else dropped.
+    """Provide a run's `Outputs`; they are put in place together if the block ends without an error.
 
     Raises
     ------
     OutputError
-        One of them cannot be written: then none is.
+        One of them cannot be written; then none is.
     """
     with ExitStack() as stack:
         outputs = Outputs(stack)
@@ -82,18 +83,18 @@ class Outputs:
         self._places: list[_Output] = []
 
     def file(self, path: Path, *, parents: bool = False) -> Path:
-        """Give the temporary path of a file.
+        """Return the temporary path of a file.
 
         Parameters
         ----------
         path : Path
         parents : bool
-            Make its folder where there is none.
+            Whether to create its folder if there is none.
 
         Raises
         ------
         OutputError
-            Its folder cannot be written, or a folder has its name.
+            Its folder cannot be written, or the path is a folder.
         """
         check_free(path.parent, [path.name])
         if not path.parent.exists() and not parents:
@@ -103,7 +104,7 @@ class Outputs:
         return place / RESULTS / path.name
 
     def folder(self, path: Path, names: Sequence[str] = ()) -> Path:
-        """Give the temporary folder for a folder's files.
+        """Return the temporary folder for a folder's files.
 
         Parameters
         ----------
@@ -114,7 +115,7 @@ class Outputs:
         Raises
         ------
         OutputError
-            It cannot be written, or a folder has the name of a file.
+            It cannot be written, or contains a folder with the name of a file.
         """
         check_free(path, names)
         remove_leftovers(path)
@@ -160,7 +161,7 @@ class Outputs:
 
 @dataclass(frozen=True)
 class _Output:
-    """What is put in place of a path, from a workplace, by put(place, path)."""
+    """An output in a workplace, which put(place, path) moves to its path."""
 
     place: Path
     path: Path
@@ -180,7 +181,7 @@ def write_json(path: Path, values: Mapping[str, Any]) -> None:
 
 
 def check_writable(folder: Path) -> None:
-    """See that files can be written into a folder, which may not exist yet, before any work is done.
+    """Check before any work is done that files can be written into a folder, which need not exist yet.
 
     Raises
     ------
@@ -192,11 +193,12 @@ def check_writable(folder: Path) -> None:
 
 
 def check_inputs_kept(results: Iterable[Path], inputs: Iterable[Path]) -> None:
-    """See that no result would take the place of a file that it is made of.
+    """Check that no result would overwrite an input.
 
     Raises
     ------
     OutputError
+        One would.
     """
     read = {(found.st_dev, found.st_ino) for path in inputs if (found := _found(path)) is not None}
     for path in results:
@@ -214,18 +216,19 @@ def _found(path: Path) -> os.stat_result | None:
 
 
 def check_free(folder: Path, names: Sequence[str]) -> None:
-    """See that a path can be a folder, and that no folder in it has one of those names.
+    """Check that a path is or can become a folder, in which no folder has one of the names.
 
     Raises
     ------
     OutputError
+        It cannot, or one has.
     """
     try:
         if folder.exists() and not folder.is_dir():
             raise OutputError("is a file, not a folder", where=str(folder))
-        folder.absolute()  # fails where the working folder has been removed
+        folder.absolute()  # fails if the working folder has been removed
         for name in names:
-            os.fsencode(name)  # fails where the system's encoding has not all of its characters
+            os.fsencode(name)  # fails if the system's encoding lacks one of its characters
             if (folder / name).is_dir():
                 raise OutputError("a folder is in the way", where=str(folder / name))
     except (OSError, ValueError) as error:
@@ -233,7 +236,7 @@ def check_free(folder: Path, names: Sequence[str]) -> None:
 
 
 def _beside(folder: Path) -> Path:
-    """Where a folder's workplace is made: in its parent, so that it can be exchanged, or else in itself."""
+    """Return where to make a folder's workplace: in its parent, so that it can be exchanged, or else in the folder."""
     if not folder.exists():
         return _existing(folder)
     parent = folder.absolute().parent
@@ -242,7 +245,7 @@ def _beside(folder: Path) -> Path:
 
 
 def _existing(folder: Path) -> Path:
-    """The folder, or the nearest above it that exists."""
+    """Return the folder, or the nearest one above it that exists."""
     whole = folder.absolute()
     return next(one for one in (whole, *whole.parents) if one.exists())
 
@@ -257,7 +260,7 @@ def _reported(path: Path) -> Iterator[None]:
 
 def _unwritable(path: Path, error: OSError | ValueError) -> OutputError:
     what = getattr(error, "strerror", None) or str(error)
-    # Files that are read may vanish meanwhile.
+    # Input files may vanish meanwhile.
     other = getattr(error, "filename", None)
     if isinstance(other, str) and not in_workplace(Path(other)) and not Path(other).is_relative_to(path):
         what = f"{what}: {other}"
@@ -265,9 +268,9 @@ def _unwritable(path: Path, error: OSError | ValueError) -> OutputError:
 
 
 def _flush(path: Path) -> None:
-    """See that what was written is on the disk: a full one is noticed here at the latest."""
+    """Flush a file or folder to the disk; if the disk is full, this fails."""
     if path.is_dir() and os.name == "nt":
-        return  # Windows does not open folders
+        return  # Windows cannot open folders
     descriptor = os.open(path, os.O_RDWR if os.name == "nt" else os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -292,7 +295,7 @@ def _put_folder(place: Path, folder: Path) -> None:
 
 
 def _other_files(place: Path, folder: Path) -> list[str] | None:
-    """Names of the files of a folder that are not replaced; None where it cannot be exchanged as a whole."""
+    """Return the names of a folder's files that are not replaced; None if it cannot be exchanged as a whole."""
     inside = place.parent == folder.absolute() or place.parent.stat().st_dev != folder.stat().st_dev
     if inside or folder.is_symlink() or _is_worked_in(folder.resolve()):
         return None
@@ -306,7 +309,7 @@ def _other_files(place: Path, folder: Path) -> list[str] | None:
 
 
 def _is_worked_in(folder: Path) -> bool:
-    """Whether a folder is the working folder of a process, as far as is known: to that it would be gone."""
+    """Whether a folder is known to be the working folder of a process, which would lose it in an exchange."""
     working = [os.path.realpath(os.curdir)]
     for link in Path("/proc").glob("[0-9]*/cwd"):
         with suppress(OSError):  # it ended meanwhile, or is another user's
@@ -334,14 +337,14 @@ def _is_exchanged(place: Path, folder: Path, others: Sequence[str]) -> bool:
         for name in linked:
             (results / name).unlink()
         return False
-    for entry in os.scandir(results):  # what another process wrote meanwhile
+    for entry in os.scandir(results):  # files that another process wrote meanwhile
         if not (folder / entry.name).exists():
             os.rename(entry.path, folder / entry.name)
     return True
 
 
 def _move_files(place: Path, folder: Path) -> None:
-    """Move files into a folder one by one; from the first move on, the next run would go on where this one ends."""
+    """Move files into a folder one by one; if this run is killed after the first move, the next run moves the rest."""
     if folder.absolute() in (place.parent, place.parent / folder.name):
         plan = place / f"{MOVING}.new"
         plan.write_text(os.path.relpath(folder.absolute(), place.parent), encoding="utf-8")

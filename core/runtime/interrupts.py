@@ -1,4 +1,4 @@
-"""Signals that ask a program to end: turned into exceptions, and held while results are put in place."""
+"""Signals that ask a program to end: they become exceptions, and are held while results are put in place."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from types import FrameType
 from typing import Any
 
 ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name))
-"""The signals that ask a program to end and let it tidy up."""
+"""The signals that ask a program to end and let it clean up."""
 WRITTEN = "the results had been written"
-"""Note of an interrupt that came when they had."""
+"""Note added to an interrupt that came afterwards."""
 REPORT = "report.json"
-"""Is among the results wherever they are a folder."""
+"""A file that is among the results whenever they are a folder."""
 
 
 class Interruptions:
-    """While a command runs, signals that ask it to end raise KeyboardInterrupt, so that it tidies up.
+    """Makes signals that ask a command to end raise KeyboardInterrupt, so that it cleans up.
 
-    Signals that other code handles or ignores, as nohup does, are left alone; so are all of them outside the main
+    Signals that other code handles or ignores, as nohup does, are left alone; so are all signals outside the main
     thread, where Python cannot handle them.
 
     Attributes
     ----------
     received : int or None
-        The first signal that came.
+        The first signal received.
     """
 
     def __init__(self) -> None:
@@ -51,18 +51,18 @@ class Interruptions:
 
     @property
     def exit_code(self) -> int:
-        """The exit code of a program that this signal ended: 130 for Ctrl-C, 143 for SIGTERM."""
+        """Exit code of a program ended by the signal received: 130 for Ctrl-C, 143 for SIGTERM."""
         return 128 + (self.received or signal.SIGINT)
 
 
 @contextmanager
 def held_signals() -> Iterator[None]:
-    """Hold signals that ask the program to end until the block is done; then they have their effect."""
+    """Delay signals that ask the program to end until the block is done."""
     came: list[int] = []
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    # None stands for a handler that was not set from Python: it cannot be put back.
+    # None stands for a handler that was not set from Python and cannot be restored.
     numbers = [number for number in ENDING if signal.getsignal(number) is not None]
     before = {number: signal.signal(number, lambda n, _: came.append(n)) for number in numbers}
     try:
@@ -76,7 +76,7 @@ def held_signals() -> Iterator[None]:
 
 @contextmanager
 def results_are_written() -> Iterator[None]:
-    """Mark an interrupt that comes in the block as one that came when the results were there already."""
+    """Add the note `WRITTEN` to an interrupt that comes in the block."""
     try:
         yield
     except KeyboardInterrupt as interrupt:
@@ -85,17 +85,17 @@ def results_are_written() -> Iterator[None]:
 
 
 def results_seen(out: object) -> tuple[int, int] | None:
-    """Say which results are there: another value before and after a run tells that it has put its own in place.
+    """Identify the results that are in place: the value changes when a run puts its own there.
 
     Parameters
     ----------
     out : object
-        The file that a command writes or the folder of its report.json, as a path; of anything else nothing is seen.
+        Path of the file that a command writes, or of the folder of its report.json; None is returned for anything else.
 
     Returns
     -------
     tuple of int, optional
-        The file's number, and when it was written.
+        The file's inode number and modification time.
     """
     for file in (out / REPORT, out) if isinstance(out, Path) else ():
         with suppress(OSError, ValueError):
@@ -106,14 +106,14 @@ def results_seen(out: object) -> tuple[int, int] | None:
 
 
 def interrupted_text(interrupt: BaseException, *, written: bool = False) -> str:
-    """Say what an interrupt left.
+    """Return a message on what an interrupted run has written.
 
     Parameters
     ----------
     interrupt : BaseException
-        A note of a KeyboardInterrupt says what it left where that is neither all nor nothing.
+        The KeyboardInterrupt; if it has a note, that is what was written.
     written : bool
-        Its results are seen to be there.
+        Whether the results are in place.
     """
     notes: Sequence[str] = getattr(interrupt, "__notes__", ())
     if written or WRITTEN in notes:

@@ -1,4 +1,4 @@
-"""A job: work in a process of its own. The program stays usable, and a job that is cancelled or dies harms no other."""
+"""Jobs: work in a separate process, so that the program stays responsive and survives whatever happens to the work."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from ..errors import CancelledError
 from .worker_process import Work, WorkerProcess
 
 _ESTIMATE_FROM = 0.02
-"""Share of the work that must be done before the time that it took says how long the rest will take."""
+"""Fraction of the work that must be done before the remaining time is estimated."""
 
 
 class Job:
-    """Work that runs in a process of its own until it is done or cancelled.
+    """Work that runs in a separate process until it is done or cancelled.
 
     Attributes
     ----------
     state : tuple of str and float
-        What is being done, and the share of the work that is done.
+        The stage of the work, and the fraction of it that is done.
     cancelled : bool
 
     Parameters
     ----------
     work : callable
     worker : WorkerProcess, optional
-        A process that waits for work; it goes on waiting afterwards. By default one is started, and ends with the job.
+        An idle process, which stays alive afterwards. By default one is started for the job and ends with it.
     """
 
     def __init__(self, work: Work, worker: WorkerProcess | None = None) -> None:
@@ -57,24 +57,24 @@ class Job:
             self._shown[key] = value
 
     def take_shown(self) -> dict[Any, Any]:
-        """Return the interim results, by their keys, that were handed out since the last time."""
+        """Return the interim results since the last call, by their keys."""
         with self._lock:
             shown, self._shown = self._shown, {}
         return shown
 
     def cancel(self) -> None:
-        """Stop the work: its process ends at once."""
+        """Stop the work by killing its process."""
         self.cancelled = True
         self._process.kill()
 
     def end(self, grace: float = 5.0) -> None:
-        """Stop the work and let its process tidy up, for some seconds at most."""
+        """Stop the work, and give its process some seconds to clean up."""
         self.cancelled = True
         self._process.end(grace)
 
     @property
     def process_id(self) -> int:
-        """The id of the process that works."""
+        """Id of the process that does the work."""
         return self._process.id
 
     @property
@@ -83,7 +83,7 @@ class Job:
         return not self._thread.is_alive()
 
     def status_text(self) -> str:
-        """Say what is being done, how much of it is done, and how long the rest will take."""
+        """Return a message with the stage of the work, the fraction done, and the remaining time."""
         what, fraction = self.state
         text = f"{what.capitalize() or 'Starting'} {fraction:.0%}"
         if fraction < _ESTIMATE_FROM:
@@ -91,7 +91,7 @@ class Job:
         return f"{text}, {duration((time.monotonic() - self._begun) * (1 / fraction - 1))} left"
 
     def result(self) -> Any:
-        """Return what the work returned; raises what it raised, or CancelledError where it was cancelled."""
+        """Return what the work returned; raises what it raised, or CancelledError if it was cancelled."""
         if self.cancelled:
             raise CancelledError
         if self._error is not None:

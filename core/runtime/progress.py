@@ -1,4 +1,4 @@
-"""Progress of a job: reported while it runs, divided among its parts, and the way to cancel it."""
+"""Progress of a job: reporting it, dividing it among the job's parts, and cancelling."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ State = TypeVar("State")
 
 
 def report_progress(progress: Progress | None, what: str, fraction: float) -> None:
-    """Report how far a job is.
+    """Report the progress of a job.
 
     Raises
     ------
@@ -35,7 +35,7 @@ def share(progress: Progress | None, begin: float, end: float) -> Progress | Non
 def step_share(
     on_step: Callable[[float, State], None] | None, begin: float, end: float
 ) -> Callable[[float, State], None] | None:
-    """Do the same as `share` for a solver's callback, on_step(fraction, state)."""
+    """Return the same as `share` for a solver's callback, on_step(fraction, state)."""
     if on_step is None:
         return None
     return lambda fraction, state: on_step(begin + fraction * (end - begin), state)

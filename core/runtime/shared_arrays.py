@@ -1,4 +1,4 @@
-"""Arrays in files that several processes map into their memory: they are pickled by the files' names."""
+"""Arrays in files that several processes map into memory; only the files' names are pickled."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _ROWS = 16
-"""Rows of a mapped array that are looked at before their memory is let go of."""
+"""Number of rows of a mapped array that are read before their memory is released."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class SharedArray:
 
     @classmethod
     def write(cls, path: Path, rows: Iterable[NDArray[np.uint8]]) -> SharedArray:
-        """Write rows of one shape to a file that does not exist yet, each as soon as it is there.
+        """Write rows of one shape to a new file, as the iterable yields them.
 
         Raises
         ------
@@ -46,19 +46,19 @@ class SharedArray:
         return cls(path, (count, *shape))
 
     def array(self) -> NDArray[np.uint8]:
-        """The array, mapped: it takes memory as it is looked at, and the system can do without."""
+        """Return the array, mapped into memory, which the system can reclaim."""
         return np.asarray(np.memmap(self.path, np.uint8, "r", shape=self.shape))
 
     def remove(self) -> None:
-        """Remove the file; on Windows one that a process has mapped stays until its folder is removed."""
+        """Remove the file; on Windows, a mapped file stays until its folder is removed."""
         with suppress(OSError):
             self.path.unlink()
 
 
 def looked_at(array: NDArray[Any]) -> NDArray[Any]:
-    """A part of an array; of a mapped one a copy, whose mapped memory is let go of: the system keeps or reads it again.
+    """Return a part of an array, as a copy if it is mapped; the mapped memory is released.
 
-    A process that looks at a long file part by part so takes no more memory than the parts do.
+    A process that reads a long file part by part then takes no more memory than the parts do.
     """
     if (mapping := _mapping(array)) is None:
         return array
@@ -68,7 +68,7 @@ def looked_at(array: NDArray[Any]) -> NDArray[Any]:
 
 
 def each_row(array: NDArray[Any]) -> Iterator[NDArray[Any]]:
-    """The rows of an array one after the other; mapped ones are let go of as in `looked_at`."""
+    """Generate the rows of an array; mapped memory is released as in `looked_at`."""
     mapping = _mapping(array)
     for k, row in enumerate(array):
         yield row
@@ -77,7 +77,7 @@ def each_row(array: NDArray[Any]) -> Iterator[NDArray[Any]]:
 
 
 def _mapping(array: NDArray[Any]) -> mmap.mmap | None:
-    """The mapping that an array is a part of, if any."""
+    """Return the memory mapping that an array is part of, if any."""
     base: object = array
     while isinstance(base, np.ndarray):
         base = base.base
@@ -85,5 +85,5 @@ def _mapping(array: NDArray[Any]) -> mmap.mmap | None:
 
 
 def _let_go(mapping: mmap.mmap) -> None:
-    if hasattr(mmap, "MADV_DONTNEED"):  # Windows takes the memory back where it is needed
+    if hasattr(mmap, "MADV_DONTNEED"):  # Windows reclaims the memory when it is needed
         mapping.madvise(mmap.MADV_DONTNEED)

@@ -1,4 +1,4 @@
-"""The standard streams of a program that must not fail because nobody can read what it says."""
+"""Standard streams of a program that must not fail because its messages cannot be printed."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import IO, TextIO
 
 
 class LenientStream(io.TextIOWrapper):
-    """Text for people: what cannot be written, as the disk is full or the terminal is closed, is lost.
+    """A text stream that drops what cannot be written, because the disk is full or the terminal closed.
 
     Parameters
     ----------
     file : IO of bytes
     encoding : str
-        Characters that it has not are written as their numbers.
+        Characters that it lacks are written as escape sequences.
     """
 
     def __init__(self, file: IO[bytes], encoding: str) -> None:
@@ -44,17 +44,18 @@ class LenientStream(io.TextIOWrapper):
 
 
 def make_streams_safe() -> None:
-    """See that what a program prints, and where it prints, cannot harm its results; called before it opens a file.
+    """Keep a program's printing from harming its results; to be called before it opens any file.
 
-    A descriptor of a standard stream that is closed would be given to the next file, into which libraries would then
-    print. Characters that the terminal has not are written as their numbers, and standard error is a `LenientStream`.
+    Closed standard streams are replaced: their descriptors would be given to the next files, into which libraries would
+    then print. Characters that the terminal lacks are written as escape sequences, and standard error becomes a
+    `LenientStream`.
     """
     descriptor = os.open(os.devnull, os.O_RDWR)
     while descriptor <= 2:
         descriptor = os.open(os.devnull, os.O_RDWR)
     os.close(descriptor)
     if type(sys.stdout) is io.TextIOWrapper:
-        # What is no text in a file's name goes out as it is, where that can be.
+        # Undecodable bytes in a file's name are printed unchanged where possible.
         whole = sys.stdout.encoding.lower().replace("-", "") == "utf8"
         sys.stdout.reconfigure(errors="surrogateescape" if whole else "backslashreplace")
     if sys.stderr is None or (type(sys.stderr) is io.TextIOWrapper and _is_standard_error(sys.stderr)):

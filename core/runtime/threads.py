@@ -1,8 +1,8 @@
-"""How many threads a job uses: one per core for work on images, a single one inside BLAS and OpenCV.
+"""Numbers of threads: one per core for work on images, a single one inside BLAS and OpenCV.
 
-OpenBLAS shares even a banded solve of ten milliseconds among threads, which makes it take a second on a busy machine.
-The environment variables that forbid it are read when numpy is loaded, and inside Blender that was long ago. OpenCV's
-threads look for work for a while after each picture, and keep others from the core meanwhile.
+OpenBLAS divides even a banded solve of ten milliseconds among threads, which then takes a second on a busy machine.
+Environment variables that prevent this are read when NumPy is loaded, which inside Blender was long ago. OpenCV's
+threads keep spinning for a while after each picture, and block the core meanwhile.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ def worker_count(threads: int | None = None) -> int:
     Parameters
     ----------
     threads : int, optional
-        The user's setting (`core.shot.shot.Settings.threads`); by default as many as this process may use cores.
+        The user's setting (`core.shot.shot.Settings.threads`); by default one per core available to this process.
     """
     if threads is not None:
         return threads

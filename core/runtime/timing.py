@@ -1,4 +1,4 @@
-"""How long the stages of a job take."""
+"""Timing of the stages of a job."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""The other end of `worker_process.WorkerProcess`: a process of its own that does one piece of work after the other.
+"""The worker's end of `worker_process.WorkerProcess`: a script that does one task after another in its own process.
 
-It is run as a script. What comes in and goes out are pickles; see `worker_process.WorkerProcess`.
+Tasks arrive, and results are sent, as pickles.
 """
 
 import _thread
@@ -19,19 +19,19 @@ from pathlib import Path
 from types import ModuleType
 
 NICENESS = 5
-"""Where that is known, the program that is waiting goes first."""
+"""Niceness of the process on systems that have it, so that the waiting program comes first."""
 GRACE = 0.6
-"""Seconds that the work has to tidy up when nobody waits for it any more. Those who work for it have nothing to tidy:
-they end as soon as it has, and nothing is left two seconds after the program has ended."""
+"""Seconds that a task has to clean up after the program has ended. Its own worker processes have nothing to clean up
+and end with it, so that no process is left two seconds after the program has ended."""
 LENGTH_BYTES = 8
-"""Before everything that is sent to this process: how many bytes it is, the lowest first."""
+"""Size of the length, little-endian, that precedes every message to this process, bytes."""
 
 
 def main() -> None:
-    """Take work from standard input until that is closed; write its progress and result to standard output."""
+    """Read tasks from standard input until it is closed; write progress and results to standard output."""
     outgoing = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what libraries print is not part of the protocol
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes of a terminal: one of them decides
+    os.dup2(2, 1)  # what libraries print must not get into the protocol
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes of a terminal; the program decides
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     sent: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
     tidying = threading.Event()
@@ -76,16 +76,16 @@ def main() -> None:
                 send("result", result)
             tidying.clear()
     except (BrokenPipeError, KeyboardInterrupt):
-        os._exit(1)  # nobody listens any more
+        os._exit(1)  # the program has ended
     except Exception as error:
         error.add_note(traceback.format_exc())
         send("error", error)
 
 
 def _receive(sent: "queue.SimpleQueue[bytes | None]", tidying: threading.Event) -> None:
-    """Pass on what comes in, and end this process when its sender has ended: its end of the pipe was closed with it.
+    """Pass on messages, and end this process when the program has ended, which closes its end of the pipe.
 
-    It ends at once, unless something is being done that has to tidy up.
+    The process ends at once, unless the current task has to clean up.
     """
     while (length := _read(LENGTH_BYTES)) and (data := _read(int.from_bytes(length, "little"))):
         sent.put(data)
@@ -97,7 +97,7 @@ def _receive(sent: "queue.SimpleQueue[bytes | None]", tidying: threading.Event) 
 
 
 def _read(count: int) -> bytes:
-    """So many bytes of the standard input; none where it is closed."""
+    """Read `count` bytes from standard input; empty if it is closed."""
     pieces = []
     while count > 0:
         try:
@@ -112,7 +112,7 @@ def _read(count: int) -> bytes:
 
 
 def load(package: str, folder: Path) -> None:
-    """Import a package by the name that it has in the program, whatever the packages around it are there."""
+    """Import a package under the name that it has in the program, without the packages that contain it there."""
     parents = package.split(".")[:-1]
     for depth in range(1, len(parents) + 1):
         parent = ModuleType(".".join(parents[:depth]))

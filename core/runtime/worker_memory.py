@@ -1,6 +1,6 @@
-"""What a worker keeps from one piece of work to the next: pictures that were decoded, and processes to work in.
+"""A worker's cache from one task to the next: decoded pictures, and a pool of processes.
 
-Nothing of it changes a result. It is handed to work that asks for it, see `Remembering`.
+It never changes a result. Tasks that use it are wrapped in `Remembering`.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ if TYPE_CHECKING:
     from .progress import Progress
 
 KEPT_BYTES = 384 << 20
-"""Most that is kept of pictures: 1000 frames in the size to which footage is reduced."""
+"""Largest size of the cached pictures: about 1000 frames at the usual working size."""
 
 
 class WorkerMemory:
-    """Pictures and processes that are kept.
+    """A cache of pictures and processes.
 
     Parameters
     ----------
     limit : int
-        Bytes of pictures that are kept at most; those that were not used for longest go first.
+        Largest size of the pictures, bytes; the least recently used are dropped first.
     """
 
     def __init__(self, limit: int = KEPT_BYTES) -> None:
@@ -40,14 +40,14 @@ class WorkerMemory:
         self._pool: WorkerPool | None = None
 
     def picture(self, key: Hashable) -> NDArray[np.uint8] | None:
-        """What was kept by that key, if it still is."""
+        """Return the picture with a key, or None if it is not in the cache."""
         with self._lock:
             if key in self._pictures:
                 self._pictures.move_to_end(key)
             return self._pictures.get(key)
 
     def keep(self, key: Hashable, picture: NDArray[np.uint8]) -> None:
-        """Keep a picture, which must not be changed any more."""
+        """Add a picture, which must not be changed afterwards."""
         with self._lock:
             if key in self._pictures or picture.nbytes > self._limit:
                 return
@@ -59,7 +59,7 @@ class WorkerMemory:
 
     @contextmanager
     def pool(self, workers: int, imports: Sequence[str] = ()) -> Iterator[WorkerPool]:
-        """A pool of so many workers at least, kept unless the block raises; `imports` as of `WorkerProcess`."""
+        """Provide a pool of at least so many workers, kept unless the block raises; `imports` as in `WorkerProcess`."""
         if workers == 1:
             yield WorkerPool(1)
             return
@@ -76,17 +76,17 @@ class WorkerMemory:
         self._pool = pool
 
     def expect(self, workers: int, imports: Sequence[str] = ()) -> None:
-        """Start the processes of a pool of so many workers: they are ready by the time that it is asked for."""
+        """Start the processes of a pool in advance, so that they are ready when it is needed."""
         with self.pool(workers, imports):
             pass
 
     @property
     def workers(self) -> int:
-        """How many workers the pool has that is kept; 1 where none is."""
+        """Number of workers of the pool in the cache; 1 if there is none."""
         return 1 if self._pool is None else self._pool.workers
 
     def close(self) -> None:
-        """End the processes that are kept."""
+        """End the processes in the cache."""
         if self._pool is not None:
             self._pool.__exit__(None)
             self._pool = None
@@ -94,19 +94,19 @@ class WorkerMemory:
 
 @dataclass(frozen=True)
 class Remembering:
-    """Work that may use what its worker keeps.
+    """A task that uses its worker's cache.
 
     Attributes
     ----------
     work : callable
         Called with progress and `memory`, a WorkerMemory.
     shows : bool
-        It hands out interim results: it is also called with `show`, see `worker_process.Show`.
+        Whether it hands out interim results; then it is also called with `show`, see `worker_process.Show`.
     """
 
     work: Callable[..., Any]
     shows: bool = False
 
     def __call__(self, progress: Progress) -> Any:
-        """Do the work where nothing is kept."""
+        """Do the work with an empty cache."""
         return self.work(progress)

@@ -1,6 +1,6 @@
-"""A pool of workers: processes of their own, and this one, that do pieces of work side by side.
+"""A pool of workers: this process and others, which do tasks in parallel.
 
-Python runs one thread at a time, so threads alone keep less than one and a half cores busy.
+Python runs one thread at a time, so threads alone keep fewer than one and a half cores busy.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from .worker_process import Work, WorkerProcess
 
 
 class WorkerPool:
-    """Workers that take work in the order in which it is submitted.
+    """Workers that take tasks in the order in which they are submitted.
 
-    With one worker nothing is started: work is done when it is submitted, in the thread that submits it.
+    With a single worker no process is started: a task is done as it is submitted, in the thread that submits it.
 
     Parameters
     ----------
     workers : int
-        How many pieces of work are done side by side: one in this process, and each of the others in a process that
-        ends with the pool.
+        Number of tasks done in parallel: one in this process, and each of the others in a process that ends with the
+        pool.
     imports : sequence of str
         See `WorkerProcess`.
     """
@@ -34,7 +34,7 @@ class WorkerPool:
         self._ended = Event()
         self._failure: WorkerEndedError | None = None
         self._processes = [WorkerProcess(yields=False, tidies=False, imports=imports) for _ in range(workers - 1)]
-        # The processes come first, and this one last: it reads footage and draws meanwhile, under the same lock.
+        # This process is used last: it also decodes footage and draws meanwhile, under the same interpreter lock.
         self._idle: queue.PriorityQueue[int] = queue.PriorityQueue()
         for place in range(workers):
             self._idle.put(place)
@@ -44,13 +44,13 @@ class WorkerPool:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """End the processes; where an exception ends the block, work that is not done is given up."""
+        """End the processes; if an exception ends the block, unfinished tasks are dropped."""
         self._ended.set()
         if kind is not None:
             self._kill()
         if self._threads is not None:
             self._threads.shutdown(cancel_futures=True)
-        self._kill()  # they have nothing to do, and Python takes its time to end
+        self._kill()  # they are idle, and Python takes long to exit
         for process in self._processes:
             process.close()
 
@@ -59,18 +59,18 @@ class WorkerPool:
             process.kill()
 
     def submit(self, work: Work, progress: Callable[[float], object]) -> Future[Any]:
-        """Have a piece of work done.
+        """Submit a task.
 
         Parameters
         ----------
         work : callable
         progress : callable
-            Called with the share of it that is done; what it raises ends the work.
+            Called with the fraction of the task that is done; an exception that it raises ends the task.
 
         Returns
         -------
         Future
-            Of its result; WorkerEndedError where its process ended before it was done.
+            The task's result; raises WorkerEndedError if its process ended before the task was done.
         """
         if self._threads is not None:
             return self._threads.submit(self._done, work, progress)
@@ -79,11 +79,11 @@ class WorkerPool:
         return done
 
     def _done(self, work: Work, progress: Callable[[float], object]) -> Any:
-        """Do a piece of work in the process that is idle; runs in a thread for which there is one."""
+        """Do a task in an idle process; there are no more threads that run this than processes."""
         place = self._idle.get()
 
         def report(_: str, fraction: float) -> bool:
-            if self._failure is not None:  # what the others do is of no use any more
+            if self._failure is not None:  # the other tasks are no longer needed
                 raise self._failure
             if self._ended.is_set():
                 raise CancelledError

@@ -17,22 +17,22 @@ if TYPE_CHECKING:
     from .progress import Progress
 
 Work = Callable[["Progress"], Any]
-"""A function of a module, or a `functools.partial` of one: it and its result are pickled between the processes."""
+"""A function of a module, or a `functools.partial` of one; it and its result are pickled between the processes."""
 Show = Callable[[Any, Any], None]
-"""show(key, value) hands out an interim result; it takes the place of an earlier one of that key."""
+"""show(key, value) hands out an interim result, which replaces an earlier one with the same key."""
 
 
 class WorkerProcess:
-    """A process to work in.
+    """A process that does tasks for this program.
 
     Parameters
     ----------
     yields : bool
-        The program goes first where both have something to do, as one should that somebody is using.
+        Whether its priority is lower than the program's, as is right if somebody is using the program.
     tidies : bool
-        Its work makes files, and has a moment to remove them when the program has ended.
+        Whether its tasks create files, and are given a moment to remove them when the program has ended.
     imports : sequence of str
-        Modules, by their full names, that the process imports at once: its first piece of work then finds it ready.
+        Full names of modules that the process imports at once, in advance of its first task.
 
     Raises
     ------
@@ -54,17 +54,17 @@ class WorkerProcess:
             what = f"Python cannot be started: {error.strerror}"
             raise KFMocapError(what, where=str(sys.executable), todo="install the program again") from error
         package, folder = __package__.rsplit(".", 2)[0], Path(__file__).parents[2]
-        with contextlib.suppress(OSError):  # where it has ended, the first piece of work finds that out
+        with contextlib.suppress(OSError):  # if it has ended already, the first task reports it
             self._send((sys.path, package, str(folder), yields, tidies, tuple(imports)))
 
     @property
     def alive(self) -> bool:
-        """Whether the process has not ended."""
+        """Whether the process is running."""
         return self._process.poll() is None
 
     @property
     def id(self) -> int:
-        """The id of the process."""
+        """Id of the process."""
         return self._process.pid
 
     def call(
@@ -73,22 +73,22 @@ class WorkerProcess:
         progress: Callable[[tuple[str, float]], object] | None = None,
         show: Show | None = None,
     ) -> Any:
-        """Have a piece of work done, and wait for it.
+        """Do a task in the process, and wait for its result.
 
         Parameters
         ----------
         work : callable
         progress : callable, optional
-            Called with what is being done and the share of it that is done.
+            Called with the stage of the task and the fraction of it that is done.
         show : callable, optional
-            Called with interim results, where the work hands out some.
+            Called with interim results, if the task hands out any.
 
         Raises
         ------
         WorkerEndedError
             The process ended before the work was done.
         Exception
-            Whatever the work raised.
+            Whatever the task raised.
         """
         try:
             self._send(work)
@@ -106,7 +106,7 @@ class WorkerProcess:
         return value
 
     def _next(self) -> tuple[str, Any]:
-        """The next message of the process: its kind, and its value."""
+        """Return the next message of the process: its kind, and its value."""
         assert self._process.stdout is not None
         try:
             kind, value = pickle.load(self._process.stdout)
@@ -117,16 +117,16 @@ class WorkerProcess:
     def _send(self, value: object) -> None:
         assert self._process.stdin is not None
         data = pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
-        # It stays open: the worker ends when it is closed, as it is when this process ends, however that happens.
+        # The pipe stays open: the worker ends when it is closed, which happens however this process ends.
         self._process.stdin.write(len(data).to_bytes(LENGTH_BYTES, "little") + data)
         self._process.stdin.flush()
 
     def kill(self) -> None:
-        """End it at once."""
+        """Kill the process."""
         self._process.kill()
 
     def end(self, grace: float = 5.0) -> None:
-        """Let it tidy up, for some seconds at most."""
+        """End the process, giving it some seconds to clean up."""
         self._process.terminate()
         try:
             self._process.wait(grace)
@@ -134,7 +134,7 @@ class WorkerProcess:
             self._process.kill()
 
     def close(self) -> None:
-        """Tell it that there is no more work."""
+        """Tell the process that there are no more tasks."""
         for pipe in (self._process.stdin, self._process.stdout):
             assert pipe is not None
             with contextlib.suppress(OSError):

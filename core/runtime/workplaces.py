@@ -1,10 +1,10 @@
-"""Temporary folders beside results: with names that nobody can foresee, and removed by the next run if one is left.
+"""Workplaces: temporary folders beside results, with unpredictable names; if a run leaves one, the next run removes it.
 
-A workplace is a folder `.kfmocap-RANDOM` that holds
+A workplace is a folder `.kfmocap-RANDOM` that contains
 
-    lock      locked by the process that works there, as long as it lives
-    results/  what is being written
-    moving    there while results are moved into place file by file: the folder's name, see `_finish_moving`
+    lock      locked by the process that uses it, as long as that lives
+    results/  the files being written
+    moving    exists while results are moved into place one by one, and contains the target's name; see `_finish_moving`
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ _ATTEMPTS = 10
 
 @contextmanager
 def workplace(beside: Path) -> Iterator[Path]:
-    """Make a workplace in a folder, and the folder `results` in it; all of it goes when the block ends.
+    """Make a workplace in a folder, with a folder `results` in it; it is removed when the block ends.
 
-    Leftovers of processes that were killed are removed from the folder first.
+    Leftovers of killed processes are removed first.
 
     Raises
     ------
@@ -51,12 +51,12 @@ def workplace(beside: Path) -> Iterator[Path]:
 
 
 def in_workplace(path: Path) -> bool:
-    """Whether a path is within a workplace: what is put there is no result yet."""
+    """Whether a path is in a workplace, where files are not final results."""
     return any(part.startswith(PREFIX) for part in path.absolute().parts)
 
 
 def _made(beside: Path) -> tuple[Path, IO[bytes]]:
-    """A new workplace and its lock."""
+    """Create a workplace; returns it and its lock."""
     for _ in range(_ATTEMPTS):
         place = Path(tempfile.mkdtemp(prefix=PREFIX, dir=beside))
         try:
@@ -65,7 +65,7 @@ def _made(beside: Path) -> tuple[Path, IO[bytes]]:
             (place / RESULTS).mkdir()
             return place, lock
         except FileNotFoundError:
-            continue  # another run took it for a leftover before it was locked
+            continue  # another run removed it as a leftover before it was locked
         except OSError:
             _remove(place)
             raise
@@ -73,7 +73,7 @@ def _made(beside: Path) -> tuple[Path, IO[bytes]]:
 
 
 def _remove(place: Path) -> None:
-    """Remove a workplace, its lock last: without one it is taken for empty."""
+    """Remove a workplace, its lock last: without a lock it counts as empty."""
     with suppress(OSError):
         for entry in place.iterdir():
             if entry.is_dir():
@@ -85,14 +85,14 @@ def _remove(place: Path) -> None:
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Remove what killed processes left in a folder; results that were being moved into place are moved first."""
+    """Remove what killed processes left in a folder, after finishing the moving of their results into place."""
     with suppress(OSError):
         for entry in os.scandir(folder):
             if entry.name.startswith(PREFIX) and entry.is_dir(follow_symlinks=False):
                 with suppress(OSError), held_signals():
                     _remove_leftover(Path(entry.path))
         for entry in os.scandir(folder):
-            # Files beside the workplace that they are named after: some have to be written where they will be.
+            # Files beside the workplace that they are named after: some must be written where they will be used.
             ours = entry.name.startswith(PREFIX) and entry.is_file(follow_symlinks=False)
             if ours and not Path(entry.path).with_suffix("").exists():
                 Path(entry.path).unlink()
@@ -102,20 +102,20 @@ def _remove_leftover(place: Path) -> None:
     if hasattr(os, "getuid") and place.stat().st_uid != os.getuid():
         return
     if not (place / _LOCK).exists():
-        place.rmdir()  # fails where it has been given its lock meanwhile
+        place.rmdir()  # fails if its lock was created meanwhile
         return
     with (place / _LOCK).open("r+b") as lock:
         if not _is_locked_now(lock):
-            return  # another process works there
+            return  # another process is using it
         if (place / MOVING).is_file():
             _finish_moving(place)
         if sys.platform == "win32":
-            lock.close()  # files that are open cannot be removed
+            lock.close()  # Windows cannot remove open files
         _remove(place)
 
 
 def _finish_moving(place: Path) -> None:
-    """Move a workplace's results into the folder that its file `moving` names: one beside it, or the one it is in."""
+    """Move a workplace's results into the folder named in its file `moving`: one beside it, or the one it is in."""
     name = (place / MOVING).read_text(encoding="utf-8")
     if name == os.curdir or Path(name).name == name:
         move_files(place, place.parent / name)
