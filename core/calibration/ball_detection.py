@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ..capture.colours import GAMMA, Colour, to_hsv
 from ..numerics.arrays import Array
 from ..numerics.robust_kernels import NORMAL_MAD
+from .coloured_spots import coloured_spots
 from .small_balls import BLUR_SHARE, LARGEST_SMALL, LONGEST, find_small_balls, without_rod
 
 Image = NDArray[Any]
@@ -161,6 +162,15 @@ def find_balls(picture: Picture, colour: Colour) -> Balls:
     small = find_small_balls(image, _LIGHT, masks)
     tiny = Balls(small.centres, small.shapes, small.sigma)
     return Balls.joined([balls, tiny[_is_small(tiny) & ~_within_others(tiny, balls)]])
+
+
+def find_spots(picture: Picture, colour: Colour, most: int) -> Balls:
+    """Small balls of a colour, also before a room in its range: those that stand out most first."""
+    pure = colour.pure()
+    if pure is None:
+        return Balls.joined([])
+    spots = coloured_spots(picture.even, _LIGHT, colour.paler().mask(picture.hsv), pure, most=most)
+    return Balls(spots.centres, spots.shapes, spots.sigma)
 
 
 def _is_small(balls: Balls) -> NDArray[np.bool_]:

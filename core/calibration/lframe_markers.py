@@ -17,7 +17,7 @@ from ..numerics.arrays import Array
 from ..runtime.progress import Progress, report_progress
 from ..shot.footage import pictures, probe
 from .ball_centres import centres_of
-from .ball_detection import Balls, Picture, find_balls, without_rods
+from .ball_detection import Balls, Picture, find_balls, find_spots, without_rods
 from .lframe_detection import FOCALS, LFrameModel, LFrameUnseenError, identified, standing
 
 ARMS = ((0, 1), (1, 2), (0, 3))
@@ -89,17 +89,20 @@ def find_lframe(
     # Small balls drown in the noise of single frames, not in that of all of them together.
     still = Picture.of(still_picture(view.lframe).round().astype(np.uint8))
     calm = standing([find_balls(still, videos.lframe_colour)], _MOST_CANDIDATES)
+    spots = find_spots(still, videos.lframe_colour, _MOST_CANDIDATES)
     candidates = Balls.joined([balls, calm[_apart(calm, balls)]])
-    try:
-        four, seen_in = balls[identified(balls[:_MOST_ALONE], frame, where)], images
-    except LFrameUnseenError:
+    candidates = Balls.joined([candidates, spots[_apart(spots, candidates)]])
+    unidentified: CalibrationError | None = None
+    for own, seen_in in ((balls, images), (calm, [still]), (spots, [still])):
         try:
-            four, seen_in = calm[identified(calm[:_MOST_ALONE], frame, where)], [still]
+            four = own[identified(own[:_MOST_ALONE], frame, where)]
+        except LFrameUnseenError as error:
+            unidentified = error
         except CalibrationError as error:
             return SeenLFrame(_nothing(), candidates, error)
-    except CalibrationError as error:
-        return SeenLFrame(_nothing(), candidates, error)
-    return SeenLFrame(_measured(seen_in, four, range(LFRAME_BALLS), size), candidates)
+        else:
+            return SeenLFrame(_measured(seen_in, four, range(LFRAME_BALLS), size), candidates)
+    return SeenLFrame(_nothing(), candidates, unidentified)
 
 
 def _apart(balls: Balls, others: Balls) -> NDArray[np.bool_]:

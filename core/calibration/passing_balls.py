@@ -210,9 +210,7 @@ class PassingBalls:
                 np.linalg.norm(measured[0] - c) > np.linalg.norm(s, 2) for c, s, _ in found
             ):
                 found.append(measured)
-        if not found:
-            return SmallBalls(np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0))
-        return SmallBalls(*(np.array(column, float) for column in zip(*found, strict=True)))
+        return SmallBalls.of(found)
 
     def _peaks(self, frame: PassingFrame, least: float) -> tuple[Array, NDArray[np.int64]]:
         """Heights of the filter's peaks, decreasing, in deviations of its own noise, and their pixels (v, u)."""

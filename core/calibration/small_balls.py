@@ -29,6 +29,8 @@ LONGEST = 3.0
 _FEWEST, _MOST_PIXELS = 3, 80  # of a blob
 _LONGEST_SIDE = 22  # of a blob's box, pixels: a small ball that moves
 _MARGIN = 5  # pixels of background around a blob
+_HALF_WINDOW, _AWAY_FROM_EDGE = 10, 2  # pixels: of a window around a spot; of a spot from the picture's edge
+_HEART, _BALL = 1.5, 4.0  # pixels from a spot's middle that are the ball's colour alone; that may have some of it
 _CORE = 0.25  # share of a blob's pixels that are the ball's colour alone
 _DARK = 0.25  # light of a pixel, as a share of ball or background, below which its colour is too uncertain
 _NOISE_SHARE = 0.1  # share of the ball's colour that background has by chance
@@ -67,6 +69,13 @@ class SmallBalls:
     centres: Array
     shapes: Array
     sigma: Array
+
+    @classmethod
+    def of(cls, found: Sequence[tuple[Array, Array, float]]) -> SmallBalls:
+        """From the centre, shape and deviation of each."""
+        if not found:
+            return cls(np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0))
+        return cls(*(np.array(column, float) for column in zip(*found, strict=True)))
 
 
 def find_small_balls(image: Image, light: Array, masks: Sequence[Image]) -> SmallBalls:
@@ -107,9 +116,26 @@ def find_small_balls(image: Image, light: Array, masks: Sequence[Image]) -> Smal
             centre = measured[0] + [window[1].start, window[0].start]
             if all(np.linalg.norm(centre - other) > _SAME for other, _, _ in found):
                 found.append((centre, *measured[1:]))
-    if not found:
-        return SmallBalls(np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0))
-    return SmallBalls(*(np.array(column, float) for column in zip(*found, strict=True)))
+    return SmallBalls.of(found)
+
+
+def measure_small_ball(image: Image, light: Array, place: Array) -> tuple[Array, Array, float] | None:
+    """Centre, shape and deviation of a small ball near a place (2,) where its colour is brightest; None for no ball.
+
+    As `find_small_balls`, but needs no range of colours: what lies some pixels away is the background.
+    """
+    size = image.shape[1::-1]
+    corner = np.round(place).astype(int) - _HALF_WINDOW
+    if (place < _AWAY_FROM_EDGE).any() or (place > np.array(size) - 1 - _AWAY_FROM_EDGE).any():
+        return None
+    window = tuple(
+        slice(max(a, 0), min(a + 2 * _HALF_WINDOW + 1, n)) for a, n in ((corner[1], size[1]), (corner[0], size[0]))
+    )
+    start = np.array([window[1].start, window[0].start])
+    v, u = np.indices(image[window].shape[:2])
+    away = np.hypot(u + start[0] - place[0], v + start[1] - place[1])
+    measured = _measured(light[image[window]], away < _HEART, away < _BALL)
+    return None if measured is None else (measured[0] + start, *measured[1:])
 
 
 def _window(size: tuple[int, ...], box: Sequence[int]) -> tuple[slice, slice] | None:

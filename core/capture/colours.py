@@ -24,6 +24,8 @@ _NAMED_SATURATION = (0.5, 1.0)
 _PICKED_WIDTH = 18.0  # the same of a picked one
 _STEPS = 255.0
 _WHOLE_HUE = (0.0, 360.0)
+_ANY_HUE = 180.0
+"""Width of a range of hues from which on it has no middle to speak of, degrees."""
 
 
 PALER = 0.5
@@ -71,6 +73,15 @@ class Colour:
     def paler(self) -> Colour:
         """Return the same colour mixed with a grey background, as of a thing of few pixels."""
         return replace(self, saturation=(PALER * self.saturation[0], self.saturation[1]), value=(0.0, self.value[1]))
+
+    def pure(self) -> NDArray[np.float64] | None:
+        """Blue, green and red, 0 to 1, of the middle of its hues at full saturation; None where it is of any hue."""
+        first, last = self.hue
+        width = last - first if last >= first else last - first + 360
+        if width >= _ANY_HUE:
+            return None
+        middle = np.array([[[_STEPS * ((first + width / 2) % 360) / 360, _STEPS, _STEPS]]])
+        return np.asarray(cv2.cvtColor(middle.round().astype(np.uint8), cv2.COLOR_HSV2BGR_FULL)[0, 0] / _STEPS)
 
     def table(self) -> dict[str, list[float]]:
         """As `parsed` takes it, and a TOML or JSON file holds it."""
