@@ -28,6 +28,7 @@ _FOOT = 0.17  # legs: from the ankle to the ball, where nothing shows it
 _SAME_FOOT = 0.03  # feet whose lengths are in proportion to the legs to this are taken to be exactly so
 _FADE = 0.25  # seconds in which a correction fades
 _BRIDGE = 1.0  # seconds: over shorter swings it goes over into the next plant's
+_STILL = 3.0  # typical speeds of planted points: at most so fast are those that stand
 _SNAP = 0.06  # legs: plants nearer to the floor than that stand on it
 
 
@@ -85,8 +86,21 @@ def foot_paths(
         points = source.positions[:, None, ankle] + np.einsum("fij,cj->fci", source.turns[:, ankle], offsets)
         doubt = None if deviation is None else np.repeat(deviation[:, ankle, None], 2, axis=1)
         plants = find_plants(points, source.fps, leg, doubt)
-        columns = [given.get(f"{point}.{side}", plants.planted[:, c]) for c, point in enumerate(("heel", "ball"))]
+        seen = _with_ends(plants.planted, points, _STILL * plants.speed / source.fps)
+        columns = [given.get(f"{point}.{side}", seen[:, c]) for c, point in enumerate(("heel", "ball"))]
         found.append(FootPath(side, points, offsets, np.stack(columns, axis=1), plants.floor))
+    return found
+
+
+def _with_ends(planted: Bools, points: Array, still: float) -> Bools:
+    """Plants (F, C) with the frames beside them to which a point (F, C, 3) takes a step shorter than `still`.
+
+    Speeds are found across two frames: those of the first and the last frame of a plant are partly of the swing.
+    """
+    found = planted.copy()
+    near = np.linalg.norm(np.diff(points, axis=0), axis=2) < still
+    found[:-1] |= planted[1:] & near
+    found[1:] |= planted[:-1] & near
     return found
 
 

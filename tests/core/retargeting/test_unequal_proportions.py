@@ -1,0 +1,126 @@
+"""Characters of other proportions: feet that stood still stand still at their height, and no bone is twisted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from kfmocap.core.body import human
+from kfmocap.core.retargeting.retarget import Retargeted, prepared, retarget
+from made_rigs import LONGER_LEGS, SHORTER_ARMS, made_rig, moved_body, moved_rig
+from render.benchmark_shots import PLANS
+from scipy.spatial.transform import Rotation
+
+HEIGHT = 1.75
+EQUAL = human(HEIGHT)
+BODIES = {
+    "legs 20 % longer, arms 15 % shorter": human(HEIGHT, {**LONGER_LEGS, **SHORTER_ARMS}),
+    "long thighs": human(HEIGHT, {"thigh": LONGER_LEGS["thigh"]}),
+    "short shins": human(HEIGHT, {"shin": 0.8 * 0.246 * HEIGHT}),
+    "a child": human(0.6 * HEIGHT),
+}
+MOVEMENTS = [
+    "stroll_behind_bench",
+    "hop_turn",
+    "lunges",
+    "dance",
+    "round_kick",
+    "front_kick",
+    "sitting_down",
+    "picking_up_near",
+]
+STILL = 0.001  # metres around its mean place
+SLIDE, HEIGHT_ERROR, TWIST = 0.002, 0.005, 10.0
+
+
+def moved(name, body):
+    plan = PLANS[name]
+    return moved_body(body, plan.movement.motion(body, plan.seconds), plan.fps)
+
+
+def sole_points(rest, poses, foot, scale=1.0):
+    """Heel and ball of a foot whose tail is above the ball, (F, 2, 3): carried by the foot's bone alone."""
+    ahead = (rest.tails[foot] - rest.heads[foot]) * [1.0, 1.0, 0.0]
+    down = np.array([0.0, 0.0, rest.ground - rest.heads[foot, 2]])
+    offsets = np.stack([down - 0.3 * ahead, down + ahead])
+    turns, places = poses
+    return scale * (places[:, foot, None] + np.einsum("fij,cj->fci", turns[:, foot], offsets))
+
+
+def standing(path) -> Iterator[slice]:
+    """The frames (four at least) on which a point (F, 3) near the ground stays where it is."""
+    first = 0
+    while first < len(path):
+        last = first + 1
+        while last < len(path) and spread(path[first : last + 1]) < STILL:
+            last += 1
+        if last - first >= 4 and np.abs(path[first:last, 2]).max() < 0.03:
+            yield slice(first, last)
+        first = last
+
+
+def spread(path):
+    return np.linalg.norm(path - path.mean(axis=0), axis=1).max()
+
+
+def slides_and_heights(source, result: Retargeted, rig) -> tuple[float, float, int]:
+    worst, count = np.zeros(2), 0
+    for side in "LR":
+        [foot] = source.rest.indices([f"foot.{side}"])
+        given = sole_points(source.rest, (source.turns, source.positions), foot, result.placement.scale)
+        shown = sole_points(rig.rest, (result.poses.turns, result.poses.places), rig.index(f"foot.{side}"))
+        for own, other in ((given[:, c], shown[:, c]) for c in range(2)):
+            for frames in standing(own):
+                count += 1
+                slide = spread(other[frames, :2]) - spread(own[frames, :2])
+                height = np.abs(other[frames, 2] - own[frames, 2]).max()
+                worst = np.maximum(worst, (slide, height))
+    return float(worst[0]), float(worst[1]), count
+
+
+def twist(rig, result: Retargeted) -> float:
+    """By how much keeping feet has turned a bone about its own length at most, degrees."""
+    found = []
+    for role, k, _ in rig.bones.items():
+        b = rig.index(role, k)
+        along = rig.rest.tails[b] - rig.rest.heads[b]
+        change = np.swapaxes(result.by_angles.turns[:, b], -1, -2) @ result.poses.turns[:, b]
+        x, y, z, w = Rotation.from_matrix(change).as_quat(canonical=True).T
+        found.append(np.degrees(2 * np.arctan2(np.stack([x, y, z], axis=1) @ (along / np.linalg.norm(along)), w)))
+    return float(np.abs(found).max())
+
+
+@pytest.mark.parametrize("proportions", BODIES)
+@pytest.mark.parametrize("name", MOVEMENTS)
+def test_feet_that_stood_still_stand_still_and_nothing_is_twisted(name, proportions):
+    source, bones = prepared(moved(name, EQUAL))
+    rig = made_rig("mixamo", BODIES[proportions], np.radians(45), 5)
+    result = retarget(source, bones, rig)
+    slide, height, count = slides_and_heights(source, result, rig)
+    assert count >= 2
+    assert slide < SLIDE
+    assert height < HEIGHT_ERROR
+    assert twist(rig, result) < TWIST
+
+
+@pytest.mark.parametrize("kind", ["rigify", "rigify-metarig", "unreal", "unity", "vrm", "makehuman"])
+@pytest.mark.parametrize("there", [True, False], ids=["to", "from"])
+def test_the_same_holds_from_and_to_every_kind_of_rig(kind, there):
+    given = EQUAL if there else BODIES["legs 20 % longer, arms 15 % shorter"]
+    other = BODIES["legs 20 % longer, arms 15 % shorter"] if there else EQUAL
+    source, bones = prepared(moved("stroll_behind_bench", given))
+    if not there:
+        own = made_rig(kind, given, np.radians(45), 3)
+        step = retarget(source, bones, own)
+        through, bones = prepared(moved_rig(own, step.poses, source.fps))
+        rig = made_rig("kfmocap", other, 0.0, 7)
+        result = retarget(through, bones, rig)
+    else:
+        rig = made_rig(kind, other, np.radians(45), 7)
+        result = retarget(source, bones, rig)
+    slide, height, count = slides_and_heights(source, result, rig)
+    assert count >= 4
+    assert slide < SLIDE
+    assert height < HEIGHT_ERROR
+    assert twist(rig, result) < TWIST
