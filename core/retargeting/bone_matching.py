@@ -1,4 +1,4 @@
-"""Which bones play which roles: by a preset's names, else by words in the names, else by their place at rest."""
+"""Matching bones to roles: by a preset's names, else by words in the names, else by their positions at rest."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ def match_bones(rest: RestSkeleton, preset: str | None = None, where: str = "ske
     Parameters
     ----------
     rest : RestSkeleton
-        Facing any way, Z up.
+        Z up, facing any direction.
     preset : str, optional
-        Name of the preset to use; by default the one that knows most of the bones, then names, then places.
+        Name of the preset to use; by default the one that matches most of the bones, else names, else positions.
     where : str
-        What the bones are of, for errors.
+        What the bones belong to, for error messages.
 
     Raises
     ------
     BodyError
-        The preset is unknown, or bones that it needs are missing; or no required roles are found in any way.
+        The preset is unknown, or bones that it needs are missing; or the required roles cannot be found.
     """
     if preset is not None:
         if preset not in PRESETS:
@@ -49,8 +49,8 @@ def match_bones(rest: RestSkeleton, preset: str | None = None, where: str = "ske
 
 
 def _carries_legs(bones: BoneMap, rest: RestSkeleton) -> bool:
-    """Whether the legs of a preset hang on its hips or beside them, not on a bone above: of a rig whose hips have
-    another name, the preset may call the spine hips. Controls hang as the rig needs it.
+    """Whether the legs found by a preset are children of its hips or siblings of them. If not, and these are not
+    controls, the preset has taken the spine for the hips, which have another name in the rig.
     """
     if preset_of(bones).follows:
         return True
@@ -61,7 +61,7 @@ def _carries_legs(bones: BoneMap, rest: RestSkeleton) -> bool:
 
 
 def _with_named(places: BoneMap, names: BoneMap, rest: RestSkeleton) -> BoneMap:
-    """Roles found by places, and those of bones below them that names alone tell, such as fingers and toes."""
+    """Return roles found by position, together with those of bones below them that only names show, such as fingers."""
     tree, bones = SkeletonTree(rest), dict(places.bones)
     for role, named in names.bones.items():
         above = bones.get(PARENTS[role], ())
@@ -74,12 +74,12 @@ def _with_named(places: BoneMap, names: BoneMap, rest: RestSkeleton) -> BoneMap:
 
 
 def preset_of(bones: BoneMap) -> BonePreset:
-    """Return the preset whose controls a map names; one without settings where it follows none."""
+    """Return the preset of a bone map; one without settings if it has none."""
     return PRESETS.get(bones.preset, BonePreset("", "", {}))
 
 
 def by_preset(names: Iterable[str], preset: str) -> BoneMap:
-    """Return the bones that a preset names, whatever their namespace and case."""
+    """Return the bones that a preset names, ignoring namespace and case."""
     known: dict[str, str] = {}
     for name in reversed(list(names)):
         known[_plain(name)] = name
@@ -98,7 +98,7 @@ def _plain(name: str) -> str:
 
 
 def side_of_bone(name: str) -> str:
-    """The side (L, R or nothing) that a bone's name tells, however the rig writes it."""
+    """Return the side in a bone's name ("L", "R" or empty), however the rig writes it."""
     return read_name(name).side
 
 

@@ -1,7 +1,7 @@
-"""Roles of bones by their names: what a word means depends on the other words of the rig and on what hangs on what.
+"""Roles of bones by their names: what a word means depends on the rig's other words and on its hierarchy.
 
 One rig's shoulder is a collar bone, another's the upper arm above an elbow; a leg is a shin below a thigh, or a thigh
-above a knee. A rig of controls has every limb several times, and a skeleton is looked for among bones of one kind.
+above a knee. A control rig has every limb several times, so a skeleton is searched for among bones of one kind.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ _FAMILIES: tuple[frozenset[str], ...] = tuple(
         ("", "def", "org", "fk", "control"),
     )
 )
-"""Kinds of bones that may make up a skeleton, the first that is a whole one counts. What constraints move comes before
-the handles: those are found by turning them."""
+"""Sets of kinds of bones among which a skeleton is searched for, in order. Bones moved by constraints come before
+controls, which are found later by moving them."""
 _MOST = {"spine": 9, "neck": 9, **dict.fromkeys(FINGERS, 3)}
 
 Named = Mapping[str, list[int]]
 
 
 def roles_by_name(rest: RestSkeleton) -> BoneMap:
-    """Return the roles that the words in the bones' names suggest, of bones of one kind if they make up a human."""
+    """Return the roles that words in the bones' names suggest, preferring bones of one kind that make up a human."""
     names = [read_name(name) for name in rest.names]
     tree = SkeletonTree(rest)
     found = BoneMap({}, found_by="names")
@@ -65,7 +65,7 @@ def _roles(
 
 
 def _leg(parts: Named, tree: SkeletonTree) -> dict[str, list[int]]:
-    """Thigh, shin, foot and toe of one side."""
+    """Return thigh, shin, foot and toe of one side."""
     lower = [*parts.get("shin", []), *parts.get("knee", [])]
     legs = parts.get("leg", [])
     thighs = parts.get("thigh", [])
@@ -82,7 +82,7 @@ def _leg(parts: Named, tree: SkeletonTree) -> dict[str, list[int]]:
 
 
 def _arm(parts: Named, tree: SkeletonTree) -> dict[str, list[int]]:
-    """Collar bone, upper arm, forearm and hand of one side."""
+    """Return collar bone, upper arm, forearm and hand of one side."""
     uppers = parts.get("upper_arm", []) or parts.get("arm", [])
     lowers = sorted([*parts.get("forearm", []), *parts.get("elbow", [])])
     shoulders, collars = parts.get("shoulder", []), parts.get("collar", [])
@@ -95,7 +95,7 @@ def _arm(parts: Named, tree: SkeletonTree) -> dict[str, list[int]]:
 
 
 def _fingers(parts: Named, names: Sequence[BoneName], tree: SkeletonTree) -> dict[str, list[int]]:
-    """The fingers of one side, by their names or by numbers from the thumb on."""
+    """Return the fingers of one side, by their names or by numbers from the thumb on."""
     found = {finger: tree.chain(parts[finger], _MOST[finger]) for finger in FINGERS if finger in parts}
     numbered: dict[int, list[int]] = {}
     for j in parts.get("finger", []):

@@ -1,4 +1,4 @@
-"""Roles of bones by their place at rest alone: legs reach lowest, arms farthest to the sides, the head is on top."""
+"""Roles of bones by position at rest: legs reach lowest, arms farthest to the sides, and the head is on top."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from ..body.skeleton_motion import RestSkeleton
 from ..numerics.arrays import Array
 from .skeleton_tree import SkeletonTree
 
-_SYMMETRY = 0.03  # of the height: how far from its mirror image a bone's partner may be
-_MINIMUM = 0.08  # of the height: shorter segments are no thigh, shin, upper arm or forearm
+_SYMMETRY = 0.03  # of the height: largest distance of a bone's partner from its mirror image
+_MINIMUM = 0.08  # of the height: least length of a thigh, shin, upper arm or forearm
 
 
 def roles_by_place(rest: RestSkeleton) -> dict[str, tuple[str, ...]]:
-    """Return bones by role, of a symmetrical skeleton that stands upright; nothing where it is not a human's.
+    """Return bones by role for an upright, symmetrical skeleton; empty if it is not human.
 
-    The side that faces left is found from the direction of the feet.
+    Left and right are found from the direction of the feet.
     """
     points = np.where(np.isnan(rest.tails), rest.heads, rest.tails)
     height = float(max(rest.heads[:, 2].max(), points[:, 2].max()) - min(rest.heads[:, 2].min(), points[:, 2].min()))
@@ -46,7 +46,7 @@ def roles_by_place(rest: RestSkeleton) -> dict[str, tuple[str, ...]]:
 
 
 def _lateral_axis(rest: RestSkeleton) -> Array:
-    """The horizontal axis, x or y, across which the joints are symmetrical, and far apart: a unit vector."""
+    """Return the horizontal axis (x or y) along which the skeleton is symmetrical, as a unit vector."""
     scores = []
     for axis in np.eye(3)[:2]:
         aside = (rest.heads - _centre(rest)) @ axis
@@ -61,7 +61,7 @@ def _centre(rest: RestSkeleton) -> Array:
 
 
 def _mirrored_branches(rest: RestSkeleton, lateral: Array, near: float) -> list[tuple[int, int]]:
-    """Pairs of bones, mirror images of each other, that lead away from a bone in the middle."""
+    """Return pairs of bones that are mirror images of each other and children of a bone in the middle."""
     aside = (rest.heads - _centre(rest)) @ lateral
     ends = [max(_subtree(rest, j), key=lambda k: abs(aside[k])) for j in range(len(rest.names))]
     central = [abs(aside[j]) < near / 2 for j in range(len(rest.names))]
@@ -89,7 +89,7 @@ def _subtree(rest: RestSkeleton, top: int) -> list[int]:
 
 
 def _farthest_path(rest: RestSkeleton, top: int, lateral: Array) -> list[int]:
-    """The bones from one to that below it whose joint is farthest away."""
+    """Return the bones from one to the descendant whose joint is farthest away."""
     end = max(_subtree(rest, top), key=lambda k: float(np.linalg.norm(rest.heads[k] - rest.heads[top])))
     path = [end]
     while path[-1] != top:
@@ -106,7 +106,7 @@ def _middle(rest: RestSkeleton, pair: tuple[int, int]) -> Array:
 
 
 def _forward(rest: RestSkeleton, legs: tuple[int, int], lateral: Array) -> Array:
-    """Where the feet point: the horizontal way from the lowest third of the shins to the farthest point of the feet."""
+    """Return the horizontal direction of the feet, from the lowest third of the shins to the farthest point below."""
     below = [j for leg in legs for j in _subtree(rest, leg)]
     low = min(rest.heads[j, 2] for j in below)
     top = max(rest.heads[j, 2] for j in below)
@@ -118,7 +118,9 @@ def _forward(rest: RestSkeleton, legs: tuple[int, int], lateral: Array) -> Array
 
 
 def _limb_roles(rest: RestSkeleton, top: int, arm: bool, lateral: Array, shortest: float) -> dict[str, int]:
-    """The bones of an arm or leg: its two long segments, what is above the first, and what is below the second."""
+    """Return the bones of an arm or leg: its two long segments, the bone above the first, and those below the
+    second.
+    """
     path = _farthest_path(rest, top, lateral)
     if not arm:
         low = min(_subtree(rest, top), key=lambda j: float(rest.heads[j, 2]))
@@ -145,13 +147,13 @@ def _limb_roles(rest: RestSkeleton, top: int, arm: bool, lateral: Array, shortes
 
 
 def _arm_segments(long: list[int], lengths: Sequence[float]) -> tuple[int, int]:
-    """Upper arm and forearm among the long segments: the two longest that follow each other."""
+    """Return upper arm and forearm: the longest two consecutive segments."""
     pairs = list(pairwise(long))
     return max(pairs, key=lambda pair: lengths[pair[0]] + lengths[pair[1]])
 
 
 def _trunk(rest: RestSkeleton, leg: int, arm: int) -> dict[str, tuple[str, ...]]:
-    """Hips, spine, neck and head: the way from what the legs hang on to what the arms hang on, and on to the top."""
+    """Return hips, spine, neck and head: the path from the legs' parent to the arms' parent, and on to the top."""
     tree = SkeletonTree(rest)
     hips, chest = tree.common([leg, arm]), rest.parents[arm]
     if hips < 0:

@@ -1,6 +1,6 @@
-"""How well-known rigs name their bones, and which of Rigify's settings let its controls be driven.
+"""Bone names of well-known rigs, and the settings with which Rigify's controls can be driven.
 
-{s} stands for l or r, {S} for L or R, {Side} for Left or Right, {side} for left or right.
+In names, {s} stands for l or r, {S} for L or R, {Side} for Left or Right, and {side} for left or right.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class IkLimb:
     upper, lower, end : str
         Roles of the limb's bones.
     control, pole : str
-        The control of the limb's end, and the one that the elbow or knee points to.
+        Names of the IK control of the limb's end, and of the pole target.
     """
 
     upper: str
@@ -43,15 +43,15 @@ class BonePreset:
     Attributes
     ----------
     label, description : str
-        What the animator reads: the rig's name, and what is to be known of it.
+        The rig's name and a remark, as shown to the animator.
     bones : mapping of str to tuple of str
         Names by role. A rig may lack bones of roles that are not required, and bones of chains.
     settings : mapping of str to mapping of str to float
-        Custom properties by bone that must have these values while the controls are driven.
+        By bone, the values that its custom properties must have while the controls are driven.
     follows : mapping of str to str
-        The bone that shows what a control has done, by the control, where it is another one.
+        By control, the bone that shows the control's effect, if it is not the control itself.
     ik : tuple of IkLimb
-        Limbs driven through their IK controls in place of the bones of their roles.
+        Limbs that are driven through IK controls instead of the bones of their roles.
     """
 
     label: str
@@ -63,7 +63,7 @@ class BonePreset:
 
 
 def _by_role(names: Names) -> dict[str, tuple[str, ...]]:
-    """Names by role, of names by role without a side."""
+    """Return names by role for both sides, from names by role without a side."""
     found: dict[str, tuple[str, ...]] = {}
     for role in PARENTS:
         base, _, side = role.partition(".")
@@ -76,7 +76,7 @@ def _by_role(names: Names) -> dict[str, tuple[str, ...]]:
 
 
 def _fingers(pattern: str, words: Sequence[str], joints: Sequence[str] = ("1", "2", "3")) -> dict[str, list[str]]:
-    """Names of the fingers' bones, thumb first; {f} stands for the finger, {j} for the joint."""
+    """Return the names of the fingers' bones, thumb first; {f} stands for the finger, {j} for the joint."""
     return {
         finger: [pattern.replace("{f}", word).replace("{j}", joint) for joint in joints]
         for finger, word in zip(FINGERS, words, strict=True)
@@ -139,7 +139,7 @@ _RIGIFY_FOLLOWS = {
 
 
 _POLES = {"pole_vector": 1.0, "IK_Stretch": 0.0, "IK_parent": 1.0, "pole_parent": 1.0}
-"""Limbs bend towards their poles, which hang on the root as the controls of hands and feet do."""
+"""Limbs bend towards their pole targets, which have the root as parent, like the controls of hands and feet."""
 
 
 def _rigify_settings(fk: float) -> dict[str, dict[str, float]]:
@@ -270,7 +270,8 @@ PRESETS: Mapping[str, BonePreset] = {
     "vrm": BonePreset("VRM", "Bones named as VRoid names them", _VROID),
     "makehuman": BonePreset("MakeHuman", "MakeHuman's default rig", _MAKEHUMAN),
 }
-"""By the name that the command line and bone maps use; where several fit a rig equally well, the first is taken.
+"""The presets by their names on the command line and in bone maps; if several fit a rig equally well, the first is
+used.
 
-Saved Blender files keep the place of a preset in this list: new ones go to its end.
+Saved Blender files store the index of a preset in this list, so new ones must be added at its end.
 """

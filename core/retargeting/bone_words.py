@@ -1,4 +1,4 @@
-"""What the name of a bone says: its side, the part that it names, and what it is for in a rig."""
+"""Reading the name of a bone: its side, the part of the body that it names, and its function in a rig."""
 
 from __future__ import annotations
 
@@ -57,25 +57,25 @@ _WORDS: tuple[tuple[str, str], ...] = (
         r"|上半身)(lower|upper)?\d*",
     ),
 )
-"""Parts of a body and the words that name them, compared with a name without namespace, side and what it is for."""
+"""Parts of a body and patterns of their words, matched with names without namespace, side and function."""
 
 
 @dataclass(frozen=True)
 class BoneName:
-    """A bone's name, read.
+    """The meaning of a bone's name.
 
     Attributes
     ----------
     side : str
-        "L", "R" or nothing.
+        "L", "R" or empty.
     part : str
-        A part of `_WORDS`; nothing where the name is of none. Of limbs both the segment and the joint that it begins at
-        are told: a shin may be called knee.
+        A part of `_WORDS`, or empty. For limbs it is either the segment or the joint at which it begins, as a shin may
+        be called knee.
     kind : str
-        "" plain, "def" deforming, "org" what deforming bones copy, "fk" and "control" handles, "helper" none of a
-        skeleton's own bones, such as those that share a twist.
+        Empty for a plain bone, "def" for a deforming one, "org" for one that deforming bones copy, "fk" and "control"
+        for controls, "helper" for bones that do not belong to the skeleton, such as twist bones.
     digits : str
-        The numbers at the end of the part's word.
+        The numbers after the part's word.
     """
 
     side: str
@@ -85,7 +85,7 @@ class BoneName:
 
 
 def read_name(name: str) -> BoneName:
-    """Read a bone's name, in whatever way it is put together."""
+    """Read a bone's name, whatever the rig's conventions."""
     tokens, side, kind = _tokens(name), "", ""
     kept: list[str] = []
     for before, token in zip(["", *tokens], tokens, strict=False):
@@ -119,7 +119,7 @@ def read_name(name: str) -> BoneName:
 
 
 def _tokens(name: str) -> list[str]:
-    """Words, numbers and single letters of a name, sides apart."""
+    """Split a name into words, numbers and single letters, with marks of the side separated."""
     plain = NAMESPACE.sub("", name)
     found: list[str] = []
     for token in _TOKEN.findall(plain):
@@ -136,7 +136,7 @@ def _tokens(name: str) -> list[str]:
 
 
 def _apart(token: str) -> list[str]:
-    """A word of characters without cases, with what it is for at its end apart."""
+    """Split the function off the end of a word in a script without upper and lower case."""
     match = re.fullmatch(r"(.*?)(ＩＫ|捩|親|キャンセル)", token)
     return [part for part in match.groups() if part] if match else [token]
 

@@ -1,4 +1,4 @@
-"""The controls of a rig that motion is put on: where they stand at rest, and which control each of them follows."""
+"""The controls of a target rig: their rest pose, and which control each of them follows."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from .roles import BoneMap
 
 @dataclass(frozen=True, eq=False)
 class ControlRig:
-    """Controls, B of them, parents before children.
+    """The B controls of a rig, parents before children.
 
     Attributes
     ----------
     rest : RestSkeleton
-        The controls in the world, metres; a parent is the control that carries another one's place along.
+        The controls in the world frame, metres; the parent of a control is the one that determines its position.
     bones : BoneMap
         Their roles.
     turn_parents : tuple of int
-        The control whose rotation another one's rest orientation follows; -1 where none turns it.
+        For each control, the one whose rotation it inherits; -1 if it inherits none.
     R_world_rest : ndarray, shape (B, 3, 3)
         Orientation at rest.
     location_axes : ndarray, shape (B, 3, 3)
-        The axes of each control's location at rest, as columns: its own ones, or the armature's.
+        The axes of each control's location channels at rest, as columns: its own axes, or the armature's.
     scale : float
-        Metres of the world for one unit of the armature.
+        Metres per unit of the armature.
     resting_toes : frozenset of str
-        Sides whose feet have toe bones that are no controls here, and stay as they are: "L", "R".
+        Sides ("L", "R") whose feet have toe bones that are not among the controls and keep their rest rotation.
     """
 
     rest: RestSkeleton
@@ -42,22 +42,22 @@ class ControlRig:
     resting_toes: frozenset[str] = frozenset()
 
     def index(self, role: str, place: int = 0) -> int:
-        """Return the place of the control that plays a role."""
+        """Return the index of the control that plays a role; `place` counts along a chain."""
         return self.rest.indices([self.bones.bones[role][place]])[0]
 
 
 @dataclass(frozen=True, eq=False)
 class RigPoses:
-    """What the controls shall do on every frame.
+    """Poses of a rig's controls on F frames.
 
     Attributes
     ----------
     turns : ndarray, shape (F, B, 3, 3)
-        Rotation from the rest orientation, in the world's axes.
+        Rotation from the rest orientation, in world axes.
     places : ndarray, shape (F, B, 3)
-        Where the controls' heads are in the world, metres.
+        Positions of the controls' heads in the world frame, metres.
     driven : ndarray of bool, shape (B,)
-        Which controls are moved; the others only follow.
+        Which controls are posed; the others only follow.
     """
 
     turns: Array
@@ -69,14 +69,16 @@ class RigPoses:
 
 
 def carried(rig: ControlRig, turns: Array, driven: Bools, tops: dict[int, Array]) -> RigPoses:
-    """Return the poses of all controls: each is where the control that carries it takes it.
+    """Return the poses of all controls (forward kinematics).
 
     Parameters
     ----------
+    rig : ControlRig
     turns : ndarray, shape (F, B, 3, 3)
-        Of those that are driven; the others take those of what turns them.
+        World rotations of the driven controls; those of the others are ignored and follow from their turn parents.
+    driven : ndarray of bool, shape (B,)
     tops : mapping of int to ndarray of shape (F, 3)
-        Places of controls that are moved freely.
+        World positions of the controls that are moved freely, metres.
     """
     turns = turns.copy()
     places = np.empty((*turns.shape[:2], 3))
@@ -95,7 +97,7 @@ def carried(rig: ControlRig, turns: Array, driven: Bools, tops: dict[int, Array]
 
 
 def local_turns(rig: ControlRig, poses: RigPoses) -> Array:
-    """Rotation of every control relative to where what turns it leaves it, shape (F, B, 3, 3): a pose bone's own."""
+    """Return every control's rotation relative to its turn parent, as in a pose bone's channels, shape (F, B, 3, 3)."""
     R0 = rig.R_world_rest
     found = np.empty_like(poses.turns)
     for b, k in enumerate(rig.turn_parents):
@@ -105,7 +107,9 @@ def local_turns(rig: ControlRig, poses: RigPoses) -> Array:
 
 
 def local_places(rig: ControlRig, poses: RigPoses, b: int) -> Array:
-    """Location of a control along its axes as what turns it leaves them, shape (F, 3), armature's units."""
+    """Return a control's location along its location axes, as turned by its turn parent, in armature units, shape (F,
+    3).
+    """
     p, k = rig.rest.parents[b], rig.turn_parents[b]
     start = rig.rest.heads[b]
     if p >= 0:

@@ -1,4 +1,4 @@
-"""Fingers of a character turned as the points of a performer's hands are seen to lie."""
+"""Finger motion of a character from the tracked points of a performer's hands."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from .rest_alignment import palm_axes, shortest_turn
 from .roles import FINGERS, SIDES, BoneMap
 
 SMOOTHING = 0.04
-"""What is shorter than this is smoothed away, seconds: detectors see fingers a few pixels off from frame to frame."""
+"""Time scale of smoothing, seconds: detected fingers jitter by a few pixels from frame to frame."""
 UNSEEN = 0.01
-"""Weight of a frame that is not seen, at what lies evenly between those that are: it keeps long gaps from swinging."""
+"""Weight of frames without data, which are interpolated linearly: it keeps the smooth curve from overshooting in
+gaps."""
 _BONES, _SECOND = 3, (1.0, -2.0, 1.0)
 
 
@@ -27,14 +28,14 @@ def seen_directions(points_world: Array, fps: float) -> dict[str, Array]:
     Parameters
     ----------
     points_world : ndarray, shape (F, 21, 3)
-        See `core.keypoints.hand_points`; NaN where not known.
+        See `core.keypoints.hand_points`, metres; NaN where unknown.
     fps : float
 
     Returns
     -------
     dict of str to ndarray, shape (F, 3, 3)
-        Unit vectors of three bones by finger, smooth over time; between frames on which a bone is not seen they turn
-        from one to the next. Fingers of which some bone is never seen are not there.
+        Unit vectors of three bones by finger, smoothed over time and interpolated where a bone is not seen. Fingers
+        with a bone that is never seen are absent.
     """
     at = {name: points_world[:, i] for i, name in enumerate(HAND_POINTS)}
     along = at["Middle1"] - at["Wrist"]
@@ -54,9 +55,9 @@ def seen_directions(points_world: Array, fps: float) -> dict[str, Array]:
 
 
 def _smooth(directions: Array, fps: float) -> Array:
-    """Unit vectors (F, 3) smoothed by Whittaker's method: least squares with a penalty on second differences.
+    """Smooth unit vectors (F, 3) by Whittaker's method: least squares with a penalty on second differences.
 
-    Unlike an average it does not round off what turns at a steady speed, and it leads over frames that are NaN.
+    Unlike a moving average it does not flatten a steady rotation, and it bridges frames that are NaN.
     """
     known = np.isfinite(directions).all(axis=1)
     F, at = len(directions), np.flatnonzero(known)
@@ -72,10 +73,10 @@ def _smooth(directions: Array, fps: float) -> Array:
 
 
 def finger_motion(rest: RestSkeleton, bones: BoneMap, hands_world: Array, fps: float) -> dict[str, Array]:
-    """Return how each finger bone of a rig is turned against the bone above it, in the world's axes at rest.
+    """Return the rotation of each finger bone of a rig relative to its parent, in world axes at rest.
 
-    Every bone points where the performer's does, as seen from the palm, and turns there the shortest way: what lengths
-    the rig's fingers have, and how they are bent at rest, does not matter.
+    Every bone points where the performer's does as seen from the palm, by the shortest rotation, so that neither the
+    lengths of the rig's fingers nor their rest pose matter.
 
     Parameters
     ----------
@@ -88,7 +89,7 @@ def finger_motion(rest: RestSkeleton, bones: BoneMap, hands_world: Array, fps: f
     Returns
     -------
     dict of str to ndarray, shape (F, 3, 3)
-        By the name of the bone; empty where the rig has no fingers, or none are seen.
+        By the name of the bone; empty if the rig has no fingers, or none are seen.
     """
     found = {}
     for side, points in zip(SIDES, np.swapaxes(hands_world, 0, 1), strict=True):

@@ -1,4 +1,4 @@
-"""Feet of a tracked motion cleaned up: planted points stand still, key poses stay exactly what they are.
+"""Cleaning up the feet of a tracked motion: planted points stand still, and key poses are not changed.
 
 The method is that of `core.retargeting.foot_keeping`, with the body as its own target.
 """
@@ -34,21 +34,22 @@ def with_clean_feet(
     Parameters
     ----------
     body : Body
-        Of a human, whatever its parts are called.
+        A human body; its parts may have any names.
     motion : Motion
         F frames.
     fps : float
         Frames per second.
     keys : KeyPoses
-        Their degrees of freedom stay as they are; the frames between take the corrections of key poses off, so that
-        a foot stands where the key poses have it, and goes over from one to the other where these differ.
+        The degrees of freedom that they fix do not change. The corrections that they would get are subtracted from the
+        frames between, so that a foot stands where the key poses have it, and moves between these places if they
+        differ.
     planted : mapping of str to ndarray of bool, shape (F,), optional
         See `core.retargeting.foot_keeping.foot_paths`.
 
     Raises
     ------
     BodyError
-        The body is no human's, or its hips are not its first part.
+        The body is not human, or its hips are not its first part.
     """
     source, bones = prepared(motion_of_body(body, motion, "body", fps))
     R_rest = np.stack([part.R_world_rest for part in body.parts])
@@ -70,7 +71,7 @@ def _whole(bones: BoneMap) -> BoneMap:
 
 
 def _of_keys(step: Array, keys: KeyPoses) -> Array:
-    """The corrections (F, D) of key poses, in between going over from one to the next, shape (F, D)."""
+    """Interpolate the corrections of key poses, rows of `step` (F, D), to all frames, shape (F, D)."""
     found = np.zeros_like(step)
     frames = np.arange(len(step))
     for d, fixed in enumerate(keys.fixed.T):

@@ -1,8 +1,8 @@
-"""Feet and hands kept where they stood, whatever the proportions of the character.
+"""Keeping feet and hands in place, whatever the proportions of the character.
 
 After L. Kovar, J. Schreiner, M. Gleicher, Footskate Cleanup for Motion Capture Editing (SCA 2002): while a foot is
-planted, the point of its sole that touches the ground moves as that of the source does, and not as joint angles on
-other legs would move it. The correction fades over the frames beside.
+planted, the point of the sole that touches the ground moves as the source's does, and not as the same joint angles
+would move it on legs of another length. The correction fades over the frames before and after.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from .roles import SIDES, BoneMap
 from .transfer import Placement, leg_length
 
 HEEL, BALL = 0, 1
-_HEEL_BACK = 0.3  # of the way from ankle to ball over the ground, where nothing shows the heel
-_FOOT = 0.17  # legs: from the ankle to the ball, where nothing shows it
-_SAME_FOOT = 0.03  # feet whose lengths are in proportion to the legs to this are taken to be exactly so
-_FADE = 0.25  # seconds in which a correction fades
-_BRIDGE = 1.0  # seconds: over shorter swings it goes over into the next plant's
-_STILL = 3.0  # typical speeds of planted points: at most so fast are those that stand
-_SNAP = 0.06  # legs: plants nearer to the floor than that stand on it
+_HEEL_BACK = 0.3  # of the horizontal distance from ankle to ball: from the ankle back to the heel, if it is unknown
+_FOOT = 0.17  # of the leg length: from the ankle to the ball, if it is unknown
+_SAME_FOOT = 0.03  # relative: foot lengths this close to proportional to the legs are taken to be exactly so
+_FADE = 0.25  # seconds over which a correction fades
+_BRIDGE = 1.0  # seconds: over shorter swings a correction is interpolated to the next plant's
+_STILL = 3.0  # times the typical speed of planted points: the largest speed of points that stand still
+_SNAP = 0.06  # of the leg length: plants within this height stand on the floor
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,12 +40,13 @@ class FootPath:
     ----------
     side : str
     points : ndarray, shape (F, 2, 3)
-        Heel and ball on the sole, in the source's world.
+        Heel and ball on the sole, in the source's world frame and unit.
     offsets : ndarray, shape (2, 3)
-        The same from the ankle, at rest.
+        The same points relative to the ankle, at rest.
     planted : ndarray of bool, shape (F, 2)
+        When each of them is planted.
     floor : float
-        Height of planted points.
+        Height of planted points, in the source's unit.
     """
 
     side: str
@@ -66,10 +67,10 @@ def foot_paths(
     Parameters
     ----------
     deviation : ndarray, shape (F, J), optional
-        Standard deviation of the place of every bone of the source, in its unit.
+        Standard deviation of the position of every bone of the source, in its unit.
     planted : mapping of str to ndarray of bool, shape (F,), optional
-        When points of the soles are planted, by `core.body.soles.SOLE_POINTS`, where it is known; other points are
-        planted when they seem to be.
+        When points of the soles are planted, by their names in `core.body.soles.SOLE_POINTS`, where that is known; for
+        other points it is detected from the motion.
     """
     given = planted or {}
     leg = leg_length(source.rest, of_source)
@@ -105,7 +106,7 @@ def _with_ends(planted: Bools, points: Array, still: float) -> Bools:
 
 
 def sole_offsets(rest: RestSkeleton, bones: BoneMap, side: str) -> Array | None:
-    """Heel and ball on the ground from the ankle, at rest, shape (2, 3); None where the foot does not show them."""
+    """Return heel and ball on the ground relative to the ankle, at rest, shape (2, 3); None if they are unknown."""
     ahead = foot_way(rest, bones, side)
     if ahead is None:
         return None
@@ -123,7 +124,7 @@ def foot_goals(
     placement: Placement,
     clean: bool = False,
 ) -> tuple[list[LimbGoal], RigPoses]:
-    """Return where the ankles of the target shall be, and its poses with feet that are turned flat.
+    """Return goals for the target's ankles, and its poses with planted feet turned flat.
 
     Parameters
     ----------
@@ -131,10 +132,10 @@ def foot_goals(
     source : SkeletonMotion and BoneMap
     rig : ControlRig
     poses : RigPoses
-        Of `transfer`.
+        The result of `transfer`.
     placement : Placement
     clean : bool
-        Planted feet stand quite still and flat; else they do what those of the source do.
+        Whether planted feet stand completely still and flat; if not, they move as the source's do.
     """
     motion, of_source = source
     A = alignments(motion.rest, of_source, rig.rest, rig.bones)
@@ -165,10 +166,10 @@ def foot_goals(
 def _target_offsets(
     path: FootPath, source: tuple[RestSkeleton, BoneMap], rig: ControlRig, placement: Placement, A: Array
 ) -> Array:
-    """Heel and ball from the target's ankle at rest, (2, 3): the source's at the size of the target's foot.
+    """Return heel and ball relative to the target's ankle at rest, (2, 3): the source's, scaled to the target's foot.
 
-    The foot of a source without toes rolls on their tips. So does the target's then, whose toes stay straight: its bone
-    ends before them, and does not show how long the foot is.
+    The foot of a source without toe bones rolls over the tips of the toes. So does the target's then, with straight
+    toes; its foot bone ends before them and does not show the length of the foot.
     """
     own = sole_offsets(rig.rest, rig.bones, path.side)
     ratio = placement.scale
@@ -184,10 +185,10 @@ def _target_offsets(
 
 
 def _ankle_path(points: Array, planted: Bools, ways: Array, ankle: Array) -> Array:
-    """Where the ankle shall be while the foot is planted, (F, 3).
+    """Return the goal of the ankle while the foot is planted, (F, 3).
 
-    The height is that of the point on the ground; the place over the ground is the mean of where joint angles alone
-    would put it, and from there the ankle moves as the point on the ground makes it move.
+    Its height follows from the planted point; its horizontal position is on average the one that joint angles alone
+    give, and moves with the planted point.
     """
     wanted = ankle.copy()
     for first, last in runs(planted.any(axis=1)):
@@ -196,7 +197,7 @@ def _ankle_path(points: Array, planted: Bools, ways: Array, ankle: Array) -> Arr
         by_point = points[frames] - ways[frames]  # the ankle, as each of the points has it
         path = by_point[np.arange(len(frames)), point].copy()
         change = np.flatnonzero(np.diff(point)) + 1
-        for k in change:  # the foot rolls on to the other point: the ankle does not jump
+        for k in change:  # the foot rolls over to the other point, and the ankle must not jump
             path[k:, :2] += by_point[k, point[k - 1], :2] - by_point[k, point[k], :2]
         path[:, :2] += (ankle[frames, :2] - path[:, :2]).mean(axis=0)
         wanted[frames] = path
@@ -204,7 +205,7 @@ def _ankle_path(points: Array, planted: Bools, ways: Array, ankle: Array) -> Arr
 
 
 def spread(shift: Array, held: Bools, fps: float) -> Array:
-    """Shifts (F, 3) of the frames that are held, going over into each other or fading on those between."""
+    """Return shifts (F, 3) that are given on held frames, and on the frames between interpolated or faded out."""
     if held.all() or not held.any():
         return shift
     found = np.where(held[:, None], shift, 0.0)
@@ -230,13 +231,13 @@ def _ease(t: Array) -> Array:
 
 
 def _lift(soles: Array, points: Array, held: Bools, placement: Placement) -> Array:
-    """How far a swinging foot is raised so that no point of it is deeper in the ground than the source's, (F,)."""
+    """Return how far a swinging foot must be raised to be no deeper in the ground than the source's, (F,)."""
     allowed = np.minimum(points[..., 2].min(axis=1), placement.ground[2])
     return np.where(held, 0.0, np.maximum(allowed - soles[..., 2].min(axis=1), 0.0))
 
 
 def _still(points: Array, planted: Bools, floor: float, snap: float) -> Array:
-    """Points (F, 2, 3) that stand where they are on average during each plant, on the floor where it is near."""
+    """Return points (F, 2, 3) that stand at their mean position during each plant, and on the floor if that is near."""
     found = points.copy()
     for c in range(points.shape[1]):
         for first, last in runs(planted[:, c]):
@@ -248,7 +249,7 @@ def _still(points: Array, planted: Bools, floor: float, snap: float) -> Array:
 
 
 def _flattened(turns: Array, flat: Bools, offsets: Array, fps: float) -> Array:
-    """Rotations (F, 3, 3) of a foot that stays level and still while heel and ball are planted."""
+    """Return rotations (F, 3, 3) of a foot that is level and still while heel and ball are planted."""
     found = turns.copy()
     shift = np.zeros((len(turns), 3))
     for first, last in runs(flat):
@@ -269,7 +270,7 @@ def _flattened(turns: Array, flat: Bools, offsets: Array, fps: float) -> Array:
 def hand_goals(
     source: SkeletonMotion, of_source: BoneMap, rig: ControlRig, poses: RigPoses, placement: Placement
 ) -> list[LimbGoal]:
-    """Return where hands shall be that stand still in the world: at the same place, at the target's scale."""
+    """Return goals for hands that stand still in the world: the same position, at the target's scale."""
     leg = leg_length(source.rest, of_source)
     goals = []
     for side in SIDES:

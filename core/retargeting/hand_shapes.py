@@ -1,4 +1,4 @@
-"""A few shapes of the hand, as rotations of whatever finger bones a rig has."""
+"""A few hand shapes, as rotations of the finger bones of any rig."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ HAND_SHAPES: Mapping[str, Mapping[str, _Bends]] = MappingProxyType(
         "point": _shape((20, 35, 40), (0, 5, 5), (80, 95, 60)),
     }
 )
-"""How far each joint of a finger is bent from the rest pose, degrees, from the knuckle on."""
+"""Flexion of each joint of a finger from the rest pose, degrees, beginning at the knuckle."""
 
 
 def finger_turns(rest: RestSkeleton, bones: BoneMap, side: str, shape: str, amount: float = 1.0) -> dict[str, Array]:
-    """Return how each finger bone of a hand is turned against the bone above it, (3, 3), in the world's axes at rest.
+    """Return the rotation (3, 3) of each finger bone of a hand relative to its parent, in world axes at rest.
 
     Parameters
     ----------
@@ -45,12 +45,12 @@ def finger_turns(rest: RestSkeleton, bones: BoneMap, side: str, shape: str, amou
     shape : str
         One of `HAND_SHAPES`.
     amount : float
-        Share of the shape: 0 is the rest pose.
+        Strength of the shape: 0 is the rest pose, 1 the full shape.
 
     Raises
     ------
     BodyError
-        Index, middle or little finger are not known: they show where the palm is.
+        The index, middle or little finger, which define the palm, is unknown.
     """
     palm = palm_axes(rest, bones, side)
     if palm is None:
@@ -66,7 +66,7 @@ def finger_turns(rest: RestSkeleton, bones: BoneMap, side: str, shape: str, amou
         for k, j in enumerate(chain[:3]):
             end = rest.heads[chain[k + 1]] if k + 1 < len(chain) else rest.tails[j]
             along = end - rest.heads[j]
-            # Fingers bend into the palm; the thumb comes across it.
+            # Fingers bend towards the palm, the thumb across it.
             axis = np.cross(along, inward - across if finger == "thumb" else inward)
             length = np.linalg.norm(axis)
             if np.isfinite(length) and length > 0:

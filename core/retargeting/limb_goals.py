@@ -1,4 +1,4 @@
-"""Limbs of two bones brought to goals: closed-form inverse kinematics over all frames at once."""
+"""Moving two-bone limbs to goals: closed-form inverse kinematics over all frames at once."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ _SETTLE = 0.2  # seconds over which the hips are lowered
 
 @dataclass(frozen=True, eq=False)
 class LimbGoal:
-    """Where the end of a limb shall be.
+    """Goals for the end of a limb.
 
     Attributes
     ----------
     upper, lower, end : int
         Controls of thigh, shin and foot, or of upper arm, forearm and hand.
     shift : ndarray, shape (F, 3)
-        From where the limb's end is to where it shall be, metres; zeros leave a frame as it is.
+        From the position of the limb's end to its goal, metres; zero leaves a frame unchanged.
     held : ndarray of bool, shape (F,)
-        Frames on which the goal must be met: the hips are lowered where it is out of reach.
+        Frames on which the goal must be met: if it is out of reach, the hips are lowered.
     """
 
     upper: int
@@ -40,9 +40,9 @@ class LimbGoal:
 
 
 def reach_goals(rig: ControlRig, poses: RigPoses, goals: list[LimbGoal], fps: float) -> RigPoses:
-    """Bring the ends of limbs to their goals; the ends keep their rotation, elbows and knees their plane.
+    """Move the ends of limbs to their goals; the ends keep their rotation, and elbows and knees their plane.
 
-    Hips are lowered, smoothly, where a held foot is out of reach.
+    The hips are lowered smoothly if a held foot is out of reach.
     """
     hips = rig.index("hips")
     goal_places = [poses.places[:, goal.end] + goal.shift for goal in goals]
@@ -64,7 +64,7 @@ def _tops(rig: ControlRig, hips: int) -> list[int]:
 
 
 def _lowered(poses: RigPoses, goals: list[LimbGoal], places: list[Array], fps: float) -> Array:
-    """How far the hips sink on every frame, shape (F, 3), so that held ends come into reach."""
+    """Return the shift of the hips on every frame, shape (F, 3), metres, that brings held ends within reach."""
     drop = np.zeros(len(poses))
     for goal, there in zip(goals, places, strict=True):
         joints = [poses.places[:, j] for j in (goal.upper, goal.lower, goal.end)]
@@ -81,10 +81,10 @@ def _lowered(poses: RigPoses, goals: list[LimbGoal], places: list[Array], fps: f
 
 
 def two_bone_turns(root: Array, middle: Array, end: Array, goal: Array) -> tuple[Array, Array]:
-    """Rotations (F, 3, 3) of the upper and the lower bone in the world that bring the end to the goal, all (F, 3).
+    """Return world rotations (F, 3, 3) of the upper and the lower bone that bring the end of a limb to its goal.
 
-    The limb is turned the shortest way towards the goal and bent in its own plane, so that it is not twisted. A goal
-    out of reach is aimed at.
+    All points are (F, 3). The limb is turned by the shortest rotation towards the goal and bent in its own plane, so
+    that it is not twisted. If a goal is out of reach, the straight limb points at it.
     """
     a, b = (np.linalg.norm(q - p, axis=1, keepdims=True) for p, q in ((root, middle), (middle, end)))
     way = goal - root
@@ -105,7 +105,7 @@ def two_bone_turns(root: Array, middle: Array, end: Array, goal: Array) -> tuple
 
 
 def _across(u: Array) -> Array:
-    """A direction square to u (F, 3): forward as far as can be."""
+    """Return unit vectors perpendicular to u (F, 3), as near to forward as possible."""
     forward = np.where(np.abs(u[:, 1:2]) < 0.9, [0.0, -1.0, 0.0], [0.0, 0.0, 1.0])
     return np.asarray(forward - u * np.sum(forward * u, axis=1, keepdims=True))
 
@@ -115,7 +115,7 @@ def _unit(v: Array) -> Array:
 
 
 def limb_controls(rig: ControlRig, roles: Sequence[str], driven: Bools) -> tuple[int, int, int] | None:
-    """Return the controls of a limb's three roles, or None where one is not there or not driven."""
+    """Return the controls of a limb's three roles, or None if one is missing or not driven."""
     if any(role not in rig.bones.bones for role in roles):
         return None
     upper, lower, end = (rig.index(role) for role in roles)

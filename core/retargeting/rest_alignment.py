@@ -1,8 +1,8 @@
-"""How the rest pose of one skeleton is turned into that of another: A pose to T pose, facing, feet, palms.
+"""Aligning the rest pose of one skeleton with that of another: A pose to T pose, facing, feet, palms.
 
-A bone of the target that plays a role stands, on every frame, as D A R0: R0 is its rest orientation, A brings its rest
-pose to that of the source's bone, D is the rotation of the source's bone from its rest pose. Whatever axes either rig
-has given its bones (roll) drops out. Alignments of a skeleton to another and back are inverse to each other.
+The orientation of a target bone on every frame is D A R0, where R0 is its rest orientation, A rotates its rest pose to
+that of the source's bone, and D is the rotation of the source's bone from its rest pose. The bones' own axes (roll)
+cancel out. Aligning a skeleton to another and back gives inverse rotations.
 """
 
 from __future__ import annotations
@@ -15,26 +15,26 @@ from .roles import FINGERS, PARENTS, SIDES, BoneMap, parent_role
 
 _UP = np.array([0.0, 0.0, 1.0])
 _NEXT = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shin", "shin": "foot", "foot": "toe"}
-_STRAY = np.cos(np.radians(40))  # a hand that is farther out of the forearm's line has an arbitrary tail
+_STRAY = np.cos(np.radians(40))  # at a larger angle to the forearm, the tail of a hand's bone is arbitrary
 
 
 def alignments(
     source: RestSkeleton, of_source: BoneMap, target: RestSkeleton, of_target: BoneMap
 ) -> dict[str, list[Array]]:
-    """Return A (3, 3) of every bone of the target, by role.
+    """Return the alignment A (3, 3) of every bone of the target, by role.
 
     Parameters
     ----------
     source, target : RestSkeleton
-        Upright.
+        Standing upright.
     of_source, of_target : BoneMap
 
     Notes
     -----
-    The trunk and the shoulders keep the target's own posture: only the facing is brought over. Limbs are turned to the
-    source's directions, each along with the bone above it and then the shortest way, so that no twist comes in. Feet
-    keep the target's slope: they turn about the vertical alone. Hands and their fingers also agree about the palm's
-    normal where both skeletons have fingers.
+    Trunk and shoulders keep the target's own posture; only the direction that they face is aligned. Limbs are turned to
+    the source's directions, each together with its parent and then by the shortest rotation, so that no twist is
+    added. Feet keep the target's slope and turn only about the vertical. If both skeletons have fingers, the normals of
+    the palms are aligned as well.
     """
     F = facing(source, of_source) @ facing(target, of_target).T
     A: dict[str, list[Array]] = {}
@@ -62,8 +62,10 @@ def alignments(
 
 
 def facing(rest: RestSkeleton, bones: BoneMap) -> Array:
-    """Rotation about the vertical (3, 3) from facing -Y, left to +X, to where a skeleton faces at rest."""
-    for limb in ("thigh", "upper_arm"):  # the hips: shoulders may be posed
+    """Return the rotation about the vertical (3, 3) from facing -Y, with left at +X, to the direction a skeleton
+    faces.
+    """
+    for limb in ("thigh", "upper_arm"):  # preferably from the hips, as shoulders may be posed
         left, right = (rest.heads[rest.indices(bones.bones[f"{limb}.{side}"])[0]] for side in SIDES)
         across = (left - right) * [1.0, 1.0, 0.0]
         if np.linalg.norm(across) > 1e-6 * np.ptp(rest.heads):
@@ -73,7 +75,9 @@ def facing(rest: RestSkeleton, bones: BoneMap) -> Array:
 
 
 def direction(rest: RestSkeleton, bones: BoneMap, role: str) -> Array:
-    """Where a limb's bone leads at rest: to the joint of the next role, else to its own tail; a unit vector."""
+    """Return the direction of a limb's bone at rest, to the joint of the next role or else its own tail; unit
+    vector.
+    """
     base, _, side = role.partition(".")
     [j] = rest.indices(bones.bones[role])
     after = f"{_NEXT.get(base, '')}.{side}"
@@ -84,7 +88,7 @@ def direction(rest: RestSkeleton, bones: BoneMap, role: str) -> Array:
 
 
 def _end(rest: RestSkeleton, j: int) -> Array:
-    """The tail of a bone; where it has none, the middle of the joints that hang on it."""
+    """Return the tail of a bone or, if it has none, the mean of its children's joints."""
     if not np.isnan(rest.tails[j]).any():
         return rest.tails[j]
     below = [k for k, p in enumerate(rest.parents) if p == j]
@@ -92,12 +96,12 @@ def _end(rest: RestSkeleton, j: int) -> Array:
 
 
 def _aligned(A: Array, d_target: Array, d_source: Array) -> Array:
-    """A, turned the shortest way so that it brings one direction to the other."""
+    """Return A followed by the shortest rotation with which it takes one direction to the other."""
     return shortest_turn(A @ d_target, d_source) @ A
 
 
 def shortest_turn(a: Array, b: Array) -> Array:
-    """Rotations (..., 3, 3) about the common normal that bring unit vectors a to b (..., 3)."""
+    """Return the shortest rotations (..., 3, 3) that take unit vectors a to b (..., 3)."""
     v = np.cross(a, b)
     c = np.sum(a * b, axis=-1)[..., None, None]
     S = np.zeros((*v.shape, 3))
@@ -116,7 +120,7 @@ Rig = tuple[RestSkeleton, BoneMap]
 
 
 def _hand(source: Rig, target: Rig, role: str, above: Array) -> Array:
-    """Along the hand where both tails are reliable, the palms' normals where both have fingers."""
+    """Align a hand's direction if both tails are reliable, and the palms' normals if both have fingers."""
     side = role.partition(".")[2]
     palms = [palm_axes(*rig, side) for rig in (source, target)]
     if palms[0] is not None and palms[1] is not None:
@@ -131,7 +135,7 @@ def _hand(source: Rig, target: Rig, role: str, above: Array) -> Array:
 
 
 def palm_axes(rest: RestSkeleton, bones: BoneMap, side: str) -> Array | None:
-    """Axes of the hand at rest, along the middle finger, across the palm, out of it; None without the fingers."""
+    """Return the hand's axes at rest: along the middle finger, across the palm, out of it; None without fingers."""
     across = [bones.bones.get(f"{finger}.{side}") for finger in ("index", "pinky")]
     if None in across or f"middle.{side}" not in bones.bones:
         return None
@@ -147,7 +151,9 @@ def palm_axes(rest: RestSkeleton, bones: BoneMap, side: str) -> Array | None:
 
 
 def _finger(source: Rig, target: Rig, role: str, above: Array) -> list[Array]:
-    """Each bone of a finger along the source's bone of the same place, with the hand and then the shortest way."""
+    """Align each bone of a finger with the source's corresponding bone, with the hand and then by the shortest
+    rotation.
+    """
     chains = [rest.indices(bones.bones[role]) for rest, bones in (source, target)]
     found = []
     for k in range(len(chains[1])):
@@ -164,7 +170,7 @@ def _finger(source: Rig, target: Rig, role: str, above: Array) -> list[Array]:
 
 
 def _foot(source: Rig, target: Rig, role: str, F: Array) -> Array:
-    """Toes to where the source's point, about the vertical; toes follow the foot."""
+    """Turn a foot about the vertical to point where the source's does; toes follow the foot."""
     side = role.partition(".")[2]
     of_source, of_target = (foot_way(*rig, side) for rig in (source, target))
     if of_source is None or of_target is None:
@@ -173,9 +179,9 @@ def _foot(source: Rig, target: Rig, role: str, F: Array) -> Array:
 
 
 def foot_way(rest: RestSkeleton, bones: BoneMap, side: str) -> Array | None:
-    """The way over the ground from the ankle to the ball of a foot at rest, shape (3,).
+    """Return the horizontal vector from the ankle to the ball of a foot at rest, shape (3,).
 
-    None where the foot does not show it: it points down, or its tail is arbitrary, as those of last bones in FBX files.
+    None if it is unknown: the foot points down, or its tail is arbitrary, as for the last bones of chains in FBX files.
     """
     if f"foot.{side}" not in bones.bones:
         return None
@@ -189,7 +195,7 @@ def foot_way(rest: RestSkeleton, bones: BoneMap, side: str) -> Array | None:
 
 
 def feet_point_back(rest: RestSkeleton, bones: BoneMap) -> bool:
-    """Whether both feet point backward at rest: left and right are named as seen from the front, not by the body."""
+    """Whether both feet point backward at rest, which means that left and right are named as seen from the front."""
     back = facing(rest, bones) @ [0.0, 1.0, 0.0]
     if not all(f"foot.{side}" in bones.bones for side in SIDES):
         return False
@@ -198,7 +204,7 @@ def feet_point_back(rest: RestSkeleton, bones: BoneMap) -> bool:
 
 
 def _to_ball(rest: RestSkeleton, bones: BoneMap, side: str) -> Array:
-    """The way from the ankle to the toes' joint, or to the tail of the foot's bone."""
+    """Return the vector from the ankle to the toes' joint, or to the tail of the foot's bone."""
     [j] = rest.indices(bones.bones[f"foot.{side}"])
     toe = bones.bones.get(f"toe.{side}")
     return np.asarray((_end(rest, j) if toe is None else rest.heads[rest.indices(toe)[0]]) - rest.heads[j])

@@ -1,4 +1,4 @@
-"""Retargeting as a whole: from a source's motion to poses of a rig's controls, and what is left of errors."""
+"""Retargeting: from a source's motion to poses of a rig's controls, and the remaining errors."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from .transfer import Placement, RetargetOptions, leg_length, place, transfer
 
 DEFAULTS = RetargetOptions()
 _STANDING = (0.01, 0.22)
-"""In legs: how high the ankles may be above the origin for that to be the ground at rest."""
+"""Range of the ankles' height above the origin, in leg lengths, for which the origin is the ground at rest."""
 _SOLES = (-0.02, 0.08)
-"""The same of the lowest joints and tails of the feet: short legs have high ankles."""
+"""The same range for the lowest joints and tails of the feet, as short legs have high ankles."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,9 +33,9 @@ class Retargeted:
     Attributes
     ----------
     poses : RigPoses
-        What the controls shall do.
+        The poses of the controls.
     by_angles : RigPoses
-        The same before feet and hands were kept in place: the source's joint angles.
+        The poses before feet and hands are kept in place, with the source's joint angles.
     placement : Placement
     feet : tuple of FootPath
         The source's soles, and when they were planted.
@@ -48,21 +48,21 @@ class Retargeted:
 
 
 def prepared(source: SkeletonMotion, of_source: BoneMap | None = None) -> tuple[SkeletonMotion, BoneMap]:
-    """Return a source that stands upright on its ground, and the roles of its bones.
+    """Return a source rotated to stand upright on the ground, and the roles of its bones.
 
     Parameters
     ----------
     source : SkeletonMotion
-        Any axis may point up in it.
+        With any axis pointing up.
     of_source : BoneMap, optional
-        By default found by its names or places.
+        By default found from names or positions.
 
     Raises
     ------
     BodyError
-        It has no frames, or no human's bones are found in it.
+        It has no frames, or the bones of a human are not found in it.
     ShotError
-        Its frame rate is not known.
+        Its frame rate is unknown.
     """
     if not len(source):
         raise BodyError("there are no frames", where=source.name)
@@ -76,7 +76,9 @@ def prepared(source: SkeletonMotion, of_source: BoneMap | None = None) -> tuple[
 
 
 def _upright(rest: RestSkeleton, bones: BoneMap) -> Array:
-    """The rotation by right angles (3, 3) that makes the way from knees to shoulders point up."""
+    """Return the rotation (3, 3) by multiples of 90 degrees that makes the direction from knees to shoulders point
+    up.
+    """
     ends = [
         rest.heads[[rest.indices(bones.bones[f"{role}.{side}"])[0] for side in SIDES]].mean(axis=0)
         for role in ("shin", "upper_arm")
@@ -91,7 +93,7 @@ def _upright(rest: RestSkeleton, bones: BoneMap) -> Array:
 
 
 def grounded(rest: RestSkeleton, bones: BoneMap, origin: float = 0.0) -> RestSkeleton:
-    """Return a skeleton with the height on which it stands: its origin's, or that of the lowest point of its feet."""
+    """Return a skeleton with the height of its ground: that of its origin, or of the lowest point of its feet."""
     ankles = [name for side in SIDES for role in ("foot", "toe") for name in bones.bones.get(f"{role}.{side}", ())]
     feet = rest.indices(ankles or [name for side in SIDES for name in bones.bones[f"shin.{side}"]])
     low = float(np.nanmin(np.concatenate([rest.heads[feet, 2], rest.tails[feet, 2]])))
@@ -111,14 +113,14 @@ def retarget(
     options: RetargetOptions = DEFAULTS,
     planted: Mapping[str, Bools] | None = None,
 ) -> Retargeted:
-    """Bring a motion onto a rig.
+    """Retarget a motion to a rig.
 
     Parameters
     ----------
     source, of_source : SkeletonMotion and BoneMap
-        Of `prepared`.
+        The result of `prepared`.
     rig : ControlRig
-        On its ground.
+        With its ground, see `grounded`.
     options : RetargetOptions
     planted : mapping of str to ndarray of bool, shape (F,), optional
         When points of the source's soles are planted, see `foot_paths`.
@@ -126,7 +128,7 @@ def retarget(
     Raises
     ------
     BodyError
-        The rig cannot do what is asked for; names the bone or the option.
+        The rig does not support an option; names the bone or the option.
     """
     placement = place(source, of_source, rig, options.scale)
     by_angles = transfer(source, of_source, rig, placement, options.root)
@@ -145,7 +147,7 @@ def retarget(
 
 
 def limb_changes(rig: ControlRig, result: Retargeted) -> dict[str, dict[str, float]]:
-    """How far keeping feet and hands has turned the bones of every limb from the source's pose, degrees."""
+    """Return by limb how far keeping feet and hands in place has turned its bones from the source's pose, degrees."""
     found = {}
     for limb, roles in LIMBS.items():
         controls = [rig.index(role, k) for role, k, _ in rig.bones.items() if role in roles]
@@ -158,7 +160,7 @@ def limb_changes(rig: ControlRig, result: Retargeted) -> dict[str, dict[str, flo
 
 
 def plant_intervals(result: Retargeted) -> Mapping[str, Mapping[str, list[tuple[int, int]]]]:
-    """First and last frame of every plant, by foot and point of the sole."""
+    """Return first and last frame of every plant, by foot and point of the sole."""
     return {
         f"foot.{path.side}": {"heel": runs(path.planted[:, HEEL]), "ball": runs(path.planted[:, BALL])}
         for path in result.feet

@@ -1,4 +1,4 @@
-"""Roles: what a bone is in a human skeleton, whatever its name, and which bone of a rig plays which.
+"""Roles: the anatomical parts that the bones of a human skeleton represent, whatever their names.
 
 Chains (spine, neck, fingers) are one role with several bones, from the hips or the hand outward.
 """
@@ -35,11 +35,11 @@ def _parents() -> dict[str, str]:
 
 
 PARENTS: Mapping[str, str] = _parents()
-"""Every role and the role that it hangs on, parents first; the root hangs on nothing."""
+"""The parent of every role, parents first; the root's is empty."""
 CHAINS = frozenset(["spine", "neck", *(f"{finger}.{side}" for finger in FINGERS for side in SIDES)])
 """Roles that several bones may play."""
 REQUIRED = tuple(["hips", *(f"{limb}.{side}" for limb in ("thigh", "shin", "upper_arm", "forearm") for side in SIDES)])
-"""Without bones in these roles a skeleton is not a human's."""
+"""Roles without which a skeleton is not human."""
 LIMBS = {
     "trunk": ("hips", "spine", "neck", "head"),
     **{
@@ -49,7 +49,7 @@ LIMBS = {
     **{f"leg.{side}": tuple(f"{role}.{side}" for role in ("thigh", "shin", "foot", "toe")) for side in SIDES},
     **{f"fingers.{side}": tuple(f"{finger}.{side}" for finger in FINGERS) for side in SIDES},
 }
-"""Roles by limb, as reports are divided."""
+"""Roles by limb, for reports."""
 
 
 @dataclass(frozen=True)
@@ -59,9 +59,9 @@ class BoneMap:
     Attributes
     ----------
     bones : mapping of str to tuple of str
-        Names of the bones by role, one name but for the roles of `CHAINS`; roles that no bone plays are absent.
+        Names of the bones by role: one each, or several for the roles in `CHAINS`; roles without a bone are absent.
     preset : str
-        Name of the preset that the rig's controls follow; empty where none does.
+        Name of the preset that the rig's controls follow; empty if there is none.
     found_by : str
         How the bones were found: "preset", "names", "places" or "file".
     """
@@ -79,26 +79,26 @@ class BoneMap:
                 raise BodyError(f"{len(names)} bones for '{role}'", where="bone map", todo="name one bone")
 
     def items(self) -> Iterator[tuple[str, int, str]]:
-        """Go through role, place in its chain, and name of every bone, parents before children."""
+        """Generate role, index in its chain, and name of every bone, parents before children."""
         for role in PARENTS:
             for k, name in enumerate(self.bones.get(role, ())):
                 yield role, k, name
 
     def names(self) -> list[str]:
-        """The names of all bones, parents before children."""
+        """Return the names of all bones, parents before children."""
         return [name for _, _, name in self.items()]
 
     def missing(self) -> list[str]:
-        """Required roles that no bone plays."""
+        """Return the required roles that have no bone."""
         return [role for role in REQUIRED if role not in self.bones]
 
     def checked(self, names: Sequence[str], where: str) -> BoneMap:
-        """Return the map itself if it is of a rig with these bones and complete.
+        """Return the map if it is complete and valid for a rig with these bones.
 
         Raises
         ------
         BodyError
-            A bone is not there, plays two roles, or a required role has no bone; names it.
+            A bone is missing or has two roles, or a required role has no bone; names it.
         """
         there, used = set(names), self.names()
         for role, _, name in self.items():
@@ -116,7 +116,7 @@ class BoneMap:
 
 
 def parent_role(role: str, there: Mapping[str, object]) -> str:
-    """Return the nearest role above that is there; empty where there is none."""
+    """Return the nearest role above one, among those in `there`; empty if there is none."""
     above = PARENTS[role]
     while above and above not in there:
         above = PARENTS[above]

@@ -1,4 +1,4 @@
-"""What hangs on what in a skeleton, and the trunk between limbs that are known."""
+"""The hierarchy of a skeleton, and its trunk between known limbs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .roles import SIDES
 
 
 class SkeletonTree:
-    """The bones of a skeleton by their places, parents first."""
+    """The hierarchy of a skeleton; bones are given by their indices, parents first."""
 
     def __init__(self, rest: RestSkeleton) -> None:
         self._heads = rest.heads
@@ -20,15 +20,17 @@ class SkeletonTree:
             self._above.append([] if parent < 0 else [parent, *self._above[parent]])
 
     def above(self, j: int) -> list[int]:
-        """What a bone hangs on, its parent first."""
+        """Return the ancestors of a bone, its parent first."""
         return self._above[j]
 
     def is_above(self, upper: int, lower: int) -> bool:
-        """Whether a bone hangs on another one."""
+        """Whether `upper` is an ancestor of `lower`."""
         return upper in self._above[lower]
 
     def chain(self, bones: Sequence[int], most: int) -> list[int]:
-        """The first of some bones, and those that hang on each other below it, at most so many."""
+        """Return the first of some bones and those that continue it downward, each a descendant of the one before, at
+        most `most` of them.
+        """
         found = list(bones[:1])
         for j in bones[1:]:
             if len(found) < most and self.is_above(found[-1], j):
@@ -36,15 +38,15 @@ class SkeletonTree:
         return found
 
     def common(self, bones: Iterable[int]) -> int:
-        """The lowest bone that all of some bones hang on, -1 for none."""
+        """Return the lowest common ancestor of some bones, -1 if there is none."""
         ways = [self._above[j] for j in bones]
         return next((j for j in ways[0] if all(j in way for way in ways)), -1) if ways else -1
 
     def with_trunk(self, found: Mapping[str, Sequence[int]]) -> dict[str, list[int]]:
-        """Return roles with hips that carry legs and arms, and the spine and the neck between, where limbs are known.
+        """Return roles with hips, spine and neck added by position between the known limbs.
 
-        Names do not tell: thighs and spine may hang side by side on a bone above that which is called pelvis, and
-        chains have bones of other names.
+        Names are unreliable here: thighs and spine may be siblings under a bone above the one called pelvis, and chains
+        contain bones with other names.
         """
         roles = {role: list(bones) for role, bones in found.items()}
         legs, arms = ([roles[f"{limb}.{s}"][0] for s in SIDES if f"{limb}.{s}" in roles] for limb in _TOPS)
@@ -68,7 +70,7 @@ class SkeletonTree:
         return {role: bones for role, bones in roles.items() if bones}
 
     def _between(self, top: int, way: Sequence[int], roles: Mapping[str, Sequence[int]], role: str) -> list[int]:
-        """Bones on a way upwards below a bone, from there outwards: those that are named, else all without a role."""
+        """Return the bones of a path below `top`, outward: those named for a role, or else all without a role."""
         if top not in way:
             return [j for j in roles.get(role, []) if j != top]
         path = list(way[: way.index(top)])[::-1]

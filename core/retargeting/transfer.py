@@ -1,4 +1,4 @@
-"""The motion of one skeleton as poses of another's controls, before feet are kept in place."""
+"""Transferring the motion of one skeleton to another's controls, before feet are kept in place."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ FEET = ("keep", "clean", "off")
 
 @dataclass(frozen=True)
 class RetargetOptions:
-    """How motion is brought onto another character.
+    """Options of retargeting.
 
     Attributes
     ----------
     root : str
-        Where the way through the world goes: "world", on the hips; "root-bone", its horizontal part on the root bone;
-        "in-place", nowhere: the character stays over its first place.
+        What gets the motion through the world: "world", the hips; "root-bone", the root bone, for the horizontal part;
+        "in-place", nothing, so that the character stays over its first position.
     feet : str
-        "keep": while the source's feet are planted the target's move as these do, in its own proportions; "clean": they
-        stand quite still; "off": joint angles alone.
+        "keep": while the source's feet are planted, the target's move as these do, at the target's scale; "clean": they
+        stand completely still; "off": joint angles are copied unchanged.
     hands : bool
-        Hands that stand still in the world stay where they are, at the target's scale.
+        Whether hands that stand still in the world stay in place, at the target's scale.
     scale : float, optional
         Size of the target relative to the source; by default the ratio of their legs.
     """
@@ -53,7 +53,7 @@ class RetargetOptions:
 
 @dataclass(frozen=True)
 class Placement:
-    """Where the target moves for where the source does: a similarity about a point on the ground.
+    """The similarity from the source's world to the target's, about a point on the ground.
 
     Attributes
     ----------
@@ -70,12 +70,12 @@ class Placement:
     ground: Array
 
     def moved(self, points: Array) -> Array:
-        """Points (..., 3) of the source's world in the target's."""
+        """Return points (..., 3) of the source's world in the target's."""
         return np.asarray(self.ground + self.scale * (points - self.pivot))
 
 
 def leg_length(rest: RestSkeleton, bones: BoneMap) -> float:
-    """Mean length of thigh and shin and height of the ankle: the height of the hips over the ground, legs stretched."""
+    """Return the mean height of the hips above the ground with straight legs: thigh, shin and height of the ankle."""
     lengths = []
     for side in SIDES:
         joints = [rest.heads[rest.indices(bones.bones[f"{role}.{side}"])[0]] for role in ("thigh", "shin")]
@@ -92,12 +92,14 @@ def leg_length(rest: RestSkeleton, bones: BoneMap) -> float:
 
 
 def hip_centre(rest: RestSkeleton, bones: BoneMap) -> Array:
-    """The middle between the hip joints at rest, shape (3,): rigs put the heads of their hip bones anywhere."""
+    """Return the midpoint of the hip joints at rest, shape (3,); the heads of hip bones may be anywhere."""
     return np.asarray(rest.heads[[rest.indices(bones.bones[f"thigh.{side}"])[0] for side in SIDES]].mean(axis=0))
 
 
 def place(source: SkeletonMotion, of_source: BoneMap, rig: ControlRig, scale: float | None = None) -> Placement:
-    """Put the target's first pose over the source's, both on the ground, the target at its own size."""
+    """Return the placement with the target's first pose above the source's, both on the ground, at the target's
+    size.
+    """
     ratio = scale
     legs = leg_length(rig.rest, rig.bones) / leg_length(source.rest, of_source)
     unit = 1.0 if 0.2 < legs < 5.0 else 10.0 ** round(float(np.log10(legs)))
@@ -111,7 +113,7 @@ def place(source: SkeletonMotion, of_source: BoneMap, rig: ControlRig, scale: fl
 def transfer(
     source: SkeletonMotion, of_source: BoneMap, rig: ControlRig, placement: Placement, root: str = "world"
 ) -> RigPoses:
-    """Bring joint angles over, and the way of the hips at the target's scale.
+    """Copy joint angles, and the path of the hips at the target's scale.
 
     Parameters
     ----------
@@ -130,7 +132,7 @@ def transfer(
     Raises
     ------
     BodyError
-        Root motion is to go on a root bone, and the rig has none.
+        Root motion was requested on a root bone, and the rig has none.
     """
     A = alignments(source.rest, of_source, rig.rest, rig.bones)
     F = len(source)
@@ -157,7 +159,7 @@ def transfer(
 
 
 def hip_path(source: SkeletonMotion, of_source: BoneMap) -> Array:
-    """The middle between the source's hip joints, carried by its hips, shape (F, 3)."""
+    """Return the path of the midpoint of the source's hip joints, in the source's unit, shape (F, 3)."""
     [j] = source.rest.indices(of_source.bones["hips"])
     offset = hip_centre(source.rest, of_source) - source.rest.heads[j]
     return np.asarray(source.positions[:, j] + source.turns[:, j] @ offset)
@@ -165,14 +167,14 @@ def hip_path(source: SkeletonMotion, of_source: BoneMap) -> Array:
 
 @dataclass(frozen=True)
 class BoneBlend:
-    """A rotation between those of two bones.
+    """An interpolation between the rotations of two bones.
 
     Attributes
     ----------
     low, high : int
-        The bones.
+        Indices of the bones.
     share : float
-        How far it is on the way from one to the other, 0 to 1.
+        Fraction of the rotation from the first to the second, 0 to 1.
     """
 
     low: int
@@ -180,7 +182,7 @@ class BoneBlend:
     share: float = 0.0
 
     def of(self, turns: Array) -> Array:
-        """The rotation (F, 3, 3) among those of all bones (F, J, 3, 3)."""
+        """Return the interpolated rotation (F, 3, 3) from the rotations of all bones (F, J, 3, 3)."""
         low = turns[:, self.low]
         if self.low == self.high:
             return low
@@ -189,7 +191,7 @@ class BoneBlend:
 
 
 def source_blends(rest: RestSkeleton, of_source: BoneMap, role: str, count: int) -> list[BoneBlend]:
-    """Which bones of a source turn each of `count` bones of a role; none where it says nothing of them."""
+    """Return which of the source's bones rotate each of `count` bones of a role; empty if the source lacks the role."""
     if role == "root":
         return []
     chain = rest.indices(of_source.bones.get(role, ()))
@@ -206,22 +208,22 @@ def source_blends(rest: RestSkeleton, of_source: BoneMap, role: str, count: int)
 
 
 def chain_blends(chain: int, count: int, *, has_end: bool) -> list[BoneBlend]:
-    """Rotations of a chain of another number of bones.
+    """Return how a chain's rotations are distributed over a chain with another number of bones.
 
-    Bones of the shorter chain have one partner each in the longer one, first and last among them; between partners the
-    rotation goes the shortest way in equal steps. So a chain brought to a longer one and back is what it was.
+    Each bone of the shorter chain has one partner in the longer one, including the first and the last; between partners
+    the rotation is interpolated in equal steps. A chain transferred to a longer one and back is therefore unchanged.
 
     Parameters
     ----------
     chain, count : int
-        Number of bones of the chain that is known, and of the one wanted.
+        Number of bones of the given chain, and of the one wanted.
     has_end : bool
-        A bone that follows on the chain takes part.
+        Whether the bone after the chain takes part.
 
     Returns
     -------
     list of BoneBlend
-        Of the known chain's bones by their places in it: -1 is the bone below it, `chain` the one that follows.
+        With indices into the given chain; -1 is the bone before it, `chain` the one after it.
     """
     if chain >= count:
         return [BoneBlend(i, i) for i in _partners(count, chain)]
@@ -238,7 +240,7 @@ def chain_blends(chain: int, count: int, *, has_end: bool) -> list[BoneBlend]:
 
 
 def _partners(few: int, many: int) -> list[int]:
-    """Partners of the bones of a short chain among those of a longer one; a single bone's is the last."""
+    """Return the partners of a short chain's bones in a longer chain; the partner of a single bone is the last."""
     if few == 1:
         return [many - 1]
     return [round(i * (many - 1) / (few - 1)) for i in range(few)] if few else []
