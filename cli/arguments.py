@@ -1,4 +1,4 @@
-"""The arguments of every command. A command NAME is carried out by the function `run` of NAME_command.py."""
+"""The arguments of every command. A command NAME is run by the function `run` of NAME_command.py."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def _add_drift(command: argparse.ArgumentParser) -> None:
 
 
 def _path(text: str) -> Path:
-    """A path; an empty one, as an unset variable of a shell leaves it, would be the working folder."""
+    """Parse a path; empty text, as from an unset shell variable, is an error, as it would mean the working folder."""
     if not text.strip():
         raise argparse.ArgumentTypeError("the path is empty")
     return Path(text)

@@ -1,4 +1,4 @@
-"""`kfmocap batch`: track many shots, each in a process of its own, and sum them up in one table."""
+"""`kfmocap batch`: track many shots, each in its own process, and summarise them in one table."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ from .services import Services
 
 BAD_INPUT, FAULT = 2, 1
 ATTEMPTS = 2
-"""A shot whose process is ended from outside is tried so many times."""
+"""Number of times that a shot is tried if its process is ended from outside."""
 _POLL = 0.1
 
 
 @dataclass(frozen=True)
 class BatchShot:
-    """A shot that is asked for.
+    """A shot of the batch.
 
     Attributes
     ----------
     name : str
     file : Path
     error : KFMocapError, optional
-        Why its file cannot be read.
+        The error raised when its file was read.
     """
 
     name: str
@@ -46,7 +46,7 @@ class BatchShot:
 
     @classmethod
     def of(cls, file: Path) -> BatchShot:
-        """The shot of a file, with the name that the file gives it or else the file's own."""
+        """Return the shot of a file; its name is the one stated in the file or else the file's own."""
         try:
             return cls(read_shot_spec(file).name, file)
         except KFMocapError as error:
@@ -54,7 +54,7 @@ class BatchShot:
 
 
 def run(args: argparse.Namespace, services: Services) -> int:
-    """Carry out the command; returns the exit code: 0, `FAULT` where trying again may help, or `BAD_INPUT`."""
+    """Run the command; returns the exit code: 0, `FAULT` if trying again may help, or `BAD_INPUT`."""
     try:
         shots = [] if args.summary else chosen_shots(args.shots, args.task)
         options = _options(args, services)
@@ -70,18 +70,18 @@ def run(args: argparse.Namespace, services: Services) -> int:
 
 
 def chosen_shots(patterns: Sequence[str], task: int | None = None) -> list[BatchShot]:
-    """The shots of files and of patterns such as shots/*.toml, of which those count that are shots.
+    """Return the shots among files, and among the files that match patterns such as shots/*.toml.
 
     Parameters
     ----------
     patterns : sequence of str
     task : int, optional
-        Which of them alone is asked for, from 0.
+        Index of the only shot to return, from 0.
 
     Raises
     ------
     ShotError
-        There is none, two have one name, or one has that of a file of the batch.
+        There is none, two have the same name, or one has the name of a file of the batch.
     """
     files: dict[Path, None] = {}
     for pattern in patterns:
@@ -111,7 +111,7 @@ def chosen_shots(patterns: Sequence[str], task: int | None = None) -> list[Batch
 
 
 def _is_something_else(file: Path) -> bool:
-    """Whether a file is known to be no shot: a calibration beside shots is matched by *.toml as well."""
+    """Whether a file is not a shot file: *.toml may also match a calibration in the same folder."""
     try:
         kind = file_kind(file)
     except KFMocapError:
@@ -134,16 +134,16 @@ def _options(args: argparse.Namespace, services: Services) -> BatchOptions:
 
 
 def default_jobs() -> int:
-    """How many shots are tracked at a time: each keeps about two cores busy."""
+    """Return the number of shots tracked in parallel; each keeps about two cores busy."""
     return max(1, worker_count() // 2)
 
 
 def run_batch(
     shots: Sequence[BatchShot], out: Path, options: BatchOptions, *, jobs: int | None = None
 ) -> list[ShotOutcome]:
-    """Track shots, each into a folder of its own name; what was done before and has not changed is left as it is.
+    """Track shots, each into a folder with its name, except those that were done before and have not changed.
 
-    A shot that fails, or whose process is killed, ends alone.
+    A shot that fails, or whose process is killed, does not affect the others.
 
     Parameters
     ----------
@@ -151,12 +151,12 @@ def run_batch(
     out : Path
     options : BatchOptions
     jobs : int, optional
-        How many are tracked at a time.
+        Number of shots tracked in parallel.
 
     Returns
     -------
     list of ShotOutcome
-        One per shot, in no order.
+        One per shot, in no particular order.
     """
     with BatchDisplay(len(shots)) as display:
         batch = _Batch(out, options, display)
@@ -189,7 +189,7 @@ class _Running:
 
 
 class _Batch:
-    """Shots that wait, as (shot, digest, attempt), those that are being tracked, and what came of the others."""
+    """Shots that wait, as (shot, digest, attempt), those that are being tracked, and the outcomes of the others."""
 
     def __init__(self, out: Path, options: BatchOptions, display: BatchDisplay) -> None:
         self.out, self.options, self.display = out, options, display
@@ -199,7 +199,7 @@ class _Batch:
         self.found: list[ShotOutcome] = []
 
     def take(self, shot: BatchShot) -> None:
-        """See what is to be done for a shot."""
+        """Queue a shot, or close it if it needs no tracking."""
         try:
             if shot.error is not None:
                 raise shot.error
@@ -215,14 +215,14 @@ class _Batch:
             self.waiting.append((shot, digest, 1))
 
     def start(self) -> None:
-        """Track the next shot."""
+        """Start tracking the next shot."""
         shot, digest, attempt = self.waiting.pop(0)
         job = Job(partial(track_shot, shot.file.absolute(), (self.out / shot.name).absolute(), self.options))
         self.running.append(_Running(shot, digest, attempt, job))
         self.display.started(shot.name, job.process_id)
 
     def collect(self) -> None:
-        """See how far the shots are, and take those that are done."""
+        """Show the progress of the running shots, and close those that are done."""
         self.display.update({each.shot.name: each.job.state for each in self.running})
         for each in [each for each in self.running if each.job.done]:
             self.running.remove(each)
@@ -243,7 +243,7 @@ class _Batch:
 
 
 def _outcome(each: _Running) -> ShotOutcome | None:
-    """What came of a shot; None where its process was ended from outside and it is to be tried again."""
+    """Return a shot's outcome; None if its process was ended from outside and it is to be tried again."""
     kept = each.shot.name, str(each.shot.file)
     try:
         return ShotOutcome(*kept, DONE, each.digest, **each.job.result())

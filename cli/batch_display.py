@@ -1,4 +1,6 @@
-"""What a batch shows while it runs: on a terminal a line for every shot that is being tracked, else plain lines."""
+"""The display of a running batch: on a terminal, one line for every shot that is being tracked; otherwise plain
+lines.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,7 @@ from .batch_shot import DONE, ShotOutcome
 
 _REDRAW_SECONDS = 0.2
 _STEP = 0.1
-"""Without a terminal, progress is printed in steps of this share."""
+"""Step in which progress is printed without a terminal, as a fraction."""
 
 
 class BatchDisplay:
@@ -39,18 +41,18 @@ class BatchDisplay:
         self._clear()
 
     def started(self, name: str, process_id: int) -> None:
-        """A shot is being tracked."""
+        """Show that a shot is being tracked."""
         self._told[name] = 0
         if not self._live:
             self.said(f"{name}: started, process {process_id}")
 
     def skipped(self, outcome: ShotOutcome) -> None:
-        """A shot was done before."""
+        """Show that a shot was done before."""
         self._finished += 1
         self.said(f"[{self._finished}/{self._total}] {outcome.name}: was done before")
 
     def finished(self, outcome: ShotOutcome) -> None:
-        """A shot is done, or was given up."""
+        """Show that a shot is done, or has failed."""
         self._finished += 1
         said = outcome.message
         if outcome.state == DONE:
@@ -64,7 +66,7 @@ class BatchDisplay:
         print(f"kfmocap: {line}", file=sys.stderr, flush=True)
 
     def update(self, states: Mapping[str, tuple[str, float]]) -> None:
-        """Show what is being done of each shot that is being tracked, and the share that is done."""
+        """Show the stage of each running shot, and the fraction that is done."""
         if not self._live:
             for name, (what, fraction) in states.items():
                 step = int(fraction / _STEP)
@@ -84,7 +86,7 @@ class BatchDisplay:
         self._drawn = len(lines)
 
     def _clear(self) -> None:
-        """Take the lines away that are drawn anew."""
+        """Erase the lines that are drawn again."""
         if self._drawn:
             print(f"\x1b[{self._drawn}F\x1b[J", end="", file=sys.stderr, flush=True)
             self._drawn = 0

@@ -1,4 +1,4 @@
-"""One shot of a batch: what it is made of, tracking it in a process of its own, and what came of it."""
+"""One shot of a batch: its inputs, tracking it in a separate process, and its outcome."""
 
 from __future__ import annotations
 
@@ -25,29 +25,29 @@ from .track_command import check_inputs_kept, run_track
 
 DONE, REFUSED, FAILED = "done", "bad input", "failed"
 STATUS = "status"
-"""The folder, among those of the results, that holds what came of every shot."""
+"""The folder, beside those of the results, that contains the outcome of every shot."""
 
 
 @dataclass(frozen=True)
 class ShotOutcome:
-    """What came of a shot.
+    """The outcome of a shot.
 
     Attributes
     ----------
     name : str
-        The shot's, and that of the folder of its results.
+        Name of the shot, and of the folder with its results.
     file : str
         The shot file.
     state : str
         `DONE`, `REFUSED` (the input cannot be used) or `FAILED`.
     digest : str
-        Of all that the results depend on; see `shot_digest`.
+        Checksum of everything that the results depend on; see `shot_digest`.
     expected_error : float or None
         Mean of the joints' expected errors on all frames, millimetres.
     seconds : float or None
         Computing time.
     warnings : tuple of str
-        Lines of the report.
+        Warnings in the report.
     message : str
         Why there are no results.
     """
@@ -62,23 +62,23 @@ class ShotOutcome:
     message: str = ""
 
     def write(self, out: Path) -> None:
-        """Keep it in the folder of the batch."""
+        """Write the outcome into the folder of the batch."""
         (out / STATUS).mkdir(parents=True, exist_ok=True)
         write_json(out / STATUS / f"{self.name}.json", asdict(self))
 
 
 @dataclass(frozen=True)
 class BatchOptions:
-    """How the shots of a batch are tracked.
+    """Options for all shots of a batch.
 
     Attributes
     ----------
     solver : str, optional
-        By default as each shot file says.
+        By default the one in each shot file.
     load_blender : callable, optional
         See `Services`; None leaves out the files that need Blender.
     threads : int
-        Worker threads for each shot that does not say itself.
+        Number of threads for shots whose file does not state one.
     """
 
     solver: str | None
@@ -87,7 +87,7 @@ class BatchOptions:
 
 
 def outcomes(out: Path) -> list[ShotOutcome]:
-    """Read what came of every shot in the folder of a batch, by name; what cannot be read is left out."""
+    """Read the outcomes in the folder of a batch, sorted by name; those that cannot be read are left out."""
     found = []
     for file in sorted((out / STATUS).glob("*.json")):
         try:
@@ -98,12 +98,12 @@ def outcomes(out: Path) -> list[ShotOutcome]:
 
 
 def _outcome_of(values: dict[str, Any]) -> ShotOutcome:
-    """An outcome as it was written.
+    """Return an outcome from the values written.
 
     Raises
     ------
     ValueError, TypeError, KeyError
-        It is not one.
+        They are not those of an outcome.
     """
     outcome = ShotOutcome(**values | {"warnings": tuple(values["warnings"])})
     texts = (outcome.name, outcome.file, outcome.state, outcome.digest, outcome.message, *outcome.warnings)
@@ -114,7 +114,7 @@ def _outcome_of(values: dict[str, Any]) -> ShotOutcome:
 
 
 def track_shot(path: Path, out: Path, options: BatchOptions, progress: Progress) -> dict[str, Any]:
-    """Track a shot into a folder; returns what its report says, as fields of `ShotOutcome`."""
+    """Track a shot into a folder; returns the report's values for the fields of `ShotOutcome`."""
     check_inputs_kept(read_shot_spec(path), out)
     seconds = Seconds()
     with seconds.measure("shot"):
@@ -134,9 +134,9 @@ def track_shot(path: Path, out: Path, options: BatchOptions, progress: Progress)
 
 
 def shot_digest(path: Path, options: BatchOptions) -> str:
-    """A text that changes with what the results of a shot depend on: its files, the options, and the program's version.
+    """Return a checksum of everything that a shot's results depend on: its files, the options, the program's version.
 
-    Small files count whole, footage by its size and pieces of it.
+    Small files are included completely, footage by its size and samples.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The table of a batch, for a spreadsheet and for a browser."""
+"""The summary table of a batch, as CSV and as HTML."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def _row(out: Path, outcome: ShotOutcome) -> str:
 
 
 def _thumbnail(out: Path, outcome: ShotOutcome) -> str:
-    """The overlay of a shot that is done, small, as a link to the whole."""
+    """Return a shot's overlay as a thumbnail that links to the full picture."""
     picture = cv2.imdecode(_bytes(out / outcome.name / "overlay.png"), cv2.IMREAD_COLOR)
     if outcome.state != DONE or picture is None:
         return ""
@@ -77,7 +77,7 @@ def _thumbnail(out: Path, outcome: ShotOutcome) -> str:
 
 
 def _bytes(file: Path) -> np.ndarray[tuple[int], np.dtype[np.uint8]]:
-    """A file as bytes, a single zero where there is none: no picture."""
+    """Read a file as bytes; a single zero, which is not a picture, if there is none."""
     try:
         return np.frombuffer(file.read_bytes() or b"\0", np.uint8)
     except OSError:

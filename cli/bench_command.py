@@ -1,6 +1,4 @@
-"""`kfmocap bench`: measure the tracker's errors and times on the examples, or its errors on the set of shots,
-or its times alone.
-"""
+"""`kfmocap bench`: measure errors and times on the examples, errors on the set of shots, or times alone."""
 
 from __future__ import annotations
 
@@ -11,7 +9,7 @@ from .services import BenchmarkRequest, Services
 
 
 def run(args: argparse.Namespace, services: Services) -> int:
-    """Carry out the command; returns the exit code."""
+    """Run the command; returns the exit code."""
     if services.run_benchmark is None:
         raise KFMocapError("the benchmark is not installed", todo="run it from a checkout of the project")
     if not args.shots and (args.data is not None or args.set):

@@ -28,7 +28,7 @@ from .services import Services
 
 
 def run(args: argparse.Namespace, _services: Services) -> int:
-    """Carry out the command; returns the exit code."""
+    """Run the command; returns the exit code."""
     if args.wand is not None:
         if args.lenses is not None:
             raise KFMocapError("--lenses applies to --performer only", where="kfmocap calibrate", todo="leave it out")
@@ -81,14 +81,14 @@ def run_calibrate(
     out : Path
         The calibration file to write.
     report : Path, optional
-        Folder for the report; made if it does not exist.
+        Folder for the report; created if it does not exist.
     points : Path, optional
         CSV file for the marker positions.
     progress : callable, optional
     kind : str, optional
-        Kind of calibration file; by default the one that the name of `out` asks for. See `export_cameras`.
+        Format of the calibration file; by default the one of the ending of `out`. See `export_cameras`.
     drift : bool
-        Whether clocks may run faster or slower.
+        Whether the cameras' clocks may run at different speeds.
 
     Returns
     -------
@@ -99,7 +99,7 @@ def run_calibrate(
     Raises
     ------
     KFMocapError
-        A file cannot be read or written, or the capture does not determine where the cameras are.
+        A file cannot be read or written, or the capture does not determine the cameras.
     """
     format_name(out, kind)
     with together() as outputs:
@@ -131,12 +131,12 @@ def calibrate_by_performer(
     Parameters
     ----------
     shot_path, out : Path
-        The shot file, whose own calibration is not read and may be the one to write; and the calibration to write.
+        The shot file, and the calibration to write, which may be the shot's own: that is not read.
     lenses : Path, optional
-        A calibration with the same cameras, whose lenses are kept.
+        A calibration of the same cameras, whose intrinsic parameters are kept.
     progress : callable, optional
     kind : str, optional
-        Kind of calibration file; by default the one that the name of `out` asks for. See `export_cameras`.
+        See `run_calibrate`.
 
     Raises
     ------
@@ -160,14 +160,14 @@ def refine_shot(shot_path: Path, out: Path, progress: Progress | None = None, *,
         The shot file, and the calibration file to write.
     progress : callable, optional
     kind : str, optional
-        Kind of calibration file; by default the one that the name of `out` asks for. See `export_cameras`.
+        See `run_calibrate`.
 
     Raises
     ------
     KFMocapError
-        See `prepare_shot` and `refine_shot_cameras`; nothing was written then.
+        See `prepare_shot` and `refine_shot_cameras`; nothing is written then.
     OutputError
-        The calibration cannot be written; raised before the work where this can be seen.
+        The calibration cannot be written; raised before the work begins if possible.
     """
     format_name(out, kind)
     with replacing(out) as calibration:

@@ -1,6 +1,6 @@
-"""Read the arguments, run the command, turn errors into one line and an exit code.
+"""The entry point: parse the arguments, run the command, and turn errors into one line and an exit code.
 
-Importing it pulls in neither Blender nor NumPy: a command's own module is loaded when that command is run.
+Importing this module loads neither Blender nor NumPy; a command's own module is loaded when the command is run.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def main(argv: Sequence[str] | None = None, services: Services | None = None) ->
         before = results_seen(getattr(args, "out", None))
 
         def said(error: BaseException) -> str:
-            # Looked at now: the signal may have come between putting the results in place and saying so.
+            # Checked only now: the signal may have come between putting the results in place and reporting it.
             return interrupted_text(error, written=results_seen(getattr(args, "out", None)) != before)
 
         try:
@@ -52,7 +52,7 @@ def main(argv: Sequence[str] | None = None, services: Services | None = None) ->
             if interruptions.received is None:
                 print(f"kfmocap: error: {' '.join(str(error).split())}", file=sys.stderr)
                 return 1
-            # Blender makes errors of its own of an interrupt.
+            # Blender turns an interrupt into errors of its own.
             print(f"kfmocap: {said(error)}", file=sys.stderr)
             return interruptions.exit_code
         except KeyboardInterrupt as interrupt:
@@ -63,15 +63,13 @@ def main(argv: Sequence[str] | None = None, services: Services | None = None) ->
 
 @contextmanager
 def _blender_ahead(args: argparse.Namespace, services: Services) -> Iterator[Services]:
-    """Start Blender in its process where the command is going to write with it: the libraries that the command itself
-    needs take as long to be loaded.
-    """
+    """Start Blender in another process if the command will need it, while the command's own libraries are loaded."""
     if args.command not in ("track", "demo") or args.no_blender or services.start_blender is None:
         yield services
         return
     try:
         process = services.start_blender()
-    except ImportError:  # said when it is needed: what is wrong with the arguments comes first
+    except ImportError:  # reported when Blender is needed, after errors in the arguments
         yield services
         return
     with closing(process):
@@ -79,9 +77,9 @@ def _blender_ahead(args: argparse.Namespace, services: Services) -> Iterator[Ser
 
 
 def _quiet_libraries() -> None:
-    """Silence OpenCV, whose messages repeat ours, and keep small matrix products on one thread.
+    """Silence OpenCV, whose messages would duplicate our errors, and keep BLAS on one thread.
 
-    The libraries read these variables when they are first loaded. What FFmpeg says is caught by `DecoderLog`.
+    The libraries read these environment variables when they are first loaded. `DecoderLog` catches FFmpeg's messages.
     """
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     for library in ("OMP", "OPENBLAS", "MKL"):

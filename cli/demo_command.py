@@ -1,4 +1,4 @@
-"""`kfmocap demo`: track real footage of four cameras; the small rendered example where it cannot be downloaded."""
+"""`kfmocap demo`: track real footage from four cameras, or a small rendered example if it cannot be downloaded."""
 
 from __future__ import annotations
 

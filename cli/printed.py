@@ -1,4 +1,4 @@
-"""What a command prints when it is done."""
+"""The final output of a command."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from ..core.errors import OutputError
 
 
 def print_outcome(files: Iterable[Path], remarks: Iterable[object] = ()) -> None:
-    """Print the files that were written, and remarks on standard error: the list of files can be piped on as it is.
+    """Print the files that were written, and remarks on standard error, so that the list of files can be piped.
 
     Raises
     ------
     OutputError
-        The list cannot be written. A program that has closed its end of the pipe did not want the rest.
+        The list cannot be written; not raised if the reader has closed its end of a pipe.
     """
     try:
         print(*files, sep="\n", flush=True)
     except OSError as error:
-        with suppress(OSError):  # what is left would be tried again at the end
+        with suppress(OSError):  # the rest would otherwise be written, and fail again, at exit
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         if not isinstance(error, BrokenPipeError):
             what = f"the list of files cannot be written, but the files have been: {error.strerror}"

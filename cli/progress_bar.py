@@ -17,7 +17,7 @@ _REDRAW_SECONDS = 0.1
 
 @contextmanager
 def progress_bar() -> Iterator[Progress | None]:
-    """Give a progress callback that draws a bar on standard error, or None where that is no terminal."""
+    """Provide a progress callback that draws a bar on standard error, or None if that is not a terminal."""
     if not sys.stderr.isatty():
         yield None
         return

@@ -1,4 +1,4 @@
-"""`kfmocap retarget`: motion files onto a character of a .blend file, each saved as a file of its own."""
+"""`kfmocap retarget`: put motion files on a character of a .blend file, each saved as a file of its own."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .services import RetargetRequest, Services
 
 
 def run(args: argparse.Namespace, services: Services) -> int:
-    """Carry out the command; returns the exit code."""
+    """Run the command; returns the exit code."""
     requests = _requests(args)
     for request in requests:
         check_writable(request.out.parent)
@@ -37,7 +37,7 @@ def run(args: argparse.Namespace, services: Services) -> int:
 
 
 def _requests(args: argparse.Namespace) -> list[RetargetRequest]:
-    """One request for each motion file; several are written into the folder that --out names."""
+    """Return one request for each motion file; the results of several are written into the folder --out."""
     several = len(args.motions) > 1
     if several and args.out.suffix == ".blend":
         todo = "give a folder: every motion is saved as a file of its own"
@@ -73,7 +73,7 @@ def _requests(args: argparse.Namespace) -> list[RetargetRequest]:
 
 
 def summary_lines(report: Mapping[str, Any]) -> list[str]:
-    """Say in a few lines what was done and what is left of errors."""
+    """Return a few lines on what was done, and on the remaining errors."""
     target, source = report["target"], report["source"]
     how = f"preset {target['preset']}" if target["preset"] else f"bones by their {target['found_by']}"
     lines = [

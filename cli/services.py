@@ -1,4 +1,4 @@
-"""What the commands need of the program around them: Blender, where there is one, and the benchmark."""
+"""What the commands need from the surrounding program: Blender, if it is available, and the benchmark."""
 
 from __future__ import annotations
 
@@ -18,25 +18,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class OutputRequest:
-    """How the files that Blender writes of a tracked shot are to be.
+    """Options of the files that Blender writes for a tracked shot.
 
     Attributes
     ----------
     folder : Path
         The folder to write into.
     home : Path, optional
-        The folder that the files are moved to afterwards, by default `folder`; footage near it is referred to by a
-        relative path.
+        The folder to which the files are moved afterwards, by default `folder`; footage near it gets a relative path.
     open_scene : bool
-        The shot is the open scene's: shot.blend is a copy of the open file with the motion. Otherwise a new scene is
-        built.
+        Whether the shot was read from the open scene: shot.blend is then a copy of the open file with the motion.
+        Otherwise a new scene is built.
     leave_out_unknown : bool
-        BVH and FBX have no bones of parts that nothing has shown.
+        Whether BVH and FBX leave out the bones of parts that nothing has shown.
     hands : tuple of (ndarray or None)
-        Per performer: points of the hands, see `core.keypoints.hand_points`, where files are to have the fingers. None
-        for all by default.
+        Per performer: points of the hands, see `core.keypoints.hand_points`, or None for files without fingers. Empty
+        for no fingers at all.
     shown : bool
-        Blender shows the shot already, as it does in a process that was told to `expect` it.
+        Whether Blender's scene shows the shot already, as after `BlenderWriter.expect`.
     """
 
     folder: Path
@@ -49,7 +48,7 @@ class OutputRequest:
 
 @dataclass(frozen=True)
 class RetargetRequest:
-    """One motion file to be put on a character, as the command line asks for it.
+    """One motion file to be put on a character.
 
     Attributes
     ----------
@@ -64,7 +63,7 @@ class RetargetRequest:
     hands, layer : bool
     scale : float, optional
     angle, distance : float
-        Tolerances of the keys, degrees and millimetres.
+        Tolerances for leaving out keys, degrees and millimetres.
     """
 
     motion: Path
@@ -84,22 +83,28 @@ class RetargetRequest:
 
 
 class BlenderWriter(Protocol):
-    """Blender as it writes results."""
+    """Blender, for writing results."""
 
     def check(self) -> None:
-        """See that it loads, as far as that is known already.
+        """Check that Blender loads, as far as that is known already.
 
         Raises
         ------
         OutputError
-            It does not, as writing says as well.
+            It does not; writing raises the same error.
         """
 
     def expect(self, shot: Shot, home: Path) -> None:
-        """A shot is going to be tracked, and written to a folder: make ready what does not hang on the motion, where
-        that does not keep this process from tracking; returns at once.
+        """Prepare everything for a shot that does not depend on its motion, if another process can do so.
 
-        What goes wrong is raised when it is written.
+        Returns at once; errors are raised when the results are written.
+
+        Parameters
+        ----------
+        shot : Shot
+            The shot that is going to be tracked.
+        home : Path
+            See `OutputRequest`.
         """
 
     def write_outputs(self, shot: Shot, result: TrackResult, request: OutputRequest) -> list[Path]:
@@ -113,15 +118,15 @@ class BlenderWriter(Protocol):
 
 
 class BlenderSession(BlenderWriter, Protocol):
-    """Blender as the commands use it."""
+    """Blender, for everything that the commands need."""
 
     def read_shot(self) -> Shot:
-        """Read the shot that the open scene shows.
+        """Read the shot of the open scene.
 
         Raises
         ------
         ShotError
-            The scene shows none, or it cannot be tracked.
+            The scene has none, or it cannot be tracked.
         """
 
     def retarget(self, request: RetargetRequest) -> dict[str, Any]:
@@ -132,43 +137,43 @@ class BlenderSession(BlenderWriter, Protocol):
         ShotError
             A file cannot be read.
         BodyError
-            The motion or the character is no human's, or cannot do what is asked for.
+            The motion or the character is not human, or does not support an option.
         OutputError
             The file cannot be written.
         """
 
 
 class BlenderProcess(BlenderWriter, Protocol):
-    """Blender in a process of its own, where no scene is open: it is loaded while this one does other things."""
+    """Blender in a separate process without an open scene, which is loaded while this process does other work."""
 
     def close(self) -> None:
-        """End it."""
+        """End the process."""
 
 
 @dataclass(frozen=True)
 class BenchmarkRequest:
-    """What the benchmark is asked to measure.
+    """What the benchmark measures.
 
     Attributes
     ----------
     out : Path, optional
         Folder for the tables.
     shot : str, optional
-        One shot only.
+        Name of the only shot to measure.
     quick : bool
-        A few rows only.
+        Whether to measure only a few rows.
     repeat : int
         Number of runs of each case; times are their medians.
     shots : bool
-        The set of shots that judges the tracker, instead of the examples.
+        Whether to measure the set of shots that judges the tracker, instead of the examples.
     data : Path, optional
-        Folder of further shots of that set.
+        Folder with further shots for that set.
     changed : tuple of str
-        Settings of the tracker, "NAME=VALUE", with which the set is measured once more.
+        Settings of the tracker, "NAME=VALUE", with which the set is measured a second time.
     speed : bool
-        Times by the number of frames, cameras and cores, instead of the examples.
+        Whether to measure times by the number of frames, cameras and cores, instead of the examples.
     against : Path, optional
-        The folder of another checkout of the program, whose times are measured as well.
+        Folder of another checkout of the program, whose times are measured as well.
     """
 
     out: Path | None = None
@@ -189,18 +194,19 @@ def no_blender() -> NoReturn:
 
 @dataclass(frozen=True)
 class Services:
-    """What a program hands to the commands.
+    """What the program provides to the commands.
 
     Attributes
     ----------
     load_blender : callable
-        Gives a `BlenderSession`, or raises ImportError where Blender's module is missing or does not load.
+        Returns a `BlenderSession`; raises ImportError if Blender's module is missing or does not load.
     start_blender : callable, optional
-        Gives a `BlenderProcess`, or raises ImportError where Blender's module is missing.
+        Returns a `BlenderProcess`; raises ImportError if Blender's module is missing.
     in_blender : bool
-        The program runs inside Blender: `track` without a shot file tracks the open scene.
+        Whether the program runs inside Blender: `track` without a shot file then tracks the open scene.
     run_benchmark : callable, optional
-        Measures, prints tables and returns the exit code; None where the benchmark is not installed.
+        Called with a `BenchmarkRequest`; prints tables and returns the exit code. None if the benchmark is not
+        installed.
     """
 
     load_blender: Callable[[], BlenderSession] = no_blender
@@ -214,14 +220,14 @@ class Services:
         Raises
         ------
         OutputError
-            It is missing, or does not load.
+            Blender is missing, or does not load.
         """
         with blender_needed():
             return self.load_blender()
 
     @contextmanager
     def blender_beside(self) -> Iterator[BlenderWriter]:
-        """Start Blender for writing results, in a process of its own where the program can.
+        """Provide Blender for writing results, in a separate process if possible.
 
         Raises
         ------
@@ -239,7 +245,7 @@ class Services:
 
 @contextmanager
 def blender_needed() -> Iterator[None]:
-    """Say what to do where Blender's module is missing or does not load."""
+    """Turn the ImportError of a missing Blender into an OutputError that says what to do."""
     try:
         yield
     except ImportError as error:

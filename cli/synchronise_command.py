@@ -12,7 +12,7 @@ from .services import Services
 
 
 def run(args: argparse.Namespace, _services: Services) -> int:
-    """Carry out the command; returns the exit code."""
+    """Run the command; returns the exit code."""
     with progress_bar() as progress:
         clocks = synchronise_take(load_wand(args.wand), load_cameras(args.cameras), progress, drift=args.drift)
     print(*clocks.lines, sep="\n")

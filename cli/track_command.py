@@ -56,20 +56,20 @@ from .progress_bar import progress_bar
 from .services import BlenderWriter, OutputRequest, Services
 
 REFINING = 0.2
-"""Share of the work that is refining the cameras, where that is asked for."""
+"""Fraction of the work that refining the cameras takes, if it is requested."""
 REFINED = "refined.toml"
 SCENE = "shot.blend"
 OVERLAY = "overlay.png"
 
 
 def run(args: argparse.Namespace, services: Services) -> int:
-    """Carry out the command; returns the exit code."""
+    """Run the command; returns the exit code."""
     check_writable(args.out)
     with closing(WorkerMemory(limit=0)) as memory:
         if args.shot is not None:
             spec = _spec(args)
             check_inputs_kept(spec, args.out)
-            # Other processes load what they need while this one does.
+            # Other processes load their modules while this one loads its own.
             memory.expect(workers_for(spec, args.threads), (*SOLVING, camera_fits.__module__))
         with nullcontext() if args.no_blender else services.blender_beside() as blender:
             return _run(args, services, memory, blender)
@@ -81,7 +81,7 @@ def _run(
     memory: WorkerMemory,
     blender: BlenderWriter | None,
 ) -> int:
-    """Carry out the command with processes that are kept, and with Blender."""
+    """Run the command, with processes in `memory` and with or without Blender."""
     seconds = Seconds()
     with seconds.measure("shot"):
         shot = _shot(args, services)
@@ -118,11 +118,12 @@ def _run(
 
 
 def check_inputs_kept(spec: ShotSpec, out: Path) -> None:
-    """See that a shot's results, whichever are asked for, replace none of the files that they are made of.
+    """Check that none of the possible results of a shot would overwrite one of its inputs.
 
     Raises
     ------
     OutputError
+        One would.
     """
     motions = result_names(spec.name, [performer.name for performer in spec.performers])
     names = [f"{name}{ending}" for name in motions for ending in (".trc", ".bvh", ".fbx")]
@@ -149,22 +150,22 @@ def run_track(
     ----------
     shot : Shot
     out_dir : Path
-        Made if it does not exist; other files in it stay as they are.
+        Created if it does not exist; other files in it are not changed.
     blender : BlenderWriter, optional
         By default the files that need Blender are left out.
     progress : callable, optional
     seconds : mapping of str to float, optional
         Seconds of earlier stages, for the report.
     open_scene : bool
-        The shot was read from Blender's open scene: shot.blend is then a copy of the open file with the motion.
+        Whether the shot was read from Blender's open scene: shot.blend is then a copy of the open file with the motion.
     refined : Refinement, optional
-        How the shot's cameras were refined: they are written as well, as refined.toml.
+        The refinement of the shot's cameras, if any; they are then written as refined.toml.
     leave_out_unknown : bool
-        The files have no landmarks and bones of parts that nothing shows.
+        Whether the files leave out landmarks and bones of parts that nothing shows.
     journal : Journal, optional
-        Where finished segments are kept, and taken from; see `core.tracking.journal`.
+        Stores finished segments, and provides those of an earlier run; see `core.tracking.journal`.
     memory : WorkerMemory, optional
-        With processes that are used; by default they are started, and ended at last.
+        Cache with worker processes; by default they are started for this run.
 
     Returns
     -------
@@ -174,11 +175,11 @@ def run_track(
     Raises
     ------
     ShotError
-        A name cannot be a file's; raised before the tracking begins.
+        A name is not a valid file name; raised before tracking begins.
     OutputError
-        The folder cannot be written; raised before the tracking begins where this can be seen.
+        The folder cannot be written; raised before tracking begins if possible.
     FootageError
-        The footage breaks off.
+        The footage ends early.
     CancelledError
         `progress` returned False.
     """
@@ -197,7 +198,7 @@ def run_track(
             journal, memory, solved=check.begin, footage_checked=not open_scene
         )  # by the shot's reader
         result = _tracked(shot, share(progress, 0.0, 0.9), context)
-        # Blender keeps one core busy, in this thread; the others draw meanwhile, and check the cameras if nobody has.
+        # Blender keeps one core busy, in this thread; meanwhile the others draw, and check the cameras if still needed.
         with memory.pool(memory.workers) as pool, ThreadPoolExecutor(1) as beside:
             check.begin(pool, result)
             drawing = beside.submit(_draw_overlay, shot, result, stage / OVERLAY, share(progress, 0.95, 1.0), times)
@@ -219,26 +220,26 @@ def run_track(
 
 
 class _CameraCheck:
-    """How well a shot's cameras fit; begun as soon as a worker has time for it."""
+    """A check of how well a shot's cameras fit, which a worker does as soon as it is idle."""
 
     def __init__(self, shot: Shot) -> None:
         self._shot = shot
         self._job: Future[tuple[CameraFit, ...]] | None = None
 
     def begin(self, pool: WorkerPool, solved: TrackResult | SolvedShot) -> None:
-        """Have it done by a pool, unless it was begun before."""
+        """Start the check in a pool, unless it was started before."""
         if self._job is None:
             work = partial(camera_fits, self._shot, for_camera_fits(self._shot, solved))
             self._job = pool.submit(work, lambda _: None)
 
     def result(self) -> tuple[CameraFit, ...]:
-        """Wait for it."""
+        """Wait for the result."""
         assert self._job is not None
         return self._job.result()
 
 
 def _tracked(shot: Shot, progress: Progress | None, context: RunContext) -> TrackResult:
-    """Track a shot, with the pictures that are needed afterwards, and the damage that the decoder complained of."""
+    """Track a shot; the result includes the pictures needed afterwards, and any damage that the decoder reported."""
     pictures = sorted({*sheet_frames(shot), *checked_frames(shot)})
     with DecoderLog() as log:
         result = track(shot, progress, pictures=pictures, run=context)
@@ -267,7 +268,7 @@ def _shot(args: argparse.Namespace, services: Services, cameras: Mapping[str, Ca
 
 
 def _spec(args: argparse.Namespace) -> ShotSpec:
-    """What the shot file says, with the choices of the command line."""
+    """Read the shot file, and apply the choices of the command line."""
     return read_shot_spec(args.shot).selected(
         views=_views(args), keyframes=_keyframes(args.keyframes), solver=args.solver
     )
@@ -290,7 +291,7 @@ def _keyframes(text: str | None) -> list[int] | Literal["auto"] | None:
 
 
 def _hands(shot: Shot, result: TrackResult) -> tuple[Array | None, ...]:
-    """Points of the hands of the performers whose fingers are asked for; says whose are not found."""
+    """Return the points of the hands of performers with `fingers`; prints a remark on those not found."""
     if not any(performer.fingers for performer in shot.performers):
         return ()
     detections, found = read_shot_keypoints(shot, hands=True), list[Array | None]()
