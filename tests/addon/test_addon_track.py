@@ -27,7 +27,7 @@ from kfmocap.kfmocap_addon.operators.track_motion import Tracking  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import fcurves, key_pose_curves, motion_curves, scene, tracked_segments  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.tracking_preview import TrackingPreview  # noqa: E402
 from scene_state import differences, state  # noqa: E402
-from synthetic import figure, film, look_at, shot_of, swing  # noqa: E402
+from synthetic import CAMERAS, figure, film, look_at, shot_of, swing  # noqa: E402
 
 pytestmark = pytest.mark.blender
 
@@ -244,8 +244,7 @@ def filmed(blender, tmp_path):  # noqa: F811
     limbs would be looked for, which is not what the tests with it are about.
     """
     truth = swing(figure(), 9)
-    cameras = (look_at("front", (0.5, -2.8, 1.5)), look_at("side", (-2.4, -1.4, 1.3)))
-    given = shot_of(film(tmp_path, [figure()], [truth], cameras), [figure()], [truth], (0, 8), NO_SEARCH)
+    given = shot_of(film(tmp_path, [figure()], [truth], CAMERAS), [figure()], [truth], (0, 8), NO_SEARCH)
     built = scene.build_scene(given, scene=bpy.context.scene)
     built.frame_set(FRAME + 4)
     armature_of(built).pose.bones["forearm.L"].rotation_quaternion = (0.96, 0.28, 0, 0)

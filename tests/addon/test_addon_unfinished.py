@@ -13,7 +13,7 @@ from kfmocap.core.shot.shot import Settings  # noqa: E402
 from kfmocap.core.tracking.journal import Journal  # noqa: E402
 from kfmocap.kfmocap_addon.panels import track_panel  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene, unfinished_tracking  # noqa: E402
-from synthetic import figure, film, look_at, shot_of, swing  # noqa: E402
+from synthetic import CAMERAS, figure, film, shot_of, swing  # noqa: E402
 
 pytestmark = pytest.mark.blender
 
@@ -22,8 +22,7 @@ pytestmark = pytest.mark.blender
 def filmed(blender, tmp_path):  # noqa: F811
     """A saved scene of three segments."""
     truth = swing(figure(), 7)
-    cameras = (look_at("front", (0.5, -2.8, 1.5)), look_at("side", (-2.4, -1.4, 1.3)))
-    views = film(tmp_path, [figure()], [truth], cameras)
+    views = film(tmp_path, [figure()], [truth], CAMERAS)
     given = shot_of(views, [figure()], [truth], (0, 2, 4, 6), Settings(limb_search=False))
     scene.build_scene(given, scene=bpy.context.scene)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))

@@ -41,7 +41,7 @@ from kfmocap.core.formats import Landmarks
 from kfmocap.core.shot.keypose_spline import spline
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot, View
 from render.takes import PLANS, make_take
-from synthetic import figure, film, look_at, shot_of, swing
+from synthetic import CAMERAS, figure, film, shot_of, swing
 
 DOCUMENT = (ROOT / "docs" / "experiments.md").read_text(encoding="utf-8")
 
@@ -162,9 +162,8 @@ def test_the_turn_is_tracked_with_one_camera_a_switched_one_and_all(tracked: lis
 def test_a_switched_camera_goes_on_from_the_last_pose(tmp_path: Path) -> None:
     body, length = figure(), 7
     truth = swing(body, length, size=0.2)
-    cameras = (look_at("front", (0.5, -2.8, 1.5)), look_at("side", (-2.4, -1.4, 1.3)))
     # The figure is quick: at 30 frames a second its root would be accelerated by three g, against all likelihood.
-    shot = shot_of(film(tmp_path, [body], [truth], cameras), [body], [truth], [0], fps=12)
+    shot = shot_of(film(tmp_path, [body], [truth], CAMERAS), [body], [truth], [0], fps=12)
     seen: list[Shot] = []
     follow = experiments_runs.track
 

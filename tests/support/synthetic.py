@@ -37,6 +37,10 @@ def look_at(
     return Camera.create(name, size, K, R, -R @ eye)
 
 
+CAMERAS = (look_at("front", (0.5, -2.8, 1.5)), look_at("side", (-2.4, -1.4, 1.3)))
+"""Two cameras that see the figure from its front and from its side."""
+
+
 def box(low: Sequence[float], high: Sequence[float]) -> Array:
     """The eight corners of a box, shape (8, 3)."""
     return np.array(list(product(*zip(low, high, strict=True))), float)

@@ -14,13 +14,12 @@ from kfmocap.core.evidence.part_geometry import Geometry
 from kfmocap.core.evidence.part_shapes import fitted_shape, stretched
 from kfmocap.core.evidence.view_frames import ViewFrames
 from scipy.spatial import ConvexHull
-from synthetic import at_rest, figure, look_at, poses_of, rigidly_moved, silhouette, swing
+from synthetic import CAMERAS, at_rest, figure, look_at, poses_of, rigidly_moved, silhouette, swing
 
 Array = np.ndarray
 BODY = figure()
 MOTION = swing(BODY, 5)[[0, 2]]
 KEYS = (0, 1)
-CAMERAS = (look_at("front", (0.5, -2.8, 1.5)), look_at("side", (-2.4, -1.4, 1.3)))
 
 
 def widened(body: Body, factors: Sequence[float], shift: Sequence[float] = (0, 0, 0)) -> Body:

@@ -16,11 +16,10 @@ from kfmocap.core.fitting import body_fit
 from kfmocap.core.fitting.body_fit import fit_bodies
 from kfmocap.core.fitting.key_frame_views import KeyFrameView
 from kfmocap.core.shot.shot import KeyPoses, Shot, View
-from synthetic import figure, film, look_at, numeric_jacobian, random_motion, shot_of, swing
+from synthetic import CAMERAS, figure, film, numeric_jacobian, random_motion, shot_of, swing
 
 Array = np.ndarray
 MOTION = swing(figure(), 16, size=0.9)[::4]
-CAMERAS = (look_at("front", (0.5, -2.8, 1.5)), look_at("side", (-2.4, -1.4, 1.3)))
 
 
 def grown(body: Body, size: float, seed: int | None = None) -> Body:

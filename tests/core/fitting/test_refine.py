@@ -26,6 +26,7 @@ from kfmocap.core.shot.footage import frames_at
 from kfmocap.core.shot.shot import KeyPoses, Shot, View
 from kfmocap.core.tracking.prepare import load_shot
 from synthetic import (
+    CAMERAS,
     figure,
     film,
     look_at,
@@ -45,7 +46,6 @@ D, P = BODY.dof, len(BODY)
 FINE = swing(BODY, 16, size=0.9)
 TRUTH = FINE[::4]
 KEYS = range(len(TRUTH))
-CAMERAS = (look_at("front", (0.5, -2.8, 1.5)), look_at("side", (-2.4, -1.4, 1.3)))
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ from kfmocap.core.shot.shot import Settings, Shot, View
 from kfmocap.core.tracking.solvers.motion_steps import StepEquations
 from kfmocap.core.tracking.solvers.relaxation import shared_out
 from kfmocap.core.tracking.tracker import track
-from synthetic import at_rest, figure, film, look_at, numeric_jacobian, random_motion, shot_of, swing
+from synthetic import CAMERAS, at_rest, figure, film, numeric_jacobian, random_motion, shot_of, swing
 
 BODY = figure()
 D = BODY.dof
@@ -26,7 +26,6 @@ LENGTH = 9
 FINE = swing(BODY, 4 * LENGTH, size=0.9)
 """The truth at every quarter of a frame."""
 TRUTH = FINE[::4]
-CAMERAS = (look_at("front", (0.5, -2.8, 1.5)), look_at("side", (-2.4, -1.4, 1.3)))
 SOLVERS = [Settings(), Settings(solver="relaxation", sweeps=300, correlation_length=0.03)]
 """Pixels weigh so much in the relaxation that the pictures decide on these small ones, not smoothness: the key pose at
 the end is then met after some hundred sweeps."""

@@ -19,12 +19,11 @@ from kfmocap.core.tracking.retracking import PREVIEWED, Excerpt, digest, joined,
 from kfmocap.core.tracking.segments import segments
 from kfmocap.core.tracking.track_result import TrackResult
 from kfmocap.core.tracking.tracker import track
-from synthetic import figure, film, look_at, shot_of, swing
+from synthetic import CAMERAS, figure, film, shot_of, swing
 
 BODY, LENGTH = figure(), 16
 TRUTH = swing(BODY, LENGTH)
 KEYS = (0, 5, 10, 15)
-CAMERAS = (look_at("front", (0.5, -2.8, 1.5)), look_at("side", (-2.4, -1.4, 1.3)))
 
 
 @pytest.fixture(scope="module")

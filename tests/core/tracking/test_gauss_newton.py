@@ -25,11 +25,21 @@ from kfmocap.core.tracking.solvers.measurement import MeasuredMotion, Workspace,
 from kfmocap.core.tracking.solvers.problem import SegmentProblem, frame_residual
 from kfmocap.core.tracking.solvers.smoothness_factor import SegmentSmoothness
 from made_evidence import AlteredWorkspace, Landscape, no_evidence, with_share
-from synthetic import at_rest, coloured, dark, ends_held, figure, look_at, picture, poses_of, random_motion, swing
+from synthetic import (
+    CAMERAS,
+    at_rest,
+    coloured,
+    dark,
+    ends_held,
+    figure,
+    picture,
+    poses_of,
+    random_motion,
+    swing,
+)
 
 BODY = figure()
 D = BODY.dof
-CAMERAS = (look_at("front", (0.5, -2.8, 1.5)), look_at("side", (-2.4, -1.4, 1.3)))
 SETTINGS = Settings()
 FPS = 30.0
 CONVERGED = (DescentStage(Sampling(1.0, 1.0, 2, REACH), 20, small=1e-4),)

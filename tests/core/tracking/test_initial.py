@@ -16,7 +16,7 @@ from kfmocap.core.tracking.solvers import descent_stages, gauss_newton, sequenti
 from kfmocap.core.tracking.solvers.measurement import Workspace
 from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.sequential_start import blended, follow
-from synthetic import figure, look_at, picture, poses_of, random_motion, silhouette, swing
+from synthetic import CAMERAS, figure, picture, poses_of, random_motion, silhouette, swing
 
 Array = np.ndarray
 BODY = figure()
@@ -24,7 +24,6 @@ D = BODY.dof
 LENGTH = 13
 TRUTH = swing(BODY, LENGTH)
 FPS = 12.0
-CAMERAS = (look_at("front", (0.5, -2.8, 1.5)), look_at("side", (-2.4, -1.4, 1.3)))
 
 
 def error_mm(found: Motion, truth: Motion = TRUTH) -> Array:

@@ -15,13 +15,12 @@ from kfmocap.core.tracking.journal import UNFINISHED, Journal, KeptSegments, jou
 from kfmocap.core.tracking.run_context import RunContext
 from kfmocap.core.tracking.track_result import TrackResult
 from kfmocap.core.tracking.tracker import track
-from synthetic import figure, film, look_at, shot_of, swing
+from synthetic import CAMERAS, figure, film, shot_of, swing
 
 BODY = figure()
 LENGTH = 13
 TRUTH = swing(BODY, LENGTH)
 KEYS = (0, 4, 8, 12)
-CAMERAS = (look_at("front", (0.5, -2.8, 1.5)), look_at("side", (-2.4, -1.4, 1.3)))
 
 
 @pytest.fixture(scope="module")

@@ -25,12 +25,11 @@ from kfmocap.core.tracking.solvers.like_limbs import exchanges
 from kfmocap.core.tracking.solvers.measurement import Workspace
 from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
 from made_evidence import Landscape
-from synthetic import at_rest, coloured, dark, ends_held, figure, look_at, swing
+from synthetic import CAMERAS, at_rest, coloured, dark, ends_held, figure, swing
 
 BODY = figure()
 HUMAN = human(1.75)
 ARMS, LEGS = (left + right for left, right in limb_pairs(HUMAN))
-CAMERAS = (look_at("front", (0.5, -2.8, 1.5)), look_at("side", (-2.4, -1.4, 1.3)))
 FPS = 30.0
 LENGTH = LONG + 2
 

@@ -21,8 +21,8 @@ from kfmocap.core.tracking.tracker import track
 from made_evidence import no_evidence
 from render.motions import MOTIONS
 from scipy.linalg import solve_banded
+from synthetic import CAMERAS, dark, ends_held, film, shot_of
 from synthetic import at_rest as standing
-from synthetic import dark, ends_held, film, look_at, shot_of
 
 Array = np.ndarray
 BODY, FPS, FRAMES = human(1.75), 30.0, 31
@@ -70,9 +70,6 @@ def tracked(truth: Motion, seed: int) -> Motion:
     error = np.zeros((FRAMES, BODY.dof))
     error[1:-1] = solve_banded((1, 1), band, pull)
     return truth.moved(error)
-
-
-CAMERAS = (look_at("front", (0.5, -2.8, 1.5)), look_at("side", (-2.4, -1.4, 1.3)))
 
 
 def problem_of(*bodies: Body, plants: bool = True) -> SegmentProblem:

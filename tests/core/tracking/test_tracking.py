@@ -19,12 +19,21 @@ from kfmocap.core.shot.keypose_spline import spline
 from kfmocap.core.shot.shot import KeyPoses, Settings, Shot, View, fixed_degrees
 from kfmocap.core.tracking.segments import segments
 from kfmocap.core.tracking.tracker import track
-from synthetic import at_rest, figure, film, look_at, rigidly_moved, rigidly_moved_camera, shot_of, swing
+from synthetic import (
+    CAMERAS,
+    at_rest,
+    figure,
+    film,
+    look_at,
+    rigidly_moved,
+    rigidly_moved_camera,
+    shot_of,
+    swing,
+)
 
 BODY = figure()
 LENGTH = 11
 TRUTH = swing(BODY, LENGTH)
-CAMERAS = (look_at("front", (0.5, -2.8, 1.5)), look_at("side", (-2.4, -1.4, 1.3)))
 RELAXATION = Settings(solver="relaxation", sweeps=60)
 solvers = pytest.mark.parametrize("settings", [Settings(), RELAXATION], ids=lambda s: s.solver)
 

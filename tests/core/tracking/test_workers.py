@@ -25,12 +25,11 @@ from kfmocap.core.tracking.prepare import prepare_shot
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts
 from kfmocap.core.tracking.run_context import RunContext, SolvedShot
 from kfmocap.core.tracking.track_result import TrackResult
-from synthetic import figure, film, look_at, shot_of, swing
+from synthetic import CAMERAS, figure, film, shot_of, swing
 
 BODY = figure()
 LENGTH = 13
 TRUTH = swing(BODY, LENGTH)
-CAMERAS = (look_at("front", (0.5, -2.8, 1.5)), look_at("side", (-2.4, -1.4, 1.3)))
 
 
 @pytest.fixture(scope="module")
