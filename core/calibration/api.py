@@ -1,4 +1,4 @@
-"""Calibrating from a capture, filmed or as points: the same for the command line, for Blender and for Python."""
+"""Calibrating from a capture, either videos or points; used by the command line, by Blender and by scripts."""
 
 from __future__ import annotations
 
@@ -23,21 +23,23 @@ from .video_markers import VideoMarkers, find_all, find_wand
 from .wand_calibration import solve_capture
 
 _SEEING, _MEASURED = 0.6, 0.9
-"""Shares of the work after which markers are found, and small ones measured again."""
+"""Fractions of the work after which markers are found, and small ones measured again."""
 
 
 def calibrate(
     source: CaptureVideos | Capture, progress: Progress | None = None, *, drift: bool = False
 ) -> CalibrationResult:
-    """Find the markers where they were filmed, and solve for the cameras.
+    """Find the markers, if they are given as videos, and solve for the cameras.
 
-    The first solution corrects what was found: where the middle of a ball lies within its outline depends on the
-    camera, and small balls are measured again where they are expected. Then the cameras are solved once more.
+    The first solution is used to correct the markers: the position of a ball's centre within its outline depends on the
+    camera, and small balls are measured again where they are expected. Then the cameras are solved a second time.
 
     Parameters
     ----------
+    source : CaptureVideos or Capture
+    progress : callable, optional
     drift : bool
-        Clocks may also run faster or slower; see `solve_capture`.
+        Whether clocks may also run at different speeds; see `solve_capture`.
 
     Raises
     ------
@@ -59,7 +61,7 @@ def calibrate(
 
 
 def _doubtful(found: VideoMarkers) -> Iterator[Finding]:
-    """Videos of the wand whose frames are not pictures of single moments at a constant rate."""
+    """Generate findings on wand videos that are interlaced or have a variable frame rate."""
     for view in found.views:
         rate = video_rate(view.videos.wand, view.footage.count)
         if rate is not None and rate.varies:
@@ -71,7 +73,7 @@ def _doubtful(found: VideoMarkers) -> Iterator[Finding]:
 def _first(
     found: VideoMarkers, doubtful: Sequence[Finding], progress: Progress | None, *, drift: bool
 ) -> CalibrationResult:
-    """A solution from what was found; where there is none, the error says what in the videos may be the reason."""
+    """Solve from the markers found; if that fails, the error names doubtful videos as a possible reason."""
     try:
         return solve_capture(found.capture(), progress, drift=drift)
     except CaptureError as error:
@@ -89,7 +91,7 @@ def synchronise_take(
     *,
     drift: bool = False,
 ) -> Clocks:
-    """Find the clocks of one more take of cameras that stand as they were solved.
+    """Find the clocks of another take by cameras that have not moved since they were solved.
 
     Raises
     ------
@@ -103,7 +105,7 @@ def synchronise_take(
 
 
 def _wands(videos: CaptureVideos, cameras: Mapping[str, Camera], progress: Progress | None) -> Capture:
-    """What the videos show of the wand."""
+    """Find the wand in the videos."""
     views, count = [], len(videos.views)
     for k, view in enumerate(videos.views):
         footage = probe(view.wand)

@@ -1,10 +1,10 @@
-"""Where the middle of a ball lies in its picture: not in the centre of its outline.
+"""The image of a ball's centre, which is not the centre of its outline.
 
-A ball is seen within a cone round the ray to its middle, and the picture's plane cuts that cone obliquely. In a
+The rays to a ball's outline form a cone around the ray to its centre, which the image plane cuts obliquely. In a
 pinhole camera of focal length 1, an outline with minor semi-axis b has its centre at (1 + b^2) times the image of the
-ball's middle, measured from the principal point: with the ray at angle t to the axis and the cone's half angle s,
-b^2 = sin^2 s / (cos^2 t - sin^2 s), and the outline reaches from tan(t - s) to tan(t + s). A lens bends the outline,
-which moves its centre again.
+ball's centre, measured from the principal point: with the ray at angle t to the axis and the cone's half angle s,
+b^2 = sin^2 s / (cos^2 t - sin^2 s), and the outline extends from tan(t - s) to tan(t + s). Lens distortion bends the
+outline and shifts its centre further.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-10)
 
 
 def centres_of(points: Array, radii: Array, matrix: Array, distortions: Array) -> Array:
-    """Images of balls' middles from their outlines.
+    """Return the images of balls' centres from their outlines.
 
     Parameters
     ----------
@@ -50,7 +50,9 @@ def centres_of(points: Array, radii: Array, matrix: Array, distortions: Array) -
 
 
 def _unbent(points: Array, matrix: Array, distortions: Array) -> Array:
-    """How much wider the lens would show what lies across the way to the principal point, without distortion."""
+    """Return the factor by which undistorting lengthens distances perpendicular to the direction of the principal
+    point.
+    """
     bent = np.linalg.norm((points - matrix[:2, 2]) / matrix[[0, 1], [0, 1]], axis=1)
     straight = np.linalg.norm(_undistorted(points, matrix, distortions), axis=1)
     return np.where(bent > 1e-9, straight / np.maximum(bent, 1e-9), 1.0)
@@ -61,14 +63,16 @@ def _undistorted(points: Array, matrix: Array, distortions: Array) -> Array:
 
 
 def outline_centres(middles: Array, b: Array, matrix: Array, distortions: Array) -> Array:
-    """Centres of the outlines of balls whose middles are seen at some pixels.
+    """Return the centres of the outlines of balls, from the images of the balls' centres; inverse of `centres_of`.
 
     Parameters
     ----------
     middles : ndarray, shape (n, 2)
-        Distorted pixels.
+        Images of the balls' centres, distorted pixels.
     b : ndarray, shape (n,)
-        Minor semi-axis of the outline in a camera of focal length 1.
+        Minor semi-axes of the outlines in a camera of focal length 1.
+    matrix : ndarray, shape (3, 3)
+    distortions : ndarray, shape (k,)
     """
     xy = _undistorted(middles, matrix, distortions)
     centre = xy * (1 + b**2)[:, None]
@@ -86,9 +90,9 @@ def outline_centres(middles: Array, b: Array, matrix: Array, distortions: Array)
 
 
 def _ellipse_centres(outlines: Array, angles: Array) -> Array:
-    """Centres of the ellipses that fit outlines (n, K, 2) best, as `balls` fits them: by the distance from the middle.
+    """Return the centres of the ellipses that fit outlines (n, K, 2) best, by radial distances from the centre.
 
-    A bent outline's mean is another point: its second harmonic shifts the ellipse, too.
+    The mean of a distorted outline's points is a different point, as its second harmonic shifts the ellipse, too.
     """
     circle = np.column_stack([np.cos(angles), np.sin(angles)])
     mean = outlines.mean(axis=1)

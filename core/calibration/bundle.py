@@ -30,8 +30,8 @@ from .bundle_residuals import (
 )
 from .camera_rig import CAMERA_DOF
 
-_LEAST_LEFT = 0.1  # share of the observations that is taken to be left by the unknowns, at least
-_MOST_ALIKE = 0.95  # correlation of neighbouring frames: with 1, a whole track would count as one observation
+_LEAST_LEFT = 0.1  # least degrees of freedom that are assumed, as a share of the observations
+_MOST_ALIKE = 0.95  # upper limit of the correlation of neighbouring frames: at 1, a whole track counts as one
 
 
 @dataclass(frozen=True, eq=False)

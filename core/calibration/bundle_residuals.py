@@ -1,7 +1,7 @@
 """Residuals of a bundle adjustment of cameras, clocks and a wand of known length, and their sparse Jacobian.
 
-The wand's length is built in: each frame has a middle and a direction, so no weight holds the length. A camera that
-sees the wand between frames sees an interpolated one, which ties neighbouring frames together.
+The wand is parametrised by its middle and direction on each frame, so its length is exact. A camera that sees the wand
+between frames sees an interpolated one, which couples neighbouring frames.
 """
 
 from __future__ import annotations
@@ -36,12 +36,14 @@ from .camera_rig import (
 Rows = tuple[Array, sparse.csr_array]
 
 LFRAME_SIGMA = 1e-3
-"""How exactly an L-frame is built, metres."""
+"""Standard deviation of an L-frame's measures, metres."""
 BEND_SIGMA = 0.02
-"""Fourth differences of a waved wand's ends from frame to frame, metres: what is left of them at some 2 Hz."""
+"""Standard deviation of the fourth differences of a waved wand's ends, metres per frame^4: that of waving at about 2
+Hz.
+"""
 _FOURTH_DIFFERENCE = np.array([1.0, -4, 6, -4, 1])
 _NEAREST = 1e-3
-"""Metres before a camera; points behind are taken to be there."""
+"""Least depth in front of a camera, metres; points behind it are moved there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +56,7 @@ class BallObservations:
     ball : ndarray of int, shape (n,)
         0 or 1 of the wand; 0 to 3 of the L-frame.
     frame : ndarray, shape (n,)
-        Frame of the camera's video; of no meaning for the L-frame.
+        Frame of the camera's video; unused for the L-frame.
     uv : ndarray, shape (n, 2)
         Pixels, distorted.
     sigma : ndarray, shape (n,)
@@ -75,24 +77,24 @@ class BallObservations:
 
     @classmethod
     def joined(cls, parts: Sequence[BallObservations]) -> BallObservations:
-        """All of several."""
+        """Return the observations of several sets."""
         longer = [np.zeros_like(part.uv) if part.elongation is None else part.elongation for part in parts]
         columns = zip(*((part.camera, part.ball, part.frame, part.uv, part.sigma) for part in parts), strict=True)
         camera, ball, frame, uv, sigma = (np.concatenate(column) for column in columns)
         return cls(camera, ball, frame, uv, sigma, np.concatenate(longer))
 
     def take(self, chosen: NDArray[Any]) -> BallObservations:
-        """Some of the observations."""
+        """Return some of the observations."""
         longer = None if self.elongation is None else self.elongation[chosen]
         camera, ball, frame, uv, sigma = (x[chosen] for x in (self.camera, self.ball, self.frame, self.uv, self.sigma))
         return BallObservations(camera, ball, frame, uv, sigma, longer)
 
     def whitened(self, values: Array) -> Array:
-        """Pixels of shape (n, 2, ...) in standard deviations: multiplied by the root of the inverse covariance."""
+        """Convert pixels (n, 2, ...) to standard deviations, with the square root of the inverse covariance."""
         return self._scaled(values, -0.5)
 
     def in_pixels(self, values: Array) -> Array:
-        """Standard deviations of shape (n, 2, ...) in pixels."""
+        """Convert standard deviations (n, 2, ...) to pixels."""
         return self._scaled(values, 0.5)
 
     def _scaled(self, values: Array, power: float) -> Array:
@@ -109,49 +111,49 @@ class BallObservations:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """The unknowns: cameras, the wand, and the L-frame's balls, shape (4, 3), where they take part."""
+    """The unknowns: cameras, the wand, and the L-frame's balls (4, 3), if they take part."""
 
     rig: Rig
     wand: Wand
     lframe_world: Array | None = None
 
     def moved(self, step: Array) -> Scene:
-        """The scene after a step: that of the wand, of the L-frame, and of the cameras, one after the other."""
+        """Return the scene after a step, which lists the unknowns of the wand, of the L-frame, and of the cameras."""
         wand, lframe, cameras = np.split(step, [_first_lframe(self), first_camera(self)])
         balls = None if self.lframe_world is None else self.lframe_world + lframe.reshape(-1, 3)
         rig = self.rig.moved(cameras.reshape(-1, CAMERA_DOF))
         return Scene(rig, self.wand.moved(wand.reshape(-1, WAND_DOF)), balls)
 
     def in_world(self, R: Array, t: Array) -> Scene:
-        """The same scene in a world whose points are R x + t."""
+        """Return the same scene in a world whose points are R x + t."""
         lframe = None if self.lframe_world is None else self.lframe_world @ R.T + t
         return Scene(self.rig.in_world(R, t), self.wand.in_world(R, t), lframe)
 
     def scaled(self, scale: float) -> Scene:
-        """The same scene in a world that is so many times as large."""
+        """Return the same scene enlarged by a factor."""
         lframe = None if self.lframe_world is None else scale * self.lframe_world
         return Scene(self.rig.scaled(scale), self.wand.scaled(scale), lframe)
 
 
 @dataclass(frozen=True, eq=False)
 class BundleEvidence:
-    """What the unknowns must fit.
+    """The observations and priors of a bundle adjustment.
 
     Attributes
     ----------
     wand : BallObservations
     lframe : BallObservations, optional
-        Its balls; without measures they are unknown points.
+        The L-frame's balls; without measures they are unknown points.
     lframe_measures : ndarray, shape (4, 3), optional
-        Where the balls are in the world.
+        Positions of the L-frame's balls in the world frame, metres.
     lframe_sigma : float
-        How exactly they are known, metres.
+        Their standard deviation, metres.
     focal : ndarray, shape (C,), optional
-        Focal lengths known beforehand, pixels; NaN where not.
+        Given focal lengths, pixels; NaN where there is none.
     focal_sigma : float
-        Their standard deviation, as a share.
+        Their standard deviation, relative.
     smooth : bool
-        The wand is waved, and cameras see it between its frames.
+        Whether the wand is waved, and cameras see it between its frames.
     """
 
     wand: BallObservations
@@ -170,9 +172,9 @@ class BundleResiduals:
     Attributes
     ----------
     points : ndarray, shape (n, 2)
-        Of the balls: the wand's, then the L-frame's.
+        Residuals of the balls: the wand's, then the L-frame's.
     others : ndarray, shape (m,)
-        Of what is known beforehand.
+        Residuals of the priors.
     jacobian : sparse array, shape (2 n + m, unknowns)
     """
 
@@ -208,12 +210,12 @@ def residuals(scene: Scene, evidence: BundleEvidence) -> tuple[Array, Array]:
 
 
 def _known_rows(scene: Scene, evidence: BundleEvidence) -> list[Rows]:
-    """Residuals and Jacobians of the L-frame's measures and of focal lengths that are known beforehand."""
+    """Return residuals and Jacobians of the L-frame's measures and of given focal lengths."""
     return [rows for rows in (_measure_rows(scene, evidence), _focal_rows(scene, evidence)) if rows is not None]
 
 
 def _weighted(uv: Array, seen: BallObservations, reached: Bools | bool = True) -> Array:
-    """Predicted less observed balls, in standard deviations; zero where no frame of the wand is near."""
+    """Return predicted minus observed balls, in standard deviations; zero if no frame of the wand is near."""
     return seen.whitened((uv - seen.uv) * np.broadcast_to(reached, len(uv))[:, None])
 
 
@@ -227,12 +229,12 @@ def first_camera(scene: Scene) -> int:
 
 
 def unknowns(scene: Scene) -> int:
-    """How many numbers a step has."""
+    """Return the number of unknowns in a step."""
     return first_camera(scene) + len(scene.rig) * CAMERA_DOF
 
 
 def _projected(rig: Rig, camera: Ints, points_world: Array) -> tuple[Array, Array, Array]:
-    """Pixels (n, 2), and their Jacobians by the world point (n, 2, 3) and by the camera's step (n, 2, 13)."""
+    """Return pixels (n, 2), and their Jacobians by the world point (n, 2, 3) and by the camera's step (n, 2, 13)."""
     n = len(points_world)
     uv, by_point, by_camera = np.zeros((n, 2)), np.zeros((n, 2, 3)), np.zeros((n, 2, CAMERA_DOF))
     zero = np.zeros(3)
@@ -253,7 +255,7 @@ def _projected(rig: Rig, camera: Ints, points_world: Array) -> tuple[Array, Arra
 
 
 def _wand_at(scene: Scene, seen: BallObservations) -> tuple[Stencil, Array, Array, Array]:
-    """Where the seen ends are: stencil, places (n, 3), velocities (n, 3) per frame, and by the summed direction."""
+    """Return the ends that were seen: stencil, positions (n, 3), velocities (n, 3) per frame, and summed directions."""
     rig, wand = scene.rig, scene.wand
     stencil = Stencil.create(wand.frames, rig.times(seen.camera, seen.frame))
     half = wand.length / 2 * np.where(seen.ball == 0, 1.0, -1.0)[:, None]
@@ -267,7 +269,7 @@ def _wand_at(scene: Scene, seen: BallObservations) -> tuple[Stencil, Array, Arra
 
 
 def predicted(scene: Scene, seen: BallObservations) -> tuple[Array, Bools]:
-    """Pixels (n, 2) where the wand's ends are to be seen, and which of them the wand's frames reach."""
+    """Return the predicted pixels (n, 2) of the wand's ends, and which of them the wand's frames reach."""
     stencil, places, _, _ = _wand_at(scene, seen)
     return _projected(scene.rig, seen.camera, places)[0], stencil.reached
 
@@ -299,7 +301,7 @@ def _lframe_rows(scene: Scene, seen: BallObservations) -> Rows:
 
 
 def _rows(scene: Scene, seen: BallObservations, by_camera: Array, columns: Ints, by_columns: Array) -> sparse.csr_array:
-    """Whitened rows of two for each observation: by its camera, and by some further columns."""
+    """Return two whitened rows per observation: derivatives by its camera, and by some further columns."""
     n = len(seen)
     values = seen.whitened(np.concatenate([by_columns, by_camera], axis=2))
     own = first_camera(scene) + seen.camera[:, None] * CAMERA_DOF + np.arange(CAMERA_DOF)
@@ -311,7 +313,7 @@ def _rows(scene: Scene, seen: BallObservations, by_camera: Array, columns: Ints,
 
 
 def _measure_rows(scene: Scene, evidence: BundleEvidence) -> Rows | None:
-    """The L-frame's balls are where its measures say."""
+    """Return the rows that tie the L-frame's balls to its measures."""
     if evidence.lframe_measures is None or scene.lframe_world is None:
         return None
     n, first, weight = scene.lframe_world.size, _first_lframe(scene), 1 / evidence.lframe_sigma
@@ -320,7 +322,7 @@ def _measure_rows(scene: Scene, evidence: BundleEvidence) -> Rows | None:
 
 
 def _focal_rows(scene: Scene, evidence: BundleEvidence) -> Rows | None:
-    """Focal lengths are near those known beforehand."""
+    """Return the rows that tie focal lengths to the given ones."""
     if evidence.focal is None or not np.isfinite(evidence.focal).any():
         return None
     c = np.flatnonzero(np.isfinite(evidence.focal))
@@ -332,15 +334,16 @@ def _focal_rows(scene: Scene, evidence: BundleEvidence) -> Rows | None:
 
 
 def _runs_of_five(wand: Wand) -> Ints:
-    """Indices of five consecutive frames each, shape (n, 5)."""
+    """Return the indices of all runs of five consecutive frames, shape (n, 5)."""
     first = np.flatnonzero(wand.frames[4:] - wand.frames[:-4] == 4)
     return first[:, None] + np.arange(5)
 
 
 def _bends(wand: Wand) -> Array:
-    """Fourth differences of middle and half length over consecutive frames, in standard deviations, shape (6 n,).
+    """Return the fourth differences of middle and half length over consecutive frames, in standard deviations, (6 n,).
 
-    Seen only half-way between frames, a wand that trembles to and fro from frame to frame would go unnoticed.
+    They damp a solution that oscillates from frame to frame, which cameras that see the wand midway between its frames
+    would not notice.
     """
     nodes = _runs_of_five(wand)
     each = np.concatenate([wand.middle[nodes], wand.length / 2 * wand.direction[nodes]], axis=2)

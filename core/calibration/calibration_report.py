@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 REPORT_FILES = ("report.json", "report.png", "report.html")
 _WIDTH = 1200
 _WORST = 1.0
-"""Residuals of so many pixels have the last colour of the scale."""
+"""Residual that has the last colour of the scale, pixels."""
 _ARMS = ((0, 1), (1, 2), (0, 3))
 _AXES = ((40, 40, 220), (40, 160, 40), (200, 90, 30))
 _FRUSTUM = 0.35
@@ -61,7 +61,7 @@ def write_report(folder: Path, solution: CalibrationResult) -> list[Path]:
 
 
 def page(numbers: Mapping[str, Any], png: bytes) -> str:
-    """The numbers and a picture as one HTML page that needs nothing else."""
+    """Return the numbers and a picture as one self-contained HTML page."""
     findings = "".join(f'<p class="warning">{escape(_sentence(f))}</p>' for f in numbers["findings"])
     picture = base64.b64encode(png).decode()
     cameras = {str(camera["camera"]): _flat(camera) for camera in numbers["cameras"]}
@@ -79,7 +79,7 @@ def _sentence(finding: Mapping[str, Any]) -> str:
 
 
 def _flat(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
-    """Nested values by the names that lead to them."""
+    """Return nested values as a flat mapping, with the keys on the way joined."""
     flat: dict[str, Any] = {}
     for key, value in values.items():
         if isinstance(value, Mapping):
@@ -90,7 +90,7 @@ def _flat(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
 
 
 def _table(columns: Mapping[str, Mapping[str, Any]]) -> str:
-    """A table with a column for each mapping and a row for each key."""
+    """Return an HTML table with a column for each mapping and a row for each key."""
     keys = list(dict.fromkeys(key for column in columns.values() for key in column))
     head = "".join(f"<th>{escape(name)}</th>" for name in columns)
     rows = "".join(
@@ -111,7 +111,7 @@ def _shown(value: Any) -> str:
 
 
 def sheet(solution: CalibrationResult) -> Image:
-    """All pictures on one sheet: coverage and residuals of every camera, histograms, cameras and wand from two sides.
+    """Draw all pictures on one sheet: coverage and residuals of every camera, histograms, the scene from two sides.
 
     Returns
     -------
@@ -128,12 +128,12 @@ def sheet(solution: CalibrationResult) -> Image:
 
 
 def _wand_residuals(solution: CalibrationResult) -> Array:
-    """Distances of the wand's balls from where they should be, pixels."""
+    """Return the lengths of the wand's residuals, pixels."""
     return np.asarray(np.linalg.norm(solution.residual[: len(solution.seen)], axis=1))
 
 
 def _coverage(solution: CalibrationResult, c: int, name: str, width: int) -> Image:
-    """Where in its picture a camera saw the wand, and how far off."""
+    """Draw where in its picture a camera saw the wand, coloured by residual."""
     size = np.array(solution.rig.sizes[c], float)
     scale = (width - 12) / size[0]
     picture = blank(width, round(size[1] * scale) + 34)
@@ -149,7 +149,7 @@ def _coverage(solution: CalibrationResult, c: int, name: str, width: int) -> Ima
 
 
 def _residuals(solution: CalibrationResult, names: Sequence[str], width: int) -> Image:
-    """Histogram of the residuals of every camera."""
+    """Draw a histogram of the residuals of every camera."""
     off, most = _wand_residuals(solution), 2 * _WORST
     edges = np.linspace(0, most, 41)
     shares = []
@@ -165,7 +165,7 @@ def _residuals(solution: CalibrationResult, names: Sequence[str], width: int) ->
 
 
 def _lengths(solution: CalibrationResult, width: int) -> Image:
-    """Histogram of the wand's length as the cameras see it, its ends triangulated."""
+    """Draw a histogram of the wand's length between its triangulated ends."""
     lengths = measured_lengths(solution.rig, solution.seen, solution.wand.frames)
     off = 1000 * (lengths - solution.wand.length)
     span = max(1.0, float(np.percentile(np.abs(off), 98)) if len(off) else 1.0)
@@ -183,7 +183,7 @@ def _from_above(points: Array) -> Array:
 
 
 def _from_aside(points: Array) -> Array:
-    """Obliquely from above, without perspective."""
+    """Project points obliquely from above, without perspective."""
     turn, tilt = np.radians(30), np.radians(22)
     x = np.cos(turn) * points[..., 0] + np.sin(turn) * points[..., 1]
     away = -np.sin(turn) * points[..., 0] + np.cos(turn) * points[..., 1]
@@ -191,7 +191,7 @@ def _from_aside(points: Array) -> Array:
 
 
 def _space(solution: CalibrationResult, view: Callable[[Array], Array], width: int) -> Image:
-    """Cameras, the wand's way and the L-frame, seen from somewhere."""
+    """Draw the cameras, the wand's path and the L-frame in a projection."""
     frusta = {name: _frustum(camera) for name, camera in solution.cameras.items()}
     everything = view(np.concatenate([*frusta.values(), solution.wand.ends_world.reshape(-1, 3), np.zeros((1, 3))]))
     low, high = everything.min(axis=0), everything.max(axis=0)
@@ -222,7 +222,7 @@ def _space(solution: CalibrationResult, view: Callable[[Array], Array], width: i
 
 
 def _frustum(camera: Any) -> Array:
-    """A camera's centre and the corners of its picture some way before it, shape (5, 3), world."""
+    """Return a camera's centre and the corners of its picture at some distance, world frame, metres, shape (5, 3)."""
     width, height = camera.size
     corners = np.array([[0, 0, 1], [width, 0, 1], [width, height, 1], [0, height, 1]], float)
     rays = corners @ np.linalg.inv(camera.matrix).T

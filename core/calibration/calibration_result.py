@@ -1,4 +1,4 @@
-"""What calibrating a capture gives: cameras, clocks, and what was found of their quality."""
+"""The result of a calibration: cameras, clocks, and their quality."""
 
 from __future__ import annotations
 
@@ -27,25 +27,25 @@ class CalibrationResult:
     wand : Wand
     lframe_world : ndarray, shape (4, 3)
     seen : BallObservations
-        The wand's balls that were used; ends that were swapped are swapped back.
+        The wand's balls that were used, with swapped ends swapped back.
     lframe_seen : BallObservations
     residual : ndarray, shape (n, 2)
-        Of the wand's balls, then the L-frame's: predicted less seen, pixels.
+        Predicted minus observed positions of the wand's balls, then the L-frame's, pixels.
     used : ndarray, shape (C,)
-        Share of the wand's balls in each view that were used.
+        Fraction of the wand's balls in each view that were used.
     free : ndarray of bool, shape (C, 13)
-        What was solved for, in the order of `rig.CAMERA_DOF`.
+        Which unknowns were solved for, in the order of `camera_rig.CAMERA_DOF`.
     covariance : ndarray, shape (13 C, 13 C)
-        Of the steps of `Rig.moved`, in the world that the L-frame's measures lay down.
+        Covariance of the unknowns of `Rig.moved`, in the world defined by the L-frame's measures.
     noise : float
-        How many times their sigma the balls lie off.
+        Noise of the balls, as a multiple of their sigma.
     lframe_scale : float
-        How many times larger the L-frame is by the wand than by its own measures.
+        Size of the L-frame according to the wand, relative to its own measures.
     moved : dict of int to float
-        Cameras that see the L-frame so many pixels aside: they were moved between its take and the wand's. Their
-        view of the L-frame took no part.
+        Cameras that were moved between the takes of the L-frame and of the wand, and by how many pixels. Their views of
+        the L-frame were not used.
     held_out : ndarray, shape (h,)
-        Lengths of the wand, metres, on frames that were held out of a solution of their own.
+        Lengths of the wand, metres, on frames that were held out of a separate solution.
     findings : tuple of Finding
         Problems of the capture that were found.
     """
@@ -68,18 +68,18 @@ class CalibrationResult:
 
     @property
     def cameras(self) -> dict[str, Camera]:
-        """The cameras by their names."""
+        """Cameras by their names."""
         counts = [4 if view.distortions is None else len(view.distortions) for view in self.capture.views]
         return {name: self.rig.camera(c, counts[c]) for c, name in enumerate(self.rig.names)}
 
     @property
     def scene(self) -> Scene:
-        """All that was solved for."""
+        """All unknowns."""
         return Scene(self.rig, self.wand, self.lframe_world)
 
     @property
     def clocks(self) -> Clocks:
-        """When the videos began."""
+        """Clocks of the videos."""
         return Clocks.of(self.rig, self.sigma)
 
     @property

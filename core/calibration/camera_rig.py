@@ -1,4 +1,4 @@
-"""What is solved for: the cameras with their clocks, and the wand on every frame. Each moves by a small step."""
+"""The unknowns of a calibration: the cameras with their clocks, and the wand on every frame."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ from ..numerics.arrays import Array, Ints
 
 TURN, SHIFT, FOCAL, CENTRE, K1, K2, OFFSET, DRIFT = slice(0, 3), slice(3, 6), 6, slice(7, 9), 9, 10, 11, 12
 CAMERA_DOF = 13
-"""Of a camera: turn and shift of its frame, log of the focal length, principal point, k1, k2, offset, drift."""
+"""Unknowns of a camera: rotation (3) and translation (3) of its frame, logarithm of the focal length, principal point
+(2), k1, k2, offset, drift."""
 WAND_DOF = 5
-"""Of a wand: its middle, and its direction along the two axes of `tangents`."""
+"""Unknowns of a wand on a frame: its middle (3), and its direction along the two axes of `tangents`."""
 COEFFICIENTS = 14
-"""OpenCV's longest list of distortion coefficients."""
+"""Length of OpenCV's longest list of distortion coefficients."""
 _ORDER = 4
-"""Frames from which a place between frames is interpolated."""
+"""Number of frames from which positions between frames are interpolated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +99,7 @@ class Rig:
         return Rig(self.names, **arrays)
 
     def times(self, camera: Ints, frames: Array) -> Array:
-        """Frames of the capture, fractional, at frames of the cameras' videos."""
+        """Return the (fractional) frames of the capture at frames of the cameras' videos."""
         return np.asarray((frames - self.offset[camera]) / (self.rate * (1 + self.drift))[camera])
 
     def moved(self, step: Array) -> Rig:
@@ -128,7 +129,7 @@ class Rig:
 
 
 def rig_of(cameras: Sequence[Camera]) -> Rig:
-    """Cameras that were solved before, with the capture's clock."""
+    """Return cameras that were solved before as a rig with the capture's clock."""
     C = len(cameras)
     distortions = np.zeros((C, COEFFICIENTS))
     for c, camera in enumerate(cameras):
@@ -149,7 +150,7 @@ def rig_of(cameras: Sequence[Camera]) -> Rig:
 
 @dataclass(frozen=True, eq=False)
 class Wand:
-    """A wand of known length on some frames: its length is no unknown.
+    """A wand of known length on n frames.
 
     Attributes
     ----------
@@ -197,7 +198,7 @@ class Wand:
 
 
 def tangents(direction: Array) -> Array:
-    """Two unit vectors that stand on each direction and each other, shape (n, 3, 2)."""
+    """Return two unit vectors perpendicular to each direction (n, 3) and to each other, shape (n, 3, 2)."""
     axis = np.eye(3)[np.argmin(np.abs(direction), axis=1)]
     first = np.cross(direction, axis)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
@@ -206,18 +207,18 @@ def tangents(direction: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Stencil:
-    """How values between frames follow from those on frames: cubic interpolation by Lagrange's polynomials.
+    """Weights of cubic Lagrange interpolation between frames.
 
     Attributes
     ----------
     nodes : ndarray of int, shape (n, 4)
-        Indices of frames.
+        Indices of the frames that are interpolated.
     weights : ndarray, shape (n, 4)
-        The interpolated value is the sum of weight times value.
+        Weights of their values.
     slopes : ndarray, shape (n, 4)
-        The same of its derivative, per frame.
+        Weights of their values in the derivative, per frame.
     reached : ndarray of bool, shape (n,)
-        Whether there is a frame within half a frame.
+        Whether there is a frame within half a frame's distance.
     """
 
     nodes: Ints
@@ -227,7 +228,7 @@ class Stencil:
 
     @classmethod
     def create(cls, frames: Ints, times: Array) -> Stencil:
-        """Interpolation at some times between frames that increase; across gaps none reaches."""
+        """Return the interpolation of increasing frames at some times; times in gaps are not reached."""
         start, stop = _runs(frames)
         nearest = np.clip(np.searchsorted(frames, np.floor(times + 0.5)), 0, len(frames) - 1)
         reached = np.abs(frames[nearest] - times) <= 0.5 + 1e-9
@@ -257,7 +258,7 @@ class Stencil:
 
 
 def _runs(frames: Ints) -> tuple[Ints, Ints]:
-    """For each frame, the first index of its run of consecutive frames and the index after the last."""
+    """Return for each frame the first index of its run of consecutive frames, and the index after the last."""
     cuts = np.flatnonzero(np.diff(frames) != 1) + 1
     edges = np.concatenate([[0], cuts, [len(frames)]])
     run = np.repeat(np.arange(len(edges) - 1), np.diff(edges))

@@ -1,8 +1,8 @@
-"""When the cameras' videos began: time offsets from the wand's path, before anything is known of the cameras.
+"""Time offsets between the cameras' videos from the wand's path, before anything is known about the cameras.
 
-Two videos of one moving wand have an epipolar geometry only where their frames match. Every offset gives
-a linear fundamental matrix (R. Hartley, In Defense of the Eight-Point Algorithm, PAMI 1997), and the best is the one
-with the least residual; between frames the tracks are interpolated. The bundle adjustment refines the offsets.
+Two videos of one moving wand have an epipolar geometry only if their frames match. For every offset, a fundamental
+matrix is estimated linearly (R. Hartley, In Defense of the Eight-Point Algorithm, PAMI 1997), and the offset with the
+smallest residual is used; tracks are interpolated between frames. The bundle adjustment refines the offsets.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from .pairwise import sampson
 from .wand_tracks import sampled
 
 LEAST_OVERLAP = 0.35
-"""Share of the shorter track that two videos must have in common."""
+"""Least overlap of two videos, as a fraction of the shorter track."""
 LEAST_FRAMES = 30
-"""Frames on which both videos must show the wand for a shift to be tried."""
+"""Least number of frames on which both videos must show the wand at an offset that is tried."""
 _SAMPLE = 250
-"""Frames by which a shift is judged at first."""
-_CANDIDATES = 8  # shifts that are refined between frames
+"""Number of frames used in the first evaluation of an offset."""
+_CANDIDATES = 8  # offsets that are refined between frames
 _FRACTIONS = np.linspace(-1, 1, 17)
-_ROUNDS = 3  # of that
+_ROUNDS = 3  # of this refinement
 _CLOSE = 3.0
-"""Pixels from epipolar lines up to which the other order of the wand's ends is not tried."""
+"""Median distance from epipolar lines, pixels, below which the other order of the wand's ends is not tried."""
 
 
 @dataclass(frozen=True, eq=False)
 class Clocks:
-    """When the videos of a take began.
+    """The clocks of a take's videos.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Clocks:
     offset, drift : ndarray, shape (C,)
         Frame s of the take is frame rate (1 + drift) s + offset of a camera's video.
     offset_sigma, drift_sigma : ndarray, shape (C,)
-        Standard deviations, 0 of what was not solved for.
+        Standard deviations; 0 for values that were not solved for.
     """
 
     names: tuple[str, ...]
@@ -53,12 +53,12 @@ class Clocks:
 
     @classmethod
     def of(cls, rig: Rig, sigma: Array) -> Clocks:
-        """The clocks of cameras whose unknowns have the standard deviations sigma, shape (C, 13)."""
+        """Return the clocks of a rig whose unknowns have the standard deviations sigma, shape (C, 13)."""
         return cls(rig.names, rig.offset, rig.drift, sigma[:, OFFSET], sigma[:, DRIFT])
 
     @property
     def lines(self) -> list[str]:
-        """One line per camera, with the offset as a shot file's [[view]] takes it."""
+        """One line per camera, with the offset as in a shot file's [[view]]."""
         return [
             f"{name}: offset = {offset:.4f}"
             + (f" (standard deviation {spread:.4f} frames)" if spread else "")
@@ -71,7 +71,7 @@ class Clocks:
 
 @dataclass(frozen=True)
 class Lag:
-    """How two videos' frames go together: frame f of one is frame ratio f + lag of the other.
+    """The lag between two videos: frame f of one is frame ratio f + lag of the other.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class Lag:
     distance : float
         Median distance of the balls from their epipolar lines, pixels.
     shared : int
-        Frames that both videos see.
+        Number of frames that both videos share.
     """
 
     lag: float
@@ -89,14 +89,14 @@ class Lag:
 
 
 def find_lag(one: Markers, other: Markers, ratio: float = 1.0) -> Lag | None:
-    """The lag of the other video behind the first; None where they never see the wand together for long.
+    """Return the lag of the second video behind the first; None if they do not see the wand together for long enough.
 
     Parameters
     ----------
     one, other : Markers
-        A waved wand, cleaned.
+        A waved wand in both videos, see `wand_tracks.cleaned`.
     ratio : float
-        Frames of the other per frame of the first.
+        Frames of the second video per frame of the first.
     """
     straight = _find_lag(one, other, ratio)
     if straight is not None and straight.distance < _CLOSE:
@@ -107,7 +107,7 @@ def find_lag(one: Markers, other: Markers, ratio: float = 1.0) -> Lag | None:
 
 
 def _find_lag(one: Markers, other: Markers, ratio: float) -> Lag | None:
-    """As `find_lag`, the ends of the wand in the same order."""
+    """Return the same as `find_lag`, with the ends of the wand in the same order."""
     if not len(one) or not len(other):
         return None
     start, stop = int(np.ceil(other.frames[0] / ratio)), int(other.frames[-1] / ratio)
@@ -128,7 +128,9 @@ def _find_lag(one: Markers, other: Markers, ratio: float) -> Lag | None:
 
 
 def _algebraic(a: Array, b: Array) -> dict[int, float]:
-    """Least eigenvalue of the eight-point equations for every shift of b (G, 2, 2) against a (F, 2, 2)."""
+    """Return the smallest eigenvalue of the eight-point equations for every shift of b (G, 2, 2) against a (F, 2,
+    2).
+    """
     seen_a, seen_b = (np.isfinite(x).all(axis=(1, 2)) for x in (a, b))
     least = max(LEAST_FRAMES, LEAST_OVERLAP * min(seen_a.sum(), seen_b.sum()))
     x, y = _normalised(a), _normalised(b)
@@ -145,7 +147,7 @@ def _algebraic(a: Array, b: Array) -> dict[int, float]:
 
 
 def _normalised(points: Array) -> Array:
-    """Homogeneous points, shape (..., 3), their mean at the origin and their spread 1."""
+    """Return homogeneous points (..., 3), normalised to mean 0 and spread 1."""
     flat = points[np.isfinite(points).all(axis=-1)]
     spread = flat.std() if len(flat) else 1.0
     x = (points - flat.mean(axis=0)) / max(spread, 1e-9) if len(flat) else points
@@ -153,12 +155,12 @@ def _normalised(points: Array) -> Array:
 
 
 def _equations(x: Array, y: Array) -> Array:
-    """Rows of the eight-point equations y^T F x = 0, shape (n, 9)."""
+    """Return the rows of the eight-point equations y^T F x = 0, shape (n, 9)."""
     return (y[:, :, None] * x[:, None, :]).reshape(-1, 9)
 
 
 def _distance(one: Markers, other: Markers, ratio: float, lag: float) -> Lag | None:
-    """How well the videos' frames go together at a lag, by a fundamental matrix fitted robustly."""
+    """Evaluate a lag with a robustly fitted fundamental matrix."""
     points, _ = sampled(other, ratio * one.frames + lag)
     both = np.isfinite(points).all(axis=(1, 2)) & one.seen.all(axis=1)
     if both.sum() < LEAST_FRAMES:
@@ -177,21 +179,21 @@ def _distance(one: Markers, other: Markers, ratio: float, lag: float) -> Lag | N
 
 
 def find_offsets(wands: Sequence[Markers], rate: Array, given: Sequence[float | None]) -> tuple[Array, list[int]]:
-    """Offsets of all videos, along the pairs whose frames go together best.
+    """Find the offsets of all videos, along the pairs with the best lags.
 
     Parameters
     ----------
     wands : sequence of Markers
-        Waved, cleaned.
+        A waved wand in all videos, see `wand_tracks.cleaned`.
     rate : ndarray, shape (V,)
         Frames of each video per frame of the capture.
     given : sequence of float or None
-        Offsets that are known. Where none is, the first video's is 0.
+        Known offsets. If none is known, the first video's is 0.
 
     Returns
     -------
     offsets : ndarray, shape (V,)
-        NaN where a video shares too little with the others.
+        NaN for videos that share too few frames with the others.
     found : list of int
         The videos whose offsets were estimated.
     """

@@ -1,4 +1,4 @@
-"""Degenerate captures: recognised before anything is solved, from the links between views, and from a solution."""
+"""Recognising degenerate captures: before solving, from the links between views, and from a solution."""
 
 from __future__ import annotations
 
@@ -22,31 +22,32 @@ if TYPE_CHECKING:
 
 
 LEAST_AGREEING = 0.3
-"""Share of the balls that must obey two views' epipolar geometry: by chance some always do."""
+"""Least fraction of the balls that must agree with two views' epipolar geometry, as some always do by chance."""
 LEAST_USED = 0.3
-"""Share of a camera's balls that must be the wand's by the solution."""
+"""Least fraction of a camera's balls that the solution must explain as the wand's."""
 SMALL_SHARE, TOO_SMALL_SHARE = 0.02, 0.1
-"""Noise of the balls as a share of the wand's length in the picture: flagged and refused."""
+"""Noise of the balls, relative to the wand's length in the picture, from which a capture is flagged, and refused."""
 SHALLOW = 1.15
-"""Farthest over nearest distance of the wand from a camera below which it stayed at one depth."""
+"""Ratio of the wand's largest to its smallest distance from a camera, below which it stayed at one depth."""
 THIN = 0.03
-"""Thickness of a cloud of balls over its width below which it is a plane."""
+"""Ratio of thickness to width below which a cloud of balls is a plane."""
 VAGUE_FOCAL, VAGUE_OFFSET = 0.01, 0.1
-"""Standard deviations, as a share and in frames."""
+"""Standard deviations from which a focal length (relative) and an offset (frames) are flagged as uncertain."""
 LITTLE_COVERED = 0.12
-"""Share of a picture in which the wand was seen below which distortion elsewhere is a guess."""
+"""Fraction of a picture covered by the wand, below which distortion elsewhere is a guess."""
 FEW_SHARED = 60
-"""Frames that a camera shares with the others below which it is flagged."""
+"""Number of frames shared with other cameras, below which a camera is flagged."""
 NOISY = 4.0
-"""Noise of the balls, as a multiple of their own estimate of it, from which on it is flagged."""
+"""Noise of the balls, as a multiple of their sigma, from which it is flagged."""
 
 
 def check_capture(capture: Capture) -> None:
-    """Refuse a capture that is not whole.
+    """Check that a capture is complete.
 
     Raises
     ------
     CaptureError
+        It is not.
     """
     names = [view.camera for view in capture.views]
     if len(set(names)) < len(names):
@@ -76,18 +77,19 @@ def _check_lframe(points: Array) -> None:
 
 
 def _wand_in_picture(points: Array, sigma: Array) -> tuple[float, float]:
-    """Median length of a wand in pixels, and the share of it that is noise."""
+    """Return the median length of a wand in pixels, and the noise relative to it."""
     length = np.linalg.norm(points[:, 0] - points[:, 1], axis=1)
     pixels = float(np.nanmedian(length))
     return pixels, float(np.sqrt(2) * np.nanmedian(sigma) / max(pixels, 1e-9))
 
 
 def check_links(names: Sequence[str], links: Sequence[Link], tracks: Tracks) -> None:
-    """Refuse views that no path of shared frames joins, or that see the wand in one plane.
+    """Check that shared frames connect all views, and that the wand did not stay in one plane.
 
     Raises
     ------
     CaptureError
+        They do not, or it did.
     """
     _check_joined(names, [link.views for link in links], tracks)
     agreeing = [link for link in links if link.agreeing >= LEAST_AGREEING * 2 * len(link.frames)]
@@ -102,13 +104,13 @@ def check_links(names: Sequence[str], links: Sequence[Link], tracks: Tracks) -> 
 
 
 def unsolved(names: Sequence[str], links: Sequence[Link]) -> Finding:
-    """Why no cameras were found: where planes join all views, it is for them."""
+    """Return why no cameras were found: the wand in a plane, if such views connect all cameras, or no agreement."""
     flat = [link.views for link in links if link.geometry is not None and link.geometry.flatness > FLAT]
     return findings.in_a_plane() if len(set(_groups(len(names), flat))) == 1 else findings.nothing_agrees()
 
 
 def _groups(count: int, pairs: Sequence[tuple[int, int]]) -> list[int]:
-    """The group to which pairs join each view."""
+    """Return the connected component of each view."""
     group = list(range(count))
     for i, j in pairs:
         group = [group[i] if g == group[j] else g for g in group]
@@ -116,7 +118,7 @@ def _groups(count: int, pairs: Sequence[tuple[int, int]]) -> list[int]:
 
 
 def _check_joined(names: Sequence[str], pairs: Sequence[tuple[int, int]], tracks: Tracks) -> None:
-    """All views must be joined by pairs."""
+    """Raise an error if pairs do not connect all views."""
     group = _groups(len(names), pairs)
     if len(set(group)) == 1:
         return
@@ -131,11 +133,12 @@ def _check_joined(names: Sequence[str], pairs: Sequence[tuple[int, int]], tracks
 
 
 def check_solution(names: Sequence[str], used: Array, wand: Wand) -> None:
-    """Refuse cameras that explain hardly any of what was seen, or that were solved from a plane.
+    """Check that cameras explain what they saw, and were not solved from a wand in one plane.
 
     Raises
     ------
     CaptureError
+        They do not, or they were.
     """
     if np.median(used) < LEAST_USED:
         raise findings.nothing_agrees().error()
@@ -147,7 +150,7 @@ def check_solution(names: Sequence[str], used: Array, wand: Wand) -> None:
 
 
 def doubts(solution: CalibrationResult) -> Iterator[Finding]:
-    """Problems of a solution that its user should know."""
+    """Generate findings on a solution that its user should know."""
     near, far = depths(solution)[:, [0, 2]].T
     covered, sigma = coverage(solution), solution.sigma
     for c, view in enumerate(solution.capture.views):
@@ -176,14 +179,14 @@ def doubts(solution: CalibrationResult) -> Iterator[Finding]:
 
 
 def _shared_frames(solution: CalibrationResult, c: int) -> int:
-    """Frames of the wand that a camera sees together with others."""
+    """Return the number of frames on which a camera sees the wand together with others."""
     times = np.round(solution.rig.times(solution.seen.camera, solution.seen.frame)).astype(np.int64)
     own = np.unique(times[solution.seen.camera == c])
     return len(np.intersect1d(own, times[solution.seen.camera != c]))
 
 
 def _moved(solution: CalibrationResult) -> Iterator[Finding]:
-    """Cameras whose picture of the wand's path jumps aside at some time."""
+    """Generate findings on cameras that were moved: the wand's path jumps in their picture."""
     for c, view in enumerate(solution.capture.views):
         aside = path_error(solution, c)
         if aside is not None:

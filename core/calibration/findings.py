@@ -1,4 +1,4 @@
-"""What is wrong with a capture: refused, or flagged, under a name of its own and with its cure."""
+"""Problems of a capture, for which it is refused or flagged; each has a name and a remedy."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ LFRAME_NOT_SEEN = "lframe-not-seen"
 
 @dataclass(frozen=True)
 class Finding:
-    """Something to know before trusting cameras.
+    """A problem that the user should know before relying on the cameras.
 
     Attributes
     ----------
     name : str
-        Which kind it is.
+        The kind of problem.
     what : str
     todo : str
     where : str or None
@@ -34,7 +34,7 @@ class Finding:
         return f"{self.name}: {place}{self.what} ({self.todo})"
 
     def error(self) -> CaptureError:
-        """The error that refuses a capture for this."""
+        """Return the error that refuses a capture for this reason."""
         return CaptureError(f"{self.name}: {self.what}", name=self.name, where=self.where, todo=self.todo)
 
 

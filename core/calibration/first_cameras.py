@@ -1,4 +1,4 @@
-"""First cameras from nothing but the wand: pairs, a seed, and one camera after the other along a spanning tree."""
+"""First cameras from the wand alone: pairs, a seed, and then one camera after the other along a spanning tree."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from .wand_tracks import Tracks
 from .wand_triangulation import WandSighting, sight
 
 FEWEST_SHARED = 15
-"""Frames on which two views must see the wand together to be linked."""
+"""Least number of frames on which two linked views must see the wand together."""
 FLAT = 0.8
-"""Share of correspondences in a plane from which a pair of views does not determine focal lengths."""
-_FRAMES = 120  # at most, spread over those that two views share: more say the same
-_SEEDS = 3  # pairs of cameras that are begun with
+"""Fraction of correspondences in one plane from which a pair of views does not determine focal lengths."""
+_FRAMES = 120  # largest number used of those that two views share, evenly spaced
+_SEEDS = 3  # pairs of cameras that are tried as the start
 _UNCROSSED = 0.4
-"""Share of the balls that must agree before the other order of the ends is not tried."""
+"""Fraction of agreeing balls from which the other order of the ends is not tried."""
 _CONTENT = 0.9
-"""Share of the agreement that may be expected, with which no other seed is tried."""
+"""Agreement, relative to the best possible, from which no other seed is tried."""
 _LOOSE, _TIGHT = 10.0, 3.0
-"""Scales of the robust loss, in standard deviations, of cameras that were guessed and of those that were adjusted."""
-_RESECTION_PIXELS = 12.0  # by which a ball may miss, as distortion is not known yet
+"""Scales of the robust loss, in standard deviations, for cameras that are a first guess and for adjusted ones."""
+_RESECTION_PIXELS = 12.0  # tolerance of a ball's residual while distortion is unknown
 
 Cancel = Callable[[], None]
 
@@ -46,9 +46,9 @@ class Link:
     frames : ndarray of int, shape (n,)
         Indices of the shared frames.
     geometry : Epipolar or None
-        None where no epipolar geometry was found.
+        None if no epipolar geometry was found.
     crossed : bool
-        Whether the one view's first ball is the other's second.
+        Whether the first ball of one view is the second of the other.
     """
 
     views: tuple[int, int]
@@ -58,17 +58,17 @@ class Link:
 
     @property
     def agreeing(self) -> int:
-        """How many balls agree."""
+        """Number of balls that agree with the geometry."""
         return 0 if self.geometry is None else int(self.geometry.agreeing.sum())
 
     @property
     def worth(self) -> float:
-        """How many of them lie off the plane that holds most."""
+        """Number of agreeing balls outside the plane that contains most."""
         return 0.0 if self.geometry is None else self.agreeing * (1 - self.geometry.flatness)
 
 
 def find_links(tracks: Tracks, lenses: Sequence[Lens], cancel: Cancel) -> list[Link]:
-    """All pairs of views that share enough frames."""
+    """Return all pairs of views that share enough frames."""
     links = []
     for i, j in combinations(range(len(lenses)), 2):
         cancel()
@@ -85,7 +85,9 @@ def find_links(tracks: Tracks, lenses: Sequence[Lens], cancel: Cancel) -> list[L
 
 
 def crossed_views(links: Sequence[Link]) -> list[int]:
-    """Views whose balls come in the other order than the first view's: where they look alike, each begins with any."""
+    """Return the views that list the wand's balls in the opposite order from the first view, as balls may look
+    alike.
+    """
     turned = {0: False}
     best_first = sorted(links, key=lambda link: -link.agreeing)
     while joining := [link for link in best_first if sum(v in turned for v in link.views) == 1]:
@@ -96,7 +98,7 @@ def crossed_views(links: Sequence[Link]) -> list[int]:
 
 
 def observed(tracks: Tracks, sighting: WandSighting) -> BallObservations:
-    """The balls that a sighting takes for the wand's, on the frames where both its ends are known."""
+    """Return the balls that a sighting identifies as the wand's, on the frames where both its ends are known."""
     v, f, end = np.nonzero((sighting.ball >= 0) & sighting.known[None, :, None])
     ball = sighting.ball[v, f, end]
     return BallObservations(v, end, tracks.frames[f].astype(float), tracks.points[v, f, ball], tracks.sigma[v, f, ball])
@@ -111,12 +113,19 @@ def first_rig(
     length: float,
     cancel: Cancel,
 ) -> Rig | None:
-    """Cameras with the capture's clock, in the frame of one of them; None where no seed grows to all of them.
+    """Return cameras with the capture's clock, in the frame of one of them; None if no seed leads to all of them.
 
     Parameters
     ----------
+    names : sequence of str
     tracks : Tracks
-        On common frames.
+        The wand on common frames.
+    lenses : sequence of Lens
+    links : sequence of Link
+    length : float
+        Length of the wand, metres.
+    cancel : callable
+        Called repeatedly; may raise.
     """
     best, most = None, 0.0
     blank = _blank(names, tracks, lenses)
@@ -135,20 +144,20 @@ def first_rig(
 
 
 def _possible(links: Sequence[Link]) -> float:
-    """Share of the balls that a good rig may be expected to see the wand in, by the epipolar geometries."""
+    """Return the fraction of the balls that the best rig can explain, from the epipolar geometries."""
     shares = [link.agreeing / (2 * len(link.frames)) for link in links if link.geometry is not None]
     return float(np.median(shares))
 
 
 def _agreement(rig: Rig, tracks: Tracks, length: float) -> float:
-    """Share of the balls that the rig takes for the wand's, where several views see it whole."""
+    """Return the fraction of the balls that the rig explains as the wand's, where several views see both ends."""
     tracks = tracks.take(tracks.seen.all(axis=2).sum(axis=0) >= 2)
     ball = sight(rig, tracks, length, noise=1.5).ball
     return float((ball >= 0).sum() / max(tracks.seen.sum(), 1))
 
 
 def _thinned(tracks: Tracks, link: Link) -> Tracks:
-    """Not more frames than needed, of those that the seed sees and of the others."""
+    """Return the tracks on no more frames than needed, both of those that the seed sees and of the others."""
     n = len(tracks.frames)
     seen = np.zeros(n, bool)
     seen[link.frames] = True
@@ -162,7 +171,7 @@ def _thinned(tracks: Tracks, link: Link) -> Tracks:
 
 
 def _blank(names: Sequence[str], tracks: Tracks, lenses: Sequence[Lens]) -> Rig:
-    """Cameras whose poses are still to be found."""
+    """Return a rig of cameras whose poses are still unknown."""
     C = len(names)
     focal = np.array([np.median(lens.focals) for lens in lenses])[:, None] * np.ones((C, 2))
     distortions = np.zeros((C, COEFFICIENTS))
@@ -186,7 +195,7 @@ def _blank(names: Sequence[str], tracks: Tracks, lenses: Sequence[Lens]) -> Rig:
 
 
 def unknown_lens(lens: Lens) -> Bools:
-    """Which of a camera's unknowns are solved for at first, shape (13,): pose, focal length, k1."""
+    """Return which of a camera's unknowns are solved for at first, shape (13,): pose, focal length, k1."""
     free = np.zeros(CAMERA_DOF, bool)
     free[TURN] = free[SHIFT] = True
     free[FOCAL], free[K1] = lens.matrix is None, lens.distortions is None
@@ -203,7 +212,7 @@ def _grown(
     length: float,
     cancel: Cancel,
 ) -> Rig | None:
-    """All cameras, from those of a seed: always the one next that most frames link to those that are known."""
+    """Add all cameras to those of a seed; next is always the one with most frames linked to known cameras."""
     pair = _seeded(blank, tracks, lenses, seed, length=length, cancel=cancel)
     if pair is None:
         return None
@@ -230,7 +239,7 @@ def _grown(
 def _seeded(
     blank: Rig, tracks: Tracks, lenses: Sequence[Lens], seed: Link, *, length: float, cancel: Cancel
 ) -> Rig | None:
-    """The two cameras of a link, the first at the origin."""
+    """Return the two cameras of a link, with the first at the origin."""
     i, j = seed.views
     frames = np.flatnonzero(tracks.seen[[i, j]].all(axis=(0, 2)))
     assert seed.geometry is not None
@@ -259,7 +268,7 @@ def _pair(rig: Rig, guess: Start, geometry: Epipolar, lenses: Sequence[Lens]) ->
 
 
 def _adjusted(rig: Rig, tracks: Tracks, lenses: Sequence[Lens], length: float, cancel: Cancel) -> BundleFit | None:
-    """The cameras adjusted, loosely first and then to what they agree on; None where they see the wand nowhere."""
+    """Adjust the cameras, first with a loose and then with a tight loss; None if they see the wand nowhere."""
     free = np.stack([unknown_lens(lens) for lens in lenses])
     fit = None
     for scale, tolerance in ((_LOOSE, 0.3), (_TIGHT, 0.15)):
@@ -285,7 +294,7 @@ def _resected(
     length: float,
     cancel: Cancel,
 ) -> Rig | None:
-    """One more camera, as a rig of one, resected from the wand that the others see."""
+    """Return one more camera, as a rig of one, by resection from the wand that the others see."""
     assert link.geometry is not None
     sighting = sight(rig.take(known), tracks.views(known), length, _TIGHT)
     usable = sighting.known & tracks.seen[new].all(axis=1)
@@ -316,7 +325,7 @@ def _resected(
 
 
 def _posed(points: Array, straight: Array, focal: float) -> tuple[float, float, Array, Array] | None:
-    """How well a focal length fits, that focal length, and the pose that goes with it."""
+    """Return the misfit of a focal length, the focal length, and the pose that belongs to it."""
     cv2.setRNGSeed(1)
     K = np.diag([focal, focal, 1.0])
     found, rvec, t, inliers = cv2.solvePnPRansac(

@@ -1,7 +1,7 @@
-"""The floor from a wand that lay on it in two places, where there is no L-frame.
+"""The floor from a wand that lay on it in two places, if there is no L-frame.
 
-The four places of its ends take the part of the L-frame's balls: their common plane is the floor, and where they lie in
-it is measured by the cameras themselves instead of by hand.
+The four positions of its ends replace the L-frame's balls: their common plane is the floor, and their positions in it
+are measured by the cameras themselves instead of by hand.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from .lframe import resting
 from .wand_triangulation import rays, triangulated
 
 _MOVED = 4.0
-"""Standard deviations by which a ball at rest may seem to move."""
-_LEAST_PIXELS = 1.0  # by which a wand at rest may seem to move
+"""Largest apparent movement of a ball at rest, standard deviations."""
+_LEAST_PIXELS = 1.0  # apparent movement that is always tolerated
 _LEAST_ASIDE = 0.2
-"""How far the second place must lie beside the line through the first, as a share of the wand's length."""
+"""Least distance of the second place from the line through the first, relative to the wand's length."""
 
 
 def with_wand_on_floor(capture: Capture, rig: Rig) -> tuple[Capture, findings.Finding]:
-    """The capture with the wand at rest on the floor in place of an L-frame, and what to say about it.
+    """Return the capture with the wand on the floor in place of an L-frame, and a finding about it.
 
-    Origin is the first ball of the wand in its first place, on the floor below the ball's centre; x goes along the wand
-    to its second ball, z up.
+    The origin is on the floor, below the centre of the wand's first ball in the first place; x points along the wand to
+    its second ball, and z up.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def with_wand_on_floor(capture: Capture, rig: Rig) -> tuple[Capture, findings.Fi
 
 
 def _at_rest(floor: Sequence[tuple[int, int]], wand: Markers, rig: Rig, c: int) -> Markers:
-    """The wand's balls in both places as four balls of an L-frame; on frames of which it rests."""
+    """Return the wand's balls in both places as the four balls of an L-frame, on frames on which it is at rest."""
     times = rig.times(np.full(len(wand), c), wand.frames.astype(float))
     points = np.full((len(wand), LFRAME_BALLS, 2), np.nan)
     sigma = np.full((len(wand), LFRAME_BALLS), np.nan)
@@ -74,7 +74,9 @@ def _at_rest(floor: Sequence[tuple[int, int]], wand: Markers, rig: Rig, c: int) 
 
 
 def _on_floor(balls: Array, centres: Array, height: float) -> tuple[Array, float]:
-    """The balls in the floor's world, shape (4, 3), all at the same height, and how far they lie from their plane."""
+    """Return the balls in the floor's world, shape (4, 3), all at the same height, and their distance from one
+    plane.
+    """
     middle = balls.mean(axis=0)
     up = np.linalg.svd(balls - middle)[2][2]
     up = up * np.sign(np.median((centres - middle) @ up))

@@ -1,4 +1,4 @@
-"""Recognising interlaced video: its frames are woven of two fields, and what moves is in two places, line by line."""
+"""Recognising interlaced video: a frame consists of two fields, and moving things are in two places, line by line."""
 
 from __future__ import annotations
 
@@ -11,21 +11,23 @@ from numpy.typing import NDArray
 Image = NDArray[Any]
 
 _STEP = 72
-"""Difference of neighbouring lines, summed over the colours, that noise does not make, levels."""
+"""Difference of neighbouring lines, summed over the colours, that is larger than noise, levels."""
 _ALIKE = 0.5
-"""Share of that by which the lines of one field may differ."""
+"""Largest difference between the lines of one field, relative to that."""
 _FEWEST, _COMBED = 60, 0.05
-"""Combed pixels, and their share of all such steps, from which on a video is interlaced: thin rods make some."""
+"""Number of combed pixels, and their fraction of all such steps, from which a video is interlaced: thin rods cause
+some.
+"""
 
 
 def is_interlaced(images: Sequence[Image], background: Image) -> bool:
-    """Whether a video is interlaced, by what moves on some of its frames.
+    """Return whether a video is interlaced, from moving things on some of its frames.
 
     Parameters
     ----------
     images : sequence of ndarray of uint8, shape (h, w, 3)
     background : ndarray of uint8, shape (h, w, 3)
-        Without what moves.
+        The same picture without moving things.
     """
     combed = steps = 0
     for image in images:

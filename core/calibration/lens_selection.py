@@ -1,4 +1,4 @@
-"""Which lens parameters to estimate: k2 and the principal point only where they are significant."""
+"""Selecting lens parameters to estimate: k2 and the principal point only if they are significant."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from .camera_rig import CAMERA_DOF, CENTRE, K2
 from .pairwise import Lens
 
 CENTRE_SIGMA = 0.01
-"""Share of the picture's width to within which a principal point must be determined to be estimated."""
+"""Largest standard deviation of an estimated principal point, relative to the picture's width."""
 K2_SIGMA = 0.1
-"""Standard deviation to within which k2 must be determined to be estimated."""
-_CHANCE = 1e-4  # of a value as large where there is none
+"""Largest standard deviation of an estimated k2."""
+_CHANCE = 1e-4  # significance level
 
 
 def select_lens_unknowns(
     scene: Scene, evidence: BundleEvidence, free: Bools, lenses: Sequence[Lens], cancel: Callable[[], None]
 ) -> Bools:
-    """What to solve for, shape (C, 13): as `free`, with k2 and principal points where they differ for certain.
+    """Return which unknowns to solve for, shape (C, 13): those of `free`, and k2 and principal points if significant.
 
     All are tried at once. A camera keeps those whose Wald statistic is significant and whose standard deviation is
-    small enough: estimated without need, they only make the focal length less certain.
+    small enough; estimated without need, they only make the focal length less certain.
     """
     every = free.copy()
     for c, lens in enumerate(lenses):

@@ -16,16 +16,16 @@ from .camera_rig import Rig
 from .wand_triangulation import projected, rays, triangulated
 
 _LASTING = 0.1
-"""Share of a ball's standard deviation that no averaging over frames takes away."""
+"""Fraction of a ball's standard deviation that averaging over frames does not remove."""
 _SCALE_SHARE, _SHAPE_METRES = 0.01, 5e-3
-"""Differences in size and shape that no careful measuring explains."""
+"""Differences in size (relative) and shape (metres) that careful measuring cannot explain."""
 _SURE = 5.0  # standard deviations
 _ASIDE_PIXELS = 1.5
-"""Pixels aside from which a camera is said to have moved between the takes."""
+"""Shift, pixels, from which a camera is reported as moved between the takes."""
 
 
 def resting(markers: Sequence[Markers]) -> BallObservations:
-    """The balls of an L-frame that lies still, each camera's frames averaged without outliers."""
+    """Return the balls of an L-frame at rest, averaged over each camera's frames without outliers."""
     rows = []
     for v, view in enumerate(markers):
         for b in range(LFRAME_BALLS):
@@ -47,16 +47,16 @@ def resting(markers: Sequence[Markers]) -> BallObservations:
 
 @dataclass(frozen=True, eq=False)
 class LFramePose:
-    """Where the L-frame is, by the wand.
+    """The pose of the L-frame in a solution from the wand.
 
     Attributes
     ----------
     R, t : ndarray, shapes (3, 3) and (3,)
-        x_world = R x + t takes what was solved into the L-frame's world.
+        x_world = R x + t maps points of the solution to the L-frame's world.
     scale : float
-        How many times larger the L-frame is by the wand than by its own measures.
+        Size of the L-frame according to the wand, relative to its own measures.
     misfit : ndarray, shape (4, 3)
-        Of its balls after that, the scale taken out, metres; NaN where a ball is not known.
+        Residuals of its balls after alignment with scale, metres; NaN for unknown balls.
     sigma : float
         Standard deviation of the ball that is measured least precisely, metres.
     """
@@ -74,12 +74,12 @@ def place_lframe(rig: Rig, seen: BallObservations, measures: Array, noise: float
     Parameters
     ----------
     noise : float
-        How many times their sigma the balls lie off.
+        Noise of the balls, as a multiple of their sigma.
 
     Raises
     ------
     CaptureError
-        Fewer than two cameras see the balls that are needed.
+        Fewer than two cameras see the necessary balls.
     """
     balls = _balls(rig, seen)
     known = np.isfinite(balls).all(axis=1)
@@ -96,7 +96,7 @@ def place_lframe(rig: Rig, seen: BallObservations, measures: Array, noise: float
 
 
 def _least_known(rig: Rig, seen: BallObservations, balls_world: Array) -> float:
-    """Standard deviation, across the rays, of the ball that is measured least precisely, metres."""
+    """Return the standard deviation, perpendicular to the rays, of the ball measured least precisely, metres."""
     distance = np.linalg.norm(balls_world[seen.ball] - rig.centres_world[seen.camera], axis=1)
     information = (rig.focal[seen.camera].mean(axis=1) / (seen.sigma * distance)) ** 2
     sums = np.bincount(seen.ball, np.nan_to_num(information), LFRAME_BALLS)
@@ -104,21 +104,21 @@ def _least_known(rig: Rig, seen: BallObservations, balls_world: Array) -> float:
 
 
 def _balls(rig: Rig, seen: BallObservations) -> Array:
-    """The balls where the cameras see them, shape (4, 3)."""
+    """Triangulate the balls, shape (4, 3)."""
     points = np.full((len(rig), LFRAME_BALLS, 2), np.nan)
     points[seen.camera, seen.ball] = seen.uv
     return triangulated(rig.centres_world, rays(rig, points))
 
 
 def moved_since(rig: Rig, seen: BallObservations, noise: float) -> dict[int, float]:
-    """Cameras that see the L-frame aside from where the others see it, and by how many pixels.
+    """Return the cameras that see the L-frame in another place than the others do, and by how many pixels.
 
-    Cameras that contradict the others most are taken out one by one, until the rest agree.
+    The camera that contradicts the others most is removed, until the rest agree.
 
     Raises
     ------
     CaptureError
-        Two cameras contradict each other, and it cannot be decided which was moved.
+        Two cameras contradict each other, and nothing decides which was moved.
     """
     usual = noise * float(np.median(seen.sigma)) if len(seen) else 0.0
     least = max(_ASIDE_PIXELS, _SURE * usual)
@@ -137,14 +137,14 @@ def moved_since(rig: Rig, seen: BallObservations, noise: float) -> dict[int, flo
 
 
 def _disagreement(rig: Rig, seen: BallObservations, cameras: list[int]) -> float:
-    """How far aside the worst of some cameras sees the balls that they see together, pixels."""
+    """Return the largest residual among some cameras of the balls that they see together, pixels."""
     own = seen.take(np.isin(seen.camera, cameras))
     balls = _balls(rig, own)
     return max(_off(rig, own, balls, c) for c in cameras)
 
 
 def _off(rig: Rig, seen: BallObservations, balls_world: Array, c: int) -> float:
-    """How far aside a camera sees the balls, pixels; 0 where no ball is known."""
+    """Return a camera's residual of the balls, pixels; 0 if no ball is known."""
     own = seen.camera == c
     miss = np.linalg.norm(projected(rig, c, balls_world[seen.ball[own]]) - seen.uv[own], axis=1)
     return float(np.median(miss[np.isfinite(miss)])) if np.isfinite(miss).any() else 0.0
@@ -156,12 +156,17 @@ def _collinear(points: Array) -> bool:
 
 
 def check(placement: LFramePose, rig: Rig, measures: Array, length: float) -> None:
-    """Refuse an L-frame that contradicts the wand or itself.
+    """Check that an L-frame contradicts neither the wand nor itself.
 
     Parameters
     ----------
+    placement : LFramePose
     rig : Rig
         In the L-frame's world.
+    measures : ndarray, shape (4, 3)
+        The L-frame's balls, metres.
+    length : float
+        Length of the wand, metres.
 
     Raises
     ------
